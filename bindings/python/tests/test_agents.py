@@ -3,6 +3,9 @@
 import asyncio
 import base64
 import json
+import os
+import pathlib
+import sys
 import time
 
 import numpy as np
@@ -44,6 +47,30 @@ def joints(poses):
     rotations = np.array([pose.frame.rotations for pose in poses])
     cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
     return np.degrees(2 * np.arccos(cosine)).max(-1)
+
+
+def niceness():
+    """Of each thread of this process by name; Linux alone says it."""
+    found = {}
+    for task in pathlib.Path("/proc/self/task").iterdir():
+        name, rest = (task / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+        found[name] = int(rest.split()[16])
+    return found
+
+
+def test_an_avatar_alone_has_a_thread_of_its_priority(model):
+    with pytest.raises(ValueError, match="priority 'lwo': did you mean 'low'"):
+        umo.agents.Avatar(model=model, priority="lwo")
+    with umo.Engine(model) as engine, pytest.raises(ValueError, match="an engine has its priority"):
+        umo.agents.Avatar(engine=engine, priority="low")
+
+    async def started():
+        async with umo.agents.Avatar(model=model, priority="low"):
+            return niceness() if sys.platform == "linux" else None
+
+    found = run(started())
+    if found is not None:
+        assert found["umo-0"] == os.nice(0) + 10, found
 
 
 def test_poses_are_those_of_animate_with_the_audio_cut_at_them(hello, live, model):

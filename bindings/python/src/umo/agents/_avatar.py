@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._engine import Engine
-from .._library import Error, Status
+from .._library import PRIORITIES, Error, Status, chosen
 from .._model import Model
 from .._motion import Frame
 from .._session import Idle, Session, audio
@@ -92,8 +92,9 @@ class Avatar:
     After each speech the avatar eases to rest within `ease` seconds, and the next speech begins out of rest. With `idle` poses come
     between speeches, too: it breathes, blinks and looks. A speech that gets no audio for `patience` seconds is ended.
 
-    `engine` is shared by as many avatars as it has room for; None makes one for this avatar alone, of `model`. `settings` are those
-    of `umo.Session`, as `seed`, `axes`, `voice` or `packets="beside_frames"`.
+    `engine` is shared by as many avatars as it has room for; None makes one for this avatar alone, of `model`, whose thread has the
+    `priority` that `umo.Engine` describes. `settings` are those of `umo.Session`, as `seed`, `axes`, `voice` or
+    `packets="beside_frames"`.
     """
 
     rate: int
@@ -108,6 +109,7 @@ class Avatar:
         *,
         engine: Optional[Engine] = None,
         model: Optional[Model] = None,
+        priority: str = "normal",
         lead: Optional[float] = 0.2,
         ease: float = 0.2,
         idle: bool = False,
@@ -121,10 +123,14 @@ class Avatar:
             raise ValueError("idle poses come at their time: expected a lead")
         if engine is not None and model is not None:
             raise ValueError("an engine has its model: expected one of both")
+        # Before the engine is made, which is in another thread.
+        chosen("priority", PRIORITIES, priority)
+        if engine is not None and priority != "normal":
+            raise ValueError("an engine has its priority: expected one of both")
         if settings.get("packets") == "only":
             raise ValueError("poses are made of frames: expected packets='beside_frames'")
         self.rate, self.channels = rate, channels
-        self._given_engine, self._model = engine, model
+        self._given_engine, self._model, self._priority = engine, model, priority
         self._own_engine: Optional[Engine] = None
         self._session: Optional[Session] = None
         self._settings = {"idle": Idle.REST if idle else Idle.HOLD, **settings}
@@ -162,7 +168,9 @@ class Avatar:
     def _make(self) -> None:
         engine = self._given_engine
         if engine is None:
-            engine = self._own_engine = Engine(self._model, threads=1, max_sessions=1, max_batch=1)
+            engine = self._own_engine = Engine(
+                self._model, threads=1, max_sessions=1, max_batch=1, priority=self._priority
+            )
         self._session = Session(engine, self.rate, self.channels, **self._settings)
 
     @property
