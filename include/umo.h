@@ -377,8 +377,10 @@ typedef struct umo_engine_config {
     // `UMO_PRIORITY_…` of the engine's own threads. Where the system refuses it they are
     // `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what it takes.
     uint32_t priority;
-    // Zero.
-    uint32_t reserved;
+    // Milliseconds for which chunks that are due wait for others, to be computed together: a crowd takes about a fifth
+    // less of the processor, and frames come later by as much. None waits when half of its own length is left until it
+    // would be late, or at the start of a stream, or where all sessions are due. 0: none waits.
+    uint32_t gather_ms;
 } umo_engine_config;
 
 // Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value

@@ -69,6 +69,7 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         max_sessions: args.sessions + 1,
         max_batch: args.sessions.min(8),
         priority,
+        gather: Duration::from_millis(args.gather.into()),
         ..EngineConfig::default()
     };
     let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;

@@ -45,6 +45,7 @@ fn config(args: &Serve) -> Result<Config, Failure> {
         per_client: args.per_client.unwrap_or(args.sessions),
         threads: model::threads(&args.compute)?,
         priority: args.priority.into(),
+        gather: Duration::from_millis(args.gather.into()),
         max_batch: args.batch,
         tokens,
         is_behind_proxy: args.behind_proxy,

@@ -21,6 +21,8 @@ pub struct Config {
     pub threads: usize,
     /// Their priority.
     pub priority: Priority,
+    /// How long chunks that are due wait for others, to be computed together.
+    pub gather: Duration,
     /// Most sessions that are computed together.
     pub max_batch: usize,
     /// Who may come in; everybody where there are no tokens.
@@ -52,6 +54,7 @@ impl Default for Config {
             per_client: 32,
             threads: cores.min(2),
             priority: Priority::Normal,
+            gather: Duration::ZERO,
             max_batch: 8,
             tokens: Tokens::default(),
             is_behind_proxy: false,

@@ -94,6 +94,7 @@ impl Server {
             max_sessions: (config.sessions + config.max_batch).min(MAX_SESSIONS),
             max_batch: config.max_batch,
             priority: config.priority,
+            gather: config.gather,
             ..EngineConfig::default()
         };
         let engine = Engine::new(model, &engine).map_err(ServerError::Engine)?;

@@ -87,13 +87,13 @@ static void engines_refuse(void) {
     WITH(INVALID_ARGUMENT, core_count, 65);
     WITH(INVALID_ARGUMENT, priority, 3);
     CHECK(strstr(umo_last_error(), "priority 3"));
-    WITH(INVALID_ARGUMENT, reserved, 1);
     WITH(NULL_POINTER, core_count, 1);
     WITH(STRUCT_SIZE, struct_size, 4);
     /* A host that was built with the first version, which had no priority. */
     const size_t first_version = offsetof(umo_engine_config, priority);
     OK(umo_engine_config_init(&config, first_version));
     config.priority = 3;
+    config.gather_ms = UINT32_MAX;
     OK(umo_engine_new(model, &config, &none));
     OK(umo_engine_free(none));
     none = NULL;

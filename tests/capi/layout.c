@@ -18,7 +18,7 @@ FIELD(umo_engine_config, cores, 24);
 FIELD(umo_engine_config, jobs, 32);
 FIELD(umo_engine_config, log, 40);
 FIELD(umo_engine_config, priority, 48);
-FIELD(umo_engine_config, reserved, 52);
+FIELD(umo_engine_config, gather_ms, 52);
 SIZE(umo_session_config, 88);
 FIELD(umo_session_config, voice, 36);
 FIELD(umo_session_config, seed, 40);

@@ -45,6 +45,9 @@ pub const MAX_SESSIONS: usize = 4096;
 /// Most avatars of a batch.
 pub const MAX_BATCH: usize = 64;
 
+/// Longest sleep of a worker while chunks wait for others: the start of a stream may wait for as long.
+const LONGEST_SLEEP: Duration = Duration::from_millis(10);
+
 /// Threads and capacity of an engine.
 #[derive(Clone, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
@@ -60,6 +63,10 @@ pub struct EngineConfig {
     /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often,
     /// and need memory.
     pub max_batch: usize,
+    /// How long chunks that are due wait for others, to be computed together: a crowd takes about a fifth less of the
+    /// processor, and frames come later by as much. None waits when half of its own length is left until it
+    /// would be late, or at the start of a stream, or where all sessions are due. Zero: none waits.
+    pub gather: Duration,
     /// The host's threads, in place of the engine's own, where the host polls.
     pub lender: Option<Lender>,
     /// What time it is.
@@ -99,7 +106,7 @@ impl Threads {
 }
 
 impl Default for EngineConfig {
-    /// Two threads, 64 sessions, 8 of them together. Without the feature `threads` the host polls.
+    /// Two threads, 64 sessions, 8 of them together; none waits for others. Without the feature `threads` the host polls.
     fn default() -> Self {
         let has_threads = cfg!(feature = "threads");
         Self {
@@ -108,6 +115,7 @@ impl Default for EngineConfig {
             priority: Priority::Normal,
             max_sessions: 64,
             max_batch: 8,
+            gather: Duration::ZERO,
             lender: None,
             clock: Clock::system(),
         }
@@ -580,7 +588,11 @@ fn run(mut worker: Worker, inner: &Inner) {
             None => match contain_quietly(|| worker.turn(inner)) {
                 Ok(true) => continue,
                 Ok(false) => {
-                    inner.signal().sleep(index);
+                    match worker.gathers() {
+                        // Others may become due meanwhile, of which one may not wait.
+                        Some(time) => thread::sleep(time.min(LONGEST_SLEEP)),
+                        None => inner.signal().sleep(index),
+                    }
                     continue;
                 }
                 Err(defect) => defect,

@@ -743,6 +743,7 @@ impl UmoAvatar3D {
             threads: setting("umo/threads"),
             max_sessions: setting("umo/max_avatars"),
             priority: setting("umo/priority"),
+            gather_ms: setting("umo/gather_ms"),
         };
         let model = Model::shared(&path.to_string(), &places(), engine, read)?;
         self.own_gestures.iter().try_for_each(|gesture| model.add_gesture(gesture))?;

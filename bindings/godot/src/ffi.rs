@@ -48,7 +48,7 @@ pub(crate) struct EngineConfig {
     pub(crate) jobs: *const c_void,
     pub(crate) log: *const c_void,
     pub(crate) priority: u32,
-    pub(crate) reserved: u32,
+    pub(crate) gather_ms: u32,
 }
 
 #[repr(C)]

@@ -17,12 +17,14 @@ use crate::ffi::{self, Handle, JOINTS, Latency, Library, ModelInfo, Stats, Statu
 /// Floats of a translation and of all rotations: where the channels begin in a frame.
 pub(crate) const CHANNELS_AT: usize = 3 + 4 * JOINTS;
 
-/// How many avatars an engine takes, and with how many threads of which priority it computes; 0 is umo's default.
+/// How many avatars an engine takes, and with how many threads of which priority it computes, and how many milliseconds
+/// chunks wait for others; 0 is umo's default.
 #[derive(Clone, Copy)]
 pub(crate) struct Engine {
     pub(crate) threads: u32,
     pub(crate) max_sessions: u32,
     pub(crate) priority: u32,
+    pub(crate) gather_ms: u32,
 }
 
 /// A loaded model and its engine: shared by all avatars that name the same file.
@@ -134,6 +136,7 @@ impl Model {
             config.max_sessions = engine.max_sessions;
         }
         config.priority = engine.priority;
+        config.gather_ms = engine.gather_ms;
         // SAFETY: no cores, jobs or log are given.
         let status = unsafe { (library.engine_new)(model.model, &config, &mut model.engine) };
         check(library, status)?;

@@ -72,6 +72,27 @@ def test_engines_have_priorities(model, hello):
                 session.pull()
 
 
+def test_sessions_of_an_engine_that_gathers_have_the_same_frames(model, hello):
+    with pytest.raises(ValueError, match="gather_ms -50"):
+        umo.Engine(model, gather=-0.05)
+
+    def frames(gather):
+        with umo.Engine(model, threads=1, gather=gather) as engine:
+            sessions = [engine.session(hello[1], seed=seed) for seed in range(3)]
+            for session in sessions:
+                session.push(hello[0])
+                session.finish()
+            found = [[] for _ in sessions]
+            while not all(session.is_done for session in sessions):
+                time.sleep(0.01)
+                for session, of in zip(sessions, found):
+                    of.extend(frame.rotations for frame in session.pull())
+            return found
+
+    for one, other in zip(frames(0), frames(0.05)):
+        assert np.array_equal(one, other)
+
+
 def test_other_threads_run_while_a_call_computes(model, hello):
     """A thread of Python counts while another one is inside of one long poll."""
     with umo.Engine(model, polled=True, threads=1) as engine, engine.session(hello[1]) as session:

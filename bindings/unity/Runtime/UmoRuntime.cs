@@ -30,6 +30,12 @@ namespace Umo.Unity
         public static Priority Priority { get; set; }
 
         /// <summary>
+        /// Milliseconds for which chunks wait for others, to be computed together, in engines that are made from now on: a
+        /// crowd takes about a fifth less of the processor, and frames come later by as much.
+        /// </summary>
+        public static uint GatherMs { get; set; }
+
+        /// <summary>
         /// Whether engines compute on the main thread, in <see cref="Compute"/>: a player of a browser has no other threads.
         /// </summary>
         public static bool IsPolled { get { return Application.platform == RuntimePlatform.WebGLPlayer; } }
@@ -64,6 +70,7 @@ namespace Umo.Unity
                     EngineConfig config = Engine.Defaults;
                     if (Threads > 0) config.Threads = Threads;
                     config.Priority = Priority;
+                    config.GatherMs = GatherMs;
                     if (IsPolled)
                     {
                         config.Mode = EngineMode.Polled;

@@ -20,6 +20,8 @@ const CROWD: usize = 4;
 #[derive(Debug)]
 pub(super) struct Load {
     workers: usize,
+    /// Whether chunks wait for others: whoever takes them takes all.
+    gathers: bool,
     /// Workers with a batch.
     busy: AtomicUsize,
     /// Sessions in all batches.
@@ -35,7 +37,8 @@ impl Load {
             Threads::Own(threads) if config.max_sessions >= CROWD && is_cached(model) => threads,
             _ => 1,
         };
-        Self { workers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
+        let gathers = !config.gather.is_zero();
+        Self { workers, gathers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
     }
 
     /// How many batches can be under way at once.
@@ -47,6 +50,7 @@ impl Load {
     pub(super) fn part(&self, worker: usize, due: usize) -> usize {
         let is_crowd = self.workers > 1 && due + self.members.load(Ordering::Relaxed) >= CROWD;
         match worker {
+            _ if is_crowd && self.gathers => due,
             _ if is_crowd => due.div_ceil(self.workers.saturating_sub(self.busy.load(Ordering::Relaxed)).max(1)),
             LEAD => due,
             _ => 0,
@@ -76,7 +80,7 @@ mod tests {
     use super::*;
 
     fn load(workers: usize) -> Load {
-        Load { workers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
+        Load { workers, gathers: false, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
     }
 
     #[test]

@@ -31,6 +31,9 @@ pub(super) struct Worker {
     /// What is due of each member.
     due: Vec<Due>,
     packets: PacketWriter,
+    /// How long chunks that are due may wait for others, and how long those of the last look still do.
+    gather: u64,
+    gathers: Option<Duration>,
     /// How long the mouth network heard a chunk the last time.
     heard: Duration,
     /// The batch's times that the engine has been told of.
@@ -74,6 +77,8 @@ impl Worker {
             candidates: with_capacity(config.max_sessions),
             due: with_capacity(width),
             packets: PacketWriter::new(inner.model()),
+            gather: u64::try_from(config.gather.as_nanos()).unwrap_or(u64::MAX),
+            gathers: None,
             heard: Duration::ZERO,
             told: StageTimes::default(),
         })
@@ -82,6 +87,11 @@ impl Worker {
     /// Which of the engine's workers it is.
     pub(super) fn index(&self) -> usize {
         self.index
+    }
+
+    /// How long the chunks that the last turn found due wait for others.
+    pub(super) fn gathers(&self) -> Option<Duration> {
+        self.gathers
     }
 
     /// The threads that compute.
@@ -170,13 +180,24 @@ impl Worker {
     fn begin(&mut self, inner: &Inner) -> bool {
         let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
+        self.gathers = None;
         let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
+        let (gather, mut sessions, mut patience) = (self.gather, 0, u64::MAX);
         inner.slots.for_each_unlocked(|slot, member| {
-            if let Some((_, deadline)) = member.due(model, now) {
+            sessions += 1;
+            if let Some((due, deadline)) = member.due(model, now) {
                 candidates.push((deadline, slot));
                 latest = latest.max(member.schedule.late());
+                if gather > 0 {
+                    patience = patience.min(member.patience((due, deadline), gather, now));
+                }
             }
         });
+        let is_awaited = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
+        if gather > 0 && is_awaited && patience > 0 {
+            self.gathers = Some(Duration::from_nanos(patience));
+            return false;
+        }
         let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
         if part == 0 && !self.candidates.is_empty() {
             // It may have looked while this worker had one of their slots.

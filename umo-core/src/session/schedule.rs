@@ -43,6 +43,8 @@ pub(crate) struct Schedule {
     period: u64,
     /// When the next chunk's audio was there, nanoseconds; none while it is not.
     arrived: Option<u64>,
+    /// When the engine saw first that it is due, where chunks wait for others.
+    noticed: Option<u64>,
     /// When real time begins to show the next chunk.
     release: u64,
     /// When the last chunk was done.
@@ -118,6 +120,7 @@ impl Schedule {
             chunk_frames: avatar.chunk_frames(config),
             period: nanos(Duration::from_secs_f64(frames / config.frame_rate as f64)),
             arrived: None,
+            noticed: None,
             release: 0,
             finished: 0,
             sample_rate: sample_rate as u64,
@@ -267,6 +270,7 @@ impl Member {
         let finished = pass.moment("time of the last chunk", schedule.finished)?;
         if pass.loads() {
             (schedule.arrived, schedule.release, schedule.finished) = (arrived, release, finished);
+            schedule.noticed = None;
             // What was heard for held bodies is no part of a state.
             if let Some(mouth) = &mut schedule.held_mouth {
                 mouth.reset();
@@ -304,7 +308,7 @@ impl Member {
             if let Some(mouth) = &mut schedule.held_mouth {
                 mouth.reset();
             }
-            (schedule.arrived, schedule.release) = (None, 0);
+            (schedule.arrived, schedule.noticed, schedule.release) = (None, None, 0);
         }
         match shared.link.input(&schedule.view) {
             Input::Behind if avatar.has_audio() => Due::Audio,
@@ -318,6 +322,19 @@ impl Member {
                 if silence { Due::Chunk } else { due }
             }
         }
+    }
+
+    /// How many nanoseconds the next chunk, which is due until `deadline`, may still wait for others that are computed with
+    /// it, where it may wait for `most` in all: until half of its length is left, and not at the start of a stream, for which
+    /// a user waits.
+    pub(crate) fn patience(&mut self, (due, deadline): (Due, u64), most: u64, now: u64) -> u64 {
+        let Self { avatar, schedule } = self;
+        if due != Due::Chunk || avatar.chunk == 0 {
+            return 0;
+        }
+        let noticed = *schedule.noticed.get_or_insert(now);
+        let left = deadline.saturating_sub(now).saturating_sub(schedule.period / 2);
+        most.saturating_sub(now.saturating_sub(noticed)).min(left)
     }
 
     /// When real time has shown the next chunk, which is due.
@@ -340,6 +357,7 @@ impl Member {
     /// bodies are held now, be this one's among them or not.
     pub(crate) fn begin(&mut self, due: Due, busy: bool, config: &Config) {
         let Self { avatar, schedule } = self;
+        schedule.noticed = None;
         let Schedule { shared, view, silence, levels, frames, held_mouth, model_rate, frame_rate, .. } = schedule;
         *frames = 0;
         let (start, endless) = (avatar.consumed(avatar.chunk), avatar.total.is_none());

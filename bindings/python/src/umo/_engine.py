@@ -14,7 +14,7 @@ import numpy.typing as npt
 from . import _library
 from ._library import lib
 from ._model import Model, _check_readable, default_model
-from ._session import Session
+from ._session import Session, _ms
 
 
 class Engine(_library.Handle):
@@ -25,6 +25,9 @@ class Engine(_library.Handle):
 
     `priority` is that of the engine's own threads: `"normal"`, `"high"` (before other programs) or `"low"` (behind them).
     Where the system refuses it, as Linux does `"high"` to most users, they stay normal.
+
+    `gather` is for crowds: so many seconds chunks that are due wait for others, to be computed together, which takes about a
+    fifth less of the processor. Frames come later by as much.
     """
 
     def __init__(
@@ -37,6 +40,7 @@ class Engine(_library.Handle):
         max_batch: Optional[int] = None,
         cores: Sequence[int] = (),
         priority: str = "normal",
+        gather: float = 0.0,
     ) -> None:
         self._model = model or default_model()
         config, handle = _library.EngineConfig(), ctypes.c_void_p()
@@ -44,6 +48,7 @@ class Engine(_library.Handle):
         mode = _library.ENGINE_POLLED if polled else _library.ENGINE_THREADS
         _library.set_fields(config, mode=mode, threads=threads, max_sessions=max_sessions, max_batch=max_batch)
         config.priority = _library.chosen("priority", _library.PRIORITIES, priority)
+        _library.set_fields(config, gather_ms=_ms(gather))
         _library.set_fields(config, core_count=len(cores), cores=(ctypes.c_uint32 * len(cores))(*cores))
         _library.check(lib.umo_engine_new(self._model._handle, config, byref(handle)))
         super().__init__(handle.value or 0, lib.umo_engine_free)

@@ -128,7 +128,7 @@ class EngineConfig(ctypes.Structure):
         ("jobs", c_void_p),
         ("log", c_void_p),
         ("priority", c_uint32),
-        ("reserved", c_uint32),
+        ("gather_ms", c_uint32),
     ]
 
 

@@ -192,7 +192,8 @@ namespace Umo
         /// <summary>A <see cref="Umo.Log"/>, or zero.</summary>
         public IntPtr Log;
         public Priority Priority;
-        public uint Reserved;
+        /// <summary>How long chunks that are due wait for others, to be computed together; 0: none waits.</summary>
+        public uint GatherMs;
     }
 
     /// <summary>What a session is made with. Start with <see cref="Session.Defaults"/>.</summary>

@@ -44,7 +44,8 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 	{
 		File = FPaths::Combine(FPaths::ProjectContentDir(), File);
 	}
-	const umo_unreal::Computing Computing{static_cast<uint32>(FMath::Max(Threads, 0)), static_cast<uint32>(Priority)};
+	const umo_unreal::Computing Computing{static_cast<uint32>(FMath::Max(Threads, 0)), static_cast<uint32>(Priority),
+	                                      static_cast<uint32>(FMath::Max(GatherMs, 0))};
 	std::string Problem;
 #if PLATFORM_ANDROID
 	// It lies in the application's archive, which the engine reads.

@@ -41,6 +41,13 @@ public:
 	UPROPERTY(Config)
 	EUmoPriority Priority = EUmoPriority::Normal;
 
+	/**
+	 * Milliseconds for which chunks wait for others, to be computed together: a crowd takes about a fifth less of the
+	 * processor, and frames come later by as much. Read when a model is opened.
+	 */
+	UPROPERTY(Config)
+	int32 GatherMs = 0;
+
 	/** Frees the models that no character uses. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	void FreeUnusedModels();

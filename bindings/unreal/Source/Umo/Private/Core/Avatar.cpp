@@ -49,6 +49,7 @@ std::shared_ptr<Host> Hosts::open(const std::string &path, const Computing &comp
         umo_engine_config config = umo::engine::defaults();
         if (computing.threads != 0) config.threads = computing.threads;
         config.priority = computing.priority;
+        config.gather_ms = computing.gather_ms;
         auto engine = umo::engine::make(host->model, &config);
         status = engine.status;
         host->engine = std::move(*engine);

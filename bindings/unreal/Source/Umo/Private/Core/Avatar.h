@@ -33,6 +33,8 @@ struct Computing {
     std::uint32_t threads = 0;
     /// `UMO_PRIORITY_…`
     std::uint32_t priority = UMO_PRIORITY_NORMAL;
+    /// For how long chunks wait for others.
+    std::uint32_t gather_ms = 0;
 };
 
 /// The hosts of a process, one per model file. One thread.
