@@ -195,7 +195,7 @@ impl From<LoadError> for EngineError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Poll {
-    /// Nothing, until more audio comes or frames are pulled.
+    /// Nothing, until more audio comes, frames are pulled, or chunks have waited for others ([`EngineConfig::gather`]).
     Idle,
     /// More: the budget is used up.
     More,

@@ -193,15 +193,15 @@ impl Worker {
                 }
             }
         });
-        let is_awaited = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
-        if gather > 0 && is_awaited && patience > 0 {
-            self.gathers = Some(Duration::from_nanos(patience));
-            return false;
-        }
         let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
         if part == 0 && !self.candidates.is_empty() {
             // It may have looked while this worker had one of their slots.
             inner.signal().call(LEAD);
+            return false;
+        }
+        let has_room = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
+        if gather > 0 && has_room && patience > 0 {
+            self.gathers = Some(Duration::from_nanos(patience));
             return false;
         }
         self.candidates.sort_unstable();
