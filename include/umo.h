@@ -377,9 +377,9 @@ typedef struct umo_engine_config {
     // `UMO_PRIORITY_…` of the engine's own threads. Where the system refuses it they are
     // `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what it takes.
     uint32_t priority;
-    // Milliseconds for which chunks that are due wait for others, to be computed together: a crowd takes about a fifth
-    // less of the processor, and frames come later by as much. None waits when half of its own length is left until it
-    // would be late, or at the start of a stream, or where all sessions are due. 0: none waits.
+    // The longest that a chunk which is due waits for others, to be computed together, milliseconds: with 50, 32 avatars
+    // take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a
+    // stream, once half of its length or less is left until it would be late, or where all sessions are due. 0: none waits.
     uint32_t gather_ms;
 } umo_engine_config;
 
@@ -845,7 +845,7 @@ UMO_NOEXCEPT;
 UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
 
 // What happens when there is more to compute than time: while chunks begin later than `seconds` behind
-// real time, a growing share of them is computed without the language model, at a fifth of the cost.
+// real time, a growing share of them is computed without the language model, at a quarter of the cost.
 // In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
 // sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
 // them. While the engine keeps up, every frame has the same bits.

@@ -484,7 +484,7 @@ pub struct Serve {
     /// Priority of the threads that compute
     #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
     pub priority: PriorityArg,
-    /// Let chunks that are due wait so long for others, to be computed together
+    /// Longest wait of a chunk for others, to be computed together
     #[arg(long, value_name = "MS", default_value_t = 0)]
     pub gather: u32,
     /// File of tokens, a line each: a name for the client, and its token of 16 characters or more

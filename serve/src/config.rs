@@ -21,7 +21,7 @@ pub struct Config {
     pub threads: usize,
     /// Their priority.
     pub priority: Priority,
-    /// How long chunks that are due wait for others, to be computed together.
+    /// The longest that a chunk waits for others, to be computed together.
     pub gather: Duration,
     /// Most sessions that are computed together.
     pub max_batch: usize,

@@ -63,9 +63,9 @@ pub struct EngineConfig {
     /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often,
     /// and need memory.
     pub max_batch: usize,
-    /// How long chunks that are due wait for others, to be computed together: a crowd takes about a fifth less of the
-    /// processor, and frames come later by as much. None waits when half of its own length is left until it
-    /// would be late, or at the start of a stream, or where all sessions are due. Zero: none waits.
+    /// The longest that a chunk which is due waits for others, to be computed together: with 50 ms, 32 avatars take about
+    /// a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a stream, once
+    /// half of its length or less is left until it would be late, or where all sessions are due. Zero: none waits.
     pub gather: Duration,
     /// The host's threads, in place of the engine's own, where the host polls.
     pub lender: Option<Lender>,
@@ -464,7 +464,7 @@ impl Engine {
     }
 
     /// What happens when there is more to compute than time: while chunks begin later than `limit` behind
-    /// real time, a growing share of them is computed without the language model, at a fifth of the
+    /// real time, a growing share of them is computed without the language model, at a quarter of the
     /// cost. In these the body holds its pose, and the mouth comes from the model's mouth network, if it
     /// has one; sessions take turns. The share shrinks again when chunks are in time.
     /// [`Stats::held_chunks`](crate::session::Stats::held_chunks) counts them. While the engine keeps up
@@ -589,7 +589,7 @@ fn run(mut worker: Worker, inner: &Inner) {
                 Ok(true) => continue,
                 Ok(false) => {
                     match worker.gathers() {
-                        // Others may become due meanwhile, of which one may not wait.
+                        // Meanwhile one may become due that must not wait.
                         Some(time) => thread::sleep(time.min(LONGEST_SLEEP)),
                         None => inner.signal().sleep(index),
                     }

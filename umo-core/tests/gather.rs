@@ -14,6 +14,8 @@ use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;
 const PATIENCE: Duration = Duration::from_secs(60);
+/// What chunks of the engine with threads wait.
+const GATHER: Duration = Duration::from_millis(30);
 
 fn model() -> Arc<Model> {
     let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit");
@@ -26,6 +28,7 @@ struct Host {
     engine: Engine,
     nanos: Arc<AtomicU64>,
     chunk: usize,
+    /// A chunk's.
     sound: Vec<f32>,
 }
 
@@ -42,8 +45,7 @@ impl Host {
         let engine = Engine::new(model(), &config).unwrap();
         let config = engine.model().config();
         let chunk = config.target * config.samples_per_keyframe();
-        // The first chunk also needs the audio of what is ahead of it, which all later ones find there.
-        let sound = (0..32 * chunk).map(|i| (i as f32 * 0.05).sin() * 0.3).collect();
+        let sound = (0..chunk).map(|i| (i as f32 * 0.05).sin() * 0.3).collect();
         Self { engine, nanos, chunk, sound }
     }
 
@@ -60,7 +62,7 @@ impl Host {
     }
 
     fn push(&self, session: &Session) {
-        assert_eq!(session.push_audio(&self.sound[..self.chunk]).unwrap().taken, self.chunk);
+        assert_eq!(session.push_audio(&self.sound).unwrap().taken, self.chunk);
         session.pull_frames(usize::MAX, |_| ()).unwrap();
     }
 
@@ -150,7 +152,7 @@ fn chunks_whose_audio_was_there_before_wait_too() {
     let (one, other) = (host.speaking(), host.speaking());
     // As much as its queue of frames has room for, and more.
     for _ in 0..20 {
-        assert_eq!(one.push_audio(&host.sound[..host.chunk]).unwrap().taken, host.chunk);
+        assert_eq!(one.push_audio(&host.sound).unwrap().taken, host.chunk);
     }
     let until_full = || {
         for _ in 0..20 {
@@ -170,28 +172,34 @@ fn chunks_whose_audio_was_there_before_wait_too() {
 #[test]
 fn own_threads_compute_what_has_waited() {
     for threads in [1, 2] {
-        let config = EngineConfig {
-            threads: Threads::Own(threads),
-            gather: Duration::from_millis(30),
-            ..EngineConfig::default()
-        };
+        let config = EngineConfig { threads: Threads::Own(threads), gather: GATHER, ..EngineConfig::default() };
         let engine = Engine::new(model(), &config).unwrap();
         let sessions: Vec<_> =
             (0..6).map(|_| engine.session(&SessionConfig::new(engine.model().config())).unwrap()).collect();
         let config = engine.model().config();
         let chunk = config.target * config.samples_per_keyframe();
         let sound: Vec<f32> = (0..chunk).map(|i| (i as f32 * 0.05).sin() * 0.3).collect();
-        for round in 1..=5 {
-            for session in &sessions {
-                session.push_audio(&sound).unwrap();
-                session.pull_frames(usize::MAX, |_| ()).unwrap();
-            }
+        let push = |session: &Session| {
+            session.push_audio(&sound).unwrap();
+            session.pull_frames(usize::MAX, |_| ()).unwrap();
+        };
+        let wait = |session: &Session, chunks: u64| {
             let start = Instant::now();
-            // The last of them is alone with a chunk that waits; the first chunk needs more audio than one.
-            while round > 2 && sessions.iter().any(|session| session.stats().chunks + 2 < round) {
+            while session.stats().chunks < chunks {
                 assert!(start.elapsed() < PATIENCE, "a chunk was forgotten");
                 std::thread::sleep(Duration::from_millis(1));
             }
+        };
+        for chunks in 1..=2 {
+            sessions.iter().for_each(push);
+            sessions.iter().for_each(|session| wait(session, chunks));
+        }
+        // Alone, each with a chunk that has to wait; at once if the engine did not gather.
+        for session in &sessions {
+            let (start, before) = (Instant::now(), session.stats().chunks);
+            push(session);
+            wait(session, before + 1);
+            assert!(start.elapsed() >= GATHER, "it did not wait");
         }
     }
 }

@@ -30,8 +30,8 @@ namespace Umo.Unity
         public static Priority Priority { get; set; }
 
         /// <summary>
-        /// Milliseconds for which chunks wait for others, to be computed together, in engines that are made from now on: a
-        /// crowd takes about a fifth less of the processor, and frames come later by as much.
+        /// The longest that a chunk waits for others, to be computed together, milliseconds, in engines that are made from now
+        /// on. With 50, 32 avatars take about a fifth less processor time, and frames come later by the wait.
         /// </summary>
         public static uint GatherMs { get; set; }
 

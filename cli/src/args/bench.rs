@@ -30,7 +30,7 @@ pub struct Bench {
     /// Hold bodies while chunks begin so many milliseconds late
     #[arg(long, value_name = "MS")]
     pub late_limit: Option<f64>,
-    /// Let chunks that are due wait so long for others, to be computed together
+    /// Longest wait of a chunk for others, to be computed together
     #[arg(long, value_name = "MS", default_value_t = 0)]
     pub gather: u32,
     /// One line of JSON in place of the tables

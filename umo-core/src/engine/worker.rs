@@ -31,8 +31,9 @@ pub(super) struct Worker {
     /// What is due of each member.
     due: Vec<Due>,
     packets: PacketWriter,
-    /// How long chunks that are due may wait for others, and how long those of the last look still do.
+    /// The longest that chunks which are due wait for others, nanoseconds.
     gather: u64,
+    /// How long those that the last turn found wait from then on, if they do.
     gathers: Option<Duration>,
     /// How long the mouth network heard a chunk the last time.
     heard: Duration,

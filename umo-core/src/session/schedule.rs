@@ -324,9 +324,9 @@ impl Member {
         }
     }
 
-    /// How many nanoseconds the next chunk, which is due until `deadline`, may still wait for others that are computed with
-    /// it, where it may wait for `most` in all: until half of its length is left, and not at the start of a stream, for which
-    /// a user waits.
+    /// How many nanoseconds the next chunk, which is due, still waits for others, to be computed with them: `most` in all,
+    /// and no longer than until half of its length is left before `deadline`. The start of a stream, for which a user waits,
+    /// does not wait.
     pub(crate) fn patience(&mut self, (due, deadline): (Due, u64), most: u64, now: u64) -> u64 {
         let Self { avatar, schedule } = self;
         if due != Due::Chunk || avatar.chunk == 0 {

@@ -192,7 +192,7 @@ namespace Umo
         /// <summary>A <see cref="Umo.Log"/>, or zero.</summary>
         public IntPtr Log;
         public Priority Priority;
-        /// <summary>How long chunks that are due wait for others, to be computed together; 0: none waits.</summary>
+        /// <summary>The longest that a chunk waits for others, to be computed together, milliseconds; 0: none waits.</summary>
         public uint GatherMs;
     }
 

@@ -33,7 +33,7 @@ struct Computing {
     std::uint32_t threads = 0;
     /// `UMO_PRIORITY_…`
     std::uint32_t priority = UMO_PRIORITY_NORMAL;
-    /// For how long chunks wait for others.
+    /// The longest that a chunk waits for others, milliseconds.
     std::uint32_t gather_ms = 0;
 };
 
