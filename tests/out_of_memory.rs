@@ -6,14 +6,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use umo_core::engine::{Engine, EngineConfig, EngineError, Threads};
+use umo_core::memory::{self, OutOfMemory};
 use umo_core::model::Model;
 use umo_core::session::SessionConfig;
+use umo_core::weights::AlignedBox;
 use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
 
 /// What a model's file or a configuration makes large is at least this large in the small model,
 /// bytes. Nothing that the planner of the Fourier transform makes is.
 const LARGE: usize = 9 << 10;
+
+/// A region that is mapped, not allocated, bytes.
+const REGION: usize = 4 << 20;
 
 /// Large allocations until one fails; below 0 none does.
 static LEFT: AtomicI64 = AtomicI64::new(-1);
@@ -93,8 +98,20 @@ fn fail_each(first: i64, least: i64, make: impl Fn() -> bool) -> i64 {
     unreachable!("the loop ends where no allocation is left to fail")
 }
 
+/// A region of the system's pages after which nothing is left, as where the address space is limited.
+fn a_region_leaves_room_for_small_pieces() {
+    ALL.store(1, Ordering::Relaxed);
+    // The reserve, and then none.
+    LEFT.store(1, Ordering::Relaxed);
+    let made = memory::catch(|| AlignedBox::<u8>::zeroed(REGION).len());
+    LEFT.store(-1, Ordering::Relaxed);
+    assert_eq!(made, Err(OutOfMemory { bytes: REGION }));
+    assert_eq!(memory::catch(|| AlignedBox::<u8>::zeroed(REGION).len()), Ok(REGION));
+}
+
 #[test]
 fn no_large_allocation_ends_the_process() {
+    a_region_leaves_room_for_small_pieces();
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
     let file = ModelFile::open(path.as_ref()).unwrap();
     let load = || Model::load(&file, Precision::Stored, Isa::detect());

@@ -272,7 +272,10 @@ fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model,
     for thread in threads.into_inner().unwrap_or_else(PoisonError::into_inner) {
         drop(thread.join());
     }
-    Ok(model?)
+    let model = model?;
+    // For the caller's thread, which has not looked whether the others left it anything.
+    memory::check(memory::SPARE)?;
+    Ok(model)
 }
 
 /// Loads on the calling thread: there are no others.

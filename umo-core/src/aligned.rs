@@ -143,17 +143,11 @@ unsafe impl Send for Region {}
 unsafe impl Sync for Region {}
 
 impl Region {
+    /// Unwinds to [`memory::catch`](crate::memory::catch) where there is no memory, or too little left for small
+    /// pieces.
     fn new(len: usize) -> Self {
-        #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
-        if len >= HUGE_PAGE
-            && let Some(region) = Self::mapped(len)
-        {
-            return region;
-        }
-        let layout = Layout::from_size_align(len.max(1), LINE).expect("less than half of the address space");
-        // SAFETY: the layout has at least one byte.
-        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).unwrap_or_else(|| refuse(layout.size()));
-        let region = Self { start, len, memory: Memory::Heap(layout) };
+        let region = Self::huge(len).unwrap_or_else(|| Self::allocated(len));
+        // Mapped pages, too, are of the address space, and a process may be limited in that.
         if spare().is_err() {
             drop(region);
             refuse(len);
@@ -161,9 +155,24 @@ impl Region {
         region
     }
 
-    /// Pages of the system, huge ones where it has them; untouched pages cost nothing.
+    fn allocated(len: usize) -> Self {
+        let layout = Layout::from_size_align(len.max(1), LINE).expect("less than half of the address space");
+        // SAFETY: the layout has at least one byte.
+        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).unwrap_or_else(|| refuse(layout.size()));
+        Self { start, len, memory: Memory::Heap(layout) }
+    }
+
+    #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
+    fn huge(_: usize) -> Option<Self> {
+        None
+    }
+
+    /// Pages of the system, huge ones where it has them, for regions that fill one; untouched pages take no memory.
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
-    fn mapped(len: usize) -> Option<Self> {
+    fn huge(len: usize) -> Option<Self> {
+        if len < HUGE_PAGE {
+            return None;
+        }
         let mut map = MmapOptions::new().len(len + HUGE_PAGE).map_anon().ok()?;
         let skipped = map.as_ptr().align_offset(HUGE_PAGE);
         // Advice is only advice: a system without huge pages gives small ones.

@@ -362,6 +362,8 @@ impl Engine {
         for index in 0..workers {
             // Where one does not start, the engine is dropped with those that did.
             engine.threads.push(start_worker(&engine.inner, config, index)?);
+            // The thread's heap may have taken what was left.
+            memory::require(memory::SPARE);
         }
         Ok(engine)
     }

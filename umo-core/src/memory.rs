@@ -16,8 +16,8 @@ use std::alloc::{Layout, handle_alloc_error};
 use std::any::Any;
 use std::cell::Cell;
 use std::fmt;
+use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::{Mutex, PoisonError};
 
 pub use arena::{Arena, BlockError, Boxed, Counted, HostMemory, Slice};
 
@@ -46,52 +46,40 @@ impl fmt::Display for OutOfMemory {
 
 impl std::error::Error for OutOfMemory {}
 
-/// What unwinding allocates comes out of these, of which [`refuse`] frees one: kept while a thread is
-/// in [`catch`]. Several, as a thread of a pool that unwinds computes other pieces first, which may be
-/// refused in turn and have used up what was freed.
-static RESERVES: Mutex<[Option<Vec<u8>>; COUNT]> = Mutex::new([const { None }; COUNT]);
-const COUNT: usize = 8;
+/// What unwinding allocates comes out of these bytes, which [`refuse`] frees.
 const RESERVED: usize = 32 << 10;
 
 thread_local! {
-    /// How many calls of [`catch`] the thread is in.
-    static DEPTH: Cell<u32> = const { Cell::new(0) };
+    /// The reserve of the innermost [`catch`] that the thread is in. Not dropped with the thread, for which the
+    /// standard library would have to allocate: [`catch`] takes it back.
+    static RESERVE: Cell<Option<ManuallyDrop<Vec<u8>>>> = const { Cell::new(None) };
 }
 
 /// Runs `make`, and gives a piece of memory that it did not get as a value; panics go on.
 ///
+/// It may be called inside itself. Work that `make` hands to other threads needs its own: a pool that hands a
+/// panic on goes on with the rest of the work first, which would be refused memory without a reserve.
+///
 /// # Errors
-/// [`OutOfMemory`] where a function of this module, on this thread or on one that hands its panics
-/// on, got no memory.
+/// [`OutOfMemory`] where a function of this module got no memory on this thread.
 pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
-    let mut reserves = [const { None }; COUNT];
-    for reserve in &mut reserves {
-        let mut bytes = Vec::new();
-        bytes.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
-        *reserve = Some(bytes);
-    }
-    *RESERVES.lock().unwrap_or_else(PoisonError::into_inner) = reserves;
-    DEPTH.set(DEPTH.get() + 1);
+    let mut reserve = Vec::new();
+    reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
+    let outer = RESERVE.replace(Some(ManuallyDrop::new(reserve)));
     let made = catch_unwind(AssertUnwindSafe(make));
-    DEPTH.set(DEPTH.get() - 1);
-    if DEPTH.get() == 0 {
-        *RESERVES.lock().unwrap_or_else(PoisonError::into_inner) = [const { None }; COUNT];
-    }
+    drop(RESERVE.replace(outer).map(ManuallyDrop::into_inner));
     made.map_err(|payload: Box<dyn Any + Send>| match payload.downcast::<OutOfMemory>() {
         Ok(missing) => *missing,
         Err(panic) => resume_unwind(panic),
     })
 }
 
-/// Unwinds to [`catch`]. Prints nothing. Ends the process where there is no [`catch`].
+/// Unwinds to [`catch`]. Prints nothing. Ends the process where the thread is in no [`catch`].
 pub fn refuse(bytes: usize) -> ! {
-    // A pool's thread hands it to the thread that uses the pool.
-    if DEPTH.get() == 0 && !crate::thread::parallel::is_worker() {
-        handle_alloc_error(Layout::array::<u8>(bytes).unwrap_or(Layout::new::<u8>()));
+    match RESERVE.take() {
+        Some(reserve) => drop(ManuallyDrop::into_inner(reserve)),
+        None => handle_alloc_error(Layout::array::<u8>(bytes).unwrap_or(Layout::new::<u8>())),
     }
-    let mut reserves = RESERVES.lock().unwrap_or_else(PoisonError::into_inner);
-    drop(reserves.iter_mut().find_map(Option::take));
-    drop(reserves);
     resume_unwind(Box::new(OutOfMemory { bytes }))
 }
 
@@ -195,8 +183,14 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_crosses_threads_of_a_pool() {
-        let refused = catch(|| rayon::join(|| refuse(5), || ()));
-        assert_eq!(refused.map(|((), ())| ()), Err(OutOfMemory { bytes: 5 }));
+    fn each_catch_has_a_reserve_of_its_own() {
+        let missing = |bytes| OutOfMemory { bytes };
+        let caught = catch(|| {
+            let inner = [1, 2, 3].map(|bytes| catch(|| refuse(bytes)));
+            assert_eq!(inner, [1, 2, 3].map(|bytes| Err(missing(bytes))));
+            refuse(4)
+        });
+        assert_eq!(caught, Err(missing(4)));
+        assert!(RESERVE.take().is_none());
     }
 }

@@ -74,14 +74,6 @@ pub(crate) mod parallel {
     #[cfg(not(feature = "threads"))]
     pub(crate) use sequential::*;
 
-    /// Whether the calling thread is a pool's.
-    pub(crate) fn is_worker() -> bool {
-        #[cfg(feature = "threads")]
-        return rayon::current_thread_index().is_some();
-        #[cfg(not(feature = "threads"))]
-        return false;
-    }
-
     /// What loading calls of rayon, by iterators of the standard library.
     #[cfg(not(feature = "threads"))]
     mod sequential {

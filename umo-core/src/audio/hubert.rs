@@ -18,8 +18,7 @@ use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::memory::{Arena, Slice, filled, with_capacity};
 use crate::state::{StateError, StatePass};
 use crate::team::zip_split;
-use crate::thread::parallel::*;
-use crate::weights::{AlignedBox, Loader};
+use crate::weights::{AlignedBox, Loader, in_parallel};
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not
 /// change.
@@ -214,10 +213,8 @@ impl Hubert {
     pub(super) fn load(loader: &Loader, sizes: &config::Hubert) -> Result<Self, LoadError> {
         let (root, hidden, eps) = ("audio.hubert", sizes.hidden_size, sizes.layer_norm_eps);
         let extractor = format!("{root}.feature_extractor.conv_layers");
-        let layers = (0..sizes.num_hidden_layers)
-            .into_par_iter()
-            .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
-            .collect::<Result<Vec<_>, _>>()?;
+        let layer = |i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes);
+        let layers = in_parallel(sizes.num_hidden_layers, layer)?;
         let int8 = layers.iter().any(|layer| layer.qkv.is_quantized());
         let round = |product: Linear| if int8 { product.rounded() } else { product };
         let mut channels = 1;
@@ -243,7 +240,7 @@ impl Hubert {
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
             position,
             norm: Norm::load(loader, &format!("{root}.encoder.layer_norm"), hidden, eps)?,
-            layers: layers.into(),
+            layers,
         })
     }
 

@@ -14,9 +14,8 @@ use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
 use crate::memory::filled;
-use crate::thread::parallel::*;
 use crate::time::Instant;
-use crate::weights::{AlignedBox, Loader};
+use crate::weights::{AlignedBox, Loader, in_parallel};
 
 /// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
 const ROUND_WORK: usize = 8;
@@ -190,11 +189,7 @@ impl Decoder {
         };
         let bias = "lm.decoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: (0..lm.num_decoder_layers)
-                .into_par_iter()
-                .map(layer)
-                .collect::<Result<Vec<_>, LoadError>>()?
-                .into(),
+            layers: in_parallel(lm.num_decoder_layers, layer)?,
             bias: PositionBias::load(loader, bias, lm, false, positions)?,
             norm: loader.vector("lm.decoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

@@ -11,9 +11,8 @@ use super::experts::Experts;
 use super::{LmScratch, PIECE_WORK, no_more, norm, norm_input, piece_rows};
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, Ready};
-use crate::thread::parallel::*;
 use crate::time::Instant;
-use crate::weights::Loader;
+use crate::weights::{Loader, in_parallel};
 
 /// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of
 /// 256 tokens at 64 a head.
@@ -67,7 +66,7 @@ impl Encoder {
         };
         let bias = "lm.encoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: (0..lm.num_layers).into_par_iter().map(layer).collect::<Result<Vec<_>, LoadError>>()?.into(),
+            layers: in_parallel(lm.num_layers, layer)?,
             bias: PositionBias::load(loader, bias, lm, true, positions)?,
             norm: loader.vector("lm.encoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

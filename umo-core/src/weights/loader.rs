@@ -17,7 +17,7 @@ use crate::aligned::{AlignedBox, Plain, Pool};
 use crate::calibration::Calibration;
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
-use crate::memory::{SPARE, filled, require};
+use crate::memory::{SPARE, catch, filled, require};
 use crate::thread::parallel::*;
 
 /// Loads the parts of one model at one precision for one processor.
@@ -210,9 +210,7 @@ impl<'a> Loader<'a> {
     /// [`LoadError`] naming the tensor.
     pub fn check_values(&self, name: &str, rows: usize, cols: usize) -> Result<(), LoadError> {
         let tensor = self.file.tensor(name, &[rows, cols])?;
-        (0..rows)
-            .into_par_iter()
-            .try_for_each_init(|| filled(0.0, cols), |values, row| tensor.read_row(row, values))?;
+        for_each((0..rows).into_par_iter(), || filled(0.0, cols), |values, row| tensor.read_row(row, values))?;
         self.file.release(&tensor);
         Ok(())
     }
@@ -289,14 +287,13 @@ impl<'a> Loader<'a> {
     ) -> Result<AlignedBox<P>, LoadError> {
         let cols = tensor.cols();
         let mut values = self.pool.zeroed::<P>(tensor.rows() * cols);
-        values.par_chunks_mut(cols.max(1)).enumerate().with_min_len(64).try_for_each_init(
-            || filled(0.0, cols),
-            |row, (r, out)| {
-                tensor.read_row(r, row)?;
-                out.iter_mut().zip(row).for_each(|(out, v)| *out = convert(*v));
-                Ok::<_, LoadError>(())
-            },
-        )?;
+        let all = values.par_chunks_mut(cols.max(1)).enumerate().with_min_len(64);
+        let room = || filled(0.0, cols);
+        for_each(all, room, |row, (r, out)| {
+            tensor.read_row(r, row)?;
+            out.iter_mut().zip(row).for_each(|(out, v)| *out = convert(*v));
+            Ok(())
+        })?;
         Ok(values)
     }
 
@@ -337,16 +334,15 @@ impl<'a> Loader<'a> {
     ) -> Result<AlignedBox<P>, LoadError> {
         let k = rows.cols();
         let mut packed = self.pool.zeroed(packed_len(rows.n, k));
-        packed.par_chunks_mut(packed_len(1, k).max(1)).enumerate().try_for_each_init(
-            || RowBuffer::new(k),
-            |buffer, (p, panel)| {
-                for lane in 0..PANEL.min(rows.n - p * PANEL) {
-                    let row = rows.floats(p * PANEL + lane, buffer)?;
-                    pack_row(row, lane, panel).expect("one panel per chunk");
-                }
-                Ok::<_, LoadError>(())
-            },
-        )?;
+        let panels = packed.par_chunks_mut(packed_len(1, k).max(1)).enumerate();
+        let room = || RowBuffer::new(k);
+        for_each(panels, room, |buffer, (p, panel)| {
+            for lane in 0..PANEL.min(rows.n - p * PANEL) {
+                let row = rows.floats(p * PANEL + lane, buffer)?;
+                pack_row(row, lane, panel).expect("one panel per chunk");
+            }
+            Ok(())
+        })?;
         Ok(packed)
     }
 
@@ -357,16 +353,14 @@ impl<'a> Loader<'a> {
         let (mut scale, mut sum) = (filled(0.0, n).into_boxed_slice(), filled(0, n).into_boxed_slice());
         let outputs = scale.par_chunks_mut(PANEL).zip(sum.par_chunks_mut(PANEL));
         let panels = steps.par_chunks_mut(packed_len_i8(1, k).max(1)).zip(outputs).enumerate();
-        panels.try_for_each_init(
-            || RowBuffer::new(k),
-            |buffer, (p, (panel, (scale, sum)))| {
-                for (lane, (scale, sum)) in scale.iter_mut().zip(sum).enumerate() {
-                    let row = rows.steps(p * PANEL + lane, buffer, scale)?;
-                    *sum = pack_row_i8(row, lane, panel).expect("one panel per chunk");
-                }
-                Ok::<_, LoadError>(())
-            },
-        )?;
+        let room = || RowBuffer::new(k);
+        for_each(panels, room, |buffer, (p, (panel, (scale, sum)))| {
+            for (lane, (scale, sum)) in scale.iter_mut().zip(sum).enumerate() {
+                let row = rows.steps(p * PANEL + lane, buffer, scale)?;
+                *sum = pack_row_i8(row, lane, panel).expect("one panel per chunk");
+            }
+            Ok(())
+        })?;
         Ok(Weight::I8 { steps, scale, sum })
     }
 }
@@ -378,21 +372,52 @@ impl Loader<'_> {
         let mut codes = self.pool.zeroed(packed_len_i4(n, k));
         let mut scale = filled(0.0, n).into_boxed_slice();
         let panels = codes.par_chunks_mut(packed_len_i4(1, k).max(1)).zip(scale.par_chunks_mut(PANEL)).enumerate();
-        panels.try_for_each_init(
-            || filled(0, k),
-            |row, (p, (panel, scale))| {
-                for (lane, scale) in scale.iter_mut().enumerate() {
-                    let (tensor, source) = rows.locate(p * PANEL + lane);
-                    let stored = tensor.int4_row(source, row);
-                    let (multipliers, of_row) = stored.expect("this form is of int4 tensors alone");
-                    *scale = of_row;
-                    pack_row_i4(row, multipliers, lane, panel).expect("checked as the tensor was opened");
-                }
-                Ok::<_, LoadError>(())
-            },
-        )?;
+        let room = || filled(0, k);
+        for_each(panels, room, |row, (p, (panel, scale))| {
+            for (lane, scale) in scale.iter_mut().enumerate() {
+                let (tensor, source) = rows.locate(p * PANEL + lane);
+                let stored = tensor.int4_row(source, row);
+                let (multipliers, of_row) = stored.expect("this form is of int4 tensors alone");
+                *scale = of_row;
+                pack_row_i4(row, multipliers, lane, panel).expect("checked as the tensor was opened");
+            }
+            Ok(())
+        })?;
         Ok(Weight::I4 { codes, scale })
     }
+}
+
+/// The parts `0..count` of a network, each made by `make`, on the pool's threads.
+///
+/// # Errors
+/// Of `make`, or [`LoadError::Memory`]; no further part is begun then.
+pub fn in_parallel<T: Send>(
+    count: usize,
+    make: impl Fn(usize) -> Result<T, LoadError> + Sync + Send,
+) -> Result<Box<[T]>, LoadError> {
+    let parts: Result<Vec<T>, LoadError> = (0..count).into_par_iter().map(|i| catch(|| make(i))?).collect();
+    Ok(parts?.into())
+}
+
+/// Does `work` for each item on the pool's threads, with room that each thread makes when it needs it.
+///
+/// # Errors
+/// Of `work`, or [`LoadError::Memory`] where there is none for `room`; no further item is begun then.
+fn for_each<I: ParallelIterator, R: Send>(
+    items: I,
+    room: impl Fn() -> R + Sync + Send,
+    work: impl Fn(&mut R, I::Item) -> Result<(), LoadError> + Sync + Send,
+) -> Result<(), LoadError> {
+    items.try_for_each_init(
+        || None,
+        |made, item| {
+            let made = match made {
+                Some(made) => made,
+                None => made.insert(catch(&room)?),
+            };
+            work(made, item)
+        },
+    )
 }
 
 /// Output rows `first..first + n` of tensors that stand one below the other.
