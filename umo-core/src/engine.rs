@@ -10,13 +10,14 @@
 //! Workers share nothing but the slots: while a session is in a batch its slot is empty, so that no other
 //! worker computes it, and a worker that the system puts aside delays its batch alone.
 
+mod config;
+mod error;
 mod load;
 mod pace;
 #[cfg(test)]
 mod tests;
 mod worker;
 
-use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
@@ -25,8 +26,8 @@ use crate::audio::resample::{self, FilterPlan, Resampler};
 use crate::avatar::{Avatar, StageTimes};
 use crate::clock::Clock;
 use crate::defect::{Defect, contain_quietly};
-use crate::error::{LoadError, StepError};
-use crate::memory::{self, Arena, Counted, OutOfMemory};
+use crate::error::LoadError;
+use crate::memory::{self, Arena, Counted};
 use crate::model::Model;
 use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
 use crate::stream::{OwnedFrame, Signal};
@@ -39,157 +40,8 @@ use pace::Pace;
 use worker::Worker;
 
 pub use crate::team::Priority;
-
-/// Most sessions of an engine.
-pub const MAX_SESSIONS: usize = 4096;
-/// Most avatars of a batch.
-pub const MAX_BATCH: usize = 64;
-
-/// Longest sleep of a worker while chunks wait for others: the start of a stream may wait for as long.
-const LONGEST_SLEEP: Duration = Duration::from_millis(10);
-
-/// Threads and capacity of an engine.
-#[derive(Clone, Debug)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
-pub struct EngineConfig {
-    /// Who computes.
-    pub threads: Threads,
-    /// Cores to pin the threads to, one each; threads beyond the list are not pinned.
-    pub cores: Vec<usize>,
-    /// That of the engine's own threads.
-    pub priority: Priority,
-    /// Most sessions at once, `1..=MAX_SESSIONS`.
-    pub max_sessions: usize,
-    /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often,
-    /// and need memory.
-    pub max_batch: usize,
-    /// The longest that a chunk which is due waits for others, to be computed together: with 50 ms, 32 avatars take about
-    /// a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a stream, once
-    /// half of its length or less is left until it would be late, or where all sessions are due. Zero: none waits.
-    pub gather: Duration,
-    /// The host's threads, in place of the engine's own, where the host polls.
-    pub lender: Option<Lender>,
-    /// What time it is.
-    pub clock: Clock,
-}
-
-/// Asks the host for threads: called by the thread that polls, with how many are wanted. Each that
-/// the host finds calls [`Engine::lend`]; late ones and missing ones cost speed and nothing else.
-#[derive(Clone)]
-pub struct Lender(pub Arc<dyn Fn(usize) + Send + Sync>);
-
-impl fmt::Debug for Lender {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Lender")
-    }
-}
-
-/// Who computes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
-pub enum Threads {
-    /// As many threads of the engine's own, `1..=MAX_THREADS`. With few sessions they share each layer of
-    /// one batch; with more, and a small model, each has batches of its own.
-    Own(usize),
-    /// Whoever calls [`Engine::poll`], with the help of as many more threads, `0..MAX_THREADS`.
-    Host(usize),
-}
-
-impl Threads {
-    /// How many threads compute.
-    fn count(self) -> usize {
-        match self {
-            Self::Own(threads) => threads,
-            Self::Host(more) => more.saturating_add(1),
-        }
-    }
-}
-
-impl Default for EngineConfig {
-    /// Two threads, 64 sessions, 8 of them together; none waits for others. Without the feature `threads` the host polls.
-    fn default() -> Self {
-        let has_threads = cfg!(feature = "threads");
-        Self {
-            threads: if has_threads { Threads::Own(thread::available().min(2)) } else { Threads::Host(0) },
-            cores: Vec::new(),
-            priority: Priority::Normal,
-            max_sessions: 64,
-            max_batch: 8,
-            gather: Duration::ZERO,
-            lender: None,
-            clock: Clock::system(),
-        }
-    }
-}
-
-/// Why an engine or a session cannot be made.
-#[derive(Debug)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
-pub enum EngineError {
-    /// A number is out of its range.
-    Config(LoadError),
-    /// The system starts no thread.
-    Thread(std::io::Error),
-    /// Every place is taken.
-    Full {
-        /// Places of the engine.
-        sessions: usize,
-    },
-    /// The model gives no pose of rest.
-    Rest(StepError),
-    /// There is no memory for it.
-    Memory(OutOfMemory),
-    /// The engine's thread panicked: a defect of this library.
-    Panicked(Defect),
-}
-
-impl fmt::Display for EngineError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Config(error) => write!(f, "{error}"),
-            Self::Thread(error) => write!(f, "cannot start a thread: {error}"),
-            Self::Full { sessions } => write!(f, "all {sessions} sessions of the engine are taken: drop one first"),
-            Self::Rest(error) => write!(f, "the model's rest codes give no pose: {error}"),
-            Self::Memory(missing) => write!(f, "{missing}"),
-            Self::Panicked(defect) => write!(f, "the engine's thread ended by a defect of this library: {defect}"),
-        }
-    }
-}
-
-impl std::error::Error for EngineError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Self::Config(error) => Some(error),
-            Self::Thread(error) => Some(error),
-            Self::Rest(error) => Some(error),
-            Self::Memory(missing) => Some(missing),
-            Self::Full { .. } | Self::Panicked(_) => None,
-        }
-    }
-}
-
-impl From<OutOfMemory> for EngineError {
-    fn from(missing: OutOfMemory) -> Self {
-        Self::Memory(missing)
-    }
-}
-
-impl EngineError {
-    /// The error of a thread that was not started: the system does not report missing memory as
-    /// such.
-    fn thread(error: std::io::Error) -> Self {
-        match memory::check_thread() {
-            Ok(()) => Self::Thread(error),
-            Err(missing) => Self::Memory(missing),
-        }
-    }
-}
-
-impl From<LoadError> for EngineError {
-    fn from(error: LoadError) -> Self {
-        Self::Config(error)
-    }
-}
+pub use config::{EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Threads};
+pub use error::{EngineError, PollError};
 
 /// What an [`Engine::poll`] left to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -200,27 +52,6 @@ pub enum Poll {
     /// More: the budget is used up.
     More,
 }
-
-/// A poll that could not be done.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
-pub enum PollError {
-    /// Another thread polls.
-    Busy,
-    /// The engine has threads of its own.
-    OwnThreads,
-}
-
-impl fmt::Display for PollError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Busy => write!(f, "another thread polls the engine"),
-            Self::OwnThreads => write!(f, "an engine with threads of its own is not polled"),
-        }
-    }
-}
-
-impl std::error::Error for PollError {}
 
 /// How many of the engine's threads have made their workers, or failed.
 #[derive(Debug, Default)]
@@ -590,11 +421,7 @@ fn run(mut worker: Worker, inner: &Inner) {
             None => match contain_quietly(|| worker.turn(inner)) {
                 Ok(true) => continue,
                 Ok(false) => {
-                    match worker.gathers() {
-                        // Meanwhile one may become due that must not wait.
-                        Some(time) => thread::sleep(time.min(LONGEST_SLEEP)),
-                        None => inner.signal().sleep(index),
-                    }
+                    inner.signal().sleep(index, worker.gathers());
                     continue;
                 }
                 Err(defect) => defect,

@@ -1,5 +1,12 @@
 //! What threads share: the standard atomics, or loom's, which tries every interleaving.
 
+#[cfg(not(loom))]
+use std::sync::OnceLock;
+#[cfg(not(loom))]
+use std::thread::{self, Thread};
+#[cfg(not(loom))]
+use std::time::Duration;
+
 #[cfg(loom)]
 pub(crate) use loom::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 #[cfg(not(loom))]
@@ -27,23 +34,37 @@ pub(crate) fn wake_one(_word: *const std::sync::atomic::AtomicU32) {}
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 pub(crate) fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
 
-/// A thread that waits for a word to change.
+/// Where one thread waits for a word to change.
 #[cfg(not(loom))]
 #[derive(Debug, Default)]
-pub(crate) struct Parking;
+pub(crate) struct Parking(OnceLock<Thread>);
 
 #[cfg(not(loom))]
 impl Parking {
+    /// The calling thread is the one that waits. Called before others may think that it does.
+    pub(crate) fn enter(&self) {
+        self.0.get_or_init(thread::current);
+    }
+
     /// Sleeps while the word is `seen`; may wake for no reason.
-    #[expect(clippy::unused_self, reason = "loom's version has a lock")]
     pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
-        wait(word, seen);
+        if word.load(Ordering::SeqCst) == seen {
+            thread::park();
+        }
+    }
+
+    /// The same, for `longest` at most.
+    pub(crate) fn wait_for(&self, word: &AtomicU32, seen: u32, longest: Duration) {
+        if word.load(Ordering::SeqCst) == seen {
+            thread::park_timeout(longest);
+        }
     }
 
     /// Wakes the thread that waits for the word.
-    #[expect(clippy::unused_self, reason = "loom's version has a lock")]
-    pub(crate) fn wake(&self, word: &AtomicU32) {
-        wake_one(word);
+    pub(crate) fn wake(&self, _: &AtomicU32) {
+        if let Some(thread) = self.0.get() {
+            thread.unpark();
+        }
     }
 }
 
@@ -57,12 +78,19 @@ pub(crate) struct Parking {
 
 #[cfg(loom)]
 impl Parking {
+    pub(crate) fn enter(&self) {}
+
     pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
         let guard = self.lock.lock().unwrap();
         // As the system call does: it sleeps only where the word is still the same.
         if word.load(Ordering::SeqCst) == seen {
             drop(self.changed.wait(guard).unwrap());
         }
+    }
+
+    /// Without the limit, which a wake-up must not need.
+    pub(crate) fn wait_for(&self, word: &AtomicU32, seen: u32, _: std::time::Duration) {
+        self.wait(word, seen);
     }
 
     pub(crate) fn wake(&self, _: &AtomicU32) {

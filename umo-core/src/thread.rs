@@ -2,14 +2,14 @@
 //! engines that compute on their own, and for loading models.
 
 #[cfg(not(feature = "threads"))]
-pub use none::{JoinHandle, available, sleep, start, yield_now};
+pub use none::{JoinHandle, available, start, yield_now};
 #[cfg(feature = "threads")]
-pub use own::{JoinHandle, available, sleep, start, yield_now};
+pub use own::{JoinHandle, available, start, yield_now};
 
 #[cfg(feature = "threads")]
 mod own {
     use std::io;
-    pub use std::thread::{JoinHandle, sleep, yield_now};
+    pub use std::thread::{JoinHandle, yield_now};
 
     /// Starts a thread with a name.
     ///
@@ -56,9 +56,6 @@ mod none {
     pub fn available() -> usize {
         1
     }
-
-    /// No thread of the library's own sleeps.
-    pub fn sleep(_: std::time::Duration) {}
 
     /// Lets the processor's other threads go on.
     pub fn yield_now() {

@@ -149,7 +149,7 @@ fn few_sessions_are_left_to_the_lead_which_is_called() {
     assert!(inner.signal().begin_turn(LEAD));
     assert!(!turns.turn(1));
     // It would not return if nobody had called.
-    inner.signal().sleep(LEAD);
+    inner.signal().sleep(LEAD, None);
     turns.finish(0);
     assert_eq!(chunks(&few), [2; 3]);
 }

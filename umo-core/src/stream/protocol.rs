@@ -478,7 +478,7 @@ mod interleavings {
                     }
                 }
                 Input::Here { total: Some(_), .. } => return None,
-                _ => link.signal.sleep(0),
+                _ => link.signal.sleep(0, None),
             }
         }
         unreachable!("nothing stops the signal")
@@ -539,7 +539,7 @@ mod interleavings {
                 if link.has_room(1) {
                     break;
                 }
-                link.signal.sleep(0);
+                link.signal.sleep(0, None);
             }
             assert!(link.frames.push(stamp(1), Cue::default(), &Pose::REST, &[]));
             thread.join().unwrap();

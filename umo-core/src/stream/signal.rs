@@ -1,5 +1,7 @@
 //! Wakes the engine's threads when there may be work.
 
+use std::time::Duration;
+
 use crate::sync::{AtomicBool, AtomicU32, Ordering, Parking};
 
 /// The thread looks for work, or computes.
@@ -63,12 +65,21 @@ impl Signal {
         self.places[thread].call();
     }
 
-    /// Sleeps until `thread` is called, unless it was since its turn began.
-    pub(crate) fn sleep(&self, thread: usize) {
+    /// Sleeps until `thread` is called, unless it was since its turn began; for `longest` at most, where there is a
+    /// limit. Called by that thread alone.
+    pub(crate) fn sleep(&self, thread: usize, longest: Option<Duration>) {
         let Place { state, parking } = &self.places[thread];
-        if state.compare_exchange(AWAKE, ASLEEP, Ordering::SeqCst, Ordering::SeqCst).is_ok() {
-            while state.load(Ordering::SeqCst) == ASLEEP {
-                parking.wait(state, ASLEEP);
+        parking.enter();
+        if state.compare_exchange(AWAKE, ASLEEP, Ordering::SeqCst, Ordering::SeqCst).is_err() {
+            return;
+        }
+        match longest {
+            // Which may wake for no reason: the thread looks once more than it must.
+            Some(longest) => parking.wait_for(state, ASLEEP, longest),
+            None => {
+                while state.load(Ordering::SeqCst) == ASLEEP {
+                    parking.wait(state, ASLEEP);
+                }
             }
         }
     }
@@ -87,6 +98,38 @@ impl Signal {
         // returns.
         self.places[thread].state.swap(AWAKE, Ordering::SeqCst);
         !self.stopped.load(Ordering::SeqCst)
+    }
+}
+
+#[cfg(all(test, not(loom), feature = "threads"))]
+mod tests {
+    use super::*;
+
+    /// Longer than any test may take.
+    const HOURS: Duration = Duration::from_secs(7200);
+
+    #[test]
+    fn a_sleep_ends_by_a_call_or_by_its_limit() {
+        let signal = Signal::new(2);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                for longest in [None, Some(HOURS), None, Some(HOURS)] {
+                    assert!(signal.begin_turn(1));
+                    signal.call(0);
+                    signal.sleep(1, longest);
+                }
+                signal.stop();
+            });
+            while signal.begin_turn(0) {
+                signal.call(1);
+                signal.sleep(0, Some(HOURS));
+            }
+        });
+        let signal = Signal::default();
+        for _ in 0..3 {
+            assert!(signal.begin_turn(0));
+            signal.sleep(0, Some(Duration::from_millis(1)));
+        }
     }
 }
 
@@ -110,7 +153,7 @@ mod interleavings {
             let other = Arc::clone(&signal);
             let other = loom::thread::spawn(move || {
                 while other.begin_turn(1) {
-                    other.sleep(1);
+                    other.sleep(1, None);
                 }
             });
             let host = Arc::clone(&signal);
@@ -119,7 +162,7 @@ mod interleavings {
                 host.stop();
             });
             while signal.begin_turn(0) {
-                signal.sleep(0);
+                signal.sleep(0, None);
             }
             host.join().unwrap();
             other.join().unwrap();
@@ -140,7 +183,7 @@ mod interleavings {
                     if is_due {
                         other.call(0);
                     }
-                    other.sleep(1);
+                    other.sleep(1, None);
                 }
             });
             let (host, filled) = (Arc::clone(&signal), Arc::clone(&slot));
@@ -152,7 +195,7 @@ mod interleavings {
                 if slot.try_lock().is_ok_and(|due| due.swap(false, Ordering::SeqCst)) {
                     signal.stop();
                 } else {
-                    signal.sleep(0);
+                    signal.sleep(0, None);
                 }
             }
             host.join().unwrap();

@@ -1,0 +1,97 @@
+//! What can go wrong with an engine.
+
+use std::fmt;
+
+use crate::defect::Defect;
+use crate::error::{LoadError, StepError};
+use crate::memory::{self, OutOfMemory};
+
+/// Why an engine or a session cannot be made.
+#[derive(Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub enum EngineError {
+    /// A number is out of its range.
+    Config(LoadError),
+    /// The system starts no thread.
+    Thread(std::io::Error),
+    /// Every place is taken.
+    Full {
+        /// Places of the engine.
+        sessions: usize,
+    },
+    /// The model gives no pose of rest.
+    Rest(StepError),
+    /// There is no memory for it.
+    Memory(OutOfMemory),
+    /// The engine's thread panicked: a defect of this library.
+    Panicked(Defect),
+}
+
+impl fmt::Display for EngineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Config(error) => write!(f, "{error}"),
+            Self::Thread(error) => write!(f, "cannot start a thread: {error}"),
+            Self::Full { sessions } => write!(f, "all {sessions} sessions of the engine are taken: drop one first"),
+            Self::Rest(error) => write!(f, "the model's rest codes give no pose: {error}"),
+            Self::Memory(missing) => write!(f, "{missing}"),
+            Self::Panicked(defect) => write!(f, "the engine's thread ended by a defect of this library: {defect}"),
+        }
+    }
+}
+
+impl std::error::Error for EngineError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Config(error) => Some(error),
+            Self::Thread(error) => Some(error),
+            Self::Rest(error) => Some(error),
+            Self::Memory(missing) => Some(missing),
+            Self::Full { .. } | Self::Panicked(_) => None,
+        }
+    }
+}
+
+impl From<OutOfMemory> for EngineError {
+    fn from(missing: OutOfMemory) -> Self {
+        Self::Memory(missing)
+    }
+}
+
+impl EngineError {
+    /// The error of a thread that was not started: the system does not report missing memory as
+    /// such.
+    pub(super) fn thread(error: std::io::Error) -> Self {
+        match memory::check_thread() {
+            Ok(()) => Self::Thread(error),
+            Err(missing) => Self::Memory(missing),
+        }
+    }
+}
+
+impl From<LoadError> for EngineError {
+    fn from(error: LoadError) -> Self {
+        Self::Config(error)
+    }
+}
+
+/// A poll that could not be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub enum PollError {
+    /// Another thread polls.
+    Busy,
+    /// The engine has threads of its own.
+    OwnThreads,
+}
+
+impl fmt::Display for PollError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => write!(f, "another thread polls the engine"),
+            Self::OwnThreads => write!(f, "an engine with threads of its own is not polled"),
+        }
+    }
+}
+
+impl std::error::Error for PollError {}
