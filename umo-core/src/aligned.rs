@@ -147,7 +147,7 @@ impl Region {
     /// pieces.
     fn new(len: usize) -> Self {
         let region = Self::huge(len).unwrap_or_else(|| Self::allocated(len));
-        // Mapped pages, too, are of the address space, and a process may be limited in that.
+        // Also after pages are mapped: a limit of the address space counts them, touched or not.
         if spare().is_err() {
             drop(region);
             refuse(len);

@@ -57,8 +57,8 @@ thread_local! {
 
 /// Runs `make`, and gives a piece of memory that it did not get as a value; panics go on.
 ///
-/// It may be called inside itself. Work that `make` hands to other threads needs its own: a pool that hands a
-/// panic on goes on with the rest of the work first, which would be refused memory without a reserve.
+/// Calls may be nested. Work that `make` hands to other threads needs a call of its own on each: [`refuse`] ends the
+/// process on a thread that is in none.
 ///
 /// # Errors
 /// [`OutOfMemory`] where a function of this module got no memory on this thread.

@@ -34,14 +34,15 @@ pub(crate) fn wake_one(_word: *const std::sync::atomic::AtomicU32) {}
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 pub(crate) fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
 
-/// Where one thread waits for a word to change.
+/// Where one thread waits for a word to change. [`Self::wake`] takes no lock on the systems that umo is built for: the standard
+/// library parks threads by futexes, and by a semaphore on Apple's.
 #[cfg(not(loom))]
 #[derive(Debug, Default)]
 pub(crate) struct Parking(OnceLock<Thread>);
 
 #[cfg(not(loom))]
 impl Parking {
-    /// The calling thread is the one that waits. Called before others may think that it does.
+    /// Says that the calling thread is the one that waits. Called before the word says so.
     pub(crate) fn enter(&self) {
         self.0.get_or_init(thread::current);
     }

@@ -18,7 +18,7 @@ use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use umo_kernels::pack::{GROUP, MAX_MULTIPLIER};
 
 pub use crate::aligned::{AlignedBox, Plain};
-pub use loader::{Loader, Table, in_parallel};
+pub use loader::{Loader, Table, load_layers};
 
 use crate::config::Config;
 use crate::error::LoadError;

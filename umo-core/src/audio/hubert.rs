@@ -18,7 +18,7 @@ use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::memory::{Arena, Slice, filled, with_capacity};
 use crate::state::{StateError, StatePass};
 use crate::team::zip_split;
-use crate::weights::{AlignedBox, Loader, in_parallel};
+use crate::weights::{AlignedBox, Loader, load_layers};
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not
 /// change.
@@ -214,7 +214,7 @@ impl Hubert {
         let (root, hidden, eps) = ("audio.hubert", sizes.hidden_size, sizes.layer_norm_eps);
         let extractor = format!("{root}.feature_extractor.conv_layers");
         let layer = |i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes);
-        let layers = in_parallel(sizes.num_hidden_layers, layer)?;
+        let layers = load_layers(sizes.num_hidden_layers, layer)?;
         let int8 = layers.iter().any(|layer| layer.qkv.is_quantized());
         let round = |product: Linear| if int8 { product.rounded() } else { product };
         let mut channels = 1;

@@ -15,7 +15,7 @@ use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
 use crate::memory::filled;
 use crate::time::Instant;
-use crate::weights::{AlignedBox, Loader, in_parallel};
+use crate::weights::{AlignedBox, Loader, load_layers};
 
 /// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
 const ROUND_WORK: usize = 8;
@@ -189,7 +189,7 @@ impl Decoder {
         };
         let bias = "lm.decoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: in_parallel(lm.num_decoder_layers, layer)?,
+            layers: load_layers(lm.num_decoder_layers, layer)?,
             bias: PositionBias::load(loader, bias, lm, false, positions)?,
             norm: loader.vector("lm.decoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

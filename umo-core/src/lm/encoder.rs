@@ -12,7 +12,7 @@ use super::{LmScratch, PIECE_WORK, no_more, norm, norm_input, piece_rows};
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, Ready};
 use crate::time::Instant;
-use crate::weights::{Loader, in_parallel};
+use crate::weights::{Loader, load_layers};
 
 /// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of
 /// 256 tokens at 64 a head.
@@ -66,7 +66,7 @@ impl Encoder {
         };
         let bias = "lm.encoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: in_parallel(lm.num_layers, layer)?,
+            layers: load_layers(lm.num_layers, layer)?,
             bias: PositionBias::load(loader, bias, lm, true, positions)?,
             norm: loader.vector("lm.encoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

@@ -387,16 +387,16 @@ impl Loader<'_> {
     }
 }
 
-/// The parts `0..count` of a network, each made by `make`, on the pool's threads.
+/// The layers `0..count` of a network, each loaded by `load`, on the pool's threads.
 ///
 /// # Errors
-/// Of `make`, or [`LoadError::Memory`]; no further part is begun then.
-pub fn in_parallel<T: Send>(
+/// Of `load`, or [`LoadError::Memory`]; no further layer is begun then.
+pub fn load_layers<T: Send>(
     count: usize,
-    make: impl Fn(usize) -> Result<T, LoadError> + Sync + Send,
+    load: impl Fn(usize) -> Result<T, LoadError> + Sync + Send,
 ) -> Result<Box<[T]>, LoadError> {
-    let parts: Result<Vec<T>, LoadError> = (0..count).into_par_iter().map(|i| catch(|| make(i))?).collect();
-    Ok(parts?.into())
+    let layers: Result<Vec<T>, LoadError> = (0..count).into_par_iter().map(|i| catch(|| load(i))?).collect();
+    Ok(layers?.into())
 }
 
 /// Does `work` for each item on the pool's threads, with room that each thread makes when it needs it.
