@@ -25,7 +25,7 @@
 #![no_std]
 #![cfg_attr(
     target_arch = "x86_64",
-    expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")
+    expect(clippy::duplicate_mod, reason = "loops are compiled once per instruction set")
 )]
 
 /// The path of this source file, from which callers tell panics of this crate from others.

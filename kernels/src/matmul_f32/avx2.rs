@@ -1,14 +1,11 @@
 //! The shared loops over weights that are f32 in memory.
 
+use crate::gemm::avx2::run;
 pub(super) use crate::gemm::avx2::tiling;
-use crate::gemm::avx2::{Load, run};
 use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx2, entry};
-use crate::lanes::avx2::load_two;
 use crate::mat::MatMut;
-use crate::pack::{PANEL, PackedF32};
-use core::arch::x86_64::*;
-use umo_kernels_features::avx2;
+use crate::pack::PackedF32;
 
 entry! {
     pub(super) fn matmul(_token: Avx2, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) {
@@ -17,16 +14,5 @@ entry! {
 
     pub(super) fn matmul_gated(_token: Avx2, x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
         run(x, &GemmTask::Gated(gate, up), y);
-    }
-}
-
-impl Load for [f32; PANEL] {
-    const INPUTS: usize = 1;
-
-    #[inline]
-    #[avx2]
-    unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2] {
-        // SAFETY: row `i` is inside the panel by this function's contract.
-        load_two(unsafe { &*panel.wrapping_add(i) })
     }
 }
