@@ -17,7 +17,6 @@ mod simd128;
 
 use crate::bf16::Bf16;
 use crate::error::ShapeError;
-
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::PrefetchHint;
@@ -28,18 +27,7 @@ use operands::{HeadOperands, Operands};
 /// The [`Tiling`]s of a back-end: of attention, and of the encoder's in f32 and in bf16.
 #[doc(hidden)]
 pub fn tilings(isa: Isa) -> [Tiling; 3] {
-    let encoder_f32 = dispatch!(isa, tiling(), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    });
+    let encoder_f32 = dispatch!(isa, tiling(), with tiles);
     [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
 }
 
@@ -164,18 +152,7 @@ pub fn encoder_attention_f32(
     if !operands.check(&y)? {
         return Ok(());
     }
-    dispatch!(isa, attention(operands, y), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    });
+    dispatch!(isa, attention(operands, y), with tiles);
     Ok(())
 }
 

@@ -9,7 +9,6 @@
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-
 use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 

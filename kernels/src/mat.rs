@@ -1,10 +1,9 @@
 //! Matrix views with checked shapes: every row of a view is inside its slice.
 
+use crate::error::ShapeError;
 use core::marker::PhantomData;
 use core::ops::Range;
 use core::ptr::NonNull;
-
-use crate::error::ShapeError;
 
 /// A read-only matrix, `[rows, cols]`, row-major with any row stride.
 ///

@@ -17,7 +17,6 @@ mod simd128;
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};
-
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::pack::PackedBf16;
@@ -26,18 +25,7 @@ use crate::tiling::Tiling;
 /// The [`Tiling`] of a back-end's product.
 #[doc(hidden)]
 pub fn tiling(isa: Isa) -> Tiling {
-    dispatch!(isa, tiling(), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    })
+    dispatch!(isa, tiling(), with tiles)
 }
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
@@ -63,18 +51,7 @@ pub fn matmul_bf16(
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul(x, w, epilogue, y), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    });
+    dispatch!(isa, matmul(x, w, epilogue, y), with tiles);
     Ok(())
 }
 
@@ -92,18 +69,7 @@ pub fn matmul_gated_bf16(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    dispatch!(isa, matmul_gated(x, gate, up, y), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    });
+    dispatch!(isa, matmul_gated(x, gate, up, y), with tiles);
     Ok(())
 }
 

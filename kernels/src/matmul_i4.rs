@@ -27,21 +27,28 @@ use crate::pack::PackedI4;
 use crate::quantize::QuantRows;
 use crate::tiling::Tiling;
 
+/// Calls the int4 product of a back-end.
+macro_rules! dispatch_i4 {
+    ($isa:expr, $function:ident($($argument:expr),*)) => {
+        dispatch!($isa, $function($($argument),*), {
+            Scalar: scalar,
+            Avx2: avx2,
+            AvxVnni: avxvnni,
+            Avx512Vnni: avx512vnni,
+            Avx512Bf16: avx512vnni,
+            Amx: avx512vnni,
+            Neon: neon,
+            NeonDotprod: neon_dotprod,
+            NeonI8mm: neon_dotprod,
+            Simd128: simd128,
+        })
+    };
+}
+
 /// The [`Tiling`] of a back-end's product.
 #[doc(hidden)]
 pub fn tiling(isa: Isa) -> Tiling {
-    dispatch!(isa, tiling(), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avxvnni,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: avx512vnni,
-        Neon: neon,
-        NeonDotprod: neon_dotprod,
-        NeonI8mm: neon_dotprod,
-        Simd128: simd128,
-    })
+    dispatch_i4!(isa, tiling())
 }
 
 /// Whether products, of few rows or of any number, are faster with int4 weights than with the same
@@ -92,18 +99,7 @@ pub fn matmul_i4(
     let x = input(x, index)?;
     check_k(w.k())?;
     check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul(x, w, epilogue, y, isa.tuning()), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avxvnni,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: avx512vnni,
-        Neon: neon,
-        NeonDotprod: neon_dotprod,
-        NeonI8mm: neon_dotprod,
-        Simd128: simd128,
-    });
+    dispatch_i4!(isa, matmul(x, w, epilogue, y, isa.tuning()));
     Ok(())
 }
 
@@ -125,17 +121,6 @@ pub fn matmul_gated_i4(
     check_product((x.rows.rows(), x.rows.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    dispatch!(isa, matmul_gated(x, gate, up, y, isa.tuning()), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avxvnni,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: avx512vnni,
-        Neon: neon,
-        NeonDotprod: neon_dotprod,
-        NeonI8mm: neon_dotprod,
-        Simd128: simd128,
-    });
+    dispatch_i4!(isa, matmul_gated(x, gate, up, y, isa.tuning()));
     Ok(())
 }

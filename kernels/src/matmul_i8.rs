@@ -34,21 +34,28 @@ use input::QuantInput;
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
 
+/// Calls the int8 product of a back-end: those with dot products of bytes have one of their own.
+macro_rules! dispatch_i8 {
+    ($isa:expr, $function:ident($($argument:expr),*)) => {
+        dispatch!($isa, $function($($argument),*), {
+            Scalar: scalar,
+            Avx2: avx2,
+            AvxVnni: avxvnni,
+            Avx512Vnni: avx512vnni,
+            Avx512Bf16: avx512vnni,
+            Amx: amx,
+            Neon: neon,
+            NeonDotprod: neon_dotprod,
+            NeonI8mm: neon_i8mm,
+            Simd128: simd128,
+        })
+    };
+}
+
 /// The [`Tiling`] of a back-end's product.
 #[doc(hidden)]
 pub fn tiling(isa: Isa) -> Tiling {
-    dispatch!(isa, tiling(), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avxvnni,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon_dotprod,
-        NeonI8mm: neon_i8mm,
-        Simd128: simd128,
-    })
+    dispatch_i8!(isa, tiling())
 }
 
 /// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`,
@@ -73,18 +80,7 @@ pub fn matmul_i8(
     let x = input(x, index)?;
     check_k(w.k())?;
     check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul(x, w, epilogue, y, isa.tuning()), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avxvnni,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon_dotprod,
-        NeonI8mm: neon_i8mm,
-        Simd128: simd128,
-    });
+    dispatch_i8!(isa, matmul(x, w, epilogue, y, isa.tuning()));
     Ok(())
 }
 
@@ -105,18 +101,7 @@ pub fn matmul_gated_i8(
     check_product((x.rows.rows(), x.rows.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    dispatch!(isa, matmul_gated(x, gate, up, y, isa.tuning()), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avxvnni,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512vnni,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon_dotprod,
-        NeonI8mm: neon_i8mm,
-        Simd128: simd128,
-    });
+    dispatch_i8!(isa, matmul_gated(x, gate, up, y, isa.tuning()));
     Ok(())
 }
 

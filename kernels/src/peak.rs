@@ -24,9 +24,8 @@ mod scalar;
 #[cfg(target_arch = "wasm32")]
 mod simd128;
 
-use core::hint::black_box;
-
 use crate::isa::{Isa, dispatch};
+use core::hint::black_box;
 
 /// Int8 multiply-adds with int32 sums, from registers alone: returns the number done in
 /// `rounds` rounds of the back-end's instruction, or `None` if it has none.

@@ -21,40 +21,35 @@ mod scalar;
 mod simd128;
 
 use super::operands::Operands;
-
 use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 use crate::math::scalar::exp;
 use crate::tiling::Tiling;
 
+/// Calls the attention in bf16 of a back-end.
+macro_rules! dispatch_bf16 {
+    ($isa:expr, $function:ident($($argument:expr),*)) => {
+        dispatch!($isa, $function($($argument),*), {
+            Scalar: scalar,
+            Avx2: avx2,
+            AvxVnni: avx2,
+            Avx512Vnni: avx512vnni,
+            Avx512Bf16: avx512bf16,
+            Amx: amx,
+            Neon: neon,
+            NeonDotprod: neon,
+            NeonI8mm: neon,
+            Simd128: simd128,
+        })
+    };
+}
+
 pub(super) fn tiling(isa: Isa) -> Tiling {
-    dispatch!(isa, tiling(), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512bf16,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    })
+    dispatch_bf16!(isa, tiling())
 }
 
 pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
-    dispatch!(isa, attention(operands, y), {
-        Scalar: scalar,
-        Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx512vnni,
-        Avx512Bf16: avx512bf16,
-        Amx: amx,
-        Neon: neon,
-        NeonDotprod: neon,
-        NeonI8mm: neon,
-        Simd128: simd128,
-    });
+    dispatch_bf16!(isa, attention(operands, y));
 }
 
 /// Keys per block, during which a query's maximum does not change.

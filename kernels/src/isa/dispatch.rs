@@ -5,7 +5,8 @@
 /// token before the other arguments (the scalar module takes none).
 ///
 /// The short form is for operations with the modules `scalar`, `avx2`, `avx512vnni`, `neon` and `simd128`:
-/// the other back-ends have no better instructions for them. The long form names a module for every back-end.
+/// the other back-ends have no better instructions for them. `with tiles` is the same with a module `amx`.
+/// The long form names a module for every back-end.
 macro_rules! dispatch {
     (@call scalar $function:ident $token:ident ($($argument:expr),*)) => {{
         let _ = $token;
@@ -14,19 +15,25 @@ macro_rules! dispatch {
     (@call $module:ident $function:ident $token:ident ($($argument:expr),*)) => {
         $module::$function($token.into(), $($argument),*)
     };
-    ($isa:expr, $function:ident($($argument:expr),* $(,)?)) => {
+    (@short $isa:expr, $function:ident($($argument:expr),*), $amx:ident) => {
         $crate::isa::dispatch!($isa, $function($($argument),*), {
             Scalar: scalar,
             Avx2: avx2,
             AvxVnni: avx2,
             Avx512Vnni: avx512vnni,
             Avx512Bf16: avx512vnni,
-            Amx: avx512vnni,
+            Amx: $amx,
             Neon: neon,
             NeonDotprod: neon,
             NeonI8mm: neon,
             Simd128: simd128,
         })
+    };
+    ($isa:expr, $function:ident($($argument:expr),* $(,)?)) => {
+        $crate::isa::dispatch!(@short $isa, $function($($argument),*), avx512vnni)
+    };
+    ($isa:expr, $function:ident($($argument:expr),* $(,)?), with tiles) => {
+        $crate::isa::dispatch!(@short $isa, $function($($argument),*), amx)
     };
     ($isa:expr, $function:ident($($argument:expr),* $(,)?), {
         Scalar: $scalar:ident,

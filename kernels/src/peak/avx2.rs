@@ -1,6 +1,8 @@
 //! Peaks with AVX2.
 
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
 use crate::isa::{Avx2, entry};
+use crate::prefetch;
 use core::arch::asm;
 use core::arch::x86_64::{
     __m256i, _mm256_add_epi32, _mm256_fmadd_ps, _mm256_loadu_si256, _mm256_set1_ps, _mm256_setzero_ps,
@@ -8,9 +10,6 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 use umo_kernels_features::avx2;
-
-use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
-use crate::prefetch;
 
 /// Independent sums: with two operands they leave two of 16 registers.
 pub(super) const SUMS: usize = 12;

@@ -1,11 +1,10 @@
 //! The peak of pairs of bf16.
 
-use core::arch::x86_64::{_mm512_castsi512_ps, _mm512_set1_epi32, _mm512_setzero_ps};
-use core::hint::black_box;
-
 use super::avx512vnni::SUMS;
 use crate::bf16::avx512bf16::multiply_pairs;
 use crate::isa::{Avx512Bf16, entry};
+use core::arch::x86_64::{_mm512_castsi512_ps, _mm512_set1_epi32, _mm512_setzero_ps};
+use core::hint::black_box;
 
 /// 1 and 1.
 const ONES: i32 = 0x3f80_3f80;

@@ -1,15 +1,14 @@
 //! Peaks with AVX-512.
 
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
 use crate::isa::{Avx512Vnni, entry};
+use crate::prefetch;
 use core::arch::x86_64::{
     __m512i, _mm512_add_epi32, _mm512_dpbusd_epi32, _mm512_fmadd_ps, _mm512_loadu_si512, _mm512_set1_epi32,
     _mm512_set1_ps, _mm512_setzero_ps, _mm512_setzero_si512,
 };
 use core::hint::black_box;
 use umo_kernels_features::avx512vnni;
-
-use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
-use crate::prefetch;
 
 /// Independent sums: far more than an instruction's delay, and with two operands fewer than 32
 /// registers.

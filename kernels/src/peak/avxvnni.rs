@@ -1,10 +1,9 @@
 //! The peak of int8 with AVX-VNNI.
 
+use super::avx2::SUMS;
 use crate::isa::{AvxVnni, entry};
 use core::arch::x86_64::{_mm256_dpbusd_avx_epi32, _mm256_set1_epi32, _mm256_setzero_si256};
 use core::hint::black_box;
-
-use super::avx2::SUMS;
 
 entry! {
     /// `vpdpbusd` in registers of 32 bytes.

@@ -1,13 +1,12 @@
 //! Peaks with NEON.
 
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
 use crate::isa::{Neon, entry};
+use crate::prefetch;
 use core::arch::aarch64::{int8x16_t, vaddq_s8, vdupq_n_f32, vdupq_n_s8, vfmaq_f32, vld1q_s8};
 use core::arch::asm;
 use core::hint::black_box;
 use umo_kernels_features::neon;
-
-use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
-use crate::prefetch;
 
 /// Independent sums: with two operands and products they leave few of 32 registers.
 pub(super) const SUMS: usize = 24;
