@@ -17,16 +17,23 @@ fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {
         .0
 }
 
-/// The workspace's crates: the name, and whether it is published.
-fn crates() -> Vec<(String, bool)> {
+/// The manifests of the workspace's crates.
+fn manifests() -> Vec<String> {
     let workspace = text("Cargo.toml");
     let members = between(&workspace, "members = [", "]").split(',').map(|member| member.trim().trim_matches('"'));
-    members
-        .map(|member| {
-            let manifest = text(&format!("{member}/Cargo.toml"));
-            (between(&manifest, "name = \"", "\"").to_owned(), !manifest.contains("publish = false"))
-        })
-        .collect()
+    members.map(|member| text(&format!("{member}/Cargo.toml"))).collect()
+}
+
+fn is_published(manifest: &str) -> bool {
+    !manifest.contains("publish = false")
+}
+
+fn crate_name(manifest: &str) -> String {
+    between(manifest, "name = \"", "\"").to_owned()
+}
+
+fn crates() -> Vec<String> {
+    manifests().iter().map(|manifest| crate_name(manifest)).collect()
 }
 
 /// The optional parts of the Python package.
@@ -56,7 +63,7 @@ fn quoted(cell: &str) -> Vec<String> {
 #[test]
 fn every_registry_has_the_name_of_the_manifest() {
     let mut published: Vec<String> =
-        crates().into_iter().filter_map(|(name, is_published)| is_published.then_some(name)).collect();
+        manifests().iter().filter(|manifest| is_published(manifest)).map(|manifest| crate_name(manifest)).collect();
     published.sort();
     let mut of_python = vec![python()];
     of_python.extend(extras());
@@ -79,6 +86,26 @@ fn every_registry_has_the_name_of_the_manifest() {
     assert_eq!(said("npm"), [web]);
     assert_eq!(said("NuGet"), [nuget()]);
     assert_eq!(said("Unity's package manager"), [unity]);
+}
+
+/// Crates inherit the address; scripts/release and setup.py write it into the other packages.
+#[test]
+fn packages_have_one_address_from_one_place() {
+    let workspace = text("Cargo.toml");
+    between(&workspace, "\nrepository = \"", "\"\n");
+    let own =
+        |text: &str, key: &str| text.lines().any(|line| line.trim_start().trim_start_matches('"').starts_with(key));
+    for manifest in manifests().iter().filter(|manifest| is_published(manifest)) {
+        let name = crate_name(manifest);
+        assert!(manifest.contains("repository.workspace = true\n"), "{name}");
+        assert!(!own(manifest, "homepage") && !own(manifest, "documentation"), "{name}");
+    }
+    for manifest in ["bindings/web/package.json", "bindings/unity/package.json", "bindings/python/pyproject.toml"] {
+        let text = text(manifest);
+        for key in ["homepage", "repository", "documentation", "[project.urls]"] {
+            assert!(!own(&text, key), "{manifest}: {key}");
+        }
+    }
 }
 
 /// Whether a word names a file or folder, as written or by a place-holder in capitals.
@@ -115,14 +142,14 @@ fn refusal(command: &str, words: &[&str]) -> Option<String> {
 }
 
 /// Every crate that Cargo is asked for by name is one of ours.
-fn strange_crate<'a>(line: &'a str, ours: &[(String, bool)]) -> Option<&'a str> {
+fn strange_crate<'a>(line: &'a str, ours: &[String]) -> Option<&'a str> {
     let words: Vec<&str> = line.split([' ', '`', '"', ')', ']', ',']).collect();
     let names = words.windows(2).filter(|pair| ["-p", "--package"].contains(&pair[0])).map(|pair| pair[1]);
-    names.filter(|_| line.contains("cargo")).find(|name| !ours.iter().any(|(own, _)| own == name))
+    names.filter(|_| line.contains("cargo")).find(|name| !ours.iter().any(|own| own == name))
 }
 
 /// The faults of one line of the documentation.
-fn faults(line: &str, ours: &[(String, bool)]) -> Vec<String> {
+fn faults(line: &str, ours: &[String]) -> Vec<String> {
     const COMMANDS: [&str; 7] = [
         "pip install",
         "pip wheel",
