@@ -25,7 +25,7 @@ static BUILT: LazyLock<Built> = LazyLock::new(|| {
     let own = std::env::current_exe().expect("this test is a file");
     let folder = own.ancestors().nth(2).expect("it lies in a folder of the build").to_owned();
     let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    build.args(["build", "--quiet", "-p", "umo-capi", "-p", "umo", "--target-dir"]);
+    build.args(["build", "--quiet", "-p", "umo-capi", "-p", "umo-cli", "--target-dir"]);
     build.arg(folder.parent().expect("a profile's folder lies in the target's")).current_dir(ROOT);
     if folder.ends_with("release") {
         build.arg("--release");

@@ -1,5 +1,8 @@
 //! Numbers in the documentation that follow from the default model's settings, beside what the
-//! library computes.
+//! library computes; and names in it, beside those of the packages.
+
+#[path = "docs/names.rs"]
+mod names;
 
 use std::sync::Arc;
 

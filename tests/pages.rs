@@ -18,14 +18,14 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// The Markdown files of a folder and of the folders in it, build outputs left out.
-fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
+/// The files with one of these extensions in a folder and in the folders in it, build outputs left out.
+pub fn files(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("the documentation can be read") {
         let path = entry.expect("the documentation can be read").path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if path.is_dir() && !name.starts_with('.') && !["target", "node_modules"].contains(&&*name) {
-            pages(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "md") {
+            files(&path, extensions, found);
+        } else if path.extension().is_some_and(|extension| extensions.iter().any(|&other| extension == other)) {
             found.push(path);
         }
     }
@@ -35,7 +35,7 @@ fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
 pub fn tables(wanted: impl Fn(&[String]) -> bool) -> Vec<Table> {
     let (root, mut paths) = (root(), vec![]);
     for folder in ["docs", "bindings", "packaging", "models", "training", "cli", "umo-core", "umo-capi"] {
-        pages(&root.join(folder), &mut paths);
+        files(&root.join(folder), &["md"], &mut paths);
     }
     paths.push(root.join("README.md"));
     let mut tables: Vec<Table> = vec![];

@@ -26,10 +26,10 @@ def repository() -> Path:
     return ROOT
 
 
-def version() -> str:
-    """The workspace's version."""
+def workspace(key: str) -> str:
+    """A text that Cargo.toml gives every crate."""
     text = (repository() / "Cargo.toml").read_text("utf-8")
-    return re.search(r'^version = "([^"]+)"$', text, re.MULTILINE)[1]
+    return re.search(rf'^{key} = "(.*)"$', text, re.MULTILINE)[1]
 
 
 def library(prefix: Path) -> Path:
@@ -77,4 +77,10 @@ class WithLibrary(Distribution):
         return True
 
 
-setup(version=version(), distclass=WithLibrary, cmdclass={"build_py": BuildWithLibrary, "bdist_wheel": WheelOfPlatform})
+ADDRESS = workspace("repository")
+setup(
+    version=workspace("version"),
+    project_urls={"Repository": ADDRESS} if ADDRESS else {},
+    distclass=WithLibrary,
+    cmdclass={"build_py": BuildWithLibrary, "bdist_wheel": WheelOfPlatform},
+)

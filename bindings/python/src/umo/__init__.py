@@ -10,6 +10,9 @@
 | `Error`, `Status` | what went wrong, in umo's own words |
 """
 
+# Before all else: `_library` looks for it.
+_DISTRIBUTION = "umo-avatar"
+
 from ._animate import animate, stream
 from ._engine import Engine
 from ._gltf import FIGURES

@@ -343,7 +343,19 @@ _RESULTS = {
 }
 
 
+def _refuse_stranger() -> None:
+    """PyPI's `umo` is another project, whose package has the same folder: installed after this one, its files replace some of
+    these, and uninstalled, it takes them away."""
+    package = sys.modules[__name__.rpartition(".")[0]]
+    if not hasattr(package, "_DISTRIBUTION"):
+        found = getattr(package, "__file__", None) or "a folder without __init__.py"
+        raise ImportError(
+            f"the module umo is not that of umo-avatar, but {found}: run `pip uninstall umo umo-avatar`, then install umo-avatar again"
+        )
+
+
 def _open() -> ctypes.CDLL:
+    _refuse_stranger()
     name = {"win32": "umo.dll", "darwin": "libumo.dylib"}.get(sys.platform, "libumo.so")
     library = ctypes.CDLL(str(FOLDER / name))
     for function, arguments in _ARGUMENTS.items():

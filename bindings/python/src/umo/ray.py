@@ -1,4 +1,4 @@
-"""Recordings over the machines of a Ray cluster. Needs `pip install umo[ray]`.
+"""Recordings over the machines of a Ray cluster. Needs the extra `umo-avatar[ray]`.
 
     results = umo.ray.animate(["s3://lines/a.wav", {"file": "s3://lines/b.flac", "mood": "joy"}], "s3://motion", format=".bvh")
     for row in results.iter_rows(): ...

@@ -1,4 +1,4 @@
-"""A client of `umo serve`: speech goes to a server, frames or packets come back. Needs `pip install umo[serve]`.
+"""A client of `umo serve`: speech goes to a server, frames or packets come back. Needs the extra `umo-avatar[serve]`.
 
     async with umo.serve.connect("ws://127.0.0.1:8765/v1/session", rate=16000) as avatar:
         await avatar.push(samples)

@@ -3,8 +3,8 @@
 | module | for |
 |---|---|
 | `umo.agents` | any agent that runs in asyncio: `Avatar` |
-| `umo.agents.pipecat` | Pipecat: a frame processor (`pip install umo[pipecat]`) |
-| `umo.agents.livekit` | LiveKit agents: an audio output, and a video generator for avatar workers (`pip install umo[livekit]`) |
+| `umo.agents.pipecat` | Pipecat: a frame processor (extra `umo-avatar[pipecat]`) |
+| `umo.agents.livekit` | LiveKit agents: an audio output, and a video generator for avatar workers (extra `umo-avatar[livekit]`) |
 | `umo.agents.openai` | events of OpenAI's Realtime API and of what speaks its protocol |
 
     async with umo.agents.Avatar(rate=24000) as avatar:

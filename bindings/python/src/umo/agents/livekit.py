@@ -1,4 +1,4 @@
-"""Avatars for LiveKit agents. Needs `pip install umo[livekit]`.
+"""Avatars for LiveKit agents. Needs the extra `umo-avatar[livekit]`.
 
 | class | for |
 |---|---|

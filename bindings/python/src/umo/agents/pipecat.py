@@ -1,4 +1,4 @@
-"""A frame processor for Pipecat: behind the synthesiser, before the output transport. Needs `pip install umo[pipecat]`.
+"""A frame processor for Pipecat: behind the synthesiser, before the output transport. Needs the extra `umo-avatar[pipecat]`.
 
     avatar = umo.agents.pipecat.AvatarProcessor(idle=True)
     pipeline = Pipeline([transport.input(), stt, user, llm, tts, avatar, sender, transport.output(), assistant])
