@@ -16,7 +16,7 @@ use umo_core::floor;
 use umo_core::weights::AlignedBox;
 use umo_kernels::activation::{Activation, apply, argmax, softmax};
 use umo_kernels::attention::{
-    RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
+    Operands, RelativeBias, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
 };
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out, windows};
@@ -29,7 +29,7 @@ use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
 use umo_kernels::quantize::{QuantRows, quantize_rows};
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, ShapeError};
 
 /// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out,
 /// attention; a window of the default model; and odd ones.
@@ -373,8 +373,7 @@ fn experts(bench: &mut Bench) {
 }
 
 /// Attention over whole sequences.
-type EncoderAttention =
-    fn(Isa, Mat<f32>, Mat<f32>, Mat<f32>, f32, Option<RelativeBias>, MatMut<f32>) -> Result<(), ShapeError>;
+type EncoderAttention = fn(Isa, Operands<f32>, MatMut<f32>) -> Result<(), ShapeError>;
 
 fn attention(bench: &mut Bench) {
     for (m, n, width) in chosen(ATTENTIONS) {
@@ -390,14 +389,12 @@ fn attention(bench: &mut Bench) {
         }
         let work = |unit, each| Work { unit, macs: 2 * m * n * width, bytes: 2 * n * width * each };
         bench.compare(("attention_f32", &shape), work(Unit::Float, 4), (m * width, sums(width)), |isa, out| {
-            let (q, k, v) = (view(&q), view(&k), view(&v));
-            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, PrefetchHint::NONE, matrix(out, m, width))
-                .expect(SHAPES);
+            let operands = Operands::new(view(&q), view(&k), view(&v), 0.125).biased(bias);
+            attention_f32(isa, operands, matrix(out, m, width)).expect(SHAPES);
         });
         bench.compare(("attention_bf16", &shape), work(Unit::Float, 2), (m * width, sums(width)), |isa, out| {
-            let (q, k, v) = (view(&q), view_bf16(&k), view_bf16(&v));
-            attention_bf16(isa, q, k, v, 0.125, Some(bias), Visible::All, PrefetchHint::NONE, matrix(out, m, width))
-                .expect(SHAPES);
+            let operands = Operands::new(view(&q), view_bf16(&k), view_bf16(&v), 0.125).biased(bias);
+            attention_bf16(isa, operands, matrix(out, m, width)).expect(SHAPES);
         });
         if m == n {
             // With factors in bfloat16 all back-ends have the same bits.
@@ -406,8 +403,8 @@ fn attention(bench: &mut Bench) {
                 ("encoder_attention_bf16", Unit::Rounded(1), encoder_attention_bf16, 0.0),
             ] {
                 bench.compare((op, &shape), work(unit, 4), (m * width, tolerance), |isa, out| {
-                    attention(isa, view(&q), view(&k), view(&v), 0.125, Some(bias), matrix(out, m, width))
-                        .expect(SHAPES);
+                    let operands = Operands::new(view(&q), view(&k), view(&v), 0.125).biased(bias);
+                    attention(isa, operands, matrix(out, m, width)).expect(SHAPES);
                 });
             }
         }

@@ -13,8 +13,8 @@ use std::io::BufRead;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_bf16, encoder_attention_f32};
-use umo_kernels::{Isa, Mat, MatMut, PrefetchHint};
+use umo_kernels::attention::{Operands, RelativeBias, attention_f32, encoder_attention_bf16, encoder_attention_f32};
+use umo_kernels::{Isa, Mat, MatMut};
 
 struct Request {
     isa: Isa,
@@ -96,11 +96,10 @@ fn measure(request: &Request) -> Vec<f64> {
             let (mine, after) = y.split_columns(head_dim);
             if queries == keys {
                 let [k, v] = [&k, &v].map(|data| placed(data, keys, dim).columns(columns.clone()));
-                attention(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
+                attention(isa, Operands::new(q, k, v, 0.125).biased(bias), mine).expect("shapes agree");
             } else {
                 let of = |data| Mat::new(cached(data, head), keys, head_dim).expect("sized above");
-                attention_f32(isa, q, of(&k), of(&v), 0.125, Some(bias), Visible::All, PrefetchHint::NONE, mine)
-                    .expect("shapes agree");
+                attention_f32(isa, Operands::new(q, of(&k), of(&v), 0.125).biased(bias), mine).expect("shapes agree");
             }
             y = after;
         }

@@ -19,10 +19,9 @@ use crate::bf16::Bf16;
 use crate::error::ShapeError;
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
-use crate::prefetch::PrefetchHint;
 use crate::tiling::Tiling;
-pub use operands::{HeadCache, RelativeBias, Visible};
-use operands::{HeadOperands, Operands};
+use operands::HeadOperands;
+pub use operands::{HeadCache, Operands, RelativeBias, Visible};
 
 /// The [`Tiling`]s of a back-end: of attention, and of the encoder's in f32 and in bf16.
 #[doc(hidden)]
@@ -39,32 +38,19 @@ pub fn heads_tiling(isa: Isa) -> Tiling {
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
 ///
-/// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]`
-/// (overwritten); all strided, so that a head is a column range of the projections.
+/// Shapes: `q`, `k`, `v` as [`Operands`] says, `y [m, head_dim]` (overwritten, strided).
 /// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not
 /// depend on the other rows, nor on keys that it does not see. Scores are never stored beyond a
 /// tile of keys.
 /// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory
-/// bandwidth unused: `hint`, the operands of the operation that follows, is prefetched
-/// meanwhile. On processors tuned for one stream ([`crate::tuning`]), contiguous keys and
-/// values are themselves prefetched shortly before they are read, and `hint` is ignored.
+/// bandwidth unused: what [`Operands::hinting`] names is prefetched meanwhile. On processors tuned for one stream ([`crate::tuning`]), contiguous keys and
+/// values are themselves prefetched shortly before they are read, and the hint is ignored.
 /// Paper: section 3.1; SPEC 2.4.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees; `k` if a query has no key.
-#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
-pub fn attention_f32(
-    isa: Isa,
-    q: Mat<f32>,
-    k: Mat<f32>,
-    v: Mat<f32>,
-    scale: f32,
-    bias: Option<RelativeBias>,
-    visible: Visible,
-    hint: PrefetchHint,
-    y: MatMut<f32>,
-) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
+pub fn attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Result<(), ShapeError> {
+    let operands = Operands { self_prefetch: isa.tuning().self_prefetch, ..operands };
     if operands.check(&y)? {
         dispatch!(isa, attention(operands, y));
     }
@@ -77,19 +63,8 @@ pub fn attention_f32(
 ///
 /// # Errors
 /// As [`attention_f32`].
-#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
-pub fn attention_bf16(
-    isa: Isa,
-    q: Mat<f32>,
-    k: Mat<Bf16>,
-    v: Mat<Bf16>,
-    scale: f32,
-    bias: Option<RelativeBias>,
-    visible: Visible,
-    hint: PrefetchHint,
-    y: MatMut<f32>,
-) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
+pub fn attention_bf16(isa: Isa, operands: Operands<Bf16>, y: MatMut<f32>) -> Result<(), ShapeError> {
+    let operands = Operands { self_prefetch: isa.tuning().self_prefetch, ..operands };
     if operands.check(&y)? {
         dispatch!(isa, attention(operands, y));
     }
@@ -138,17 +113,8 @@ pub fn attention_heads_f32(
 ///
 /// # Errors
 /// As [`attention_f32`].
-pub fn encoder_attention_f32(
-    isa: Isa,
-    q: Mat<f32>,
-    k: Mat<f32>,
-    v: Mat<f32>,
-    scale: f32,
-    bias: Option<RelativeBias>,
-    y: MatMut<f32>,
-) -> Result<(), ShapeError> {
-    let operands =
-        Operands { q, k, v, scale, bias, visible: Visible::All, hint: PrefetchHint::NONE, self_prefetch: false };
+pub fn encoder_attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Result<(), ShapeError> {
+    let operands = operands.seeing(Visible::All);
     if !operands.check(&y)? {
         return Ok(());
     }
@@ -168,17 +134,8 @@ pub fn encoder_attention_f32(
 ///
 /// # Errors
 /// As [`attention_f32`].
-pub fn encoder_attention_bf16(
-    isa: Isa,
-    q: Mat<f32>,
-    k: Mat<f32>,
-    v: Mat<f32>,
-    scale: f32,
-    bias: Option<RelativeBias>,
-    y: MatMut<f32>,
-) -> Result<(), ShapeError> {
-    let operands =
-        Operands { q, k, v, scale, bias, visible: Visible::All, hint: PrefetchHint::NONE, self_prefetch: false };
+pub fn encoder_attention_bf16(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Result<(), ShapeError> {
+    let operands = operands.seeing(Visible::All);
     if !operands.check(&y)? {
         return Ok(());
     }

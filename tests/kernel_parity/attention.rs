@@ -3,8 +3,8 @@
 
 use proptest::prelude::*;
 use umo_kernels::attention::{
-    HeadCache, RelativeBias, Visible, attention_bf16, attention_f32, attention_heads_f32, encoder_attention_bf16,
-    encoder_attention_f32, heads_tiling, tilings,
+    HeadCache, Operands, RelativeBias, Visible, attention_bf16, attention_f32, attention_heads_f32,
+    encoder_attention_bf16, encoder_attention_f32, heads_tiling, tilings,
 };
 use umo_kernels::tiling::Tiling;
 use umo_kernels::tuning::Tuning;
@@ -107,12 +107,9 @@ impl Case {
     /// The queries `q`, the first of which is query `i` of this case.
     fn call(&self, isa: Isa, (q, k, v): Qkv, i: usize, visible: Visible, y: &mut Guarded<f32>) {
         let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
-        let result = if self.encoder {
-            encoder_attention_f32(isa, q, k, v, self.scale, bias, y.mat())
-        } else {
-            attention_f32(isa, q, k, v, self.scale, bias, visible, PrefetchHint::NONE, y.mat())
-        };
-        result.expect("shapes agree");
+        let operands = Operands::new(q, k, v, self.scale).biased(bias).seeing(visible);
+        let attention = if self.encoder { encoder_attention_f32 } else { attention_f32 };
+        attention(isa, operands, y.mat()).expect("shapes agree");
     }
 
     /// Query `i` by itself.
@@ -226,8 +223,9 @@ fn encoder_attention_keeps_every_bit(isa: Isa) {
             let v = Placed::new(KEYS, dim, 0, 0, || noise.float(1.0));
             let bias: Vec<f32> = keys.iter().zip(&rests).map(|(key, rest)| rest - scale * key).collect();
             let mut y = Guarded::new(1, dim, 0, 0);
-            let relative = Some(RelativeBias { values: &bias, origin: 0 });
-            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), 1.0, relative, y.mat()).expect("shapes agree");
+            let relative = RelativeBias { values: &bias, origin: 0 };
+            let operands = Operands::new(q.mat(), k.mat(), v.mat(), 1.0).biased(relative);
+            encoder_attention_f32(isa, operands, y.mat()).expect("shapes agree");
             let weights: Vec<f64> = rests.iter().map(|&rest| f64::from(rest).exp()).collect();
             let total: f64 = weights.iter().sum();
             for (c, got) in y.checked()[0].iter().enumerate() {
@@ -302,7 +300,7 @@ fn run_rounded(case: &Case, isa: Isa, rows: core::ops::Range<usize>, (gap, offse
     let bias = case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - rows.start });
     let (q, k, v) = (case.q.mat().row_range(rows), case.k.mat(), case.v.mat());
     let mut y = Guarded::new(q.rows(), q.cols(), gap, offset);
-    encoder_attention_bf16(isa, q, k, v, case.scale, bias, y.mat()).expect("shapes agree");
+    encoder_attention_bf16(isa, Operands::new(q, k, v, case.scale).biased(bias), y.mat()).expect("shapes agree");
     y.checked()
 }
 
@@ -383,7 +381,7 @@ fn encoder_attention_bf16_rounds_to_nearest(isa: Isa) {
     let (k, v) = ([0.040_887_237, 0.125_846_5], [-0.984_375, -0.746_093_75]);
     let (k, v) = (Mat::new(&k, 2, 1).unwrap(), Mat::new(&v, 2, 1).unwrap());
     let mut y = Guarded::new(1, 1, 0, 0);
-    encoder_attention_bf16(isa, q, k, v, 1.0, None, y.mat()).unwrap();
+    encoder_attention_bf16(isa, Operands::new(q, k, v, 1.0), y.mat()).unwrap();
     assert_eq!(y.checked(), [[-0.864_481_7]]);
 }
 
@@ -444,8 +442,8 @@ fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
         let mut together = Guarded::new(shape.m, shape.dim, shape.gap, shape.offset);
         for tuning in Tuning::ALL {
             let isa = isa.with_tuning(tuning);
-            attention_bf16(isa, q, k.mat(), v.mat(), case.scale, bias(0), case.visible, ahead, together.mat())
-                .expect("shapes agree");
+            let operands = Operands::new(q, k.mat(), v.mat(), case.scale).biased(bias(0)).seeing(case.visible);
+            attention_bf16(isa, operands.hinting(ahead), together.mat()).expect("shapes agree");
             prop_assert_eq!(bits(&together.checked()), bits(&widened), "with {:?}", tuning);
         }
         for (i, want) in widened.iter().enumerate() {
@@ -455,7 +453,8 @@ fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
             };
             let mut alone = Guarded::new(1, shape.dim, 0, 0);
             let q = q.row_range(i..i + 1);
-            attention_bf16(isa, q, k.mat(), v.mat(), case.scale, bias(i), visible, ahead, alone.mat()).expect("shapes agree");
+            let operands = Operands::new(q, k.mat(), v.mat(), case.scale).biased(bias(i)).seeing(visible);
+            attention_bf16(isa, operands.hinting(ahead), alone.mat()).expect("shapes agree");
             prop_assert_eq!(bits(&alone.checked()), bits(core::slice::from_ref(want)));
         }
     });
@@ -491,8 +490,7 @@ fn attention_heads_are_those_of_calls_of_their_own(isa: Isa) {
                 let [k, v] = [&k, &v].map(|kept| kept.mat().row_range(first..first + filled));
                 let q = q.mat().row_range(row..row + 1).columns(head * dim..(head + 1) * dim);
                 let mut alone = Guarded::new(1, dim, 0, 0);
-                attention_f32(isa, q, k, v, 0.125, None, Visible::All, PrefetchHint::NONE, alone.mat())
-                    .expect("shapes agree");
+                attention_f32(isa, Operands::new(q, k, v, 0.125), alone.mat()).expect("shapes agree");
                 prop_assert_eq!(bits(&[got.to_vec()]), bits(&alone.checked()), "row {}, head {}", row, head);
             }
         }
@@ -522,8 +520,8 @@ fn attention_rejects_shapes_that_disagree() {
     let none = input.mat().row_range(0..0);
     let call = |q, k, v, bias, visible| {
         let mut y = Guarded::new(3, 4, 0, 0);
-        attention_f32(Isa::SCALAR, q, k, v, 1.0, bias, visible, PrefetchHint::NONE, y.mat())
-            .map_err(|error: ShapeError| error.arg)
+        let operands = Operands::new(q, k, v, 1.0).biased(bias).seeing(visible);
+        attention_f32(Isa::SCALAR, operands, y.mat()).map_err(|error: ShapeError| error.arg)
     };
     let short = Some(RelativeBias { values: &[0.0; 4], origin: 2 });
     let late = Some(RelativeBias { values: &[0.0; 9], origin: 1 });

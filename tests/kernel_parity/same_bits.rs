@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use umo_kernels::activation::{Activation, apply, softmax};
 use umo_kernels::attention::{
-    HeadCache, RelativeBias, Visible, attention_bf16, attention_f32, attention_heads_f32, encoder_attention_bf16,
+    self, HeadCache, RelativeBias, Visible, attention_bf16, attention_f32, attention_heads_f32, encoder_attention_bf16,
     encoder_attention_f32,
 };
 use umo_kernels::bf16::round_bf16;
@@ -16,7 +16,7 @@ use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16_rows, split_bf16x2};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
 use umo_kernels::pack::{pack, pack_bf16, packed_len, packed_len_bf16};
 use umo_kernels::quantize::quantize_rows;
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PrefetchHint};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16};
 use umo_tests::pages::same_bits;
 use umo_tests::{Noise, cases};
 
@@ -228,15 +228,7 @@ struct Attention {
     causal: bool,
 }
 
-type EncoderAttention = fn(
-    Isa,
-    Mat<f32>,
-    Mat<f32>,
-    Mat<f32>,
-    f32,
-    Option<RelativeBias>,
-    MatMut<f32>,
-) -> Result<(), umo_kernels::ShapeError>;
+type EncoderAttention = fn(Isa, attention::Operands<f32>, MatMut<f32>) -> Result<(), umo_kernels::ShapeError>;
 
 impl Attention {
     fn new(seed: u64) -> Self {
@@ -272,20 +264,21 @@ impl Attention {
 
     fn encoder(&self, isa: Isa, attention: EncoderAttention) -> Vec<u64> {
         let [q, k, v] = [&self.q, &self.k, &self.v].map(|data| mat(data, data.len() / self.dim, self.dim));
-        self.result(|y| attention(isa, q, k, v, 0.5, self.bias(), y).unwrap())
+        self.result(|y| attention(isa, attention::Operands::new(q, k, v, 0.5).biased(self.bias()), y).unwrap())
     }
 
     fn f32(&self, isa: Isa) -> Vec<u64> {
         let [q, k, v] = [&self.q, &self.k, &self.v].map(|data| mat(data, data.len() / self.dim, self.dim));
-        let (bias, visible) = (self.bias(), self.visible());
-        self.result(|y| attention_f32(isa, q, k, v, 0.5, bias, visible, PrefetchHint::NONE, y).unwrap())
+        let operands = attention::Operands::new(q, k, v, 0.5).biased(self.bias()).seeing(self.visible());
+        self.result(|y| attention_f32(isa, operands, y).unwrap())
     }
 
     fn bf16(&self, isa: Isa) -> Vec<u64> {
         let [k, v] = [&self.k, &self.v].map(|data| data.iter().map(|&x| Bf16::from_f32(x)).collect::<Vec<_>>());
         let (k, v) = (mat(&k, self.keys, self.dim), mat(&v, self.keys, self.dim));
-        let (q, bias, visible) = (mat(&self.q, self.queries, self.dim), self.bias(), self.visible());
-        self.result(|y| attention_bf16(isa, q, k, v, 0.5, bias, visible, PrefetchHint::NONE, y).unwrap())
+        let q = mat(&self.q, self.queries, self.dim);
+        let operands = attention::Operands::new(q, k, v, 0.5).biased(self.bias()).seeing(self.visible());
+        self.result(|y| attention_bf16(isa, operands, y).unwrap())
     }
 }
 

@@ -1,4 +1,4 @@
-//! The checked operands of one call, as the back-ends receive them.
+//! The operands of one call, and their checks.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -46,12 +46,18 @@ impl Widen for Bf16 {
     }
 }
 
-/// The checked inputs of one call.
-#[derive(Clone, Copy)]
-pub(super) struct Operands<'a, T> {
+/// The operands of the attention of one head: queries, keys, values, bias and mask.
+///
+/// All are strided, so that a head is a column range of the projections.
+#[derive(Clone, Copy, Debug)]
+pub struct Operands<'a, T> {
+    /// `[m, head_dim]`.
     pub(super) q: Mat<'a, f32>,
+    /// `[n, head_dim]`.
     pub(super) k: Mat<'a, T>,
+    /// `[n, head_dim]`.
     pub(super) v: Mat<'a, T>,
+    /// Factor of the scores, before the bias is added.
     pub(super) scale: f32,
     pub(super) bias: Option<RelativeBias<'a>>,
     pub(super) visible: Visible,
@@ -69,6 +75,31 @@ pub(super) struct Operands<'a, T> {
 }
 
 impl<'a, T> Operands<'a, T> {
+    /// Queries `[m, head_dim]`, keys and values `[n, head_dim]`, and the factor of their scores.
+    /// Every query sees every key, without a bias.
+    pub fn new(q: Mat<'a, f32>, k: Mat<'a, T>, v: Mat<'a, T>, scale: f32) -> Self {
+        let (bias, visible, hint) = (None, Visible::All, PrefetchHint::NONE);
+        Self { q, k, v, scale, bias, visible, hint, self_prefetch: false }
+    }
+
+    /// The same with a bias.
+    #[must_use]
+    pub fn biased(self, bias: impl Into<Option<RelativeBias<'a>>>) -> Self {
+        Self { bias: bias.into(), ..self }
+    }
+
+    /// The same where queries see no more than `visible`. Attention of an encoder ignores it.
+    #[must_use]
+    pub fn seeing(self, visible: Visible) -> Self {
+        Self { visible, ..self }
+    }
+
+    /// The same with the operands of the next operation, which few queries prefetch meanwhile.
+    #[must_use]
+    pub fn hinting(self, hint: PrefetchHint<'a>) -> Self {
+        Self { hint, ..self }
+    }
+
     /// Whether the shapes agree, and whether there is anything to do.
     pub(super) fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
         let Self { q, k, v, .. } = self;
@@ -180,16 +211,7 @@ impl<'a> HeadOperands<'a> {
     pub(super) fn alone(&self, row: usize, head: usize) -> Operands<'a, f32> {
         let (dim, filled) = (self.head_dim(), self.cache.filled);
         let [k, v] = self.of_head(row, head).map(|part| Mat::new(part, filled, dim).expect("as many as there are"));
-        Operands {
-            q: self.q.row_range(row..row + 1).columns(head * dim..(head + 1) * dim),
-            k,
-            v,
-            scale: self.scale,
-            bias: None,
-            visible: Visible::All,
-            hint: PrefetchHint::NONE,
-            self_prefetch: false,
-        }
+        Operands::new(self.q.row_range(row..row + 1).columns(head * dim..(head + 1) * dim), k, v, self.scale)
     }
 
     /// Calls `f` for every head of every row by itself.

@@ -7,7 +7,7 @@
 
 use umo_kernels::activation;
 use umo_kernels::activation::Activation;
-use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
+use umo_kernels::attention::{Operands, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
 use umo_kernels::{Isa, Mat, MatMut, PANEL};
@@ -578,7 +578,7 @@ impl Hubert {
             for start in columns.step_by(head_dim) {
                 let (y, tail) = rest.split_columns(head_dim);
                 let [q, k, v] = [0, dim, 2 * dim].map(|part| qkv.columns(part + start..part + start + head_dim));
-                attention(cx.isa, q, k, v, scale, None, y)?;
+                attention(cx.isa, Operands::new(q, k, v, scale), y)?;
                 rest = tail;
             }
             Ok(())

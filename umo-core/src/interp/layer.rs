@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use umo_kernels::activation::Activation;
-use umo_kernels::attention::encoder_attention_f32;
+use umo_kernels::attention::{Operands, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Isa, Mat, MatMut};
@@ -186,7 +186,7 @@ impl Layer {
             let (y, right) = rest.split_columns(head_dim);
             rest = right;
             let queries = part(0).row_range(start..qkv.rows());
-            encoder_attention_f32(isa, queries, part(1), part(2), scale, None, y)?;
+            encoder_attention_f32(isa, Operands::new(queries, part(1), part(2), scale), y)?;
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
+use umo_kernels::attention::{Operands, Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PrefetchHint, ShapeError};
@@ -350,8 +350,8 @@ impl Decoder {
             let next = heads.clone().nth(1);
             let ahead = next.map_or(PrefetchHint::NONE, |head| ahead(cx.isa, cache.own_head(index, head, rows)));
             let [k, v] = cache.own_head(index, heads.start, rows).map(|values| Mat::new(values, rows, self.d_kv));
-            let bias = Some(self.bias.of(heads.start, first));
-            attention_f32(cx.isa, q, k?, v?, 1.0, bias, Visible::Causal { first }, ahead, y)
+            let operands = Operands::new(q, k?, v?, 1.0).biased(self.bias.of(heads.start, first));
+            attention_f32(cx.isa, operands.seeing(Visible::Causal { first }).hinting(ahead), y)
         })?;
         layer.cross_attention.input.expect(cx);
         let context = Mat::new(context, rows, inner)?;
@@ -405,23 +405,13 @@ impl Decoder {
             Cross::F32(cross) => {
                 let kv = Mat::new(&cross[cache.cross_start(index)..], rows, cache.width)?;
                 let of = |column: usize| kv.columns(column * d_kv..(column + 1) * d_kv);
-                attention_f32(
-                    cx.isa,
-                    q,
-                    of(head),
-                    of(self.heads + head),
-                    1.0,
-                    None,
-                    Visible::All,
-                    PrefetchHint::NONE,
-                    y,
-                )
+                attention_f32(cx.isa, Operands::new(q, of(head), of(self.heads + head), 1.0), y)
             }
             Cross::Bf16(cross) => {
                 let next = heads.clone().nth(1);
                 let ahead = next.map_or(PrefetchHint::NONE, |head| ahead(cx.isa, cache.cross_head(cross, index, head)));
                 let [k, v] = cache.cross_head(cross, index, head).map(|values| Mat::new(values, rows, d_kv));
-                attention_bf16(cx.isa, q, k?, v?, 1.0, None, Visible::All, ahead, y)
+                attention_bf16(cx.isa, Operands::new(q, k?, v?, 1.0).hinting(ahead), y)
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
+use umo_kernels::attention::{Operands, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut, PANEL};
 
@@ -250,7 +250,7 @@ impl Encoder {
         heads_of(columns, self.d_kv, lengths.iter().copied(), context, |_, heads, at, rows, y| {
             let block = qkv.row_range(rows);
             let of = |kind: usize| block.columns(kind * width + at..kind * width + at + self.d_kv);
-            attention(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(heads.start, 0)), y)
+            attention(cx.isa, Operands::new(of(0), of(1), of(2), 1.0).biased(self.bias.of(heads.start, 0)), y)
         })
     }
 }
