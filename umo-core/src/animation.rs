@@ -422,7 +422,7 @@ impl Group {
     /// animation. Returns the numbers of those that failed, ascending, which are to be removed.
     ///
     /// # Errors
-    /// [`StepError`] where all failed.
+    /// [`StepError`] where the batch cannot begin.
     pub fn step(
         &mut self,
         model: &Model,
@@ -450,7 +450,7 @@ impl Group {
                     }
                     return Ok(failed);
                 }
-                Err(error) => failed.push((batch.exclude().ok_or(error)?, error)),
+                Err(error) => failed.extend(batch.exclude().map(|member| (member, error))),
             }
         }
     }

@@ -208,6 +208,8 @@ pub struct Avatar {
     whole: Option<WholeFile>,
     pub(crate) history: Window,
     pub(crate) motion: MotionStream,
+    #[cfg(test)]
+    pub(crate) plant: Option<crate::batch::Plant>,
 }
 
 /// The codes of the window.
@@ -364,6 +366,8 @@ impl Avatar {
                 c.is_frames(),
                 arena,
             ),
+            #[cfg(test)]
+            plant: None,
         })
     }
 

@@ -16,6 +16,8 @@
 
 mod keyframe;
 mod phase;
+#[cfg(test)]
+mod plant;
 mod sharing;
 #[cfg(test)]
 mod tests;
@@ -45,6 +47,8 @@ use crate::record::{Chunk, Codes};
 use crate::time::Instant;
 use keyframe::keyframe_id;
 use phase::Phase;
+#[cfg(test)]
+pub(crate) use plant::{Plant, Step};
 use sharing::Sharing;
 
 /// What takes the frames of a batch's avatars, each avatar's in order.
@@ -85,6 +89,8 @@ pub struct Batch {
     due: Box<[Due]>,
     members: usize,
     phase: Phase,
+    /// The member whose chunk the language model computes alone, after a step for several failed.
+    single: Option<usize>,
     times: StageTimes,
     sharing: Sharing,
     /// Whether steps are cut at members where that costs little.
@@ -185,6 +191,7 @@ impl Batch {
             due: filled(Due::Nothing, width).into(),
             members: 0,
             phase: Phase::Idle,
+            single: None,
             times: StageTimes::default(),
             sharing: Sharing::new(Phase::KINDS, width),
             bounded: false,
@@ -259,7 +266,7 @@ impl Batch {
         if got > limit {
             return Err(StepError::TooLong { what: "avatars in a batch", got, limit });
         }
-        self.members = got;
+        (self.members, self.single) = (got, None);
         if let (Some(codes), Some(tally)) = (&mut self.codes, &mut self.lm.tally) {
             codes.clear();
             tally.clear();
@@ -270,31 +277,43 @@ impl Batch {
     }
 
     /// After a failed step: removes the member that failed and returns its number; the others
-    /// continue. None if the step was for all members, which ends the batch.
+    /// continue, and [`Self::is_busy`] says whether any work is left. None if the step was for several
+    /// members: the language model then computes their chunks one by one, and the step that fails
+    /// again is of one member.
     pub fn exclude(&mut self) -> Option<usize> {
-        let (member, next) = match self.phase {
-            Phase::Tokenize { member } => (member, self.tokenize_from(member + 1)),
-            Phase::Interpolate { member } => (member, self.interpolate_from(member + 1)),
-            Phase::DecodeMotion { member } => (member, self.decode_motion_from(member + 1)),
-            Phase::Idle | Phase::Encode { .. } | Phase::Attend { .. } | Phase::Decode { .. } | Phase::Draw { .. } => {
-                self.abandon();
-                return None;
+        (self.call, self.filling, self.pushing) = (None, None, None);
+        let member = match self.phase {
+            Phase::Idle => return None,
+            Phase::Tokenize { member } | Phase::Interpolate { member } | Phase::DecodeMotion { member } => member,
+            Phase::Encode { .. } | Phase::Attend { .. } | Phase::Decode { .. } | Phase::Draw { .. } => {
+                let first = self.next_coded(0)?;
+                if self.next_coded(first + 1).is_some() {
+                    (self.single, self.phase) = (Some(first), Phase::ENCODE);
+                    return None;
+                }
+                first
             }
         };
         self.due[member] = Due::Nothing;
-        (self.call, self.filling, self.pushing) = (None, None, None);
-        // Where it was the last with a chunk, there is nothing to encode or to fill.
-        self.phase = match next {
-            Phase::Encode { .. } if !self.is_encoding() => self.interpolate_from(0),
-            next => next,
+        self.phase = match self.phase {
+            Phase::Tokenize { .. } => self.tokenize_from(member + 1),
+            Phase::Interpolate { .. } => self.interpolate_from(member + 1),
+            Phase::DecodeMotion { .. } => self.decode_motion_from(member + 1),
+            _ => self.end_codes(),
         };
         Some(member)
+    }
+
+    /// Before the first step: removes a member; the others continue.
+    pub(crate) fn remove(&mut self, member: usize) {
+        self.due[member] = Due::Nothing;
+        self.phase = self.tokenize_from(0);
     }
 
     /// Puts the batch down for good; its members are in no defined state and want
     /// [`Avatar::reset`].
     pub fn abandon(&mut self) {
-        (self.phase, self.call, self.filling, self.pushing) = (Phase::Idle, None, None, None);
+        (self.phase, self.call, self.filling, self.pushing, self.single) = (Phase::Idle, None, None, None, None);
     }
 
     /// Computes one more layer, and says whether there is more to do. `avatars` are those that the
@@ -313,13 +332,15 @@ impl Batch {
         if avatars.len() != self.members {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
+        #[cfg(test)]
+        self.meet_plants(avatars)?;
         let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
         let shared = !self.alone && self.sharing.choose(phase.kind(), self.members);
         cx.team.set_alone(!shared);
         let next = match phase {
             Phase::Idle => return Ok(false),
             Phase::Tokenize { member } => self.tokenize(model, cx, &mut avatars[member], member),
-            Phase::Encode { layer, first, piece } => self.encode(model, cx, (layer, first), piece),
+            Phase::Encode { layer, first, piece } => self.encode(model, cx, avatars, (layer, first), piece),
             Phase::Attend { sequence, layer, row } => self.attend(model, cx, (sequence, layer), row),
             Phase::Decode { layer, first } => self.decode(model, cx, avatars, (layer, first)),
             Phase::Draw { first, code } => self.draw(model, cx, avatars, first, code),
@@ -354,9 +375,23 @@ impl Batch {
         (first..self.members).find(|&member| matches!(self.due[member], Due::Chunk | Due::Held))
     }
 
-    /// Whether the language model has something to do.
-    fn is_encoding(&self) -> bool {
-        self.due[..self.members].contains(&Due::Chunk)
+    /// Whether the language model computes a member's chunk now.
+    fn is_coded(&self, member: usize) -> bool {
+        self.due[member] == Due::Chunk && self.single.is_none_or(|single| single == member)
+    }
+
+    /// The first such member from `first` on.
+    fn next_coded(&self, first: usize) -> Option<usize> {
+        (first..self.members).find(|&member| self.is_coded(member))
+    }
+
+    /// The phase after the last keyframe of the language model: the next member, where each is computed
+    /// alone, or interpolation.
+    fn end_codes(&mut self) -> Phase {
+        if let Some(done) = self.single.take() {
+            self.single = self.next_coded(done + 1);
+        }
+        if self.single.is_some() { Phase::ENCODE } else { self.interpolate_from(0) }
     }
 
     /// Tokenizing of the first member from `first` on that has a chunk, or what follows when there
@@ -364,7 +399,7 @@ impl Batch {
     fn tokenize_from(&self, first: usize) -> Phase {
         match self.next_chunk(first) {
             Some(member) => Phase::Tokenize { member },
-            None if self.is_encoding() => Phase::ENCODE,
+            None if self.next_coded(0).is_some() => Phase::ENCODE,
             None => self.interpolate_from(0),
         }
     }
@@ -390,6 +425,12 @@ impl Batch {
             avatar.history.hold();
             return Ok(self.tokenize_from(member + 1));
         }
+        self.write_prompt(model, avatar, member)?;
+        Ok(self.tokenize_from(member + 1))
+    }
+
+    /// Writes the encoder's ids of a member's sequences behind those of the members before it.
+    fn write_prompt(&mut self, model: &Model, avatar: &Avatar, member: usize) -> Result<(), StepError> {
         let (first, prefix) = (member * self.per_member, model.config.prefix);
         if let (Some(frames), Window::Keyframes(history)) = (model.lm.frames(), &avatar.history) {
             for (row, codes) in history.prefix().enumerate() {
@@ -403,32 +444,35 @@ impl Batch {
                 false => 0,
             };
         }
-        Ok(self.tokenize_from(member + 1))
+        Ok(())
     }
 
-    /// Encoder rows of the sequences before `sequence` whose members have a chunk.
+    /// Encoder rows of the sequences before `sequence` whose members' chunks are computed.
     fn rows(&self, sequence: usize) -> usize {
-        let has_chunk = |&s: &usize| self.due[s / self.per_member] == Due::Chunk;
-        (0..sequence).filter(has_chunk).map(|s| self.lengths[s]).sum()
+        (0..sequence).filter(|&s| self.is_coded(s / self.per_member)).map(|s| self.lengths[s]).sum()
     }
 
     fn encode(
         &mut self,
         model: &Model,
         cx: Compute,
+        avatars: &[Avatar],
         (layer, first): (usize, usize),
         piece: EncoderPiece,
     ) -> Result<Phase, StepError> {
         let sequences = self.members * self.per_member;
-        let (lm, rows) = (&model.lm, self.rows(sequences));
         let is_first = (layer, first, piece) == (0, 0, EncoderPiece::FIRST);
         if is_first {
             for sequence in 0..sequences {
-                if self.due[sequence / self.per_member] != Due::Chunk {
+                if !self.is_coded(sequence / self.per_member) {
                     self.lengths[sequence] = 0;
                 }
             }
+            if let Some(member) = self.single {
+                self.write_prompt(model, &avatars[member], member)?;
+            }
         }
+        let (lm, rows) = (&model.lm, self.rows(sequences));
         let lengths = &self.lengths[..sequences];
         if is_first {
             lm.begin_encode(&mut self.lm, &self.ids[..rows], lengths)?;
@@ -546,7 +590,7 @@ impl Batch {
             let mut codes = history.target();
             more |= generator.write(cx, lm, &mut self.lm, row - 1, sampling, position, &mut codes, sequence)?;
         }
-        Ok(if more { Phase::DECODE } else { self.interpolate_from(0) })
+        Ok(if more { Phase::DECODE } else { self.end_codes() })
     }
 
     /// Interpolation for the first member from `first` on that has a chunk, or what follows when

@@ -126,6 +126,6 @@ impl Batch {
             more |= goes_on;
         }
         *keyframe = next;
-        Ok(if more { Phase::DECODE } else { self.interpolate_from(0) })
+        Ok(if more { Phase::DECODE } else { self.end_codes() })
     }
 }

@@ -1,6 +1,8 @@
 //! What becomes of a defect, and how workers share out a crowd: in these the test takes their turns, in the
 //! order that it wants.
 
+mod failures;
+
 use super::*;
 use crate::defect::keep_quiet;
 use crate::session::SessionError;

@@ -131,32 +131,35 @@ impl Worker {
         let cx = Compute { isa: inner.model().isa, team };
         let result = contain(|| batch.step(inner.model(), cx, avatars, &mut schedules[..]));
         let failure = match result {
-            Ok(Ok(true)) => return true,
-            Ok(Ok(false)) => {
-                let now = inner.clock.nanos();
-                self.schedules.iter_mut().for_each(|schedule| schedule.end(now));
-                for ((schedule, avatar), &due) in self.schedules.iter().zip(&self.avatars).zip(&self.due) {
-                    schedule.write_packet(&mut self.packets, avatar, inner.model(), due);
-                }
-                // Whoever reads them at this moment gets the last batch's.
-                if let Ok(mut times) = inner.times.try_lock() {
-                    let now = self.batch.stage_times();
-                    times.add(now.since(std::mem::replace(&mut self.told, now)));
-                }
-                self.put_back(inner);
-                return true;
-            }
-            Ok(Err(error)) => Failure::Step(error),
-            Err(defect) => Failure::Defect(defect),
+            Ok(Ok(_)) => None,
+            Ok(Err(error)) => Some(Failure::Step(error)),
+            Err(defect) => Some(Failure::Defect(defect)),
         };
-        match self.batch.exclude() {
-            Some(member) => self.schedules[member].fail(failure),
-            None => {
-                self.schedules.iter().for_each(|schedule| schedule.fail(failure.clone()));
-                self.put_back(inner);
-            }
+        if let Some(failure) = failure
+            && let Some(member) = self.batch.exclude()
+        {
+            self.schedules[member].fail(failure);
+        }
+        if !self.batch.is_busy() {
+            self.end(inner);
         }
         true
+    }
+
+    /// Ends the chunks of the batch that is done, but of the members that failed.
+    fn end(&mut self, inner: &Inner) {
+        let now = inner.clock.nanos();
+        let members = self.schedules.iter_mut().zip(&self.avatars).zip(&self.due);
+        for ((schedule, avatar), &due) in members.filter(|((schedule, _), _)| schedule.is_running()) {
+            schedule.end(now);
+            schedule.write_packet(&mut self.packets, avatar, inner.model(), due);
+        }
+        // Whoever reads them at this moment gets the last batch's.
+        if let Ok(mut times) = inner.times.try_lock() {
+            let now = self.batch.stage_times();
+            times.add(now.since(std::mem::replace(&mut self.told, now)));
+        }
+        self.put_back(inner);
     }
 
     /// Has the mouth network hear one member's chunk: a step of its own, so that a poll keeps its budget
@@ -164,10 +167,14 @@ impl Worker {
     fn hear_mouth(&mut self, member: usize) {
         let start = Instant::now();
         let (schedule, avatar) = (&mut self.schedules[member], &mut self.avatars[member]);
-        match contain(|| schedule.hear_mouth(avatar)) {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => schedule.fail(Failure::Step(error)),
-            Err(defect) => schedule.fail(Failure::Defect(defect)),
+        let failure = match contain(|| schedule.hear_mouth(avatar)) {
+            Ok(Ok(())) => None,
+            Ok(Err(error)) => Some(Failure::Step(error)),
+            Err(defect) => Some(Failure::Defect(defect)),
+        };
+        if let Some(failure) = failure {
+            schedule.fail(failure);
+            self.batch.remove(member);
         }
         self.heard = start.elapsed();
     }

@@ -102,7 +102,10 @@ impl Schedule {
 
     /// Has the mouth network hear the samples of the chunk that was begun.
     pub(crate) fn hear_mouth(&mut self, avatar: &mut Avatar) -> Result<(), StepError> {
-        self.held_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()))
+        let heard = self.held_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()));
+        #[cfg(test)]
+        avatar.meet_plant(crate::batch::Step::Mouth)?;
+        heard
     }
 
     pub(super) fn new_in(
@@ -137,6 +140,11 @@ impl Schedule {
     /// Ends the session: it produces no more frames.
     pub(crate) fn fail(&self, failure: Failure) {
         self.shared.fail(failure);
+    }
+
+    /// Whether it has not ended.
+    pub(crate) fn is_running(&self) -> bool {
+        self.shared.is_running()
     }
 
     /// By how many nanoseconds the next chunk, which is due, is late if it begins now: its audio has
@@ -175,9 +183,6 @@ impl Schedule {
     /// Queues the packet of a chunk that is done, where the session has packets.
     pub(crate) fn write_packet(&self, writer: &mut PacketWriter, avatar: &Avatar, model: &Model, due: Due) {
         let Some(queue) = &self.shared.packets else { return };
-        if !self.shared.is_running() {
-            return;
-        }
         let epoch = self.view.epoch.number;
         if let Err(error) = writer.write(queue, (avatar, model), due, epoch, &self.levels) {
             self.fail(Failure::Step(error));

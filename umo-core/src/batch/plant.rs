@@ -1,0 +1,73 @@
+//! Failures that a test plants in a member's steps.
+
+use super::{Batch, Phase};
+use crate::avatar::Avatar;
+use crate::error::StepError;
+
+/// A kind of step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    Audio,
+    Encoder,
+    Attention,
+    Decoder,
+    Depth,
+    Interpolation,
+    Motion,
+    Mouth,
+}
+
+impl Step {
+    pub(crate) const ALL: [Self; 8] = [
+        Self::Audio,
+        Self::Encoder,
+        Self::Attention,
+        Self::Decoder,
+        Self::Depth,
+        Self::Interpolation,
+        Self::Motion,
+        Self::Mouth,
+    ];
+}
+
+/// A member whose steps of one kind fail, after the first few.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plant {
+    pub(crate) step: Step,
+    /// Steps of the kind that are still taken.
+    pub(crate) after: usize,
+    /// Whether they panic.
+    pub(crate) panics: bool,
+}
+
+impl Avatar {
+    /// Fails as planted.
+    pub(crate) fn meet_plant(&mut self, step: Step) -> Result<(), StepError> {
+        let Some(plant) = self.plant.as_mut().filter(|plant| plant.step == step) else { return Ok(()) };
+        if plant.after > 0 {
+            plant.after -= 1;
+            return Ok(());
+        }
+        assert!(!plant.panics, "planted");
+        Err(StepError::NotFinite("planted values"))
+    }
+}
+
+impl Batch {
+    /// Fails as planted in a member of the next step.
+    pub(super) fn meet_plants(&self, avatars: &mut [Avatar]) -> Result<(), StepError> {
+        let (step, member) = match self.phase {
+            Phase::Idle => return Ok(()),
+            Phase::Tokenize { member } => (Step::Audio, Some(member)),
+            Phase::Encode { .. } => (Step::Encoder, None),
+            Phase::Attend { sequence, .. } => (Step::Attention, Some(sequence / self.per_member)),
+            Phase::Decode { .. } => (Step::Decoder, None),
+            Phase::Draw { .. } => (Step::Depth, None),
+            Phase::Interpolate { member } => (Step::Interpolation, Some(member)),
+            Phase::DecodeMotion { member } => (Step::Motion, Some(member)),
+        };
+        let takes_part = |number| member.map_or(self.is_coded(number), |member| member == number);
+        let members = avatars.iter_mut().enumerate().filter(|&(number, _)| takes_part(number));
+        members.map(|(_, avatar)| avatar.meet_plant(step)).fold(Ok(()), Result::and)
+    }
+}
