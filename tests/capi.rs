@@ -227,6 +227,12 @@ fn a_live_mouth_does_not_wait() {
 }
 
 #[test]
+fn no_floating_point_environment_of_the_host_changes_a_bit() {
+    let model = format!("{ROOT}/tests/golden/mel_k2_arkit/model.safetensors");
+    run(&compile("tests/capi/environment.c", Link::Shared), &[model.as_ref()]);
+}
+
+#[test]
 fn states_are_saved_and_restored() {
     run(&compile("tests/capi/states.c", Link::Shared), &[MODEL.as_ref()]);
 }

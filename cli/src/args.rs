@@ -426,13 +426,24 @@ pub struct Page {
 
 /// Move an avatar in another program.
 #[derive(Debug, ClapArgs)]
+#[command(group(clap::ArgGroup::new("receivers").required(true).multiple(true).args(["vmc", "livelink"])))]
 pub struct Live {
     /// Recording, which is spoken in real time; standard input where not given or `-`: 16-bit
     /// little-endian mono samples without a header, from a microphone, a voice or a game
     pub input: Option<PathBuf>,
     /// Where a program listens for the VMC protocol
     #[arg(long, value_name = "HOST:PORT")]
-    pub vmc: String,
+    pub vmc: Option<String>,
+    /// Where Unreal, or another program, listens for the Live Link Face app: the face and the head, for models
+    /// with an ARKit face
+    #[arg(long, value_name = "HOST:PORT")]
+    pub livelink: Option<String>,
+    /// The name by which Live Link knows the face
+    #[arg(long, value_name = "NAME", default_value = "umo", requires = "livelink")]
+    pub subject: String,
+    /// Send `mouthClose` to Live Link as 0, and `jawOpen` less by as much: for a MetaHuman whose lips close too far
+    #[arg(long, requires = "livelink")]
+    pub no_mouth_close: bool,
     /// Samples a second of standard input; 16000 where not given
     #[arg(long, value_name = "HERTZ")]
     pub rate: Option<usize>,

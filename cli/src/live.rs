@@ -2,8 +2,10 @@
 //!
 //! | module | part |
 //! | --- | --- |
+//! | `livelink` | a face in the packets of the Live Link Face app |
 //! | `vmc` | a pose in the words of the VMC protocol |
 
+mod livelink;
 mod vmc;
 
 use std::io::{self, Read};
@@ -11,7 +13,7 @@ use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{self, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 use umo_core::Precision;
@@ -23,7 +25,6 @@ use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
 use crate::view::for_session;
 use crate::{animate, model};
-use vmc::Sender;
 
 /// How long samples wait that find no room.
 const RETRY: Duration = Duration::from_millis(5);
@@ -38,7 +39,8 @@ const INPUT_RATE: usize = 16_000;
 
 /// Sends until the speech ends or Ctrl-C.
 pub(crate) fn run(args: &Live) -> Result<(), Failure> {
-    let address = resolve(&args.vmc)?;
+    let vmc = args.vmc.as_deref().map(|address| resolve("--vmc", address)).transpose()?;
+    let livelink = args.livelink.as_deref().map(|address| resolve("--livelink", address)).transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);
     ctrlc::set_handler(move || asked.store(true, Ordering::SeqCst))
@@ -47,9 +49,14 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     let rate = source.rate();
     let (engine, session) = session(args, rate)?;
     let session = Arc::new(session);
-    let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
-        .map_err(|error| Failure::environment(format!("cannot open a socket: {error}")))?;
-    let sender = Sender::new(engine.model().config(), args.hips)?;
+    let mut receivers = Vec::new();
+    let config = engine.model().config();
+    if let Some(address) = vmc {
+        receivers.push(Receiver::new(address, Protocol::Vmc(vmc::Sender::new(config, args.hips)?))?);
+    }
+    if let Some(address) = livelink {
+        receivers.push(Receiver::new(address, Protocol::LiveLink(livelink::Sender::new(config, args)?))?);
+    }
     // A reader may wait for its pipe for ever: nobody joins it.
     let (tell, ended) = channel();
     let (reader, until) = (Arc::clone(&session), Arc::clone(&stop));
@@ -57,25 +64,54 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
         let read = source.speak(&reader, &until);
         let _ = tell.send(read);
     });
-    eprintln!("sending to {address}, {} times a second (Ctrl-C ends it)", args.fps);
-    let send = |frame: Frame, seconds: f64| -> Result<(), Failure> {
-        for packet in sender.packets(frame.pose, frame.face, seconds)? {
-            match socket.send_to(&packet, address) {
-                Ok(_) => {}
-                // Nobody listens yet, or no longer.
-                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
-                Err(error) => return Err(Failure::environment(format!("cannot send to {address}: {error}"))),
-            }
-        }
-        Ok(())
-    };
+    let addresses: Vec<_> = receivers.iter().map(|receiver| receiver.address.to_string()).collect();
+    eprintln!("sending to {}, {} times a second (Ctrl-C ends it)", addresses.join(" and "), args.fps);
+    let send = |frame: Frame, seconds: f64| receivers.iter().try_for_each(|receiver| receiver.send(&frame, seconds));
     let sent = show(&session, rate, f64::from(args.fps), &stop, &ended, send)?;
     eprintln!("{sent} poses sent");
     Ok(())
 }
 
-fn resolve(address: &str) -> Result<SocketAddr, Failure> {
-    let expected = || Failure::input(format!("--vmc {address}: expected HOST:PORT, as 127.0.0.1:39539"));
+/// What a receiver understands.
+enum Protocol {
+    Vmc(vmc::Sender),
+    LiveLink(livelink::Sender),
+}
+
+/// A program that is sent every pose.
+struct Receiver {
+    address: SocketAddr,
+    socket: UdpSocket,
+    protocol: Protocol,
+}
+
+impl Receiver {
+    fn new(address: SocketAddr, protocol: Protocol) -> Result<Self, Failure> {
+        let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
+            .map_err(|error| Failure::environment(format!("cannot open a socket: {error}")))?;
+        Ok(Self { address, socket, protocol })
+    }
+
+    /// Sends a pose that is shown at `seconds`.
+    fn send(&self, frame: &Frame, seconds: f64) -> Result<(), Failure> {
+        let packets = match &self.protocol {
+            Protocol::Vmc(sender) => sender.packets(frame.pose, frame.face, seconds)?,
+            Protocol::LiveLink(sender) => vec![sender.packet(frame.pose, frame.face, seconds)],
+        };
+        for packet in packets {
+            match self.socket.send_to(&packet, self.address) {
+                Ok(_) => {}
+                // Nobody listens yet, or no longer.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
+                Err(error) => return Err(Failure::environment(format!("cannot send to {}: {error}", self.address))),
+            }
+        }
+        Ok(())
+    }
+}
+
+fn resolve(option: &str, address: &str) -> Result<SocketAddr, Failure> {
+    let expected = || Failure::input(format!("{option} {address}: expected HOST:PORT, as 127.0.0.1:39539"));
     address.to_socket_addrs().map_err(|_| expected())?.next().ok_or_else(expected)
 }
 
@@ -214,7 +250,7 @@ fn show(
     rate: usize,
     fps: f64,
     stop: &AtomicBool,
-    ended: &Receiver<Result<(), Failure>>,
+    ended: &mpsc::Receiver<Result<(), Failure>>,
     mut send: impl FnMut(Frame, f64) -> Result<(), Failure>,
 ) -> Result<u64, Failure> {
     let behind = session.latency().mouth_samples as f64 / rate as f64 + MARGIN;

@@ -15,6 +15,7 @@
 //! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
 //! | [`quantize`] | rows quantized to int8 | 2.4 |
 //! | [`gemm`] | what all products share: inputs, epilogues, panels, micro-kernels | |
+//! | [`environment`] | rounding, traps and denormals as all results need them | |
 //! | [`peak`] | peak rates of this processor, for measurements | |
 //! | [`mat`], [`pack`], [`error`] | views, weight layouts, the one error | |
 //! | [`isa`], [`tuning`] | instruction sets: detection, tokens that prove them, dispatch; profiles of processors | |
@@ -38,6 +39,7 @@ mod amx;
 pub mod attention;
 pub mod bf16;
 pub mod conv1d;
+pub mod environment;
 pub mod error;
 pub mod experts;
 pub mod filter;

@@ -22,6 +22,8 @@
  *   failure is UMO_STATUS_OUT_OF_MEMORY. Exception: small allocations (kilobytes) of _load and _new. That their memory is
  *   free is checked first; if another thread takes it in between, the process ends, as any Rust program does.
  * - The library runs only on its own threads and inside calls.
+ * - Everything is computed in the default floating-point environment: rounding to nearest, no traps, denormals kept. A
+ *   call restores its caller's environment, exception flags included. The host's callbacks are called in the default one.
  * - _load, _new and _free allocate, and functions whose comment says so; the path from audio to frames never does.
  *
  * Threads of a session:        audio thread             any thread                    game thread

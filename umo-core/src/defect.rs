@@ -10,6 +10,8 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, Location, PanicHookInfo, catch_unwind};
 use std::sync::{Mutex, Once, PoisonError};
 
+use umo_kernels::environment::in_default;
+
 /// A panic that was caught.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Defect {
@@ -80,12 +82,13 @@ thread_local! {
     static DEPTH: Cell<u32> = const { Cell::new(0) };
 }
 
-/// Runs `work`, and gives its panic as a value.
+/// Runs `work` in the default floating-point environment, whatever the caller's is, and gives its
+/// panic as a value. The caller's environment is restored.
 ///
 /// # Errors
 /// [`Defect`] where `work` panicked.
 pub fn contain<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
-    catch_unwind(AssertUnwindSafe(work)).map_err(|payload| {
+    catch_unwind(AssertUnwindSafe(|| in_default(work))).map_err(|payload| {
         let payload = match payload.downcast::<Defect>() {
             Ok(defect) => return *defect,
             Err(payload) => payload,

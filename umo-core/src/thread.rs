@@ -11,12 +11,15 @@ mod own {
     use std::io;
     pub use std::thread::{JoinHandle, yield_now};
 
-    /// Starts a thread with a name.
+    use umo_kernels::environment::in_default;
+
+    /// Starts a thread with a name, and with the default floating-point environment: it would inherit
+    /// its starter's.
     ///
     /// # Errors
     /// What the system says.
     pub fn start(name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
-        std::thread::Builder::new().name(name).spawn(life)
+        std::thread::Builder::new().name(name).spawn(|| in_default(life))
     }
 
     /// How many threads the system computes at once.

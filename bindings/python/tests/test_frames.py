@@ -84,14 +84,16 @@ def test_motion_has_the_shapes_that_it_says(whole, model):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_stream_gives_the_frames_of_animate_however_it_is_cut(hello, model, live, seed):
+@pytest.mark.parametrize("settings, animated", [({}, "whole"), ({"horizon": 0}, "live")])
+def test_stream_gives_the_frames_of_animate_however_it_is_cut(hello, model, settings, animated, seed, request):
     samples, rate = hello
+    animated = request.getfixturevalue(animated)
     cuts = np.sort(np.random.default_rng(seed).integers(0, len(samples), 60))
     chunks = np.split(samples, cuts)
-    frames = list(umo.stream(chunks, rate, model=model))
-    assert [frame.index for frame in frames] == list(range(len(live)))
+    frames = list(umo.stream(chunks, rate, model=model, **settings))
+    assert [frame.index for frame in frames] == list(range(len(animated)))
     for name in ("translation", "rotations", "face", "visemes"):
-        assert np.stack([getattr(frame, name) for frame in frames]).tobytes() == getattr(live, name).tobytes(), name
+        assert np.stack([getattr(frame, name) for frame in frames]).tobytes() == getattr(animated, name).tobytes(), name
 
 
 def test_a_recording_is_heard_ahead_as_far_as_the_model_can(hello, model, whole, live):
@@ -109,7 +111,7 @@ def test_stream_gives_frames_before_the_speech_is_over(hello, model):
             taken.append(start)
             yield samples[start : start + 800]
 
-    frames = umo.stream(chunks(), rate, model=model)
+    frames = umo.stream(chunks(), rate, model=model, horizon=0)
     first = next(frames)
     assert first.index == 0
     # No more audio than the frame needs was asked for, but for the rest of its piece.

@@ -236,8 +236,19 @@ void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float
     const auto avatar = Avatar::make(host, settings, problem);
     EXPECT(avatar != nullptr && avatar->is_live() && avatar->delay() > 0 && avatar->delay() <= 0.1);
     if (!avatar) return;
+    // Another one that hears the same, whose mouth is closed by the jaw.
+    settings.has_mouth_close = false;
+    const auto jawed = Avatar::make(host, settings, problem);
+    const auto index = [&](const char *name) {
+        return static_cast<std::size_t>(std::find(host->channels.begin(), host->channels.end(), name) - host->channels.begin());
+    };
+    const std::size_t jaw = index("jawOpen"), close = index("mouthClose");
+    EXPECT(jawed != nullptr && jaw < host->channels.size() && close < host->channels.size());
+    if (!jawed) return;
+    without_layers(*avatar);
+    without_layers(*jawed);
     constexpr std::size_t block = 160;
-    double now = 100, worst = 0;
+    double now = 100, worst = 0, closed = 0;
     std::size_t moved = 0;
     std::vector<float> last;
     for (std::size_t at = 0; at + block <= 3 * rate; at += block, now += static_cast<double>(block) / rate) {
@@ -246,12 +257,18 @@ void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float
         avatar->hear(heard, block, 1, rate, now);
         EXPECT(std::memcmp(heard, samples.data() + at, sizeof heard) == 0);
         EXPECT(avatar->show(0.01, now) == UMO_STATUS_OK);
+        jawed->hear(heard, block, 1, rate, now);
+        EXPECT(jawed->show(0.01, now) == UMO_STATUS_OK);
+        const std::vector<float> &as_made = avatar->pose().channels, &by_jaw = jawed->pose().channels;
+        EXPECT(by_jaw[close] == 0);
+        EXPECT_NEAR(by_jaw[jaw], std::fmax(as_made[jaw] - as_made[close], 0.0F), 1e-5);
+        closed = std::fmax(closed, as_made[close]);
         if (at > rate) worst = std::fmax(worst, std::fabs(avatar->shown() - avatar->heard(now)));
         moved += last == avatar->pose().channels ? 0 : 1;
         last = avatar->pose().channels;
     }
     EXPECT_NEAR(worst, 0, 1.0 / 30);
-    EXPECT(moved > 30);
+    EXPECT(moved > 30 && closed > 0.01);
     EXPECT(avatar->failure().empty());
     std::printf("live: the mouth within %.1f ms of the sound, %.0f ms behind it\n", 1000 * worst, 1000 * avatar->delay());
 }

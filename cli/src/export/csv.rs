@@ -4,7 +4,7 @@ use super::{FaceError, rotation};
 use std::io::{self, Write};
 use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::JOINT_NAMES;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
 /// The blendshape columns, in the app's order (which swaps some of Apple's left and right).
 const COLUMNS: [&str; 52] = [
@@ -78,20 +78,40 @@ const ANGLES: [&str; 9] = [
 /// For each blendshape column, its place among the face's channels.
 ///
 /// # Errors
-/// [`FaceError`] where the face is not ARKit's or lacks a blendshape.
+/// As [`places`].
 pub(super) fn columns(face: &Face) -> Result<Vec<usize>, FaceError> {
+    places(face, &COLUMNS)
+}
+
+/// For each of ARKit's `shapes`, in any case, its place among the face's channels.
+///
+/// # Errors
+/// [`FaceError`] where the face is not ARKit's or lacks a blendshape.
+pub(crate) fn places(face: &Face, shapes: &[&'static str]) -> Result<Vec<usize>, FaceError> {
     if face.kind != FaceKind::Arkit {
         return Err(FaceError::NotArkit);
     }
-    let place = |column: &'static str| {
+    let place = |&shape: &&'static str| {
         let mut names = face.names.iter();
-        names.position(|name| name.eq_ignore_ascii_case(column)).ok_or(FaceError::Missing(column))
+        names.position(|name| name.eq_ignore_ascii_case(shape)).ok_or(FaceError::Missing(shape))
     };
-    COLUMNS.into_iter().map(place).collect()
+    shapes.iter().map(place).collect()
 }
 
-/// Writes one row per frame. Head angles are those of neck and head together, relative to the
-/// chest: yaw about Y, pitch about X, roll about Z, the rotation being `yaw * pitch * roll`.
+/// The angles of a pose, radians: yaw about Y, pitch about X and roll about Z of the head, the left
+/// and the right eye, each rotation being `yaw * pitch * roll`. The head's are those of neck and head
+/// together, relative to the chest.
+pub(crate) fn angles(rotations: &[[f32; 4]; JOINTS]) -> [f64; 9] {
+    let joint = |name| {
+        let joint = JOINT_NAMES.iter().position(|&joint| joint == name).expect("a name of SMPL-X's joints");
+        rotation::matrix(rotations[joint])
+    };
+    let head = rotation::product(&joint("neck"), &joint("head"));
+    let turned = [head, joint("left_eye"), joint("right_eye")].map(|part| rotation::euler_yxz(&part));
+    std::array::from_fn(|i| turned[i / 3][i % 3])
+}
+
+/// Writes one row per frame, its angles as of [`angles`].
 ///
 /// # Errors
 /// Those of `out`; [`FaceError`] within one where the face does not suit.
@@ -101,9 +121,6 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     let start = ["Timecode", "BlendShapeCount"];
     rows.write_record(start.iter().chain(&COLUMNS).chain(&ANGLES))?;
     let count = (COLUMNS.len() + ANGLES.len()).to_string();
-    let joint = |name| JOINT_NAMES.iter().position(|&joint| joint == name);
-    let [neck, head, left, right] =
-        ["neck", "head", "left_eye", "right_eye"].map(|name| joint(name).expect("these are names of SMPL-X joints"));
     for (frame, rotations) in clip.rotations.iter().enumerate() {
         rows.write_field(timecode(frame, clip.frame_rate))?;
         rows.write_field(&count)?;
@@ -111,12 +128,8 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
         for &place in &places {
             rows.write_field(format!("{:.6}", values[place]))?;
         }
-        let turned = |joint: usize| rotation::matrix(rotations[joint]);
-        let face = rotation::product(&turned(neck), &turned(head));
-        for part in [face, turned(left), turned(right)] {
-            for angle in rotation::euler_yxz(&part) {
-                rows.write_field(format!("{angle:.6}"))?;
-            }
+        for angle in angles(rotations) {
+            rows.write_field(format!("{angle:.6}"))?;
         }
         rows.write_record(None::<&[u8]>)?;
     }

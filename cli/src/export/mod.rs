@@ -144,7 +144,7 @@ impl From<ExportError> for Failure {
 
 impl std::error::Error for ExportError {}
 
-/// What keeps a face out of a Live Link Face file.
+/// What keeps a face out of Live Link Face files and packets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FaceError {
     /// The face is not ARKit's.
@@ -157,10 +157,10 @@ impl fmt::Display for FaceError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotArkit => {
-                f.write_str("csv needs an ARKit face: this model's face is SMPL-X expression coefficients")
+                f.write_str("Live Link Face needs an ARKit face: this model's face is SMPL-X expression coefficients")
             }
             Self::Missing(name) => {
-                write!(f, "csv needs the 52 ARKit blendshapes: this model's face lacks `{name}`")
+                write!(f, "Live Link Face needs the 52 ARKit blendshapes: this model's face lacks `{name}`")
             }
         }
     }

@@ -73,10 +73,10 @@ fn what_the_reader_fails_with_ends_it() {
 
 #[test]
 fn addresses_and_rates_are_checked() {
-    assert!(resolve("127.0.0.1:39539").is_ok());
+    assert!(resolve("--vmc", "127.0.0.1:39539").is_ok());
     for wrong in ["127.0.0.1", "nowhere.invalid:1", ":", "127.0.0.1:99999"] {
-        let Err(Failure::Input(said)) = resolve(wrong) else { panic!("{wrong}") };
-        assert!(said.contains("HOST:PORT"));
+        let Err(Failure::Input(said)) = resolve("--livelink", wrong) else { panic!("{wrong}") };
+        assert!(said.starts_with("--livelink") && said.contains("HOST:PORT"));
     }
     assert!(Source::open(&args(&["--rate", "1"])).is_err());
     assert!(Source::open(&args(&["--rate", "16000", "speech.wav"])).is_err());

@@ -36,6 +36,11 @@ def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:
     yield from ready()
 
 
+def _settings(engine: Engine, given: Mapping[str, Any]) -> dict[str, Any]:
+    """A session's arguments for a recording: it hears as far ahead as the model can, unless they say otherwise."""
+    return {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **given}
+
+
 def _ready(session: Session, prompt: Optional[str], mood: Optional[str], parameters: Mapping[str, float]) -> Session:
     for name, value in parameters.items():
         if name not in Session.parameters():
@@ -141,8 +146,7 @@ def animate(
     recording = audio(samples)
     channels = recording.shape[1] if recording.ndim == 2 else 1
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
-        settings = {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **settings}
-        with Session(engine, rate, channels, axes=axes, seed=seed, **settings) as session:
+        with Session(engine, rate, channels, axes=axes, seed=seed, **_settings(engine, settings)) as session:
             return session._layout.joined(list(_run(_ready(session, prompt, mood, parameters), [recording])))
 
 
@@ -166,7 +170,7 @@ def _animate_all(
     order: list[Session] = []
     jobs = min(jobs, len(recordings), _library.MAX_BATCH)
     with Engine(model, threads=threads, polled=True, max_sessions=jobs, max_batch=jobs) as engine:
-        settings = {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **settings}
+        settings = _settings(engine, settings)
 
         def sessions() -> Iterator[tuple[Session, npt.NDArray[Any]]]:
             for at, recording in enumerate(recordings):
@@ -197,12 +201,13 @@ def stream(
 ) -> Iterator[Frame]:
     """Frames as they come from audio as it comes, computed in the thread that iterates.
 
-    They are those of `animate(horizon=0)`, however the audio is cut: with a `horizon` the stream hears ahead, and is as much later.
+    They are those of `animate`, however the audio is cut: each comes as soon as its audio is there, and that of the horizon behind it.
+    With `horizon=0` they come earlier, and are those of `animate(horizon=0)`.
 
     `chunks` gives arrays as `animate` takes them, of any length. For a live avatar whose audio and picture have threads of
     their own, use `Session`.
     """
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
-        with Session(engine, rate, channels, axes=axes, seed=seed, **{"idle": Idle.HOLD, **settings}) as session:
+        with Session(engine, rate, channels, axes=axes, seed=seed, **_settings(engine, settings)) as session:
             for motion in _run(_ready(session, prompt, mood, parameters), chunks):
                 yield from motion

@@ -25,6 +25,7 @@ namespace Umo
         {
             get
             {
+                Native.Require();
                 ModelConfig config;
                 UmoException.Check(Native.umo_model_config_init(&config, (UIntPtr)sizeof(ModelConfig)));
                 return config;
@@ -34,6 +35,7 @@ namespace Umo
         public static Model Load(string path, ModelConfig? config = null)
         {
             if (path == null) throw new ArgumentNullException(nameof(path));
+            Native.Require();
             ModelConfig used = config ?? Defaults;
             IntPtr raw;
             fixed (byte* text = Native.Bytes(path))
@@ -47,6 +49,7 @@ namespace Umo
         public static Model Load(byte[] file, ModelConfig? config = null)
         {
             if (file == null) throw new ArgumentNullException(nameof(file));
+            Native.Require();
             ModelConfig used = config ?? Defaults;
             IntPtr raw;
             fixed (byte* bytes = file)
@@ -92,6 +95,7 @@ namespace Umo
         /// <summary>Names of the joints of every model, as left_elbow.</summary>
         public static string[] JointNames()
         {
+            Native.Require();
             string[] names = new string[Native.JointCount];
             for (uint i = 0; i < names.Length; i++) names[i] = Native.Text(Native.umo_joint_name(i));
             return names;
@@ -100,6 +104,7 @@ namespace Umo
         /// <summary>Names of the visemes of the Oculus set, as PP.</summary>
         public static string[] VisemeNames()
         {
+            Native.Require();
             string[] names = new string[Native.VisemeCount];
             for (uint i = 0; i < names.Length; i++) names[i] = Native.Text(Native.umo_viseme_name(i));
             return names;
@@ -108,6 +113,7 @@ namespace Umo
         /// <summary>Names of the figures that <see cref="Frames.WriteFile"/> knows, the default first.</summary>
         public static string[] FigureNames()
         {
+            Native.Require();
             List<string> names = new List<string>();
             for (IntPtr name; (name = Native.umo_figure_name((uint)names.Count)) != IntPtr.Zero;) names.Add(Native.Text(name));
             return names.ToArray();

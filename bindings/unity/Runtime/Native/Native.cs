@@ -2,6 +2,8 @@
 // Every function of umo.h, as C has it. umo.h says which thread may call which, and what each pointer must be.
 
 using System;
+using System.Collections.Generic;
+using System.IO;
 using System.Runtime.InteropServices;
 using System.Text;
 
@@ -104,6 +106,38 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_new(IntPtr model, SessionConfig* config, IntPtr* decoder);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_push_packet(IntPtr decoder, void* packet, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_stats(IntPtr decoder, Received* stats);
+
+        /// <summary>Throws where libumo cannot be loaded, and says where it was looked for.</summary>
+        internal static void Require()
+        {
+            try
+            {
+                umo_abi_version();
+            }
+            catch (DllNotFoundException error)
+            {
+                throw new DllNotFoundException(Missing() + " (" + error.Message + ")", error);
+            }
+        }
+
+        private static string Missing()
+        {
+            bool isWindows = Path.DirectorySeparatorChar == '\\', isMac = Directory.Exists("/System/Library");
+            string name = isWindows ? "umo.dll" : isMac ? "libumo.dylib" : "libumo.so";
+            string variable = isWindows ? "PATH" : isMac ? "DYLD_LIBRARY_PATH" : "LD_LIBRARY_PATH";
+            List<string> folders = new List<string> { AppDomain.CurrentDomain.BaseDirectory };
+            // .NET names the folders of packages here; Mono and Unity name none.
+            string ofPackages = AppDomain.CurrentDomain.GetData("NATIVE_DLL_SEARCH_DIRECTORIES") as string ?? "";
+            folders.AddRange(ofPackages.Split(new[] { Path.PathSeparator }, StringSplitOptions.RemoveEmptyEntries));
+            string present = folders.Find(folder => File.Exists(Path.Combine(folder, name)));
+            if (present != null)
+            {
+                return name + " is in " + present + ", but cannot be loaded: it is for another processor or system, or lacks a library that it needs";
+            }
+            return name + " was not found in " + string.Join(", ", folders) + ", in the folders of " + variable + " ("
+                + (Environment.GetEnvironmentVariable(variable) ?? "not set") + ") and the system's: put it beside the program, or its folder into "
+                + variable;
+        }
 
         /// <summary>A text of the library's as a string; null for zero.</summary>
         public static string Text(IntPtr text)

@@ -92,7 +92,7 @@ fn csv_counts_frames_within_the_second() {
 fn csv_refuses_a_face_that_is_not_arkit() {
     let smplx = sample::clip(FaceKind::SmplxExpression, 1, 1).face;
     let message = Format::Csv.check_face(&smplx).unwrap_err().to_string();
-    assert!(message.starts_with("csv needs an ARKit face"), "{message}");
+    assert!(message.starts_with("Live Link Face needs an ARKit face"), "{message}");
     let mut short = sample::clip(FaceKind::Arkit, 1, 1).face;
     short.names.retain(|name| name != "jawOpen");
     let message = Format::Csv.check_face(&short).unwrap_err().to_string();

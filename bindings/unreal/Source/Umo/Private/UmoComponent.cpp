@@ -151,6 +151,7 @@ void UUmoComponent::Open(int32 SampleRate)
 	Settings.output_latency = OutputLatency;
 	Settings.delays_speech = bDelaySpeech;
 	Settings.has_live_voice = bLiveVoice;
+	Settings.has_mouth_close = bMouthClose;
 	std::string Problem;
 	Avatar = umo_unreal::Avatar::make(Host, Settings, Problem);
 	if (!Avatar)

@@ -261,9 +261,16 @@ public:
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (ClampMin = "0", ClampMax = "5"))
 	float Margin = 0.2f;
 
-	/** Seconds from the mixer to the loudspeaker. */
+	/** Seconds from the mixer to the loudspeaker: more for Bluetooth, some 0.2. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (ClampMin = "0", ClampMax = "1"))
 	float OutputLatency = 0.04f;
+
+	/**
+	 * MouthClose is given as the model has it. Off, it is 0 and JawOpen less by as much: for MetaHumans, whose Face_AnimBP adds an
+	 * animation of its own for MouthClose.
+	 */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
+	bool bMouthClose = true;
 
 	/** Name of the Live Link subject, None for none. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")

@@ -164,6 +164,18 @@ void Avatar::keep(const umo::frame &frame) {
         std::copy_n(frame.rotation(joint), 4, pose_.rotations + 4 * joint);
     }
     std::copy_n(frame.channels(), pose_.channels.size(), pose_.channels.begin());
+    if (!settings_.has_mouth_close) leave_mouth_to_jaw();
+}
+
+void Avatar::leave_mouth_to_jaw() {
+    const auto channel = [this](const char *name) -> float * {
+        const auto found = std::find(host_->channels.begin(), host_->channels.end(), name);
+        return found == host_->channels.end() ? nullptr : &pose_.channels[static_cast<std::size_t>(found - host_->channels.begin())];
+    };
+    float *close = channel("mouthClose"), *jaw = channel("jawOpen");
+    if (close == nullptr || jaw == nullptr) return;
+    *jaw = std::max(*jaw - *close, 0.0F);
+    *close = 0;
 }
 
 umo_status Avatar::interrupt(std::uint32_t ease_ms) {

@@ -77,6 +77,8 @@ struct Settings {
     bool delays_speech = true;
     /// Whether the mouth moves with speech that is not delayed, where the model has a mouth network: the body follows.
     bool has_live_voice = true;
+    /// Whether `mouthClose` is given. Without it the shape is 0, and `jawOpen` less by as much.
+    bool has_mouth_close = true;
 };
 
 /// A frame, as the animation threads get it.
@@ -163,6 +165,7 @@ public:
 
 private:
     void keep(const umo::frame &frame);
+    void leave_mouth_to_jaw();
     umo_status note(umo_status status) noexcept;
 
     std::shared_ptr<Host> host_;
