@@ -131,7 +131,7 @@ pub struct GenerateArgs {
     /// 1, and to=X:Y:Z, a place in metres to point at; may be given several times
     #[arg(long, value_name = "NAME[@SECONDS][,OPTION]", value_parser = gesture)]
     pub gesture: Vec<GestureArg>,
-    /// A gesture of your own for --gesture: an animation that umo reads (glb, bvh, npz, jsonl), and
+    /// A gesture of your own for --gesture: an animation that umo reads (glb, gltf, bvh, npz, jsonl), and
     /// after commas the time of its stroke and the parts that it moves, all where none is named:
     /// head, trunk, left-arm, right-arm (`salute=salute.glb,0.6,right-arm`)
     #[arg(long, value_name = "NAME=FILE[,SECONDS][,PART]", value_parser = gesture_clip)]
@@ -386,7 +386,7 @@ pub struct Page {
     /// The speech of an animation that was made before
     #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
     pub audio: Option<PathBuf>,
-    /// Character that wears the motion, .glb or .vrm, in place of the figure
+    /// Character that wears the motion, .glb, .gltf or .vrm, in place of the figure
     #[arg(long, value_name = "FILE", conflicts_with = "figure")]
     pub onto: Option<PathBuf>,
     /// Which bone of the character is what, where the names do not tell: TOML or JSON
@@ -591,7 +591,7 @@ pub struct Retarget {
     /// .bvh or .jsonl
     #[arg(required_unless_present = "print_mapping")]
     pub input: Option<PathBuf>,
-    /// The character: .glb or .vrm, or a skeleton, .bvh
+    /// The character: .glb, .gltf or .vrm, or a skeleton, .bvh
     #[arg(long, value_name = "FILE")]
     pub onto: PathBuf,
     /// File to write, of the character's format

@@ -12,6 +12,7 @@ use umo_core::{Gesture, GestureOptions, Gestures, Quat, SessionError};
 use crate::args::GestureClip;
 use crate::failure::Failure;
 use crate::import;
+use crate::retarget::is_character;
 
 /// Lists the gestures, with their other names.
 pub(crate) fn run() -> Result<(), Failure> {
@@ -47,10 +48,10 @@ fn frames(file: &Path, skeleton: &Skeleton) -> Result<(f32, Vec<[Quat; JOINTS]>)
     let own = if is("vrm") { None } else { Some(import::read(file)) };
     match own {
         Some(Ok(clip)) => Ok((clip.frame_rate, clip.rotations)),
-        Some(Err(failure)) if !is("glb") => Err(failure),
+        Some(Err(failure)) if !is_character(file) => Err(failure),
         _ => {
             let wrong = |problem: String| Failure::Input(format!("{}: {problem}", file.display()));
-            let bytes = umo_core::file::read(file).map_err(|error| wrong(error.to_string()))?;
+            let bytes = umo_core::glb::read(file).map_err(wrong)?;
             let frames = memory::catch(|| clip::read(&bytes, None, skeleton)).map_err(Failure::input)?;
             Ok((clip::RATE, frames.map_err(wrong)?))
         }

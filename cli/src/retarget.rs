@@ -3,7 +3,6 @@
 //! | module | part |
 //! | --- | --- |
 //! | `character` | a character in a `.glb` file, and the animation in it |
-//! | `splice` | JSON changed in some places, and as it was in all others |
 //! | `vrm` | expressions as VRM files list them |
 //! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
@@ -32,15 +31,11 @@ mod character;
 mod faces;
 mod mapping;
 mod sheet;
-mod splice;
 mod vrm;
 mod wear;
 
 #[cfg(test)]
 mod tests;
-
-/// Largest file of a character.
-const MAX_BYTES: u64 = 2 << 30;
 
 /// What is moved.
 enum Target {
@@ -103,13 +98,19 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     Ok(())
 }
 
+/// A character's file as one `.glb`, or another as it is.
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    let size = std::fs::metadata(path).map_err(|error| wrong(error.to_string()))?.len();
-    if size > MAX_BYTES {
-        return Err(wrong(format!("it is larger than {} GiB", MAX_BYTES >> 30)));
-    }
-    umo_core::file::read(path).map_err(|error| wrong(error.to_string()))
+    let bytes = match is_character(path) {
+        true => umo_core::glb::read(path),
+        false => umo_core::file::read(path).map_err(|error| error.to_string()),
+    };
+    bytes.map_err(|problem| Failure::input(format!("{}: {problem}", path.display())))
+}
+
+/// Whether a file may hold a character, by its name.
+pub(crate) fn is_character(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    ["glb", "gltf", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
 /// Extensions of recordings.
@@ -148,11 +149,10 @@ fn motion(retarget: &Retarget, clip: &Clip) -> Result<Motion, Failure> {
 
 impl Target {
     fn read(path: &Path, bytes: Vec<u8>) -> Result<Self, String> {
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        match extension.to_str() {
-            Some("glb" | "vrm") => Ok(Self::Character(Character::read(bytes)?)),
-            Some("bvh") => Ok(Self::Skeleton(bvh::Target::read(bytes)?)),
-            _ => Err("expected a character, .glb or .vrm, or a skeleton, .bvh".to_owned()),
+        match path.extension() {
+            _ if is_character(path) => Ok(Self::Character(Character::read(bytes)?)),
+            Some(extension) if extension.eq_ignore_ascii_case("bvh") => Ok(Self::Skeleton(bvh::Target::read(bytes)?)),
+            _ => Err("expected a character, .glb, .gltf or .vrm, or a skeleton, .bvh".to_owned()),
         }
     }
 

@@ -23,6 +23,7 @@ use std::path::{Path, PathBuf};
 use crate::args::Page;
 use crate::atomic_file;
 use crate::failure::Failure;
+use crate::retarget::is_character;
 pub(crate) use live::for_session;
 use scene::Scene;
 
@@ -63,6 +64,6 @@ fn beside(input: &Path) -> PathBuf {
 
 /// Whether the file was made before; anything else is taken for a recording.
 fn is_animation(path: &Path) -> bool {
-    let extension = path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
-    matches!(extension.as_deref(), Some("glb" | "vrm" | "jsonl" | "npz"))
+    let extension = path.extension().unwrap_or_default();
+    is_character(path) || ["jsonl", "npz"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }

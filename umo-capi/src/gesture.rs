@@ -254,7 +254,7 @@ pub unsafe extern "C" fn umo_engine_add_gesture(
 #[cfg(feature = "files")]
 fn read(path: &str) -> Result<Vec<u8>, Failure> {
     let unread = |cause| Failure::new(crate::status::UMO_STATUS_IO, format_args!("cannot read {path}: {cause}"));
-    umo_core::file::read(path.as_ref()).map_err(unread)
+    umo_core::memory::catch(|| umo_core::glb::read(path.as_ref()))?.map_err(unread)
 }
 
 #[cfg(not(feature = "files"))]
@@ -262,8 +262,8 @@ fn read(path: &str) -> Result<Vec<u8>, Failure> {
     Err(Failure::no_files(path, "umo_engine_add_gesture_memory"))
 }
 
-/// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb` or `.vrm` file of any
-/// character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
+/// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb`, `.gltf` or `.vrm` file of any
+/// character with the bones of a human (the files that a `.gltf` names are read from its folder): Mixamo's, VRM's, Unreal's, Unity's, Godot's or
 /// `umo animate`'s names are known. The motion is brought to the model's skeleton.
 ///
 /// `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
@@ -297,7 +297,8 @@ pub unsafe extern "C" fn umo_engine_add_gesture_file(
     })
 }
 
-/// The same for a file's `size` bytes in memory, read during the call.
+/// The same for a file's `size` bytes in memory, read during the call. A `.gltf` has its data in its
+/// text then.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: as `umo_engine_add_gesture_file`, but for `IO` and `UNSUPPORTED`.

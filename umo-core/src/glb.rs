@@ -1,4 +1,4 @@
-//! Reading `.glb`: the container, what of its JSON is needed here, and numbers out of its buffer.
+//! Reading `.glb` and `.gltf`: the container, what of its JSON is needed here, and numbers out of its buffer.
 //!
 //! Files come from anywhere: nothing is believed without a look, and what is not understood is left
 //! alone.
@@ -6,6 +6,9 @@
 //! | module | part |
 //! | --- | --- |
 //! | `document` | the JSON: nodes, meshes, skins, accessors, animations |
+//! | `pack` | files in several parts, or compressed, as one plain file |
+//! | `meshopt` | decoders of one compression |
+//! | `splice` | JSON changed in some places, and as it was in all others |
 //! | `accessor` | numbers out of the buffer |
 //! | `character` | a character, and its rig |
 //! | `bind` | where its joints were when its mesh was bound to them |
@@ -17,9 +20,17 @@ mod bind;
 mod character;
 pub mod clip;
 pub mod document;
+mod meshopt;
+mod pack;
+pub mod splice;
 mod vrm;
 
+use crate::memory::with_capacity;
+
 pub use character::{Character, Transform, transform};
+pub use pack::packed;
+#[cfg(feature = "files")]
+pub use pack::read;
 
 const MAGIC: &[u8; 4] = b"glTF";
 const JSON: &[u8; 4] = b"JSON";
@@ -81,4 +92,28 @@ fn chunk(bytes: &[u8]) -> Result<Chunk<'_>, String> {
     let (kind, rest) = rest.split_first_chunk().ok_or("the file is cut short")?;
     let (inside, rest) = rest.split_at_checked(length).ok_or("the file is cut short")?;
     Ok((kind, inside, rest))
+}
+
+/// A file of these chunks; `more` are whole ones.
+///
+/// # Errors
+/// A file that would be larger than the format allows.
+pub fn container(mut json: Vec<u8>, bin: &[u8], more: &[u8]) -> Result<Vec<u8>, String> {
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + json.len() + 8 + bin.len() + more.len();
+    let word = |length: usize| {
+        let large = "the file would be larger than a glb file can be, 4 GiB";
+        u32::try_from(length).map(u32::to_le_bytes).map_err(|_| large.to_owned())
+    };
+    let mut out = with_capacity(total);
+    out.extend(b"glTF");
+    out.extend(2_u32.to_le_bytes());
+    out.extend(word(total)?);
+    for (kind, chunk) in [(b"JSON", json.as_slice()), (b"BIN\0", bin)] {
+        out.extend(word(chunk.len())?);
+        out.extend(kind);
+        out.extend(chunk);
+    }
+    out.extend(more);
+    Ok(out)
 }

@@ -3,7 +3,7 @@
 //! | module | file |
 //! | --- | --- |
 //! | `npz` | NumPy arrays, of other SMPL-X tools too |
-//! | `glb` | glTF 2.0 |
+//! | `glb` | glTF 2.0, `.glb` or `.gltf` |
 //! | `bvh` | skeleton motion |
 //! | `jsonl` | everything, one frame a line |
 
@@ -24,8 +24,8 @@ pub(crate) mod npz;
 /// Longest motion that is read: an hour at 240 frames a second.
 pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 
-/// The motion in a file that `umo` wrote: `.npz`, `.glb`, `.bvh` or `.jsonl`, by its extension. It
-/// has at least one frame, 55 joints whose parents come first, and finite numbers.
+/// The motion in a file that `umo` wrote: `.npz`, `.glb` (or `.gltf`), `.bvh` or `.jsonl`, by its
+/// extension. It has at least one frame, 55 joints whose parents come first, and finite numbers.
 ///
 /// A `.npz` file has no skeleton: it gets the one of the model in the program. A `.bvh` file has no
 /// face.
@@ -34,11 +34,12 @@ pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 /// What is wrong with the file, with its name.
 pub fn read(path: &Path) -> Result<Clip, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    let format = Format::from_extension(path)?;
+    let is_gltf = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
+    let format = if is_gltf { Format::Glb } else { Format::from_extension(path)? };
     let bytes = || umo_core::file::read(path).map_err(|error| wrong(error.to_string()));
     let clip = match format {
         Format::Npz => npz::read(path).map_err(wrong)?,
-        Format::Glb => glb::read(&bytes()?).map_err(wrong)?,
+        Format::Glb => glb::read(&umo_core::glb::read(path).map_err(wrong)?).map_err(wrong)?,
         Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,
         Format::Jsonl => jsonl::read(&bytes()?).map_err(wrong)?,
         Format::Vrma => {

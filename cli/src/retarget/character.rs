@@ -4,7 +4,8 @@
 use serde_json::json;
 use serde_json::value::RawValue;
 use umo_core::glb::document::Document;
-use umo_core::glb::{self, Glb, transform};
+use umo_core::glb::splice::{Members, raw};
+use umo_core::glb::{self, Glb, container, transform};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::Quat;
 use umo_core::motion::skeleton::JOINT_NAMES;
@@ -13,7 +14,6 @@ use umo_core::retarget::{Mapping, Retarget};
 use super::Motion;
 use super::faces::Faces;
 use super::mapping::Given;
-use super::splice::{Members, raw};
 
 /// glTF's number for 32-bit floats.
 const FLOAT: u32 = 5126;
@@ -247,25 +247,4 @@ fn decompose(members: &mut Members, document: &Document, driven: impl Iterator<I
     }
     members.set_list("nodes", &nodes);
     Ok(())
-}
-
-/// Header and chunks.
-fn container(mut json: Vec<u8>, bin: &[u8], more: &[u8]) -> Result<Vec<u8>, String> {
-    json.resize(json.len().next_multiple_of(4), b' ');
-    let total = 12 + 8 + json.len() + 8 + bin.len() + more.len();
-    let word = |length: usize| {
-        let large = "the file would be larger than a glb file can be, 4 GiB";
-        u32::try_from(length).map(u32::to_le_bytes).map_err(|_| large.to_owned())
-    };
-    let mut out = Vec::with_capacity(total);
-    out.extend(b"glTF");
-    out.extend(2_u32.to_le_bytes());
-    out.extend(word(total)?);
-    for (kind, chunk) in [(b"JSON", json.as_slice()), (b"BIN\0", bin)] {
-        out.extend(word(chunk.len())?);
-        out.extend(kind);
-        out.extend(chunk);
-    }
-    out.extend(more);
-    Ok(out)
 }

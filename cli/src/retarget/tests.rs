@@ -10,12 +10,12 @@ use umo_core::config::FaceKind;
 use umo_core::motion::rotation::{product, rotate};
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS, joint_places};
 
-use super::splice::Members;
 use super::*;
 use character::{Made, mixamo, vrm};
 use umo_core::glb::Glb;
 use umo_core::glb::accessor::floats;
 use umo_core::glb::document::Document;
+use umo_core::glb::splice::Members;
 use umo_figure::sample;
 
 pub(super) type Vector = [f32; 3];

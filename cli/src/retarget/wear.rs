@@ -15,18 +15,15 @@ use umo_core::retarget::{Floor, Mapping, Retarget, Scratch};
 
 use super::faces::Faces;
 use super::mapping::Given;
-use super::{Character, motion, prepare, read};
+use super::{Character, is_character, motion, prepare, read};
 use crate::failure::Failure;
 
 /// Largest file that a page holds: browsers open it as text, a third longer.
 const MAX_BYTES: usize = 256 << 20;
 
 /// What a file may demand of who shows it, and the page does not read.
-const UNREAD: [(&str, &str); 3] = [
-    ("KHR_draco_mesh_compression", "meshes are"),
-    ("EXT_meshopt_compression", "meshes are"),
-    ("KHR_texture_basisu", "textures are"),
-];
+const UNREAD: [(&str, &str); 2] =
+    [("KHR_draco_mesh_compression", "meshes are"), ("KHR_texture_basisu", "textures are")];
 
 /// A character with an animation, and the node of each of the 55 joints.
 pub(crate) struct Worn {
@@ -95,21 +92,18 @@ pub(crate) struct Wearer {
 }
 
 impl Wearer {
-    /// Reads a `.glb` or `.vrm` file, and a mapping file that goes with it.
+    /// Reads a `.glb`, `.gltf` or `.vrm` file, and a mapping file that goes with it.
     ///
     /// # Errors
     /// A file that is no character, or that a page cannot show; in words, with its name.
     pub(crate) fn read(path: &Path, mapping: Option<&Path>) -> Result<Self, Failure> {
         let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
         let given = mapping.map(Given::read).transpose()?.unwrap_or_default();
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        let known = match extension.to_str() {
-            Some("glb" | "vrm") => Ok(()),
-            Some("gltf") => Err("expected .glb: pack the .gltf and its files into one"),
-            Some("bvh") => Err("a .bvh file has bones and no body: expected .glb or .vrm"),
-            _ => Err("expected a character, .glb or .vrm"),
-        };
-        known.map_err(|problem| wrong(problem.to_owned()))?;
+        if !is_character(path) {
+            let is_bvh = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"));
+            let why = if is_bvh { "a .bvh file has bones and no body: " } else { "" };
+            return Err(wrong(format!("{why}expected a character, .glb, .gltf or .vrm")));
+        }
         let character = Character::read(read(path)?).map_err(wrong)?;
         let (mapping, _) = character.mapping(&given).map_err(wrong)?;
         mapping.check(character.rig()).map_err(|problem| {

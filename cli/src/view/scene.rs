@@ -15,7 +15,7 @@ use umo_core::{Config, Part};
 use crate::animate::{self, Maker};
 use crate::args::{GenerateArgs, Page};
 use crate::failure::Failure;
-use crate::retarget::{Wearer, Worn};
+use crate::retarget::{Wearer, Worn, is_character};
 use crate::{import, model};
 use umo_audio_file::wav::Wav;
 use umo_figure::{Figure, Mesh};
@@ -136,7 +136,7 @@ impl Scene {
     /// An animation that was made before.
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
         // A file that umo did not write may be a character that moves, with umo's names of joints or others.
-        let is_own = || umo_core::file::read(path).is_ok_and(|bytes| is_written_here(&bytes));
+        let is_own = || umo_core::glb::read(path).is_ok_and(|bytes| is_written_here(&bytes));
         let mut scene = match import::read(path) {
             Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
             Ok(_) if args.onto.is_none() && is_character(path) && !is_own() => Self::of_character(path, args)?,
@@ -232,12 +232,6 @@ impl Scene {
 /// Who is to wear the motion, where that was said.
 pub(super) fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
     args.onto.as_deref().map(|onto| Wearer::read(onto, args.mapping.as_deref())).transpose()
-}
-
-/// Whether the file may hold a character.
-fn is_character(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default();
-    ["glb", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
 /// Whether umo made a `.glb` file, and did not only put an animation in it; or it has nothing to show

@@ -2,7 +2,7 @@
 
 use super::accessor::floats;
 use super::document::{Animation, Document};
-use super::{Character, Glb};
+use super::{Character, Glb, packed};
 use crate::config::Skeleton;
 use crate::life::MAX_GESTURE_FRAMES;
 use crate::memory::{self, with_capacity};
@@ -16,8 +16,8 @@ pub const RATE: f32 = 30.0;
 /// comma become a structure of some 400 bytes.
 const MEMORY: usize = 160;
 
-/// The rotations of an animation of a character in a `.glb` or `.vrm` file, [`RATE`] frames a
-/// second: the one of a name, or the first.
+/// The rotations of an animation of a character in a `.glb` or `.vrm` file, or a `.gltf` with its
+/// data inside, [`RATE`] frames a second: the one of a name, or the first.
 ///
 /// Unwinds to [`memory::catch`] where there is no memory.
 ///
@@ -25,6 +25,8 @@ const MEMORY: usize = 160;
 /// What of the file is not as the format has it, which bones were not found, which animations there
 /// are where none has the name, or that it is longer than a gesture can be.
 pub fn read(bytes: &[u8], name: Option<&str>, skeleton: &Skeleton) -> Result<Vec<[Quat; JOINTS]>, String> {
+    let elsewhere = |_: &str| Err("it is in another file, which bytes in memory do not have beside them".to_owned());
+    let bytes = &*packed(bytes, &mut { elsewhere })?;
     memory::require(MEMORY.saturating_mul(Glb::split(bytes)?.json.len()).saturating_add(memory::SPARE));
     let character = Character::read(bytes)?;
     let mapping = match character.vrm_bones()? {

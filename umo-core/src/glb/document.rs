@@ -24,9 +24,7 @@ impl Document {
     /// # Errors
     /// Where in it something is not as the format has it.
     pub fn parse(json: &str) -> Result<Self, String> {
-        let mut text = serde_json::Deserializer::from_str(json);
-        serde_path_to_error::deserialize(&mut text)
-            .map_err(|error| format!("its JSON at `{}`: {}", error.path(), error.inner()))
+        parse(json)
     }
 
     /// Each node's parent.
@@ -45,6 +43,13 @@ impl Document {
         }
         Ok(parents)
     }
+}
+
+/// Reads some of a file's JSON.
+pub(super) fn parse<'a, T: Deserialize<'a>>(json: &'a str) -> Result<T, String> {
+    let mut text = serde_json::Deserializer::from_str(json);
+    serde_path_to_error::deserialize(&mut text)
+        .map_err(|error| format!("its JSON at `{}`: {}", error.path(), error.inner()))
 }
 
 /// A place in the scene. Where `matrix` is given, the three others are not.

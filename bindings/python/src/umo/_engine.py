@@ -110,7 +110,8 @@ class Engine(_library.Handle):
         stroke: Optional[float] = None,
         parts: Sequence[str] = tuple(_library.GESTURE_PARTS),
     ) -> None:
-        """The same of the animation in a `.glb` or `.vrm` file of any character with a human's bones: a path, or its bytes.
+        """The same of the animation in a `.glb`, `.gltf` or `.vrm` file of any character with a human's bones: a path, or its
+        bytes (of a `.gltf` with its data inside).
 
         `animation` is its name in the file; None is the first. Without a `stroke` it is in the middle.
         """

@@ -82,8 +82,8 @@ impl Gesture {
         Ok(Self { name: name.to_owned(), rate, frames, stroke, parts })
     }
 
-    /// A gesture of the animation in a `.glb` or `.vrm` file's `bytes`: the one of a name, or the
-    /// first. Its character may be any that [`Mapping::closest`](crate::Mapping::closest) knows, or
+    /// A gesture of the animation in a `.glb` or `.vrm` file's `bytes`, or a `.gltf` file's with its data
+    /// inside: the one of a name, or the first. Its character may be any that [`Mapping::closest`](crate::Mapping::closest) knows, or
     /// one with VRM's table of bones; the motion is brought to `skeleton`, the
     /// [model's](crate::Config::skeleton), at 30 frames a second. Without a `stroke` it is in the
     /// middle.

@@ -7,7 +7,7 @@ use serde_json::value::RawValue;
 
 /// An object's members in their order, each as it is written.
 #[derive(Debug, Default)]
-pub(super) struct Members(pub(super) Vec<(String, Box<RawValue>)>);
+pub struct Members(pub Vec<(String, Box<RawValue>)>);
 
 impl<'de> Deserialize<'de> for Members {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -34,18 +34,18 @@ impl<'de> Deserialize<'de> for Members {
 }
 
 /// A value as it is written.
-pub(super) fn raw(value: &serde_json::Value) -> Box<RawValue> {
+pub fn raw(value: &serde_json::Value) -> Box<RawValue> {
     serde_json::value::to_raw_value(value).expect("a JSON value can be written")
 }
 
 impl Members {
     /// Reads an object.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, String> {
         serde_json::from_str(text).map_err(|error| error.to_string())
     }
 
     /// Puts a member in the place of the one of that name, or at the end.
-    pub(super) fn set(&mut self, name: &str, value: Box<RawValue>) {
+    pub fn set(&mut self, name: &str, value: Box<RawValue>) {
         match self.0.iter_mut().find(|(known, _)| known == name) {
             Some((_, slot)) => *slot = value,
             None => self.0.push((name.to_owned(), value)),
@@ -53,12 +53,35 @@ impl Members {
     }
 
     /// Takes a member away.
-    pub(super) fn remove(&mut self, name: &str) {
+    pub fn remove(&mut self, name: &str) {
         self.0.retain(|(known, _)| known != name);
     }
 
+    /// Takes members with these names out of an object among the members, or these texts out of a
+    /// list; what is empty then goes.
+    pub fn prune(&mut self, name: &str, gone: &[&str]) -> Result<(), String> {
+        let Some((_, value)) = self.0.iter_mut().find(|(known, _)| known == name) else { return Ok(()) };
+        let is_empty = if value.get().starts_with('[') {
+            let mut texts: Vec<String> =
+                serde_json::from_str(value.get()).map_err(|error| format!("`{name}`: {error}"))?;
+            texts.retain(|text| !gone.contains(&text.as_str()));
+            *value = raw(&texts.clone().into());
+            texts.is_empty()
+        } else {
+            let mut object = Self::parse(value.get())?;
+            object.0.retain(|(known, _)| !gone.contains(&known.as_str()));
+            let is_empty = object.0.is_empty();
+            *value = object.into_raw();
+            is_empty
+        };
+        if is_empty {
+            self.remove(name);
+        }
+        Ok(())
+    }
+
     /// The elements of a list among the members; none where there is no such list.
-    pub(super) fn list(&self, name: &str) -> Result<Vec<Box<RawValue>>, String> {
+    pub fn list(&self, name: &str) -> Result<Vec<Box<RawValue>>, String> {
         match self.0.iter().find(|(known, _)| known == name) {
             Some((_, list)) => serde_json::from_str(list.get()).map_err(|error| format!("`{name}`: {error}")),
             None => Ok(Vec::new()),
@@ -66,21 +89,21 @@ impl Members {
     }
 
     /// Puts a list in its place.
-    pub(super) fn set_list(&mut self, name: &str, elements: &[Box<RawValue>]) {
+    pub fn set_list(&mut self, name: &str, elements: &[Box<RawValue>]) {
         let text: Vec<_> = elements.iter().map(|element| element.get()).collect();
         let text = format!("[{}]", text.join(","));
         self.set(name, RawValue::from_string(text).expect("a list of JSON values is JSON"));
     }
 
     /// The object's text.
-    pub(super) fn text(&self) -> String {
+    pub fn text(&self) -> String {
         let name = |name: &str| serde_json::Value::from(name).to_string();
         let members: Vec<_> = self.0.iter().map(|(key, value)| format!("{}:{}", name(key), value.get())).collect();
         format!("{{{}}}", members.join(","))
     }
 
     /// The object as it is written.
-    pub(super) fn into_raw(self) -> Box<RawValue> {
+    pub fn into_raw(self) -> Box<RawValue> {
         RawValue::from_string(self.text()).expect("an object of JSON values is JSON")
     }
 }
@@ -100,6 +123,13 @@ mod tests {
         object.remove("b");
         object.set("c", raw(&true.into()));
         assert_eq!(object.text(), r#"{"a":[1.50,{"x" : 1e-3 },{"n":1}],"ü\"":"\u00e9","c":true}"#);
+        object.set("used", raw(&serde_json::json!(["x", "y"])));
+        object.prune("used", &["x"]).unwrap();
+        assert!(object.text().ends_with(r#""used":["y"]}"#));
+        object.prune("used", &["y"]).unwrap();
+        object.set("extensions", raw(&serde_json::json!({"x": 1, "z": 2})));
+        object.prune("extensions", &["x"]).unwrap();
+        assert!(object.text().ends_with(r#""c":true,"extensions":{"z":2}}"#));
         assert!(object.list("none").unwrap().is_empty());
         assert!(object.list("c").is_err() && Members::parse("[1]").is_err());
     }
