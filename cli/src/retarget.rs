@@ -3,16 +3,15 @@
 //! | module | part |
 //! | --- | --- |
 //! | `character` | a character in a `.glb` file, and the animation in it |
-//! | `vrm` | expressions as VRM files list them |
-//! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
-//! | `mapping` | the file that says which bone is what |
+//! | `mapping` | mapping files |
 //! | `sheet` | a picture of the motion on figure and character |
 //! | `wear` | a character and its motion for a page |
 
 use std::path::Path;
 
 use umo_core::config::{Face, FaceKind, Skeleton};
+use umo_core::glb::{Faces, Given};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::{IDENTITY, Quat};
 use umo_core::motion::skeleton::ARKIT_NAMES;
@@ -22,16 +21,12 @@ use crate::args;
 use crate::failure::Failure;
 use crate::{animate, atomic_file, import, model};
 use character::Character;
-use faces::Faces;
-use mapping::Given;
-pub(crate) use wear::{FollowScratch, Follower, Wearer, Worn};
+pub(crate) use wear::{Wearer, Worn};
 
 mod bvh;
 mod character;
-mod faces;
 mod mapping;
 mod sheet;
-mod vrm;
 mod wear;
 
 #[cfg(test)]
@@ -57,7 +52,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", args.onto.display()));
     let bytes = read(&args.onto)?;
     let target = Target::read(&args.onto, bytes).map_err(wrong)?;
-    let given = args.mapping.as_deref().map(Given::read).transpose()?.unwrap_or_default();
+    let given = args.mapping.as_deref().map(mapping::read).transpose()?.unwrap_or_default();
     let (mapping, convention) = target.mapping(&given).map_err(|problem| match &args.mapping {
         Some(path) => Failure::input(format!("{}: {problem}", path.display())),
         None => wrong(problem),
@@ -226,7 +221,7 @@ fn print(rig: &Rig, mapping: &Mapping, convention: &str, faces: &Faces, face: &F
         let names: Vec<_> = bones.iter().map(|&bone| rig.bones()[bone].name.as_str()).collect();
         println!("  {joint:<16} {}", if names.is_empty() { "-".to_owned() } else { names.join(", ") });
     }
-    faces.print(face);
+    faces.list(face).iter().for_each(|line| println!("{line}"));
 }
 
 /// One line of what was done, and notes of what could not be.

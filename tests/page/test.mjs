@@ -9,11 +9,12 @@ import { cut } from "./frames.mjs";
 import * as file from "./file.mjs";
 import * as live from "./live.mjs";
 import * as local from "./local.mjs";
+import * as readme from "./readme.mjs";
 import * as web from "./web.mjs";
 
 const { UMO: umo, CHROMIUM: chromium, OUT: out } = process.env;
 const speech = path.join(import.meta.dirname, "../../assets/hello.wav");
-const suites = { file, live, local, web };
+const suites = { file, live, local, readme, web };
 const names = process.argv.length > 2 ? process.argv.slice(2) : ["file", "live"];
 
 const at = (name) => path.join(out, name);

@@ -100,6 +100,7 @@ export const tests = [
       await until(() => page.value("demo.drawn >= 40 || demo.failed"), 120, "frames of the recording");
       assert.equal(await page.value("demo.failed"), null);
       await page.picture(context.at("web.png"));
+      assert.ok(await page.value("demo.character.speaks && demo.character.missing.joints.length === 0"), "the figure's bones and mouth are found");
       await until(() => page.value("demo.avatar.isDone || demo.failed"), 120, "the end");
       assert.ok((await page.value("demo.mouth")) > 0.1, "the mouth opens");
       await done(page);

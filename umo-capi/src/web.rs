@@ -1,7 +1,20 @@
-//! What WebAssembly needs beside `umo.h`: memory for a program outside of the module, which has no
-//! allocator of its own there.
+//! Functions that WebAssembly needs beside `umo.h`: memory for a program outside of the module, which
+//! has no allocator of its own there, and characters that follow poses.
 
 use std::alloc::{Layout, alloc, dealloc};
+use std::ffi::{CString, c_char};
+use std::sync::{Mutex, PoisonError};
+
+use umo_core::glb::{FollowScratch, Follower};
+use umo_core::motion::pose::Pose;
+use umo_core::motion::skeleton::JOINTS;
+
+use crate::ffi::{self, guard};
+use crate::handle::{self, Table};
+use crate::status::{Failure, UmoStatus};
+
+/// Most characters at once.
+const MAX_CHARACTERS: usize = 1024;
 
 /// Alignment of what [`umo_web_allocate`] gives.
 const ALIGNMENT: usize = 16;
@@ -26,4 +39,91 @@ pub unsafe extern "C" fn umo_web_free(memory: *mut u8, size: usize) {
         // SAFETY: it was allocated with this layout, guaranteed by the caller (see # Safety).
         unsafe { dealloc(memory, layout) }
     }
+}
+
+/// A character that follows poses, and room for a frame.
+struct Character {
+    follower: Follower,
+    /// Ends with a zero byte.
+    description: CString,
+    channels: usize,
+    room: Mutex<(FollowScratch, Vec<f32>)>,
+}
+
+static CHARACTERS: Table<Character, MAX_CHARACTERS> = Table::new(4, "character");
+
+/// Reads a character of a `.glb` file of `size` bytes, to follow poses as `source` says
+/// (`umo_core::glb::Follower::read`). Both are read during the call. `description` is JSON, good
+/// until the character is freed.
+///
+/// # Safety
+/// `file` is NULL or has `size` readable bytes; `source` is NULL or ends with a zero byte; the
+/// others are NULL or writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn umo_web_character_new(
+    file: *const u8,
+    size: usize,
+    source: *const c_char,
+    character: *mut usize,
+    description: *mut *const c_char,
+) -> UmoStatus {
+    guard(|| {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let file = unsafe { ffi::slice(file, size, "file")? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let source = unsafe { ffi::string(source, "source")? };
+        let (follower, described) = Follower::read(file, source).map_err(Failure::argument)?;
+        let text = CString::new(described.to_string()).map_err(Failure::argument)?;
+        let room = Mutex::new((follower.scratch(), Vec::new()));
+        let channels = described["channels"].as_u64().unwrap_or_default() as usize;
+        let handle = CHARACTERS.insert(handle::boxed(Character { follower, description: text, channels, room })?)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { ffi::put(description, "description", CHARACTERS.get(handle)?.description.as_ptr())? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { ffi::put(character, "character", handle) }
+    })
+}
+
+/// Puts a character in a pose: `pose` has the 55 joints' rotations, the root's place and the face
+/// channels. `values` gets the rotations of the nodes that turn, the place of the hips, the weights
+/// of each node's shapes, and those of the expressions; `count` must be their number.
+///
+/// # Safety
+/// `pose` has 223 readable floats and one for each face channel; `values` has `count` writable ones.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn umo_web_character_apply(
+    character: usize,
+    pose: *const f32,
+    values: *mut f32,
+    count: usize,
+) -> UmoStatus {
+    guard(|| {
+        let character = CHARACTERS.get(character)?;
+        let body = 4 * JOINTS + 3;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let pose = unsafe { ffi::slice(pose, body + character.channels, "pose")? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let out = unsafe { ffi::slice_mut(values, count, "values")? };
+        let (body, face) = pose.split_at(body);
+        let mut at = Pose::REST;
+        let (rotations, translation) = body.split_at(4 * JOINTS);
+        at.rotations.as_flattened_mut().copy_from_slice(rotations);
+        at.translation.copy_from_slice(translation);
+        let mut room = character.room.lock().unwrap_or_else(PoisonError::into_inner);
+        let (scratch, made) = &mut *room;
+        made.clear();
+        character.follower.add(scratch, &at, face, made).map_err(Failure::argument)?;
+        made.extend(character.follower.faces().expressions(face).map(|(_, amount)| amount));
+        if made.len() != out.len() {
+            return Err(Failure::argument(format_args!("{} values, not {}", made.len(), out.len())));
+        }
+        out.copy_from_slice(made);
+        Ok(())
+    })
+}
+
+/// Frees a character.
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_web_character_free(character: usize) -> UmoStatus {
+    guard(|| CHARACTERS.remove(character).map(drop))
 }

@@ -14,12 +14,20 @@
 //! | `bind` | where its joints were when its mesh was bound to them |
 //! | `vrm` | bones as VRM files list them |
 //! | `clip` | the animation of a character, as motion of the 55 joints |
+//! | `expressions` | expressions as VRM files list them |
+//! | `faces` | the shapes of its meshes that move |
+//! | `follower` | a character that follows poses as they come |
+//! | `given` | a mapping file |
 
 pub mod accessor;
 mod bind;
 mod character;
 pub mod clip;
 pub mod document;
+mod expressions;
+mod faces;
+mod follower;
+mod given;
 mod meshopt;
 mod pack;
 pub mod splice;
@@ -28,6 +36,9 @@ mod vrm;
 use crate::memory::with_capacity;
 
 pub use character::{Character, Transform, transform};
+pub use faces::Faces;
+pub use follower::{FollowScratch, Follower};
+pub use given::Given;
 pub use pack::packed;
 #[cfg(feature = "files")]
 pub use pack::read;

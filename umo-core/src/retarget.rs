@@ -95,7 +95,6 @@ pub enum Floor {
 
 /// A bone that follows the source.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 struct Driven {
     /// The joints between whose rotations the bone's lies.
     joints: [usize; 2],
@@ -106,10 +105,7 @@ struct Driven {
 }
 
 /// Moves a rig by the poses of a source. Made once; then any number of threads may use it at once.
-///
-/// As JSON, it is what the page of `umo view --web` needs to do the same.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 pub struct Retarget {
     /// `[bones]`, all that is needed of the rig at rest.
     bones: Vec<Bone>,
@@ -117,9 +113,7 @@ pub struct Retarget {
     /// `[bones]`
     driven: Vec<Option<Driven>>,
     /// The source's parents and offsets.
-    #[cfg_attr(feature = "internals", serde(skip))]
     parents: [Option<usize>; JOINTS],
-    #[cfg_attr(feature = "internals", serde(skip))]
     offsets: [[f32; 3]; JOINTS],
     axes: Quat,
     hips: usize,

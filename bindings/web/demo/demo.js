@@ -1,14 +1,19 @@
-// A page that runs the model: a recording or the microphone in, joints and a face drawn with lines.
+// A page that runs the model: a recording or the microphone in, a character of three.js that speaks out.
 
-import { Avatar } from "./umo/src/index.js";
-import { draw } from "./figure.js";
+import { AmbientLight, Box3, Color, DirectionalLight, GridHelper, PerspectiveCamera, Scene, Timer, Vector3, WebGLRenderer } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { VRMLoaderPlugin, VRMUtils } from "@pixiv/three-vrm";
+import { Avatar } from "umo-web";
+import { Character } from "umo-web/three";
 
 const element = (id) => document.getElementById(id);
 const say = (text) => (element("state").value = text);
-const buttons = ["microphone", "file", "stop"].map(element);
+const buttons = ["microphone", "file", "character", "stop"].map(element);
 let avatar;
 let context;
 let end;
+let gltf;
+let character;
 
 /** What a test reads. */
 window.demo = { drawn: 0, mouth: 0, failed: null };
@@ -18,6 +23,19 @@ function failed(error) {
   say(error.message);
 }
 
+const renderer = new WebGLRenderer({ canvas: element("figure"), antialias: true });
+const scene = new Scene();
+const camera = new PerspectiveCamera(26, 1, 0.05, 50);
+const timer = new Timer();
+const sun = new DirectionalLight(0xffffff, 2);
+sun.position.set(1, 2, 3);
+scene.background = new Color(0x2d343d);
+const floor = new GridHelper(6, 12, 0x56606c, 0x424b56);
+scene.add(new AmbientLight(0xffffff, 1.2), sun, floor);
+
+const loader = new GLTFLoader();
+loader.register((parser) => new VRMLoaderPlugin(parser));
+
 /** An avatar for audio at this rate, in a worker of its own; another one goes. */
 async function create(options) {
   avatar?.close();
@@ -26,9 +44,38 @@ async function create(options) {
   const percent = ({ loaded, total }) => say(total ? `loads the model: ${Math.round((100 * loaded) / total)} %` : `loads the model: ${loaded >> 20} MB`);
   const parameters = new URLSearchParams(location.search);
   const model = parameters.get("model") ?? "umo-people.safetensors.gz";
-  avatar = await Avatar.create({ model, wasm: "umo/dist/umo.wasm", onProgress: percent, onError: failed, ...options });
+  avatar = await Avatar.create({ model, onProgress: percent, onError: failed, ...options });
   window.demo.avatar = avatar;
   element("model").textContent = `${avatar.model.name} (${avatar.model.licence}). ${avatar.model.notice}`;
+  if (gltf) wear();
+}
+
+/** Shows a character: a `.glb` or `.vrm` file. */
+async function load(address) {
+  const loaded = await loader.loadAsync(address);
+  if (gltf) {
+    scene.remove(gltf.scene);
+    VRMUtils.deepDispose(gltf.scene);
+  }
+  gltf = loaded;
+  if (gltf.userData.vrm) VRMUtils.rotateVRM0(gltf.userData.vrm);
+  scene.add(gltf.scene);
+  const { min, max } = new Box3().setFromObject(gltf.scene);
+  const height = max.y - min.y;
+  floor.position.y = min.y;
+  camera.position.set(0.25 * height, min.y + 0.68 * height, 2.5 * height);
+  camera.lookAt(new Vector3(0, min.y + 0.56 * height, 0));
+  character = undefined;
+  wear();
+}
+
+/** The character follows the avatar. */
+function wear() {
+  character?.free();
+  character = new Character(gltf.userData.vrm ?? gltf.scene, avatar.model);
+  window.demo.character = character;
+  const { joints } = character.missing;
+  element("missing").textContent = [character.speaks ? "" : "The character has no shapes that open its mouth.", joints.length > 0 ? `It has no bones for ${joints.join(", ")}.` : ""].join(" ");
 }
 
 async function started(what) {
@@ -76,17 +123,40 @@ element("file").onchange = ({ target }) =>
     say(`speaks ${file.name}, ${buffer.duration.toFixed(1)} s`);
   });
 
+element("character").onchange = ({ target }) =>
+  started(async () => {
+    const [file] = target.files;
+    if (!file) return;
+    const address = URL.createObjectURL(file);
+    await load(address).finally(() => URL.revokeObjectURL(address));
+    say(`${file.name} is on`);
+  });
+
 element("stop").onclick = () => started(stop);
 
-function picture() {
-  requestAnimationFrame(picture);
-  if (!avatar?.pose) return;
-  const pose = avatar.samplePose();
-  draw(element("figure"), avatar.model, pose);
-  const { demo } = window;
-  demo.drawn = Math.max(demo.drawn, pose.index);
-  demo.mouth = Math.max(demo.mouth, pose.face[avatar.model.channelNames.indexOf("jawOpen")]);
+function picture(now) {
+  timer.update(now);
+  const { clientWidth, clientHeight, width, height } = renderer.domElement;
+  const ratio = Math.min(devicePixelRatio, 2);
+  if (width !== Math.floor(clientWidth * ratio) || height !== Math.floor(clientHeight * ratio)) {
+    renderer.setPixelRatio(ratio);
+    renderer.setSize(clientWidth, clientHeight, false);
+    camera.aspect = clientWidth / clientHeight;
+    camera.updateProjectionMatrix();
+  }
+  if (avatar && character) {
+    const pose = avatar.samplePose();
+    character.apply(pose);
+    const { demo } = window;
+    demo.drawn = Math.max(demo.drawn, pose.index);
+    demo.mouth = Math.max(demo.mouth, pose.face[avatar.model.channelNames.indexOf("jawOpen")]);
+  }
+  gltf?.userData.vrm?.update(timer.getDelta());
+  renderer.render(scene, camera);
 }
 
-started(() => create({})).then(() => window.demo.failed || say("ready: speak, or choose a recording"));
-picture();
+started(async () => {
+  await create({});
+  await load("figure.glb");
+}).then(() => window.demo.failed || say("ready: speak, or choose a recording"));
+renderer.setAnimationLoop(picture);

@@ -1,6 +1,6 @@
 // The page's side: an avatar whose engine runs in a worker.
 
-import { UmoError } from "./engine.js";
+import { Library, UmoError, compiled } from "./engine.js";
 
 /** Seconds that the sound of a recording waits beyond the engine's latency, for a computation to end. */
 const MARGIN = 0.25;
@@ -16,25 +16,26 @@ export class Avatar {
   #source = null;
 
   /**
-   * Loads the engine and a model in a worker. `wasm` and `model` are URLs or bytes; the other options are a session's. `worker` is a
-   * worker of the page's own that runs `umo-web/worker`.
+   * Loads the engine and a model in a worker. `wasm` and `model` are URLs or bytes; `wasm` may be a module. `delay` sets the property of
+   * that name; the other options are a session's. `worker` is a worker of the page's own that runs `umo-web/worker`.
    */
-  static async create({ worker, wasm = new URL("../dist/umo.wasm", import.meta.url), model, onProgress, onError, ...options }) {
+  static async create({ worker, wasm = new URL("../dist/umo.wasm", import.meta.url), model, delay = 0, onProgress, onError, ...options }) {
     const avatar = new Avatar(worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" }), onProgress, onError);
     const absolute = (source) => (typeof source === "string" || source instanceof URL ? new URL(source, document.baseURI).href : source);
     try {
-      Object.assign(avatar, await avatar.call("load", { ...options, wasm: absolute(wasm), model: absolute(model) }));
+      const module = await compiled(absolute(wasm));
+      const loaded = avatar.call("load", { ...options, wasm: module, model: absolute(model) });
+      // Characters are moved in this thread.
+      const [library] = await Promise.all([Library.load(module), loaded]);
+      Object.assign(avatar, await loaded);
+      avatar.model.library = library;
     } catch (error) {
       avatar.close();
       throw error;
     }
     avatar.sampleRate = options.sampleRate;
-    const { channelNames, jointNames, visemeNames } = avatar.model;
-    /** The newest pose that `samplePose` gave. */
-    avatar.pose = {
-      index: 0, sample: 0, isAhead: true, translation: new Float32Array(3), rotations: new Float32Array(4 * jointNames.length).map((_, i) => (i % 4 === 3 ? 1 : 0)),
-      face: new Float32Array(channelNames.length), visemes: new Float32Array(visemeNames.length),
-    };
+    /** Seconds that the device's sound is later than its context knows: a Bluetooth speaker's or a television's. */
+    avatar.delay = delay;
     return avatar;
   }
 
@@ -80,7 +81,9 @@ export class Avatar {
     node.port.onmessage = ({ data }) => (start ??= data.time);
     // A frame is complete when its future audio has been heard; the mouth alone may be earlier.
     const behind = Math.min(this.latency, this.mouthLatency);
-    this.#clock = () => (start === undefined ? 0 : Math.max(0, context.currentTime - start - behind));
+    // The people beside a microphone hear themselves without the device.
+    const played = () => ("mediaStream" in source ? 0 : this.#output(context));
+    this.#clock = () => (start === undefined ? 0 : Math.max(0, context.currentTime - start - behind - played()));
     source.connect(node);
     this.#node = { node, source };
     return () => this.#stop();
@@ -108,7 +111,12 @@ export class Avatar {
     const start = context.currentTime + MARGIN;
     sound.start(start);
     this.#source = sound;
-    this.#clock = () => Math.max(0, context.currentTime - start);
+    this.#clock = () => Math.max(0, context.currentTime - start - this.#output(context));
+  }
+
+  /** Seconds from a context's time until its sound is heard. */
+  #output({ baseLatency = 0, outputLatency = 0 }) {
+    return baseLatency + outputLatency + this.delay;
   }
 
   #check(rate) {

@@ -63,7 +63,12 @@ const SCRATCH = 4096;
 const CHUNK = 16_384;
 
 /** The module's memory and functions. */
-class Library {
+export class Library {
+  /** An instance of its own of a compiled module. */
+  static async load(module) {
+    return new Library(await WebAssembly.instantiate(module, {}));
+  }
+
   constructor(instance) {
     this.exports = instance.exports;
     this.trap = null;
@@ -148,6 +153,11 @@ export async function fetchBytes(source, onProgress) {
   return unpacked(bytes);
 }
 
+/** A module: compiled from a URL, a response or bytes, or as it is. */
+export async function compiled(wasm) {
+  return wasm instanceof WebAssembly.Module ? wasm : WebAssembly.compile(await fetchBytes(wasm));
+}
+
 async function unpacked(bytes) {
   if (bytes[0] !== 0x1f || bytes[1] !== 0x8b) return bytes;
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -185,11 +195,8 @@ export class Model {
   static async load({ wasm, model, precision = "stored", maxSessions = 4, onProgress } = {}) {
     if (!wasm || !model) throw new UmoError("NULL_POINTER", "`wasm` and `model` are needed");
     if (!(precision in PRECISIONS)) throw new UmoError("INVALID_ARGUMENT", `precision ${precision} is none of ${Object.keys(PRECISIONS)}`);
-    const [module, bytes] = await Promise.all([
-      wasm instanceof WebAssembly.Module ? wasm : fetchBytes(wasm).then((code) => WebAssembly.compile(code)),
-      fetchBytes(model, onProgress),
-    ]);
-    return new Model(new Library(await WebAssembly.instantiate(module, {})), bytes, precision, maxSessions);
+    const [library, bytes] = await Promise.all([compiled(wasm).then(Library.load), fetchBytes(model, onProgress)]);
+    return new Model(library, bytes, precision, maxSessions);
   }
 
   constructor(library, bytes, precision, maxSessions) {
@@ -296,6 +303,11 @@ export class Model {
       if (library.view.getUint32(library.scratch, true) === 0) return false;
       if (performance.now() >= end) return true;
     }
+  }
+
+  /** The module that it runs in, which moves characters, too. */
+  get library() {
+    return this.#library;
   }
 
   /** Bytes of memory that the module has. */

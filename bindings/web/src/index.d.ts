@@ -27,6 +27,8 @@ export interface ModelDescription {
   readonly parents: number[];
   /** Where each joint is in its parent's frame at rest: x y z, metres. */
   readonly offsets: Float32Array;
+  /** The module in this thread, which moves characters. */
+  readonly library: unknown;
 }
 
 /** A body and a face at one moment. */
@@ -123,6 +125,7 @@ export class Model implements ModelDescription {
   readonly visemeNames: string[];
   readonly parents: number[];
   readonly offsets: Float32Array;
+  readonly library: unknown;
   /** Bytes of memory that the module has. */
   readonly memory: number;
   session(options?: SessionOptions): Session;
@@ -177,6 +180,30 @@ export interface GestureOptions {
   target?: [number, number, number];
 }
 
+/** A character of a `.glb` file that follows poses. */
+export class Follower {
+  /** `given`: bones and shapes that are not found, as a mapping file has them; a bone may be the number of a node. */
+  constructor(file: Uint8Array, model: ModelDescription, given?: { bones?: Record<string, string | string[] | number>; face?: Record<string, unknown> });
+  readonly description: {
+    convention: string;
+    bones: Record<string, number[]>;
+    /** The node of each joint. */
+    nodes: (number | null)[];
+    /** Node, path and value of what the bind pose has elsewhere than the file. */
+    held: [number, "translation" | "rotation" | "scale", number[]][];
+    driven: number[];
+    hips: number | null;
+    tracks: { node: number; count: number; moved: number[] }[];
+    expressions: string[];
+    /** Face channels that move no shape themselves. */
+    still: string[];
+    speaks: boolean;
+  };
+  /** Rotations of `driven`, the place of `hips`, weights of `tracks`, weights of `expressions`: good until the next call. */
+  values(pose: PoseValues): Float32Array;
+  free(): void;
+}
+
 /** An avatar whose engine runs in a worker. */
 export class Avatar {
   static create(
@@ -185,6 +212,7 @@ export class Avatar {
       wasm?: Source | WebAssembly.Module;
       precision?: Precision;
       worker?: Worker;
+      delay?: number;
       onProgress?: (progress: Progress) => void;
       onError?: (error: Error) => void;
     },
@@ -193,6 +221,9 @@ export class Avatar {
   /** Seconds of future audio that a frame needs at most, and its mouth. */
   readonly latency: number;
   readonly mouthLatency: number;
+  /** Seconds that the device's sound is later than its AudioContext knows: a Bluetooth speaker's or a television's. */
+  delay: number;
+  /** The newest pose; at rest before the first. */
   readonly pose: PoseValues;
   /** Seconds of the motion that are to be seen now. */
   readonly time: number;

@@ -1,235 +1,156 @@
 // Characters of three.js: glTF files whose bones have the usual names, and VRM (@pixiv/three-vrm). Nothing of three.js is imported:
-// the objects of the page's own copy are used.
+// the objects of the page's own copy are used. What a character's bones and shapes are, and how they follow a pose, the module says
+// (`follower.js`), to which the character is described as a glTF file.
 
-/** Joints of SMPL-X that are one bone, and what others call it; `{}` is the side. In the order of search. */
-const BONES = {
-  pelvis: ["hips", "pelvis", "hip"],
-  neck: ["neck", "neck01", "neck1"],
-  head: ["head"],
-  jaw: ["jaw", "jawroot", "lowerjaw"],
-};
-const SIDED = {
-  collar: ["shoulder", "clavicle", "collar"],
-  shoulder: ["upperarm", "arm", "shldrbend"],
-  elbow: ["lowerarm", "forearm", "forearmbend", "elbow"],
-  wrist: ["hand", "wrist"],
-  hip: ["upperleg", "upleg", "thigh", "thighbend", "hip"],
-  knee: ["lowerleg", "leg", "calf", "shin", "knee"],
-  ankle: ["foot", "ankle"],
-  foot: ["toes", "toebase", "ball", "toe"],
-  eye: ["eye"],
-};
-const SPINE = [["spine", "spine01", "spine1", "lowerback"], ["chest", "spine02", "spine1", "spine2"], ["upperchest", "spine03", "spine2", "spine3"]];
-const FINGERS = { index: ["index"], middle: ["middle", "mid"], ring: ["ring"], pinky: ["pinky", "little"], thumb: ["thumb"] };
-const SEGMENTS = ["proximal", "intermediate", "distal"];
-/** Joints whose direction at rest is brought to the model's T-pose, and the joint that they point at. */
-const POINTED = { shoulder: "elbow", elbow: "wrist", hip: "knee", knee: "ankle" };
+import { Follower } from "./follower.js";
 
-/** VRM's expressions and the visemes of the Oculus set that they take the place of. */
-const VRM_MOUTH = { aa: ["aa"], ih: ["ih"], ou: ["ou"], ee: ["E"], oh: ["oh"] };
+/** A name as the character's file has it: three.js takes signs out of it. */
+const nameOf = ({ name, userData }) => userData?.name ?? userData?.originalName ?? name ?? "";
 
-const multiply = ([ax, ay, az, aw], [bx, by, bz, bw]) => [
-  aw * bx + ax * bw + ay * bz - az * by,
-  aw * by - ax * bz + ay * bw + az * bx,
-  aw * bz + ax * by - ay * bx + az * bw,
-  aw * bw - ax * bx - ay * by - az * bz,
-];
-const conjugate = ([x, y, z, w]) => [-x, -y, -z, w];
-const rotate = ([x, y, z, w], [a, b, c]) => {
-  const t = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-  return [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]];
-};
-const length = (v) => Math.sqrt(v.reduce((sum, x) => sum + x * x, 0));
-const unit = (v) => v.map((x) => x / (length(v) || 1));
-
-/** The shortest rotation from one direction to another. */
-function between(a, b) {
-  const [p, q] = [unit(a), unit(b)];
-  const cosine = p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-  // Opposite directions have no shortest way: a bone that points there is left alone.
-  if (cosine < -0.999) return [0, 0, 0, 1];
-  return unit([p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0], 1 + cosine]);
-}
-
-/** A name without prefixes, separators and case: "mixamorig:LeftArm" is "arm" on the left. */
-function key(name) {
-  let text = name.replace(/^.*[:|]/, "").replace(/^(mixamorig\d*|cc_base|valvebiped|bip\d*|def|j_(bip|sec|adj)_?[clr]?)[_-]?/i, "");
-  const side = /(^|[^a-z])(left)|left|(^|[_.\s-])l([_.\s-]|$)|J_Bip_L/i.test(name) ? "left" : /right|(^|[_.\s-])r([_.\s-]|$)|J_Bip_R/i.test(name) ? "right" : "";
-  text = text.replace(/left|right/gi, "").replace(/(^|[_.\s-])[lr](?=[_.\s-]|$)/gi, "");
-  return { side, name: text.replace(/[^a-z0-9]/gi, "").toLowerCase() };
-}
-
-/** The bones of `root` by SMPL-X's names: `{ head: Object3D, left_elbow: Object3D, … }`. Bones with other names are left out. */
-export function findBones(root) {
-  const known = new Map();
-  root.traverse((node) => {
-    const { side, name } = key(node.name ?? "");
-    const place = `${side} ${name}`;
-    if (node.name && !node.isMesh && !known.has(place)) known.set(place, node);
-  });
-  const used = new Set();
-  const found = {};
-  const put = (joint, side, names) => {
-    const node = names.map((name) => known.get(`${side} ${name}`)).find((node) => node && !used.has(node));
-    if (node) {
-      used.add(node);
-      found[joint] = node;
+/** The nodes below and with `root`, itself without a place: where it stands is the scene's matter. */
+function describe(root) {
+  const nodes = [];
+  root.traverse((node) => nodes.push(node));
+  const index = new Map(nodes.map((node, i) => [node, i]));
+  const json = { asset: { version: "2.0" }, nodes: [], meshes: [], skins: [], accessors: [], bufferViews: [], buffers: [] };
+  const numbers = [];
+  for (const node of nodes) {
+    const { x, y, z, w } = node.quaternion;
+    const place = { translation: [node.position.x, node.position.y, node.position.z], rotation: [x, y, z, w], scale: [node.scale.x, node.scale.y, node.scale.z] };
+    const described = { name: nameOf(node), children: node.children.map((child) => index.get(child)), ...(node === root ? {} : place) };
+    if (node.morphTargetInfluences?.length > 0) {
+      described.mesh = json.meshes.push(meshOf(node)) - 1;
+      described.weights = [...node.morphTargetInfluences];
     }
-  };
-  for (const [joint, names] of Object.entries(BONES)) put(joint, "", names);
-  SPINE.forEach((names, i) => put(`spine${i + 1}`, "", names));
-  for (const side of ["left", "right"]) {
-    for (const [joint, names] of Object.entries(SIDED)) put(`${side}_${joint}`, side, names);
-    for (const [finger, names] of Object.entries(FINGERS)) {
-      SEGMENTS.forEach((segment, i) => {
-        const all = names.flatMap((name) => [`${name}${segment}`, `${name}${i + 1}`, `${name}0${i + 1}`, `hand${name}${i + 1}`]);
-        if (finger === "thumb" && i === 0) all.unshift("thumbmetacarpal");
-        put(`${side}_${finger}${i + 1}`, side, all);
-      });
+    const { bones, boneInverses } = node.skeleton ?? {};
+    if (bones?.every((bone) => index.has(bone))) {
+      const bufferView = json.bufferViews.push({ buffer: 0, byteOffset: 4 * numbers.length, byteLength: 64 * bones.length }) - 1;
+      const inverseBindMatrices = json.accessors.push({ bufferView, componentType: 5126, count: bones.length, type: "MAT4" }) - 1;
+      boneInverses.forEach((inverse) => numbers.push(...times(inverse.elements, node.bindMatrix.elements)));
+      described.skin = json.skins.push({ joints: bones.map((bone) => index.get(bone)), inverseBindMatrices }) - 1;
     }
+    json.nodes.push(described);
   }
-  return found;
+  json.buffers.push({ byteLength: 4 * numbers.length });
+  return { nodes, index, json, numbers };
 }
 
-/** VRM's humanoid bones by SMPL-X's names. */
-function vrmBones(vrm) {
-  const bone = (name) => vrm.humanoid.getRawBoneNode?.(name) ?? vrm.humanoid.getBoneNode?.(name);
-  const found = {};
-  const put = (joint, name) => {
-    const node = bone(name);
-    if (node) found[joint] = node;
-  };
-  for (const [joint, [name]] of Object.entries(BONES)) put(joint, name);
-  ["spine", "chest", "upperChest"].forEach((name, i) => put(`spine${i + 1}`, name));
-  const names = { collar: "Shoulder", shoulder: "UpperArm", elbow: "LowerArm", wrist: "Hand", hip: "UpperLeg", knee: "LowerLeg", ankle: "Foot", foot: "Toes", eye: "Eye" };
-  const fingers = { index: "Index", middle: "Middle", ring: "Ring", pinky: "Little", thumb: "Thumb" };
-  for (const side of ["left", "right"]) {
-    for (const [joint, name] of Object.entries(names)) put(`${side}_${joint}`, `${side}${name}`);
-    for (const [joint, name] of Object.entries(fingers)) {
-      const segments = joint === "thumb" ? ["Metacarpal", "Proximal", "Distal"] : ["Proximal", "Intermediate", "Distal"];
-      segments.forEach((segment, i) => put(`${side}_${joint}${i + 1}`, `${side}${name}${segment}`));
-    }
+function meshOf({ name, morphTargetDictionary = {}, morphTargetInfluences }) {
+  const targetNames = Array.from(morphTargetInfluences, () => "");
+  for (const [shape, at] of Object.entries(morphTargetDictionary)) targetNames[at] = shape;
+  return { name, primitives: [{ targets: targetNames.map(() => ({})) }], extras: { targetNames } };
+}
+
+/** The product of two matrices, columns in a row. */
+function times(a, b) {
+  return Array.from({ length: 16 }, (_, at) => [0, 1, 2, 3].reduce((sum, k) => sum + a[4 * k + (at % 4)] * b[4 * (at >> 2) + k], 0));
+}
+
+/** A VRM's own bones and expressions, as a VRM 1.0 file has them. */
+function vrmExtension({ humanoid, expressionManager }, index) {
+  const humanBones = {};
+  for (const name of Object.keys(humanoid.humanBones)) {
+    const node = index.get(humanoid.getRawBoneNode?.(name) ?? humanoid.getBoneNode?.(name));
+    if (node !== undefined) humanBones[name] = { node };
   }
-  return found;
+  const preset = {};
+  for (const expression of expressionManager?.expressions ?? []) {
+    const binds = (expression.binds ?? expression._binds ?? []).filter(({ primitives }) => primitives);
+    const morphTargetBinds = binds.flatMap(({ primitives, index: shape, weight }) => primitives.map((mesh) => ({ node: index.get(mesh), index: shape, weight })));
+    preset[expression.expressionName] = { morphTargetBinds: morphTargetBinds.filter(({ node }) => node !== undefined) };
+  }
+  return { humanoid: { humanBones }, expressions: { preset } };
+}
+
+/** A .glb file. */
+function pack(json, numbers) {
+  const words = new TextEncoder().encode(JSON.stringify(json));
+  const text = new Uint8Array(4 * Math.ceil(words.length / 4)).fill(0x20);
+  text.set(words);
+  const [start, length] = [28 + text.length, 4 * numbers.length];
+  const file = new Uint8Array(start + length);
+  const view = new DataView(file.buffer);
+  [0x46546c67, 2, file.length, text.length, 0x4e4f534a].forEach((word, i) => view.setUint32(4 * i, word, true));
+  file.set(text, 20);
+  [length, 0x004e4942].forEach((word, i) => view.setUint32(start - 8 + 4 * i, word, true));
+  numbers.forEach((value, i) => view.setFloat32(start + 4 * i, value, true));
+  return file;
 }
 
 /** Moves a character by poses: `character.apply(avatar.samplePose())` for each picture. */
 export class Character {
-  #model;
-  #joints = [];
-  #morphs = [];
-  #root;
-  #global;
+  #follower;
+  #moves;
+  #joints;
+  #hips;
+  #tracks;
+  #expressions;
 
   /**
-   * `target` is a glTF's scene or any Object3D, or a VRM of @pixiv/three-vrm; it stands at rest and looks along +Z. `model` is
-   * `avatar.model`. `bones` names or adds bones that are not found: `{ left_elbow: Object3D }`. `moves`: the root goes through the scene.
+   * `target` is a glTF's scene or any Object3D that stands at rest, or a VRM of @pixiv/three-vrm. `model` is `avatar.model`. `bones`
+   * names bones that are not found: `{ left_elbow: Object3D }`, or null for a joint without one. With `moves: false` the character stays
+   * where it is, and only sways and turns.
    */
   constructor(target, model, { bones = {}, moves = true } = {}) {
     const isVrm = target.humanoid !== undefined;
     const root = isVrm ? target.scene : target;
-    // The humanoid's own rig would overwrite what is set here.
-    if (isVrm && "autoUpdateHumanBones" in target.humanoid) target.humanoid.autoUpdateHumanBones = false;
-    this.#model = model;
-    this.bones = { ...(isVrm ? vrmBones(target) : findBones(root)), ...bones };
-    this.expressions = isVrm ? target.expressionManager : undefined;
-    /** Joints without a bone, and face channels without a morph target. */
-    this.missing = { joints: model.jointNames.filter((name) => !this.bones[name]), channels: [] };
-    if (!this.bones.pelvis) throw new Error(`umo: no hips among the bones of ${root.name || "the character"}: pass { bones: { pelvis, … } }`);
-    this.#bind(root, moves);
-    this.#findMorphs(root);
-  }
-
-  #bind(root, moves) {
-    const { jointNames, parents, offsets } = this.#model;
-    root.updateMatrixWorld?.(true);
-    // Rotations and places at rest in the root's frame, from the nodes' own: the scene may be turned.
-    const rest = new Map([[root, { rotation: [0, 0, 0, 1], place: [0, 0, 0] }]]);
-    const at = (node) => {
-      if (rest.has(node)) return rest.get(node);
-      const parent = node.parent ? at(node.parent) : rest.get(root);
-      const { x, y, z, w } = node.quaternion;
-      const local = [node.position.x, node.position.y, node.position.z];
-      const moved = rotate(parent.rotation, local);
-      const value = { rotation: multiply(parent.rotation, [x, y, z, w]), place: moved.map((v, i) => v + parent.place[i]) };
-      rest.set(node, value);
-      return value;
-    };
-    const offset = (name) => [0, 1, 2].map((i) => offsets[3 * jointNames.indexOf(name) + i]);
-    const swings = {};
-    jointNames.forEach((name, index) => {
-      const [, side, joint] = name.match(/^(left|right)_([a-z]+)$/) ?? [];
-      const parent = parents[index] >= 0 ? jointNames[parents[index]] : undefined;
-      const [bone, next] = [this.bones[name], this.bones[`${side}_${POINTED[joint]}`]];
-      if (bone && next) {
-        const direction = at(next).place.map((v, i) => v - at(bone).place[i]);
-        swings[name] = between(direction, offset(`${side}_${POINTED[joint]}`));
-      } else {
-        // Hands and fingers turn with the forearm; feet and the trunk stand as they are.
-        swings[name] = parent && !["ankle", "foot", "collar", "hip"].includes(joint) ? swings[parent] : [0, 0, 0, 1];
-      }
-      if (bone) this.#joints.push({ index, bone, rest: multiply(swings[name], at(bone).rotation), frame: undefined });
-    });
-    const byBone = new Map(this.#joints.map((joint) => [joint.bone, joint]));
-    for (const joint of this.#joints) {
-      // The nearest bone above that moves, and what lies between at rest.
-      let [node, between] = [joint.bone.parent, [0, 0, 0, 1]];
-      while (node && node !== root && !byBone.has(node)) {
-        const { x, y, z, w } = node.quaternion;
-        [between, node] = [multiply([x, y, z, w], between), node.parent];
-      }
-      [joint.above, joint.between] = [byBone.get(node), between];
+    if (isVrm) {
+      // The humanoid's own rig would overwrite what is set here.
+      if ("autoUpdateHumanBones" in target.humanoid) target.humanoid.autoUpdateHumanBones = false;
+      target.humanoid.resetRawPose?.();
     }
-    // A bone's parent is set before it.
-    const depth = (joint) => (joint.above ? 1 + depth(joint.above) : 0);
-    this.#joints.sort((a, b) => depth(a) - depth(b));
-    const { pelvis } = this.bones;
-    const height = at(pelvis).place[1] - Math.min(...this.#joints.map(({ bone }) => at(bone).place[1]));
-    const own = ["hip", "knee", "ankle", "foot"].reduce((sum, joint) => sum - offset(`left_${joint}`)[1], 0);
-    this.#root = moves && { rest: pelvis.position.clone(), scale: height > 0 && own > 0 ? height / own : 1, parent: conjugate(pelvis.parent ? at(pelvis.parent).rotation : [0, 0, 0, 1]), first: undefined };
-    this.#global = jointNames.map(() => [0, 0, 0, 1]);
+    const { nodes, index, json, numbers } = describe(root);
+    if (isVrm) json.extensions = { VRMC_vrm: vrmExtension(target, index) };
+    const given = Object.entries(bones).map(([joint, node]) => {
+      if (node && !index.has(node)) throw new Error(`umo: the bone for ${joint} is no part of the character`);
+      return [joint, node ? index.get(node) : ""];
+    });
+    this.#follower = new Follower(pack(json, numbers), model, { bones: Object.fromEntries(given) });
+    this.#moves = moves;
+    this.#bind(nodes, isVrm ? target.expressionManager : undefined);
   }
 
-  #findMorphs(root) {
-    const wanted = new Map(this.#model.channelNames.map((name, index) => [name.toLowerCase(), index]));
-    const found = new Set();
-    root.traverse((node) => {
-      for (const [name, target] of Object.entries(node.morphTargetDictionary ?? {})) {
-        const index = wanted.get(name.replace(/^.*\./, "").replace(/_L$/, "Left").replace(/_R$/, "Right").toLowerCase());
-        if (index === undefined) continue;
-        found.add(index);
-        this.#morphs.push({ index, influences: node.morphTargetInfluences, target });
-      }
-    });
-    this.missing.channels = this.#model.channelNames.filter((_, i) => !found.has(i));
-    /** A face of few shapes: VRM's five vowels and blinks. */
-    this.isVowels = found.size === 0 && this.expressions !== undefined;
+  #bind(nodes, manager) {
+    const { held, driven, hips, tracks, expressions, bones, still } = this.#follower.description;
+    const properties = { translation: "position", rotation: "quaternion", scale: "scale" };
+    for (const [node, path, value] of held) nodes[node][properties[path]].set(...value);
+    this.#joints = driven.map((node) => nodes[node].quaternion);
+    this.#hips = hips === null ? undefined : nodes[hips].position;
+    this.#tracks = tracks.map(({ node, count, moved }) => ({ influences: nodes[node].morphTargetInfluences, count, moved, values: [] }));
+    this.#expressions = expressions.map((name) => ({ manager, name }));
+    /** The bones of each joint, `spine` and `neck` in a row; joints without a bone, and face channels without a shape. */
+    this.bones = Object.fromEntries(Object.entries(bones).map(([joint, found]) => [joint, found.map((node) => nodes[node])]));
+    this.missing = { joints: Object.keys(bones).filter((joint) => bones[joint].length === 0), channels: still };
+    /** Whether the mouth moves at all. */
+    this.speaks = this.#follower.description.speaks;
+    if (!manager?.update) return;
+    // The manager clears all shapes that any expression has, wherever in a picture it is asked to.
+    const update = manager.update.bind(manager);
+    manager.update = () => {
+      update();
+      this.#shape();
+    };
   }
 
   /** Shows a pose of `avatar.samplePose()` or of a session. */
   apply(pose) {
-    const { parents, channelNames, visemeNames } = this.#model;
-    const global = this.#global;
-    for (let j = 0; j < global.length; j++) {
-      const own = pose.rotations.subarray(4 * j, 4 * j + 4);
-      global[j] = parents[j] < 0 ? [...own] : multiply(global[parents[j]], own);
-    }
-    for (const joint of this.#joints) {
-      joint.frame = multiply(global[joint.index], joint.rest);
-      const above = joint.above ? multiply(joint.above.frame, joint.between) : joint.between;
-      joint.bone.quaternion.set(...multiply(conjugate(above), joint.frame));
-    }
-    if (this.#root) {
-      const { rest, scale, parent } = this.#root;
-      this.#root.first ??= [...pose.translation];
-      const [x, y, z] = rotate(parent, [...pose.translation].map((v, i) => (v - this.#root.first[i]) * scale));
-      this.bones.pelvis.position.set(rest.x + x, rest.y + y, rest.z + z);
-    }
-    for (const { index, influences, target } of this.#morphs) influences[target] = pose.face[index];
-    if (!this.isVowels) return;
-    for (const [expression, visemes] of Object.entries(VRM_MOUTH)) {
-      this.expressions.setValue(expression, visemes.reduce((sum, name) => sum + (pose.visemes[visemeNames.indexOf(name)] ?? 0), 0));
-    }
-    for (const side of ["Left", "Right"]) this.expressions.setValue(`blink${side}`, pose.face[channelNames.indexOf(`eyeBlink${side}`)] ?? 0);
+    const { translation: [x, y, z] } = pose;
+    const values = this.#follower.values({ ...pose, translation: this.#moves ? [x, y, z] : [0, y, 0] });
+    let at = 0;
+    const next = (count) => values.subarray(at, (at += count));
+    for (const quaternion of this.#joints) quaternion.set(...next(4));
+    this.#hips?.set(...next(3));
+    for (const track of this.#tracks) track.values = next(track.count).slice();
+    for (const { manager, name } of this.#expressions) manager.setValue(name, next(1)[0]);
+    this.#shape();
+  }
+
+  #shape() {
+    for (const { influences, moved, values } of this.#tracks) for (const shape of moved) influences[shape] = values[shape] ?? influences[shape];
+  }
+
+  /** Frees what the module keeps of it. */
+  free() {
+    this.#follower.free();
   }
 }

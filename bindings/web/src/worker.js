@@ -70,6 +70,8 @@ const calls = {
     const { name, licence, notice, isa, isArkit, hasMouth, hasText, frameRate, channelNames, jointNames, visemeNames, parents, offsets } = model;
     return {
       model: { name, licence, notice, isa, isArkit, hasMouth, hasText, frameRate, channelNames, jointNames, visemeNames, parents, offsets },
+      /** At rest, until `samplePose` gives another. */
+      pose: session.samplePose(0, pose),
       latency: session.latencySamples / rate,
       mouthLatency: session.mouthSamples / rate,
     };

@@ -1,10 +1,11 @@
-// The adapter for three.js, on nodes with three.js' fields: bones found by their names, a pose of rest, and directions of bones.
+// The adapter for three.js, on nodes with three.js' fields: bones found by their names, a pose of rest, and directions of bones. In a
+// browser, with three.js itself, tests/page/readme.mjs tests it.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { test } from "node:test";
 import { Model, Pose } from "../src/index.js";
-import { Character, findBones } from "../src/three.js";
+import { Character } from "../src/three.js";
 
 const root = new URL("../../../", import.meta.url);
 const [wasm, file] = await Promise.all(["bindings/web/dist/umo.wasm", "models/umo-people/model.safetensors"].map((path) => readFile(new URL(path, root))));
@@ -14,7 +15,7 @@ class Node {
   constructor(name, [x, y, z] = [0, 0, 0], turn = [0, 0, 0, 1]) {
     const vector = (x, y, z) => ({ x, y, z, set(...v) { [this.x, this.y, this.z] = v; }, clone() { return vector(this.x, this.y, this.z); } });
     const [qx, qy, qz, qw] = turn;
-    Object.assign(this, { name, parent: null, children: [], position: vector(x, y, z) });
+    Object.assign(this, { name, parent: null, children: [], position: vector(x, y, z), scale: vector(1, 1, 1) });
     this.quaternion = { x: qx, y: qy, z: qz, w: qw, set(...q) { [this.x, this.y, this.z, this.w] = q; } };
   }
 
@@ -71,27 +72,39 @@ function mixamo() {
   return new Node("scene").add(new Node("Armature").add(hips), face);
 }
 
+const bonesOf = (root) => Object.fromEntries(Object.entries(new Character(root, model).bones).map(([joint, nodes]) => [joint, nodes.map(({ name }) => name)]));
+
 test("bones are found by their names", () => {
-  const found = findBones(mixamo());
-  const names = Object.fromEntries(Object.entries(found).map(([joint, node]) => [joint, node.name]));
-  assert.equal(names.pelvis, "mixamorig:Hips");
-  assert.equal(names.left_collar, "mixamorig:LeftShoulder");
-  assert.equal(names.left_shoulder, "mixamorig:LeftArm");
-  assert.equal(names.right_elbow, "mixamorig:RightForeArm");
-  assert.equal(names.right_wrist, "mixamorig:RightHand");
-  assert.equal(names.left_hip, "mixamorig:LeftUpLeg");
-  assert.equal(names.left_foot, "mixamorig:LeftToeBase");
-  assert.equal(names.spine3, "mixamorig:Spine2");
-  assert.equal(names.left_index1, "mixamorig:LeftHandIndex1");
-  assert.deepEqual(Object.keys(found).filter((joint) => joint.includes("eye")), []);
+  const names = bonesOf(mixamo());
+  assert.deepEqual(names.pelvis, ["mixamorig:Hips"]);
+  assert.deepEqual(names.left_collar, ["mixamorig:LeftShoulder"]);
+  assert.deepEqual(names.left_shoulder, ["mixamorig:LeftArm"]);
+  assert.deepEqual(names.right_elbow, ["mixamorig:RightForeArm"]);
+  assert.deepEqual(names.left_foot, ["mixamorig:LeftToeBase"]);
+  assert.deepEqual(names.spine, ["mixamorig:Spine", "mixamorig:Spine1", "mixamorig:Spine2"]);
+  assert.deepEqual(names.left_index1, ["mixamorig:LeftHandIndex1"]);
+  const eyes = Object.keys(names).filter((joint) => joint.includes("eye"));
+  assert.ok(eyes.every((joint) => names[joint].length === 0));
 });
 
-test("the bones of Unreal and Blender are found, too", () => {
-  const names = ["pelvis", "spine_01", "neck_01", "head", "clavicle_l", "upperarm_l", "lowerarm_r", "hand_r", "thigh_l", "calf_l", "foot_l", "ball_l", "index_01_l"];
-  const found = findBones(new Node("root").add(...names.map((name) => new Node(name))));
-  for (const joint of ["pelvis", "spine1", "neck", "head", "left_collar", "left_shoulder", "right_elbow", "right_wrist", "left_hip", "left_knee", "left_ankle", "left_foot", "left_index1"]) {
-    assert.ok(found[joint], joint);
-  }
+test("names are those of the file, from which three.js takes the signs", () => {
+  const scene = mixamo();
+  scene.traverse((node) => {
+    const blender = node.name.replace(/mixamorig:(Left|Right)(.*)/, (_, side, rest) => `mixamorig:${rest}.${side[0].toLowerCase()}`);
+    Object.assign(node, { userData: { name: blender }, name: blender.replace(/[:.]/g, "") });
+  });
+  const names = bonesOf(scene);
+  assert.deepEqual([names.left_elbow, names.right_knee], [["mixamorigForeArml"], ["mixamorigLegr"]]);
+});
+
+test("a bone that has another name can be given, and one that is elsewhere is refused", () => {
+  const scene = mixamo();
+  let elbow;
+  scene.traverse((node) => node.name === "mixamorig:LeftForeArm" && (elbow = node));
+  elbow.name = "thing";
+  assert.throws(() => new Character(scene, model), /INVALID_ARGUMENT.*left_elbow/);
+  assert.equal(new Character(scene, model, { bones: { left_elbow: elbow } }).bones.left_elbow[0], elbow);
+  assert.throws(() => new Character(scene, model, { bones: { left_elbow: new Node("thing") } }), /left_elbow is no part/);
 });
 
 test("the model's rest is a T-pose on a character that stands otherwise", () => {
@@ -101,7 +114,7 @@ test("the model's rest is a T-pose on a character that stands otherwise", () => 
   for (let j = 0; j < 55; j++) pose.rotations[4 * j + 3] = 1;
   character.apply(pose);
   for (const [side, s] of [["left", 1], ["right", -1]]) {
-    const [elbow, shoulder] = [place(character.bones[`${side}_elbow`]), place(character.bones[`${side}_shoulder`])];
+    const [elbow, shoulder] = [place(character.bones[`${side}_elbow`][0]), place(character.bones[`${side}_shoulder`][0])];
     const arm = elbow.map((v, i) => v - shoulder[i]);
     const joint = model.jointNames.indexOf(`${side}_elbow`);
     const wanted = [...model.offsets.subarray(3 * joint, 3 * joint + 3)];
@@ -116,14 +129,14 @@ test("a turn of a joint turns what hangs from it, and the root goes with the cha
   const pose = new Pose(model);
   for (let j = 0; j < 55; j++) pose.rotations[4 * j + 3] = 1;
   character.apply(pose);
-  const before = place(character.bones.head);
+  const before = place(character.bones.head[0]);
   // The pelvis turns to the left, about y.
   pose.rotations.set([0, Math.SQRT1_2, 0, Math.SQRT1_2], 0);
   pose.translation.set([0, 0.1, 0]);
   character.apply(pose);
-  const hand = place(character.bones.left_wrist);
+  const hand = place(character.bones.left_wrist[0]);
   assert.ok(hand[2] < -0.3 && Math.abs(hand[0]) < 0.1, `${hand}`);
-  const rise = place(character.bones.head)[1] - before[1];
+  const rise = place(character.bones.head[0])[1] - before[1];
   assert.ok(rise > 0.08 && rise < 0.13, `${rise}`);
 });
 
@@ -141,28 +154,77 @@ test("morph targets by ARKit's names; others are left alone", () => {
   assert.ok(character.missing.channels.includes("mouthPucker") && !character.missing.channels.includes("jawOpen"));
 });
 
-test("VRM's vowels follow the visemes", () => {
-  const scene = mixamo();
-  const bones = findBones(scene);
+/** A VRM of a character, with an expression for each of some shapes, whose manager clears those as three-vrm's does. */
+function vrmOf(scene, expressions) {
+  const face = scene.children[1];
+  const named = new Map();
+  scene.traverse((node) => named.set(node.name, node));
+  const table = { hips: "Hips", spine: "Spine", head: "Head" };
+  for (const side of ["Left", "Right"]) {
+    for (const [name, bone] of Object.entries({ UpperArm: "Arm", LowerArm: "ForeArm", Hand: "Hand", UpperLeg: "UpLeg", LowerLeg: "Leg", Foot: "Foot" })) {
+      table[`${side.toLowerCase()}${name}`] = `${side}${bone}`;
+    }
+  }
   const values = {};
-  const names = { hips: "pelvis", leftUpperArm: "left_shoulder", leftLowerArm: "left_elbow" };
-  const vrm = {
-    scene: scene.children[0],
-    humanoid: { autoUpdateHumanBones: true, getRawBoneNode: (name) => bones[names[name]] },
-    expressionManager: { setValue: (name, value) => (values[name] = value) },
+  const bound = Object.entries(expressions).map(([expressionName, index]) => ({ expressionName, binds: [{ primitives: [face], index, weight: 1 }] }));
+  return {
+    scene,
+    values,
+    humanoid: { autoUpdateHumanBones: true, humanBones: table, getRawBoneNode: (name) => named.get(`mixamorig:${table[name]}`) },
+    expressionManager: {
+      expressions: bound,
+      setValue: (name, value) => (values[name] = value),
+      update: () => Object.values(expressions).forEach((index) => (face.morphTargetInfluences[index] = 0)),
+    },
   };
+}
+
+test("a VRM's bones are those of its table, and its expressions speak where its shapes do not", () => {
+  const scene = mixamo();
+  const face = scene.children[1];
+  face.morphTargetDictionary = { s1: 0, s2: 1, s3: 2 };
+  const vrm = vrmOf(scene, { aa: 0, blink: 1 });
   const character = new Character(vrm, model);
   assert.equal(vrm.humanoid.autoUpdateHumanBones, false);
-  assert.equal(character.isVowels, true);
+  assert.equal(character.bones.left_elbow[0].name, "mixamorig:LeftForeArm");
+  assert.equal(character.speaks, true);
   const pose = new Pose(model);
   for (let j = 0; j < 55; j++) pose.rotations[4 * j + 3] = 1;
-  pose.visemes[model.visemeNames.indexOf("aa")] = 0.75;
+  pose.face[model.channelNames.indexOf("jawOpen")] = 0.7;
   character.apply(pose);
-  assert.equal(values.aa, 0.75);
-  assert.equal(values.oh, 0);
-  assert.equal(values.blinkLeft, 0);
+  assert.ok(vrm.values.aa > 0.9, `${vrm.values.aa}`);
+  assert.equal(vrm.values.blink, 0);
+});
+
+test("a VRM's own shapes are not cleared by its expressions", () => {
+  const scene = mixamo();
+  const vrm = vrmOf(scene, { aa: 0, blink: 1 });
+  const character = new Character(vrm, model);
+  const pose = new Pose(model);
+  for (let j = 0; j < 55; j++) pose.rotations[4 * j + 3] = 1;
+  pose.face[model.channelNames.indexOf("jawOpen")] = 0.75;
+  character.apply(pose);
+  vrm.expressionManager.update();
+  assert.equal(scene.children[1].morphTargetInfluences[0], 0.75);
+});
+
+test("the feet stand on the floor, wherever the model's own root is", () => {
+  const character = new Character(mixamo(), model);
+  const session = model.session();
+  const pose = session.samplePose(0);
+  character.apply(pose);
+  const foot = place(character.bones.left_ankle[0])[1];
+  assert.ok(Math.abs(foot - 0.1) < 0.03, `the ankle is at ${foot}, at rest at 0.1`);
+  session.free();
+});
+
+test("a character that is freed follows no more", () => {
+  const character = new Character(mixamo(), model);
+  character.free();
+  character.free();
+  assert.throws(() => character.apply(new Pose(model)), /INVALID_HANDLE/);
 });
 
 test("a character without hips is an error that says so", () => {
-  assert.throws(() => new Character(new Node("box"), model), /hips/);
+  assert.throws(() => new Character(new Node("box"), model), /no bones found for pelvis/);
 });

@@ -3,17 +3,15 @@
 
 use serde_json::json;
 use serde_json::value::RawValue;
+use umo_core::glb::Faces;
 use umo_core::glb::document::Document;
 use umo_core::glb::splice::{Members, raw};
 use umo_core::glb::{self, Glb, container, transform};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::Quat;
-use umo_core::motion::skeleton::JOINT_NAMES;
-use umo_core::retarget::{Mapping, Retarget};
+use umo_core::retarget::Retarget;
 
 use super::Motion;
-use super::faces::Faces;
-use super::mapping::Given;
 
 /// glTF's number for 32-bit floats.
 const FLOAT: u32 = 5126;
@@ -39,32 +37,6 @@ impl Character {
     /// What of it is not as the format has it, or cannot be moved.
     pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
         Ok(Self { read: glb::Character::read(&bytes)?, bytes })
-    }
-
-    /// What is what, by the file's own table or by names, and what is given over that; and who
-    /// names so.
-    ///
-    /// # Errors
-    /// A table that is not as VRM has it; a bone that is not there.
-    pub(super) fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
-        let (mut mapping, convention) = given.over(self.rig(), self.vrm_bones()?)?;
-        let is_found = mapping.entries().iter().any(|(_, bones)| !bones.is_empty());
-        if is_found || self.document().skins.iter().any(|skin| !skin.joints.is_empty()) || !self.has_shapes() {
-            return Ok((mapping, convention));
-        }
-        // A face alone, whose mesh no bone moves: its shapes do.
-        for joint in JOINT_NAMES {
-            mapping.put(joint, &[]).map_err(|error| error.to_string())?;
-        }
-        Ok((mapping, "no".to_owned()))
-    }
-
-    fn has_shapes(&self) -> bool {
-        self.document()
-            .nodes
-            .iter()
-            .filter_map(|node| self.document().meshes.get(node.mesh?))
-            .any(|mesh| mesh.shapes() > 0)
     }
 
     /// The file as it was read.
@@ -130,23 +102,6 @@ impl Character {
         bin.resize(start, 0);
         bin.extend(tracks.bytes);
         container(members.text().into_bytes(), &bin, file.more)
-    }
-
-    /// Channels of [`animated`](Self::animated)'s animation that hold the bind pose; those that move come after them.
-    pub(super) fn held(&self, retarget: &Retarget) -> usize {
-        self.placed(retarget).count()
-    }
-
-    /// What the bind pose has elsewhere than the file and the motion does not set: node, path and
-    /// value.
-    fn placed(&self, retarget: &Retarget) -> impl Iterator<Item = (usize, &'static str, Vec<f32>)> {
-        self.bound().iter().flat_map(|(&node, &(translation, rotation, scale))| {
-            let is_set = [node == retarget.hips(), retarget.is_driven(node), false];
-            let values =
-                [("translation", translation.to_vec()), ("rotation", rotation.to_vec()), ("scale", scale.to_vec())];
-            let left = values.into_iter().zip(is_set).filter(|(_, is_set)| !is_set);
-            left.map(move |((path, value), _)| (node, path, value))
-        })
     }
 
     /// `speech`, or where an animation has that name, with a number.

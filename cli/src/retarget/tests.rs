@@ -424,14 +424,14 @@ fn a_mapping_file_goes_before_names() {
             true,
         ),
     ] {
-        let given = Given::parse(text, is_json).unwrap();
+        let given = mapping::parse(text, is_json).unwrap();
         let moved = moved_by(&made.bytes(), &clip, &given);
         let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
         let value = |name: &str| clip.face(1)[clip.face.names.iter().position(|known| known == name).unwrap()];
         let want = (0.5 * value("mouthFunnel") + value("mouthPucker")).min(1.0);
         assert!((weights[3] - want).abs() < 1e-6);
     }
-    let refused = |text: &str| match Given::parse(text, false) {
+    let refused = |text: &str| match mapping::parse(text, false) {
         Err(problem) => problem,
         Ok(given) => match target.mapping(&given) {
             Err(problem) => problem,

@@ -3,19 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use umo_core::error::StepError;
-use umo_core::glb::Glb;
 use umo_core::glb::accessor::floats;
 use umo_core::glb::document::Document;
+use umo_core::glb::{Follower, Given, Glb};
 use umo_core::motion::clip::Clip;
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::{IDENTITY, Quat};
 use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::{Floor, Mapping, Retarget, Scratch};
+use umo_core::retarget::Mapping;
 
-use super::faces::Faces;
-use super::mapping::Given;
-use super::{Character, is_character, motion, prepare, read};
+use super::{Character, is_character, mapping, motion, read};
 use crate::failure::Failure;
 
 /// Largest file that a page holds: browsers open it as text, a third longer.
@@ -34,53 +29,8 @@ pub(crate) struct Worn {
     pub(crate) seconds: f64,
     /// Of one that follows a stream, the first channel of the animation whose values come with the frames.
     pub(crate) streamed: Option<usize>,
-    /// How those values are made of a frame, where the page itself does that.
-    pub(crate) follower: Option<serde_json::Value>,
-}
-
-/// What turns a stream's frames into values of a character's channels. Any number of threads may use it at once.
-pub(crate) struct Follower {
-    retarget: Retarget,
-    faces: Faces,
-}
-
-/// Room for one frame.
-pub(crate) struct FollowScratch {
-    scratch: Scratch,
-    rotations: Vec<Quat>,
-}
-
-impl Follower {
-    /// Room for one thread.
-    pub(crate) fn scratch(&self) -> FollowScratch {
-        FollowScratch { scratch: self.retarget.scratch(), rotations: vec![IDENTITY; self.retarget.bones()] }
-    }
-
-    /// All that makes those values, for a page that has no program beside it: `page/wearer.js` takes the same steps.
-    pub(crate) fn description(&self) -> serde_json::Value {
-        serde_json::json!({ "retarget": self.retarget, "faces": self.faces.description() })
-    }
-
-    /// Adds a frame's values, channel by channel as the character's animation has them.
-    ///
-    /// # Errors
-    /// A scratch of another character.
-    pub(crate) fn add(
-        &self,
-        room: &mut FollowScratch,
-        pose: &Pose,
-        face: &[f32],
-        values: &mut Vec<f32>,
-    ) -> Result<(), StepError> {
-        let hips = self.retarget.apply(&mut room.scratch, pose, &mut room.rotations)?;
-        let driven = (0..self.retarget.bones()).filter(|&bone| self.retarget.is_driven(bone));
-        values.extend(driven.flat_map(|bone| room.rotations[bone]));
-        if self.retarget.is_driven(self.retarget.hips()) {
-            values.extend(hips);
-        }
-        values.extend(self.faces.tracks().iter().flat_map(|track| track.weights(face)));
-        Ok(())
-    }
+    /// The mapping, where the page itself makes those values of the frames.
+    pub(crate) given: Option<Given>,
 }
 
 /// Who is to wear a motion: a character that was read, and which bone of it is what.
@@ -98,13 +48,26 @@ impl Wearer {
     /// A file that is no character, or that a page cannot show; in words, with its name.
     pub(crate) fn read(path: &Path, mapping: Option<&Path>) -> Result<Self, Failure> {
         let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-        let given = mapping.map(Given::read).transpose()?.unwrap_or_default();
+        let given = mapping.map(mapping::read).transpose()?.unwrap_or_default();
         if !is_character(path) {
             let is_bvh = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"));
             let why = if is_bvh { "a .bvh file has bones and no body: " } else { "" };
             return Err(wrong(format!("{why}expected a character, .glb, .gltf or .vrm")));
         }
-        let character = Character::read(read(path)?).map_err(wrong)?;
+        Self::of(path, read(path)?, given)
+    }
+
+    /// The character of a `.glb` or `.vrm` file's bytes.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub(crate) fn dropped(file: Vec<u8>) -> Result<Self, Failure> {
+        Self::of(Path::new("the character"), file, Given::default())
+    }
+
+    fn of(path: &Path, file: Vec<u8>, given: Given) -> Result<Self, Failure> {
+        let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+        let character = Character::read(file).map_err(wrong)?;
         let (mapping, _) = character.mapping(&given).map_err(wrong)?;
         mapping.check(character.rig()).map_err(|problem| {
             let help = "--mapping FILE says which is which, `umo retarget --print-mapping` what was found";
@@ -132,23 +95,19 @@ impl Wearer {
     /// As [`wear`](Self::wear).
     pub(crate) fn follow(self, rest: &Clip) -> Result<(Worn, Follower), Failure> {
         let (worn, follower) = self.put_on(rest)?;
-        let streamed = Some(self.character.held(&follower.retarget));
-        Ok((Worn { streamed, ..worn }, follower))
+        let streamed = Some(self.character.placed(follower.retarget()).count());
+        Ok((Worn { streamed, given: Some(self.given), ..worn }, follower))
     }
 
     fn put_on(&self, clip: &Clip) -> Result<(Worn, Follower), Failure> {
         let Self { character, given, mapping, .. } = self;
-        let faces = Faces::find(character.document(), &clip.face, given).map_err(|problem| self.wrong(problem))?;
-        let retarget = prepare(&clip.skeleton, character.rig(), mapping, Floor::AtRest);
-        let mut retarget = retarget.map_err(|problem| self.wrong(problem))?;
-        faces.release_bones(&clip.face, mapping, &mut retarget);
-        let motion = motion(&retarget, clip)?;
-        let file = character.animated(&retarget, &motion, &faces, clip).map_err(|problem| self.wrong(problem))?;
+        let follower = Follower::new(character, mapping, given, (&clip.skeleton, &clip.face));
+        let follower = follower.map_err(|problem| self.wrong(problem))?;
+        let (retarget, faces) = (follower.retarget(), follower.faces());
+        let motion = motion(retarget, clip)?;
+        let file = character.animated(retarget, &motion, faces, clip).map_err(|problem| self.wrong(problem))?;
         let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
-        Ok((
-            Worn { file, nodes: nodes(mapping), seconds, streamed: None, follower: None },
-            Follower { retarget, faces },
-        ))
+        Ok((Worn { file, nodes: mapping.nodes(), seconds, streamed: None, given: None }, follower))
     }
 
     /// The character with the animation that its file has, such as `umo retarget` writes.
@@ -158,10 +117,10 @@ impl Wearer {
     pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
         let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
         Ok(Worn {
-            nodes: nodes(&self.mapping),
+            nodes: self.mapping.nodes(),
             seconds,
             streamed: None,
-            follower: None,
+            given: None,
             file: self.character.into_bytes(),
         })
     }
@@ -188,23 +147,6 @@ fn shown(file: &[u8]) -> Result<(), String> {
         }
         None => Ok(()),
     }
-}
-
-/// The bone of each joint; of a spine or a neck of other counts, the one as far along.
-fn nodes(mapping: &Mapping) -> [Option<usize>; JOINTS] {
-    let along = |chain: &[usize], part: usize, parts: usize| {
-        let last = chain.len().checked_sub(1)?;
-        Some(chain[(part * chain.len()).div_ceil(parts).saturating_sub(1).min(last)])
-    };
-    std::array::from_fn(|joint| {
-        mapping.bone(joint).or_else(|| match joint {
-            3 => along(mapping.spine(), 1, 3),
-            6 => along(mapping.spine(), 2, 3),
-            9 => along(mapping.spine(), 3, 3),
-            12 => along(mapping.neck(), 1, 1),
-            _ => None,
-        })
-    })
 }
 
 /// Seconds of a file's first animation.

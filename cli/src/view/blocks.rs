@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use data_encoding::BASE64;
 use serde::Serialize;
 use umo_core::config::FaceKind;
+use umo_core::glb::Given;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINT_NAMES;
 
@@ -86,7 +87,7 @@ struct Character<'a> {
     seconds: f64,
     /// The first channel of its animation whose values come with a stream's frames.
     streamed: Option<usize>,
-    follower: Option<&'a serde_json::Value>,
+    given: Option<&'a Given>,
 }
 
 #[derive(Serialize)]
@@ -204,7 +205,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             nodes: worn.nodes.to_vec(),
             seconds: worn.seconds,
             streamed: worn.streamed,
-            follower: worn.follower.as_ref(),
+            given: worn.given.as_ref(),
         }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),

@@ -13,12 +13,13 @@ mod visitor;
 
 use std::io;
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use umo_core::audio::resample;
 use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::glb::Follower;
 use umo_core::model::Model;
 use umo_core::motion::clip::Clip;
 use umo_core::session::{MAX_RATE, MIN_RATE, SessionConfig, Voice};
@@ -28,7 +29,7 @@ use super::scene::{self, Audio, LiveInfo, Scene};
 use super::{browser, page};
 use crate::args::{GenerateArgs, Page, VoiceArg};
 use crate::failure::Failure;
-use crate::retarget::Follower;
+use crate::retarget::Wearer;
 use crate::{animate, model};
 use http::{Answer, Request};
 
@@ -42,19 +43,26 @@ const LOOK: Duration = Duration::from_millis(20);
 const OTHER_RATE: usize = 48_000;
 
 /// What all visitors share.
-pub(super) struct Host {
+pub(super) struct Host<'a> {
     engine: Engine,
     session: SessionConfig,
     /// When the mouth moves, where that was asked for.
     voice: Option<VoiceArg>,
+    args: &'a Page,
+    audio: Option<Audio>,
     /// Samples a second, and mono samples.
     recording: Option<(usize, Vec<f32>)>,
-    /// What the character on the page needs of each frame, where there is one.
-    follower: Option<Follower>,
-    page: String,
+    shown: Mutex<Shown>,
     port: u16,
     streams: AtomicUsize,
     stop: Arc<AtomicBool>,
+}
+
+/// The page, and the character on it.
+#[derive(Clone)]
+struct Shown {
+    page: Arc<str>,
+    follower: Option<Arc<Follower>>,
 }
 
 /// Serves until Ctrl-C.
@@ -79,8 +87,8 @@ pub(super) fn run(args: &Page) -> Result<(), Failure> {
     host.serve(&listener).map_err(Failure::environment)
 }
 
-impl Host {
-    fn new(args: &Page, listener: &TcpListener) -> Result<Self, Failure> {
+impl<'a> Host<'a> {
+    fn new(args: &'a Page, listener: &TcpListener) -> Result<Self, Failure> {
         let wav = args.input.as_deref().map(|path| animate::speech(path, args.repair)).transpose()?;
         let audio = wav.as_ref().map(Audio::new).transpose()?;
         let recording = wav.map(|wav| for_session(wav.sample_rate as usize, wav.mono())).transpose()?;
@@ -95,25 +103,31 @@ impl Host {
         let engine = Engine::new(loaded, &config).map_err(Failure::input)?;
         check_voice(args, engine.model())?;
         let session = session(&args.generate, engine.model().config());
-        let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
-        let live = rest(&engine, &session)?;
-        let config = engine.model().config();
-        let mut still = Clip::new(config);
-        still.push(&live.rest, &live.rest_face);
-        let (character, follower) = wearer.map(|wearer| wearer.follow(&still)).transpose()?.unzip();
-        let mut scene = Scene::of_stream(&title, config, args, live, character)?;
-        scene.audio = audio;
+        let shown = Mutex::new(Shown::new(args, (&engine, &session), audio.as_ref(), wearer)?);
         Ok(Self {
-            page: page::html(&scene)?,
             engine,
             session,
             voice: args.voice,
+            args,
+            audio,
             recording,
-            follower,
+            shown,
             port: listener.local_addr().map_err(Failure::environment)?.port(),
             streams: AtomicUsize::new(0),
             stop: Arc::new(AtomicBool::new(false)),
         })
+    }
+
+    fn shown(&self) -> Shown {
+        self.shown.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Shows a character that a page gives; why not, where it cannot be shown.
+    fn put_on(&self, file: Vec<u8>) -> Result<(), Failure> {
+        let wearer = Wearer::dropped(file)?;
+        let shown = Shown::new(self.args, (&self.engine, &self.session), self.audio.as_ref(), Some(wearer))?;
+        *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = shown;
+        Ok(())
     }
 
     /// Accepts connections, one thread each, until it is stopped.
@@ -163,7 +177,14 @@ impl Host {
             return http::refuse(&mut stream, 0, "400 Bad Request");
         };
         match Request::parse(&head).map_or(Answer::Refuse("400 Bad Request"), |request| request.answer(self.port)) {
-            Answer::Page => http::send_page(&mut stream, length, &self.page),
+            Answer::Page => http::send_page(&mut stream, length, &self.shown().page),
+            Answer::Character(size) => {
+                let file = http::body(&mut stream, length, size)?;
+                match self.put_on(file) {
+                    Ok(()) => http::tell(&mut stream, 0, "200 OK", "reload the page"),
+                    Err(failure) => http::tell(&mut stream, 0, "422 Unprocessable Content", &failure.to_string()),
+                }
+            }
             Answer::Refuse(status) => http::refuse(&mut stream, length, status),
             Answer::Stream if self.streams.fetch_add(1, Ordering::SeqCst) >= MAX_STREAMS => {
                 self.streams.fetch_sub(1, Ordering::SeqCst);
@@ -175,6 +196,25 @@ impl Host {
                 Ok(())
             }
         }
+    }
+}
+
+impl Shown {
+    fn new(
+        args: &Page,
+        (engine, session): (&Engine, &SessionConfig),
+        audio: Option<&Audio>,
+        wearer: Option<Wearer>,
+    ) -> Result<Self, Failure> {
+        let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
+        let live = rest(engine, session)?;
+        let config = engine.model().config();
+        let mut still = Clip::new(config);
+        still.push(&live.rest, &live.rest_face);
+        let (character, follower) = wearer.map(|wearer| wearer.follow(&still)).transpose()?.unzip();
+        let mut scene = Scene::of_stream(&title, config, args, live, character)?;
+        scene.audio = audio.cloned();
+        Ok(Self { page: page::html(&scene)?.into(), follower: follower.map(Arc::new) })
     }
 }
 

@@ -16,10 +16,10 @@ macro_rules! modules {
 }
 
 /// The modules, each by its name.
-const MODULES: [(&str, &str); 27] = modules!(
-    "body.js" "bones.js" "camera.js" "character.js" "clock.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
+const MODULES: [(&str, &str); 28] = modules!(
+    "body.js" "bones.js" "camera.js" "character.js" "clock.js" "drop.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
     "lanes.js" "light.js" "live.js" "local.js" "main.js" "math.js" "microphone.js" "motion.js" "inspect.js" "keys.js"
-    "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js" "wearer.js"
+    "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js" "video.js"
 );
 
 /// A page that shows a scene.

@@ -21,7 +21,7 @@ use super::page;
 use super::scene::{self, Audio, PageEngine, Scene};
 use crate::args::{Page, PrecisionArg, VoiceArg};
 use crate::failure::Failure;
-use crate::retarget::{Wearer, Worn};
+use crate::retarget::Wearer;
 use crate::{animate, atomic_file, model};
 
 /// Where the package goes in the folder, and its module and the model, as the page names them.
@@ -117,8 +117,7 @@ fn scene(args: &Page, wearer: Option<Wearer>) -> Result<Scene, Failure> {
     if let Some(wearer) = wearer {
         let mut still = Clip::new(config);
         still.push(&live.rest, &live.rest_face);
-        let (worn, follower) = wearer.follow(&still)?;
-        character = Some(Worn { follower: Some(follower.description()), ..worn });
+        character = Some(wearer.follow(&still)?.0);
     }
     Scene::of_stream(&title, config, args, live, character)
 }

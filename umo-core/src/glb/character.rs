@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use super::bind::bind_pose;
 use super::document::{Document, Node};
-use super::{Glb, vrm};
+use super::{Given, Glb, vrm};
 use crate::motion::rotation::{IDENTITY, Matrix, Quat, matrix_to_quat};
-use crate::retarget::{Bone, Mapping, Rig};
+use crate::motion::skeleton::JOINT_NAMES;
+use crate::retarget::{Bone, Mapping, Retarget, Rig};
 
 /// Translation, rotation and scale of a node.
 pub type Transform = ([f32; 3], Quat, [f32; 3]);
@@ -60,6 +61,44 @@ impl Character {
     /// A table that is not as VRM has it.
     pub fn vrm_bones(&self) -> Result<Option<(Mapping, &'static str)>, String> {
         vrm::bones(&self.document)
+    }
+
+    /// The bones by the file's own table or by names, with the given ones over them; and the
+    /// convention of the names.
+    ///
+    /// # Errors
+    /// A table that is not as VRM has it; a bone that is not there.
+    pub fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
+        let (mut mapping, convention) = given.over(self.rig(), self.vrm_bones()?)?;
+        let is_found = mapping.entries().iter().any(|(_, bones)| !bones.is_empty());
+        if is_found || self.document().skins.iter().any(|skin| !skin.joints.is_empty()) || !self.has_shapes() {
+            return Ok((mapping, convention));
+        }
+        // A face alone, whose mesh no bone moves: its shapes do.
+        for joint in JOINT_NAMES {
+            mapping.put(joint, &[]).map_err(|error| error.to_string())?;
+        }
+        Ok((mapping, "no".to_owned()))
+    }
+
+    fn has_shapes(&self) -> bool {
+        self.document()
+            .nodes
+            .iter()
+            .filter_map(|node| self.document().meshes.get(node.mesh?))
+            .any(|mesh| mesh.shapes() > 0)
+    }
+
+    /// The values of the bind pose that differ from the file's and that no motion sets: node, path
+    /// and value.
+    pub fn placed(&self, retarget: &Retarget) -> impl Iterator<Item = (usize, &'static str, Vec<f32>)> {
+        self.bound().iter().flat_map(|(&node, &(translation, rotation, scale))| {
+            let is_set = [node == retarget.hips(), retarget.is_driven(node), false];
+            let values =
+                [("translation", translation.to_vec()), ("rotation", rotation.to_vec()), ("scale", scale.to_vec())];
+            let left = values.into_iter().zip(is_set).filter(|(_, is_set)| !is_set);
+            left.map(move |((path, value), _)| (node, path, value))
+        })
     }
 
     /// Whether it is a VRM file, of either version.

@@ -88,19 +88,6 @@ impl Visemes {
     }
 }
 
-/// All that the weights are made of.
-#[cfg(feature = "internals")]
-impl serde::Serialize for Visemes {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        use serde::ser::SerializeStruct;
-        let mut visemes = serializer.serialize_struct("Visemes", 3)?;
-        visemes.serialize_field("channels", &self.channels)?;
-        visemes.serialize_field("shapes", &SHAPES)?;
-        visemes.serialize_field("width", &WIDTH)?;
-        visemes.end()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::skeleton::ARKIT_NAMES;

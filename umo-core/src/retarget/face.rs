@@ -39,7 +39,6 @@ const SIDES: [&str; 2] = ["left", "right"];
 
 /// What makes a shape's weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 enum Cause {
     /// A channel, so much of it.
     Channel(usize, f32),
@@ -56,7 +55,6 @@ enum Cause {
 
 /// Which channels vowels are made of.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 struct Vowels {
     jaw: usize,
     close: usize,
@@ -94,7 +92,6 @@ impl Vowels {
 
 /// Which shapes of one list move, and by what.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 pub struct FaceMap {
     shapes: usize,
     channels: usize,

@@ -15,7 +15,6 @@ const FEET: [usize; 4] = [7, 8, 10, 11];
 
 /// A joint of a foot and its bone, with their heights when both stand at rest.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 struct Foot {
     joint: usize,
     bone: usize,
@@ -27,7 +26,6 @@ struct Foot {
 
 /// How the hips move.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 pub(super) struct Ground {
     /// The rig's unit for each metre.
     pub(super) scale: f32,

@@ -24,7 +24,6 @@ const THERE: f32 = 1e-4;
 
 /// A joint of a foot and its bone.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 struct Point {
     joint: usize,
     bone: usize,
@@ -37,7 +36,6 @@ struct Point {
 
 /// A leg of a rig.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 pub(super) struct Leg {
     thigh: usize,
     shin: usize,

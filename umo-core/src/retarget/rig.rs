@@ -11,10 +11,8 @@ const EVEN: f32 = 1e-3;
 
 /// A bone at rest, in its parent's frame: scaled, then turned, then moved.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "internals", derive(serde::Serialize), serde(rename_all = "camelCase"))]
 pub struct Bone {
     /// Its name; may be empty.
-    #[cfg_attr(feature = "internals", serde(skip))]
     pub name: String,
     /// Index of the bone that it hangs on.
     pub parent: Option<usize>,
@@ -25,7 +23,6 @@ pub struct Bone {
     /// Along its axes.
     pub scale: [f32; 3],
     /// Whether a mesh follows it: of two bones with one name, such a one is meant.
-    #[cfg_attr(feature = "internals", serde(skip))]
     pub deforms: bool,
 }
 
@@ -159,7 +156,7 @@ impl Rig {
     }
 
     /// Every name that is one, for messages.
-    pub(super) fn names(&self) -> Vec<String> {
+    pub(crate) fn names(&self) -> Vec<String> {
         self.bones.iter().map(|bone| bone.name.clone()).filter(|name| !name.is_empty()).collect()
     }
 }

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 const MAX_HEAD: usize = 8 << 10;
 /// Most headers of a request. Browsers send some twenty.
 const MAX_HEADERS: usize = 64;
+/// Most bytes of a character.
+const MAX_BYTES: usize = 256 << 20;
 /// Time limit for receiving a request, and for sending an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How often an unfinished head is looked at.
@@ -21,6 +23,8 @@ pub(super) enum Answer {
     Page,
     /// A stream, after a WebSocket's handshake.
     Stream,
+    /// A character of so many bytes, which follow the head.
+    Character(usize),
     /// A status, and nothing else.
     Refuse(&'static str),
 }
@@ -33,6 +37,7 @@ pub(super) struct Request<'a> {
     host: Vec<&'a str>,
     origin: Vec<&'a str>,
     is_upgrade: bool,
+    length: Option<usize>,
 }
 
 impl<'a> Request<'a> {
@@ -45,13 +50,14 @@ impl<'a> Request<'a> {
             return None;
         }
         let path = parsed.path?.split('?').next()?;
-        let mut request =
-            Self { method: parsed.method?, path, host: Vec::new(), origin: Vec::new(), is_upgrade: false };
+        let (host, origin) = (Vec::new(), Vec::new());
+        let mut request = Self { method: parsed.method?, path, host, origin, is_upgrade: false, length: None };
         for header in parsed.headers {
             let value = std::str::from_utf8(header.value).ok()?;
             match header.name.to_ascii_lowercase().as_str() {
                 "host" => request.host.push(value),
                 "origin" => request.origin.push(value),
+                "content-length" => request.length = value.parse().ok(),
                 "upgrade" => request.is_upgrade = value.eq_ignore_ascii_case("websocket"),
                 _ => {}
             }
@@ -62,24 +68,26 @@ impl<'a> Request<'a> {
     /// What becomes of it, at this port.
     ///
     /// The host's name keeps out pages whose name was made to lead here; the origin keeps all other
-    /// pages from the stream.
+    /// pages from the stream and from giving a character.
     pub(super) fn answer(&self, port: u16) -> Answer {
         let names = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
         let [host] = self.host[..] else { return Answer::Refuse("400 Bad Request") };
         if !names.iter().any(|name| name == host) {
             return Answer::Refuse("421 Misdirected Request");
         }
-        if self.method != "GET" {
-            return Answer::Refuse("405 Method Not Allowed");
-        }
-        match self.path {
-            "/" => Answer::Page,
-            "/stream" if !self.is_upgrade => Answer::Refuse("426 Upgrade Required"),
-            "/stream" => match self.origin[..] {
-                [origin] if origin.strip_prefix("http://") == Some(host) => Answer::Stream,
-                _ => Answer::Refuse("403 Forbidden"),
+        let is_own = matches!(self.origin[..], [origin] if origin.strip_prefix("http://") == Some(host));
+        match (self.method, self.path) {
+            ("GET", "/") => Answer::Page,
+            ("GET", "/stream") if !self.is_upgrade => Answer::Refuse("426 Upgrade Required"),
+            ("GET", "/stream") if is_own => Answer::Stream,
+            ("POST", "/character") if is_own => match self.length {
+                Some(length) if length <= MAX_BYTES => Answer::Character(length),
+                Some(_) => Answer::Refuse("413 Content Too Large"),
+                None => Answer::Refuse("411 Length Required"),
             },
-            _ => Answer::Refuse("404 Not Found"),
+            ("GET", "/stream") | ("POST", "/character") => Answer::Refuse("403 Forbidden"),
+            ("GET", _) => Answer::Refuse("404 Not Found"),
+            _ => Answer::Refuse("405 Method Not Allowed"),
         }
     }
 }
@@ -125,7 +133,23 @@ pub(super) fn send_page(stream: &mut TcpStream, length: usize, page: &str) -> io
 
 /// Sends a status in answer to a request whose head is `length` bytes.
 pub(super) fn refuse(stream: &mut TcpStream, length: usize, status: &str) -> io::Result<()> {
-    send(stream, length, status, "text/plain; charset=utf-8", format!("{status}\n").as_bytes())
+    tell(stream, length, status, status)
+}
+
+/// The `size` bytes after a request's head of `length` bytes.
+pub(super) fn body(stream: &mut TcpStream, length: usize, size: usize) -> io::Result<Vec<u8>> {
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.read_exact(&mut vec![0; length])?;
+    let mut bytes = Vec::new();
+    match stream.take(size as u64).read_to_end(&mut bytes)? == size {
+        true => Ok(bytes),
+        false => Err(io::ErrorKind::UnexpectedEof.into()),
+    }
+}
+
+/// Sends a status and a line in answer to a request of which `length` bytes are unread.
+pub(super) fn tell(stream: &mut TcpStream, length: usize, status: &str, line: &str) -> io::Result<()> {
+    send(stream, length, status, "text/plain; charset=utf-8", format!("{line}\n").as_bytes())
 }
 
 fn send(stream: &mut TcpStream, length: usize, status: &str, kind: &str, body: &[u8]) -> io::Result<()> {

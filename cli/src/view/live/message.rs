@@ -17,7 +17,7 @@ pub(super) enum Command {
     Start {
         /// Source of the audio.
         source: Source,
-        /// Samples a second of the microphone.
+        /// Samples a second of what the page sends.
         rate: Option<u32>,
     },
     /// No more sound.
@@ -30,6 +30,8 @@ pub(super) enum Command {
 pub(super) enum Source {
     /// The recording that the program was given.
     Recording,
+    /// A recording that the page sends as it is spoken.
+    Page,
     /// The page's microphone.
     Microphone,
 }
@@ -96,8 +98,8 @@ pub(super) fn command(text: &str) -> Result<Command, String> {
     let command = serde_json::from_str(text).map_err(|error| format!("not a command: {error}"))?;
     if let Command::Start { source, rate } = command {
         let known = rate.is_some_and(|rate| (MIN_RATE..=MAX_RATE).contains(&(rate as usize)));
-        if source == Source::Microphone && !known {
-            return Err(format!("a microphone has a rate of {MIN_RATE} to {MAX_RATE}"));
+        if source != Source::Recording && !known {
+            return Err(format!("what the page sends has a rate of {MIN_RATE} to {MAX_RATE}"));
         }
     }
     Ok(command)

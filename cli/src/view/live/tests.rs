@@ -50,6 +50,19 @@ fn the_stream_is_for_the_page_alone() {
 }
 
 #[test]
+fn a_character_comes_from_the_page_alone_and_is_not_too_large() {
+    let own = "Origin: http://127.0.0.1:8123";
+    let given = |headers: &[&str]| answer("POST", "/character", &[&[HOST], headers].concat());
+    assert_eq!(given(&[own, "Content-Length: 12"]), Answer::Character(12));
+    assert_eq!(given(&[own]), Answer::Refuse("411 Length Required"));
+    assert_eq!(given(&[own, "Content-Length: 99999999999"]), Answer::Refuse("413 Content Too Large"));
+    let refused = Answer::Refuse("403 Forbidden");
+    assert_eq!(given(&["Content-Length: 12"]), refused, "no origin");
+    assert_eq!(given(&["Origin: http://evil.example", "Content-Length: 12"]), refused);
+    assert_eq!(answer("GET", "/character", &[HOST, own]), Answer::Refuse("404 Not Found"));
+}
+
+#[test]
 fn malformed_requests_are_refused() {
     for head in [
         "",
@@ -81,6 +94,7 @@ fn commands_are_read_and_others_refused() {
         r#"{"type":"start","source":"file:///etc/passwd"}"#,
         r#"{"type":"start","source":"microphone"}"#,
         r#"{"type":"start","source":"microphone","rate":7}"#,
+        r#"{"type":"start","source":"page"}"#,
         r#"{"type":"start","source":"microphone","rate":-1}"#,
         r#"{"type":"start","source":"microphone","rate":1e9}"#,
         r#"{"type":"start","source":"recording","more":1}"#,

@@ -2,17 +2,18 @@
 
 use std::io::Read;
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tungstenite::protocol::frame::coding::CloseCode;
 use tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
+use umo_core::glb::{FollowScratch, Follower};
 use umo_core::session::{Session, SessionConfig, SessionError, Voice};
 
 use super::Host;
 use super::http::is_wait;
 use super::message::{self, Command, Frames, MAX_BYTES, MAX_SAMPLES, News, Source};
-use crate::retarget::{FollowScratch, Follower};
 
 /// How long the page's next message is waited for before frames are looked for.
 const LOOK: Duration = Duration::from_millis(4);
@@ -58,7 +59,7 @@ impl From<SessionError> for End {
 struct Stream<'a> {
     session: Session,
     /// What the character needs of each frame, and room to compute it.
-    follower: Option<(&'a Follower, FollowScratch)>,
+    follower: Option<(Arc<Follower>, FollowScratch)>,
     voice: Voice,
     source: Source,
     /// Rest of the recording.
@@ -72,7 +73,7 @@ struct Stream<'a> {
 }
 
 /// Serves one page until its stream or the program ends.
-pub(super) fn run(host: &Host, stream: TcpStream) {
+pub(super) fn run(host: &Host<'_>, stream: TcpStream) {
     let limits = WebSocketConfig::default()
         .max_message_size(Some(MAX_BYTES))
         .max_frame_size(Some(MAX_BYTES))
@@ -124,7 +125,7 @@ fn drain(stream: &mut TcpStream, start: Instant) {
     }
 }
 
-fn talk(host: &Host, socket: &mut WebSocket<TcpStream>) -> End {
+fn talk(host: &Host<'_>, socket: &mut WebSocket<TcpStream>) -> End {
     let mut stream = None;
     loop {
         if host.is_over() {
@@ -144,7 +145,7 @@ fn talk(host: &Host, socket: &mut WebSocket<TcpStream>) -> End {
 
 /// Does what the page says.
 fn handle<'a>(
-    host: &'a Host,
+    host: &'a Host<'_>,
     socket: &mut WebSocket<TcpStream>,
     stream: &mut Option<Stream<'a>>,
     said: &Message,
@@ -159,21 +160,21 @@ fn handle<'a>(
             (Command::Finish, Some(stream)) => stream.finish(),
             (Command::Finish, None) => Err(End::Refused("no stream is under way".to_owned())),
         },
-        (Message::Binary(bytes), Some(stream)) if stream.source == Source::Microphone && !stream.finished => {
+        (Message::Binary(bytes), Some(stream)) if stream.source != Source::Recording && !stream.finished => {
             stream.push(&message::samples(bytes).map_err(End::Refused)?)
         }
-        (Message::Binary(_), _) => {
-            Err(End::Refused("samples are only accepted after a start with the microphone".to_owned()))
-        }
+        (Message::Binary(_), _) => Err(End::Refused(
+            "samples are only accepted after a start with the microphone or a recording of the page".to_owned(),
+        )),
         (Message::Close(_), _) => Err(End::Left),
         (Message::Ping(_) | Message::Pong(_) | Message::Frame(_), _) => Ok(()),
     }
 }
 
 impl<'a> Stream<'a> {
-    fn start(host: &'a Host, source: Source, rate: Option<u32>) -> Result<Self, End> {
+    fn start(host: &'a Host<'_>, source: Source, rate: Option<u32>) -> Result<Self, End> {
         let (rate, rest) = match (source, &host.recording) {
-            (Source::Microphone, _) => (rate.unwrap_or_default() as usize, &[][..]),
+            (Source::Microphone | Source::Page, _) => (rate.unwrap_or_default() as usize, &[][..]),
             (Source::Recording, Some((rate, samples))) => (*rate, &samples[..]),
             (Source::Recording, None) => return Err(End::Refused("there is no recording".to_owned())),
         };
@@ -183,7 +184,7 @@ impl<'a> Stream<'a> {
         let now = Instant::now();
         Ok(Self {
             session,
-            follower: host.follower.as_ref().map(|follower| (follower, follower.scratch())),
+            follower: host.shown().follower.map(|follower| (Arc::clone(&follower), follower.scratch())),
             voice,
             source,
             rest,

@@ -10,6 +10,9 @@ const RATE = 30;
 const TALL = 1.7;
 const [LEAST, MOST] = [0.6, 3];
 
+/** Demands of a file that the page cannot meet; the program refuses such a file before. */
+const UNREAD = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"];
+
 const LEGS = [
   ["left_ankle", "left_foot"],
   ["right_ankle", "right_foot"],
@@ -77,15 +80,21 @@ function extent(positions) {
 
 /** One's own character: a glTF file whose first animation is the motion. */
 export class CharacterBody extends Body {
-  constructor(scene, bytes) {
+  constructor(scene, rest) {
     super(scene);
-    this.gltf = new Gltf(bytes);
-    this.nodes = scene.character.nodes;
+    const { character } = scene;
+    this.gltf = new Gltf(character.file);
+    const { extensionsRequired = [] } = this.gltf.json;
+    const unread = UNREAD.find((name) => extensionsRequired.includes(name));
+    if (unread) throw new Error(`it is compressed in a way that the page does not read, ${unread}: export it without`);
+    if (this.gltf.list("meshes").length === 0) throw new Error("it has bones and no body: there is no mesh to show");
+    if (character.follower) this.gltf.channels = channelsOf(character.follower, rest);
+    this.nodes = character.nodes;
     this.parts = parts(this.gltf);
-    const { streamed } = scene.character;
+    const streamed = character.follower?.description.held.length ?? character.streamed;
     /** The channels whose values come with a stream's frames. */
     this.streamed = streamed === null ? [] : this.gltf.channels.slice(streamed);
-    scene.character.worn = this.streamed.reduce((sum, { width }) => sum + width, 0);
+    character.worn = this.streamed.reduce((sum, { width }) => sum + width, 0);
     this.face();
     const world = this.gltf.world(this.gltf.rest);
     const [low, high] = this.surface(world);
@@ -186,6 +195,21 @@ export class CharacterBody extends Body {
     }
     Object.assign(scene, { frames, frameRate: RATE, face: { kind: "shapes", names } });
   }
+}
+
+/** The channels of a character that was dropped, which stands as `rest`: those of the bind pose, then those that come with frames. */
+function channelsOf(follower, rest) {
+  const { held, driven, hips, tracks } = follower.description;
+  const values = follower.values({ ...rest, rotations: rest.rotations.flat() }).slice();
+  let at = 0;
+  const still = (node, path, value) => ({ node, path, times: [0], values: Float32Array.from(value), width: value.length, interpolation: "STEP" });
+  const next = (node, path, count) => still(node, path, values.subarray(at, (at += count)));
+  return [
+    ...held.map(([node, path, value]) => still(node, path, value)),
+    ...driven.map((node) => next(node, "rotation", 4)),
+    ...(hips === null ? [] : [next(hips, "translation", 3)]),
+    ...tracks.map(({ node, count }) => next(node, "weights", count)),
+  ];
 }
 
 /** Names of the shapes of a node's mesh; their numbers where they have none. */

@@ -36,6 +36,11 @@ export class Camera {
     this.target = null;
   }
 
+  /** Follows another body. */
+  show(body) {
+    this.presets = presets(body);
+  }
+
   use(name) {
     this.name = name;
     const { yaw, pitch, half } = this.presets[name];

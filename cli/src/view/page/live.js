@@ -11,6 +11,9 @@ const LIVE_MARGIN = 0.04;
 
 /** Length of a piece of the microphone's sound, and a little more, seconds. */
 const PIECE = 0.03;
+/** How often what has been spoken of the page's own recording is sent, milliseconds, and most samples of a message. */
+const SEND = 8;
+const MOST_SAMPLES = 1 << 14;
 /** How far the sound of a recording may be from where it should be, and how often it is moved, seconds. */
 const DRIFT = 0.25;
 const MOVES_EVERY = 2;
@@ -88,7 +91,18 @@ export class Live {
     Object.assign(this, { scene, motion, clock, changed });
     this.log = fresh();
     this.socket = null;
-    if (scene.samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(scene.samples, scene.audio.sampleRate)));
+    this.useRecording();
+  }
+
+  /** Takes over the scene's recording. */
+  useRecording() {
+    const { samples, audio } = this.scene;
+    if (samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(samples, audio.sampleRate)));
+  }
+
+  /** Whether the page itself sends the recording: the engine beside it has the one that it was given alone. */
+  get sends() {
+    return Boolean(this.scene.live.engine || this.scene.isDropped);
   }
 
   get isRunning() {
@@ -118,7 +132,9 @@ export class Live {
       this.log.loading = total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`;
       this.changed();
     };
-    socket.onopen = () => socket.send(JSON.stringify({ type: "start", source, rate: this.mouth?.rate ?? null }));
+    const own = source === "recording" && this.sends;
+    const rate = own ? this.scene.audio.sampleRate : (this.mouth?.rate ?? null);
+    socket.onopen = () => socket.send(JSON.stringify({ type: "start", source: own ? "page" : source, rate }));
     socket.onmessage = ({ data }) => {
       if (this.socket !== socket) return;
       if (typeof data === "string") this.hear(JSON.parse(data), source);
@@ -159,7 +175,10 @@ export class Live {
         this.clock.begin(message, source === "microphone" ? () => this.spoken() : null);
         this.log.started = message;
         this.mouth?.listen();
-        if (source === "recording") this.playSound();
+        if (source === "recording") {
+          this.playSound();
+          if (this.sends) this.speak(this.socket, this.clock.now(), 0);
+        }
         break;
       case "status":
         this.log.status = message;
@@ -184,6 +203,18 @@ export class Live {
     const lost = this.log.status?.overruns ?? 0;
     const since = samples > 0 ? Math.min(this.clock.now() - now, PIECE) : 0;
     return Math.max(samples - lost, 0) / rate + since;
+  }
+
+  /** Sends what has been spoken of the recording since `start`, of which `sent` samples were sent, until its end. */
+  speak(socket, start, sent) {
+    if (this.socket !== socket || socket.readyState !== WebSocket.OPEN) return;
+    const { samples, audio } = this.scene;
+    const spoken = Math.min(Math.floor((this.clock.now() - start) * audio.sampleRate), samples.length);
+    for (; sent < spoken; sent += MOST_SAMPLES) {
+      socket.send(Float32Array.from(samples.subarray(sent, Math.min(sent + MOST_SAMPLES, spoken)), (sample) => sample / 32_768));
+    }
+    if (spoken === samples.length) socket.send(JSON.stringify({ type: "finish" }));
+    else setTimeout(() => this.speak(socket, start, spoken), SEND);
   }
 
   /** The recording's sound, as late as the picture. */

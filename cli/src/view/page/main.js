@@ -4,11 +4,13 @@ import { CharacterBody, FigureBody } from "umo/body.js";
 import { Camera, steer } from "umo/camera.js";
 import { readTextures } from "umo/character.js";
 import { Clock } from "umo/clock.js";
+import { decoded, finished, listenForFiles } from "umo/drop.js";
 import { Experts } from "umo/experts.js";
 import { readReliefs } from "umo/figure.js";
 import { inspector } from "umo/inspect.js";
 import { listenToKeys } from "umo/keys.js";
 import { Live, LiveClock } from "umo/live.js";
+import { follow } from "umo/local.js";
 import { clamp } from "umo/math.js";
 import { Motion } from "umo/motion.js";
 import { livePanel } from "umo/panel.js";
@@ -17,6 +19,7 @@ import { Record } from "umo/record.js";
 import { block, readScene } from "umo/scene.js";
 import { Timeline } from "umo/timeline.js";
 import { allTracks, trackList } from "umo/tracks.js";
+import { Video, save } from "umo/video.js";
 
 const $ = (selector) => document.querySelector(selector);
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -24,7 +27,8 @@ const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 const scene = readScene();
 let body = null;
 if (scene.character) {
-  body = scene.character.body = new CharacterBody(scene, block("character", "u8"));
+  scene.character.file = block("character", "u8");
+  body = scene.character.body = new CharacterBody(scene);
   await readTextures(body);
   if (scene.frames.length === 0 && !scene.live) body.becomeMotion();
 } else {
@@ -152,6 +156,98 @@ function otherRate(way) {
   setRate(rates[clamp(rates.indexOf(clock.rate) + way, 0, rates.length - 1)]);
 }
 
+/** Shows another character, in place of the figure or of the one before. */
+async function putOn(file) {
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  const character = await follow(scene, bytes, ({ loaded, total }) => say(`loads the model: ${total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`}`));
+  live.stop();
+  const before = scene.character;
+  scene.character = character;
+  try {
+    character.body = new CharacterBody(scene, motion.rest);
+  } catch (error) {
+    scene.character = before;
+    throw error;
+  }
+  body = character.body;
+  await readTextures(body);
+  motion.fit(scene);
+  body.follow(motion);
+  picture.prepare();
+  camera.show(body);
+  floor = floorOf();
+  useCamera(camera.name);
+  timeline.draw();
+  const { speaks, bones } = character.follower.description;
+  const missing = Object.keys(bones).filter((joint) => bones[joint].length === 0);
+  return [`${file.name} is on`, speaks ? "" : "it has no shapes that open its mouth", missing.length > 0 ? `no bones for ${missing.join(", ")}` : ""].filter(Boolean).join("; ");
+}
+
+/** Speaks another recording. */
+async function hear(file) {
+  const { samples, sampleRate } = await decoded(file);
+  live.stop();
+  Object.assign(scene, { samples, audio: { sampleRate }, isDropped: true });
+  live.useRecording();
+  touch();
+  await live.start("recording");
+  return `speaks ${file.name}`;
+}
+
+/** Gives a character to the program, whose page then shows it. */
+async function send(file) {
+  const answer = await fetch("/character", { method: "POST", body: file });
+  if (!answer.ok) throw new Error(await answer.text());
+  location.reload();
+}
+
+/** A line of news in the place of the notice. */
+function say(text, isError = false) {
+  const notice = $("#notice");
+  scene.notice ??= notice.textContent;
+  notice.textContent = text || scene.notice;
+  notice.title = text;
+  notice.dataset.kind = isError ? "error" : "";
+}
+
+let video = null;
+
+/** Records a take from its start, or a stream until it ends; once more ends it. */
+async function saveVideo() {
+  if (video) return endVideo();
+  if (!Video.isPossible) return say("this browser records no video", true);
+  pause();
+  if (live && !live.isRunning) live.toggle();
+  if (!live) {
+    setRate(1);
+    seek(0);
+  }
+  await until(() => !live || clock.playing || !live.isRunning);
+  if (live && !clock.playing) return;
+  const mouth = live?.mouth ? [[live.mouth.stream, clock.delay]] : [];
+  const sound = live ? (live.mouth ? null : live.audio) : clock.audio;
+  video = new Video($("#view"), { elements: sound ? [sound] : [], streams: mouth });
+  const button = $("#video");
+  button.setAttribute("aria-pressed", "true");
+  button.textContent = "Stop video";
+  if (!live) await play();
+}
+
+async function endVideo() {
+  const ended = video;
+  video = null;
+  const button = $("#video");
+  button.setAttribute("aria-pressed", "false");
+  button.textContent = "Save video";
+  const file = await ended.stop();
+  scene.video = file;
+  save(file);
+}
+
+const until = async (what) => {
+  while (!what()) await new Promise((done) => setTimeout(done, 50));
+};
+
 const KEYS = {
   " ": () => (live ? live.toggle() : toggle()),
   k: () => (live ? live.toggle() : toggle()),
@@ -213,8 +309,10 @@ function loop(now) {
   const time = clock.time;
   if (live?.ends(time)) touch();
   if (live?.isRunning) live.catchUp();
+  if (video && !clock.playing) endVideo();
   if (!clock.playing && !dirty) return;
   draw(time, seconds);
+  video?.draw();
 }
 
 function draw(time, seconds) {
@@ -247,6 +345,9 @@ if (live) {
 
 function listen() {
   listenToKeys(KEYS, camera, touch);
+  const take = !live ? finished : { recording: hear, character: scene.live.engine ? putOn : send };
+  listenForFiles(document.documentElement, take, say);
+  $("#video").addEventListener("click", () => saveVideo().catch((error) => say(error.message, true)));
   $("#play").addEventListener("click", () => (live ? live.toggle() : toggle()));
   $("#details").addEventListener("click", KEYS.d);
   $("#back").addEventListener("click", () => stepKeyframe(-1));

@@ -33,6 +33,7 @@ export async function microphone(heard) {
   node.port.onmessage = ({ data }) => heard(data);
   return {
     rate: context.sampleRate,
+    stream,
     listen: () => source.connect(node),
     stop() {
       source.disconnect();

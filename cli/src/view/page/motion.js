@@ -10,13 +10,18 @@ export class Motion {
   constructor(scene) {
     this.joints = scene.joints.length;
     this.face = scene.face.names.length;
-    this.worn = scene.character?.worn ?? 0;
-    this.width = 4 * this.joints + 3 + this.face + this.worn;
     this.rate = scene.frameRate;
     this.values = scene.frames;
+    this.fit(scene);
     this.count = scene.frames.length / this.width;
-    this.first = 0;
     this.rest = scene.rest ?? { rotations: scene.joints.map(() => [0, 0, 0, 1]), translation: [0, 0, 0], face: [] };
+  }
+
+  /** Makes room for the channels of the scene's character, and forgets the frames. */
+  fit(scene) {
+    this.worn = scene.character?.worn ?? 0;
+    this.width = 4 * this.joints + 3 + this.face + this.worn;
+    this.clear();
   }
 
   /** Frames so far, those included that were dropped. */

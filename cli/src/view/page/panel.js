@@ -5,12 +5,12 @@ const milliseconds = (seconds) => (seconds === null || seconds === undefined ? "
 export function livePanel({ scene, motion, live, $ }) {
   $("#live").hidden = $("#sources").hidden = false;
   const [recording, mouth, stop] = ["#recording", "#microphone", "#stop"].map($);
-  const hasRecording = scene.samples.length > 0;
+  const hasRecording = () => scene.samples.length > 0;
   const begin = (source) => live.start(source).catch((error) => live.fail(sayMicrophone(error)));
   recording.addEventListener("click", () => begin("recording"));
   mouth.addEventListener("click", () => begin("microphone"));
   stop.addEventListener("click", () => live.stop());
-  live.toggle = () => (live.isRunning || live.clock.playing ? stopAll(live) : begin(hasRecording ? "recording" : "microphone"));
+  live.toggle = () => (live.isRunning || live.clock.playing ? stopAll(live) : begin(hasRecording() ? "recording" : "microphone"));
   live.ends = (time) => {
     const over = live.log.done && live.clock.playing && time >= motion.seconds - 1 / motion.rate;
     if (over) {
@@ -24,11 +24,12 @@ export function livePanel({ scene, motion, live, $ }) {
   };
   let running = null;
   const showButtons = (isRunning) => {
-    if (isRunning === running) return;
-    running = isRunning;
+    const state = `${isRunning} ${hasRecording()}`;
+    if (state === running) return;
+    running = state;
     const hasFocus = [recording, mouth, stop].includes(document.activeElement);
     stop.hidden = !isRunning;
-    recording.hidden = isRunning || !hasRecording;
+    recording.hidden = isRunning || !hasRecording();
     mouth.hidden = isRunning;
     // What is in the place of the button that was pressed takes over the focus.
     if (hasFocus) [stop, recording, mouth].find(({ hidden }) => !hidden).focus();

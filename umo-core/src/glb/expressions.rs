@@ -2,7 +2,8 @@
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
-use umo_core::glb::document::Document;
+
+use super::document::Document;
 
 /// An expression, and the shapes that it is made of.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,12 +1,11 @@
 //! Which shapes of which mesh move, and by what.
 
-use umo_core::config::Face;
-use umo_core::retarget::face::FaceMap;
-use umo_core::retarget::{Mapping, Retarget};
-
-use super::mapping::Given;
-use super::vrm::{self, Expression};
-use umo_core::glb::document::Document;
+use super::Given;
+use super::document::Document;
+use super::expressions::{Expression, expressions};
+use crate::config::{Face, FaceKind};
+use crate::retarget::face::FaceMap;
+use crate::retarget::{Mapping, Retarget};
 
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
@@ -28,7 +27,7 @@ struct MeshFace {
 
 /// All shapes of a character.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Faces {
+pub struct Faces {
     meshes: Vec<MeshFace>,
     /// Where the meshes' own shapes have no known names: expressions, and what moves them.
     expressions: Option<(Vec<Expression>, FaceMap)>,
@@ -41,7 +40,7 @@ impl Faces {
     /// # Errors
     /// A mapping file's channel or shape that is not there; a mesh with more shapes than any face
     /// has.
-    pub(super) fn find(document: &Document, face: &Face, given: &Given) -> Result<Self, String> {
+    pub fn find(document: &Document, face: &Face, given: &Given) -> Result<Self, String> {
         let mut meshes = Vec::new();
         for (at, node) in document.nodes.iter().enumerate() {
             let Some(mesh) = node.mesh.and_then(|mesh| document.meshes.get(mesh)) else { continue };
@@ -64,7 +63,7 @@ impl Faces {
         }
         let mut faces = Self { meshes, expressions: None };
         if !faces.meshes.iter().any(|mesh| mesh.map.opens_mouth(face) && mesh.map.plain_mouth().is_none()) {
-            faces.use_expressions(vrm::expressions(document), face);
+            faces.use_expressions(expressions(document), face);
         }
         faces.link(face, given)?;
         Ok(faces)
@@ -104,7 +103,7 @@ impl Faces {
                 }
                 // A face of another kind has no such channel; then nothing moves, which is said at
                 // the end.
-                if !mesh.map.link(face, channel, shape, share) && face.kind == umo_core::config::FaceKind::Arkit {
+                if !mesh.map.link(face, channel, shape, share) && face.kind == FaceKind::Arkit {
                     return Err(format!("`{channel}` of the mapping is no face channel"));
                 }
             }
@@ -117,41 +116,55 @@ impl Faces {
     }
 
     /// A jaw or an eye that shapes turn is not turned again by its bone.
-    pub(super) fn release_bones(&self, face: &Face, mapping: &Mapping, retarget: &mut Retarget) {
+    pub fn release_bones(&self, face: &Face, mapping: &Mapping, retarget: &mut Retarget) {
         let mut release = |joint: usize| {
             if let Some(bone) = mapping.bone(joint) {
                 retarget.release(bone);
             }
         };
-        let maps = || self.meshes.iter().map(|mesh| &mesh.map).chain(self.expressions.iter().map(|(_, map)| map));
-        if maps().any(|map| map.opens_mouth(face)) {
+        if self.opens_mouth(face) {
             release(JAW);
         }
-        if maps().any(|map| map.drives(face, "eyeLookOutLeft")) {
+        if self.drives(face, "eyeLookOutLeft") {
             EYES.into_iter().for_each(release);
         }
     }
 
-    /// The nodes whose shapes move, with what moves them, as a page takes it.
-    pub(super) fn description(&self) -> serde_json::Value {
-        let expressions = self.expressions.as_ref().map(|(_, map)| map);
-        let track = |track: &Track<'_>| serde_json::json!({ "rest": track.mesh.rest, "map": track.mesh.map, "shares": track.shares });
-        let tracks: Vec<_> = self.tracks().iter().map(track).collect();
-        serde_json::json!({ "expressions": expressions, "tracks": tracks })
+    /// Whether some shape follows this channel itself.
+    pub fn drives(&self, face: &Face, channel: &str) -> bool {
+        self.maps().any(|map| map.drives(face, channel))
+    }
+
+    /// Whether some shape opens the mouth.
+    pub fn opens_mouth(&self, face: &Face) -> bool {
+        self.maps().any(|map| map.opens_mouth(face))
+    }
+
+    fn maps(&self) -> impl Iterator<Item = &FaceMap> {
+        self.meshes.iter().map(|mesh| &mesh.map).chain(self.expressions.iter().map(|(_, map)| map))
+    }
+
+    /// The names of the expressions that move, and how much of each for a frame's face values.
+    pub fn expressions(&self, values: &[f32]) -> impl Iterator<Item = (&str, f32)> {
+        self.expressions.iter().flat_map(|(list, map)| {
+            let mut amounts = vec![0.0; map.shapes()];
+            map.apply(values, &mut amounts);
+            map.moved().into_iter().map(move |at| (list[at].name.as_str(), amounts[at]))
+        })
     }
 
     /// Number of shapes that move.
-    pub(super) fn moved(&self) -> usize {
+    pub fn moved(&self) -> usize {
         self.tracks().iter().map(|track| track.moved).sum()
     }
 
     /// Number of shapes in all.
-    pub(super) fn shapes(&self) -> usize {
+    pub fn shapes(&self) -> usize {
         self.meshes.iter().map(|mesh| mesh.shapes.len()).sum()
     }
 
     /// The nodes whose shapes move.
-    pub(super) fn tracks(&self) -> Vec<Track<'_>> {
+    pub fn tracks(&self) -> Vec<Track<'_>> {
         self.meshes.iter().map(|mesh| self.track(mesh)).filter(|track| track.moved > 0).collect()
     }
 
@@ -171,27 +184,27 @@ impl Faces {
         Track { mesh, expressions: expressions.map(|(_, map)| map), shares, moved: moved.len() }
     }
 
-    /// Every shape that moves, with what moves it.
-    pub(super) fn print(&self, face: &Face) {
+    /// Every shape that moves, with its cause, a line each.
+    pub fn list(&self, face: &Face) -> Vec<String> {
+        let mut lines = Vec::new();
         for mesh in &self.meshes {
-            println!("shapes of `{}`", mesh.name);
-            for shape in mesh.map.moved() {
-                println!("  {:<24} {}", mesh.shapes[shape], mesh.map.cause(face, shape));
-            }
-            let still = mesh.shapes.len() - mesh.map.moved().len();
-            println!("  {still} of {} have no channel", mesh.shapes.len());
+            lines.push(format!("shapes of `{}`", mesh.name));
+            let moved = mesh.map.moved();
+            lines.extend(moved.iter().map(|&at| format!("  {:<24} {}", mesh.shapes[at], mesh.map.cause(face, at))));
+            let still = mesh.shapes.len() - moved.len();
+            lines.push(format!("  {still} of {} have no channel", mesh.shapes.len()));
         }
         if let Some((expressions, map)) = &self.expressions {
-            println!("VRM expressions");
-            for at in map.moved() {
-                println!("  {:<24} {}", expressions[at].name, map.cause(face, at));
-            }
+            lines.push("VRM expressions".to_owned());
+            let moved = map.moved().into_iter();
+            lines.extend(moved.map(|at| format!("  {:<24} {}", expressions[at].name, map.cause(face, at))));
         }
+        lines
     }
 }
 
 /// A node whose shapes move.
-pub(super) struct Track<'a> {
+pub struct Track<'a> {
     mesh: &'a MeshFace,
     expressions: Option<&'a FaceMap>,
     /// Expression, shape, and how much of it.
@@ -202,13 +215,23 @@ pub(super) struct Track<'a> {
 
 impl Track<'_> {
     /// The node.
-    pub(super) fn node(&self) -> usize {
+    pub fn node(&self) -> usize {
         self.mesh.node
+    }
+
+    /// Number of the mesh's shapes.
+    pub fn len(&self) -> usize {
+        self.mesh.rest.len()
+    }
+
+    /// The shapes that face channels move themselves; expressions move others.
+    pub fn moved(&self) -> Vec<usize> {
+        self.mesh.map.moved()
     }
 
     /// The weights of all of its shapes for a frame's face values, those that nothing moves as they
     /// are at rest.
-    pub(super) fn weights(&self, values: &[f32]) -> Vec<f32> {
+    pub fn weights(&self, values: &[f32]) -> Vec<f32> {
         let mut weights = self.mesh.rest.clone();
         if let Some(map) = self.expressions {
             let mut amounts = vec![0.0; map.shapes()];

@@ -1,0 +1,67 @@
+// A character that follows poses: the retargeter of `umo retarget`, in this thread.
+
+import { UmoError } from "./engine.js";
+
+export class Follower {
+  #library;
+  #character;
+  #memory;
+  #size;
+  /** Floats of a pose and of its values. */
+  #pose;
+  #values;
+
+  /**
+   * Reads a character: the bytes of a `.glb` or `.vrm` file. `model` is an avatar's or a `Model`; `given` is a mapping file's content,
+   * `{ bones: { left_elbow: "Arm_2.L" }, face: { jawOpen: "Mouth_Open" } }`, where a bone may also be the number of a node.
+   */
+  constructor(file, model, given = {}) {
+    const { library, parents, offsets, channelNames, isArkit } = model;
+    if (!library) throw new UmoError("NULL_POINTER", "the model has no `library`: pass `avatar.model`, or what `Model.load` gives");
+    const skeleton = { parents, offsets_m: parents.map((_, joint) => Array.from(offsets.subarray(3 * joint, 3 * joint + 3))) };
+    const source = { skeleton, face: { kind: isArkit ? "arkit" : "smplx_expression", names: channelNames }, given };
+    const text = new TextEncoder().encode(`${JSON.stringify(source)}\0`);
+    const [data, words] = [file, text].map((bytes) => library.allocate(bytes.length));
+    library.bytes(data, file.length).set(file);
+    library.bytes(words, text.length).set(text);
+    const { scratch } = library;
+    try {
+      library.call("umo_web_character_new", data, file.length, words, scratch, scratch + 4);
+    } finally {
+      if (!library.trap) [[data, file], [words, text]].forEach(([at, { length }]) => library.run("umo_web_free", at, length));
+    }
+    this.#library = library;
+    this.#character = library.view.getUint32(scratch, true);
+    /** What the values are of: `umo_core::glb::Follower::read` lists it. */
+    this.description = JSON.parse(library.text(library.view.getUint32(scratch + 4, true)));
+    const { driven, hips, tracks, expressions } = this.description;
+    this.#pose = 4 * parents.length + 3 + channelNames.length;
+    this.#values = 4 * driven.length + (hips === null ? 0 : 3) + tracks.reduce((sum, { count }) => sum + count, 0) + expressions.length;
+    this.#size = 4 * (this.#pose + this.#values);
+    this.#memory = library.allocate(this.#size);
+  }
+
+  /**
+   * The values for a pose: a rotation of each of `description.driven`, the place of `hips` where there are any, the weights of all shapes
+   * of each of `tracks`, and those of `expressions`. Good until the next call of the module.
+   */
+  values({ rotations, translation, face }) {
+    const library = this.#library;
+    const { buffer } = library.exports.memory;
+    const from = new Float32Array(buffer, this.#memory, this.#pose);
+    from.set(rotations);
+    from.set(translation, rotations.length);
+    from.set(face, rotations.length + 3);
+    const to = this.#memory + 4 * this.#pose;
+    library.call("umo_web_character_apply", this.#character, this.#memory, to, this.#values);
+    return new Float32Array(library.exports.memory.buffer, to, this.#values);
+  }
+
+  /** Frees it. Twice is fine. */
+  free() {
+    if (this.#character === 0 || this.#library.trap) return;
+    this.#library.call("umo_web_character_free", this.#character);
+    this.#library.run("umo_web_free", this.#memory, this.#size);
+    this.#character = 0;
+  }
+}

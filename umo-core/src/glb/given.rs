@@ -1,0 +1,101 @@
+//! What a mapping file says: which bone is what, and which shape follows which channel. As TOML:
+//!
+//! ```toml
+//! [bones]
+//! pelvis = "Root_M"
+//! spine = ["Spine1_M", "Chest_M"]
+//! left_thumb1 = ""                  # there is none
+//!
+//! [face]
+//! jawOpen = "Mouth_Open"
+//! eyeBlinkLeft = { Lid_L = 0.8 }
+//! ```
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::retarget::{Mapping, RetargetError, Rig};
+
+/// The contents of a mapping file.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Given {
+    /// Joints, and their bones.
+    bones: BTreeMap<String, Names>,
+    /// Channels, and the shapes that follow them.
+    face: BTreeMap<String, Shapes>,
+}
+
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(untagged)]
+enum Names {
+    One(String),
+    Several(Vec<String>),
+    /// By its number among the file's nodes.
+    Node(usize),
+}
+
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(untagged)]
+enum Shapes {
+    One(String),
+    Several(Vec<String>),
+    Shares(BTreeMap<String, f32>),
+}
+
+impl Given {
+    /// The bones by a file's own table, or else by names, with the given ones over them; and the
+    /// convention of the names.
+    ///
+    /// # Errors
+    /// A joint or a bone that is not there.
+    pub fn over(&self, rig: &Rig, table: Option<(Mapping, &'static str)>) -> Result<(Mapping, String), String> {
+        let (mut mapping, convention) = match table {
+            Some((mapping, version)) => (mapping, version.to_owned()),
+            None => {
+                let (mapping, convention) = Mapping::closest(rig);
+                (mapping, format!("{convention} names"))
+            }
+        };
+        self.apply(rig, &mut mapping).map_err(|error| error.to_string())?;
+        Ok((mapping, convention))
+    }
+
+    /// Puts the given bones in a mapping, over those that it has.
+    ///
+    /// # Errors
+    /// [`RetargetError`]: a joint or a bone that is not there.
+    pub fn apply(&self, rig: &Rig, mapping: &mut Mapping) -> Result<(), RetargetError> {
+        for (joint, names) in &self.bones {
+            let names = match names {
+                Names::One(name) => std::slice::from_ref(name),
+                Names::Several(names) => names,
+                Names::Node(node) if *node < rig.len() => {
+                    mapping.put(joint, &[*node])?;
+                    continue;
+                }
+                Names::Node(node) => {
+                    let (joint, bone) = (joint.clone(), format!("node {node}"));
+                    return Err(RetargetError::NoBone { joint, bone, bones: rig.names() });
+                }
+            };
+            let names: Vec<_> = names.iter().map(String::as_str).filter(|name| !name.is_empty()).collect();
+            mapping.set(rig, joint, &names)?;
+        }
+        Ok(())
+    }
+
+    /// The given channels, the shapes that follow them, and by how much.
+    pub fn shapes(&self) -> impl Iterator<Item = (&str, &str, f32)> {
+        self.face.iter().flat_map(|(channel, shapes)| {
+            let shares: Vec<(&str, f32)> = match shapes {
+                Shapes::One(name) => vec![(name, 1.0)],
+                Shapes::Several(names) => names.iter().map(|name| (name.as_str(), 1.0)).collect(),
+                Shapes::Shares(shares) => shares.iter().map(|(name, &share)| (name.as_str(), share)).collect(),
+            };
+            let named = shares.into_iter().filter(|(name, _)| !name.is_empty());
+            named.map(|(name, share)| (channel.as_str(), name, share)).collect::<Vec<_>>()
+        })
+    }
+}
