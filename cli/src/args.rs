@@ -504,6 +504,10 @@ pub struct Serve {
     /// Let everybody in who reaches the address, without a token
     #[arg(long, conflicts_with = "tokens")]
     pub open: bool,
+    /// Web pages that may come in beside the server's own, by their origin: https://avatar.example.com;
+    /// repeatable
+    #[arg(long, value_name = "ORIGIN")]
+    pub origin: Vec<String>,
     /// A proxy in front names the clients' addresses in X-Forwarded-For
     #[arg(long)]
     pub behind_proxy: bool,

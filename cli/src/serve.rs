@@ -48,6 +48,7 @@ fn config(args: &Serve) -> Result<Config, Failure> {
         gather: Duration::from_millis(args.gather.into()),
         max_batch: args.batch,
         tokens,
+        origins: args.origin.clone(),
         is_behind_proxy: args.behind_proxy,
         ahead: Duration::from_secs_f64(args.ahead),
         buffer: Duration::from_secs_f64(args.buffer),

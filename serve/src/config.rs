@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use umo_core::{MAX_BATCH, MAX_SESSIONS, MAX_THREADS, Priority};
 
+use crate::door;
 use crate::tokens::Tokens;
 
 /// Most seconds of any time but [`Config::ahead`].
@@ -27,6 +28,9 @@ pub struct Config {
     pub max_batch: usize,
     /// Who may come in; everybody where there are no tokens.
     pub tokens: Tokens,
+    /// Origins of web pages that may come in beside the server's own, as browsers write them:
+    /// `https://avatar.example.com`.
+    pub origins: Vec<String>,
     /// Whether a proxy names the clients' addresses in `X-Forwarded-For`.
     pub is_behind_proxy: bool,
     /// Audio that is computed before its time has come, so that a client that sends a recording at
@@ -57,6 +61,7 @@ impl Default for Config {
             gather: Duration::ZERO,
             max_batch: 8,
             tokens: Tokens::default(),
+            origins: Vec::new(),
             is_behind_proxy: false,
             ahead: Duration::from_secs(2),
             buffer: Duration::from_secs(30),
@@ -82,6 +87,7 @@ impl Config {
         count("per-client", self.per_client, MAX_SESSIONS)?;
         count("threads", self.threads, MAX_THREADS)?;
         count("batch", self.max_batch, MAX_BATCH)?;
+        self.origins.iter().try_for_each(|origin| door::check_origin(origin))?;
         for (name, time) in [
             ("buffer", self.buffer),
             ("hello-within", self.hello_within),
@@ -99,10 +105,10 @@ impl Config {
         Ok(())
     }
 
-    /// Most connections at once: a session each, clients that are being refused, and who asks for
-    /// health and metrics.
+    /// Most connections at once: sessions, those that end, and those that did not come to one, which
+    /// include who asks for health and metrics.
     pub(crate) fn connections(&self) -> usize {
-        2 * self.sessions + 64
+        2 * self.sessions + door::WAITING
     }
 }
 
@@ -117,6 +123,8 @@ mod tests {
         assert!(none.check().unwrap_err().contains("sessions 0"));
         let never = Config { stall: Duration::ZERO, ..Config::default() };
         assert!(never.check().unwrap_err().contains("stall"));
+        let nowhere = Config { origins: vec!["example.com".to_owned()], ..Config::default() };
+        assert!(nowhere.check().unwrap_err().contains("origin example.com"));
         assert_eq!(Config { ahead: Duration::ZERO, drain: Duration::ZERO, ..Config::default() }.check(), Ok(()));
     }
 }

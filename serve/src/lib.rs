@@ -3,7 +3,8 @@
 //! | module | part |
 //! |---|---|
 //! | [`config`] | limits and times, and what they may be |
-//! | [`tokens`] | who may come in |
+//! | [`tokens`] | the clients' names and secrets |
+//! | `door` | which pages of browsers may come in, and how many connections wait |
 //! | `hub` | places: how many sessions there are, how many of one client, and whether new ones may come |
 //! | [`protocol`] | the messages |
 //! | `session` | one client: audio to the engine, frames to the client |
@@ -22,6 +23,7 @@
 #![forbid(unsafe_code)]
 
 pub mod config;
+mod door;
 mod hub;
 mod metrics;
 pub mod protocol;

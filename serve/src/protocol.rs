@@ -7,7 +7,7 @@
 //! |---|---|
 //! | 1 | frames: a byte of 0, `u16` count, `u32` floats of each; then for each `u64` index, `u64` sample, floats |
 //! | 2 | one packet |
-//! | 3 | a state |
+//! | 3 | a piece of a state; the text before its first one says how many bytes the state has |
 //!
 //! All numbers are little-endian. The floats of a frame are 55 rotations x y z w, the root's place, and
 //! the face.
@@ -17,14 +17,14 @@ use umo_core::{Frame, GestureOptions, JOINTS, Mood, Side};
 
 /// The version of the protocol that this server speaks.
 pub const VERSION: u32 = 1;
-/// Longest message of a client, bytes.
+/// Longest message of either side, bytes.
 pub const MOST_BYTES: usize = 64 << 10;
 
 /// First byte of a message with frames.
 pub const FRAMES: u8 = 1;
 /// First byte of a message with a packet.
 pub const PACKET: u8 = 2;
-/// First byte of a message with a state.
+/// First byte of a message with a piece of a state.
 pub const STATE: u8 = 3;
 
 /// Bytes of a message with frames before the first frame.
@@ -260,7 +260,7 @@ pub enum Reply<'a> {
         /// Frames whose chunk was done later than real time needs it.
         late_frames: u64,
     },
-    /// The binary message that follows is the session's state.
+    /// The binary messages that follow are the session's state.
     State {
         /// Samples of this connection that the state knows of: those after them are to be sent again
         /// to whoever restores it.

@@ -3,12 +3,13 @@
 use std::fmt;
 use std::io;
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
-use axum::extract::{Extension, State, WebSocketUpgrade};
+use axum::extract::{Extension, Request, State, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use hyper::server::conn::http1;
@@ -20,6 +21,7 @@ use tokio::time::{Instant, sleep, timeout};
 use umo_core::{Engine, EngineConfig, EngineError, MAX_SESSIONS, Model, Priority, Threads};
 
 use crate::config::Config;
+use crate::door::{self, Seat};
 use crate::hub::{Hub, Phase};
 use crate::metrics::Metrics;
 use crate::protocol::MOST_BYTES;
@@ -77,7 +79,15 @@ pub struct Server {
 #[derive(Clone, Debug)]
 struct Connection {
     peer: SocketAddr,
+    /// Until it has a session.
+    seat: Arc<Mutex<Option<Seat>>>,
     _permit: Arc<OwnedSemaphorePermit>,
+}
+
+impl Connection {
+    fn sit(&self, seat: Option<Seat>) {
+        *self.seat.lock().unwrap_or_else(PoisonError::into_inner) = seat;
+    }
 }
 
 impl Server {
@@ -106,7 +116,9 @@ impl Server {
         let listener = TcpListener::bind(address).await.map_err(unusable)?;
         let address = listener.local_addr().map_err(unusable)?;
         let hub = Hub::new(config.sessions, config.per_client);
-        let shared = Arc::new(Shared { hub, engine, metrics: Metrics::new(), config });
+        let is_loopback = address.ip().is_loopback();
+        let lobby = Arc::default();
+        let shared = Arc::new(Shared { hub, lobby, is_loopback, engine, metrics: Metrics::new(), config });
         Ok(Self { listener, address, shared })
     }
 
@@ -142,6 +154,7 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
         .route("/v1/session", get(upgrade))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
+        .layer(middleware::from_fn_with_state(Arc::clone(shared), knock))
         .with_state(Arc::clone(shared));
     loop {
         let (socket, peer) = match listener.accept().await {
@@ -152,13 +165,17 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
                 continue;
             }
         };
-        let Ok(permit) = Arc::clone(permits).try_acquire_owned() else {
+        // A proxy's connections are all from one address: they are counted once their client is known.
+        let is_behind_proxy = shared.config.is_behind_proxy;
+        let seat = (!is_behind_proxy).then(|| shared.lobby.enter(&peer.ip().to_string()));
+        let (Ok(permit), None | Some(Some(_))) = (Arc::clone(permits).try_acquire_owned(), &seat) else {
             shared.metrics.refused("connections");
             continue;
         };
         // Frames are small and urgent.
         let _ = socket.set_nodelay(true);
-        let connection = Connection { peer, _permit: Arc::new(permit) };
+        let seat = Arc::new(Mutex::new(seat.flatten()));
+        let connection = Connection { peer, seat, _permit: Arc::new(permit) };
         tokio::spawn(connected(socket, routes.clone().layer(Extension(connection)), shared.config.hello_within));
     }
 }
@@ -170,6 +187,17 @@ async fn connected(socket: TcpStream, routes: Router, within: Duration) {
     http.timer(TokioTimer::new()).header_read_timeout(within);
     // What a client does wrong ends its own connection.
     let _ = http.serve_connection(TokioIo::new(socket), service).with_upgrades().await;
+}
+
+/// Refuses requests of pages that may not come in.
+async fn knock(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+    match door::check(request.headers(), &shared.config.origins, shared.is_loopback) {
+        Ok(()) => next.run(request).await,
+        Err((status, word, reason)) => {
+            shared.metrics.refused(word);
+            (status, reason).into_response()
+        }
+    }
 }
 
 async fn upgrade(
@@ -185,9 +213,16 @@ async fn upgrade(
         return (StatusCode::UNAUTHORIZED, "no token that this server knows\n").into_response();
     }
     let client = Client { name, address: address(&headers, &connection, shared.config.is_behind_proxy) };
+    if shared.config.is_behind_proxy {
+        let Some(seat) = shared.lobby.enter(&client.address) else {
+            shared.metrics.refused("connections");
+            return (StatusCode::TOO_MANY_REQUESTS, "too many connections wait with their hello\n").into_response();
+        };
+        connection.sit(Some(seat));
+    }
     socket.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(READ).on_upgrade(
         async move |socket| {
-            session::run(socket, client, shared).await;
+            session::run(socket, client, shared, || connection.sit(None)).await;
             drop(connection);
         },
     )
@@ -284,7 +319,8 @@ mod tests {
     #[tokio::test]
     async fn addresses_are_the_proxys_word_only_where_there_is_one() {
         let permit = Arc::new(Semaphore::new(1)).try_acquire_owned().unwrap();
-        let connection = Connection { peer: "192.0.2.1:5".parse().unwrap(), _permit: Arc::new(permit) };
+        let seat = Arc::default();
+        let connection = Connection { peer: "192.0.2.1:5".parse().unwrap(), seat, _permit: Arc::new(permit) };
         let mut headers = HeaderMap::new();
         assert_eq!(address(&headers, &connection, true), "192.0.2.1");
         headers.append("x-forwarded-for", "10.0.0.1, 198.51.100.7".parse().unwrap());

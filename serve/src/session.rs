@@ -12,6 +12,7 @@ mod opus;
 mod settings;
 mod writer;
 
+use std::error::Error;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,9 +24,12 @@ use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 use umo_core::{Engine, EngineError, Session, SessionError};
 
 use crate::config::Config;
+use crate::door::Lobby;
 use crate::hub::{Hub, Phase, Place, Refusal};
 use crate::metrics::Metrics;
-use crate::protocol::{self, AudioKind, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request, STATE};
+use crate::protocol::{
+    self, AudioKind, Code, FrameMessage, Hello, MOST_BYTES, Output, PACKET, Ready, Reply, Request, STATE,
+};
 use audio::Audio;
 use opus::Packets;
 use writer::{Writer, Written};
@@ -43,6 +47,9 @@ pub(crate) struct Shared {
     pub(crate) config: Config,
     pub(crate) engine: Engine,
     pub(crate) hub: Arc<Hub>,
+    pub(crate) lobby: Arc<Lobby>,
+    /// Whether only this machine reaches the server.
+    pub(crate) is_loopback: bool,
     pub(crate) metrics: Metrics,
 }
 
@@ -96,12 +103,13 @@ impl From<Refusal> for End {
     }
 }
 
-/// Serves one client.
-pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>) {
+/// Serves one client; `admitted` is called when it has a place.
+pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, admitted: impl FnOnce()) {
     let (sink, mut stream) = socket.split();
     let writer = Writer::new(sink, shared.config.stall);
     let (end, has_begun) = match admit(&mut stream, &client, &shared).await {
         Ok((hello, place)) => {
+            admitted();
             let end = with_place(&hello, &mut stream, &writer, &shared).await;
             // Another client may come while this one is told why it goes.
             drop(place);
@@ -173,14 +181,14 @@ async fn next(stream: &mut SplitStream<WebSocket>) -> Result<Message, End> {
     }
 }
 
-/// A connection that broke, or bytes that are no message.
+/// A connection that broke, or bytes that are no message: the client is told how.
 fn broken(error: &axum::Error) -> End {
-    let text = error.to_string();
-    // A text that is no UTF-8 and a message that is too long have these words in axum's error.
-    if ["UTF-8", "utf-8", "too long", "too big"].iter().any(|word| text.contains(word)) {
-        return End::bad(text);
+    use tungstenite::Error::{AlreadyClosed, ConnectionClosed, Io, Protocol};
+    use tungstenite::error::ProtocolError::ResetWithoutClosingHandshake;
+    match error.source().and_then(|error| error.downcast_ref()) {
+        None | Some(ConnectionClosed | AlreadyClosed | Io(_) | Protocol(ResetWithoutClosingHandshake)) => End::Left,
+        Some(error) => End::bad(error),
     }
-    End::Left
 }
 
 /// A session for a hello, to its end; whether it began.
@@ -512,17 +520,21 @@ impl Live {
 
     /// Sends the state, unless the engine computes for this session at this moment.
     async fn save(&self, writer: &Writer) -> Result<bool, End> {
-        let mut bytes = vec![0; 1 + self.session.state_size()];
-        bytes[0] = STATE;
-        let length = match self.session.save(&mut bytes[1..]) {
+        let mut bytes = vec![0; self.session.state_size()];
+        let length = match self.session.save(&mut bytes) {
             Ok(length) => length,
             Err(error) => return later(false)(error),
         };
-        bytes.truncate(1 + length);
         let is_handover = self.saving == Saving::Handover;
         self.say(writer, &Reply::State { samples: self.audio.used, bytes: length, is_handover }).await?;
-        self.shared.metrics.sent(bytes.len());
-        if writer.send(Message::Binary(bytes.into())).await { Ok(true) } else { Err(End::Left) }
+        for piece in bytes[..length].chunks(MOST_BYTES - 1) {
+            let message: Vec<u8> = std::iter::once(STATE).chain(piece.iter().copied()).collect();
+            self.shared.metrics.sent(message.len());
+            if !writer.send(Message::Binary(message.into())).await {
+                return Err(End::Left);
+            }
+        }
+        Ok(true)
     }
 
     fn count_late(&mut self) {

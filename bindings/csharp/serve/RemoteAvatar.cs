@@ -87,6 +87,7 @@ namespace Umo.Serve
         [DataMember(Name = "late_frames")] public long LateFrames { get; private set; }
         /// <summary>Of "state": samples of this connection that it knows of. Push those after them to whoever restores it.</summary>
         [DataMember(Name = "samples")] public long Samples { get; private set; }
+        [DataMember(Name = "bytes")] internal long Bytes { get; private set; }
         /// <summary>Of "state": whether the server ends the session now.</summary>
         [DataMember(Name = "is_handover")] public bool IsHandover { get; private set; }
         [DataMember(Name = "code")] public string Code { get; private set; }
@@ -133,6 +134,7 @@ namespace Umo.Serve
         private readonly SemaphoreSlim sending = new SemaphoreSlim(1, 1);
         private readonly byte[] room = new byte[Piece];
         private Reply waiting;
+        private readonly MemoryStream state = new MemoryStream();
 
         /// <summary>What the server says of the session.</summary>
         public Reply Ready { get; private set; }
@@ -269,7 +271,12 @@ namespace Umo.Serve
                 }
                 else if (data.Length > 0 && data[0] == 3)
                 {
-                    return new Received { State = Rest(data), Reply = waiting };
+                    state.Write(data, 1, data.Length - 1);
+                    if (waiting == null || state.Length < waiting.Bytes)
+                        continue;
+                    Received whole = new Received { State = state.ToArray(), Reply = waiting };
+                    state.SetLength(0);
+                    return whole;
                 }
             }
         }

@@ -21,6 +21,8 @@ export class RemoteAvatar {
 
   #socket;
   #waiting = null;
+  #state = null;
+  #filled = 0;
   #error = null;
 
   constructor(socket, ready) {
@@ -86,17 +88,22 @@ export class RemoteAvatar {
     if (typeof data === "string") {
       const message = JSON.parse(data);
       if (message.type === "done") this.ondone(message);
-      else if (message.type === "state") this.#waiting = message;
+      else if (message.type === "state") [this.#waiting, this.#state, this.#filled] = [message, new Uint8Array(message.bytes), 0];
       else if (message.type === "error") this.#error = new ServeError(message.code, message.reason);
       return;
     }
     const kind = new Uint8Array(data, 0, 1)[0];
     if (kind === 1) this.#frames(data);
     else if (kind === 2) this.onpacket(new Uint8Array(data, 1));
-    else if (kind === 3 && this.#waiting) {
-      this.onstate(new Uint8Array(data, 1), this.#waiting.samples, this.#waiting.is_handover);
-      this.#waiting = null;
-    }
+    else if (kind === 3 && this.#waiting) this.#piece(new Uint8Array(data, 1));
+  }
+
+  #piece(bytes) {
+    this.#state.set(bytes, this.#filled);
+    this.#filled += bytes.length;
+    if (this.#filled < this.#state.length) return;
+    this.onstate(this.#state, this.#waiting.samples, this.#waiting.is_handover);
+    this.#waiting = this.#state = null;
   }
 
   #frames(data) {

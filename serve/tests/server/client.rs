@@ -32,6 +32,7 @@ pub(crate) enum Event {
     Text(Value),
     Frames(Vec<FrameBits>),
     Packet(Vec<u8>),
+    /// A piece of a state.
     State(Vec<u8>),
     /// Its code.
     Closed(Option<u16>),
@@ -133,6 +134,19 @@ impl Client {
         }
     }
 
+    /// The state that a text announces.
+    pub(crate) async fn state(&mut self, text: &Value) -> Vec<u8> {
+        let bytes = usize::try_from(text["bytes"].as_u64().unwrap()).unwrap();
+        let mut state = Vec::new();
+        while state.len() < bytes {
+            let Event::State(piece) = self.next().await else { panic!("a piece of the state") };
+            assert!(piece.len() < MOST_BYTES);
+            state.extend(piece);
+        }
+        assert_eq!(state.len(), bytes);
+        state
+    }
+
     /// The word, the sentence and the number of the end that the server gives; what comes before it
     /// counts for nothing.
     pub(crate) async fn refusal(&mut self) -> (String, String, u16) {
@@ -170,10 +184,19 @@ fn frames(bytes: &[u8]) -> Vec<FrameBits> {
 
 /// What a GET gives: status and body.
 pub(crate) async fn http(address: SocketAddr, path: &str) -> (u16, String) {
-    let request = format!("GET {path} HTTP/1.1\r\nHost: umo\r\nConnection: close\r\n\r\n");
+    let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
     let text = raw(address, request.as_bytes()).await;
     let status = text.split(' ').nth(1).unwrap().parse().unwrap();
     (status, text.split_once("\r\n\r\n").unwrap().1.to_owned())
+}
+
+/// The status of the answer to a request, which leaves the connection open.
+pub(crate) async fn status(address: SocketAddr, request: &str) -> u16 {
+    let mut socket = TcpStream::connect(address).await.unwrap();
+    socket.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = [0; 12];
+    timeout(PATIENCE, socket.read_exact(&mut answer)).await.expect("an answer").unwrap();
+    str::from_utf8(&answer).unwrap()[9..].parse().unwrap()
 }
 
 /// All that a server answers to these bytes.

@@ -2,14 +2,17 @@
 
 use std::time::Duration;
 
+use futures_util::{SinkExt, StreamExt};
 use serde_json::json;
+use tokio::io::AsyncReadExt;
+use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::timeout;
-use tokio_tungstenite::connect_async;
-use tokio_tungstenite::tungstenite::Error;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{client_async, connect_async};
 use umo_serve::Tokens;
 
-use super::client::{Client, http};
+use super::client::{Client, http, status};
 use super::{PATIENCE, Running};
 
 const STUDIO: &str = "studio-0123456789";
@@ -106,6 +109,95 @@ async fn clients_that_do_nothing_or_have_gone_lose_their_places() {
     let server = Running::new(|config| config.hello_within = Duration::from_millis(200)).await;
     let mut mute = Client::connect(server.address).await;
     assert_eq!(mute.refusal().await.2, 4400);
+}
+
+/// Browsers say from which page they come, and by which name.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn pages_of_other_sites_do_not_come_in() {
+    let site = "https://avatar.example.com";
+    let server = Running::new(|config| config.origins.push(site.to_owned())).await;
+    let own = server.address.to_string();
+    let ask = async |path: &str, host: &str, origin: &str| {
+        let request = format!(
+            "GET {path} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+             Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        );
+        status(server.address, &request).await
+    };
+    for (host, origin, expected) in [
+        (&*own, "http://evil.example".to_owned(), 403),
+        (&own, "null".to_owned(), 403),
+        ("evil.example", "http://evil.example".to_owned(), 421),
+        (&own, format!("http://{own}"), 101),
+        (&own, site.to_owned(), 101),
+        ("avatar.example.com", site.to_owned(), 101),
+    ] {
+        assert_eq!(ask("/v1/session", host, &origin).await, expected, "{host} {origin}");
+    }
+    for path in ["/metrics", "/healthz"] {
+        assert_eq!(ask(path, "evil.example", "http://evil.example").await, 421);
+        assert_eq!(ask(path, &own, "http://evil.example").await, 403);
+    }
+    let metrics = http(server.address, "/metrics").await.1;
+    for line in
+        ["umo_serve_sessions_refused_total{reason=\"origin\"} 4", "umo_serve_sessions_refused_total{reason=\"host\"} 3"]
+    {
+        assert!(metrics.lines().any(|have| have == line), "{line}: {metrics}");
+    }
+    server.sessions(0).await;
+}
+
+/// Connections that say nothing: of one address, they leave room for all others.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn idle_connections_lock_nobody_out() {
+    const IDLE: usize = 100;
+    let server = Running::new(|_| ()).await;
+    let mut idle = Vec::new();
+    for _ in 0..IDLE {
+        idle.push(TcpStream::connect(server.address).await.unwrap());
+    }
+    // This machine has more addresses than one.
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+    let other = socket.connect(server.address).await.unwrap();
+    let url = format!("ws://{}/v1/session", server.address);
+    let (mut other, _) = timeout(PATIENCE, client_async(url, other)).await.unwrap().unwrap();
+    other.send(Message::text(r#"{"type":"hello"}"#)).await.unwrap();
+    let ready = timeout(PATIENCE, other.next()).await.unwrap().unwrap().unwrap();
+    assert!(ready.to_text().unwrap().contains("ready"), "{ready}");
+    // Those of one address that are too many are closed, and the others at the end of their time.
+    let mut closed = 0;
+    for socket in &mut idle {
+        closed += usize::from(timeout(Duration::from_millis(20), socket.read(&mut [0])).await.is_ok());
+    }
+    assert!(closed >= IDLE / 2 && closed < IDLE, "{closed}");
+    drop(idle);
+    // A client that has a session is not among those that wait.
+    let mut sessions = Vec::new();
+    for _ in 0..3 {
+        sessions.push(Client::new(server.address, json!({})).await.unwrap());
+    }
+}
+
+/// Behind a proxy all connections are the proxy's: clients are counted by the address that it writes.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_behind_a_proxy_wait_each_for_itself() {
+    let server = Running::new(|config| config.is_behind_proxy = true).await;
+    let connect = async |client: &str| {
+        let mut request = format!("ws://{}/v1/session", server.address).into_client_request().unwrap();
+        request.headers_mut().insert("X-Forwarded-For", client.parse().unwrap());
+        connect_async(request).await.map(|(socket, _)| socket)
+    };
+    let mut waiting = Vec::new();
+    let refused = loop {
+        match connect("192.0.2.1").await {
+            Ok(socket) => waiting.push(socket),
+            Err(error) => break error,
+        }
+    };
+    let Error::Http(response) = refused else { panic!("{refused}") };
+    assert_eq!((response.status().as_u16(), waiting.len()), (429, 32));
+    let _other = connect("192.0.2.2").await.expect("another client has its own");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

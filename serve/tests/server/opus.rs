@@ -79,8 +79,10 @@ async fn a_session_of_opus_goes_on_from_its_state() {
     while state.is_none() {
         match client.next().await {
             Event::Frames(frames) => before.extend(frames),
-            Event::Text(text) => samples = usize::try_from(text["samples"].as_u64().unwrap()).unwrap(),
-            Event::State(bytes) => state = Some(bytes),
+            Event::Text(text) => {
+                samples = usize::try_from(text["samples"].as_u64().unwrap()).unwrap();
+                state = Some(client.state(&text).await);
+            }
             other => panic!("{other:?}"),
         }
     }

@@ -16,14 +16,14 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
 
     for bytes in [
         &b"\0\xff\xfe garbage \r\n\r\n"[..],
-        b"GET / HTTP/1.1\r\nConnection: close\r\n\r\n",
-        b"POST /v1/session HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
+        b"POST /v1/session HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
     ] {
         let answer = raw(server.address, bytes).await;
         assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 4"), "{answer}");
     }
     // After the handshake: no frames of a WebSocket.
-    let upgrade = "GET /v1/session HTTP/1.1\r\nHost: a\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+    let upgrade = "GET /v1/session HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n";
     let answer = raw(server.address, &[upgrade.as_bytes(), &[0x7f; 300]].concat()).await;
     assert!(answer.starts_with("HTTP/1.1 101"), "{answer}");
@@ -75,6 +75,41 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
     speaking.text(r#"{"type":"finish"}"#).await;
     assert_eq!(only_bits(&speaking.frames_until_done().await.0), offline(&settings(9), &audio));
     server.sessions(1).await;
+}
+
+/// A ping of 126 bytes: one more than it may have.
+const LONG_PING: [u8; 134] = {
+    let mut frame = [0; 134];
+    (frame[0], frame[1], frame[3]) = (0x89, 0xfe, 126);
+    frame
+};
+
+/// Bytes that are no frame of a WebSocket's client, before and after the hello: the client is told how they are wrong.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_breaks_the_protocol_is_closed_with_a_reason() {
+    let server = Running::new(|_| ()).await;
+    for (bytes, part) in [
+        (&[0x81, 0x01, b'a'][..], "unmasked"),
+        (&[0xf1, 0x80, 0, 0, 0, 0], "Reserved"),
+        (&[0x83, 0x80, 0, 0, 0, 0], "invalid opcode"),
+        (&[0x8b, 0x80, 0, 0, 0, 0], "invalid opcode"),
+        (&[0x09, 0x80, 0, 0, 0, 0], "Fragmented"),
+        (&[0x80, 0x80, 0, 0, 0, 0], "Continue"),
+        (&LONG_PING, "too big"),
+        (&[0x81, 0x81, 0, 0, 0, 0, 0xff], "UTF-8"),
+    ] {
+        for has_hello in [false, true] {
+            let mut client = match has_hello {
+                true => Client::new(server.address, json!({})).await.unwrap(),
+                false => Client::connect(server.address).await,
+            };
+            let MaybeTlsStream::Plain(socket) = client.socket.get_mut() else { panic!("no TLS here") };
+            socket.write_all(bytes).await.unwrap();
+            let (code, reason, number) = client.refusal().await;
+            assert_eq!((code.as_str(), number), ("bad_request", 4400), "{bytes:?}: {reason}");
+            assert!(reason.contains(part), "{bytes:?}: {reason}");
+        }
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -23,7 +23,7 @@ from ._motion import Frame
 
 PIECE = 32768
 """Bytes of a message with audio or a state, at most."""
-MOST = 64 << 20
+MOST = 65536
 """Bytes of a message of the server, at most."""
 
 
@@ -144,9 +144,12 @@ class Avatar:
         if text["type"] == "error":
             raise ServeError(text["code"], text["reason"])
         if text["type"] == "state":
-            state = await self._socket.recv()
-            assert isinstance(state, bytes)
-            self.saved = Saved(state[1:], text["samples"])
+            state = b""
+            while len(state) < text["bytes"]:
+                piece = await self._socket.recv()
+                assert isinstance(piece, bytes)
+                state += piece[1:]
+            self.saved = Saved(state, text["samples"])
             if text["is_handover"]:
                 raise Moved(self.saved)
 
