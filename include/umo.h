@@ -289,6 +289,9 @@
 // Only whole numbers are allowed.
 #define UMO_PARAMETER_WHOLE 1
 
+// Bytes that a self-test's report may have, its end included.
+#define UMO_SELF_TEST_SIZE 8192
+
 // The mouth moves with the body, later than the sound by the session's latency.
 #define UMO_VOICE_DELAYED 0
 
@@ -1176,6 +1179,26 @@ UMO_API
 UMO_MUST_USE
 umo_status umo_parameter_get_info(uint32_t index,
                                   struct umo_parameter_info *info)
+UMO_NOEXCEPT;
+
+// Tests this machine with a model, for about 10 seconds or less: every kernel of every back-end that the processor has is
+// held to its scalar reference, the model's motion to recorded motion (that of a model without any to a second
+// run), and the model's speed is measured where the library has threads and a clock. `passed` is 1 where nothing is wrong.
+// `report` is text of several lines on the processor, what was compared, what is wrong, the speed, and what would make it
+// faster: it names no path, host or user. `size` is at least `UMO_SELF_TEST_SIZE`.
+//
+// Threads: any but the audio thread. Allocates, starts threads, and waits for them.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. A test that finds
+// something wrong is no error.
+//
+// Pointers:
+// `passed` is NULL or writable; `report` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_self_test(const struct umo_model *model,
+                         uint32_t *passed,
+                         char *report,
+                         size_t size)
 UMO_NOEXCEPT;
 
 // Fills a session configuration with the model's defaults: mono audio at the model's rate. `size`

@@ -124,6 +124,14 @@ public:
         }
         return names;
     }
+    /// Whether nothing is wrong on this machine; `report` is a text to publish. Takes about 10 seconds or less.
+    result<bool> self_test(std::string &report) const {
+        std::uint32_t passed = 0;
+        report.assign(UMO_SELF_TEST_SIZE, '\0');
+        const umo_status status = umo_self_test(get(), &passed, &report[0], report.size());
+        report.resize(report.find('\0'));
+        return {status, passed != 0};
+    }
     umo_frame_layout layout() const noexcept {
         umo_frame_layout layout{};
         (void)!umo_frame_layout_init(&layout, sizeof layout, get());

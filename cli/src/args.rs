@@ -10,7 +10,7 @@ use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use umo_core::{GestureOptions, GestureParts, Layer, Precision, Priority, Side};
 use umo_figure::Figure;
 
-pub use bench::{Bench, Neighbour};
+pub use bench::{Bench, Doctor, Neighbour};
 pub use models::{
     Convert, FloatArg, Inspect, LayoutArg, MakeRandom, NewRows, Quantize, Size, Stage, StorageArg, WeightsArg,
 };
@@ -56,6 +56,8 @@ pub enum Command {
     Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
+    /// Test this machine: processor, kernels, the model's motion, speed; exits with 1 where something is wrong
+    Doctor(Doctor),
     /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes
     Draw(Draw),
 }

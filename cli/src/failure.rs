@@ -6,6 +6,7 @@ use std::fmt;
 use umo_core::stage::StageError;
 use umo_core::{LoadError, StepError};
 use umo_figure::FigureError;
+use umo_self_test::speed::SpeedError;
 
 /// Why the program stops.
 #[derive(Debug, PartialEq, Eq)]
@@ -75,5 +76,14 @@ impl From<StageError> for Failure {
 impl From<FigureError> for Failure {
     fn from(error: FigureError) -> Self {
         Self::input(error)
+    }
+}
+
+impl From<SpeedError> for Failure {
+    fn from(error: SpeedError) -> Self {
+        match error {
+            SpeedError::Engine(error) => Self::input(error),
+            error => Self::environment(error),
+        }
     }
 }

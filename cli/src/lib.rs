@@ -10,7 +10,7 @@
 //! | `live` | speech as it comes to poses for other programs, over the network |
 //! | `serve` | avatars for many clients over WebSocket |
 //! | `view` | the page that shows an avatar, made once or served live |
-//! | `bench` | how fast a model is on this machine |
+//! | `bench`, `doctor` | how fast a model is on this machine; whether it computes rightly |
 //! | [`export`], `import`, `start_pose` | files in and out |
 //! | `draw` | pictures of the figure that speaks (crate `umo_figure`) |
 //! | `retarget` | an animation to another character |
@@ -26,6 +26,7 @@ mod batch;
 mod bench;
 mod bvh;
 mod convert;
+mod doctor;
 mod draw;
 pub mod export;
 mod failure;
@@ -90,6 +91,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Serve(args) => serve::run(&args),
         Command::Retarget(args) => retarget::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Draw(args) => draw::run(&args),
     }
 }

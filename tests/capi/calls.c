@@ -35,6 +35,20 @@ static void models_refuse(const char *path) {
     FAILS(INVALID_HANDLE, umo_model_free((umo_model *)(uintptr_t)0x1234560));
 }
 
+static void a_machine_tests_itself(void) {
+    static char report[UMO_SELF_TEST_SIZE];
+    uint32_t passed = 7;
+    FAILS(NULL_POINTER, umo_self_test(NULL, &passed, report, sizeof report));
+    FAILS(NULL_POINTER, umo_self_test(model, NULL, report, sizeof report));
+    FAILS(NULL_POINTER, umo_self_test(model, &passed, NULL, sizeof report));
+    FAILS(BUFFER_TOO_SMALL, umo_self_test(model, &passed, report, sizeof report - 1));
+    CHECK(passed == 7 && report[0] == 0);
+    OK(umo_self_test(model, &passed, report, sizeof report));
+    CHECK(passed == 1);
+    CHECK(strstr(report, "self-test passed") && strstr(report, "all as the reference") && strstr(report, "as recorded"));
+    CHECK(strstr(report, "avatars at once") && !strchr(report, '/'));
+}
+
 static void models_say_what_they_have(void) {
     const char *text = NULL;
     OK(umo_model_get_text(model, UMO_MODEL_NAME, &text));
@@ -575,6 +589,7 @@ int main(int argc, char **argv) {
     model = load_model(argv[1]);
     engine = polled_engine(model);
     models_say_what_they_have();
+    a_machine_tests_itself();
     engines_refuse();
     sessions_refuse_to_be_made();
     session_configs_grow();

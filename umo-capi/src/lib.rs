@@ -9,6 +9,7 @@
 //! | [`clip`] | frames as a file |
 //! | [`gesture`] | gestures on command |
 //! | [`parameter`] | what can be set while a session runs |
+//! | [`self_test`] | whether this machine computes rightly |
 //! | [`status`], [`log`] | what went wrong, and who is told |
 //! | [`memory`] | one block of memory for each session; the host's allocator |
 //! | `web` | memory for a page, in WebAssembly alone |
@@ -24,6 +25,7 @@ pub mod log;
 pub mod memory;
 pub mod model;
 pub mod parameter;
+pub mod self_test;
 pub mod session;
 pub mod status;
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]

@@ -297,6 +297,14 @@ internal static unsafe class Tests
     }
 
     [Test]
+    private static void this_machine_tests_itself()
+    {
+        string report;
+        True(model.SelfTest(out report), report);
+        True(report.StartsWith("umo ") && report.Contains("self-test passed") && !report.Contains("/"), report);
+    }
+
+    [Test]
     private static void setting_up_wrongly_throws_the_right_status()
     {
         UmoException error = Throws<UmoException>(() => Model.Load("/no/such/file"));

@@ -335,6 +335,12 @@ def test_gestures_play_at_their_time_and_hosts_add_theirs(model, hello):
             assert caught.value.status is umo.Status.BUSY
 
 
+def test_this_machine_tests_itself(engine):
+    found = umo.self_test(engine.model)
+    assert found.passed, found.report
+    assert str(found).startswith("umo ") and "self-test passed" in found.report and "/" not in found.report
+
+
 def test_prompts_are_texts_or_ids(engine):
     ids = engine.model.encode_text("a person waves")
     assert ids.dtype == np.uint32 and len(ids) > 0

@@ -1,4 +1,4 @@
-//! Arguments of `umo bench`.
+//! Arguments of `umo bench` and `umo doctor`.
 
 use std::path::PathBuf;
 
@@ -60,4 +60,15 @@ pub enum Neighbour {
     Spin,
     /// Wakes up again and again
     Wake,
+}
+
+/// Test this machine: the text is meant to be pasted into a report, and names no host, no user and no path.
+#[derive(Debug, ClapArgs)]
+pub struct Doctor {
+    /// Model file; the one in the program where not given
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
 }

@@ -5,7 +5,9 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
-use super::report::{Report, quantile};
+use umo_self_test::speed::quantile;
+
+use super::report::Report;
 
 const SIZE: (u32, u32) = (960, 640);
 /// Bars of the histogram.

@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde_json::json;
 use umo_core::engine::Priority;
 use umo_core::floor::Machine;
+use umo_self_test::speed::{Crowd, quantile};
 
 use super::Stage;
 
@@ -34,46 +35,10 @@ pub(super) struct Report {
     pub(super) is_busy: bool,
     /// That of the threads that compute.
     pub(super) priority: Priority,
+    /// Several avatars in real time.
     pub(super) crowd: Option<Crowd>,
-}
-
-/// Several avatars in real time.
-#[derive(Debug)]
-pub(super) struct Crowd {
-    pub(super) sessions: usize,
-    pub(super) seconds: f64,
-    pub(super) frames: u64,
-    pub(super) late: u64,
-    /// Chunks whose body was held.
-    pub(super) held: u64,
-    pub(super) overruns: u64,
-    /// Of the slowest avatar each.
-    pub(super) p50: Duration,
-    pub(super) p99: Duration,
-    pub(super) max: Duration,
-    /// Share of the time that the engine computed.
-    pub(super) busy: f64,
-    /// Processor time of all threads.
-    pub(super) processor: Option<Duration>,
-}
-
-impl Crowd {
-    /// How many avatars there would be if the engine computed all the time, each taking the share
-    /// that it takes now; more in a batch take less.
-    fn at_full_load(&self) -> usize {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of avatars")]
-        let count = (self.sessions as f64 / self.busy.max(1e-6)) as usize;
-        count
-    }
-}
-
-/// The time that a share of `times` stayed within.
-pub(super) fn quantile(times: &[Duration], share: f64) -> Duration {
-    let mut sorted = times.to_vec();
-    sorted.sort();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index of the slice")]
-    let at = (share * (sorted.len() - 1) as f64).round() as usize;
-    sorted[at]
+    /// Processor time of all threads meanwhile.
+    pub(super) crowd_processor: Option<Duration>,
 }
 
 fn ms(time: Duration) -> f64 {
@@ -132,7 +97,7 @@ impl Report {
                 "chunk_ms": { "p50": rounded(crowd.p50), "p99": rounded(crowd.p99), "max": rounded(crowd.max) },
                 "busy": (crowd.busy * 1000.0).round() / 1000.0,
                 "sessions_at_full_load": crowd.at_full_load(),
-                "processor_seconds": crowd.processor.map(|time| time.as_secs_f64()),
+                "processor_seconds": self.crowd_processor.map(|time| time.as_secs_f64()),
             });
         }
         report.to_string()
@@ -201,8 +166,7 @@ impl fmt::Display for Report {
                 ms(crowd.max),
                 100.0 * crowd.busy,
                 crowd.at_full_load(),
-                crowd
-                    .processor
+                self.crowd_processor
                     .map_or_else(String::new, |time| format!("; {:.2} s of processor time", time.as_secs_f64()))
             )?;
         }

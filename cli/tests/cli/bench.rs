@@ -1,6 +1,6 @@
-//! `umo bench`: what it refuses, what it writes.
+//! `umo bench` and `umo doctor`: what they refuse, what they write.
 
-use crate::program::{Folder, umo};
+use crate::program::{Folder, golden, umo};
 
 const QUICK: [&str; 7] = ["bench", "--chunks", "3", "--starts", "2", "--seconds", "0.3"];
 
@@ -109,4 +109,31 @@ fn bench_refuses_numbers_out_of_range() {
     let nowhere = folder.at("no/such/folder/bench.svg");
     let ended = umo(&[&QUICK[..], &["--plot", &nowhere]].concat());
     assert_eq!(ended.code, 1, "{}", ended.err);
+}
+
+/// Every line of the report, the shipped model's recorded motion, and nothing that tells whose machine it is.
+#[test]
+fn doctor_finds_this_machine_sound() {
+    let ended = umo(&["doctor"]).success();
+    let starts: Vec<_> = ended.out.lines().map(|line| line.split_whitespace().next().unwrap()).collect();
+    let wanted = ["umo", "processor", "cores", "features", "back-end", "kernels", "motion", "speed", "faster"];
+    assert!(starts.starts_with(&wanted), "{}", ended.out);
+    for words in ["self-test passed", "all as the reference", "as recorded: 4 frames of umo-people", "avatars at once"]
+    {
+        assert!(ended.out.contains(words), "no `{words}` in {}", ended.out);
+    }
+    assert!(!ended.out.contains(['/', '\\']), "a path: {}", ended.out);
+    for variable in ["HOSTNAME", "HOME", "USER"] {
+        let Ok(name) = std::env::var(variable) else { continue };
+        assert!(name.len() < 3 || !ended.out.contains(&name), "{variable}: {}", ended.out);
+    }
+}
+
+/// A model of one's own has no recorded motion, which is said.
+#[test]
+fn doctor_runs_a_model_without_records_twice() {
+    let model = golden("mel_k2_arkit");
+    let ended = umo(&["doctor", "--model", &model, "--isa", "scalar", "--threads", "1"]).success();
+    assert!(ended.out.contains("the same twice") && ended.out.contains("none are recorded"), "{}", ended.out);
+    assert!(ended.out.contains("scalar: as was asked") && ended.out.contains("1 thread)"), "{}", ended.out);
 }

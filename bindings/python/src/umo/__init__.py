@@ -6,6 +6,7 @@
 | `stream(chunks, rate)` | frames as they come from audio as it comes |
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
 | `Session.pull_packets`, `Decoder` | an avatar that is computed in one place and seen in others |
+| `self_test()` | whether this machine computes rightly, and how fast: a report to publish |
 | `umo.serve`, `umo.agents`, `umo.ray` | a client of `umo serve`; avatars of voice agents; recordings over a Ray cluster |
 | `Error`, `Status` | what went wrong, in umo's own words |
 """
@@ -17,7 +18,7 @@ from ._animate import animate, stream
 from ._engine import Engine
 from ._gltf import FIGURES
 from ._library import Error, Status, lib as _lib
-from ._model import Model
+from ._model import Model, SelfTest, self_test
 from ._motion import JOINTS, VISEMES, Frame, Motion
 from ._session import Attention, Decoder, Idle, Latency, Parameter, Received, Sampled, Session, Stats
 
@@ -39,10 +40,12 @@ __all__ = [
     "Parameter",
     "Received",
     "Sampled",
+    "SelfTest",
     "Session",
     "Stats",
     "Status",
     "__version__",
     "animate",
+    "self_test",
     "stream",
 ]

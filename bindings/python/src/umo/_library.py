@@ -23,6 +23,7 @@ MODEL = FOLDER / "umo-people.safetensors"
 ABI_VERSION = 1
 ABSENT = 0xFFFF_FFFF
 JOINT_COUNT = 55
+SELF_TEST_SIZE = 8192
 VISEME_COUNT = 15
 ERROR_SIZE = 512
 MAX_CHANNELS = 64
@@ -283,6 +284,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_model_get_channel_name": [_HANDLE, _U32, POINTER(_TEXT)],
     "umo_model_get_skeleton": [_HANDLE, _U32, POINTER(c_int32), POINTER(c_float), _SIZE],
     "umo_model_encode_text": [_HANDLE, _TEXT, _SIZE, POINTER(_U32), _SIZE, POINTER(_SIZE)],
+    "umo_self_test": [_HANDLE, POINTER(_U32), _TEXT, _SIZE],
     "umo_frame_layout_init": [POINTER(FrameLayout), _SIZE, _HANDLE],
     "umo_engine_config_init": [POINTER(EngineConfig), _SIZE],
     "umo_engine_new": [_HANDLE, POINTER(EngineConfig), _OUT],

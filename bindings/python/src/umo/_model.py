@@ -8,7 +8,7 @@ import functools
 import os
 import warnings
 from ctypes import byref
-from typing import Any, Union
+from typing import Any, NamedTuple, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -180,6 +180,26 @@ def _check_readable(path: str) -> None:
     for wrong, number in ((os.path.isdir(path), errno.EISDIR), (not os.access(path, os.R_OK), errno.EACCES)):
         if wrong:
             raise OSError(number, os.strerror(number), path)
+
+
+class SelfTest(NamedTuple):
+    """What `self_test` found; printed, it is the report."""
+
+    passed: bool
+    """Whether nothing is wrong."""
+    report: str
+    """Text to publish: it names no path, host or user."""
+
+    def __str__(self) -> str:
+        return self.report
+
+
+def self_test(model: Model | None = None) -> SelfTest:
+    """Tests this machine with a model, the default one if not given, for about 10 s: kernels, motion, speed."""
+    passed, report = ctypes.c_uint32(), ctypes.create_string_buffer(_library.SELF_TEST_SIZE)
+    handle = (model or default_model())._handle
+    _library.check(lib.umo_self_test(handle, byref(passed), report, _library.SELF_TEST_SIZE))
+    return SelfTest(passed.value == 1, report.value.decode())
 
 
 @functools.lru_cache(maxsize=None)

@@ -150,6 +150,21 @@ namespace Umo
             return ids;
         }
 
+        /// <summary>Tests this machine, for about 10 seconds or less: kernels, the model's motion, its speed. Whether nothing is wrong, and a
+        /// text to publish, which names no path, host or user.</summary>
+        public bool SelfTest(out string report)
+        {
+            byte[] text = new byte[Native.SelfTestSize];
+            uint passed;
+            fixed (byte* t = text)
+            {
+                UmoException.Check(Native.umo_self_test(Raw, &passed, t, (UIntPtr)text.Length));
+                report = Native.Text((IntPtr)t);
+            }
+            GC.KeepAlive(this);
+            return passed == 1;
+        }
+
         /// <summary>The layout of frames without gaps.</summary>
         public FrameLayout Layout(Axes axes)
         {

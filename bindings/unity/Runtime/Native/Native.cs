@@ -29,6 +29,8 @@ namespace Umo
         public const uint ParameterWhole = 1;
         /// <summary>Bytes that an error's detail may have, its end included.</summary>
         public const int ErrorSize = 512;
+        /// <summary>Bytes that a self-test's report may have, its end included.</summary>
+        public const int SelfTestSize = 8192;
 
         [DllImport(Library, CallingConvention = C)] public static extern uint umo_abi_version();
         [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_version();
@@ -44,6 +46,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_get_channel_name(IntPtr model, uint index, IntPtr* name);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_get_skeleton(IntPtr model, Axes which, int* parents, float* offsets, UIntPtr joints);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_encode_text(IntPtr model, byte* text, UIntPtr length, uint* ids, UIntPtr capacity, UIntPtr* count);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_self_test(IntPtr model, uint* passed, byte* report, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_joint_name(uint index);
         [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_viseme_name(uint index);
 

@@ -1,0 +1,145 @@
+//! The self-test of umo, for the machine that it is installed on: what the processor has, every kernel of every back-end held
+//! to its scalar reference, a model's motion held to recorded motion, and how fast the model is.
+//!
+//! ```
+//! fn is_sound(model: &std::sync::Arc<umo_core::Model>) -> bool {
+//!     let report = umo_self_test::run(model, 2);
+//!     println!("{report}");
+//!     report.passed()
+//! }
+//! ```
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | `threads`, `clock` | both: how fast the model is |
+//! | `files` | what the system says of its cores in files |
+
+pub mod kernels;
+pub mod machine;
+pub mod motion;
+#[cfg(all(feature = "threads", feature = "clock", not(target_family = "wasm")))]
+pub mod speed;
+mod voice;
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use umo_core::model::Model;
+use umo_kernels::Isa;
+
+use kernels::Checked;
+use machine::Machine;
+use motion::Motion;
+
+/// Kernels are compared no longer than this, so that all of a self-test takes about 10 s on a slow processor too.
+const KERNEL_TIME: Duration = Duration::from_secs(4);
+
+/// What a self-test found. As text it can be published: it names no host, no user and no path.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The machine.
+    pub machine: Machine,
+    /// The back-end that the model was loaded for.
+    pub isa: Isa,
+    /// The kernels.
+    pub kernels: Checked,
+    /// The name of the model, and its motion, or what is wrong with it.
+    pub motion: (String, Result<Motion, String>),
+    /// One line on the model's speed, or why there is none; none where nothing can be measured.
+    pub speed: Option<Result<String, String>>,
+}
+
+/// Tests this machine with a model, for about 10 s or less, on `threads` threads, 1 to [`umo_core::MAX_THREADS`].
+pub fn run(model: &Arc<Model>, threads: usize) -> Report {
+    Report {
+        machine: Machine::this(),
+        isa: model.isa(),
+        kernels: kernels::check(KERNEL_TIME),
+        motion: (model.config().name.clone(), motion::check(model, &motion::records())),
+        speed: speed(model, threads),
+    }
+}
+
+#[cfg(all(feature = "threads", feature = "clock", not(target_family = "wasm")))]
+fn speed(model: &Arc<Model>, threads: usize) -> Option<Result<String, String>> {
+    let ms = |time: Duration| time.as_secs_f64() * 1e3;
+    let text = |speed: speed::Speed| {
+        let speed::Speed { first, chunk, motion, avatars, .. } = speed;
+        let plural = if threads == 1 { "" } else { "s" };
+        let (first, chunk, motion) = (ms(first), ms(chunk), motion.as_secs_f64());
+        format!(
+            "first frame after {first:.1} ms; {motion:.2} s of motion in {chunk:.1} ms; {avatars} avatars at once ({threads} thread{plural})"
+        )
+    };
+    Some(speed::measure(model, threads).map(text).map_err(|error| error.to_string()))
+}
+
+#[cfg(not(all(feature = "threads", feature = "clock", not(target_family = "wasm"))))]
+fn speed(_model: &Arc<Model>, _threads: usize) -> Option<Result<String, String>> {
+    None
+}
+
+impl Report {
+    /// Whether nothing is wrong.
+    pub fn passed(&self) -> bool {
+        self.kernels.wrong.is_empty() && self.motion.1.is_ok() && !matches!(self.speed, Some(Err(_)))
+    }
+
+    fn write_kernels(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Checked { cases, is_cut, wrong } = &self.kernels;
+        let (kernels, isas) = (kernels::CALLS.len(), Isa::available().map(Isa::name).collect::<Vec<_>>());
+        let cut = if *is_cut { ", fewer than on a faster machine" } else { "" };
+        let result = if wrong.is_empty() { "all as the reference" } else { "FAILED" };
+        writeln!(f, "kernels     {result}: {kernels} on {}, {cases} cases{cut}", isas.join(", "))?;
+        for wrong in wrong {
+            writeln!(f, "            {} on {}: {}", wrong.kernel, wrong.isa, wrong.detail)?;
+        }
+        Ok(())
+    }
+
+    fn write_motion(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ((model, motion), isa) = (&self.motion, self.isa.name());
+        match motion {
+            Ok(Motion::AsRecorded(frames, difference)) => {
+                writeln!(
+                    f,
+                    "motion      as recorded: {frames} frames of {model} for {isa}, off by {difference:.0e} at most"
+                )
+            }
+            Ok(Motion::Repeated(frames)) => writeln!(
+                f,
+                "motion      the same twice: {frames} frames of {model}; none are recorded for it on {isa}, so that nothing else was compared"
+            ),
+            Err(error) => writeln!(f, "motion      FAILED: {model} on {isa}: {error}"),
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Machine { processor, threads, cores, features } = &self.machine;
+        let (version, result) = (env!("CARGO_PKG_VERSION"), if self.passed() { "passed" } else { "FAILED" });
+        writeln!(f, "umo {version}, {}, {}: self-test {result}", std::env::consts::OS, std::env::consts::ARCH)?;
+        writeln!(f, "processor   {processor}")?;
+        let cores = cores.as_deref().unwrap_or("kinds not known");
+        writeln!(f, "cores       {threads} threads at once; {cores}")?;
+        writeln!(f, "features    {}", features.join(" "))?;
+        writeln!(f, "back-end    {}: {}", self.isa.name(), machine::reason(self.isa))?;
+        self.write_kernels(f)?;
+        self.write_motion(f)?;
+        match &self.speed {
+            Some(Ok(speed)) => writeln!(f, "speed       {speed}")?,
+            Some(Err(error)) => writeln!(f, "speed       FAILED: {error}")?,
+            None => writeln!(f, "speed       not measured: this library has no clock or no threads")?,
+        }
+        let advice = machine::advice(self.isa, &self.machine);
+        if advice.is_empty() {
+            return write!(f, "faster      nothing known would make it faster here");
+        }
+        for (i, advice) in advice.iter().enumerate() {
+            write!(f, "{}faster      {advice}", if i == 0 { "" } else { "\n" })?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,181 @@
+//! The machine: processor, instruction sets, cores.
+
+use umo_core::thread;
+use umo_kernels::Isa;
+
+/// What is known of the machine. No name of a host or a user, and no path.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    /// As its maker calls it, or its architecture.
+    pub processor: String,
+    /// Threads that the system computes at once.
+    pub threads: usize,
+    /// Kinds of cores, where the system tells them.
+    pub cores: Option<String>,
+    /// Features that the back-ends could use.
+    pub features: Vec<&'static str>,
+}
+
+impl Machine {
+    /// This machine.
+    pub fn this() -> Self {
+        Self { processor: processor(), threads: thread::available(), cores: cores(), features: features() }
+    }
+}
+
+/// Why the kernels run on `isa`.
+pub fn reason(isa: Isa) -> String {
+    let missing: Vec<_> = Isa::names().filter(|name| Isa::from_name(name).is_none()).collect();
+    let why = match isa == Isa::detect() {
+        true => "the fastest that this processor and system have".to_owned(),
+        false => format!("as was asked; {} is faster", Isa::detect().name()),
+    };
+    if missing.is_empty() { why } else { format!("{why}; not here: {}", missing.join(", ")) }
+}
+
+/// What keeps umo slower here than it could be, each with what to do.
+pub fn advice(isa: Isa, machine: &Machine) -> Vec<String> {
+    let mut advice = vec![];
+    if cfg!(debug_assertions) {
+        advice.push("this build checks itself (debug assertions): build with --release".to_owned());
+    }
+    if isa != Isa::detect() {
+        advice.push(format!("the model was loaded for {}: load it for {}", isa.name(), Isa::detect().name()));
+    }
+    match isa.name() {
+        "scalar" => advice.push("no vector back-end: every product runs one number at a time".to_owned()),
+        "avx2" => {
+            advice.push("no int8 dot products (VNNI): a newer processor is two to three times as fast".to_owned())
+        }
+        "neon" => advice.push("no int8 dot products: an Armv8.2 processor or newer is faster".to_owned()),
+        _ => {}
+    }
+    if machine.threads == 1 {
+        advice.push("one thread: give the process more cores".to_owned());
+    }
+    if let Some(mode) = power_mode() {
+        advice.push(format!("the power mode is `{mode}`: choose `performance` while avatars speak"));
+    }
+    advice
+}
+
+#[cfg(target_arch = "x86_64")]
+fn processor() -> String {
+    use std::arch::x86_64::__cpuid;
+
+    /// The last of the three leaves that hold the name.
+    const NAME_END: u32 = 0x8000_0004;
+    let mut name = String::new();
+    if __cpuid(0x8000_0000).eax >= NAME_END {
+        let bytes: Vec<u8> = (NAME_END - 2..=NAME_END)
+            .map(|leaf| __cpuid(leaf))
+            .flat_map(|leaf| [leaf.eax, leaf.ebx, leaf.ecx, leaf.edx])
+            .flat_map(u32::to_le_bytes)
+            .take_while(|byte| *byte != 0)
+            .collect();
+        name = String::from_utf8_lossy(&bytes).split_whitespace().collect::<Vec<_>>().join(" ");
+    }
+    let signature = __cpuid(1).eax;
+    let family = (signature >> 8 & 0xf) + (signature >> 20 & 0xff);
+    let model = (signature >> 4 & 0xf) | (signature >> 12 & 0xf0);
+    if name.is_empty() {
+        name = "x86-64".to_owned();
+    }
+    format!("{name}, family {family:#x}, model {model:#x}")
+}
+
+/// The parts by the numbers that their makers gave them, where Linux tells them.
+#[cfg(not(target_arch = "x86_64"))]
+fn processor() -> String {
+    let text = read("/proc/cpuinfo").unwrap_or_default();
+    let value =
+        |line: &str, key: &str| line.strip_prefix(key)?.split_once(':').map(|(_, value)| value.trim().to_owned());
+    let (mut maker, mut parts) = (None, vec![]);
+    for line in text.lines() {
+        maker = maker.or_else(|| value(line, "CPU implementer"));
+        parts.extend(value(line, "CPU part"));
+    }
+    parts.sort();
+    parts.dedup();
+    match maker {
+        Some(maker) => format!("{}, implementer {maker}, part {}", std::env::consts::ARCH, parts.join(" and ")),
+        None => std::env::consts::ARCH.to_owned(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn features() -> Vec<&'static str> {
+    macro_rules! found {
+        ($($name:tt)+) => {
+            [$(($name, std::arch::is_x86_feature_detected!($name))),+]
+        };
+    }
+    let all =
+        found!("avx2" "fma" "f16c" "avxvnni" "avx512f" "avx512bw" "avx512dq" "avx512vl" "avx512vnni" "avx512bf16");
+    all.into_iter().filter_map(|(name, is_there)| is_there.then_some(name)).collect()
+}
+
+#[cfg(target_arch = "aarch64")]
+fn features() -> Vec<&'static str> {
+    macro_rules! found {
+        ($($name:tt)+) => {
+            [$(($name, std::arch::is_aarch64_feature_detected!($name))),+]
+        };
+    }
+    let all = found!("neon" "fp16" "dotprod" "i8mm" "bf16" "sve" "sve2");
+    all.into_iter().filter_map(|(name, is_there)| is_there.then_some(name)).collect()
+}
+
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn features() -> Vec<&'static str> {
+    Vec::new()
+}
+
+/// How many cores there are of each speed, by Linux; whether there is more than one kind, by the processor.
+fn cores() -> Option<String> {
+    let mut kinds: Vec<(u32, usize)> = vec![];
+    for core in 0..4096 {
+        let Some(text) = read(&format!("/sys/devices/system/cpu/cpu{core}/cpu_capacity")) else { break };
+        let capacity = text.trim().parse().ok()?;
+        match kinds.iter_mut().find(|(known, _)| *known == capacity) {
+            Some((_, count)) => *count += 1,
+            None => kinds.push((capacity, 1)),
+        }
+    }
+    kinds.sort_unstable_by(|a, b| b.cmp(a));
+    match &kinds[..] {
+        [] => is_hybrid().then(|| "more than one kind".to_owned()),
+        [_] => Some("one kind".to_owned()),
+        kinds => {
+            let each = kinds.iter().map(|(capacity, count)| format!("{count} of speed {capacity}"));
+            Some(each.collect::<Vec<_>>().join(", "))
+        }
+    }
+}
+
+/// Intel's processors with cores of two kinds say so.
+fn is_hybrid() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::x86_64::__cpuid(0).eax >= 7 && std::arch::x86_64::__cpuid_count(7, 0).edx >> 15 & 1 == 1;
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// The mode in which Linux keeps the processor slow.
+fn power_mode() -> Option<String> {
+    let mode = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")?.trim().to_owned();
+    // Intel's driver lets its `powersave` be as fast as the other mode.
+    let driver = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_driver").unwrap_or_default();
+    (mode == "powersave" && !driver.trim().ends_with("pstate") && !driver.trim().ends_with("epp")).then_some(mode)
+}
+
+/// A file of the system's, where it has it.
+#[cfg(feature = "files")]
+fn read(path: &str) -> Option<String> {
+    std::fs::read_to_string(path).ok()
+}
+
+#[cfg(not(feature = "files"))]
+fn read(_path: &str) -> Option<String> {
+    None
+}

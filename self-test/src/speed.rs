@@ -1,0 +1,268 @@
+//! How fast a model is in a real engine.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use umo_core::Config;
+use umo_core::engine::{Engine, EngineConfig, EngineError, Threads};
+use umo_core::model::Model;
+use umo_core::session::{Session, SessionConfig, SessionError};
+
+use crate::voice;
+
+/// A frame is looked for again after this share of the time that it was waited for, and not before
+/// `SHORTEST_LOOK`: looking thousands of times a second would disturb the engine.
+const LOOK_SHARE: u32 = 50;
+const SHORTEST_LOOK: Duration = Duration::from_micros(100);
+/// Longest wait for a chunk.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Audio of one call in real time, 10 ms.
+const CALLS_PER_SECOND: usize = 100;
+/// Avatars of a self-test, and seconds that they speak.
+const SESSIONS: usize = 4;
+const SECONDS: f64 = 2.5;
+/// First frames and chunks of a self-test.
+const STARTS: usize = 5;
+
+/// Why no speed was measured.
+#[derive(Debug)]
+pub enum SpeedError {
+    /// The engine or an avatar cannot be made.
+    Engine(EngineError),
+    /// A call on an avatar failed.
+    Session(SessionError),
+    /// Audio found no room: the engine does not keep up.
+    Behind,
+    /// No frame came.
+    Silent,
+}
+
+impl fmt::Display for SpeedError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Engine(error) => error.fmt(f),
+            Self::Session(error) => error.fmt(f),
+            Self::Behind => f.write_str("the engine does not keep up with one avatar"),
+            Self::Silent => write!(f, "no frame after {} s", PATIENCE.as_secs()),
+        }
+    }
+}
+
+impl std::error::Error for SpeedError {}
+
+/// The speed of a model, of medians.
+#[derive(Clone, Copy, Debug)]
+pub struct Speed {
+    /// Threads of the engine.
+    pub threads: usize,
+    /// From a chunk of audio to the first frame of a stream.
+    pub first: Duration,
+    /// Computing a chunk.
+    pub chunk: Duration,
+    /// Motion of a chunk.
+    pub motion: Duration,
+    /// Avatars that could speak at once.
+    pub avatars: usize,
+}
+
+/// Measures a model for a few seconds.
+///
+/// # Errors
+/// [`SpeedError`] where the engine cannot be made or gives no frames.
+pub fn measure(model: &Arc<Model>, threads: usize) -> Result<Speed, SpeedError> {
+    let config = EngineConfig { threads: Threads::Own(threads), max_sessions: SESSIONS + 1, ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(model), &config).map_err(SpeedError::Engine)?;
+    let runner = Runner::new(engine, SessionConfig::new(model.config()));
+    let first = quantile(&runner.first_frames(STARTS)?, 0.5);
+    let chunk = quantile(&runner.chunks(STARTS)?.0, 0.5);
+    let motion = Duration::from_secs_f64(runner.chunk() as f64 / model.config().audio.sample_rate as f64);
+    let avatars = runner.crowd(SESSIONS, SECONDS)?.at_full_load();
+    Ok(Speed { threads, first, chunk, motion, avatars })
+}
+
+/// Several avatars in real time.
+#[derive(Debug)]
+pub struct Crowd {
+    /// How many.
+    pub sessions: usize,
+    /// How long they spoke.
+    pub seconds: f64,
+    /// Frames of them all.
+    pub frames: u64,
+    /// Frames that came too late.
+    pub late: u64,
+    /// Chunks whose body was held.
+    pub held: u64,
+    /// Pushes of audio that found no room.
+    pub overruns: u64,
+    /// Of a chunk of the slowest avatar, as the next two: the median.
+    pub p50: Duration,
+    /// The 99th percentile.
+    pub p99: Duration,
+    /// The longest.
+    pub max: Duration,
+    /// Share of the time that the engine computed.
+    pub busy: f64,
+}
+
+impl Crowd {
+    /// How many avatars there would be if the engine computed all the time, each taking the share
+    /// that it takes now; more in a batch take less.
+    pub fn at_full_load(&self) -> usize {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of avatars")]
+        let count = (self.sessions as f64 / self.busy.max(1e-6)) as usize;
+        count
+    }
+}
+
+/// The time that a share of `times` stayed within.
+pub fn quantile(times: &[Duration], share: f64) -> Duration {
+    let mut sorted = times.to_vec();
+    sorted.sort();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index of the slice")]
+    let at = (share * (sorted.len() - 1) as f64).round() as usize;
+    sorted[at]
+}
+
+/// An engine, and avatars whose speed is measured.
+#[derive(Debug)]
+pub struct Runner {
+    /// The engine.
+    pub engine: Engine,
+    /// How each avatar is made.
+    pub session: SessionConfig,
+    /// Half a minute; how long computing takes does not depend on it.
+    speech: Vec<f32>,
+}
+
+impl Runner {
+    /// Measures such avatars in this engine.
+    pub fn new(engine: Engine, session: SessionConfig) -> Self {
+        let speech = voice::samples(engine.model().config().audio.sample_rate, 30.0);
+        Self { engine, session, speech }
+    }
+
+    fn config(&self) -> &Config {
+        self.engine.model().config()
+    }
+
+    fn session(&self) -> Result<Session, SpeedError> {
+        self.engine.session(&self.session).map_err(SpeedError::Engine)
+    }
+
+    /// Samples of a chunk.
+    fn chunk(&self) -> usize {
+        self.session.avatar.target * self.config().samples_per_keyframe()
+    }
+
+    /// Pushes one chunk of audio, and waits until its last frame is there; the time to the first
+    /// one, and how many. A stream whose first chunk is a single keyframe has no frame before the
+    /// second one, which is pushed then.
+    fn one(&self, session: &Session, chunk: usize) -> Result<(Duration, usize), SpeedError> {
+        let at = (chunk * self.chunk()) % (self.speech.len() - self.chunk());
+        let push = || {
+            let pushed = session.push_audio(&self.speech[at..at + self.chunk()]).map_err(SpeedError::Session)?;
+            if pushed.taken < self.chunk() {
+                return Err(SpeedError::Behind);
+            }
+            Ok(())
+        };
+        let mut wanted = session.stats().chunks + 1;
+        let start = Instant::now();
+        push()?;
+        while session.ready_frames().map_err(SpeedError::Session)? == 0 {
+            if session.stats().chunks == wanted && session.ready_frames().map_err(SpeedError::Session)? == 0 {
+                wanted += 1;
+                push()?;
+            }
+            if start.elapsed() > PATIENCE {
+                return Err(SpeedError::Silent);
+            }
+            wait_a_little(start);
+        }
+        let time = start.elapsed();
+        while session.stats().chunks < wanted && start.elapsed() < PATIENCE {
+            wait_a_little(start);
+        }
+        Ok((time, session.pull_frames(usize::MAX, |_| ()).map_err(SpeedError::Session)?))
+    }
+
+    /// Times to the first frame of fresh streams, their audio pushed at once.
+    ///
+    /// # Errors
+    /// [`SpeedError`] where an avatar cannot be made or gives no frames.
+    pub fn first_frames(&self, count: usize) -> Result<Vec<Duration>, SpeedError> {
+        let session = self.session()?;
+        // Once to touch all memory.
+        self.one(&session, 0)?;
+        let time = |i| {
+            session.reset().map_err(SpeedError::Session)?;
+            Ok(self.one(&session, i)?.0)
+        };
+        (0..count).map(time).collect()
+    }
+
+    /// Times of the chunks of one stream, each pushed when the last one is done; and all their
+    /// frames.
+    ///
+    /// # Errors
+    /// As [`Self::first_frames`].
+    pub fn chunks(&self, count: usize) -> Result<(Vec<Duration>, usize), SpeedError> {
+        let session = self.session()?;
+        self.one(&session, 0)?;
+        let mut frames = 0;
+        let time = |i| {
+            let (time, more) = self.one(&session, i + 1)?;
+            frames += more;
+            Ok(time)
+        };
+        Ok(((0..count).map(time).collect::<Result<_, SpeedError>>()?, frames))
+    }
+
+    /// Several avatars that speak in real time, one a little later than the other.
+    ///
+    /// # Errors
+    /// As [`Self::first_frames`].
+    pub fn crowd(&self, count: usize, seconds: f64) -> Result<Crowd, SpeedError> {
+        let sessions = (0..count).map(|_| self.session()).collect::<Result<Vec<_>, _>>()?;
+        let piece = self.config().audio.sample_rate / CALLS_PER_SECOND;
+        let calls_per_chunk = self.chunk() / piece;
+        let (start, before) = (Instant::now(), self.engine.stage_times().total());
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day has 8.6 million")]
+        let calls = (seconds * CALLS_PER_SECOND as f64) as usize;
+        for call in 0..calls {
+            for (i, session) in sessions.iter().enumerate() {
+                // Their chunks do not fall together: the first is late by a share of a chunk.
+                if call >= i * calls_per_chunk / count {
+                    let at = (call * piece + i * self.chunk()) % (self.speech.len() - piece);
+                    session.push_audio(&self.speech[at..at + piece]).map_err(SpeedError::Session)?;
+                }
+                session.pull_frames(usize::MAX, |_| ()).map_err(SpeedError::Session)?;
+            }
+            let next = Duration::from_secs_f64((call + 1) as f64 / CALLS_PER_SECOND as f64);
+            std::thread::sleep(next.saturating_sub(start.elapsed()));
+        }
+        // The last chunks may still be in work.
+        std::thread::sleep(Duration::from_millis(200));
+        let worked = self.engine.stage_times().total() - before;
+        let (stats, latency): (Vec<_>, Vec<_>) = sessions.iter().map(|s| (s.stats(), s.latency())).unzip();
+        Ok(Crowd {
+            sessions: count,
+            seconds: start.elapsed().as_secs_f64(),
+            frames: stats.iter().map(|s| s.frames).sum(),
+            late: stats.iter().map(|s| s.late_frames).sum(),
+            held: stats.iter().map(|s| s.held_chunks).sum(),
+            overruns: stats.iter().map(|s| s.overruns).sum(),
+            p50: latency.iter().map(|l| l.compute_p50).max().unwrap_or_default(),
+            p99: latency.iter().map(|l| l.compute_p99).max().unwrap_or_default(),
+            max: latency.iter().map(|l| l.compute_max).max().unwrap_or_default(),
+            busy: worked.as_secs_f64() / (start.elapsed().as_secs_f64() * self.engine.batches() as f64),
+        })
+    }
+}
+
+/// Before something is looked for again that was waited for since `start`.
+fn wait_a_little(start: Instant) {
+    std::thread::sleep(SHORTEST_LOOK.max(start.elapsed() / LOOK_SHARE));
+}

@@ -1,0 +1,57 @@
+//! The self-test, on the machine that the library is installed on.
+
+use std::ffi::c_char;
+
+use umo_core::team::MAX_THREADS;
+use umo_core::{memory, thread};
+
+use crate::ffi::{self, guard, put, wanted};
+use crate::model::{UmoModel, get};
+use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
+
+/// Bytes that a self-test's report may have, its end included.
+pub const UMO_SELF_TEST_SIZE: usize = 8192;
+
+/// Memory of the operands, of the engine and of its avatars, beside that of the model.
+const MEMORY: usize = 256 << 20;
+
+/// Tests this machine with a model, for about 10 seconds or less: every kernel of every back-end that the processor has is
+/// held to its scalar reference, the model's motion to recorded motion (that of a model without any to a second
+/// run), and the model's speed is measured where the library has threads and a clock. `passed` is 1 where nothing is wrong.
+/// `report` is text of several lines on the processor, what was compared, what is wrong, the speed, and what would make it
+/// faster: it names no path, host or user. `size` is at least `UMO_SELF_TEST_SIZE`.
+///
+/// Threads: any but the audio thread. Allocates, starts threads, and waits for them.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. A test that finds
+/// something wrong is no error.
+///
+/// # Safety
+/// `passed` is NULL or writable; `report` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_self_test(
+    model: *const UmoModel,
+    passed: *mut u32,
+    report: *mut c_char,
+    size: usize,
+) -> UmoStatus {
+    guard(|| {
+        wanted(passed, "passed")?;
+        wanted(report, "report")?;
+        if size < UMO_SELF_TEST_SIZE {
+            let what = format_args!("there is room for {size} bytes, a report has up to {UMO_SELF_TEST_SIZE}");
+            return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
+        }
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let buffer = unsafe { ffi::slice_mut(report.cast::<u8>(), size, "report")? };
+        let model = std::sync::Arc::clone(&get(model)?.model);
+        memory::check(MEMORY)?;
+        let found = umo_self_test::run(&model, thread::available().min(MAX_THREADS));
+        let mut text = found.to_string();
+        text.truncate(text.floor_char_boundary(UMO_SELF_TEST_SIZE - 1));
+        buffer[..text.len()].copy_from_slice(text.as_bytes());
+        buffer[text.len()] = 0;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { put(passed, "passed", u32::from(found.passed())) }
+    })
+}
