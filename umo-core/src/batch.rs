@@ -686,13 +686,13 @@ impl Batch {
                 (Due::Chunk | Due::Held, Window::Codes(history)) => {
                     let codes = history.fresh(first);
                     let latents = Part::ALL.map(|part| Latents::Codes(codes[part]));
-                    let push = motion.begin_push(decoder, scratch, &latents, avatar.lookahead)?;
+                    let push = motion.begin_push(decoder, scratch, &latents, avatar.lookahead)?.ending_at(total);
                     self.pushing = Some(Pushing { push, is_end: false });
                     Ok(true)
                 }
                 (Due::Chunk | Due::Held, Window::Keyframes(history)) => {
                     let (latents, parts) = history.fresh(first);
-                    let push = motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?;
+                    let push = motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?.ending_at(total);
                     self.pushing = Some(Pushing { push, is_end: false });
                     Ok(true)
                 }

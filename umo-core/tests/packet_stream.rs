@@ -146,6 +146,10 @@ fn a_decoder_has_the_senders_frames() {
         assert_eq!(wanted.len() as u64, frames, "{path}");
         assert!(shown == wanted, "{path}");
         assert!(without == wanted, "{path}: packets change the frames");
+        // The last packet's root is that of the stream's last frame, though the chunk reaches beyond it.
+        let (last, end) = (sent.last().unwrap(), wanted.last().unwrap().place);
+        let [x, z] = [16, 20].map(|at| f32::from_le_bytes(*last[at..].first_chunk().unwrap()));
+        assert_eq!([x, z], [end[0], end[2]], "{path}");
         // A session without frames says the same.
         assert!(silent == sent, "{path}");
         for session in [&sender, &server, &plain, &decoder] {

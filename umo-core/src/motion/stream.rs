@@ -97,6 +97,8 @@ pub(crate) struct Push {
     frames: usize,
     /// How far frames are put out.
     until: usize,
+    /// Frames of the stream, beyond which the root stays.
+    end: usize,
     lookahead: usize,
     future: Future,
     /// Number of the part that is decoded next, and of its decoder; beyond the last there are frames to put
@@ -147,6 +149,13 @@ impl Known {
             Self::Codes(tail) => Latents::Codes(tail.all()),
             Self::Vectors(tail) => Latents::Vectors(tail.all()),
         }
+    }
+}
+
+impl Push {
+    /// The same of a stream that may be known to end after so many frames.
+    pub(crate) fn ending_at(self, end: Option<usize>) -> Self {
+        Self { end: end.unwrap_or(usize::MAX), ..self }
     }
 }
 
@@ -351,7 +360,7 @@ impl MotionStream {
         }
         let until = (self.known + frames).saturating_sub(lookahead);
         let part = if frames > 0 { 0 } else { Part::ALL.len() };
-        Ok(Push { frames, until, lookahead, future: Future::Held, part, decoder: 0 })
+        Ok(Push { frames, until, end: usize::MAX, lookahead, future: Future::Held, part, decoder: 0 })
     }
 
     /// Runs one more decoder of a push, or puts the frames out; whether there is more to do. `latents` are
@@ -382,7 +391,7 @@ impl MotionStream {
             return Ok(true);
         }
         self.known += push.frames;
-        self.emit(cx, decoder, scratch, push.until, (push.lookahead, push.future), out)?;
+        self.emit(cx, decoder, scratch, push, out)?;
         Ok(false)
     }
 
@@ -413,7 +422,7 @@ impl MotionStream {
             return Err(StepError::TooLong { what: "frames of a stream", got: total, limit: self.known });
         }
         let part = if total > self.emitted { 0 } else { Part::ALL.len() };
-        Ok(Push { frames: 0, until: total, lookahead: 0, future: Future::End, part, decoder: 0 })
+        Ok(Push { frames: 0, until: total, end: total, lookahead: 0, future: Future::End, part, decoder: 0 })
     }
 
     /// Makes room for the rows of `part` that `new` frames and what follows them change: those that were
@@ -471,8 +480,7 @@ impl MotionStream {
         cx: Compute,
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
-        until: usize,
-        (lookahead, future): (usize, Future),
+        &Push { until, end, lookahead, future, .. }: &Push,
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<(), StepError> {
         if until <= self.emitted {
@@ -491,7 +499,7 @@ impl MotionStream {
             }
         }
         for index in start..until {
-            if index > 0 {
+            if (1..end).contains(&index) {
                 let [x, _, z] = root.moves(index - 1);
                 self.travel.advance([x, z], decoder.frame_seconds);
             }
