@@ -168,8 +168,9 @@ fn a_failing_session_ends_alone_in_every_kind_of_step() {
         let in_time = outcomes(&model, false);
         let late = model.mouth.is_some().then(|| outcomes(&model, true));
         let drivers = [Driver::Polled, Driver::Turned, Driver::Own].into_iter();
-        for ((driver, count), step) in
-            drivers.flat_map(|driver| [1, 2, 8].map(|count| (driver, count))).flat_map(|case| Step::ALL.map(|step| (case, step)))
+        for ((driver, count), step) in drivers
+            .flat_map(|driver| [1, 2, 8].map(|count| (driver, count)))
+            .flat_map(|case| Step::ALL.map(|step| (case, step)))
         {
             let wanted = match step {
                 Step::Depth if !model.config.is_frames() => continue,
