@@ -425,12 +425,22 @@ inline umo_clip clip(const model &model, const frames &frames, std::size_t count
 [[nodiscard]] inline umo_status write_file(const umo_clip &clip, std::uint32_t format, const char *path) {
     return umo_clip_write_file(&clip, format, path);
 }
-/// Gives the file's bytes to `take(bytes, size)`, piece by piece, until it returns false. It must not throw.
+/// Gives the file's bytes to `take(bytes, size)`, piece by piece, until it returns false or throws: both are
+/// `UMO_STATUS_IO`.
 template <class Take> [[nodiscard]] umo_status write(const umo_clip &clip, std::uint32_t format, Take &&take) {
     umo_output output{};
     output.userdata = std::addressof(take);
-    output.write = [](void *userdata, const void *bytes, std::size_t size) -> std::int32_t {
-        return (*static_cast<std::remove_reference_t<Take> *>(userdata))(bytes, size) ? 0 : 1;
+    output.write = [](void *userdata, const void *bytes, std::size_t size) noexcept -> std::int32_t {
+        auto &write = *static_cast<std::remove_reference_t<Take> *>(userdata);
+#if defined(__cpp_exceptions) || defined(_CPPUNWIND)
+        try {
+            return write(bytes, size) ? 0 : 1;
+        } catch (...) {
+            return 1;
+        }
+#else
+        return write(bytes, size) ? 0 : 1;
+#endif
     };
     return umo_clip_write(&clip, format, &output);
 }

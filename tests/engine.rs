@@ -15,7 +15,7 @@ mod live;
 mod model_bytes;
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, OnceLock, Weak};
 use std::time::{Duration, Instant};
 
 use model_bytes::ModelBytes;
@@ -24,7 +24,7 @@ use umo_core::animation::Animation;
 use umo_core::audio::resample;
 use umo_core::avatar::AvatarConfig;
 use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, EngineError, Poll, PollError, Threads};
+use umo_core::engine::{Engine, EngineConfig, EngineError, Lender, Poll, PollError, Threads};
 use umo_core::life::LifeConfig;
 use umo_core::model::Model;
 use umo_core::motion::Pose;

@@ -396,6 +396,63 @@ fn a_full_session_fits_the_size_that_was_said() {
     assert!(save(&fresh) == save(&session));
 }
 
+/// A stream ends with a full queue, another begins before the engine has made room.
+#[test]
+fn a_stream_that_begins_behind_a_full_queue_is_restored() {
+    for sample_rate in [8_000, 16_000, 22_050, 44_100, 48_000, 96_000] {
+        for begin in [Session::reset, |session: &Session| session.interrupt(Duration::from_millis(100))] {
+            let timed = timed(&MODELS[3], 0, 2, 0);
+            let config = SessionConfig { sample_rate, ..config(&MODELS[3], 1, 0) };
+            let session = timed.engine.session(&config).unwrap();
+            let sound: Vec<f32> = (0_u8..250).map(|i| (f32::from(i) * 0.2).sin() * 0.3).collect();
+            while session.push_audio(&sound).unwrap().taken > 0 {}
+            session.finish().unwrap();
+            begin(&session).unwrap();
+            assert_eq!(session.push_audio(&sound).unwrap().taken, 0, "{sample_rate} Hz");
+            let state = save(&session);
+            let other = timed.engine.session(&config).unwrap();
+            other.restore(&state).unwrap();
+            assert!(save(&other) == state);
+            let more = || {
+                settle(&timed.engine);
+                let mut seen = Vec::new();
+                for session in [&session, &other] {
+                    for _ in 0..100 {
+                        session.push_audio(&sound).unwrap();
+                    }
+                    session.finish().unwrap();
+                    settle(&timed.engine);
+                    seen.push(pull(session, session.ready_frames().unwrap()));
+                }
+                assert!(seen[0].len() > 1_000 && seen[0] == seen[1], "{sample_rate} Hz");
+            };
+            more();
+        }
+    }
+}
+
+/// The layers' draws are the saved session's.
+#[test]
+fn a_session_with_another_seed_goes_on_with_the_state_alone() {
+    let timed = timed(&MODELS[3], 0, 2, 0);
+    let session = |seed: u64| {
+        let mut config = config(&MODELS[3], 1, 0);
+        config.avatar.sampler.seed = seed;
+        timed.engine.session(&config).unwrap()
+    };
+    let (first, other) = (session(7), session(8));
+    first.push_audio(&[0.2; 15_000]).unwrap();
+    settle(&timed.engine);
+    pull(&first, 5);
+    other.restore(&save(&first)).unwrap();
+    let [wanted, got] = [&first, &other].map(|session| {
+        session.push_audio(&[0.1; 30_000]).unwrap();
+        settle(&timed.engine);
+        pull(session, session.ready_frames().unwrap())
+    });
+    assert!(wanted.len() > 30 * 220 && got == wanted);
+}
+
 #[test]
 fn a_session_in_work_is_busy() {
     let timed = timed(&MODELS[3], 0, 2, 0);
@@ -652,6 +709,50 @@ fn forged_states_do_no_harm() {
             attempt(&mut forged);
         }
         assert!(refused > 300 && taken > 100, "{refused} refused, {taken} taken");
+    }
+}
+
+/// A session in which all that frames are made of moves: layers, a live mouth, gains, the other's sound.
+fn busy(timed: &Timed, config: &SessionConfig) -> Session {
+    let session = lively(timed, config);
+    session.set_gain(Part::Face, 0.5).unwrap();
+    session.set_gain(Part::Lower, 1.5).unwrap();
+    session.set_mood(Mood::Sad, 0.7).unwrap();
+    session.look_at([1.0, 1.5, 2.0], 0.8).unwrap();
+    session.play_gesture("wave", &GestureOptions::default()).unwrap();
+    session.push_other_audio(&[0.3; 3_000]).unwrap();
+    for step in 0..20 {
+        session.sample_pose(f64::from(step) / 30.0, |_| ()).unwrap();
+        timed.nanos.fetch_add(33_000_000, Ordering::SeqCst);
+        settle(&timed.engine);
+    }
+    session
+}
+
+#[test]
+fn no_forged_number_gives_a_frame_that_is_not_finite() {
+    const NUMBERS: [f32; 9] = [f32::NAN, f32::INFINITY, -1e38, 1e12, -1e12, 1e9, -1.0, 0.0, 1e-40];
+    for voice in [Voice::Live, Voice::Delayed] {
+        let timed = timed(&MODELS[3], 0, 2, 1_000_000_000);
+        let config = SessionConfig { queue_frames: 24, voice, idle: Idle::Live, ..config(&MODELS[3], 1, 2) };
+        let state = save(&busy(&timed, &config));
+        // All floats stand at even places. Layers and settings, which are the end, are tried more often.
+        let places = (24..state.len() - 8).step_by(2);
+        let tried = places.filter(|at| at % 94 == 0 || at + 9_000 > state.len() && at % 12 == 0);
+        for (round, at) in tried.enumerate() {
+            let mut forged = state.clone();
+            let number = NUMBERS[round % NUMBERS.len()];
+            if round % 3 == 0 {
+                forged[at..at + 8].copy_from_slice(&f64::from(number).to_le_bytes());
+            } else {
+                forged[at..at + 4].copy_from_slice(&number.to_le_bytes());
+            }
+            sign(&mut forged);
+            let session = timed.engine.session(&config).unwrap();
+            if session.restore(&forged).is_ok() {
+                survive(&timed, &session);
+            }
+        }
     }
 }
 

@@ -44,6 +44,69 @@ fn wrong_use_is_refused_and_changes_nothing() {
     assert_eq!(own.poll(Duration::ZERO), Err(PollError::OwnThreads));
 }
 
+/// Every chunk fails in its last step: the motion decoder's.
+#[test]
+fn an_engine_whose_every_session_fails_idles_and_takes_new_ones() {
+    let mut bytes = ModelBytes::open("mel_k2_arkit");
+    let bias = bytes.tensors.get_mut("vq.face.decoder.main.8.bias").unwrap();
+    // The largest bf16.
+    bias.bytes[..8].copy_from_slice(&[0x7f; 8]);
+    let file = ModelFile::from_bytes(bytes.bytes()).unwrap();
+    let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap());
+    for (threads, count) in [Threads::Host(0), Threads::Own(1), Threads::Own(2)]
+        .into_iter()
+        .flat_map(|threads| [1, 2, 8].map(|count| (threads, count)))
+    {
+        let engine = engine(&model, threads, 8);
+        for _ in 0..2 {
+            let sessions: Vec<_> =
+                (0..count).map(|seed| engine.session(&config(&model, 1, 0, seed)).unwrap()).collect();
+            for session in &sessions {
+                assert_eq!(session.push_audio(&audio(8_000, 1, 1)).map(|pushed| pushed.taken), Ok(8_000));
+            }
+            let start = Instant::now();
+            let failure = |session: &Session| matches!(session.push_audio(&[]), Err(SessionError::Failed(_)));
+            while !sessions.iter().all(failure) {
+                assert!(start.elapsed() < Duration::from_secs(60), "{threads:?}, {count} sessions: no failure");
+                if matches!(threads, Threads::Host(_)) {
+                    engine.poll(Duration::ZERO).unwrap();
+                } else {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
+            let idles = |_| engine.poll(Duration::ZERO) != Ok(Poll::More);
+            assert!((0..1_000).any(idles), "{count} sessions: the engine never idles");
+        }
+    }
+}
+
+/// A job system that runs jobs where they are submitted, or when the poll is over.
+#[test]
+fn a_job_that_the_polling_thread_runs_returns_at_once() {
+    let lent = Arc::new((OnceLock::<Weak<Engine>>::new(), AtomicU64::new(0)));
+    let lender = {
+        let lent = Arc::clone(&lent);
+        Lender(Arc::new(move |count| {
+            for _ in 0..count {
+                lent.0.get().and_then(Weak::upgrade).unwrap().lend();
+                lent.1.fetch_add(1, Ordering::Relaxed);
+            }
+        }))
+    };
+    let config = EngineConfig { threads: Threads::Host(2), lender: Some(lender), ..EngineConfig::default() };
+    let engine = Arc::new(Engine::new(Arc::clone(&MODELS[2]), &config).unwrap());
+    lent.0.set(Arc::downgrade(&engine)).unwrap();
+    let config = without_layers(self::config(engine.model(), 2, 0, 4));
+    let (session, samples) = (engine.session(&config).unwrap(), audio(16_000, 1, 4));
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    engine.lend();
+    assert!(lent.1.load(Ordering::Relaxed) > 0);
+    let frames: Vec<_> = pull(&session).into_iter().map(|frame| frame.bits).collect();
+    assert!(frames == offline(engine.model(), &config, &samples));
+}
+
 #[test]
 fn a_host_that_never_pulls_stops_the_computation_and_pulling_starts_it_again() {
     let engine = hosted(4);

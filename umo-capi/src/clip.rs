@@ -65,7 +65,7 @@ pub struct UmoOutput {
     /// Given to `write`.
     pub userdata: *mut c_void,
     /// Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
-    /// them, any other number to stop. Called by the thread that called `umo_clip_write`.
+    /// them, any other number to stop. Called by the thread that called `umo_clip_write`. Must not throw.
     pub write: Option<unsafe extern "C" fn(userdata: *mut c_void, bytes: *const c_void, size: usize) -> i32>,
 }
 

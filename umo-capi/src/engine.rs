@@ -40,14 +40,15 @@ const MAX_CORES: usize = 64;
 /// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
 /// `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
 /// it can, which computes until the poll is over and returns. It needs 1 MiB of stack. A job that
-/// is run late, or never, costs speed and nothing else; one that is run after the engine was freed
-/// returns at once.
+/// is run late, or never, costs speed and nothing else; one that is run after the engine was freed,
+/// or by `submit` itself, returns at once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoJobs {
     /// Given to `submit`.
     pub userdata: *mut c_void,
-    /// Hands a job over. Called by the thread that polls; must not wait for the job.
+    /// Hands a job over. Called by the thread that polls; must not wait for a job that another thread
+    /// runs, and must not throw.
     pub submit: Option<
         unsafe extern "C" fn(
             userdata: *mut c_void,
@@ -361,7 +362,9 @@ pub extern "C" fn umo_engine_set_late_limit(engine: *mut UmoEngine, seconds: f64
 
 /// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
 /// the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer
-/// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where there is more to do, else 0.
+/// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where the budget left something that is due,
+/// else 0: a session is due when the audio of its next chunk was pushed and its queue of frames has room, so that one whose
+/// queue is full is due again once frames are pulled.
 ///
 /// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
 /// waits only for the engine's own threads and for work that lent ones have begun.

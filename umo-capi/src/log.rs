@@ -18,7 +18,7 @@ pub const UMO_LOG_ERROR: u32 = 3;
 pub struct UmoLog {
     /// Given to `write`.
     pub userdata: *mut c_void,
-    /// Gets one of `UMO_LOG_…` and a text that ends with a zero byte, good until it returns.
+    /// Gets one of `UMO_LOG_…` and a text that ends with a zero byte, good until it returns. Must not throw.
     pub write: Option<unsafe extern "C" fn(userdata: *mut c_void, level: u32, message: *const c_char)>,
 }
 

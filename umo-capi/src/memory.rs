@@ -9,7 +9,7 @@ use crate::status::Failure;
 /// Where a session's memory comes from. Both functions are needed. They are called by
 /// `umo_session_new`, `umo_session_free` and, where a session was freed while a chunk of it was
 /// computed, by the next of these or `umo_engine_free`; never by another thread than the one in
-/// that call.
+/// that call. They must not throw, nor call functions of this library.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoAllocator {

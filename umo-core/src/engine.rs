@@ -18,6 +18,7 @@ mod pace;
 mod tests;
 mod worker;
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
@@ -155,6 +156,11 @@ impl Inner {
             }
         });
     }
+}
+
+thread_local! {
+    /// Whether the thread, which polls, asks its host for threads.
+    static ASKS: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Avatars of one model, and who computes them.
@@ -330,7 +336,9 @@ impl Engine {
         let team = worker.team();
         let joining = self.external_workers.as_ref().filter(|_| team.threads() > 1).map(|(_, Lender(lend))| {
             let joining = team.admit();
+            let before = ASKS.replace(true);
             lend(team.threads() - 1);
+            ASKS.set(before);
             joining
         });
         let mut left = Poll::More;
@@ -352,8 +360,13 @@ impl Engine {
     }
 
     /// Computes on the calling thread, which the host lends, until the poll that is under way is
-    /// over; returns at once where none is, or where the engine wants no threads. Never allocates.
+    /// over; returns at once where none is, where the engine wants no threads, or where the calling
+    /// thread itself polls and is in its [`Lender`]. Never allocates.
     pub fn lend(&self) {
+        // It would wait for the end of a poll that cannot go on before it returns.
+        if ASKS.get() {
+            return;
+        }
         if let Some((external_workers, _)) = &self.external_workers {
             external_workers.work();
         }

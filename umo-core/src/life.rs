@@ -171,7 +171,7 @@ impl Controls {
 
     /// Describes the controls.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.f32s(&mut self.look_at)?;
+        pass.places(&mut self.look_at)?;
         for share in self.layers.gains.iter_mut().chain([&mut self.look_at_strength, &mut self.mood_strength]) {
             pass.share(share)?;
         }
@@ -359,8 +359,9 @@ impl Life {
         self.ticks += 1;
     }
 
-    /// Describes the layers between two ticks.
+    /// Describes the layers between two ticks, and their seed: what is drawn goes on where it was.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.number("seed of the layers", &mut self.seed, u64::MAX)?;
         pass.number("ticks", &mut self.ticks, crate::stream::MAX_INDEX)?;
         self.gains.state(pass)?;
         self.gesture.state(pass)?;

@@ -15,10 +15,14 @@ use std::ops::RangeInclusive;
 /// What every state begins with.
 const MAGIC: [u8; 8] = *b"umostate";
 /// The version of the format that this library reads and writes.
-const VERSION: u32 = 4;
-/// Upper bound of numbers in a state: larger than any field, and its sums and products
-/// stay finite. Comparisons with it are false for NaN.
+const VERSION: u32 = 5;
+/// Upper bound of numbers in a state that are checked again where they are used: larger than any field, and
+/// sums and products of two of them stay finite. Comparisons with it are false for NaN.
 const LARGEST: f64 = 1e12;
+/// Upper bound of places and distances, metres.
+const FARTHEST: f64 = 1e8;
+/// Upper bound of angles, speeds, seconds, levels and face values.
+const MOST: f32 = 1e4;
 /// Where the checksum begins to count.
 const CHECKED: usize = 16;
 /// Bytes before the fields.
@@ -70,7 +74,10 @@ impl fmt::Display for StateError {
         match self {
             Self::Foreign => write!(f, "these bytes are no state of a session"),
             Self::Version { got, want } => {
-                write!(f, "the state is of format version {got}, this library reads version {want}")
+                write!(
+                    f,
+                    "the state is of format version {got}, this library reads version {want}: save it with this version"
+                )
             }
             Self::Length { got, want } => write!(f, "expected a state of {want} bytes, got {got}"),
             Self::Checksum => write!(f, "the state was changed after it was saved: its checksum is wrong"),
@@ -314,8 +321,22 @@ impl<'a> StatePass<'a> {
 
     /// A float of a size that sessions have.
     pub(crate) fn float(&mut self, field: &mut f64) -> Result<(), StateError> {
+        self.float_within(field, -LARGEST..=LARGEST)
+    }
+
+    /// A sum of squares.
+    pub(crate) fn sum(&mut self, field: &mut f64) -> Result<(), StateError> {
+        self.float_within(field, 0.0..=f64::MAX)
+    }
+
+    /// A place, metres.
+    pub(crate) fn place(&mut self, field: &mut f64) -> Result<(), StateError> {
+        self.float_within(field, -FARTHEST..=FARTHEST)
+    }
+
+    fn float_within(&mut self, field: &mut f64, range: RangeInclusive<f64>) -> Result<(), StateError> {
         let value = f64::from_bits(self.word(field.to_bits())?);
-        self.must(value.abs() <= LARGEST, "numbers")?;
+        self.must(range.contains(&value), "numbers")?;
         if self.loads() {
             *field = value;
         }
@@ -342,7 +363,7 @@ impl<'a> StatePass<'a> {
 
     /// Floats of sizes that sessions have.
     pub(crate) fn f32s(&mut self, values: &mut [f32]) -> Result<(), StateError> {
-        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |value| f64::from(value).abs() <= LARGEST, "numbers")
+        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, is_sample, "numbers")
     }
 
     /// A share of 0 to 1.
@@ -356,6 +377,16 @@ impl<'a> StatePass<'a> {
         self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |value| range.contains(&value), "shares")
     }
 
+    /// Angles, speeds, seconds, levels or face values.
+    pub(crate) fn moderate(&mut self, values: &mut [f32]) -> Result<(), StateError> {
+        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, is_moderate, "numbers")
+    }
+
+    /// Places, metres.
+    pub(crate) fn places(&mut self, values: &mut [f32]) -> Result<(), StateError> {
+        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, is_near, "places")
+    }
+
     /// Rotations: unit quaternions.
     pub(crate) fn rotations(&mut self, values: &mut [[f32; 4]]) -> Result<(), StateError> {
         let to = |q: [f32; 4]| {
@@ -364,7 +395,6 @@ impl<'a> StatePass<'a> {
             bytes
         };
         let from = |bytes: [u8; 16]| std::array::from_fn(|i| f32::from_le_bytes(part(&bytes, 4 * i)));
-        let is_unit = |q: [f32; 4]| (q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-2;
         self.slice(values, to, from, is_unit, "rotations")
     }
 
@@ -407,6 +437,26 @@ impl<'a> StatePass<'a> {
         }
         Ok(())
     }
+}
+
+/// Whether a sample has a size that sessions have.
+pub(crate) fn is_sample(value: f32) -> bool {
+    f64::from(value).abs() <= LARGEST
+}
+
+/// Whether an angle, a speed, a time, a level or a face value is.
+pub(crate) fn is_moderate(value: f32) -> bool {
+    value.abs() <= MOST
+}
+
+/// Whether a place is.
+pub(crate) fn is_near(value: f32) -> bool {
+    f64::from(value).abs() <= FARTHEST
+}
+
+/// Whether a quaternion is a rotation.
+pub(crate) fn is_unit(q: [f32; 4]) -> bool {
+    (q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-2
 }
 
 /// `N` bytes from `at` on, which are there.

@@ -161,6 +161,8 @@ impl Team {
     /// priority, [`Self::has_priority`] says so.
     pub fn placed(threads: usize, placement: Placement) -> std::io::Result<Self> {
         let Placement { caller, cores, priority } = placement;
+        // Before the calling thread is bound, and may use one core only.
+        let usable = if caller.is_some() || !cores.is_empty() { cores::usable() } else { Vec::new() };
         let threads = threads.clamp(1, MAX_THREADS);
         let mut team = Self::bare(threads, false);
         team.workers.reserve_exact(threads - 1);
@@ -192,7 +194,7 @@ impl Team {
         // The threads' heaps may have taken what was left.
         memory::require(memory::SPARE);
         if !bound || team.shared.unbound.load(Ordering::Relaxed) {
-            return Err(std::io::Error::other(binding_error(caller, cores)));
+            return Err(std::io::Error::other(binding_error(caller, cores, &usable)));
         }
         Ok(team)
     }
@@ -615,19 +617,21 @@ impl Shared {
     }
 }
 
-/// Why threads could not be bound to cores: those that were asked for, and those that there are.
-fn binding_error(caller: Option<usize>, cores: &[usize]) -> String {
+/// Why threads could not be bound to cores: the cores of the config that the process may not use, and those
+/// that it may.
+fn binding_error(caller: Option<usize>, cores: &[usize], usable: &[usize]) -> String {
     let list =
         |cores: &mut dyn Iterator<Item = usize>| cores.map(|core| core.to_string()).collect::<Vec<_>>().join(", ");
-    let asked = list(&mut caller.into_iter().chain(cores.iter().copied()));
-    let usable = cores::usable();
-    match usable.as_slice() {
-        [] => format!("cores {asked}: this system cannot bind threads to cores; leave `cores` empty"),
-        usable => {
-            let usable = list(&mut usable.iter().copied());
-            format!("cores {asked}: a thread cannot be bound to one of them; this process may use cores {usable}")
-        }
+    let asked = || caller.into_iter().chain(cores.iter().copied());
+    if usable.is_empty() {
+        return format!("cores {}: this system cannot bind threads to cores; leave `cores` empty", list(&mut asked()));
     }
+    let mut wrong = list(&mut asked().filter(|core| !usable.contains(core)));
+    if wrong.is_empty() {
+        wrong = list(&mut asked());
+    }
+    let usable = list(&mut usable.iter().copied());
+    format!("cores {wrong}: no thread can be bound to them; this process may use cores {usable}")
 }
 
 /// A number of threads or pieces.

@@ -41,7 +41,8 @@ pub struct EngineConfig {
 }
 
 /// Asks the host for threads: called by the thread that polls, with how many are wanted. Each that
-/// the host finds calls [`Engine::lend`]; late ones and missing ones cost speed and nothing else.
+/// the host finds calls [`Engine::lend`]; late ones, missing ones and calls by the polling thread
+/// itself cost speed and nothing else.
 #[derive(Clone)]
 pub struct Lender(pub Arc<dyn Fn(usize) + Send + Sync>);
 

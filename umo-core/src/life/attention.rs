@@ -116,8 +116,7 @@ impl State {
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.own.state(pass)?;
         self.other.state(pass)?;
-        pass.f32s(&mut self.halfway)?;
-        pass.f32s(&mut self.weights)?;
+        self.halfway.iter_mut().chain(&mut self.weights).try_for_each(|weight| pass.share(weight))?;
         pass.switch("attention", &mut self.is_started)?;
         Ok(())
     }
@@ -227,7 +226,7 @@ impl Voice {
     /// Describes the voice.
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let mut values = [self.noise, self.loud, self.mean, self.before, self.silent, self.voiced, self.accent];
-        pass.f32s(&mut values)?;
+        pass.moderate(&mut values)?;
         [self.noise, self.loud, self.mean, self.before, self.silent, self.voiced, self.accent] = values;
         Ok(())
     }

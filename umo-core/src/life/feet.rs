@@ -276,10 +276,11 @@ impl Feet {
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("feet", &mut self.is_on)?;
         pass.number("ticks", &mut self.next, crate::stream::MAX_INDEX + 1)?;
-        pass.f32s(std::slice::from_mut(&mut self.ground))?;
-        for place in [&mut self.home, &mut self.mean, &mut self.last, &mut self.speed] {
-            pass.f32s(place)?;
+        pass.places(std::slice::from_mut(&mut self.ground))?;
+        for place in [&mut self.home, &mut self.mean, &mut self.last] {
+            pass.places(place)?;
         }
+        pass.moderate(&mut self.speed)?;
         self.drop.state(pass)?;
         self.feet.iter_mut().try_for_each(|foot| foot.state(pass))
     }
@@ -406,16 +407,16 @@ impl Foot {
             self.mode = MODES[usize::try_from(mode).unwrap_or_default()];
         }
         for place in [&mut self.place, &mut self.goal, &mut self.want, &mut self.last] {
-            pass.f32s(place)?;
+            pass.places(place)?;
         }
-        pass.f32s(&mut self.ball)?;
-        pass.f32s(&mut self.off)?;
-        pass.f32s(&mut self.turned)?;
-        pass.f32s(&mut self.off_turned)?;
+        pass.places(&mut self.ball)?;
+        pass.moderate(&mut self.off)?;
+        pass.moderate(&mut self.turned)?;
+        pass.moderate(&mut self.off_turned)?;
         for value in
             [&mut self.since, &mut self.yaw, &mut self.goal_yaw, &mut self.want_yaw, &mut self.speed, &mut self.flat]
         {
-            pass.f32s(std::slice::from_mut(value))?;
+            pass.moderate(std::slice::from_mut(value))?;
         }
         Ok(())
     }

@@ -474,12 +474,12 @@ impl Gaze {
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("gaze", &mut self.is_started)?;
         pass.number("draws of the gaze", &mut self.draws, MAX_DRAWS)?;
-        pass.f32s(&mut self.stand)?;
+        pass.moderate(&mut self.stand)?;
         self.fixation.state(pass)?;
         self.saccade.state(pass)?;
-        pass.f32s(&mut self.recentred)?;
-        pass.f32s(&mut self.aside)?;
-        pass.f32s(std::slice::from_mut(&mut self.convergence))?;
+        pass.moderate(&mut self.recentred)?;
+        pass.moderate(&mut self.aside)?;
+        pass.moderate(std::slice::from_mut(&mut self.convergence))?;
         for spring in self.head.iter_mut().chain(&mut self.trunk) {
             spring.state(pass)?;
         }
@@ -544,8 +544,8 @@ impl Fixation {
         }
         pass.switch("gaze", &mut self.is_fresh)?;
         pass.switch("gaze", &mut self.is_contact)?;
-        pass.f32s(&mut self.offset)?;
-        pass.f32s(std::slice::from_mut(&mut self.left))
+        pass.moderate(&mut self.offset)?;
+        pass.moderate(std::slice::from_mut(&mut self.left))
     }
 }
 
@@ -589,10 +589,10 @@ impl Saccade {
     }
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.f32s(&mut self.goal)?;
-        pass.f32s(&mut self.from)?;
-        pass.f32s(std::slice::from_mut(&mut self.lasts))?;
-        pass.f32s(std::slice::from_mut(&mut self.passed))
+        pass.moderate(&mut self.goal)?;
+        pass.moderate(&mut self.from)?;
+        pass.moderate(std::slice::from_mut(&mut self.lasts))?;
+        pass.moderate(std::slice::from_mut(&mut self.passed))
     }
 }
 
@@ -629,9 +629,9 @@ impl Blink {
     }
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.f32s(std::slice::from_mut(&mut self.passed))?;
-        pass.f32s(std::slice::from_mut(&mut self.left))?;
-        pass.f32s(std::slice::from_mut(&mut self.depth))
+        pass.moderate(std::slice::from_mut(&mut self.passed))?;
+        pass.moderate(std::slice::from_mut(&mut self.left))?;
+        pass.moderate(std::slice::from_mut(&mut self.depth))
     }
 }
 

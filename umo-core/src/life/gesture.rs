@@ -194,7 +194,7 @@ impl Request {
         let is_aimed = pass.flag("gesture's target", self.target.is_some())?;
         let mut target = self.target.unwrap_or_default();
         if pass.follows(is_aimed) {
-            pass.f32s(&mut target)?;
+            pass.moderate(&mut target)?;
         }
         let epoch = pass.limited("gesture's epoch", self.epoch.into(), u32::MAX.into())?;
         if pass.loads() {

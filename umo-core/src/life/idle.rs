@@ -220,8 +220,8 @@ impl Idle {
     /// Describes the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("idle motion", &mut self.is_started)?;
-        pass.f32s(std::slice::from_mut(&mut self.breath))?;
-        pass.f32s(std::slice::from_mut(&mut self.drift))?;
+        pass.share(&mut self.breath)?;
+        pass.share(&mut self.drift)?;
         self.shift.state(pass)?;
         self.arms.iter_mut().try_for_each(|arm| arm.state(pass))
     }
@@ -287,7 +287,7 @@ impl Arm {
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.rotations(&mut self.before)?;
-        pass.f32s(std::slice::from_mut(&mut self.speed))
+        pass.moderate(std::slice::from_mut(&mut self.speed))
     }
 }
 
@@ -328,7 +328,7 @@ impl Shift {
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("weight shifts", &mut self.draws, 1 << 60)?;
         let mut values = [self.from, self.to, self.passed, self.lasts, self.left];
-        pass.f32s(&mut values)?;
+        pass.moderate(&mut values)?;
         [self.from, self.to, self.passed, self.lasts, self.left] = values;
         Ok(())
     }

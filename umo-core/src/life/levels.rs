@@ -91,7 +91,7 @@ impl Levels {
     /// Describes the levels.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("samples heard", &mut self.heard, 1 << 60)?;
-        pass.f64s(std::slice::from_mut(&mut self.sum))?;
+        pass.sum(&mut self.sum)?;
         pass.f32s(&mut self.frames)
     }
 }

@@ -344,8 +344,8 @@ impl Expression {
 
     /// Describes the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.f32s(&mut self.halfway)?;
-        pass.f32s(&mut self.strengths)?;
+        pass.moderate(&mut self.halfway)?;
+        pass.moderate(&mut self.strengths)?;
         pass.switch("mood", &mut self.is_started)?;
         Ok(())
     }

@@ -210,7 +210,7 @@ impl Nods {
             pulse.state(pass)?;
         }
         let mut values = [self.speed, self.since_accent, self.answer, self.latest];
-        pass.f32s(&mut values)?;
+        pass.moderate(&mut values)?;
         [self.speed, self.since_accent, self.answer, self.latest] = values;
         Ok(())
     }
@@ -250,11 +250,10 @@ impl Pulse {
     }
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.f32s(&mut self.turn)?;
-        let mut values = [self.passed, self.lasts, self.rise];
-        pass.f32s(&mut values)?;
-        [self.passed, self.lasts, self.rise] = values;
-        Ok(())
+        pass.moderate(&mut self.turn)?;
+        pass.moderate(std::slice::from_mut(&mut self.passed))?;
+        pass.within(&mut self.lasts, 0.1..=LONG)?;
+        pass.share(&mut self.rise)
     }
 }
 

@@ -258,8 +258,8 @@ impl Spring {
 
     /// Describes it.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.f32s(std::slice::from_mut(&mut self.at))?;
-        pass.f32s(std::slice::from_mut(&mut self.speed))
+        pass.moderate(std::slice::from_mut(&mut self.at))?;
+        pass.moderate(std::slice::from_mut(&mut self.speed))
     }
 }
 

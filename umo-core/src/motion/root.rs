@@ -116,8 +116,8 @@ impl Travel {
 
     /// Describes where the root is.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.float(&mut self.x)?;
-        pass.float(&mut self.z)
+        pass.place(&mut self.x)?;
+        pass.place(&mut self.z)
     }
 
     /// The root's place at `height`.

@@ -253,7 +253,7 @@ impl MotionStream {
             self.known = known;
         }
         self.travel.state(pass)?;
-        pass.f32s(std::slice::from_mut(&mut self.height))?;
+        pass.moderate(std::slice::from_mut(&mut self.height))?;
         for part in Part::ALL {
             let state = &mut self.parts[part];
             // What the next frames are decoded from, and what they are put beside.
@@ -268,11 +268,10 @@ impl MotionStream {
                     Known::Vectors(tail) => tail.state(pass, codes..known, |pass, values| pass.f32s(values))?,
                 }
             }
-            state.rows.state(pass, rows..known, |pass, values| pass.f32s(values))?;
-            pass.f32s(&mut state.last)?;
-            pass.f32s(&mut state.before)?;
-            pass.f32s(&mut state.seam)?;
-            pass.f32s(&mut state.growth)?;
+            state.rows.state(pass, rows..known, |pass, values| pass.moderate(values))?;
+            for values in [&mut state.last, &mut state.before, &mut state.seam, &mut state.growth] {
+                pass.moderate(values)?;
+            }
         }
         Ok(())
     }

@@ -126,7 +126,10 @@ impl Input {
         }
         let mut pushed = Pushed::default();
         for piece in samples.chunks(PIECE * self.channels) {
-            let (whole, room) = (piece.len() / self.channels, shared.link.audio_room().saturating_sub(self.reserve));
+            // Without the reserve there is no room for any: the filter gives nothing for the first few, but
+            // their rest at the stream's end.
+            let Some(room) = shared.link.audio_room().checked_sub(self.reserve) else { break };
+            let whole = piece.len() / self.channels;
             let mut frames = whole;
             while frames > 0 && self.resampler.most_given(frames) > room {
                 frames -= 1;

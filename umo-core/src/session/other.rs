@@ -28,7 +28,7 @@ impl OtherInput {
 
     /// Describes the frame that is not complete.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.float(&mut self.sum)?;
+        pass.sum(&mut self.sum)?;
         pass.length("other's audio", &mut self.count, self.frame as u64 - 1).map(drop)
     }
 

@@ -59,10 +59,10 @@ impl OwnedFrame {
         pass.number("frame index", &mut self.index, 2 * MAX_INDEX)?;
         pass.number("frame's sample", &mut self.sample, 2 * MAX_SAMPLE)?;
         pass.rotations(&mut self.pose.rotations)?;
-        pass.f32s(&mut self.pose.translation)?;
+        pass.places(&mut self.pose.translation)?;
         pass.f32s(std::slice::from_mut(&mut self.cue.level))?;
-        pass.f32s(&mut self.cue.contacts)?;
-        pass.f32s(&mut self.face)
+        pass.moderate(&mut self.cue.contacts)?;
+        pass.moderate(&mut self.face)
     }
 
     /// As `other`, without allocating.
@@ -326,7 +326,7 @@ impl Output {
         self.seam.state(pass)?;
         let base = pass.number("start of the stream", &mut self.base, MAX_INDEX)?;
         pass.must(base >= frames, "start of the stream")?;
-        pass.f32s(&mut self.origin)?;
+        pass.places(&mut self.origin)?;
         pass.float(&mut self.time)?;
         let there = pass.flag("seam", self.seam_at.is_some())?;
         let mut seam_at = self.seam_at.unwrap_or_default();
@@ -637,8 +637,10 @@ impl Output {
         }
         (self.sampled.index, self.sampled.sample) = (self.last.index, self.last.sample);
         if self.has_next && self.any {
+            // Frames of a forged state may stand still or go back.
             let length = self.seconds(&self.next_frame) - oldest;
-            self.sampled.between(&self.last, &self.next_frame, single((time - oldest) / length));
+            let t = if length > 0.0 { single((time - oldest) / length) } else { 1.0 };
+            self.sampled.between(&self.last, &self.next_frame, t);
         } else {
             self.sampled.pose_of(&self.last);
         }

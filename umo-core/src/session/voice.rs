@@ -251,14 +251,14 @@ impl LiveVoice {
         self.stream.state(pass)?;
         pass.switch("mouth", &mut self.joined)?;
         pass.switch("mouth", &mut self.ended)?;
-        pass.f32s(&mut self.mouths)?;
+        pass.moderate(&mut self.mouths)?;
         pass.f32s(&mut self.levels)?;
-        pass.f64s(std::slice::from_mut(&mut self.sum))?;
+        pass.sum(&mut self.sum)?;
         let heard = pass.limited("mouth", self.heard.into(), 1 << 20)?;
         if pass.loads() {
             self.heard = u32::try_from(heard).unwrap_or_default();
         }
-        pass.f32s(&mut self.last)?;
+        pass.moderate(&mut self.last)?;
         let known = pass.number("mouth", &mut self.known, MAX_INDEX)?;
         let first = pass.number("mouth", &mut self.first, known)?;
         pass.must(known - first.min(known) <= QUEUE as u64, "mouth")?;

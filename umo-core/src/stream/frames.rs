@@ -5,7 +5,7 @@ use crate::life::Cue;
 use crate::memory::{Arena, Slice};
 use crate::motion::Pose;
 use crate::motion::skeleton::JOINTS;
-use crate::state::{StateError, StatePass};
+use crate::state::{StateError, StatePass, is_moderate, is_near, is_sample, is_unit};
 
 /// Upper bounds of frame numbers and of positions in the pushed audio: 145 years at 240 frames a
 /// second, 180 years at 192 kHz.
@@ -125,7 +125,16 @@ impl FrameRing {
             let mut frames = words.chunks_exact(self.width);
             let are_known = frames.all(|frame| {
                 let stamp = Stamp::of(std::array::from_fn(|at| u32::from_le_bytes(frame[at])));
-                stamp.index <= MAX_INDEX && stamp.sample <= MAX_SAMPLE
+                let value = |word: [u8; 4]| f32::from_le_bytes(word);
+                let (head, values) = frame[HEAD..].split_at(POSE - HEAD);
+                let (rotations, rest) = values.split_at(4 * JOINTS);
+                let mut rotations = rotations.as_chunks::<4>().0.iter();
+                stamp.index <= MAX_INDEX
+                    && stamp.sample <= MAX_SAMPLE
+                    && is_sample(value(head[0]))
+                    && head[1..].iter().chain(&rest[3..]).all(|&word| is_moderate(value(word)))
+                    && rotations.all(|q| is_unit(q.map(value)))
+                    && rest[..3].iter().all(|&word| is_near(value(word)))
             });
             are_known && words.len().is_multiple_of(self.width)
         };

@@ -34,7 +34,7 @@ use super::Stamp;
 use super::ring::Ring;
 use super::{FrameRing, Signal};
 use crate::memory::Arena;
-use crate::state::{StateError, StatePass};
+use crate::state::{StateError, StatePass, is_sample};
 use crate::sync::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 
 /// Value of `audio_wanted` while the engine does not wait.
@@ -395,9 +395,10 @@ impl Link {
             self.audio_wanted.store(NOT_WAITING, Ordering::SeqCst);
             self.room_wanted.store(false, Ordering::SeqCst);
         }
-        let waiting = self.audio.state(pass, "waiting audio", |_| true)?;
+        let are_samples = |words: &[[u8; 4]]| words.iter().all(|&word| is_sample(f32::from_le_bytes(word)));
+        let waiting = self.audio.state(pass, "waiting audio", are_samples)?;
         if let Some(voice) = &self.voice {
-            voice.state(pass, "waiting audio", |_| true)?;
+            voice.state(pass, "waiting audio", are_samples)?;
         }
         self.frames.state(pass)?;
         Ok(waiting)

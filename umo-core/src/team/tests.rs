@@ -191,3 +191,18 @@ fn a_panic_in_a_worker_reaches_the_caller_and_the_team_lives_on() {
     });
     assert_eq!(count.load(Ordering::Relaxed), 2);
 }
+
+#[cfg(all(feature = "threads", any(target_os = "linux", windows)))]
+#[test]
+fn an_error_about_cores_names_the_wrong_ones_and_all_that_there_are() {
+    // In a thread of its own, which stays bound.
+    let refused = || {
+        let usable = cores::usable();
+        let placement = Placement { caller: Some(usable[0]), cores: &[8_000], ..Placement::default() };
+        let error = Team::placed(2, placement).unwrap_err().to_string();
+        let usable: Vec<_> = usable.iter().map(ToString::to_string).collect();
+        let usable = usable.join(", ");
+        assert_eq!(error, format!("cores 8000: no thread can be bound to them; this process may use cores {usable}"));
+    };
+    std::thread::spawn(refused).join().unwrap();
+}
