@@ -18,9 +18,9 @@
  * - A structure starts with struct_size: its initialiser, or sizeof, sets it. Later versions only add fields at the end.
  * - Texts are UTF-8. Times are seconds, lengths metres, angles unit quaternions x y z w, sound is full scale at 1, unless
  *   a name says otherwise.
- * - No call throws or exits, and none aborts: what a model file or a configuration makes large is allocated fallibly, and a
- *   failure is UMO_STATUS_OUT_OF_MEMORY. Exception: small allocations (kilobytes) of _load and _new. That their memory is
- *   free is checked first; if another thread takes it in between, the process ends, as any Rust program does.
+ * - No call throws or exits, and none aborts: an allocation that fails, of any size, is UMO_STATUS_OUT_OF_MEMORY. A small
+ *   one is served from a reserve until its call ends with that status. That the system has memory for a thread's start is
+ *   checked first.
  * - The library runs only on its own threads and inside calls.
  * - _load, _new and _free allocate, and functions whose comment says so; the path from audio to frames never does.
  *
@@ -824,7 +824,8 @@ UMO_NOEXCEPT;
 // engine's threads.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 // number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
-// engines), `UNSUPPORTED` (threads of its own, in a library that was built without them).
+// engines), `OUT_OF_MEMORY`, `UNSUPPORTED` (threads of its own, in a library that was built without
+// them).
 //
 // Pointers:
 // `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
@@ -947,8 +948,8 @@ UMO_NOEXCEPT;
 // out over its last 0.55 seconds. An engine takes 256.
 //
 // Threads: any but the audio thread. Allocates.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error`
-// says which field).
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
+// (`umo_last_error` says which field).
 //
 // Pointers:
 // `name` is NULL or ends with a zero byte; `clip` is NULL or as long as its `struct_size` says,
@@ -971,7 +972,8 @@ UMO_NOEXCEPT;
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
 // (`umo_last_error` says what of the file is wrong, which bones were not found, or which
-// argument), `UNSUPPORTED` (the library was built without files).
+// argument), `UNSUPPORTED` (the library was built without files, or without umo-capi's feature
+// `retarget`).
 //
 // Pointers:
 // `name` and `path` are NULL or end with a zero byte; so does `animation`.
@@ -988,7 +990,7 @@ UMO_NOEXCEPT;
 // The same for a file's `size` bytes in memory, read during the call.
 //
 // Threads: any but the audio thread. Allocates.
-// Errors: as `umo_engine_add_gesture_file`, but for `IO` and `UNSUPPORTED`.
+// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
 //
 // Pointers:
 // `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
@@ -1153,7 +1155,7 @@ UMO_NOEXCEPT;
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
-// `INVALID_ARGUMENT` (too long), `BUFFER_TOO_SMALL`.
+// `INVALID_ARGUMENT` (too long), `OUT_OF_MEMORY`, `BUFFER_TOO_SMALL`.
 //
 // Pointers:
 // `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values;
@@ -1205,7 +1207,8 @@ UMO_NOEXCEPT;
 // is `sizeof *config`.
 //
 // Threads: any. Allocates for a moment.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned),
+// `OUT_OF_MEMORY`.
 //
 // Pointers:
 // `config` is NULL or has `size` writable bytes.
@@ -1454,7 +1457,7 @@ UMO_NOEXCEPT;
 //
 // Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
-// `INVALID_ARGUMENT` (no UTF-8, too long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+// `INVALID_ARGUMENT` (no UTF-8, too long), `OUT_OF_MEMORY`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `text` is NULL or has `length` readable bytes.

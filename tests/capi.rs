@@ -86,6 +86,16 @@ fn no_limit_of_memory_ends_the_host() {
 }
 
 #[test]
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn a_refused_allocation_is_a_status() {
+    let (model, salute) =
+        (format!("{ROOT}/tests/golden/mel_k2_arkit/model.safetensors"), format!("{ROOT}/tests/capi/salute.glb"));
+    let folder = tempfile::tempdir().expect("there is room");
+    let program = compile("tests/capi/refused_memory.c", Link::Shared);
+    run(&program, &[model.as_ref(), salute.as_ref(), folder.path()]);
+}
+
+#[test]
 fn the_header_compiles_alone() {
     let check = |mut cc: Command, language: &str, standard: &str| {
         let header = format!("{ROOT}/include/umo.h");

@@ -14,6 +14,7 @@ use umo_core::lm::text::TOKENIZER;
 use umo_core::model::Model;
 use umo_core::motion::MotionEncoder;
 use umo_core::weights::Loader;
+use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Compute, Config, LoadError, ModelFile, Part, Precision, StepError, Team};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
@@ -202,6 +203,43 @@ fn a_flipped_bit_anywhere_is_seen() {
     bytes[sum + 6] = b'x';
     let error = ModelFile::from_bytes(bytes).expect_err("a checksum that is none was taken").to_string();
     assert!(error.contains("`checksum`") && error.contains("eight hexadecimal digits"), "{error}");
+}
+
+/// A file as this project writes it, whose header has a checksum of its own: each of its bytes changed, with the JSON
+/// still good or not, and its length.
+#[test]
+fn a_changed_header_is_seen() {
+    let golden = ModelBytes::open("mel_k1_upcycled");
+    let config = ModelFile::from_bytes(golden.bytes()).unwrap().config().clone();
+    let tensors: Vec<_> = golden.tensors.iter().map(|(name, stored)| as_bytes(name, stored)).collect();
+    let mut out = std::io::Cursor::new(Vec::new());
+    writer::write(&mut out, &config, &tensors).unwrap();
+    let mut bytes = out.into_inner();
+    assert!(ModelFile::from_bytes(bytes.clone()).unwrap().verify().unwrap());
+    let end = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
+    let key = b"\"header_checksum\":\"crc32:";
+    let place = bytes.windows(key.len()).position(|window| window == key).unwrap();
+    for at in (0..end).step_by(7).chain(place..place + key.len() + 8) {
+        bytes[at] ^= 1;
+        // Without its name the checksum says nothing, and nothing else is damaged.
+        let is_name = (place..place + key.len()).contains(&at);
+        match ModelFile::from_bytes(bytes.clone()).map_err(|error| error.to_string()) {
+            Err(error) if at < 8 || is_name => assert!(!error.is_empty()),
+            Err(error) => assert!(error.contains("it is damaged: its header's checksum is"), "byte {at}: {error}"),
+            Ok(_) => assert!(is_name, "byte {at}: a damaged header was read"),
+        }
+        bytes[at] ^= 1;
+    }
+    // With a space before its value it would not be found.
+    bytes[place..place + key.len()].copy_from_slice(b"\"header_checksum\": \"crc32");
+    let error = ModelFile::from_bytes(bytes).expect_err("a checksum that is none was taken").to_string();
+    assert!(error.contains("`header_checksum`") && error.contains("eight hexadecimal digits"), "{error}");
+}
+
+/// The bytes of a stored tensor as one to be written.
+fn as_bytes<'a>(name: &str, stored: &'a Stored) -> NewTensor<'a> {
+    let (shape, values) = (vec![stored.bytes.len()], Values::Bytes(&stored.bytes));
+    NewTensor { name: name.to_owned(), shape, storage: Storage::Bytes, values }
 }
 
 #[test]

@@ -51,7 +51,7 @@ fn frames(file: &Path, skeleton: &Skeleton) -> Result<(f32, Vec<[Quat; JOINTS]>)
         Some(Err(failure)) if !is_character(file) => Err(failure),
         _ => {
             let wrong = |problem: String| Failure::Input(format!("{}: {problem}", file.display()));
-            let bytes = umo_core::glb::read(file).map_err(wrong)?;
+            let bytes = umo_core::glb::read(file).map_err(|error| wrong(error.to_string()))?;
             let frames = memory::catch(|| clip::read(&bytes, None, skeleton)).map_err(Failure::input)?;
             Ok((clip::RATE, frames.map_err(wrong)?))
         }

@@ -97,7 +97,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     let bytes = match is_character(path) {
         true => umo_core::glb::read(path),
-        false => umo_core::file::read(path).map_err(|error| error.to_string()),
+        false => umo_core::file::read(path),
     };
     bytes.map_err(|problem| Failure::input(format!("{}: {problem}", path.display())))
 }

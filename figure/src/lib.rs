@@ -22,6 +22,7 @@ use std::collections::HashMap;
 use std::fmt;
 
 use umo_core::config::Skeleton;
+use umo_core::memory;
 
 mod body;
 pub mod detail;
@@ -230,15 +231,16 @@ impl Figure {
         let mut mesh = Mesh { helpers: helper::all(&rest), ..Mesh::default() };
         // Head and body take as long as each other.
         let head = std::thread::scope(|scope| {
-            let head = || head::Head::new(&rest, look);
-            let started = std::thread::Builder::new().spawn_scoped(scope, head);
+            let head = || memory::catch(|| head::Head::new(&rest, look));
+            // A system without threads, or with no room for one more, starts none.
+            let started = memory::check_thread().map(|()| std::thread::Builder::new().spawn_scoped(scope, head));
             add_body(&mut mesh, &rest, look);
             match started {
-                Ok(thread) => thread.join().expect("the head's thread does not panic"),
-                // A system without threads, or with no room for one more.
-                Err(_) => head(),
+                Ok(Ok(thread)) => thread.join().expect("the head's thread does not panic"),
+                _ => head(),
             }
         });
+        let head = head.unwrap_or_else(|missing| memory::refuse(missing.bytes));
         head.add_to(&mut mesh, &rest);
         Ok(mesh)
     }

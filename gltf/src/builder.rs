@@ -9,6 +9,7 @@ use json::{Accessor, Index, Node, buffer, image, material, texture};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::ops::Range;
+use umo_core::memory::{append, collected};
 use umo_figure::Mesh as Figure;
 use umo_figure::detail::Detail;
 use umo_figure::palette::Palette;
@@ -29,6 +30,21 @@ pub(crate) struct Attributes {
 pub(crate) struct Builder {
     pub(crate) root: json::Root,
     bin: Vec<u8>,
+}
+
+/// Bytes that are written one after the other. Unwinds to [`umo_core::memory::catch`] where there is no memory.
+#[derive(Default)]
+struct Bytes(Vec<u8>);
+
+impl Write for Bytes {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        append(&mut self.0, bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// What an accessor says beside where its data is.
@@ -54,19 +70,19 @@ impl Textures {
     /// # Errors
     /// A palette that no picture can hold.
     pub(crate) fn new(figure: &Figure, palette: &Palette) -> io::Result<Self> {
-        let [mut colors, mut finishes] = [Vec::new(), Vec::new()];
+        let [mut colors, mut finishes] = [Bytes::default(), Bytes::default()];
         palette.write(&mut colors)?;
         palette.write_finishes(&mut finishes)?;
         let details: BTreeSet<Detail> = figure.details.iter().copied().collect();
         let normals = details.into_iter().map(|detail| {
             let map = palette.flattened(figure, detail);
             let png = map.map(|map| {
-                let mut png = Vec::new();
-                map.write(&mut png).map(|()| png)
+                let mut png = Bytes::default();
+                map.write(&mut png).map(|()| png.0)
             });
             Ok((detail, png.transpose()?))
         });
-        Ok(Self { colors, finishes, normals: normals.collect::<io::Result<_>>()? })
+        Ok(Self { colors: colors.0, finishes: finishes.0, normals: normals.collect::<io::Result<_>>()? })
     }
 }
 
@@ -255,13 +271,13 @@ impl Builder {
     /// An animation's times, which must have bounds.
     pub(crate) fn times(&mut self, seconds: &[f32]) -> Index<Accessor> {
         let at = self.scalars(seconds.iter().copied());
-        let rows: Vec<[f32; 1]> = seconds.iter().map(|&x| [x]).collect();
+        let rows: Vec<[f32; 1]> = collected(seconds.iter().map(|&x| [x]));
         self.bound(at, &rows);
         at
     }
 
-    pub(crate) fn scalars(&mut self, values: impl Iterator<Item = f32>) -> Index<Accessor> {
-        let rows: Vec<[f32; 1]> = values.map(|x| [x]).collect();
+    pub(crate) fn scalars(&mut self, values: impl ExactSizeIterator<Item = f32>) -> Index<Accessor> {
+        let rows: Vec<[f32; 1]> = collected(values.map(|x| [x]));
         self.floats(&rows, Type::Scalar, None)
     }
 
@@ -289,10 +305,9 @@ impl Builder {
         kind: Type,
         target: Option<buffer::Target>,
     ) -> Index<Accessor> {
-        let values = rows.as_flattened().iter();
-        let bytes: Vec<u8> = values.flat_map(|x| x.to_le_bytes()).collect();
+        let bytes = collected(rows.as_flattened().iter().map(|x| x.to_le_bytes()));
         let layout = Layout { component: ComponentType::F32, kind, count: rows.len(), target, normalized: false };
-        self.accessor(&bytes, layout)
+        self.accessor(bytes.as_flattened(), layout)
     }
 
     fn bound<const N: usize>(&mut self, at: Index<Accessor>, rows: &[[f32; N]]) {
@@ -318,8 +333,9 @@ impl Builder {
     /// Appends data, aligned as every component type needs.
     fn view(&mut self, bytes: &[u8], target: Option<buffer::Target>) -> Index<buffer::View> {
         let offset = self.bin.len();
-        self.bin.extend_from_slice(bytes);
-        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        append(&mut self.bin, bytes);
+        let odd = self.bin.len() % 4;
+        append(&mut self.bin, &[0; 4][..(4 - odd) % 4]);
         self.root.push(buffer::View {
             buffer: Index::new(0),
             byte_length: USize64::from(bytes.len()),
@@ -348,7 +364,9 @@ impl Builder {
             extensions: None,
             extras: None,
         });
-        let mut text = serde_json::to_vec(&self.root)?;
+        let mut text = Bytes::default();
+        serde_json::to_writer(&mut text, &self.root)?;
+        let Bytes(mut text) = text;
         text.resize(text.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + text.len() + 8 + self.bin.len();
         out.write_all(b"glTF")?;
@@ -365,7 +383,7 @@ impl Builder {
 
 /// The rows of some vertices.
 fn picked<T: Copy>(rows: &[T], vertices: &[usize]) -> Vec<T> {
-    vertices.iter().map(|&vertex| rows[vertex]).collect()
+    collected(vertices.iter().map(|&vertex| rows[vertex]))
 }
 
 fn length(bytes: usize) -> io::Result<[u8; 4]> {

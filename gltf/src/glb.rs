@@ -9,6 +9,7 @@ use json::animation::Property;
 use json::validation::Checked::Valid;
 use json::{Index, Node, mesh};
 use umo_core::config::FaceKind;
+use umo_core::memory::collected;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 use umo_figure::palette::Palette;
@@ -208,7 +209,7 @@ fn add_animation(
         let values = builder.vectors(&continuous(turns));
         tracks.add(node, Property::Rotation, values);
     }
-    let places: Vec<_> = (0..frames).map(|f| clip.root_position(f)).collect();
+    let places = collected((0..frames).map(|f| clip.root_position(f)));
     let places = builder.vectors(&places);
     tracks.add(joints[0], Property::Translation, places);
     if let (Some(face), false) = (face, clip.face.names.is_empty()) {

@@ -4,6 +4,7 @@ use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
 use json::validation::Checked::Valid;
 use json::{Accessor, Index, Node};
+use umo_core::memory::collected;
 use umo_core::motion::clip::Clip;
 
 use crate::builder::{self, Builder};
@@ -16,7 +17,7 @@ pub(crate) struct Tracks {
 
 impl Tracks {
     pub(crate) fn new(builder: &mut Builder, clip: &Clip) -> Self {
-        let times: Vec<f32> = (0..clip.rotations.len()).map(|f| f as f32 / clip.frame_rate).collect();
+        let times: Vec<f32> = collected((0..clip.rotations.len()).map(|f| f as f32 / clip.frame_rate));
         let times = builder.times(&times);
         let animation = Animation {
             channels: Vec::new(),
@@ -54,14 +55,13 @@ pub(crate) fn track(clip: &Clip, joint: usize) -> Vec<[f32; 4]> {
 
 /// Rotations, each of exact length and on the same side as the one before: not every program takes
 /// the shorter way between two quaternions.
-pub(crate) fn continuous(rotations: impl Iterator<Item = [f32; 4]>) -> Vec<[f32; 4]> {
+pub(crate) fn continuous(rotations: impl ExactSizeIterator<Item = [f32; 4]>) -> Vec<[f32; 4]> {
     let mut before = [0.0, 0.0, 0.0, 1.0];
-    let rotations = rotations.map(|q| {
+    collected(rotations.map(|q| {
         let length = q.iter().map(|x| x * x).sum::<f32>().sqrt();
         let dot: f32 = q.iter().zip(before).map(|(a, b)| a * b).sum();
         let sign = if dot < 0.0 { -1.0 } else { 1.0 };
         before = q.map(|x| x * sign / length);
         before
-    });
-    rotations.collect()
+    }))
 }

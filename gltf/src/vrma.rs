@@ -8,6 +8,7 @@ use json::animation::Property;
 use json::{Index, Node};
 use serde_json::{Map, Value, json};
 use umo_core::config::FaceKind;
+use umo_core::memory::{collected, with_capacity};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::{IDENTITY, Quat, inverse, normalized, product};
 use umo_core::motion::skeleton::JOINTS;
@@ -57,14 +58,14 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
         let values = builder.vectors(&track(clip, joint));
         tracks.add(joints[joint], Property::Rotation, values);
     }
-    let places: Vec<_> = (0..clip.rotations.len()).map(|frame| clip.root_position(frame)).collect();
+    let places = collected((0..clip.rotations.len()).map(|frame| clip.root_position(frame)));
     let places = builder.vectors(&places);
     tracks.add(joints[0], Property::Translation, places);
 
     let mut roots = vec![joints[0]];
     let mut add = |builder: &mut Builder, name: &str, values: Vec<f32>| -> Value {
         let node = builder.root.push(Node { name: Some(name.to_owned()), ..Node::default() });
-        let rows: Vec<[f32; 3]> = values.iter().map(|&weight| [weight.clamp(0.0, 1.0), 0.0, 0.0]).collect();
+        let rows = collected(values.iter().map(|&weight| [weight.clamp(0.0, 1.0), 0.0, 0.0]));
         let rows = builder.vectors(&rows);
         tracks.add(node, Property::Translation, rows);
         roots.push(node);
@@ -136,7 +137,7 @@ fn presets(clip: &Clip) -> Vec<(&'static str, Vec<f32>)> {
     let names = EXPRESSIONS.map(|(name, _)| name);
     let map = FaceMap::new(&clip.face, &names);
     let mut weights = [0.0; EXPRESSIONS.len()];
-    let mut all = vec![Vec::with_capacity(clip.rotations.len()); names.len()];
+    let mut all = collected(names.iter().map(|_| with_capacity(clip.rotations.len())));
     for frame in 0..clip.rotations.len() {
         map.apply(clip.face(frame), &mut weights);
         all.iter_mut().zip(&weights).for_each(|(values, &weight)| values.push(weight));
@@ -150,7 +151,7 @@ fn shapes(clip: &Clip) -> impl Iterator<Item = (&str, Vec<f32>)> {
     let others = names.iter().enumerate().filter(|(_, name)| !SAID.iter().any(|said| name.starts_with(said)));
     others.map(|(channel, name)| {
         let values = (0..clip.rotations.len()).map(|frame| clip.face(frame)[channel]);
-        (name.as_str(), values.collect())
+        (name.as_str(), collected(values))
     })
 }
 
@@ -162,7 +163,7 @@ fn gaze_of(clip: &Clip) -> Vec<Quat> {
         let sum: Quat = std::array::from_fn(|i| left[i] + if dot < 0.0 { -right[i] } else { right[i] });
         normalized(sum)
     });
-    both.collect()
+    collected(both)
 }
 
 /// The shortest turn of a bone to a unit vector, which is not its opposite.

@@ -489,6 +489,9 @@ static void gestures_refuse(void) {
     WITH(parts, 16);
     WITH(axes, 3);
     WITH(frame_count, 1);
+    WITH(frame_count, 3601);
+    WITH(frame_count, UINT32_MAX);
+    CHECK(strstr(umo_last_error(), "frame_count"));
     WITH(rate, 0);
     WITH(rate, (float)NAN);
     WITH(stroke, 1.5f);

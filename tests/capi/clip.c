@@ -121,7 +121,9 @@ static void refused(const umo_clip *good, umo_model *model) {
     WITH(INVALID_ARGUMENT, clip.is_arkit = 2, "is_arkit");
     WITH(INVALID_ARGUMENT, clip.reserved = 1, "reserved");
     WITH(INVALID_ARGUMENT, clip.frame_count = 0, "0 frames");
+    WITH(INVALID_ARGUMENT, clip.frame_count = UINT32_MAX, "4294967295 frames");
     WITH(INVALID_ARGUMENT, clip.channel_count = 1025, "1025 channels");
+    WITH(INVALID_ARGUMENT, clip.channel_count = UINT32_MAX, "4294967295 channels");
     WITH(INVALID_ARGUMENT, clip.rate = 0, "rate");
     WITH(INVALID_ARGUMENT, clip.rate = NAN, "rate");
     WITH(INVALID_ARGUMENT, clip.figure = "zoe", "alex, bea, carl, dina");

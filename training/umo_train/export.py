@@ -48,10 +48,14 @@ def write(path: Path, config: dict[str, Any], named: dict[str, Tensor]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     text = json.dumps(config, separators=(",", ":"))
-    about = {"format": "umo", "version": "1", "config": text, "checksum": checksum(0)}
+    about = {"format": "umo", "version": "1", "config": text, "checksum": checksum(0), HEADER: checksum(0)}
     save_file(named, part, metadata=about)
     add_checksum(part, text)
     part.rename(path)
+
+
+# The key of the header's own checksum.
+HEADER = "header_checksum"
 
 
 def checksum(value: int) -> str:
@@ -59,7 +63,7 @@ def checksum(value: int) -> str:
 
 
 def add_checksum(path: Path, config: str) -> None:
-    """Puts the checksum of the config's text and all bytes behind the header in the place of 0."""
+    """Puts the checksum of the config's text and all bytes behind the header in the place of 0, and the header's own."""
     with path.open("r+b") as file:
         length = int.from_bytes(file.read(8), "little")
         header = file.read(length)
@@ -67,9 +71,15 @@ def add_checksum(path: Path, config: str) -> None:
         while piece := file.read(1 << 22):
             value = zlib.crc32(piece, value)
         # The config's own quotes are escaped in the header: this stands there once.
-        placed = header.replace(f'"{checksum(0)}"'.encode(), f'"{checksum(value)}"'.encode())
+        placed = header.replace(f'"checksum":"{checksum(0)}"'.encode(), f'"checksum":"{checksum(value)}"'.encode())
         file.seek(8)
-        file.write(placed)
+        file.write(sealed(placed))
+
+
+def sealed(header: bytes) -> bytes:
+    """The header with its own checksum, of its length and itself, in the place of 0."""
+    value = zlib.crc32(len(header).to_bytes(8, "little") + header)
+    return header.replace(f'"{HEADER}":"{checksum(0)}"'.encode(), f'"{HEADER}":"{checksum(value)}"'.encode())
 
 
 def save_state(path: Path, state: dict[str, Tensor]) -> None:

@@ -18,9 +18,9 @@
  * - A structure starts with struct_size: its initialiser, or sizeof, sets it. Later versions only add fields at the end.
  * - Texts are UTF-8. Times are seconds, lengths metres, angles unit quaternions x y z w, sound is full scale at 1, unless
  *   a name says otherwise.
- * - No call throws or exits, and none aborts: what a model file or a configuration makes large is allocated fallibly, and a
- *   failure is UMO_STATUS_OUT_OF_MEMORY. Exception: small allocations (kilobytes) of _load and _new. That their memory is
- *   free is checked first; if another thread takes it in between, the process ends, as any Rust program does.
+ * - No call throws or exits, and none aborts: an allocation that fails, of any size, is UMO_STATUS_OUT_OF_MEMORY. A small
+ *   one is served from a reserve until its call ends with that status. That the system has memory for a thread's start is
+ *   checked first.
  * - The library runs only on its own threads and inside calls.
  * - Everything is computed in the default floating-point environment: rounding to nearest, no traps, denormals kept. A
  *   call restores its caller's environment, exception flags included. The host's callbacks are called in the default one.

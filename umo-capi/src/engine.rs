@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use umo_core::engine::{Engine, EngineConfig, Lender, Poll, Priority, Threads};
+use umo_core::memory;
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
 use crate::gesture::Known;
@@ -271,7 +272,8 @@ pub unsafe extern "C" fn umo_engine_config_init(config: *mut UmoEngineConfig, si
 /// engine's threads.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 /// number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
-/// engines), `UNSUPPORTED` (threads of its own, in a library that was built without them).
+/// engines), `OUT_OF_MEMORY`, `UNSUPPORTED` (threads of its own, in a library that was built without
+/// them).
 ///
 /// # Safety
 /// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
@@ -294,18 +296,21 @@ pub unsafe extern "C" fn umo_engine_new(
         };
         // SAFETY: guaranteed by the caller (see # Safety).
         let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
-        let known = Arc::new(AtomicUsize::new(0));
-        // SAFETY: guaranteed by the caller (see # Safety).
-        let wanted = unsafe { config.read(&known)? };
-        let made = Engine::new(Arc::clone(&model.model), &wanted)?;
-        if made.priority() != wanted.priority {
+        let (made, known, wanted) = memory::watch(|| {
+            let known = Arc::new(AtomicUsize::new(0));
+            // SAFETY: guaranteed by the caller (see # Safety).
+            let wanted = unsafe { config.read(&known)? };
+            let engine = ManuallyDrop::new(Engine::new(Arc::clone(&model.model), &wanted)?);
+            let handle = EngineHandle { engine, model, log, gestures: Known::new(), process: process() };
+            Ok::<_, Failure>((handle::boxed(handle)?, known, wanted.priority))
+        })??;
+        if made.engine.priority() != wanted {
             let advice = Priority::advice();
             log.say(UMO_LOG_WARNING, format_args!("priority {}: the system refuses it: {advice}", config.priority));
         }
-        log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
-        let engine_handle =
-            EngineHandle { engine: ManuallyDrop::new(made), model, log, gestures: Known::new(), process: process() };
-        let handle = ENGINES.insert(handle::boxed(engine_handle)?)?;
+        let name = &made.model.model.config().name;
+        log.say(UMO_LOG_INFO, format_args!("engine of {name} with {} threads", config.threads));
+        let handle = ENGINES.insert(made)?;
         known.store(handle, Ordering::Relaxed);
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(engine, "engine", std::ptr::without_provenance_mut(handle)) }

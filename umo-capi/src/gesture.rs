@@ -4,7 +4,8 @@ use std::ffi::{CString, c_char, c_void};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use umo_core::error::LoadError;
-use umo_core::life::{Gesture, GestureOptions, GestureParts, Gestures, Side};
+use umo_core::life::{Gesture, GestureOptions, GestureParts, Gestures, MAX_GESTURE_FRAMES, Side};
+use umo_core::memory;
 use umo_core::motion::skeleton::JOINTS;
 
 use crate::engine::{self, EngineHandle, UmoEngine};
@@ -103,12 +104,19 @@ impl Known {
     }
 
     /// Adds one; a name that there is stays where it is.
-    fn add(&self, gesture: Gesture) -> Result<(), LoadError> {
+    fn add(&self, gesture: Gesture) -> Result<(), Failure> {
         let mut set = self.lock();
         let Set { gestures, names } = &mut *set;
-        gestures.add(gesture)?;
-        let listed = |name: &str| names.iter().any(|known| known.to_bytes() == name.as_bytes());
-        let new = gestures.names().find(|name| !listed(name)).and_then(|name| CString::new(name).ok());
+        // All memory is there before anything is changed.
+        let (changed, new) = memory::watch(|| {
+            let mut changed = gestures.clone();
+            changed.add(gesture).map_err(refused)?;
+            let listed = |name: &str| names.iter().any(|known| known.to_bytes() == name.as_bytes());
+            let new = changed.names().find(|name| !listed(name)).and_then(|name| CString::new(name).ok());
+            names.reserve(1);
+            Ok::<_, Failure>((changed, new))
+        })??;
+        *gestures = changed;
         names.extend(new);
         Ok(())
     }
@@ -121,6 +129,14 @@ impl Known {
     /// A share of them.
     pub(crate) fn gestures(&self) -> Gestures {
         self.lock().gestures.clone()
+    }
+}
+
+/// Why there is no such gesture.
+fn refused(error: LoadError) -> Failure {
+    match error {
+        LoadError::Memory(missing) => missing.into(),
+        error => Failure::argument(error),
     }
 }
 
@@ -217,8 +233,8 @@ pub unsafe extern "C" fn umo_gesture_clip_init(clip: *mut UmoGestureClip, size: 
 /// out over its last 0.55 seconds. An engine takes 256.
 ///
 /// Threads: any but the audio thread. Allocates.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error`
-/// says which field).
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
+/// (`umo_last_error` says which field).
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; `clip` is NULL or as long as its `struct_size` says,
@@ -238,22 +254,26 @@ pub unsafe extern "C" fn umo_engine_add_gesture(
         let clip = unsafe { ffi::read(clip, "clip")? };
         let axes = crate::axes(clip.axes)?;
         let parts = parts(clip.parts)?;
-        let values = (clip.frame_count as usize).checked_mul(4 * JOINTS);
-        let values = values.ok_or_else(|| Failure::argument("clip: too many frames"))?;
+        let count = clip.frame_count as usize;
+        if !(2..=MAX_GESTURE_FRAMES).contains(&count) {
+            let what = format_args!("`clip.frame_count` is {count}: expected 2 to {MAX_GESTURE_FRAMES}");
+            return Err(Failure::argument(what));
+        }
         // SAFETY: guaranteed by the caller (see # Safety).
-        let values = unsafe { ffi::slice(clip.rotations, values, "clip.rotations")? };
+        let values = unsafe { ffi::slice(clip.rotations, count * 4 * JOINTS, "clip.rotations")? };
         let (values, _) = values.as_chunks::<4>();
         let (frames, _) = values.as_chunks::<JOINTS>();
-        let frames: Vec<_> = frames.iter().map(|frame| frame.map(|q| axes.rotation_from(q))).collect();
-        let refused = |error: LoadError| Failure::argument(error);
-        let gesture = Gesture::new(name, clip.rate, &frames, clip.stroke, parts).map_err(refused)?;
-        engine.gestures.add(gesture).map_err(refused)
+        let gesture = memory::catch(|| {
+            let frames = memory::collected(frames.iter().map(|frame| frame.map(|q| axes.rotation_from(q))));
+            Gesture::new(name, clip.rate, &frames, clip.stroke, parts)
+        });
+        engine.gestures.add(gesture?.map_err(refused)?)
     })
 }
 
 #[cfg(feature = "files")]
 fn read(path: &str) -> Result<Vec<u8>, Failure> {
-    let unread = |cause| Failure::new(crate::status::UMO_STATUS_IO, format_args!("cannot read {path}: {cause}"));
+    let unread = |cause| Failure::io(&cause, format_args!("cannot read {path}: {cause}"));
     umo_core::memory::catch(|| umo_core::glb::read(path.as_ref()))?.map_err(unread)
 }
 
@@ -273,7 +293,8 @@ fn read(path: &str) -> Result<Vec<u8>, Failure> {
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
 /// (`umo_last_error` says what of the file is wrong, which bones were not found, or which
-/// argument), `UNSUPPORTED` (the library was built without files).
+/// argument), `UNSUPPORTED` (the library was built without files, or without umo-capi's feature
+/// `retarget`).
 ///
 /// # Safety
 /// `name` and `path` are NULL or end with a zero byte; so does `animation`.
@@ -293,7 +314,8 @@ pub unsafe extern "C" fn umo_engine_add_gesture_file(
         let path = unsafe { ffi::string(path, "path")? };
         // SAFETY: guaranteed by the caller (see # Safety).
         let wanted = unsafe { File::read(name, animation, parts, stroke)? };
-        wanted.add(&engine, &read(path)?, path)
+        let gesture = memory::watch(|| wanted.gesture(&engine, &read(path)?, path))??;
+        engine.gestures.add(gesture)
     })
 }
 
@@ -301,7 +323,7 @@ pub unsafe extern "C" fn umo_engine_add_gesture_file(
 /// text then.
 ///
 /// Threads: any but the audio thread. Allocates.
-/// Errors: as `umo_engine_add_gesture_file`, but for `IO` and `UNSUPPORTED`.
+/// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
@@ -322,11 +344,14 @@ pub unsafe extern "C" fn umo_engine_add_gesture_memory(
         // SAFETY: guaranteed by the caller (see # Safety).
         let wanted = unsafe { File::read(name, animation, parts, stroke)? };
         // SAFETY: guaranteed by the caller (see # Safety).
-        wanted.add(&engine, unsafe { ffi::slice(data.cast::<u8>(), size, "data")? }, "data")
+        let bytes = unsafe { ffi::slice(data.cast::<u8>(), size, "data")? };
+        let gesture = memory::watch(|| wanted.gesture(&engine, bytes, "data"))??;
+        engine.gestures.add(gesture)
     })
 }
 
 /// What a gesture is made of a file with.
+#[cfg_attr(not(feature = "retarget"), expect(dead_code, reason = "files are refused"))]
 struct File<'a> {
     name: &'a str,
     animation: Option<&'a str>,
@@ -350,15 +375,25 @@ impl<'a> File<'a> {
         Ok(File { name, animation, parts: parts(bits)?, stroke })
     }
 
-    fn add(&self, engine: &EngineHandle, bytes: &[u8], from: &str) -> Result<(), Failure> {
+    #[cfg(not(feature = "retarget"))]
+    #[expect(clippy::unused_self, reason = "of each build")]
+    fn gesture(&self, _: &EngineHandle, _: &[u8], from: &str) -> Result<Gesture, Failure> {
+        let what = format_args!(
+            "{from}: this library was built without the reader of characters: build umo-capi with its feature `retarget`, or \
+             give the frames to umo_engine_add_gesture"
+        );
+        Err(Failure::new(crate::status::UMO_STATUS_UNSUPPORTED, what))
+    }
+
+    #[cfg(feature = "retarget")]
+    fn gesture(&self, engine: &EngineHandle, bytes: &[u8], from: &str) -> Result<Gesture, Failure> {
         let Self { name, animation, parts, stroke } = *self;
         let skeleton = &engine.model.model.config().skeleton;
         let refused = |error: LoadError| match error {
             LoadError::Config { problem, .. } => Failure::argument(format_args!("{from}: {problem}")),
             error => error.into(),
         };
-        let gesture = Gesture::from_glb(name, bytes, animation, skeleton, stroke, parts).map_err(refused)?;
-        engine.gestures.add(gesture).map_err(refused)
+        Gesture::from_glb(name, bytes, animation, skeleton, stroke, parts).map_err(refused)
     }
 }
 

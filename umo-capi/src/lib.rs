@@ -12,6 +12,7 @@
 //! | [`self_test`] | whether this machine computes rightly |
 //! | [`status`], [`log`] | what went wrong, and who is told |
 //! | [`memory`] | one block of memory for each session; the host's allocator |
+//! | `reserve` | the library's own allocator: memory for small pieces where the system has none |
 //! | `web` | memory for a page, in WebAssembly alone |
 //! | `handle`, `ffi` | handles; pointers, structures and panics at the boundary |
 #![expect(clippy::result_large_err, reason = "an audio thread's failure may not allocate its detail")]
@@ -25,6 +26,8 @@ pub mod log;
 pub mod memory;
 pub mod model;
 pub mod parameter;
+#[cfg(feature = "reserve")]
+mod reserve;
 pub mod self_test;
 pub mod session;
 pub mod status;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use umo_core::config::FaceKind;
 use umo_core::lm::layout::MAX_PROMPT_TOKENS;
+use umo_core::memory;
 use umo_core::model::Model;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::{VISEMES, Visemes};
@@ -242,26 +243,19 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
 #[cfg(all(feature = "threads", not(target_family = "wasm")))]
 fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
     use std::sync::{Mutex, PoisonError};
-    use umo_core::{memory, thread};
+    use umo_core::thread;
 
-    /// Address space that glibc's allocator reserves for a new thread where it can, twice over while
-    /// it aligns it.
-    const THREAD_HEAP: usize = 256 << 20;
-
-    let cores = thread::available();
-    // Where memory is short, one thread finds the end of it without taking it from others.
-    let plenty = file.len().saturating_mul(8).saturating_add(cores.saturating_mul(THREAD_HEAP));
-    let count = if memory::check(plenty).is_ok() { cores } else { 1 };
-    memory::check(count * memory::THREAD + memory::SPARE)?;
+    let count = thread::available();
     let threads = Mutex::new(Vec::with_capacity(count));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|builder| {
         let name = format!("umo-load-{}", builder.index());
+        memory::check_thread().map_err(|_| std::io::ErrorKind::OutOfMemory)?;
         let started = thread::start(name, || builder.run())?;
         threads.lock().unwrap_or_else(PoisonError::into_inner).push(started);
         Ok(())
     });
     // A system that has no memory for a thread says only that it did not start it.
-    let no_thread = |error| match memory::check(memory::THREAD + memory::SPARE) {
+    let no_thread = |error| match memory::check_thread() {
         Ok(()) => Failure::new(crate::status::UMO_STATUS_THREAD, error),
         Err(missing) => missing.into(),
     };
@@ -272,10 +266,7 @@ fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model,
     for thread in threads.into_inner().unwrap_or_else(PoisonError::into_inner) {
         drop(thread.join());
     }
-    let model = model?;
-    // For the caller's thread, which has not looked whether the others left it anything.
-    memory::check(memory::SPARE)?;
-    Ok(model)
+    Ok(model?)
 }
 
 /// Loads on the calling thread: there are no others.
@@ -294,16 +285,23 @@ fn open(path: &str) -> Result<ModelFile, Failure> {
     Err(Failure::no_files(path, "umo_model_load_memory"))
 }
 
-fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
+/// The handle of a model of the file that `open` gives.
+fn load(
+    open: impl FnOnce() -> Result<ModelFile, Failure>,
+    (precision, isa, log): (Precision, Isa, Log),
+) -> Result<*mut UmoModel, Failure> {
     let start = Instant::now();
-    let handle = ModelHandle::new(Arc::new(load_model(file, precision, isa)?), file, log)?;
-    let config = handle.model.config();
-    let (ms, mib) = (start.elapsed().as_millis(), file.len() >> 20);
+    let loaded = memory::watch(|| {
+        let file = open()?;
+        let handle = ModelHandle::new(Arc::new(load_model(&file, precision, isa)?), &file, log)?;
+        handle::boxed(Arc::new(handle))
+    })??;
+    let (config, ms, mib) = (loaded.model.config(), start.elapsed().as_millis(), loaded.info.file_size >> 20);
     log.say(UMO_LOG_INFO, format_args!("loaded {} ({mib} MiB, {}) in {ms} ms", config.name, isa.name()));
     if let Some(notice) = &config.notice {
         log.say(UMO_LOG_WARNING, notice);
     }
-    Ok(Arc::new(handle))
+    Ok(std::ptr::without_provenance_mut(MODELS.insert(loaded)?))
 }
 
 impl ModelHandle {
@@ -391,10 +389,10 @@ pub unsafe extern "C" fn umo_model_load(
         // SAFETY: guaranteed by the caller (see # Safety).
         let path = unsafe { ffi::string(path, "path")? };
         // SAFETY: guaranteed by the caller (see # Safety).
-        let (precision, isa, log) = unsafe { read_config(config)? };
-        let loaded = load(&open(path)?, precision, isa, log)?;
+        let config = unsafe { read_config(config)? };
+        let loaded = load(|| open(path), config)?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(handle::boxed(loaded)?)?)) }
+        unsafe { put(model, "model", loaded) }
     })
 }
 
@@ -422,10 +420,10 @@ pub unsafe extern "C" fn umo_model_load_memory(
         // keeps nothing of its file.
         let bytes: &'static [u8] = unsafe { ffi::slice(data.cast::<u8>(), size, "data")? };
         // SAFETY: guaranteed by the caller (see # Safety).
-        let (precision, isa, log) = unsafe { read_config(config)? };
-        let loaded = load(&ModelFile::from_static(bytes)?, precision, isa, log)?;
+        let config = unsafe { read_config(config)? };
+        let loaded = load(|| Ok(ModelFile::from_static(bytes)?), config)?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(handle::boxed(loaded)?)?)) }
+        unsafe { put(model, "model", loaded) }
     })
 }
 

@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use umo_core::defect::contain;
-use umo_core::memory::{Arena, Boxed, HostMemory};
+use umo_core::memory::{self, Arena, Boxed, HostMemory};
 use umo_core::session::{PacketConfig, Session, SessionConfig, Voice};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
@@ -390,7 +390,8 @@ fn make(
 /// is `sizeof *config`.
 ///
 /// Threads: any. Allocates for a moment.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned),
+/// `OUT_OF_MEMORY`.
 ///
 /// # Safety
 /// `config` is NULL or has `size` writable bytes.
@@ -402,7 +403,8 @@ pub unsafe extern "C" fn umo_session_config_init(
     model: *const UmoModel,
 ) -> UmoStatus {
     guard(|| {
-        let defaults = UmoSessionConfig::defaults(&*model::get(model)?);
+        let model = model::get(model)?;
+        let defaults = memory::watch(|| UmoSessionConfig::defaults(&model))?;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::initialise(config, size, "config", &defaults) }
     })
@@ -426,10 +428,12 @@ pub unsafe extern "C" fn umo_session_memory(
 ) -> UmoStatus {
     guard(|| {
         let engine = engine::get(engine)?;
-        // SAFETY: guaranteed by the caller (see # Safety).
-        let (mut config, _) = unsafe { read_config(config, &engine.model)? };
-        config.avatar.gestures = engine.gestures.gestures();
-        let layout = plan(&engine, &config)?;
+        let layout = memory::watch(|| {
+            // SAFETY: guaranteed by the caller (see # Safety).
+            let (mut config, _) = unsafe { read_config(config, &engine.model)? };
+            config.avatar.gestures = engine.gestures.gestures();
+            plan(&engine, &config)
+        })??;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put_if_wanted(size, "size", layout.size())? };
         // SAFETY: guaranteed by the caller (see # Safety).
@@ -461,10 +465,13 @@ pub unsafe extern "C" fn umo_session_new(
     guard(|| {
         wanted(session, "session")?;
         let engine = engine::get(engine)?;
-        // SAFETY: guaranteed by the caller (see # Safety).
-        let (mut config, allocator) = unsafe { read_config(config, &engine.model)? };
-        config.avatar.gestures = engine.gestures.gestures();
-        let handle = make(&engine, &config, allocator).and_then(|made| SESSIONS.insert(made));
+        let made = memory::watch(|| {
+            // SAFETY: guaranteed by the caller (see # Safety).
+            let (mut config, allocator) = unsafe { read_config(config, &engine.model)? };
+            config.avatar.gestures = engine.gestures.gestures();
+            make(&engine, &config, allocator)
+        });
+        let handle = made.map_err(Failure::from).flatten().and_then(|made| SESSIONS.insert(made));
         let handle = handle.inspect_err(|failure| {
             let detail = String::from_utf8_lossy(failure.detail.as_bytes());
             engine.log.say(UMO_LOG_ERROR, format_args!("no session: {detail}"));

@@ -3,6 +3,7 @@
 use std::cell::UnsafeCell;
 use std::ffi::{CStr, c_char};
 use std::fmt::{self, Write as _};
+use std::io;
 
 use umo_core::engine::{EngineError, PollError};
 use umo_core::memory::OutOfMemory;
@@ -110,6 +111,12 @@ impl Failure {
     pub(crate) fn no_files(path: &str, memory: &str) -> Self {
         let what = format_args!("{path}: this library was built without files: read it yourself and call {memory}");
         Self::new(UMO_STATUS_UNSUPPORTED, what)
+    }
+
+    /// A file that cannot be read or written.
+    pub(crate) fn io(cause: &io::Error, detail: impl fmt::Display) -> Self {
+        let is_memory = cause.kind() == io::ErrorKind::OutOfMemory;
+        Self::new(if is_memory { UMO_STATUS_OUT_OF_MEMORY } else { UMO_STATUS_IO }, detail)
     }
 
     /// A panic that was caught.

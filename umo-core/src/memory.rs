@@ -15,9 +15,11 @@ mod arena;
 use std::alloc::{Layout, handle_alloc_error};
 use std::any::Any;
 use std::cell::Cell;
+use std::collections::TryReserveError;
 use std::fmt;
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub use arena::{Arena, BlockError, Boxed, Counted, HostMemory, Slice};
 
@@ -55,20 +57,44 @@ thread_local! {
     static RESERVE: Cell<Option<ManuallyDrop<Vec<u8>>>> = const { Cell::new(None) };
 }
 
+/// Pieces so far that the system refused and the reserve of the process's allocator gave, and the bytes of the last.
+static RESCUED: AtomicUsize = AtomicUsize::new(0);
+static LAST_RESCUED: AtomicUsize = AtomicUsize::new(0);
+
+/// Says that the process's allocator has given a piece out of a reserve of its own, which the system refused.
+pub fn rescued(bytes: usize) {
+    LAST_RESCUED.store(bytes, Ordering::Relaxed);
+    RESCUED.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Runs `make`, whose result counts only where the system refused no piece meanwhile, on any thread: where the
+/// process's allocator has a reserve ([`rescued`]), work goes on to the end of this.
+///
+/// # Errors
+/// [`OutOfMemory`] where the reserve gave a piece.
+pub fn watch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
+    let before = RESCUED.load(Ordering::Relaxed);
+    let made = make();
+    if RESCUED.load(Ordering::Relaxed) == before {
+        return Ok(made);
+    }
+    Err(OutOfMemory { bytes: LAST_RESCUED.load(Ordering::Relaxed) })
+}
+
 /// Runs `make`, and gives a piece of memory that it did not get as a value; panics go on.
 ///
 /// Calls may be nested. Work that `make` hands to other threads needs a call of its own on each: [`refuse`] ends the
 /// process on a thread that is in none.
 ///
 /// # Errors
-/// [`OutOfMemory`] where a function of this module got no memory on this thread.
+/// [`OutOfMemory`] where a function of this module got no memory on this thread, and as [`watch`].
 pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
     let mut reserve = Vec::new();
     reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
     let outer = RESERVE.replace(Some(ManuallyDrop::new(reserve)));
-    let made = catch_unwind(AssertUnwindSafe(make));
+    let made = watch(|| catch_unwind(AssertUnwindSafe(make)));
     drop(RESERVE.replace(outer).map(ManuallyDrop::into_inner));
-    made.map_err(|payload: Box<dyn Any + Send>| match payload.downcast::<OutOfMemory>() {
+    made?.map_err(|payload: Box<dyn Any + Send>| match payload.downcast::<OutOfMemory>() {
         Ok(missing) => *missing,
         Err(panic) => resume_unwind(panic),
     })
@@ -89,10 +115,15 @@ pub fn refuse(bytes: usize) -> ! {
 /// [`OutOfMemory`].
 pub fn check(bytes: usize) -> Result<(), OutOfMemory> {
     let mut piece = Vec::<u8>::new();
-    let got = piece.try_reserve_exact(bytes);
+    let is_there = has(|| piece.try_reserve_exact(bytes));
     // Otherwise the compiler may leave the allocation out.
     std::hint::black_box(&mut piece);
-    got.map_err(|_| OutOfMemory { bytes })
+    if is_there { Ok(()) } else { Err(OutOfMemory { bytes }) }
+}
+
+/// Whether an allocation is made, and by the system: what can fail is not to use up a reserve.
+fn has(allocate: impl FnOnce() -> Result<(), TryReserveError>) -> bool {
+    watch(allocate).is_ok_and(|got| got.is_ok())
 }
 
 /// Whether [`SPARE`] is left for small pieces.
@@ -102,7 +133,10 @@ pub(crate) fn spare() -> Result<(), OutOfMemory> {
 
 /// Whether the system has [`THREAD`] bytes for one more thread. The allocator may have as many left in its
 /// heap, of which a thread's stack gets none: they are asked of the system, where it can be asked.
-pub(crate) fn check_thread() -> Result<(), OutOfMemory> {
+///
+/// # Errors
+/// [`OutOfMemory`].
+pub fn check_thread() -> Result<(), OutOfMemory> {
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     if memmap2::MmapMut::map_anon(THREAD).is_err() {
         return Err(OutOfMemory { bytes: THREAD });
@@ -134,15 +168,31 @@ pub fn require(bytes: usize) {
 pub fn with_capacity<T>(len: usize) -> Vec<T> {
     let bytes = len.saturating_mul(size_of::<T>());
     let mut values = Vec::new();
-    if values.try_reserve_exact(len).is_err() {
-        refuse(bytes);
-    }
-    if bytes >= LARGE && spare().is_err() {
+    if !has(|| values.try_reserve_exact(len)) || (bytes >= LARGE && spare().is_err()) {
         // What is freed here is what unwinding needs.
         drop(values);
         refuse(bytes);
     }
     values
+}
+
+/// What `values` gives.
+///
+/// Unwinds to [`catch`] where there is no memory.
+pub fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Vec<T> {
+    let mut all = with_capacity(values.len());
+    all.extend(values);
+    all
+}
+
+/// Adds `values` at the end of `all`.
+///
+/// Unwinds to [`catch`] where there is no memory.
+pub fn append<T: Copy>(all: &mut Vec<T>, values: &[T]) {
+    if !has(|| all.try_reserve(values.len())) {
+        refuse(size_of_val(values));
+    }
+    all.extend_from_slice(values);
 }
 
 /// A copy of `values`.

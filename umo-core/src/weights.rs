@@ -77,17 +77,23 @@ impl ModelFile {
         // it.
         let header_len = bytes.first_chunk().map_or(0, |len| u64::from_le_bytes(*len)).min(bytes.len() as u64);
         memory::check(16 * usize::try_from(header_len).unwrap_or(usize::MAX / 16) + SPARE)?;
-        header::check(bytes)?;
-        let (header_len, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| LoadError::File(e.to_string()))?;
+        let end = usize::try_from(header_len).unwrap_or(usize::MAX).saturating_add(8).min(bytes.len());
+        let has_header_checksum = checksum::check_header(bytes.get(8..end).unwrap_or_default())?;
+        memory::watch(|| header::check(bytes))??;
+        let parsed = memory::watch(|| SafeTensors::read_metadata(bytes))?;
+        let (header_len, metadata) = parsed.map_err(|error| LoadError::File(error.to_string()))?;
         let data_start = header_len + 8;
         let want = data_start + data_len(&metadata);
         if bytes.len() != want {
             return Err(LoadError::File(format!("expected {want} bytes, got {}", bytes.len())));
         }
         let config_text = config_text(&metadata)?;
-        let config = Config::parse(config_text)?;
-        let said = metadata.metadata().as_ref().and_then(|entries| entries.get(checksum::KEY));
-        let checksum = match said {
+        let config = memory::watch(|| Config::parse(config_text))??;
+        let entry = |key: &str| metadata.metadata().as_ref().and_then(|entries| entries.get(key));
+        if let (Some(said), false) = (entry(checksum::HEADER_KEY), has_header_checksum) {
+            return Err(checksum::wrong(checksum::HEADER_KEY, said));
+        }
+        let checksum = match entry(checksum::KEY) {
             Some(said) => Some((checksum::parse(said)?, config_text.to_owned())),
             None => None,
         };

@@ -39,7 +39,10 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
     let bytes = || umo_core::file::read(path).map_err(|error| wrong(error.to_string()));
     let clip = match format {
         Format::Npz => npz::read(path).map_err(wrong)?,
-        Format::Glb => glb::read(&umo_core::glb::read(path).map_err(wrong)?).map_err(wrong)?,
+        Format::Glb => {
+            let bytes = umo_core::glb::read(path).map_err(|error| wrong(error.to_string()))?;
+            glb::read(&bytes).map_err(wrong)?
+        }
         Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,
         Format::Jsonl => jsonl::read(&bytes()?).map_err(wrong)?,
         Format::Vrma => {

@@ -12,7 +12,7 @@ from safetensors.torch import save_file
 from umo_train.convert import hubert, interp, kmeans, t5, vq
 from umo_train.convert.layout import Config, is_weight, shapes
 from umo_train.convert.sources import SourceError, Tensors, renamed
-from umo_train.export import add_checksum, checksum
+from umo_train.export import HEADER, add_checksum, checksum
 
 FORMAT, VERSION = "umo", "1"
 TOKENIZER = "text.tokenizer"
@@ -93,7 +93,8 @@ def write(path: Path, model: Model, dtype: str = "bf16") -> None:
     if model.tokenizer is not None:
         out[TOKENIZER] = torch.frombuffer(bytearray(model.tokenizer), dtype=torch.uint8)
     config = json.dumps(model.config, ensure_ascii=False)
-    metadata = {"format": FORMAT, "version": VERSION, "config": config, "checksum": checksum(0)}
+    sums = {"checksum": checksum(0), HEADER: checksum(0)}
+    metadata = {"format": FORMAT, "version": VERSION, "config": config} | sums
     part = path.with_name(f".{path.name}.part")
     try:
         # The library makes files that only their owner may read; this one is as any other.

@@ -12,7 +12,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from umo_train.export import checksum
+from umo_train.export import HEADER, checksum, sealed
 
 # Data start at a multiple of this, so that a map of the file is aligned for any type.
 _ALIGN = 64
@@ -60,7 +60,7 @@ def add(model: Path, part: Path, out: Path) -> None:
     value = zlib.crc32(config.encode())
     for piece in pieces:
         value = zlib.crc32(piece, value)
-    metadata = metadata | {"config": config, "checksum": checksum(value)}
+    metadata = metadata | {"config": config, "checksum": checksum(value), HEADER: checksum(0)}
     text = json.dumps(
         {"__metadata__": metadata, **dict(sorted(entries.items()))}, separators=(",", ":"), ensure_ascii=False
     )
@@ -68,7 +68,7 @@ def add(model: Path, part: Path, out: Path) -> None:
     raw_text += b" " * (-(len(raw_text) + 8) % _ALIGN)
     temporary = out.with_suffix(".tmp")
     with temporary.open("wb") as file:
-        file.write(len(raw_text).to_bytes(8, "little") + raw_text)
+        file.write(len(raw_text).to_bytes(8, "little") + sealed(raw_text))
         file.writelines(pieces)
     os.replace(temporary, out)
 

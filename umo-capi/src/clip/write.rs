@@ -17,6 +17,9 @@ use crate::status::{Failure, UMO_STATUS_IO};
 
 /// Most face channels.
 const MAX_CHANNELS: usize = 1024;
+/// Most frames: more rotations and places than these a file of 4 GiB, glTF's limit, does not hold.
+const MAX_FRAMES: usize = u32::MAX as usize / (size_of::<f32>() * (4 * JOINTS + 3));
+
 /// Bytes that a figure takes while it is made and written: 13 MB were measured.
 const FIGURE: usize = 16 << 20;
 
@@ -40,8 +43,8 @@ pub(super) unsafe fn to_output(clip: *const UmoClip, format: u32, output: *const
     // SAFETY: guaranteed by the caller (see # Safety).
     let content = unsafe { Content::read(clip, format)? };
     let mut host = Host { userdata: output.userdata, write, answer: 0 };
-    content.write(&mut host).map_err(|cause| match host.answer {
-        0 => Failure::argument(format_args!("`clip`: {cause}")),
+    memory::catch(|| content.write(&mut host))?.map_err(|cause| match host.answer {
+        0 => refused(&cause),
         answer => {
             Failure::new(UMO_STATUS_IO, format_args!("`output.write` returned {answer}: nothing more was written"))
         }
@@ -52,12 +55,14 @@ pub(super) unsafe fn to_output(clip: *const UmoClip, format: u32, output: *const
 /// As `umo_clip_write_file`.
 #[cfg(feature = "files")]
 pub(super) unsafe fn to_file(clip: *const UmoClip, format: u32, path: &str) -> Result<(), Failure> {
-    let unwritten = |cause| Failure::new(UMO_STATUS_IO, format_args!("cannot write {path}: {cause}"));
+    let unwritten = |cause| Failure::io(&cause, format_args!("cannot write {path}: {cause}"));
     // SAFETY: guaranteed by the caller (see # Safety).
     let content = unsafe { Content::read(clip, format)? };
-    let file = umo_core::file::AtomicFile::create(path.as_ref()).map_err(unwritten)?;
-    file.commit(|out| content.write(out)).map_err(|cause| match cause.kind() {
-        io::ErrorKind::InvalidInput => Failure::argument(format_args!("`clip`: {cause}")),
+    let file = memory::watch(|| umo_core::file::AtomicFile::create(path.as_ref()))?.map_err(unwritten)?;
+    let no_memory = |_| Err(io::ErrorKind::OutOfMemory.into());
+    let written = file.commit(|out| memory::catch(|| content.write(out)).unwrap_or_else(no_memory));
+    written.map_err(|cause| match cause.kind() {
+        io::ErrorKind::InvalidInput => refused(&cause),
         _ => unwritten(cause),
     })
 }
@@ -67,6 +72,14 @@ pub(super) unsafe fn to_file(clip: *const UmoClip, format: u32, path: &str) -> R
 #[cfg(not(feature = "files"))]
 pub(super) unsafe fn to_file(_: *const UmoClip, _: u32, path: &str) -> Result<(), Failure> {
     Err(Failure::no_files(path, "umo_clip_write"))
+}
+
+/// What of a clip no file can hold, or that there is no memory to write it.
+fn refused(cause: &io::Error) -> Failure {
+    match cause.kind() {
+        io::ErrorKind::OutOfMemory => Failure::io(cause, cause),
+        _ => Failure::argument(format_args!("`clip`: {cause}")),
+    }
 }
 
 impl Content {
@@ -82,14 +95,19 @@ impl Content {
             _ => return Err(Failure::argument(format_args!("format {format} is none of UMO_FORMAT_…"))),
         };
         // SAFETY: guaranteed by the caller (see # Safety).
-        let clip = unsafe { read(&given)? };
+        let clip = memory::catch(|| unsafe { read(&given) })??;
         clip.check().map_err(|what| Failure::argument(format_args!("`clip`: {what}")))?;
         Ok(Self { clip, format })
     }
 
     fn write(&self, out: impl Write) -> io::Result<()> {
         match self.format {
-            Format::Glb(figure) => glb::write(&self.clip, figure, out),
+            Format::Glb(None) => glb::write(&self.clip, None, out),
+            Format::Glb(figure) => {
+                // Many pieces, each of which is small.
+                memory::require(FIGURE);
+                glb::write(&self.clip, figure, out)
+            }
             Format::Vrma => vrma::write(&self.clip, out),
         }
     }
@@ -118,9 +136,10 @@ unsafe fn read(given: &UmoClip) -> Result<Clip, Failure> {
         return Err(Failure::argument("`clip.reserved` is not 0"));
     }
     let (frames, channels) = (given.frame_count as usize, given.channel_count as usize);
-    if frames == 0 || channels > MAX_CHANNELS {
+    if !(1..=MAX_FRAMES).contains(&frames) || channels > MAX_CHANNELS {
         let what = format_args!(
-            "`clip` has {frames} frames and {channels} channels: expected a frame, and at most {MAX_CHANNELS} channels"
+            "`clip` has {frames} frames and {channels} channels: expected 1 to {MAX_FRAMES} frames and at most \
+             {MAX_CHANNELS} channels"
         );
         return Err(Failure::argument(what));
     }
@@ -135,17 +154,13 @@ unsafe fn read(given: &UmoClip) -> Result<Clip, Failure> {
     let offsets = unsafe { ffi::slice(given.offsets, 3 * JOINTS, "clip.offsets")? };
     // SAFETY: guaranteed by the caller (see # Safety).
     let values = unsafe { Given::read(given.layout, given.frames, frames, channels)? };
-    // The frames, the file's bytes, and those again while their buffer grows.
-    let frame = size_of::<f32>() * (4 * (2 * JOINTS) + 3 + channels);
-    memory::check(frames.saturating_mul(3 * frame).saturating_add(FIGURE))?;
-
     let mut clip = Clip {
         frame_rate: given.rate,
         skeleton: Skeleton { parents: parents.to_vec(), offsets_m: offsets.as_chunks().0.to_vec() },
         face: Face { kind, names },
-        rotations: Vec::with_capacity(frames),
-        translation: Vec::with_capacity(frames),
-        face_values: Vec::with_capacity(frames * channels),
+        rotations: memory::with_capacity(frames),
+        translation: memory::with_capacity(frames),
+        face_values: memory::with_capacity(frames * channels),
     };
     for number in 0..frames {
         let pose = values.frame(number, &mut clip.face_values);

@@ -157,7 +157,7 @@ pub unsafe extern "C" fn umo_model_get_skeleton(
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
-/// `INVALID_ARGUMENT` (too long), `BUFFER_TOO_SMALL`.
+/// `INVALID_ARGUMENT` (too long), `OUT_OF_MEMORY`, `BUFFER_TOO_SMALL`.
 ///
 /// # Safety
 /// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values;
@@ -176,7 +176,8 @@ pub unsafe extern "C" fn umo_model_encode_text(
         wanted(count, "count")?;
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
-        let found = encode(&get(model)?.model, text)?;
+        let model = get(model)?;
+        let found = memory::catch(|| encode(&model.model, text))??;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(count, "count", found.len())? };
         if found.len() > capacity {

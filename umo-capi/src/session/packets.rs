@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use umo_core::memory;
 use umo_core::session::Session;
 
 use super::{Detail, SESSIONS, SessionHandle, UmoSession, UmoSessionConfig, on, read_config};
@@ -117,20 +118,21 @@ pub unsafe extern "C" fn umo_decoder_new(
     guard(|| {
         wanted(decoder, "decoder")?;
         let model = model::get(model)?;
-        // SAFETY: guaranteed by the caller (see # Safety).
-        let (config, allocator) = unsafe { read_config(config, &model)? };
-        if allocator.is_some() {
-            return Err(Failure::argument("`config.allocator`: a decoder's memory comes from the system"));
-        }
-        let made = Session::decoder(&model.model, &config).map_err(Failure::from).and_then(|session| {
+        let made = memory::watch(|| {
+            // SAFETY: guaranteed by the caller (see # Safety).
+            let (config, allocator) = unsafe { read_config(config, &model)? };
+            if allocator.is_some() {
+                return Err(Failure::argument("`config.allocator`: a decoder's memory comes from the system"));
+            }
             handle::boxed(SessionHandle {
-                session,
+                session: Session::decoder(&model.model, &config)?,
                 model: Arc::clone(&model),
                 log: model.log,
                 poisoned: AtomicBool::new(false),
                 detail: Detail { taken: AtomicBool::new(false), text: UnsafeCell::new(Text::EMPTY) },
             })
         });
+        let made = made.map_err(Failure::from).flatten();
         let handle = made.and_then(|made| SESSIONS.insert(made)).inspect_err(|failure| {
             let detail = String::from_utf8_lossy(failure.detail.as_bytes());
             model.log.say(UMO_LOG_ERROR, format_args!("no decoder: {detail}"));

@@ -2,6 +2,7 @@
 
 use std::ffi::c_char;
 
+use umo_core::memory;
 use umo_core::session::SessionError;
 
 use super::{UmoLatency, UmoSession, UmoStats, on};
@@ -15,7 +16,7 @@ use crate::{model, parameter};
 ///
 /// Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
-/// `INVALID_ARGUMENT` (no UTF-8, too long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+/// `INVALID_ARGUMENT` (no UTF-8, too long), `OUT_OF_MEMORY`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `text` is NULL or has `length` readable bytes.
@@ -29,7 +30,8 @@ pub unsafe extern "C" fn umo_session_set_prompt(
     on(session, |handle| {
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
-        Ok(handle.session.set_prompt(&model::inspect::encode(&handle.model.model, text)?)?)
+        let ids = memory::catch(|| model::inspect::encode(&handle.model.model, text))??;
+        Ok(handle.session.set_prompt(&ids)?)
     })
 }
 

@@ -71,7 +71,10 @@ impl EngineError {
 
 impl From<LoadError> for EngineError {
     fn from(error: LoadError) -> Self {
-        Self::Config(error)
+        match error {
+            LoadError::Memory(missing) => Self::Memory(missing),
+            error => Self::Config(error),
+        }
     }
 }
 

@@ -5,6 +5,9 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process;
 
+/// Bytes that are collected before they are written.
+const BUFFER: usize = 64 << 10;
+
 /// A file to be written. Made before a long run, it tells at once that the path cannot be written;
 /// dropped without [`AtomicFile::commit`], it leaves nothing behind.
 #[derive(Debug)]
@@ -37,7 +40,7 @@ impl AtomicFile {
     /// # Errors
     /// Those of `write`, or the file system's; then an earlier file of that name is as it was.
     pub fn commit(self, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
-        let mut out = BufWriter::with_capacity(1 << 18, &self.part.file);
+        let mut out = BufWriter::with_capacity(BUFFER, &self.part.file);
         write(&mut out)?;
         out.flush()?;
         drop(out);
@@ -57,7 +60,7 @@ impl TemporaryFile {
     /// Those of `write`, and what the system says where `path` is no place for a file.
     pub fn beside(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<Self> {
         let Part { file, path } = Part::create(path)?;
-        let mut out = BufWriter::with_capacity(1 << 18, &file);
+        let mut out = BufWriter::with_capacity(BUFFER, &file);
         write(&mut out)?;
         out.flush()?;
         drop(out);

@@ -101,10 +101,10 @@ fn tracks(document: &Document, animation: &Animation, bin: &[u8]) -> Result<Vec<
         let sampler = animation.samplers.get(channel.sampler).ok_or_else(|| wrong("it has no sampler"))?;
         let times = floats(document, bin, sampler.input, "SCALAR")?;
         let values = floats(document, bin, sampler.output, "VEC4")?;
-        let mut values: Vec<Quat> = values.as_chunks().0.iter().map(|&q| normalized(q)).collect();
+        let mut values: Vec<Quat> = memory::collected(values.as_chunks().0.iter().map(|&q| normalized(q)));
         if sampler.interpolation.as_deref() == Some("CUBICSPLINE") {
             // A key has two tangents beside its value; without them the keys are joined by arcs.
-            values = values.chunks_exact(3).map(|key| key[1]).collect();
+            values = memory::collected(values.chunks_exact(3).map(|key| key[1]));
         }
         if times.is_empty() || times.len() != values.len() || !times.windows(2).all(|pair| pair[0] < pair[1]) {
             return Err(wrong("its times do not rise, or are not one per value"));

@@ -319,17 +319,17 @@ fn image_kind(bytes: &[u8]) -> Option<&'static str> {
 /// # Errors
 /// As [`packed`]; what the system says of a file.
 #[cfg(feature = "files")]
-pub fn read(path: &std::path::Path) -> Result<Vec<u8>, String> {
+pub fn read(path: &std::path::Path) -> std::io::Result<Vec<u8>> {
     let read = |path: &std::path::Path| {
-        let size = std::fs::metadata(path).map_err(|error| error.to_string())?.len();
-        if size > MAX_BYTES as u64 {
-            return Err(format!("it is larger than {} GiB", MAX_BYTES >> 30));
+        if std::fs::metadata(path)?.len() > MAX_BYTES as u64 {
+            return Err(std::io::Error::other(format!("it is larger than {} GiB", MAX_BYTES >> 30)));
         }
-        crate::file::read(path).map_err(|error| error.to_string())
+        crate::file::read(path)
     };
     let bytes = read(path)?;
     let folder = path.parent().unwrap_or(path);
-    let packed = match packed(&bytes, &mut |name| read(&folder.join(name)))? {
+    let packed = packed(&bytes, &mut |name| read(&folder.join(name)).map_err(|error| error.to_string()));
+    let packed = match packed.map_err(std::io::Error::other)? {
         Cow::Borrowed(_) => None,
         Cow::Owned(packed) => Some(packed),
     };

@@ -94,7 +94,7 @@ impl Session {
         (config.sample_rate, config.channels) = (model.config.audio.sample_rate, 1);
         let decoder = Decoder::new(model, &config.avatar, config.patience)?;
         // What waits for the host, and what a packet brings after losses.
-        config.queue_frames += decoder.most_frames();
+        config.queue_frames = config.queue_frames.saturating_add(decoder.most_frames());
         let rest = model.rest().map_err(EngineError::Rest)?;
         let arena = Arena::system();
         let rate = model.config.audio.sample_rate;

@@ -100,7 +100,7 @@ struct Entry {
     data_offsets: [usize; 2],
 }
 
-/// Writes a model file with its checksum, from where `out` stands.
+/// Writes a model file with its checksums, from where `out` stands.
 ///
 /// # Errors
 /// What the system says.
@@ -108,7 +108,8 @@ pub fn write(out: &mut (impl Write + Seek), config: &Config, tensors: &[NewTenso
     let start = out.stream_position()?;
     let config = serde_json::to_string(config)?;
     let write_header = |out: &mut dyn Write, sum| -> io::Result<()> {
-        let header = header(&config, sum, tensors)?;
+        let mut header = header(&config, sum, tensors)?;
+        checksum::seal(&mut header);
         out.write_all(&(header.len() as u64).to_le_bytes())?;
         out.write_all(header.as_bytes())
     };
@@ -131,6 +132,7 @@ fn header(config: &str, sum: u32, tensors: &[NewTensor]) -> io::Result<String> {
         (checksum::KEY, checksum::text(sum)),
         ("config", config.to_owned()),
         ("format", "umo".to_owned()),
+        (checksum::HEADER_KEY, checksum::text(0)),
         ("version", FORMAT_VERSION.to_owned()),
     ]);
     entries.insert("__metadata__".to_owned(), serde_json::to_value(metadata)?);

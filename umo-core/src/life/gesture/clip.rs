@@ -6,6 +6,7 @@ use super::curve::ease;
 use super::hand::mirrored;
 use super::set::{GestureParts, check_name};
 use crate::error::LoadError;
+use crate::memory;
 use crate::motion::rotation::{Quat, normalized, slerp};
 use crate::motion::skeleton::{FIRST_FINGER, JOINTS};
 use crate::state::Fingerprint;
@@ -52,7 +53,8 @@ impl Gesture {
     /// # Errors
     /// [`LoadError::Config`] where the name is none of 1 to 64 letters, digits, `_`, `-` and
     /// spaces, there are fewer than 2 or more than [`MAX_GESTURE_FRAMES`] frames, the rate is not 1
-    /// to 240, the stroke is outside the clip, a number is not finite, or no part is named.
+    /// to 240, the stroke is outside the clip, a number is not finite, or no part is named;
+    /// [`LoadError::Memory`].
     pub fn new(
         name: &str,
         rate: f32,
@@ -78,7 +80,7 @@ impl Gesture {
         if parts == GestureParts::NONE {
             return refuse("parts", "it moves no part".to_owned());
         }
-        let frames = frames.iter().map(|frame| frame.map(normalized)).collect();
+        let frames = memory::catch(|| memory::collected(frames.iter().map(|frame| frame.map(normalized))))?.into();
         Ok(Self { name: name.to_owned(), rate, frames, stroke, parts })
     }
 
@@ -102,7 +104,7 @@ impl Gesture {
     ) -> Result<Self, LoadError> {
         use crate::glb::clip::{RATE, read};
         check_name(name)?;
-        let frames = crate::memory::catch(|| read(bytes, animation, skeleton))?
+        let frames = memory::catch(|| read(bytes, animation, skeleton))?
             .map_err(|problem| LoadError::config("file", format!("gesture {name:?}: {problem}")))?;
         let middle = 0.5 * frames.len().saturating_sub(1) as f32 / RATE;
         Self::new(name, RATE, &frames, stroke.unwrap_or(middle), parts)
