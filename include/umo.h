@@ -22,6 +22,8 @@
  *   one is served from a reserve until its call ends with that status. That the system has memory for a thread's start is
  *   checked first.
  * - The library runs only on its own threads and inside calls.
+ * - Everything is computed in the default floating-point environment: rounding to nearest, no traps, denormals kept. A
+ *   call restores its caller's environment, exception flags included. The host's callbacks are called in the default one.
  * - _load, _new and _free allocate, and functions whose comment says so; the path from audio to frames never does.
  *
  * Threads of a session:        audio thread             any thread                    game thread
@@ -211,6 +213,10 @@
 
 // What the avatar attends to: one of `UMO_ATTENTION_…`.
 #define UMO_PARAMETER_ATTENTION 5
+
+// The output device's own delay, seconds from the sound that is played to the sound that is heard:
+// `umo_session_sample_pose` shows the pose of so much earlier. 0 to 2; some 0.2 by Bluetooth.
+#define UMO_PARAMETER_OUTPUT_DELAY 6
 
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 #define UMO_PARAMETER_LAYER_GAZE 32
@@ -1428,11 +1434,11 @@ umo_status umo_session_set_clock(struct umo_session *session,
                                  double seconds)
 UMO_NOEXCEPT;
 
-// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own:
-// rotations turn the shorter way, all else is linear. Frames before that time are taken as
-// `umo_session_pull_frames` takes them. A time that is earlier than the oldest frame gives the
-// oldest; one that is later than the newest gives what the idle mode says; times that go back are
-// held. `sampled` may be NULL.
+// The pose at `seconds` of the motion (frame index / 30), less `UMO_PARAMETER_OUTPUT_DELAY`, for a
+// renderer at a rate of its own: rotations turn the shorter way, all else is linear. Frames before
+// that time are taken as `umo_session_pull_frames` takes them. A time that is earlier than the oldest
+// frame gives the oldest; one that is later than the newest gives what the idle mode says; times that
+// go back are held. `sampled` may be NULL.
 //
 // Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
 // Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite;

@@ -52,10 +52,14 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     let mut receivers = Vec::new();
     let config = engine.model().config();
     if let Some(address) = vmc {
-        receivers.push(Receiver::new(address, Protocol::Vmc(vmc::Sender::new(config, args.hips)?))?);
+        let sender = vmc::Sender::new(config, args.hips)?;
+        let datagrams = move |frame: &Frame, seconds| sender.packets(frame.pose, frame.face, seconds);
+        receivers.push(Receiver::new(address, Box::new(datagrams))?);
     }
     if let Some(address) = livelink {
-        receivers.push(Receiver::new(address, Protocol::LiveLink(livelink::Sender::new(config, args)?))?);
+        let sender = livelink::Sender::new(config, args)?;
+        let datagrams = move |frame: &Frame, seconds| Ok(vec![sender.packet(frame.pose, frame.face, seconds)]);
+        receivers.push(Receiver::new(address, Box::new(datagrams))?);
     }
     // A reader may wait for its pipe for ever: nobody joins it.
     let (tell, ended) = channel();
@@ -72,34 +76,27 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What a receiver understands.
-enum Protocol {
-    Vmc(vmc::Sender),
-    LiveLink(livelink::Sender),
-}
+/// The datagrams of a pose that is shown at a second.
+type Datagrams = dyn Fn(&Frame, f64) -> Result<Vec<Vec<u8>>, Failure>;
 
 /// A program that is sent every pose.
 struct Receiver {
     address: SocketAddr,
     socket: UdpSocket,
-    protocol: Protocol,
+    datagrams: Box<Datagrams>,
 }
 
 impl Receiver {
-    fn new(address: SocketAddr, protocol: Protocol) -> Result<Self, Failure> {
+    fn new(address: SocketAddr, datagrams: Box<Datagrams>) -> Result<Self, Failure> {
         let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
             .map_err(|error| Failure::environment(format!("cannot open a socket: {error}")))?;
-        Ok(Self { address, socket, protocol })
+        Ok(Self { address, socket, datagrams })
     }
 
     /// Sends a pose that is shown at `seconds`.
     fn send(&self, frame: &Frame, seconds: f64) -> Result<(), Failure> {
-        let packets = match &self.protocol {
-            Protocol::Vmc(sender) => sender.packets(frame.pose, frame.face, seconds)?,
-            Protocol::LiveLink(sender) => vec![sender.packet(frame.pose, frame.face, seconds)],
-        };
-        for packet in packets {
-            match self.socket.send_to(&packet, self.address) {
+        for datagram in (self.datagrams)(frame, seconds)? {
+            match self.socket.send_to(&datagram, self.address) {
                 Ok(_) => {}
                 // Nobody listens yet, or no longer.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}

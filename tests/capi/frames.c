@@ -171,6 +171,42 @@ static void poses_lie_between_frames(umo_engine *engine) {
     OK(umo_session_free(avatar));
 }
 
+/* A device that is late by an eighth of a second shows what another shows so much earlier; pulled frames are the same. */
+static void an_output_device_may_be_late(umo_engine *engine) {
+    umo_session *avatar = NULL, *late = NULL;
+    umo_frame_layout layout = game_layout(UMO_AXES_GLTF);
+    double delay = 1;
+    umo_sampled sampled = {.struct_size = sizeof sampled};
+    static game_frame pose, late_pose;
+    OK(umo_session_new(engine, NULL, &avatar));
+    OK(umo_session_new(engine, NULL, &late));
+    OK(umo_session_get_parameter(late, UMO_PARAMETER_OUTPUT_DELAY, &delay));
+    CHECK(delay == 0);
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(late, UMO_PARAMETER_OUTPUT_DELAY, 2.5));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(late, UMO_PARAMETER_OUTPUT_DELAY, -0.125));
+    OK(umo_session_set_parameter(late, UMO_PARAMETER_OUTPUT_DELAY, 0.125));
+    OK(umo_session_get_parameter(late, UMO_PARAMETER_OUTPUT_DELAY, &delay));
+    CHECK(delay == 0.125);
+    OK(umo_session_push_audio(avatar, speech, 32000, NULL));
+    OK(umo_session_push_audio(late, speech, 32000, NULL));
+    compute(engine);
+    for (size_t i = 0; i < 64; i++) {
+        double seconds = (double)i / 64;
+        OK(umo_session_sample_pose(avatar, seconds, &layout, &pose, sizeof pose, NULL));
+        OK(umo_session_sample_pose(late, seconds + 0.125, &layout, &late_pose, sizeof late_pose, &sampled));
+        CHECK(!sampled.is_ahead && memcmp(&pose, &late_pose, sizeof pose) == 0);
+    }
+    OK(umo_session_free(avatar));
+    OK(umo_session_free(late));
+    umo_session_config config;
+    OK(umo_session_config_init(&config, sizeof config, model));
+    OK(umo_session_new(engine, &config, &late));
+    OK(umo_session_set_parameter(late, UMO_PARAMETER_OUTPUT_DELAY, 0.125));
+    run(engine, late, &layout, other);
+    CHECK(memcmp(other, plain, sizeof plain) == 0);
+    OK(umo_session_free(late));
+}
+
 typedef struct {
     size_t size, alignment;
     int allocated, released;
@@ -354,6 +390,7 @@ int main(int argc, char **argv) {
     axes_are_each_engine_s(engine);
     gains_still_a_part(engine);
     poses_lie_between_frames(engine);
+    an_output_device_may_be_late(engine);
     memory_is_the_host_s(engine);
     threads_are_the_host_s();
     the_log_is_told(argv[1]);

@@ -5,7 +5,7 @@ use std::ffi::{CStr, c_char};
 use umo_core::config::Sampling;
 use umo_core::life::{Attention, Layer, LipShape, Mood};
 use umo_core::part::Part;
-use umo_core::session::{Idle, MAX_GAIN, Session};
+use umo_core::session::{Idle, MAX_GAIN, MAX_OUTPUT_DELAY, Session};
 
 use crate::ffi::{self, Sized32, guard};
 use crate::status::{Failure, UmoStatus};
@@ -29,6 +29,9 @@ pub const UMO_PARAMETER_GAIN_LOWER: u32 = 19;
 
 /// What the avatar attends to: one of `UMO_ATTENTION_…`.
 pub const UMO_PARAMETER_ATTENTION: u32 = 5;
+/// The output device's own delay, seconds from the sound that is played to the sound that is heard:
+/// `umo_session_sample_pose` shows the pose of so much earlier. 0 to 2; some 0.2 by Bluetooth.
+pub const UMO_PARAMETER_OUTPUT_DELAY: u32 = 6;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub const UMO_PARAMETER_LAYER_GAZE: u32 = 32;
 /// Strength of breath, sway, weight shifts and fingers.
@@ -121,12 +124,13 @@ struct Parameter {
 
 /// Every parameter, in the order of their numbers; the ranges of all begin at 0.
 #[rustfmt::skip]
-const PARAMETERS: [Parameter; 15] = [
+const PARAMETERS: [Parameter; 16] = [
     Parameter { id: UMO_PARAMETER_TEMPERATURE, name: c"temperature", maximum: 100.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_TOP_K, name: c"top_k", maximum: 65535.0, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_TOP_P, name: c"top_p", maximum: 1.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_IDLE, name: c"idle", maximum: UMO_IDLE_LIVE as f64, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_ATTENTION, name: c"attention", maximum: UMO_ATTENTION_SPEAKING as f64, flags: UMO_PARAMETER_WHOLE },
+    Parameter { id: UMO_PARAMETER_OUTPUT_DELAY, name: c"output_delay", maximum: MAX_OUTPUT_DELAY, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_FACE, name: c"gain_face", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_HANDS, name: c"gain_hands", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_UPPER, name: c"gain_upper", maximum: MAX_GAIN as f64, flags: 0 },
@@ -205,6 +209,7 @@ pub(crate) fn set(session: &Session, id: u32, value: f64) -> Result<(), Failure>
         UMO_PARAMETER_TOP_K => session.set_sampling(Sampling { top_k: value as usize, ..session.sampling()? })?,
         UMO_PARAMETER_TOP_P => session.set_sampling(Sampling { top_p: value as f32, ..session.sampling()? })?,
         UMO_PARAMETER_ATTENTION => session.set_attention(attention(value as u32)?)?,
+        UMO_PARAMETER_OUTPUT_DELAY => session.set_output_delay(value)?,
         _ => match layer(id) {
             Some(layer) => session.set_layer(layer, value as f32)?,
             None => session.set_gain(part(id), value as f32)?,
@@ -222,6 +227,7 @@ pub(crate) fn get(session: &Session, id: u32) -> Result<f64, Failure> {
         UMO_PARAMETER_TOP_K => session.sampling()?.top_k as f64,
         UMO_PARAMETER_TOP_P => session.sampling()?.top_p.into(),
         UMO_PARAMETER_ATTENTION => f64::from(session.attention()? as u8),
+        UMO_PARAMETER_OUTPUT_DELAY => session.output_delay(),
         _ => match layer(id) {
             Some(layer) => session.layer(layer)?.into(),
             None => session.gain(part(id)).into(),

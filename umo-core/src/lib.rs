@@ -115,8 +115,8 @@ pub use inner::life::{
 pub use inner::lm::layout::MAX_PROMPT_TOKENS;
 pub use inner::lm::sampler::Sampler;
 pub use inner::session::{
-    AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, PacketConfig, Pushed,
-    Sampled, Session, SessionConfig, Stats, Voice,
+    AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_OUTPUT_DELAY, MAX_RATE, MIN_RATE,
+    PacketConfig, Pushed, Sampled, Session, SessionConfig, Stats, Voice,
 };
 
 // Recordings.

@@ -68,6 +68,9 @@ const OTHER: &str = "push_other_audio";
 const OUTPUT: &str = "pull_frames, sample_pose, set_clock, save or restore";
 const SETTER: &str = "a setter, save or restore";
 
+/// Largest delay of an output device, seconds.
+pub const MAX_OUTPUT_DELAY: f64 = 2.0;
+
 /// Furthest coordinate of a point to look at, metres.
 const MAX_DISTANCE: f32 = 10_000.0;
 
@@ -151,6 +154,8 @@ pub struct Session {
     source: Source,
     /// Most bytes of a state.
     state_size: usize,
+    /// Seconds that the host's output device takes, as the bits of a float.
+    output_delay: AtomicU64,
 }
 
 /// Where a session's frames come from.
@@ -164,7 +169,7 @@ enum Source {
 
 impl Session {
     pub(crate) fn new(shared: Counted<Shared>, slot: SlotHandle, state_size: usize) -> Self {
-        Self { shared, source: Source::Engine(slot), state_size }
+        Self { shared, source: Source::Engine(slot), state_size, output_delay: AtomicU64::new(0) }
     }
 
     /// Where the engine's side of it is.
@@ -307,8 +312,8 @@ impl Session {
         Ok(false)
     }
 
-    /// The pose at `seconds` of the motion (frame index / 30), for a renderer at its own rate:
-    /// rotations turn the shorter way, all else is linear. Frames before that time are taken as
+    /// The pose at `seconds` of the motion (frame index / 30), less [`Self::output_delay`], for a
+    /// renderer at its own rate: rotations turn the shorter way, all else is linear. Frames before that time are taken as
     /// [`Self::pull_frames`] takes them.
     ///
     /// Earlier than the oldest frame gives the oldest; later than the newest gives what [`Idle`]
@@ -323,9 +328,28 @@ impl Session {
         }
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
-        let sampled = output.sample(shared, seconds);
+        let sampled = output.sample(shared, seconds - self.output_delay());
         frame(output.sampled(shared));
         Ok(sampled)
+    }
+
+    /// Sets the output device's own delay, seconds from the sound that is played to the sound that is
+    /// heard, 0 to [`MAX_OUTPUT_DELAY`]: [`Self::sample_pose`] shows the pose of so much earlier. 0 where
+    /// nothing is set. It is no part of a state, and changes no frame.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where the delay is not in the range.
+    pub fn set_output_delay(&self, seconds: f64) -> Result<(), SessionError> {
+        if !(0.0..=MAX_OUTPUT_DELAY).contains(&seconds) {
+            return Err(SessionError::Range("the output device's delay must be 0 to 2 seconds"));
+        }
+        self.output_delay.store(seconds.to_bits(), Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// The output device's delay that was set, seconds.
+    pub fn output_delay(&self) -> f64 {
+        f64::from_bits(self.output_delay.load(Ordering::Relaxed))
     }
 
     /// What time it is for the host, in seconds from any moment on, 0 to 1e9: from the first call on,

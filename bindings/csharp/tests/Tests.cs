@@ -373,6 +373,10 @@ internal static unsafe class Tests
             Equal(Status.Ok, session.Set(Parameter.LayerFeet, 0.25));
             Equal(Status.Ok, session.Get(Parameter.LayerFeet, out value));
             Equal(0.25, value);
+            Equal(Status.InvalidArgument, session.Set(Parameter.OutputDelay, 2.5));
+            Equal(Status.Ok, session.Set(Parameter.OutputDelay, 0.2));
+            Equal(Status.Ok, session.Get(Parameter.OutputDelay, out value));
+            Equal(0.2, value);
             Equal(Status.InvalidArgument, session.PushOtherAudio(new float[3], 0, 3));
             Equal(Status.InvalidArgument, session.PushOtherAudio(new float[4], 2, 4));
             Equal(Status.NullPointer, session.PushOtherAudio(null, 0, 0));

@@ -96,6 +96,11 @@ pub(crate) struct UmoAvatar3D {
     /// Keyframes of sound that it hears ahead, for models that were made to. From the next open on.
     #[export]
     horizon: i32,
+    /// Seconds from the output that Godot knows of (`AudioServer.get_output_latency`) to the sound that
+    /// is heard, as by Bluetooth.
+    #[export(range = (0.0, 2.0, 0.01))]
+    #[var(set = set_output_delay)]
+    output_delay: f64,
     /// What is shown while no audio comes.
     #[export(enum = (Hold = 0, Rest = 1, Live = 2))]
     #[var(set = set_idle)]
@@ -690,6 +695,13 @@ impl UmoAvatar3D {
     }
 
     #[func]
+    fn set_output_delay(&mut self, seconds: f64) {
+        if self.set(ffi::PARAMETER_OUTPUT_DELAY, seconds) {
+            self.output_delay = seconds;
+        }
+    }
+
+    #[func]
     fn set_attention(&mut self, attention: i32) {
         if self.set(ffi::PARAMETER_ATTENTION, f64::from(attention)) {
             self.attention = attention;
@@ -786,6 +798,7 @@ impl UmoAvatar3D {
             (ffi::PARAMETER_LAYER_MOOD, self.layer_mood),
             (ffi::PARAMETER_LAYER_FEET, self.layer_feet),
             (ffi::PARAMETER_ATTENTION, f64::from(self.attention)),
+            (ffi::PARAMETER_OUTPUT_DELAY, self.output_delay),
         ];
         for (parameter, gain) in gains {
             session.set_parameter(parameter, gain)?;

@@ -15,6 +15,7 @@ pub(crate) const ABSENT: u32 = u32::MAX;
 pub(crate) const MODEL_NOTICE: u32 = 3;
 pub(crate) const PARAMETER_IDLE: u32 = 4;
 pub(crate) const PARAMETER_ATTENTION: u32 = 5;
+pub(crate) const PARAMETER_OUTPUT_DELAY: u32 = 6;
 pub(crate) const PARAMETER_GAIN_FACE: u32 = 16;
 pub(crate) const PARAMETER_GAIN_HANDS: u32 = 17;
 pub(crate) const PARAMETER_GAIN_UPPER: u32 = 18;

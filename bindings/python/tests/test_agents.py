@@ -509,3 +509,125 @@ def test_what_is_no_event_is_refused(model):
             speech.take(event)
     with pytest.raises(TypeError, match="expected a dict"):
         speech.take(3)
+
+
+def schemas(tools):
+    return {tool["name"]: tool["input_schema"] for tool in tools.definitions("anthropic")}
+
+
+@pytest.fixture()
+def three(model):
+    """Sessions that do the same unless they are told otherwise, and what they show in the next two seconds."""
+    with umo.Engine(model, polled=True) as engine:
+        sessions = [engine.session(24000) for _ in range(3)]
+
+        def shown():
+            motions = []
+            for session in sessions:
+                poses = []
+                for step in range(60):
+                    session.set_clock(step / 30)
+                    pose = session.sample(0).frame
+                    poses.append(b"".join(getattr(pose, name).tobytes() for name in ("rotations", "translation", "face")))
+                motions.append(poses)
+            return motions
+
+        yield sessions, shown
+
+
+def test_tools_are_made_of_what_the_library_knows(three):
+    session = three[0][0]
+    rest = np.zeros((30, 55, 4), np.float32) + np.float32([0, 0, 0, 1])
+    session.engine.add_gesture("mine", rest, stroke=0.5)
+    tools = umo.agents.Tools(session, {"door": (2, 1.5, 1)})
+    found = schemas(tools)
+    assert tuple(found) == tools.names == ("avatar_gesture", "avatar_mood", "avatar_look")
+    gesture = found["avatar_gesture"]["properties"]
+    assert gesture["gesture"]["enum"] == list(session.engine.gestures) and {"wave", "mine"} <= set(gesture["gesture"]["enum"])
+    assert gesture["place"]["enum"] == ["door"]
+    assert {"neutral", "joy", "afraid"} <= set(found["avatar_mood"]["properties"]["mood"]["enum"])
+    assert found["avatar_look"]["properties"]["look"]["enum"] == ["auto", "idle", "listening", "thinking", "speaking", "door"]
+    for style, schema in (
+        ("openai", lambda tool: (tool["type"], tool["function"]["name"], tool["function"]["parameters"])),
+        ("responses", lambda tool: (tool["type"], tool["name"], tool["parameters"])),
+    ):
+        made = tools.definitions(style)
+        assert json.loads(json.dumps(made)) == made
+        assert [schema(tool) for tool in made] == [("function", name, found[name]) for name in found]
+    assert "place" not in schemas(umo.agents.Tools(session))["avatar_gesture"]["properties"]
+    with pytest.raises(ValueError, match="style 'gemini': expected one of openai, responses, anthropic"):
+        tools.definitions("gemini")
+    with pytest.raises(ValueError, match="place 'idle': a look has this name"):
+        umo.agents.Tools(session, {"idle": (0, 0, 0)})
+
+
+@pytest.mark.parametrize(
+    "name, arguments, told",
+    [
+        ("avatar_gesture", {"gesture": "wave", "side": "left", "strength": 0.8}, lambda s: s.play_gesture("wave", side="left", strength=0.8)),
+        ("avatar_gesture", '{"gesture": "point", "place": "door"}', lambda s: s.play_gesture("point", target=(2, 1.5, 1))),
+        ("avatar_mood", '{"mood": "joy", "strength": 0.5}', lambda s: s.set_mood("joy", 0.5)),
+        ("avatar_look", {"look": "door"}, lambda s: s.look_at((2, 1.5, 1))),
+        ("avatar_look", {"look": "thinking"}, lambda s: setattr(s, "attention", umo.Attention.THINKING)),
+    ],
+)
+def test_a_call_is_carried_out(three, name, arguments, told):
+    (called, twin, other), shown = three
+    assert umo.agents.Tools(called, {"door": (2, 1.5, 1)}).call(name, arguments) == "done"
+    told(twin)
+    first, second, third = shown()
+    assert first == second and first != third
+
+
+def test_a_mood_may_end_by_itself(three, monkeypatch):
+    told = []
+    monkeypatch.setattr(umo.Session, "set_mood", lambda session, mood, strength=1.0: told.append((mood, strength)))
+    tools = umo.agents.Tools(three[0][0])
+    assert tools.call("avatar_mood", {"mood": "joy", "seconds": 0.05}) == "done"
+    for _ in range(200):
+        if len(told) > 1:
+            break
+        time.sleep(0.02)
+    assert told == [("joy", 1.0), ("neutral", 1.0)]
+    # A new mood ends the wait for the old one's end.
+    tools.call("avatar_mood", {"mood": "joy", "seconds": 0.05})
+    tools.call("avatar_mood", {"mood": "sad"})
+    time.sleep(0.2)
+    assert told[2:] == [("joy", 1.0), ("sad", 1.0)]
+
+
+def test_what_a_model_asks_for_wrongly_is_said_to_it(three):
+    (session, *_), shown = three
+    tools = umo.agents.Tools(session)
+    for name, arguments, said in (
+        ("avatar_gesture", "{", "error: "),
+        ("avatar_gesture", "[]", "expected an object"),
+        ("avatar_gesture", {}, "gesture is missing"),
+        ("avatar_gesture", {"gesture": "wafe"}, "did you mean 'wave'"),
+        ("avatar_gesture", {"gesture": "wave", "place": "door"}, "unknown argument 'place'"),
+        ("avatar_gesture", {"gesture": "wave", "strength": 2}, "strength 2: expected a number from 0 to 1"),
+        ("avatar_mood", {"mood": "joy", "seconds": 0}, "seconds 0: expected a number"),
+        ("avatar_mood", {"mood": "joy", "strength": True}, "strength True"),
+        ("avatar_mood", {"mood": 1}, "mood: expected a text"),
+        ("avatar_look", {"look": "door"}, "look 'door'"),
+    ):
+        answer = tools.call(name, arguments)
+        assert answer.startswith("error: ") and said in answer, (arguments, answer)
+    first, second, _ = shown()
+    assert first == second
+    with pytest.raises(LookupError, match="tool 'weather'"):
+        tools.call("weather", {})
+
+
+def test_tools_of_an_avatar_wait_for_its_start(model):
+    async def asked():
+        avatar = umo.agents.Avatar(model=model)
+        tools = umo.agents.Tools(avatar)
+        with pytest.raises(RuntimeError, match="not started"):
+            tools.definitions()
+        async with avatar:
+            assert tools.call("avatar_mood", {"mood": "joy", "seconds": 0.05}) == "done"
+        # Its mood ends after it was closed.
+        await asyncio.sleep(0.2)
+
+    run(asked())

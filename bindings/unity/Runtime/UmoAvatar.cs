@@ -46,6 +46,8 @@ namespace Umo.Unity
         [Range(0, 1)] public float lookAtStrength = 1;
         [Tooltip("Who speaks to the avatar: it listens while this source is heard.")]
         public AudioSource otherSource;
+        [Tooltip("Seconds from Unity's mixer to the sound that is heard: some 0.2 by Bluetooth.")]
+        [Range(0, 2)] public float outputDelay = 0;
 
         [Header("Layers over the model's motion, taken over while it runs")]
         [Range(0, 1)] public float gazeLayer = 1;
@@ -100,7 +102,7 @@ namespace Umo.Unity
         private double quiet, restLength, hostTime;
         private int blocks;
         private bool any, restart;
-        private readonly double[] sent = new double[11];
+        private readonly double[] sent = new double[12];
         private Idle sentIdle;
         private string sentPrompt;
         private Mood sentMood;
@@ -374,6 +376,7 @@ namespace Umo.Unity
             FindFigure(loaded);
             for (int i = 0; i < sent.Length; i++) sent[i] = 1;
             sent[AttentionIndex] = (double)Attention.Auto;
+            sent[DelayIndex] = 0;
             sentIdle = config.Idle;
             sentPrompt = "";
             sentMood = Mood.Neutral;
@@ -487,7 +490,7 @@ namespace Umo.Unity
             if (quiet < 0.2) blocks = line.Blocks;
             else if (blocks == line.Blocks) line.Clear();
             else blocks = -1;
-            double tail = bodyLag / (double)rate + 0.1;
+            double tail = bodyLag / (double)rate + outputDelay + 0.1;
             bool feeds = idle == Idle.Live || quiet < tail;
             if (feeds)
             {
@@ -546,8 +549,8 @@ namespace Umo.Unity
             return Works(session.PushOtherAudio(otherSamples, 0, count * channels));
         }
 
-        /// Where the attention is in `sent`.
-        private const int AttentionIndex = 10;
+        /// Where the attention and the output's delay are in `sent`.
+        private const int AttentionIndex = 10, DelayIndex = 11;
 
         /// Hands on what was changed in the inspector or by a script.
         private bool Send()
@@ -557,7 +560,8 @@ namespace Umo.Unity
                 && Send(4, Parameter.LayerGaze, gazeLayer, 1) && Send(5, Parameter.LayerIdle, idleLayer, 1)
                 && Send(6, Parameter.LayerAsymmetry, asymmetryLayer, 1) && Send(7, Parameter.LayerNods, nodsLayer, 1)
                 && Send(8, Parameter.LayerMood, moodLayer, 1) && Send(9, Parameter.LayerFeet, feetLayer, 1)
-                && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking);
+                && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking)
+                && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2);
             float strength = Mathf.Clamp(moodStrength, 0, 1);
             if (works && (mood != sentMood || strength != sentMoodStrength))
             {

@@ -733,6 +733,7 @@ namespace Umo.Unity.Tests
             avatar.mood = Mood.Joy;
             avatar.moodStrength = 0.5f;
             avatar.feetLayer = 0.25f;
+            avatar.outputDelay = 1;
             Enable();
             Run(0.2);
             double value;
@@ -740,6 +741,8 @@ namespace Umo.Unity.Tests
             Assert.AreEqual((double)Attention.Thinking, value);
             Assert.AreEqual(Status.Ok, avatar.Session.Get(Parameter.LayerFeet, out value));
             Assert.AreEqual(0.25, value);
+            Assert.AreEqual(Status.Ok, avatar.Session.Get(Parameter.OutputDelay, out value));
+            Assert.AreEqual(1.0, value);
             Assert.AreEqual("", avatar.Error);
             Disable();
         }

@@ -226,11 +226,11 @@ pub extern "C" fn umo_session_set_clock(session: *mut UmoSession, seconds: f64) 
     on(session, |handle| Ok(handle.session.set_clock(seconds)?))
 }
 
-/// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own:
-/// rotations turn the shorter way, all else is linear. Frames before that time are taken as
-/// `umo_session_pull_frames` takes them. A time that is earlier than the oldest frame gives the
-/// oldest; one that is later than the newest gives what the idle mode says; times that go back are
-/// held. `sampled` may be NULL.
+/// The pose at `seconds` of the motion (frame index / 30), less `UMO_PARAMETER_OUTPUT_DELAY`, for a
+/// renderer at a rate of its own: rotations turn the shorter way, all else is linear. Frames before
+/// that time are taken as `umo_session_pull_frames` takes them. A time that is earlier than the oldest
+/// frame gives the oldest; one that is later than the newest gives what the idle mode says; times that
+/// go back are held. `sampled` may be NULL.
 ///
 /// Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
 /// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite;

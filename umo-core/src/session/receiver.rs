@@ -7,7 +7,7 @@
 //! The chunk is computed where its packet is pushed. All that follows the ring is that of a session
 //! with an engine: layers, what moves while no frames come, gains, gestures.
 
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -118,7 +118,8 @@ impl Session {
             ease: frames_of(config.ease, model.config.frame_rate),
         };
         let shared = arena.counted(Shared::new(init, &config)?);
-        Ok(Self { shared, source: Source::Packets(Box::new(Mutex::new(receiver))), state_size: 0 })
+        let source = Source::Packets(Box::new(Mutex::new(receiver)));
+        Ok(Self { shared, source, state_size: 0, output_delay: AtomicU64::new(0) })
     }
 
     fn receiver(&self) -> Result<&Mutex<Receiver>, SessionError> {

@@ -152,7 +152,8 @@ impl UmoAvatar3D {
     /// of rest needs.
     pub(super) fn run_on(&mut self, delta: f64) {
         let Some(session) = &self.session else { return };
-        let most = self.shown.newest + AHEAD + if self.idle == IDLE_REST { session.rest_seconds } else { 0.0 };
+        let rest = if self.idle == IDLE_REST { session.rest_seconds } else { 0.0 };
+        let most = self.shown.newest + self.output_delay + AHEAD + rest;
         self.time = self.time.max((self.time + delta).min(most));
     }
 

@@ -37,6 +37,7 @@ PARAMETERS = {
     "top_p": 3,
     "idle": 4,
     "attention": 5,
+    "output_delay": 6,
     "gain_face": 16,
     "gain_hands": 17,
     "gain_upper": 18,

@@ -171,6 +171,9 @@ class Session(_library.Handle):
     top_p = Parameter[float]("top_p", "Only the likeliest codes that together reach this probability are drawn from.")
     idle = Parameter[int]("idle", "What is shown while no audio comes: one of `Idle`.")
     attention = Parameter[int]("attention", "What the avatar attends to: one of `Attention`.")
+    output_delay = Parameter[float](
+        "output_delay", "The output device's own delay, seconds: `sample` shows the pose of so much earlier. Some 0.2 by Bluetooth."
+    )
     gain_face = Parameter[float]("gain_face", "How much the face moves: 0 at rest, 1 as computed, 2 exaggerated.")
     gain_hands = Parameter[float]("gain_hands", "How much the fingers move.")
     gain_upper = Parameter[float]("gain_upper", "How much spine, neck, head and arms move.")

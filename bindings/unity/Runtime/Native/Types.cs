@@ -69,6 +69,7 @@ namespace Umo
         TopP = 3,
         Idle = 4,
         Attention = 5,
+        OutputDelay = 6,
         GainFace = 16,
         GainHands = 17,
         GainUpper = 18,

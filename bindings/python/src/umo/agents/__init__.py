@@ -2,7 +2,7 @@
 
 | module | for |
 |---|---|
-| `umo.agents` | any agent that runs in asyncio: `Avatar` |
+| `umo.agents` | any agent that runs in asyncio: `Avatar`; a language model that moves it: `Tools` |
 | `umo.agents.pipecat` | Pipecat: a frame processor (extra `umo-avatar[pipecat]`) |
 | `umo.agents.livekit` | LiveKit agents: an audio output, and a video generator for avatar workers (extra `umo-avatar[livekit]`) |
 | `umo.agents.openai` | events of OpenAI's Realtime API and of what speaks its protocol |
@@ -16,5 +16,6 @@
 """
 
 from ._avatar import Avatar, Interrupted, Pose
+from ._tools import Tools
 
-__all__ = ["Avatar", "Interrupted", "Pose"]
+__all__ = ["Avatar", "Interrupted", "Pose", "Tools"]
