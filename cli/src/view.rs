@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use crate::args::Page;
 use crate::atomic_file;
 use crate::failure::Failure;
-pub(crate) use live::for_session;
+pub(crate) use live::session_rate;
 use scene::Scene;
 
 /// Makes the page and opens it, or serves it.
