@@ -60,6 +60,7 @@ pub(crate) fn open(format: Format, bytes: Bytes) -> Result<Box<dyn Blocks>, Audi
         decoded: Vec::new(),
         lost: 0,
         counts: Counts::default(),
+        is_cut: false,
         is_out_of_order: false,
     };
     decoder.file = decoder.next_file()?;
@@ -75,7 +76,8 @@ fn edit_list(bytes: &Bytes) -> Result<Option<List>, AudioError> {
             break;
         }
         if &kind == b"moov" {
-            let content = bytes.peek(at + header as u64, usize::try_from(size.min(MOST_INDEX)).unwrap_or(0) - header)?;
+            let content =
+                bytes.peek(at + header as u64, usize::try_from(size.min(MOST_INDEX)).unwrap_or(0) - header)?;
             return Ok(List::of_movie(&content));
         }
         at = at.saturating_add(size);
@@ -102,6 +104,7 @@ struct Compressed {
     decoded: Vec<f32>,
     lost: usize,
     counts: Counts,
+    is_cut: bool,
     is_out_of_order: bool,
 }
 
@@ -144,6 +147,11 @@ impl Compressed {
         let reader = match self.format {
             Format::Mpeg | Format::Adts | Format::Flac => probe(bytes.unseekable()),
             Format::Aiff => probe(bytes.clone().unseekable()).or_else(|_| probe(bytes)),
+            // Where the end can be seen, a file that ends before the end of its last element is refused.
+            Format::Matroska => probe(bytes.clone()).or_else(|error| {
+                self.is_cut = true;
+                probe(bytes.unseekable()).map_err(|_| error)
+            }),
             _ => probe(bytes),
         };
         File::new(self.format, reader.map_err(damaged)?).map(Some)
@@ -244,6 +252,9 @@ impl Blocks for Compressed {
         let Counts { claimed, found } = self.counts;
         if claimed > found && found > 0 {
             notes.push(Note::Short { claimed, found });
+        }
+        if self.is_cut {
+            notes.push(Note::Cut);
         }
         if self.is_out_of_order {
             notes.push(Note::Edits);

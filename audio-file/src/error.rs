@@ -34,6 +34,8 @@ pub enum Note {
         /// Samples that are there, which were read.
         found: u64,
     },
+    /// The file ends within its container.
+    Cut,
     /// The edit list plays parts of the file out of their order; all of it was read, in the file's.
     Edits,
     /// A chunk of odd length without the padding byte that belongs behind it.
@@ -63,6 +65,7 @@ impl fmt::Display for Note {
             Self::Short { claimed, found } => {
                 write!(f, "the file claims {claimed} samples of audio and holds {found}")
             }
+            Self::Cut => f.write_str("the file is cut: it ends before the end that it claims"),
             Self::Edits => f.write_str("its edit list plays parts out of order, which umo does not follow"),
             Self::Unpadded => f.write_str("a chunk of odd length has no padding byte: read without it"),
             Self::Trailing { bytes } => write!(f, "{bytes} bytes behind the audio are not chunks: left out"),

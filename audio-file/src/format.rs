@@ -34,8 +34,8 @@ const W64: [u8; 16] = *b"riff\x2e\x91\xcf\x11\xa5\xd6\x28\xdb\x04\xc1\x00\x00";
 
 /// Extensions of files that are read.
 const EXTENSIONS: [&str; 22] = [
-    "wav", "wave", "w64", "rf64", "bwf", "aif", "aiff", "aifc", "caf", "flac", "mp3", "mp2", "ogg", "oga", "opus", "m4a", "mp4",
-    "alac", "aac", "webm", "mkv", "mka",
+    "wav", "wave", "w64", "rf64", "bwf", "aif", "aiff", "aifc", "caf", "flac", "mp3", "mp2", "ogg", "oga", "opus",
+    "m4a", "mp4", "alac", "aac", "webm", "mkv", "mka",
 ];
 
 /// The extension of a path is one of recordings that are read.

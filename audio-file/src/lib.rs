@@ -15,8 +15,8 @@ mod format;
 mod reader;
 mod wav;
 
-pub use format::has_extension;
 pub use error::{AudioError, Note, ReadError};
+pub use format::has_extension;
 pub use reader::{Reader, Recording, parse, read};
 
 use std::ops::RangeInclusive;

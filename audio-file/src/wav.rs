@@ -79,7 +79,8 @@ impl Wav {
         let unit = self.encoding.unit(self.spec.width());
         while let Some(range) = self.data.front_mut() {
             let size = (PIECE / unit).max(1) * unit;
-            self.piece = self.bytes.peek(range.start, size.min(usize::try_from(range.end - range.start).unwrap_or(size)))?;
+            self.piece =
+                self.bytes.peek(range.start, size.min(usize::try_from(range.end - range.start).unwrap_or(size)))?;
             range.start += self.piece.len() as u64;
             if self.piece.len() < size {
                 self.data.pop_front();

@@ -14,10 +14,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{AudioSource, Precision};
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
 use umo_core::session::{Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice};
+use umo_core::{AudioSource, Precision};
 
 use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;

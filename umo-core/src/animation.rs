@@ -59,7 +59,10 @@ struct Track {
 
 impl fmt::Debug for Track {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Track").field("pending", &self.pending.len()).field("samples", &self.samples).finish_non_exhaustive()
+        f.debug_struct("Track")
+            .field("pending", &self.pending.len())
+            .field("samples", &self.samples)
+            .finish_non_exhaustive()
     }
 }
 

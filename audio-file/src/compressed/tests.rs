@@ -1,6 +1,5 @@
 use std::path::PathBuf;
 
-
 use crate::{Note, Recording, parse, read};
 
 fn path(name: &str) -> PathBuf {
@@ -184,6 +183,12 @@ fn what_a_cut_file_lacks_is_noted_or_refused() {
         let short = |note: &Note| matches!(note, Note::Short { claimed: 16_000.., .. });
         assert!(read.notes.iter().any(short), "{name}: {:?}", read.notes);
     }
+    for (name, frames) in [("hello.webm", 20_000..40_000), ("hello.mka", 6_000..14_000)] {
+        let whole = bytes(name);
+        let read = parse(&whole[..whole.len() * 6 / 10]).unwrap();
+        assert!(frames.contains(&read.frames()), "{name}: {}", read.frames());
+        assert!(read.notes.contains(&Note::Cut), "{name}: {:?}", read.notes);
+    }
     // Its index is at its end.
     let whole = bytes("hello.m4a");
     let error = parse(&whole[..whole.len() / 2]).unwrap_err();
@@ -199,8 +204,19 @@ fn damaged_files_give_errors_or_usable_samples() {
         usize::try_from(random >> 33).unwrap()
     };
     for name in [
-        "hello.flac", "hello.mp3", "hello.ogg", "hello.opus", "hello.m4a", "hello.aac", "hello.webm", "hello.mka",
-        "hello-late.m4a", "phone.aiff", "phone-alac.caf", "phone.w64", "phone-adpcm_ms.wav",
+        "hello.flac",
+        "hello.mp3",
+        "hello.ogg",
+        "hello.opus",
+        "hello.m4a",
+        "hello.aac",
+        "hello.webm",
+        "hello.mka",
+        "hello-late.m4a",
+        "phone.aiff",
+        "phone-alac.caf",
+        "phone.w64",
+        "phone-adpcm_ms.wav",
     ] {
         let whole = bytes(name);
         for round in 0..150 {

@@ -6,9 +6,8 @@ use crate::bytes::Bytes;
 use crate::error::Note;
 
 /// Chunks that follow one without its padding byte.
-const KNOWN: [&[u8; 4]; 12] = [
-    b"data", b"fmt ", b"LIST", b"fact", b"bext", b"junk", b"JUNK", b"id3 ", b"cue ", b"smpl", b"iXML", b"PEAK",
-];
+const KNOWN: [&[u8; 4]; 12] =
+    [b"data", b"fmt ", b"LIST", b"fact", b"bext", b"junk", b"JUNK", b"id3 ", b"cue ", b"smpl", b"iXML", b"PEAK"];
 /// The last 12 bytes of Wave64's names of chunks that WAV has, too.
 const W64_NAME: [u8; 12] = *b"\xf3\xac\xd3\x11\x8c\xd1\x00\xc0\x4f\x8e\xdb\x8a";
 

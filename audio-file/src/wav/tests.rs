@@ -273,7 +273,8 @@ fn parse_says_what_it_leaves_behind_the_audio() {
 
 #[test]
 fn parse_reads_rifx() {
-    let mut bytes = b"RIFX\0\0\0\0WAVEfmt \0\0\0\x10\0\x01\0\x01\0\0\x3e\x80\0\0\x7d\0\0\x02\0\x10data\0\0\0\x04".to_vec();
+    let mut bytes =
+        b"RIFX\0\0\0\0WAVEfmt \0\0\0\x10\0\x01\0\x01\0\0\x3e\x80\0\0\x7d\0\0\x02\0\x10data\0\0\0\x04".to_vec();
     bytes.extend([0x40, 0, 0xC0, 0]);
     let wav = parse(&bytes).unwrap();
     assert_eq!((wav.sample_rate, wav.samples, wav.notes), (16_000, vec![0.5, -0.5], vec![]));

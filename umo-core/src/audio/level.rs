@@ -223,9 +223,8 @@ fn level(bins: &[u64; BINS], hops: u64, factor: f64) -> Option<Level> {
     });
     let loud = loud.or_else(|| (0..BINS).find(|&bin| bins[bin] > 0))?;
     let active = (0..BINS).filter(|&bin| power(bin) >= power(loud) / 100.0);
-    let (sum, count) = active.fold((0.0, 0), |(sum, count), bin| {
-        (sum + power(bin) * bins[bin] as f64, count + bins[bin])
-    });
+    let (sum, count) =
+        active.fold((0.0, 0), |(sum, count), bin| (sum + power(bin) * bins[bin] as f64, count + bins[bin]));
     let active = sum / count as f64;
     // The quietest tenth. Hops without any sound are in no bin.
     let silent = hops - bins.iter().sum::<u64>();
