@@ -326,7 +326,7 @@ fn forced_ids(config: &Config, random: &mut Random) -> (Vec<u32>, Vec<(Part, usi
 
 /// Prints how many audio units of a recording differ from the first model's.
 fn units(models: &[&str], wav: &str) -> Done {
-    let wav = umo_audio_file::wav::read(Path::new(wav))?;
+    let wav = umo_audio_file::read(Path::new(wav))?;
     let team = Team::new(2)?;
     let mut first: Option<(Vec<f32>, Vec<u32>)> = None;
     println!("| model | features | units |");

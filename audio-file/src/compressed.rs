@@ -1,149 +1,359 @@
-//! FLAC, MP3, Ogg Vorbis and AAC, by `symphonia`; Ogg Opus, in `opus`.
+//! Formats other than WAV: containers by `symphonia`, codecs by `symphonia` and, of Opus, `ropus`; Ogg
+//! Opus in `opus`.
 
-use std::io::{Cursor, ErrorKind};
+use std::io::ErrorKind;
 
-use symphonia::core::codecs::audio::{AudioDecoder, AudioDecoderOptions};
+use symphonia::core::audio::{Channels, Position};
+use symphonia::core::codecs::audio::well_known::CODEC_ID_OPUS;
+use symphonia::core::codecs::audio::{AudioCodecParameters, AudioDecoder, AudioDecoderOptions};
 use symphonia::core::errors::Error;
 use symphonia::core::formats::probe::Hint;
-use symphonia::core::formats::{FormatReader, TrackType};
+use symphonia::core::formats::{FormatReader, Track, TrackType};
 use symphonia::core::io::MediaSourceStream;
-use umo_core::{audio, defect};
+use symphonia::core::packet::Packet;
+use symphonia::core::units::{Duration, TimeBase};
 
-use crate::wav::{MAX_CHANNELS, Note, OPUS, SAMPLE_RATES, Wav, WavError};
+use crate::bytes::Bytes;
+use crate::error::{AudioError, Note};
+use crate::format::{Format, START};
+use crate::reader::{Blocks, Spec};
+use edits::{Edits, List};
+use opus::{Head, OggOpus, Packets};
 
 mod edits;
 mod opus;
+mod parts;
 
-/// Most samples of a recording: of six hours in stereo at 48 kHz. A few bytes may claim to be many.
-const MAX_SAMPLES: usize = 1 << 31;
+/// Packets behind the end that a file claims, which encoders add; more of them are another recording
+/// that follows.
+const MOST_ADDED: usize = 3;
+/// Largest index of an MPEG-4 file whose edit list is looked at.
+const MOST_INDEX: u64 = 256 << 20;
 
-/// Reads the bytes of a file that starts as, or is named as, the format `name`.
+/// Chooses the decoder of a format.
 ///
 /// # Errors
-/// [`WavError`] where nothing can be read.
-pub(crate) fn parse(name: &'static str, bytes: Vec<u8>) -> Result<Wav, WavError> {
-    // Other people's decoders on anybody's bytes: a panic is damage of the file.
-    defect::contain_quietly(|| if name == OPUS { opus::decode(bytes) } else { decode(name, bytes) })
-        .unwrap_or_else(|defect| Err(WavError::Damaged { name, cause: defect.message().to_owned() }))
+/// [`AudioError`] where nothing can be read.
+pub(crate) fn open(format: Format, bytes: Bytes) -> Result<Box<dyn Blocks>, AudioError> {
+    if format == Format::OggOpus {
+        return Ok(Box::new(OggOpus::new(bytes)));
+    }
+    // A tag may stand before other formats than MP3.
+    let (format, bytes) = match format {
+        Format::Mpeg => {
+            let bytes = bytes.part(parts::tags(&bytes)?..bytes.len());
+            if bytes.len() == 0 {
+                let cause = "it ends with its tag, before any audio".to_owned();
+                return Err(AudioError::Damaged { name: format.name(), cause });
+            }
+            (Format::of_start(&bytes.peek(0, START)?).filter(|found| found.is_bare()).unwrap_or(format), bytes)
+        }
+        format => (format, bytes),
+    };
+    let list = if format == Format::Mpeg4 { edit_list(&bytes)? } else { None };
+    let mut decoder = Compressed {
+        format,
+        rest: bytes,
+        list,
+        file: None,
+        spec: None,
+        decoded: Vec::new(),
+        lost: 0,
+        counts: Counts::default(),
+        is_cut: false,
+        is_out_of_order: false,
+    };
+    decoder.file = decoder.next_file()?;
+    Ok(Box::new(decoder))
 }
 
-fn decode(name: &'static str, bytes: Vec<u8>) -> Result<Wav, WavError> {
-    let wrong = |error: Error| match error {
-        Error::Unsupported(_) => WavError::OtherCodec(name),
-        error => WavError::Damaged { name, cause: error.to_string() },
-    };
-    let edit = edits::of_audio(&bytes);
-    let source = MediaSourceStream::new(Box::new(Cursor::new(bytes)), Default::default());
-    let mut reader = symphonia::default::get_probe()
-        .probe(&Hint::new(), source, Default::default(), Default::default())
-        .map_err(|error| WavError::Damaged { name, cause: error.to_string() })?;
-    let (mut track, mut decoder, claimed) = select(name, reader.as_ref()).map_err(|failed| failed.or(wrong))?;
-    let (mut samples, mut buffer) = (Vec::new(), Vec::<f32>::new());
-    let (mut spec, mut lost, mut joined) = (None, 0, false);
-    loop {
-        let packet = match reader.next_packet() {
-            Ok(Some(packet)) => packet,
-            Ok(None) => break,
-            // Another stream after the first, of which recordings are joined.
-            Err(Error::ResetRequired) => {
-                (track, decoder, _) = select(name, reader.as_ref()).map_err(|failed| failed.or(wrong))?;
-                joined = true;
+/// The edit list of an MPEG-4 file.
+fn edit_list(bytes: &Bytes) -> Result<Option<List>, AudioError> {
+    let mut at = 0;
+    while let Some((kind, header, size)) = edits::header(&bytes.peek(at, 16)?) {
+        let size = if size == 0 { bytes.len() - at } else { size };
+        if size < header as u64 {
+            break;
+        }
+        if &kind == b"moov" {
+            let content =
+                bytes.peek(at + header as u64, usize::try_from(size.min(MOST_INDEX)).unwrap_or(0) - header)?;
+            return Ok(List::of_movie(&content));
+        }
+        at = at.saturating_add(size);
+    }
+    Ok(None)
+}
+
+/// Samples of each channel, of all joined files.
+#[derive(Default)]
+struct Counts {
+    claimed: u64,
+    found: u64,
+}
+
+/// A file that may be several, one after the other.
+struct Compressed {
+    format: Format,
+    /// Files that were not opened yet.
+    rest: Bytes,
+    list: Option<List>,
+    file: Option<File>,
+    spec: Option<Spec>,
+    /// Decoded samples that wait for a pause.
+    decoded: Vec<f32>,
+    lost: usize,
+    counts: Counts,
+    is_cut: bool,
+    is_out_of_order: bool,
+}
+
+/// One of the files.
+struct File {
+    reader: Box<dyn FormatReader>,
+    decoder: Decoder,
+    track: u32,
+    format: Format,
+    /// Samples of each channel that the file claims.
+    claimed: Option<u64>,
+    found: u64,
+    /// Samples of each channel that the last packet has less than its time.
+    unfilled: u64,
+    edits: Option<Edits>,
+    /// Decoded packets behind the claimed end.
+    added: Vec<f32>,
+    added_packets: usize,
+}
+
+enum Decoder {
+    Symphonia(Box<dyn AudioDecoder>),
+    Opus(Box<Packets>),
+}
+
+impl Compressed {
+    /// Opens the next of the joined files.
+    fn next_file(&mut self) -> Result<Option<File>, AudioError> {
+        let start = parts::tags(&self.rest)?;
+        self.rest = self.rest.part(start..self.rest.len());
+        if self.rest.len() == 0 {
+            return Ok(None);
+        }
+        let length = parts::first(self.format, &self.rest)?;
+        let bytes = self.rest.part(0..length);
+        self.rest = self.rest.part(length..self.rest.len());
+        let name = self.format.name();
+        let damaged = |error: Error| AudioError::Damaged { name, cause: error.to_string() };
+        // Streams without a length are not to be guessed one; AIFF's chunks behind the audio may be cut.
+        let reader = match self.format {
+            Format::Mpeg | Format::Adts | Format::Flac => probe(bytes.unseekable()),
+            Format::Aiff => probe(bytes.clone().unseekable()).or_else(|_| probe(bytes)),
+            // Where the end can be seen, a file that ends before the end of its last element is refused.
+            Format::Matroska => probe(bytes.clone()).or_else(|error| {
+                self.is_cut = true;
+                probe(bytes.unseekable()).map_err(|_| error)
+            }),
+            _ => probe(bytes),
+        };
+        File::new(self.format, reader.map_err(damaged)?).map(Some)
+    }
+
+    /// The next packet's samples, in `self.decoded`.
+    fn decode(&mut self) -> Result<Option<Spec>, AudioError> {
+        while let Some(file) = &mut self.file {
+            let packet = match file.reader.next_packet() {
+                Ok(Some(packet)) => Some(packet),
+                Ok(None) => None,
+                // Another stream after the first, of which recordings are joined.
+                Err(Error::ResetRequired) => {
+                    let (track, decoder) = select(self.format, file.reader.as_ref())?;
+                    (file.track, file.decoder, file.claimed) = (track.id, decoder, None);
+                    continue;
+                }
+                Err(Error::IoError(error)) if error.kind() == ErrorKind::UnexpectedEof => None,
+                Err(_) => {
+                    self.lost += 1;
+                    None
+                }
+            };
+            let Some(packet) = packet else {
+                self.counts.found += file.found;
+                // A claim of whole packets, of which the last is shorter, is kept.
+                let claimed = file.claimed.filter(|&claimed| claimed > file.found + file.unfilled);
+                self.counts.claimed += claimed.unwrap_or(file.found);
+                self.file = loop {
+                    match self.next_file() {
+                        Ok(file) => break file,
+                        Err(_) if self.spec.is_some() => self.lost += 1,
+                        Err(error) => return Err(error),
+                    }
+                };
+                continue;
+            };
+            if packet.track_id != file.track {
                 continue;
             }
-            Err(Error::IoError(error)) if error.kind() == ErrorKind::UnexpectedEof => break,
-            Err(_) => {
-                lost += 1;
-                break;
+            let length = packet.dur.get();
+            match file.decode(packet, &mut self.decoded, &mut self.lost)? {
+                Some(spec) if !self.decoded.is_empty() => {
+                    let first = *self.spec.get_or_insert(spec);
+                    if (first.sample_rate, first.channels) != (spec.sample_rate, spec.channels) {
+                        let cause = "its sample rate or its number of channels changes".to_owned();
+                        return Err(AudioError::Damaged { name: self.format.name(), cause });
+                    }
+                    if file.found == 0
+                        && let Some(list) = self.list.take()
+                    {
+                        file.edits = list.edits(spec.sample_rate, file.claimed);
+                        self.is_out_of_order = file.edits.is_none();
+                    }
+                    let count = (self.decoded.len() / spec.width()) as u64;
+                    file.found += count;
+                    file.unfilled = length.saturating_sub(count);
+                    return Ok(Some(spec));
+                }
+                _ => {}
             }
-        };
-        if packet.track_id != track {
-            continue;
         }
-        let decoded = match decoder.decode(&packet) {
-            Ok(decoded) if decoded.frames() == 0 => continue,
-            Ok(decoded) => decoded,
-            Err(_) => {
-                lost += 1;
-                continue;
+        Ok(None)
+    }
+}
+
+impl Blocks for Compressed {
+    fn next(&mut self, block: &mut Vec<f32>) -> Result<Option<Spec>, AudioError> {
+        loop {
+            if self.decoded.is_empty() && self.decode()?.is_none() {
+                return Ok(None);
             }
+            let Some(spec) = self.spec else { return Ok(None) };
+            let width = spec.width();
+            let taken = match self.file.as_mut().and_then(|file| file.edits.as_mut()) {
+                None => {
+                    std::mem::swap(block, &mut self.decoded);
+                    self.decoded.clear();
+                    return Ok(Some(spec));
+                }
+                Some(edits) => {
+                    edits.pause(block, width);
+                    if block.is_empty() { edits.take(&self.decoded, block, width) } else { 0 }
+                }
+            };
+            self.decoded.drain(..taken * width);
+            if !block.is_empty() {
+                return Ok(Some(spec));
+            }
+        }
+    }
+
+    fn notes(&self) -> Vec<Note> {
+        let mut notes = Vec::new();
+        if self.lost > 0 {
+            notes.push(Note::Lost { packets: self.lost });
+        }
+        let Counts { claimed, found } = self.counts;
+        if claimed > found && found > 0 {
+            notes.push(Note::Short { claimed, found });
+        }
+        if self.is_cut {
+            notes.push(Note::Cut);
+        }
+        if self.is_out_of_order {
+            notes.push(Note::Edits);
+        }
+        notes
+    }
+}
+
+impl File {
+    fn new(format: Format, reader: Box<dyn FormatReader>) -> Result<Self, AudioError> {
+        let (track, decoder) = select(format, reader.as_ref())?;
+        let claimed = track.num_frames.filter(|&count| count > 0).map(|count| samples(track, count));
+        // Its decoders do not leave out what encoders put before and behind.
+        let delay = u64::from(track.delay.unwrap_or(0));
+        let is_trimmed = format == Format::Caf && delay + u64::from(track.padding.unwrap_or(0)) > 0;
+        let edits = is_trimmed.then(|| Edits::range(delay, delay.saturating_add(claimed.unwrap_or(u64::MAX))));
+        let track = track.id;
+        let (added, added_packets) = (Vec::new(), 0);
+        Ok(Self { reader, decoder, track, format, claimed, found: 0, unfilled: 0, edits, added, added_packets })
+    }
+
+    /// Writes a packet's samples into `block`, and counts one that cannot be decoded.
+    fn decode(
+        &mut self,
+        mut packet: Packet,
+        block: &mut Vec<f32>,
+        lost: &mut usize,
+    ) -> Result<Option<Spec>, AudioError> {
+        block.clear();
+        let decoder = match &mut self.decoder {
+            Decoder::Opus(packets) => {
+                *lost += usize::from(!packets.decode(&packet.data, block));
+                return Ok(Some(packets.spec()));
+            }
+            Decoder::Symphonia(decoder) => decoder,
         };
-        let rate = decoded.spec().rate();
-        let channels = u16::try_from(decoded.num_planes()).unwrap_or(u16::MAX);
-        if *spec.get_or_insert((rate, channels)) != (rate, channels) {
-            let cause = "its sample rate or its number of channels changes".to_owned();
-            return Err(WavError::Damaged { name, cause });
+        let is_behind = self.format == Format::Mpeg && packet.trim_end >= packet.dur && packet.dur > Duration::ZERO;
+        if is_behind {
+            packet.trim_end = Duration::ZERO;
         }
-        if !(1..=MAX_CHANNELS).contains(&channels) {
-            return Err(WavError::Channels(channels));
+        let Ok(decoded) = decoder.decode(&packet) else {
+            *lost += 1;
+            return Ok(None);
+        };
+        let (rate, channels) = (decoded.spec().rate(), decoded.spec().channels().count());
+        let spec = Spec::new(rate, channels, centre(decoded.spec().channels()))?;
+        decoded.copy_to_vec_interleaved(block);
+        if is_behind {
+            self.added_packets += 1;
+            self.added.append(block);
+            if self.added_packets > MOST_ADDED {
+                std::mem::swap(block, &mut self.added);
+            }
         }
-        if !SAMPLE_RATES.contains(&rate) {
-            return Err(WavError::SampleRate(rate));
-        }
-        decoded.copy_to_vec_interleaved(&mut buffer);
-        if samples.len() + buffer.len() > MAX_SAMPLES {
-            return Err(WavError::Long);
-        }
-        samples.extend_from_slice(&buffer);
+        Ok(Some(spec))
     }
-    let Some((sample_rate, channels)) = spec else {
-        return Err(match lost {
-            0 => WavError::Empty,
-            _ => WavError::Damaged { name, cause: "none of its audio can be decoded".to_owned() },
-        });
-    };
-    let width = usize::from(channels);
-    let mut notes = Vec::new();
-    if lost > 0 {
-        notes.push(Note::Lost { packets: lost });
-    }
-    let found = samples.len() / width;
-    match claimed.map(|claimed| (claimed, usize::try_from(claimed))) {
-        // What an encoder added to fill its last block.
-        Some((_, Ok(claimed))) if !joined && claimed <= found && edit.is_some() => samples.truncate(claimed * width),
-        Some((claimed, _)) if !joined && claimed > found as u64 => {
-            notes.push(Note::Short { claimed, found: found as u64 });
-        }
-        _ => {}
-    }
-    if let Some(edit) = edit.filter(|_| !joined) {
-        edit.apply(&mut samples, sample_rate, width);
-    }
-    if samples.is_empty() {
-        return Err(WavError::Empty);
-    }
-    let silenced = audio::silence_unusable(&mut samples);
-    if silenced > 0 {
-        notes.push(Note::Unusable { samples: silenced });
-    }
-    Ok(Wav { sample_rate, channels, samples, notes })
 }
 
-/// A track, its decoder, and how many frames the file claims that it has.
-type Selected = (u32, Box<dyn AudioDecoder>, Option<u64>);
-
-/// The audio track of a file; an error of its own where there is none.
-fn select(name: &'static str, reader: &dyn FormatReader) -> Result<Selected, Failed> {
-    let track = reader.default_track(TrackType::Audio).ok_or(Failed::Own(WavError::OtherCodec(name)))?;
-    let parameters = track.codec_params.as_ref().and_then(|parameters| parameters.audio());
-    let parameters = parameters.ok_or(Failed::Own(WavError::OtherCodec(name)))?;
-    let decoder = symphonia::default::get_codecs()
-        .make_audio_decoder(parameters, &AudioDecoderOptions::default())
-        .map_err(Failed::Theirs)?;
-    Ok((track.id, decoder, track.num_frames))
+fn probe(bytes: Bytes) -> Result<Box<dyn FormatReader>, Error> {
+    let source = MediaSourceStream::new(Box::new(bytes), Default::default());
+    symphonia::default::get_probe().probe(&Hint::new(), source, Default::default(), Default::default())
 }
 
-enum Failed {
-    Own(WavError),
-    Theirs(Error),
+/// Samples of each channel in a track's units of time.
+fn samples(track: &Track, units: u64) -> u64 {
+    let rate = audio(track).and_then(|parameters| parameters.sample_rate);
+    let (Some(TimeBase { numer, denom }), Some(rate)) = (track.time_base, rate) else { return units };
+    let samples = u128::from(units) * u128::from(numer.get()) * u128::from(rate);
+    u64::try_from(samples / u128::from(denom.get())).unwrap_or(u64::MAX)
 }
 
-impl Failed {
-    fn or(self, convert: impl Fn(Error) -> WavError) -> WavError {
-        match self {
-            Self::Own(error) => error,
-            Self::Theirs(error) => convert(error),
-        }
+fn audio(track: &Track) -> Option<&AudioCodecParameters> {
+    track.codec_params.as_ref()?.audio()
+}
+
+/// The audio track of a file, and its decoder.
+fn select<'a>(format: Format, reader: &'a dyn FormatReader) -> Result<(&'a Track, Decoder), AudioError> {
+    let name = format.name();
+    let other = || AudioError::OtherCodec(name);
+    let track = reader.default_track(TrackType::Audio).ok_or_else(other)?;
+    let parameters = audio(track).ok_or_else(other)?;
+    if parameters.codec == CODEC_ID_OPUS {
+        let head = match &parameters.extra_data {
+            Some(head) => Head::parse(head, format == Format::Mpeg4)?,
+            None => Head::plain(parameters.channels.as_ref().map_or(1, Channels::count), track.delay.unwrap_or(0)),
+        };
+        return Ok((track, Decoder::Opus(Box::new(Packets::new(&head)?))));
     }
+    let decoder = symphonia::default::get_codecs().make_audio_decoder(parameters, &AudioDecoderOptions::default());
+    match decoder {
+        Ok(decoder) => Ok((track, Decoder::Symphonia(decoder))),
+        Err(Error::Unsupported(_)) => Err(other()),
+        Err(error) => Err(AudioError::Damaged { name, cause: error.to_string() }),
+    }
+}
+
+/// The place of the loudspeaker in front of the listener.
+fn centre(channels: &Channels) -> Option<usize> {
+    channels.get_canonical_index_for_positioned_channel(Position::FRONT_CENTER)
 }
 
 #[cfg(test)]

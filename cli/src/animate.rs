@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use umo_core::animation::Animation;
-use umo_core::audio::resample;
 use umo_core::avatar::AvatarConfig;
 use umo_core::lm::depth::is_guidable;
 use umo_core::lm::sampler::Sampler;
@@ -17,25 +16,25 @@ use umo_core::{Compute, Config, Layer, ModelFile, Precision, StepError, Team};
 use crate::args::{Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
+use crate::speech::Speech;
 use crate::{gestures, model, progress, start_pose};
-use umo_audio_file::wav::{self, Wav};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
-    let wav = speech(&args.speech, args.repair)?;
+    let speech = Speech::open(&args.speech, args.repair)?;
     let job = Job::new(&args.output)?;
     let maker = &job.maker;
-    let (samples, frames) = maker.hear(&args.speech, &wav)?;
+    let frames = speech.frames(maker.model.config().frame_rate)?;
     let mut animation = maker.animation("audio_to_motion", args.prompt.as_deref())?;
     if args.whole_file_units {
+        let samples = speech.mono(maker.model.config().audio.sample_rate)?;
         let (units, silence) = maker.model.tokenizer().whole_file(maker.compute(), &samples)?;
         animation.avatar_mut().use_whole_file_units(units, silence);
     }
     if args.retime {
         animation.retime(&maker.model)?;
     }
-    animation.push_audio(&samples)?;
-    animation.finish(frames);
+    maker.hear(&mut animation, &speech)?;
     let done = job.finish(&mut animation, frames);
     if let Some((compared, differed)) = animation.avatar().unit_disagreement() {
         let share = 100.0 * differed as f64 / compared.max(1) as f64;
@@ -44,19 +43,6 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
         );
     }
     done
-}
-
-/// A recording; damage is refused, or with `repair` warned of.
-pub(crate) fn speech(path: &Path, repair: bool) -> Result<Wav, Failure> {
-    let wav = wav::read(path).map_err(Failure::input)?;
-    for note in &wav.notes {
-        let damage = format!("{}: {note}", path.display());
-        if !repair {
-            return Err(Failure::Input(format!("{damage} (--repair takes what can be used)")));
-        }
-        eprintln!("warning: {damage}");
-    }
-    Ok(wav)
 }
 
 /// A loaded model and threads.
@@ -87,16 +73,12 @@ impl<'a> Maker<'a> {
         Compute { isa: self.model.isa(), team: &self.team }
     }
 
-    /// A recording at the model's rate, and the frames that it lasts.
-    pub(crate) fn hear(&self, path: &Path, wav: &Wav) -> Result<(Vec<f32>, usize), Failure> {
+    /// Lets an animation hear a recording to its end; returns the frames that it lasts.
+    pub(crate) fn hear(&self, animation: &mut Animation, speech: &Speech) -> Result<usize, Failure> {
         let config = self.model.config();
-        let frames = wav.frames() * config.frame_rate / wav.sample_rate as usize;
-        if frames == 0 {
-            let problem = format!("{}: {:.1} ms of audio is less than one frame", path.display(), 1e3 * wav.seconds());
-            return Err(Failure::Input(problem));
-        }
-        let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
-        Ok((samples, frames))
+        let frames = speech.frames(config.frame_rate)?;
+        animation.hear(Box::new(speech.samples(config.audio.sample_rate)?), frames);
+        Ok(frames)
     }
 
     /// An avatar as the arguments want it.

@@ -20,10 +20,11 @@ use umo_core::animation::{Animation, Group};
 use umo_core::motion::clip::Clip;
 use umo_core::{ModelFile, Team};
 
-use crate::animate::{self, Maker};
+use crate::animate::Maker;
 use crate::args::Batch;
 use crate::export::{self, Format};
 use crate::failure::Failure;
+use crate::speech::Speech;
 use crate::{model, progress};
 use manifest::Line;
 use results::{Done, Results};
@@ -163,8 +164,7 @@ fn read_lines(
 
 /// An animation of a line, with its audio.
 fn prepare(args: &Batch, maker: &Maker, line: &Line) -> Result<(Animation, usize), Failure> {
-    let wav = animate::speech(&line.file, args.repair)?;
-    let (samples, frames) = maker.hear(&line.file, &wav)?;
+    let speech = Speech::open(&line.file, args.repair)?;
     let team = Team::new(1).map_err(Failure::environment)?;
     let start_pose = line.start_pose.as_deref().or(args.generate.start_pose.as_deref());
     let (seed, prompt) = (line.seed.unwrap_or(args.generate.seed), line.prompt.as_deref());
@@ -175,8 +175,7 @@ fn prepare(args: &Batch, maker: &Maker, line: &Line) -> Result<(Animation, usize
     if args.retime {
         animation.retime(&maker.model)?;
     }
-    animation.push_audio(&samples)?;
-    animation.finish(frames);
+    let frames = maker.hear(&mut animation, &speech)?;
     Ok((animation, frames))
 }
 

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`args`] | the command line |
 //! | `animate`, `text`, `gestures` | speech, or a text, to an animation; the gestures over it |
+//! | `speech` | a recording, block by block |
 //! | `batch` | many recordings with one model, computed together |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
@@ -41,6 +42,7 @@ mod random;
 mod retarget;
 #[cfg(feature = "serve")]
 mod serve;
+mod speech;
 mod stage;
 mod start_pose;
 mod text;

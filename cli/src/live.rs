@@ -16,14 +16,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use umo_core::Precision;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
 use umo_core::session::{Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice};
+use umo_core::{AudioSource, Precision};
 
 use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
-use crate::view::for_session;
+use crate::speech::{Samples, Speech};
+use crate::view::session_rate;
 use crate::{animate, model};
 
 /// How long samples wait that find no room.
@@ -115,7 +116,7 @@ fn resolve(option: &str, address: &str) -> Result<SocketAddr, Failure> {
 /// Where the speech comes from.
 enum Source {
     /// Mono samples that are heard as they would be spoken.
-    Recording { rate: usize, samples: Vec<f32> },
+    Recording { rate: usize, samples: Box<Samples> },
     /// 16-bit mono samples of standard input, as fast as they come.
     Input { rate: usize },
 }
@@ -132,9 +133,9 @@ impl Source {
         if args.rate.is_some() {
             return Err(Failure::input("--rate is of standard input: a recording says its own"));
         }
-        let wav = animate::speech(path, args.repair)?;
-        let (rate, samples) = for_session(wav.sample_rate as usize, wav.mono())?;
-        Ok(Self::Recording { rate, samples })
+        let speech = Speech::open(path, args.repair)?;
+        let rate = session_rate(speech.sample_rate());
+        Ok(Self::Recording { rate, samples: Box::new(speech.samples(rate)?) })
     }
 
     const fn rate(&self) -> usize {
@@ -146,14 +147,17 @@ impl Source {
     /// Gives all samples to the session, then says that there are no more.
     fn speak(self, session: &Session, stop: &AtomicBool) -> Result<(), Failure> {
         match self {
-            Self::Recording { rate, samples } => {
+            Self::Recording { rate, mut samples } => {
                 let start = Instant::now();
-                let mut spoken = 0;
-                for stretch in samples.chunks(STRETCH) {
-                    push(stop, stretch.len(), |done| session.push_audio(&stretch[done..]))?;
-                    spoken += stretch.len();
-                    let due = Duration::from_secs_f64(spoken as f64 / rate as f64);
-                    std::thread::sleep(due.saturating_sub(start.elapsed()));
+                let (mut spoken, mut block) = (0, Vec::new());
+                while samples.pull(&mut block)? {
+                    for stretch in block.chunks(STRETCH) {
+                        push(stop, stretch.len(), |done| session.push_audio(&stretch[done..]))?;
+                        spoken += stretch.len();
+                        let due = Duration::from_secs_f64(spoken as f64 / rate as f64);
+                        std::thread::sleep(due.saturating_sub(start.elapsed()));
+                    }
+                    block.clear();
                 }
             }
             Self::Input { .. } => hear(session, &mut io::stdin().lock(), stop)?,

@@ -19,6 +19,7 @@ use umo_core::retarget::{Floor, Mapping, Retarget, Rig};
 
 use crate::args;
 use crate::failure::Failure;
+use crate::speech::Speech;
 use crate::{animate, atomic_file, import, model};
 use character::Character;
 pub(crate) use wear::{Wearer, Worn};
@@ -108,21 +109,15 @@ pub(crate) fn is_character(path: &Path) -> bool {
     ["glb", "gltf", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
-/// Extensions of recordings.
-const RECORDINGS: [&str; 9] = ["wav", "flac", "mp3", "ogg", "oga", "opus", "m4a", "mp4", "aac"];
-
 /// The animation of a recording, or one that was made before.
 fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
-    let extension = input.extension().unwrap_or_default();
-    if !RECORDINGS.iter().any(|recording| extension.eq_ignore_ascii_case(recording)) {
+    if !umo_audio_file::has_extension(input) {
         return import::read(input);
     }
-    let wav = animate::speech(input, args.repair)?;
+    let speech = Speech::open(input, args.repair)?;
     let maker = animate::Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
-    let (samples, frames) = maker.hear(input, &wav)?;
     let mut animation = maker.animation("audio_to_motion", None)?;
-    animation.push_audio(&samples)?;
-    animation.finish(frames);
+    let frames = maker.hear(&mut animation, &speech)?;
     maker.clip(&mut animation, frames, |_| ())
 }
 

@@ -24,7 +24,7 @@ use crate::args::Page;
 use crate::atomic_file;
 use crate::failure::Failure;
 use crate::retarget::is_character;
-pub(crate) use live::for_session;
+pub(crate) use live::session_rate;
 use scene::Scene;
 
 /// Makes the page and opens it, or serves it.

@@ -263,7 +263,7 @@ fn recorded(place: &Place, wanted: Vec<String>) -> Calibration {
     let team = Team::new(1).unwrap();
     let avatar = SessionConfig::new(model.config()).avatar;
     let mut animation = Animation::new(&model, &avatar).unwrap();
-    let wav = umo_audio_file::wav::read(Path::new(&speech())).unwrap();
+    let wav = umo_audio_file::read(Path::new(&speech())).unwrap();
     animation.push_audio(&wav.mono()).unwrap();
     animation.finish(60);
     while animation.step(&model, Compute { isa: model.isa(), team: &team }, &mut |_| ()).unwrap() {}

@@ -44,7 +44,7 @@ pub struct Hello {
     #[serde(default)]
     pub audio: AudioKind,
     /// Samples a second of its audio; of Opus, those that it is decoded to.
-    #[serde(default = "rate")]
+    #[serde(default = "rate", deserialize_with = "whole")]
     pub rate: usize,
     /// What it wants to have.
     #[serde(default)]
@@ -91,6 +91,16 @@ const fn version() -> u32 {
 
 const fn rate() -> usize {
     16_000
+}
+
+/// Reads a whole number, also one that is written as a float: `44100.0`.
+#[expect(clippy::cast_possible_truncation, reason = "whole and in range")]
+fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<usize, D::Error> {
+    let number = f64::deserialize(from)?;
+    if number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&number) {
+        return Ok(number as usize);
+    }
+    Err(serde::de::Error::custom(format!("{number}: expected a whole number")))
 }
 
 const fn one_packet() -> u32 {
@@ -403,7 +413,10 @@ mod tests {
         assert_eq!(hello.mood, Some(MoodName(Mood::Joy)));
         assert_eq!((hello.audio, hello.skip), (AudioKind::Opus, 7));
         assert_eq!((hello.output, hello.voice, hello.seed), (Output::Packets, VoiceKind::Live, u64::MAX));
+        let Ok(Request::Hello(hello)) = Request::parse(r#"{"type":"hello","rate":44100.0}"#) else { panic!("a hello") };
+        assert_eq!(hello.rate, 44_100);
         for (text, part) in [
+            (r#"{"type":"hello","rate":44100.5}"#, "44100.5"),
             (r#"{"type":"hello","rat":1}"#, "rat"),
             (r#"{"type":"hello","rate":"fast"}"#, "fast"),
             (r#"{"type":"hello","rate":-1}"#, "-1"),

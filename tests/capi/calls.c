@@ -82,6 +82,28 @@ static void models_say_what_they_have(void) {
     }
 }
 
+static void recordings_have_gains(void) {
+    static float samples[2 * 32000];
+    float gains[2] = {0, 0};
+    /* A tone that comes and goes, in opposite channels. */
+    for (int i = 0; i < 32000; i++) {
+        float x = i % 4000 >= 2500 ? 0 : i / 50 % 2 == 0 ? 0.1f : -0.1f;
+        samples[2 * i] = x;
+        samples[2 * i + 1] = -x;
+    }
+    OK(umo_recording_gains(samples, 64000, 16000, 2, gains));
+    CHECK(gains[0] == 1 && gains[1] == -1);
+    OK(umo_recording_gains(samples, 64000, 16000, 1, gains));
+    CHECK(gains[0] == 1);
+    OK(umo_recording_gains(NULL, 0, 16000, 2, gains));
+    CHECK(gains[0] == 1 && gains[1] == 1);
+    FAILS(NULL_POINTER, umo_recording_gains(NULL, 2, 16000, 2, gains));
+    FAILS(NULL_POINTER, umo_recording_gains(samples, 2, 16000, 2, NULL));
+    FAILS(INVALID_ARGUMENT, umo_recording_gains(samples, 3, 16000, 2, gains));
+    FAILS(INVALID_ARGUMENT, umo_recording_gains(samples, 2, 16000, 0, gains));
+    FAILS(INVALID_ARGUMENT, umo_recording_gains(samples, 2, 999, 2, gains));
+}
+
 static void engines_refuse(void) {
     umo_engine *none = NULL;
     umo_engine_config config;
@@ -593,6 +615,7 @@ int main(int argc, char **argv) {
     engine = polled_engine(model);
     models_say_what_they_have();
     a_machine_tests_itself();
+    recordings_have_gains();
     engines_refuse();
     sessions_refuse_to_be_made();
     session_configs_grow();

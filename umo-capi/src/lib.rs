@@ -5,6 +5,7 @@
 //! | [`model`] | models: loading, what they have |
 //! | [`engine`] | engines: who computes |
 //! | [`session`] | sessions: audio in, frames out |
+//! | [`recording`] | whole recordings: their level |
 //! | [`frame`] | where a frame's values go in the host's memory |
 //! | [`clip`] | frames as a file |
 //! | [`gesture`] | gestures on command |
@@ -26,6 +27,7 @@ pub mod log;
 pub mod memory;
 pub mod model;
 pub mod parameter;
+pub mod recording;
 #[cfg(feature = "reserve")]
 mod reserve;
 pub mod self_test;

@@ -1,6 +1,8 @@
 //! One avatar computed where and when the caller wants it: recordings, tests. The stream of a game
 //! is an [`Engine`](crate::engine::Engine).
 
+use std::fmt;
+
 use crate::audio::silence_unusable;
 use crate::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use crate::batch::Batch;
@@ -19,6 +21,15 @@ use crate::retime::{self, TimeMap};
 use crate::session::SessionError;
 use crate::stream::OwnedFrame;
 
+/// Audio that an animation takes as it needs it.
+pub trait AudioSource: Send {
+    /// Appends the next samples, mono at the model's rate, to `samples`. Returns false at the end.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no more although more was promised.
+    fn pull(&mut self, samples: &mut Vec<f32>) -> Result<bool, StepError>;
+}
+
 /// One avatar, its audio, and room to compute its chunks.
 #[derive(Debug)]
 pub struct Animation {
@@ -32,8 +43,9 @@ pub struct Animation {
 }
 
 /// What an avatar hears and what is put over its frames.
-#[derive(Debug)]
 struct Track {
+    /// More samples, where they are taken as they are needed.
+    source: Option<Box<dyn AudioSource>>,
     /// Samples that no chunk has used yet.
     pending: Vec<f32>,
     /// Samples pushed in all.
@@ -43,6 +55,15 @@ struct Track {
     frame_rate: usize,
     /// What waits for the end of the recording, to be retimed.
     retiming: Option<Retiming>,
+}
+
+impl fmt::Debug for Track {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Track")
+            .field("pending", &self.pending.len())
+            .field("samples", &self.samples)
+            .finish_non_exhaustive()
+    }
 }
 
 /// A recording whose strokes are to be moved onto its accents.
@@ -155,6 +176,13 @@ impl Animation {
         Ok(self.track.push_audio(samples))
     }
 
+    /// Takes all further audio from `source`, no earlier than a chunk needs it; the stream ends after `frames`
+    /// frames.
+    pub fn hear(&mut self, source: Box<dyn AudioSource>, frames: usize) {
+        self.track.source = Some(source);
+        self.finish(frames);
+    }
+
     /// No more audio: the stream ends after `frames` frames.
     pub fn finish(&mut self, frames: usize) {
         self.avatar.finish(frames);
@@ -262,6 +290,7 @@ impl Animation {
     /// [`StepError`], after which the animation wants a new start.
     pub fn step(&mut self, model: &Model, cx: Compute, frame: &mut dyn FnMut(FrameRef)) -> Result<bool, StepError> {
         let Self { avatar, batch, track, .. } = self;
+        track.fill(avatar)?;
         let due = track.due(model, avatar);
         self.stepped = due;
         if due == Due::Nothing {
@@ -289,6 +318,7 @@ impl Animation {
 impl Track {
     fn new(model: &Model, config: &AvatarConfig, avatar: &Avatar) -> Result<Self, LoadError> {
         Ok(Self {
+            source: None,
             pending: Vec::new(),
             samples: 0,
             layers: Arena::system().boxed(Layers::new(model, config, avatar)?),
@@ -304,6 +334,21 @@ impl Track {
         self.pending.extend_from_slice(samples);
         self.samples += samples.len();
         silence_unusable(&mut self.pending[start..])
+    }
+
+    /// Takes what the next chunk needs from the source.
+    fn fill(&mut self, avatar: &Avatar) -> Result<(), StepError> {
+        while self.pending.len() < avatar.chunk_samples()
+            && let Some(source) = &mut self.source
+        {
+            let start = self.pending.len();
+            if !source.pull(&mut self.pending)? {
+                self.source = None;
+            }
+            self.samples += self.pending.len() - start;
+            silence_unusable(&mut self.pending[start..]);
+        }
+        Ok(())
     }
 
     /// What can be computed now.
@@ -430,13 +475,21 @@ impl Group {
         frame: &mut dyn FnMut(usize, FrameRef),
     ) -> Result<Vec<(usize, StepError)>, StepError> {
         let Self { batch, avatars, tracks, due } = self;
+        let mut failed = Vec::new();
         due.clear();
-        due.extend(avatars.iter().zip(tracks.iter()).map(|(avatar, track)| track.due(model, avatar)));
+        for (member, (avatar, track)) in avatars.iter().zip(tracks.iter_mut()).enumerate() {
+            due.push(match track.fill(avatar) {
+                Ok(()) => track.due(model, avatar),
+                Err(error) => {
+                    failed.push((member, error));
+                    Due::Nothing
+                }
+            });
+        }
         batch.begin(due.iter().copied())?;
         for ((avatar, track), &due) in avatars.iter_mut().zip(tracks.iter_mut()).zip(due.iter()) {
             track.begin(avatar, due);
         }
-        let mut failed = Vec::new();
         let mut sink = Layered { tracks, frame };
         loop {
             match batch.step(model, cx, avatars, &mut sink) {

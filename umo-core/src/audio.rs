@@ -3,6 +3,7 @@
 
 mod hubert;
 mod kmeans;
+pub mod level;
 mod mel;
 pub mod resample;
 pub(crate) mod spectrum;

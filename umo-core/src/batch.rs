@@ -692,7 +692,8 @@ impl Batch {
                 }
                 (Due::Chunk | Due::Held, Window::Keyframes(history)) => {
                     let (latents, parts) = history.fresh(first);
-                    let push = motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?.ending_at(total);
+                    let push =
+                        motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?.ending_at(total);
                     self.pushing = Some(Pushing { push, is_end: false });
                     Ok(true)
                 }

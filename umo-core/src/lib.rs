@@ -120,7 +120,7 @@ pub use inner::session::{
 };
 
 // Recordings.
-pub use inner::animation::Animation;
+pub use inner::animation::{Animation, AudioSource};
 #[cfg(feature = "resample")]
 pub use inner::audio::resample::Resampler;
 pub use inner::linear::Compute;

@@ -1,13 +1,15 @@
-//! Opus in Ogg (RFC 7845): packets by `ogg`, samples by `ropus`.
+//! Opus: packets to samples by `ropus`, and Ogg Opus (RFC 7845), packets by `ogg`.
 
-use std::io::{Cursor, ErrorKind};
+use std::io::ErrorKind;
 
 use ogg::{OggReadError, Packet, PacketReader};
 use ropus::{Channels, DecodeMode, Decoder};
-use umo_core::{audio, defect};
+use umo_core::defect;
 
-use super::MAX_SAMPLES;
-use crate::wav::{Note, OPUS, Wav, WavError};
+use crate::bytes::Bytes;
+use crate::error::{AudioError, Note};
+use crate::format::Format;
+use crate::reader::{Blocks, Spec};
 
 /// Opus is decoded to this rate, and granule positions count by it, whatever was encoded.
 const RATE: u32 = 48_000;
@@ -17,192 +19,239 @@ const LONGEST: usize = 5760;
 const MOST_DAMAGED: usize = 10_000;
 /// The granule position of a page on which no packet ends.
 const NO_POSITION: u64 = u64::MAX;
+/// Samples of each channel of a page: 255 packets of 120 ms. More packets may not end on one.
+const LONGEST_PAGE: usize = 255 * LONGEST;
 
-/// Decodes a whole file. Streams that follow the first one are joined to it; others beside it are left out.
-///
-/// # Errors
-/// [`WavError`] where nothing can be read.
-pub(super) fn decode(bytes: Vec<u8>) -> Result<Wav, WavError> {
-    let mut reader = PacketReader::new(Cursor::new(bytes));
-    let (mut stream, mut samples, mut lost, mut width) = (None::<Stream>, Vec::new(), 0, 0);
-    loop {
-        let packet = match reader.read_packet() {
-            Ok(Some(packet)) => packet,
-            Ok(None) => break,
-            Err(OggReadError::ReadError(error)) if error.kind() == ErrorKind::UnexpectedEof => break,
-            // The next page may be whole.
-            Err(OggReadError::HashMismatch(..)) if lost < MOST_DAMAGED => {
-                lost += 1;
-                continue;
+fn damaged(cause: &str) -> AudioError {
+    AudioError::Damaged { name: Format::OggOpus.name(), cause: cause.to_owned() }
+}
+
+/// The header of a stream.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Head {
+    channels: u8,
+    /// Samples of each channel that the decoder needs to settle, which are not heard.
+    skip: usize,
+    /// In 256ths of a decibel.
+    gain: i16,
+    /// Of channels; 0 is mono and stereo.
+    family: u8,
+}
+
+impl Head {
+    /// Reads "OpusHead", version, channels, samples to skip, rate before encoding, gain, mapping family.
+    /// In MPEG-4 (`is_mpeg_4`) numbers have the highest byte first, and an edit list says what is skipped.
+    pub(super) fn parse(head: &[u8], is_mpeg_4: bool) -> Result<Self, AudioError> {
+        let head: &[u8; 19] = head.first_chunk().ok_or_else(|| damaged("its header is shorter than 19 bytes"))?;
+        let [.., version, channels, skip_low, skip_high, _, _, _, _, gain_low, gain_high, family] = *head;
+        if version & 0xF0 != 0 {
+            return Err(damaged(&format!("its header has version {version}: expected 1")));
+        }
+        let (skip, gain) = ([skip_low, skip_high], [gain_low, gain_high]);
+        Ok(match is_mpeg_4 {
+            true => Self { channels, skip: 0, gain: i16::from_be_bytes(gain), family },
+            false => Self { channels, skip: u16::from_le_bytes(skip).into(), gain: i16::from_le_bytes(gain), family },
+        })
+    }
+
+    /// The header of a stream that has none.
+    pub(super) fn plain(channels: usize, skip: u32) -> Self {
+        Self { channels: u8::try_from(channels).unwrap_or(0), skip: skip as usize, gain: 0, family: 0 }
+    }
+}
+
+/// A decoder of packets.
+pub(super) struct Packets {
+    decoder: Decoder,
+    /// A factor of all samples.
+    gain: f32,
+    width: usize,
+    /// Samples of each channel that are left to skip.
+    skip: usize,
+    room: Box<[f32]>,
+    /// Samples of each channel of the last packet.
+    last: usize,
+}
+
+impl Packets {
+    pub(super) fn new(head: &Head) -> Result<Self, AudioError> {
+        // Families for surround sound have several decoders.
+        let width = match (head.family, head.channels) {
+            (0, 1) => Channels::Mono,
+            (0, 2) => Channels::Stereo,
+            (0, channels) => {
+                return Err(damaged(&format!("its header says {channels} channels of family 0: expected 1 or 2")));
             }
-            Err(_) => {
-                lost += 1;
-                break;
-            }
+            _ => return Err(AudioError::OtherCodec("Opus in surround sound,")),
         };
-        if packet.first_in_stream() && packet.data.starts_with(b"OpusHead") {
-            // One beside the first has another serial number before that has ended.
-            if stream.as_ref().is_some_and(|stream| !stream.is_over) {
-                continue;
+        let decoder = Decoder::new(RATE, width).map_err(|error| damaged(&error.to_string()))?;
+        // Not by the decoder, which would clip.
+        let gain = 10_f32.powf(f32::from(head.gain) / (20.0 * 256.0));
+        let width = usize::from(head.channels);
+        Ok(Self { decoder, gain, width, skip: head.skip, room: vec![0.0; LONGEST * width].into(), last: 0 })
+    }
+
+    pub(super) fn spec(&self) -> Spec {
+        Spec { sample_rate: RATE, channels: if self.width == 2 { 2 } else { 1 }, centre: None }
+    }
+
+    /// Appends a packet's samples to `block`, or a guess where it cannot be decoded, so that those behind it
+    /// stay at their time. Returns false for a guess.
+    pub(super) fn decode(&mut self, packet: &[u8], block: &mut Vec<f32>) -> bool {
+        let is_whole = self.append(packet, block);
+        if !is_whole {
+            self.append(&[], block);
+        }
+        is_whole
+    }
+
+    fn append(&mut self, packet: &[u8], block: &mut Vec<f32>) -> bool {
+        let Self { decoder, room, width, last, gain, skip } = self;
+        let most = if packet.is_empty() { *last } else { LONGEST } * *width;
+        // A panic is damage of the packet.
+        match defect::contain_quietly(|| decoder.decode_float(packet, &mut room[..most], DecodeMode::Normal)) {
+            Ok(Ok(frames)) => {
+                *last = frames;
+                let skipped = frames.min(*skip);
+                *skip -= skipped;
+                block.extend(room[skipped * *width..frames * *width].iter().map(|sample| sample * *gain));
+                true
             }
-            finish(&mut stream, &mut samples)?;
-            let next = Stream::new(&packet)?;
-            if width != 0 && width != next.width {
-                return Err(damaged("its number of channels changes"));
-            }
-            width = next.width;
-            stream = Some(next);
-        } else if let Some(stream) = stream.as_mut().filter(|stream| stream.serial == packet.stream_serial()) {
-            lost += usize::from(!stream.take(&packet)?);
+            Ok(Err(_)) | Err(_) => false,
         }
     }
-    if stream.is_none() {
-        return Err(damaged("its first page is damaged"));
-    }
-    finish(&mut stream, &mut samples)?;
-    if samples.is_empty() {
-        return Err(if lost > 0 { damaged("none of its audio can be decoded") } else { WavError::Empty });
-    }
-    let mut notes = Vec::new();
-    if lost > 0 {
-        notes.push(Note::Lost { packets: lost });
-    }
-    let silenced = audio::silence_unusable(&mut samples);
-    if silenced > 0 {
-        notes.push(Note::Unusable { samples: silenced });
-    }
-    let channels = if width == 2 { 2 } else { 1 };
-    Ok(Wav { sample_rate: RATE, channels, samples, notes })
 }
 
-fn finish(stream: &mut Option<Stream>, samples: &mut Vec<f32>) -> Result<(), WavError> {
-    if let Some(stream) = stream.take() {
-        samples.extend_from_slice(stream.samples());
-    }
-    if samples.len() > MAX_SAMPLES { Err(WavError::Long) } else { Ok(()) }
+/// A file. Streams that follow the first one are joined to it; others beside it are left out.
+pub(super) struct OggOpus {
+    reader: PacketReader<Bytes>,
+    stream: Option<Stream>,
+    spec: Option<Spec>,
+    lost: usize,
+    is_over: bool,
 }
 
-fn damaged(cause: &str) -> WavError {
-    WavError::Damaged { name: OPUS, cause: cause.to_owned() }
+impl OggOpus {
+    pub(super) fn new(bytes: Bytes) -> Self {
+        Self { reader: PacketReader::new(bytes), stream: None, spec: None, lost: 0, is_over: false }
+    }
+
+    /// The next packet; none at the end.
+    fn packet(&mut self) -> Option<Packet> {
+        loop {
+            match self.reader.read_packet() {
+                Ok(packet) => return packet,
+                Err(OggReadError::ReadError(error)) if error.kind() == ErrorKind::UnexpectedEof => return None,
+                // The next page may be whole.
+                Err(OggReadError::HashMismatch(..)) if self.lost < MOST_DAMAGED => self.lost += 1,
+                Err(_) => {
+                    self.lost += 1;
+                    return None;
+                }
+            }
+        }
+    }
+}
+
+impl Blocks for OggOpus {
+    fn next(&mut self, block: &mut Vec<f32>) -> Result<Option<Spec>, AudioError> {
+        while !self.is_over {
+            let Some(packet) = self.packet() else {
+                self.is_over = true;
+                let stream = self.stream.as_mut().ok_or_else(|| damaged("its first page is damaged"))?;
+                block.append(&mut stream.page);
+                break;
+            };
+            if packet.first_in_stream() && packet.data.starts_with(b"OpusHead") {
+                // One beside the first has another serial number before that has ended.
+                if self.stream.as_ref().is_some_and(|stream| !stream.is_over) {
+                    continue;
+                }
+                let next = Stream::new(&packet)?;
+                if *self.spec.get_or_insert(next.packets.spec()) != next.packets.spec() {
+                    return Err(damaged("its number of channels changes"));
+                }
+                self.stream = Some(next);
+            } else if let Some(stream) = self.stream.as_mut()
+                && stream.serial == packet.stream_serial()
+            {
+                self.lost += usize::from(!stream.take(&packet, block)?);
+            }
+            if !block.is_empty() {
+                break;
+            }
+        }
+        Ok(self.spec.filter(|_| !block.is_empty()))
+    }
+
+    fn notes(&self) -> Vec<Note> {
+        Vec::from_iter((self.lost > 0).then_some(Note::Lost { packets: self.lost }))
+    }
 }
 
 /// A logical stream.
 struct Stream {
     serial: u32,
-    decoder: Decoder,
-    /// What the samples are multiplied by.
-    gain: f32,
-    width: usize,
-    /// Samples of each channel that the decoder needs to settle, which are not heard.
-    skip: usize,
+    packets: Packets,
     has_tags: bool,
-    /// Interleaved, all that was decoded.
-    decoded: Vec<f32>,
-    room: Box<[f32]>,
-    /// Samples of each channel of the last packet.
-    last: usize,
+    /// Interleaved samples of a page whose end was not seen yet.
+    page: Vec<f32>,
+    /// Samples of each channel that were decoded, those to skip among them.
+    count: u64,
     /// The granule position of the first sample that was decoded, once a page has told it.
     start: Option<u64>,
-    /// Samples of each channel of which the last page says that they are all, those to skip among them.
-    end: Option<usize>,
     is_over: bool,
 }
 
 impl Stream {
-    /// Reads the first packet: "OpusHead", version, channels, samples to skip, rate before encoding, gain, mapping family.
-    fn new(packet: &Packet) -> Result<Self, WavError> {
-        let head: &[u8; 19] =
-            packet.data.first_chunk().ok_or_else(|| damaged("its header is shorter than 19 bytes"))?;
-        let [.., version, channels, skip_low, skip_high, _, _, _, _, gain_low, gain_high, family] = *head;
-        if version & 0xF0 != 0 {
-            return Err(damaged(&format!("its header has version {version}: expected 1")));
-        }
-        // Families for surround sound have several decoders.
-        let width = match (family, channels) {
-            (0, 1) => Channels::Mono,
-            (0, 2) => Channels::Stereo,
-            (0, _) => {
-                return Err(damaged(&format!("its header says {channels} channels of family 0: expected 1 or 2")));
-            }
-            _ => return Err(WavError::OtherCodec("Ogg Opus in surround sound,")),
-        };
-        let decoder = Decoder::new(RATE, width).map_err(|error| damaged(&error.to_string()))?;
-        // In 256ths of a decibel. Not by the decoder, which would clip.
-        let gain = 10_f32.powf(f32::from(i16::from_le_bytes([gain_low, gain_high])) / (20.0 * 256.0));
-        let width = usize::from(channels);
-        Ok(Self {
-            serial: packet.stream_serial(),
-            decoder,
-            gain,
-            width,
-            skip: u16::from_le_bytes([skip_low, skip_high]).into(),
-            has_tags: false,
-            decoded: Vec::new(),
-            room: vec![0.0; LONGEST * width].into(),
-            last: 0,
-            start: None,
-            end: None,
-            is_over: false,
-        })
+    fn new(packet: &Packet) -> Result<Self, AudioError> {
+        let packets = Packets::new(&Head::parse(&packet.data, false)?)?;
+        let (serial, page) = (packet.stream_serial(), Vec::new());
+        Ok(Self { serial, packets, has_tags: false, page, count: 0, start: None, is_over: false })
     }
 
-    /// Takes the next packet; whether it could be decoded.
-    fn take(&mut self, packet: &Packet) -> Result<bool, WavError> {
+    /// Takes the next packet, and at the end of a page gives its samples to `block`. Returns false for a packet
+    /// that cannot be decoded.
+    fn take(&mut self, packet: &Packet, block: &mut Vec<f32>) -> Result<bool, AudioError> {
         if !self.has_tags {
             self.has_tags = true;
             if packet.data.starts_with(b"OpusTags") {
                 return Ok(true);
             }
         }
-        let is_whole = self.decode(&packet.data);
-        if !is_whole {
-            // What follows stays at its time.
-            self.decode(&[]);
-        }
-        if self.decoded.len() > MAX_SAMPLES {
-            return Err(WavError::Long);
-        }
+        let is_whole = self.packets.decode(&packet.data, &mut self.page);
+        self.count += self.packets.last as u64;
         if packet.last_in_page() && packet.absgp_page() != NO_POSITION {
-            let (position, count) = (packet.absgp_page(), (self.decoded.len() / self.width) as u64);
-            // A stream that was cut out of another one begins later than 0; one of a single page that says less than there is, is
-            // trimmed.
-            let start = *self.start.get_or_insert(position.saturating_sub(count));
+            // A stream that was cut out of another one begins later than 0; one of a single page that says less than
+            // there is, is trimmed.
+            let start = *self.start.get_or_insert(packet.absgp_page().saturating_sub(self.count));
             if packet.last_in_stream() {
-                self.end = usize::try_from(position.saturating_sub(start)).ok();
+                let end = packet.absgp_page().saturating_sub(start);
+                let added = usize::try_from(self.count.saturating_sub(end)).unwrap_or(usize::MAX);
+                let added = added.saturating_mul(self.packets.width);
+                self.page.truncate(self.page.len().saturating_sub(added));
             }
+            block.append(&mut self.page);
+        } else if self.page.len() > LONGEST_PAGE * self.packets.width {
+            block.append(&mut self.page);
         }
         self.is_over = packet.last_in_stream();
         Ok(is_whole)
-    }
-
-    /// Decodes a packet, or guesses one that is missing where that is empty.
-    fn decode(&mut self, packet: &[u8]) -> bool {
-        let Self { decoder, room, width, last, gain, .. } = self;
-        let most = if packet.is_empty() { *last } else { LONGEST } * *width;
-        // A panic is damage of the packet.
-        match defect::contain_quietly(|| decoder.decode_float(packet, &mut room[..most], DecodeMode::Normal)) {
-            Ok(Ok(frames)) => {
-                *last = frames;
-                self.decoded.extend(room[..frames * *width].iter().map(|sample| sample * *gain));
-                true
-            }
-            Ok(Err(_)) | Err(_) => false,
-        }
-    }
-
-    /// What is heard of it.
-    fn samples(&self) -> &[f32] {
-        let count = self.decoded.len() / self.width;
-        let end = self.end.unwrap_or(count).min(count);
-        &self.decoded[self.skip.min(end) * self.width..end * self.width]
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
     use ogg::{PacketWriteEndInfo, PacketWriter};
 
     use super::*;
+    use crate::{Recording, parse};
+
+    fn decode(bytes: Vec<u8>) -> Result<Recording, AudioError> {
+        parse(&bytes)
+    }
 
     /// Samples of each channel that the file's encoder says to skip, and of all its packets.
     const SKIP: usize = 312;
@@ -250,11 +299,10 @@ mod tests {
         // Cut out of a longer one, whose positions go on.
         let late = decode(stream(7, &packets, 1_000_000, 500)).unwrap();
         assert_eq!(late.samples, cut.samples);
-        // An end that no file can have.
-        assert_eq!(
-            decode(stream(7, &packets, 1_000_000, 1_000_000)).unwrap_err().to_string(),
-            WavError::Empty.to_string()
-        );
+        // An end before the last page's start cuts that page.
+        let early = decode(stream(7, &packets, 1_000_000, 1_000_000)).unwrap();
+        assert_eq!(early.samples, whole.samples[..early.samples.len()]);
+        assert!(early.samples.len() >= whole.samples.len() - 3 * 960, "{}", early.samples.len());
         let skipped = decode(with_header(|head| head[10..12].copy_from_slice(&2000_u16.to_le_bytes()))).unwrap();
         assert_eq!(skipped.samples, whole.samples[2000 - SKIP..]);
     }
@@ -313,7 +361,7 @@ mod tests {
         let error = decode(with_header(|head| head.truncate(12))).unwrap_err().to_string();
         assert!(error.contains("shorter than 19 bytes"), "{error}");
         let error = decode(stream(7, &packets()[..2], 0, 0)).unwrap_err().to_string();
-        assert_eq!(error, WavError::Empty.to_string());
+        assert_eq!(error, AudioError::Empty.to_string());
     }
 
     #[test]

@@ -1,7 +1,9 @@
-use super::*;
-use hound::WavWriter;
+use hound::{SampleFormat, WavSpec, WavWriter};
 use proptest::prelude::*;
 use std::io::Cursor;
+
+use super::PIECE;
+use crate::{AudioError, Note, Reader, SAMPLE_RATES, parse, read};
 
 /// A plain 44-byte header and `data` after it; the header claims `claimed` bytes of audio.
 fn plain(tag: u16, channels: u16, rate: u32, bits: u16, claimed: u32, data: &[u8]) -> Vec<u8> {
@@ -116,18 +118,18 @@ fn parse_reads_streamed_lengths_to_the_end() {
 fn parse_refuses_a_recording_without_samples() {
     let followed = mono_16(0, b"LIST\x04\0\0\0INFO");
     for bytes in [mono_16(0, &[]), mono_16(u32::MAX, &[1]), followed] {
-        assert_eq!(parse(&bytes), Err(WavError::Empty));
+        assert_eq!(parse(&bytes), Err(AudioError::Empty));
     }
 }
 
 #[test]
 fn parse_joins_the_pieces_of_a_long_recording() {
-    // One frame more than `hound` reads at a time.
-    let mut data = vec![128; PIECE_FRAMES + 1];
-    (data[PIECE_FRAMES - 1], data[PIECE_FRAMES]) = (192, 64);
+    // One frame more than is decoded at a time.
+    let mut data = vec![128; PIECE + 1];
+    (data[PIECE - 1], data[PIECE]) = (192, 64);
     let wav = parse(&plain(1, 1, 16_000, 8, 0, &data)).unwrap();
     assert_eq!(wav.samples.len(), data.len());
-    assert_eq!(wav.samples[PIECE_FRAMES - 2..], [0.0, 0.5, -0.5]);
+    assert_eq!(wav.samples[PIECE - 2..], [0.0, 0.5, -0.5]);
 }
 
 #[test]
@@ -188,19 +190,19 @@ fn parse_reads_24_bits_in_four_bytes() {
 fn parse_refuses_what_it_cannot_read() {
     let data = [0; 16];
     let case = |tag, channels, rate, bits| parse(&plain(tag, channels, rate, bits, 16, &data));
-    assert_eq!(case(1, 0, 16_000, 16), Err(WavError::Channels(0)));
-    assert_eq!(case(1, 9, 16_000, 16), Err(WavError::Channels(9)));
-    assert_eq!(case(1, 1, 999, 16), Err(WavError::SampleRate(999)));
-    assert_eq!(case(1, 1, 768_001, 16), Err(WavError::SampleRate(768_001)));
-    let mu_law = WavError::Encoding { tag: 7, bits: 8 };
-    assert_eq!(case(7, 1, 8_000, 8), Err(mu_law));
-    let wide = WavError::Encoding { tag: 1, bits: 64 };
+    assert_eq!(case(1, 0, 16_000, 16), Err(AudioError::Channels(0)));
+    assert_eq!(case(1, 9, 16_000, 16), Err(AudioError::Channels(9)));
+    assert_eq!(case(1, 1, 999, 16), Err(AudioError::SampleRate(999)));
+    assert_eq!(case(1, 1, 768_001, 16), Err(AudioError::SampleRate(768_001)));
+    let g_726 = AudioError::Encoding { tag: 0x45, bits: 4 };
+    assert_eq!(case(0x45, 1, 8_000, 4), Err(g_726));
+    let wide = AudioError::Encoding { tag: 1, bits: 64 };
     assert_eq!(case(1, 1, 8_000, 64), Err(wide));
-    let zero = WavError::BadFormat("its frame size is not a multiple of its channels");
+    let zero = AudioError::BadFormat("its frame size is not a multiple of its channels");
     assert_eq!(case(1, 1, 8_000, 0), Err(zero));
-    assert_eq!(parse(b"RIFX\0\0\0\0WAVE"), Err(WavError::NotWav));
-    assert_eq!(parse(b"RIFF\0\0\0\0WAVE"), Err(WavError::NoFormat));
-    assert_eq!(parse(&mono_16(2, &[0, 0])[..36]), Err(WavError::NoData));
+    assert_eq!(parse(b"RIFX\0\0\0\0WAVX"), Err(AudioError::NotWav));
+    assert_eq!(parse(b"RIFF\0\0\0\0WAVE"), Err(AudioError::NoFormat));
+    assert_eq!(parse(&mono_16(2, &[0, 0])[..36]), Err(AudioError::NoData));
 }
 
 #[test]
@@ -209,7 +211,7 @@ fn parse_refuses_an_unknown_extensible_sub_format() {
     let mut bytes = by_hound(spec, &[1, 2]);
     assert_eq!(bytes[20..22], [0xFE, 0xFF], "hound writes the extensible form");
     bytes[50] ^= 1;
-    let want = WavError::BadFormat("its sub-format is not known");
+    let want = AudioError::BadFormat("its sub-format is not known");
     assert_eq!(parse(&bytes), Err(want));
 }
 
@@ -236,4 +238,62 @@ fn read_names_the_path_and_the_cause() {
     let good = folder.path().join("good.wav");
     std::fs::write(&good, mono_16(2, &[0, 64])).unwrap();
     assert_eq!(read(&good).unwrap().samples, [0.5]);
+}
+
+#[test]
+fn parse_joins_all_data_chunks() {
+    let mut bytes = mono_16(2, &[0, 64]);
+    bytes.extend(b"LIST\x04\0\0\0INFOdata\x04\0\0\0\0\xC0\0\x40");
+    let wav = parse(&bytes).unwrap();
+    assert_eq!((wav.samples, wav.notes), (vec![0.5, -0.5, 0.5], vec![]));
+    // The last one claims more than there is.
+    bytes.truncate(bytes.len() - 2);
+    let wav = parse(&bytes).unwrap();
+    assert_eq!((wav.samples, wav.notes), (vec![0.5, -0.5], vec![Note::Length { claimed: 4, found: 2 }]));
+}
+
+#[test]
+fn parse_finds_the_chunk_behind_one_without_padding() {
+    for (chunk, notes) in [(&b"junk\x03\0\0\0abc"[..], vec![Note::Unpadded]), (b"junk\x03\0\0\0abc\0", vec![])] {
+        let mut bytes = mono_16(2, &[0, 64]);
+        bytes.splice(12..12, chunk.iter().copied());
+        let wav = parse(&bytes).unwrap();
+        assert_eq!((wav.samples, &wav.notes), (vec![0.5], &notes));
+        assert!(wav.notes.iter().all(|note| !note.is_damage()));
+    }
+}
+
+#[test]
+fn parse_says_what_it_leaves_behind_the_audio() {
+    let mut bytes = mono_16(2, &[0, 64]);
+    bytes.extend([0; 40]);
+    let wav = parse(&bytes).unwrap();
+    assert_eq!((wav.samples, wav.notes), (vec![0.5], vec![Note::Trailing { bytes: 40 }]));
+}
+
+#[test]
+fn parse_reads_rifx() {
+    let mut bytes =
+        b"RIFX\0\0\0\0WAVEfmt \0\0\0\x10\0\x01\0\x01\0\0\x3e\x80\0\0\x7d\0\0\x02\0\x10data\0\0\0\x04".to_vec();
+    bytes.extend([0x40, 0, 0xC0, 0]);
+    let wav = parse(&bytes).unwrap();
+    assert_eq!((wav.sample_rate, wav.samples, wav.notes), (16_000, vec![0.5, -0.5], vec![]));
+}
+
+#[test]
+fn parse_reads_mp3_in_a_data_chunk() {
+    let mp3 = include_bytes!("../../test-files/hello.mp3");
+    let wav = parse(&plain(0x55, 1, 16_000, 8, u32::try_from(mp3.len()).unwrap(), mp3));
+    let wav = wav.map_err(|error| error.to_string());
+    assert_eq!(wav, parse(mp3).map_err(|error| error.to_string()));
+}
+
+#[test]
+fn a_reader_tells_the_channel_in_front() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.wav");
+    for (channels, centre) in [(1, None), (2, None), (6, Some(2))] {
+        std::fs::write(&path, plain(1, channels, 48_000, 16, 24, &[1; 24])).unwrap();
+        assert_eq!(Reader::open(&path).unwrap().centre(), centre);
+    }
 }

@@ -153,3 +153,17 @@ def test_the_model_can_come_from_memory(hello, whole):
         warnings.simplefilter("ignore", UserWarning)
         model = umo.Model(_library.MODEL.read_bytes())
     assert values(umo.animate(*hello, model=model)) == values(whole)
+
+
+def test_a_recording_s_speech_is_heard_at_any_level_and_in_any_channel(hello, model):
+    samples, rate = hello
+    speech = samples[: 4 * rate] / np.float32(32768)
+    plain = umo.animate(speech, rate, model=model)
+    with pytest.warns(UserWarning, match="channels are heard by 1, -1"):
+        opposite = umo.animate(np.stack([speech, -speech], 1), rate, model=model)
+    with pytest.warns(UserWarning, match="channels are heard by 3.05176e-05"):
+        integers = umo.animate(samples[: 4 * rate].astype(np.float32), rate, model=model)
+    assert values(opposite) == values(plain) == values(integers)
+    with pytest.warns(UserWarning, match="channels are heard by 16"):
+        quiet = umo.animate([speech * np.float32(0.02)], rate, model=model)[0]
+    assert np.corrcoef(quiet.channel("jawOpen"), plain.channel("jawOpen"))[0, 1] >= 0.85

@@ -14,9 +14,6 @@ use crate::args::Batch;
 use crate::export::Format;
 use crate::failure::Failure;
 
-/// Extensions of recordings in a folder.
-const RECORDINGS: [&str; 10] = ["wav", "wave", "flac", "mp3", "ogg", "oga", "opus", "m4a", "mp4", "aac"];
-
 /// A recording to animate.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Line {
@@ -122,7 +119,7 @@ fn folder(root: &Path, folder_path: &Path, rows: &mut Vec<Row>) -> std::io::Resu
         let path = entry.path();
         if entry.file_type()?.is_dir() {
             folder(root, &path, rows)?;
-        } else if path.extension().is_some_and(|end| RECORDINGS.iter().any(|known| end.eq_ignore_ascii_case(known))) {
+        } else if umo_audio_file::has_extension(&path) {
             let name = path.strip_prefix(root).unwrap_or(&path);
             rows.push(Row { file: name.to_string_lossy().into_owned(), ..Row::default() });
         }

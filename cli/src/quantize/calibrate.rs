@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use std::thread;
 
 use umo_core::animation::Animation;
-use umo_core::audio::resample;
 use umo_core::calibration::Calibration;
 use umo_core::session::SessionConfig;
 use umo_core::weights::int4;
@@ -16,8 +15,8 @@ use umo_kernels::pack::{CODES_I4, GROUP};
 use umo_kernels::quantize::quantize_weight_row;
 
 use super::compensate::{Compensation, DAMPING};
-use crate::animate;
 use crate::failure::Failure;
+use crate::speech::Speech;
 
 /// Largest int8 step.
 const STEPS: f64 = 127.0;
@@ -31,16 +30,14 @@ pub(super) fn run(file: &ModelFile, wanted: Vec<String>, recordings: &[PathBuf])
     let (cx, config) = (Compute { isa: model.isa(), team: &team }, model.config());
     let mut seconds = 0.0;
     for (number, path) in recordings.iter().enumerate() {
-        let wav = animate::speech(path, false)?;
-        let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
+        let speech = Speech::open(path, false)?;
         let defaults = SessionConfig::new(config).avatar;
         let sampler = Sampler { seed: number as u64, ..defaults.sampler };
         let avatar = AvatarConfig { horizon: config.audio.ahead, sampler, ..defaults };
         let mut animation = Animation::new(&model, &avatar)?;
-        animation.push_audio(&samples)?;
-        animation.finish(wav.frames() * config.frame_rate / wav.sample_rate as usize);
+        animation.hear(Box::new(speech.samples(config.audio.sample_rate)?), speech.frames(config.frame_rate)?);
         while animation.step(&model, cx, &mut |_| ())? {}
-        seconds += wav.seconds();
+        seconds += speech.seconds();
     }
     eprintln!("note: calibrated by {seconds:.0} s of speech");
     Ok(calibration)

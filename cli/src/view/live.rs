@@ -17,7 +17,6 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use umo_core::audio::resample;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::glb::Follower;
 use umo_core::model::Model;
@@ -30,6 +29,7 @@ use super::{browser, page};
 use crate::args::{GenerateArgs, Page, VoiceArg};
 use crate::failure::Failure;
 use crate::retarget::Wearer;
+use crate::speech::Speech;
 use crate::{animate, model};
 use http::{Answer, Request};
 
@@ -89,9 +89,13 @@ pub(super) fn run(args: &Page) -> Result<(), Failure> {
 
 impl<'a> Host<'a> {
     fn new(args: &'a Page, listener: &TcpListener) -> Result<Self, Failure> {
-        let wav = args.input.as_deref().map(|path| animate::speech(path, args.repair)).transpose()?;
-        let audio = wav.as_ref().map(Audio::new).transpose()?;
-        let recording = wav.map(|wav| for_session(wav.sample_rate as usize, wav.mono())).transpose()?;
+        let speech = args.input.as_deref().map(|path| Speech::open(path, args.repair)).transpose()?;
+        let audio = speech.as_ref().map(Audio::new).transpose()?;
+        let session_samples = |speech: Speech| {
+            let rate = session_rate(speech.sample_rate());
+            speech.mono(rate).map(|samples| (rate, samples))
+        };
+        let recording = speech.map(session_samples).transpose()?;
         let wearer = scene::wearer(args)?;
         let file = model::open(args.generate.model.as_deref())?;
         let isa = model::isa(&args.generate.compute)?;
@@ -218,12 +222,9 @@ impl Shown {
     }
 }
 
-/// A recording at a rate that a session takes.
-pub(crate) fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32>), Failure> {
-    if (MIN_RATE..=MAX_RATE).contains(&rate) {
-        return Ok((rate, mono));
-    }
-    Ok((OTHER_RATE, resample::to_rate(&mono, rate, OTHER_RATE)?))
+/// The rate at which a session takes a recording.
+pub(crate) fn session_rate(rate: usize) -> usize {
+    if (MIN_RATE..=MAX_RATE).contains(&rate) { rate } else { OTHER_RATE }
 }
 
 /// Refuses a mouth of its own of a model that has none.

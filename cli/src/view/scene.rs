@@ -4,7 +4,6 @@ use std::path::Path;
 
 use serde::Serialize;
 use umo_core::animation::Animation;
-use umo_core::audio::resample;
 use umo_core::config::{Face, FaceKind, PartSpec};
 use umo_core::glb::Glb;
 use umo_core::lm::tally::kind_names;
@@ -16,14 +15,14 @@ use crate::animate::{self, Maker};
 use crate::args::{GenerateArgs, Page};
 use crate::failure::Failure;
 use crate::retarget::{Wearer, Worn, is_character};
+use crate::speech::Speech;
 use crate::{import, model};
-use umo_audio_file::wav::Wav;
 use umo_figure::{Figure, Mesh};
 
 /// Longest motion of a page: what browsers open without trouble, at a few MB a minute.
 const MAX_SECONDS: f64 = 1800.0;
 /// Highest rate of a page's audio: beyond it nobody hears more.
-const MAX_RATE: u32 = 48_000;
+const MAX_RATE: usize = 48_000;
 
 /// What a page shows.
 pub(super) struct Scene {
@@ -113,21 +112,19 @@ pub(super) struct PageEngine {
 impl Scene {
     /// A recording, animated.
     pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
-        let wav = animate::speech(path, args.repair)?;
-        check_length(path, wav.seconds())?;
+        let speech = Speech::open(path, args.repair)?;
+        check_length(path, speech.seconds())?;
         let wearer = wearer(args)?;
         let maker = Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
         let config = maker.model.config();
-        let (samples, frames) = maker.hear(path, &wav)?;
         let mut animation = maker.animation("audio_to_motion", None)?;
         animation.keep_record(config);
-        animation.push_audio(&samples)?;
-        animation.finish(frames);
+        let frames = maker.hear(&mut animation, &speech)?;
         let mut record = Record::new(config);
         let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
         record.cut(frames);
         let mut scene = Self::worn_by(path, clip, wearer, args.figure)?;
-        scene.audio = Some(Audio::new(&wav)?);
+        scene.audio = Some(Audio::new(&speech)?);
         scene.record = Some(record);
         scene.set_model(config, &args.generate);
         Ok(scene)
@@ -147,7 +144,7 @@ impl Scene {
             Err(problem) => return Err(problem),
         };
         if let Some(speech) = &args.audio {
-            scene.audio = Some(Audio::new(&animate::speech(speech, args.repair)?)?);
+            scene.audio = Some(Audio::new(&Speech::open(speech, args.repair)?)?);
         }
         Ok(scene)
     }
@@ -274,16 +271,16 @@ fn check_length(path: &Path, seconds: f64) -> Result<(), Failure> {
 
 impl Audio {
     /// A recording's channels mixed, in 16 bits.
+    pub(super) fn new(speech: &Speech) -> Result<Self, Failure> {
+        let sample_rate = speech.sample_rate().min(MAX_RATE);
+        Ok(Self::of(sample_rate, &speech.mono(sample_rate)?))
+    }
+
+    /// Mono samples in 16 bits.
     #[expect(clippy::cast_possible_truncation, reason = "clamped to the range of 16 bits; a rate is at most 48,000")]
-    pub(super) fn new(wav: &Wav) -> Result<Self, Failure> {
-        let sample_rate = wav.sample_rate.min(MAX_RATE);
-        let mono = wav.mono();
-        let samples = match sample_rate == wav.sample_rate {
-            true => mono,
-            false => resample::to_rate(&mono, wav.sample_rate as usize, sample_rate as usize)?,
-        };
+    pub(super) fn of(sample_rate: usize, samples: &[f32]) -> Self {
         let whole = |&sample: &f32| (sample * 32768.0).round().clamp(-32768.0, 32767.0) as i16;
-        Ok(Self { sample_rate, samples: samples.iter().map(whole).collect() })
+        Self { sample_rate: sample_rate as u32, samples: samples.iter().map(whole).collect() }
     }
 }
 

@@ -9,20 +9,20 @@ use std::sync::Arc;
 
 use flate2::write::GzEncoder;
 use serde_json::json;
-use umo_audio_file::wav::Wav;
 use umo_core::Precision;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
 use umo_core::motion::clip::Clip;
 use umo_core::session::SessionConfig;
 
-use super::live::{check_voice, for_session, rest, session};
+use super::live::{check_voice, rest, session};
 use super::page;
 use super::scene::{self, Audio, PageEngine, Scene};
 use crate::args::{Page, PrecisionArg, VoiceArg};
 use crate::failure::Failure;
 use crate::retarget::Wearer;
-use crate::{animate, atomic_file, model};
+use crate::speech::Speech;
+use crate::{atomic_file, model};
 
 /// Where the package goes in the folder, and its module and the model, as the page names them.
 const PLACE: &str = "umo";
@@ -87,10 +87,7 @@ fn package(named: Option<&Path>) -> Result<PathBuf, Failure> {
 }
 
 fn recording(path: &Path, repair: bool) -> Result<Audio, Failure> {
-    let wav = animate::speech(path, repair)?;
-    let (rate, samples) = for_session(wav.sample_rate as usize, wav.mono())?;
-    let sample_rate = u32::try_from(rate).expect("a rate of a session");
-    Audio::new(&Wav { sample_rate, channels: 1, samples, notes: Vec::new() })
+    Audio::new(&Speech::open(path, repair)?)
 }
 
 fn compressed(bytes: &[u8]) -> Result<Vec<u8>, Failure> {

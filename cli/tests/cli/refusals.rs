@@ -39,11 +39,14 @@ fn recordings_without_sound_are_refused() {
 fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
     let folder = Folder::new();
     let out = folder.at("motion.npz");
+    let speex = [&b"OggS\0\x02"[..], &[0; 22], b"Speex   "].concat();
+    let g_726 =
+        [&b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x45\0\x01\0\x40\x1f\0\0\xa0\x0f\0\0\x01\0\x04\0data"[..], &[0; 8]].concat();
     // What each begins with; then names alone, of files whose start says nothing.
     for (name, start, format) in [
-        ("b.aiff", &b"FORM\0\0\0\0AIFF........"[..], "AIFF"),
-        ("c.webm", b"\x1a\x45\xdf\xa3............", "WebM"),
-        ("d.wav", b"caff............", "Core Audio"),
+        ("b.amr", &b"#!AMR\n.........."[..], "AMR"),
+        ("c.ogg", &speex[..], "Speex"),
+        ("d.wav", &g_726[..], "encoding 0x0045"),
         ("f.WMA", b"????????????????", "Windows Media Audio"),
     ] {
         let recording = folder.file(name, start);
@@ -70,6 +73,9 @@ fn damaged_recordings_in_formats_that_are_read_are_refused() {
         ("g.M4A", b"????????????????", "MPEG-4"),
         ("h.ogg", &opus[..], "Ogg Opus"),
         ("i.opus", b"????????????????", "Ogg Opus"),
+        ("j.aiff", b"FORM\0\0\0\0AIFF........", "AIFF"),
+        ("k.webm", b"\x1a\x45\xdf\xa3............", "WebM"),
+        ("l.wav", b"caff............", "Core Audio"),
     ] {
         let recording = folder.file(name, start);
         for command in ["animate", "view"] {

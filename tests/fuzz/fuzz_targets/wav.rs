@@ -3,7 +3,6 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use umo_audio_file::wav;
 use umo_core::audio::resample;
 
 /// Longest recording that is resampled here, so that one input does not take seconds.
@@ -15,8 +14,11 @@ const RATE: usize = 16_000;
 const MIN_DIVISOR: usize = 50;
 
 fuzz_target!(|data: &[u8]| {
-    let Ok(wav) = wav::parse(data) else { return };
-    assert!(wav.samples.len() <= data.len());
+    // Other formats have decoders of other people.
+    if data.get(8..12) != Some(b"WAVE") {
+        return;
+    }
+    let Ok(wav) = umo_audio_file::parse(data) else { return };
     assert!(wav.samples.iter().all(|v| v.is_finite()));
     assert!((1..=8).contains(&wav.channels));
     let mono = wav.mono();

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from ctypes import POINTER, c_float
 from typing import Any, Optional, Union, overload
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy.typing as npt
 
 from . import _library
 from ._engine import Engine
+from ._library import lib
 from ._model import Model
 from ._motion import Frame, Motion
 from ._session import Idle, Session, audio
@@ -39,6 +42,22 @@ def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:
 def _settings(engine: Engine, given: Mapping[str, Any]) -> dict[str, Any]:
     """A session's arguments for a recording: it hears as far ahead as the model can, unless they say otherwise."""
     return {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **given}
+
+
+def _recording(samples: npt.ArrayLike, rate: int) -> npt.NDArray[Any]:
+    """A whole recording with the gains at which its speech is heard; a plain one as it is."""
+    recording = audio(samples)
+    floats = recording.astype(np.float32) / np.float32(32768) if recording.dtype == np.int16 else recording
+    channels = recording.shape[1] if recording.ndim == 2 else 1
+    gains = np.empty(channels, np.float32)
+    pointers = (floats.ctypes.data_as(POINTER(c_float)), gains.ctypes.data_as(POINTER(c_float)))
+    _library.check(lib.umo_recording_gains(pointers[0], floats.size, rate, channels, pointers[1]))
+    if (gains == 1).all():
+        return recording
+    each = ", ".join(f"{gain:g}" for gain in gains)
+    message = f"the recording's speech is not at a usual level, or in one channel of several: channels are heard by {each}"
+    warnings.warn(message, stacklevel=4)
+    return floats * (gains if recording.ndim == 2 else gains[0])
 
 
 def _ready(session: Session, prompt: Optional[str], mood: Optional[str], parameters: Mapping[str, float]) -> Session:
@@ -137,13 +156,16 @@ def animate(
     A list of arrays is as many recordings: `jobs` of them are computed together, so that the model is read once for all, and
     each has the bits that it has alone. `rate`, `seed`, `prompt` and `mood` are then one for all, or one of each.
 
+    Speech far from its usual level, channels that cancel each other, and speech in the centre of five channels and more
+    are brought to where the mouth follows, with a warning.
+
     The frames are those of `umo animate`, bit for bit. `parameters` are those of `Session`, as `{"gain_face": 0.5}`;
     `mood` is one of `Session.set_mood`; `settings` are the session's other arguments, as `target`. It hears as far ahead as the
     model can, unless they say `horizon`.
     """
     if isinstance(samples, (list, tuple)) and samples and all(isinstance(each, np.ndarray) and each.ndim for each in samples):
         return _animate_all(samples, rate, model, axes, (seed, prompt, mood), parameters, threads, jobs, settings)
-    recording = audio(samples)
+    recording = _recording(samples, rate)
     channels = recording.shape[1] if recording.ndim == 2 else 1
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
         with Session(engine, rate, channels, axes=axes, seed=seed, **_settings(engine, settings)) as session:
@@ -163,9 +185,9 @@ def _animate_all(
 ) -> list[Motion]:
     if jobs < 1:
         raise ValueError(f"jobs {jobs}: expected at least 1")
-    recordings = [audio(each) for each in samples]
     names = ("rate", "seed", "prompt", "mood")
     rates, seeds, prompts, moods = (_each(name, value, len(samples)) for name, value in zip(names, (rate, *told)))
+    recordings = [_recording(each, each_rate) for each, each_rate in zip(samples, rates)]
     motions: dict[Session, Motion] = {}
     order: list[Session] = []
     jobs = min(jobs, len(recordings), _library.MAX_BATCH)

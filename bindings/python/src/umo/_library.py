@@ -275,6 +275,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_joint_name": [_U32],
     "umo_viseme_name": [_U32],
     "umo_figure_name": [_U32],
+    "umo_recording_gains": [POINTER(c_float), _SIZE, _U32, _U32, POINTER(c_float)],
     "umo_clip_write": [POINTER(Clip), _U32, POINTER(Output)],
     "umo_model_config_init": [POINTER(ModelConfig), _SIZE],
     "umo_model_load": [_U32, _TEXT, POINTER(ModelConfig), _OUT],

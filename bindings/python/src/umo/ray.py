@@ -120,7 +120,7 @@ class Animator:
                 row["key"] = _hash(json.dumps([*self._same, row["line"], _hash(content)]).encode())
                 if not self._again and _kept(row):
                     continue
-                wanted.append((row, *_audio(content)))
+                wanted.append((row, *_audio(content, row["file"])))
             except Exception as error:
                 _failed(row, error)
         for (row, _, _), motion in zip(wanted, self._motions(wanted)):
@@ -178,8 +178,11 @@ def _read(path: str) -> bytes:
     return content
 
 
-def _audio(content: bytes) -> tuple[npt.NDArray[Any], int]:
-    samples, rate = soundfile.read(io.BytesIO(content), dtype="float32")
+def _audio(content: bytes, path: str) -> tuple[npt.NDArray[Any], int]:
+    try:
+        samples, rate = soundfile.read(io.BytesIO(content), dtype="float32")
+    except soundfile.LibsndfileError as error:
+        raise ValueError(f"{error} Convert it: ffmpeg -i {path} {posixpath.splitext(path)[0]}.wav") from error
     if not len(samples):
         raise ValueError("the recording has no samples")
     return samples, int(rate)

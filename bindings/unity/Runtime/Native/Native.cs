@@ -71,6 +71,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture_memory(IntPtr engine, byte* name, void* data, UIntPtr size, byte* animation, Gesture parts, float stroke);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_get_gesture_name(IntPtr engine, uint index, IntPtr* name);
 
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_recording_gains(float* samples, UIntPtr count, uint sampleRate, uint channels, float* gains);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_parameter_get_info(uint index, ParameterInfo* info);
 
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_config_init(SessionConfig* config, UIntPtr size, IntPtr model);

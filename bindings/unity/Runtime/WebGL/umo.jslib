@@ -43,7 +43,7 @@ var UmoLibrary = {
       umo_session_get_parameter: "v v o8", umo_session_latency: "v R", umo_session_stats: "v R", umo_session_state_size: "v o4",
       umo_session_save: "v b1*2 v o4", umo_session_restore: "v i1*2 v", umo_session_packet_size: "v o4",
       umo_session_pull_packets: "v b1*2 v b4*4 v o4", umo_decoder_new: "v S o4", umo_decoder_push_packet: "v i1*2 v",
-      umo_decoder_stats: "v R",
+      umo_decoder_stats: "v R", umo_recording_gains: "i4*1 v v v b4*3",
       // Of a module without the writer of glTF, which says so.
       umo_figure_name: "v>T", umo_clip_init: "Z v v", umo_clip_write: "S v S", umo_clip_write_file: "S v s",
     },
@@ -282,6 +282,7 @@ var UmoLibrary = {
   umo_engine_add_gesture_file: function (a, b, c, d, e, f) { return umoModule.call("umo_engine_add_gesture_file", arguments); },
   umo_engine_add_gesture_memory: function (a, b, c, d, e, f, g) { return umoModule.call("umo_engine_add_gesture_memory", arguments); },
   umo_engine_get_gesture_name: function (a, b, c) { return umoModule.call("umo_engine_get_gesture_name", arguments); },
+  umo_recording_gains: function (a, b, c, d, e) { return umoModule.call("umo_recording_gains", arguments); },
   umo_parameter_get_info: function (a, b) { return umoModule.call("umo_parameter_get_info", arguments); },
   umo_session_config_init: function (a, b, c) { return umoModule.call("umo_session_config_init", arguments); },
   umo_session_memory: function (a, b, c, d) { return umoModule.call("umo_session_memory", arguments); },

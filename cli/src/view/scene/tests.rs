@@ -1,3 +1,4 @@
+use hound::{SampleFormat, WavSpec, WavWriter};
 use umo_core::motion::clip::Clip;
 
 use super::*;
@@ -9,13 +10,17 @@ pub(crate) fn scene(clip: Clip) -> Scene {
 
 #[test]
 fn audio_is_mixed_to_16_bits_within_range() {
-    let wav =
-        Wav { sample_rate: 16_000, channels: 2, samples: vec![1.5, 1.5, -2.0, -2.0, 0.5, 0.0], notes: Vec::new() };
-    let audio = Audio::new(&wav).unwrap();
+    let audio = Audio::of(16_000, &[1.5, -2.0, 0.25]);
     assert_eq!((audio.sample_rate, audio.samples), (16_000, vec![32767, -32768, 8192]));
-    let fast = Wav { sample_rate: 96_000, channels: 1, samples: vec![0.0; 9600], notes: Vec::new() };
-    let audio = Audio::new(&fast).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fast.wav");
+    let spec = WavSpec { channels: 2, sample_rate: 96_000, bits_per_sample: 16, sample_format: SampleFormat::Int };
+    let mut writer = WavWriter::create(&path, spec).unwrap();
+    (0..19_200).for_each(|_| writer.write_sample(8192_i16).unwrap());
+    writer.finalize().unwrap();
+    let audio = Audio::new(&Speech::open(&path, false).unwrap()).unwrap();
     assert_eq!((audio.sample_rate, audio.samples.len()), (48_000, 4800));
+    assert!((audio.samples[2400] - 8192).abs() < 50, "{}", audio.samples[2400]);
 }
 
 #[test]

@@ -1,0 +1,224 @@
+//! A recording of any format, block by block.
+
+use std::path::Path;
+
+use umo_core::audio::{self, resample::mix};
+use umo_core::defect;
+
+use crate::bytes::Bytes;
+use crate::compressed;
+use crate::error::{AudioError, Note, ReadError};
+use crate::format::{Format, START};
+use crate::wav::{Content, Wav};
+use crate::{MAX_CHANNELS, SAMPLE_RATES};
+
+/// Most samples of a recording that is read as a whole: of six hours in stereo at 48 kHz. A few bytes
+/// may claim to be many.
+const MAX_SAMPLES: usize = 1 << 31;
+
+/// Rate and channels of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Spec {
+    pub(crate) sample_rate: u32,
+    pub(crate) channels: u16,
+    /// The channel in front of the listener, of three and more.
+    pub(crate) centre: Option<usize>,
+}
+
+impl Spec {
+    /// # Errors
+    /// [`AudioError`] for a rate or a number of channels that is not read.
+    pub(crate) fn new(sample_rate: u32, channels: usize, centre: Option<usize>) -> Result<Self, AudioError> {
+        let channels = u16::try_from(channels).unwrap_or(u16::MAX);
+        if !(1..=MAX_CHANNELS).contains(&channels) {
+            return Err(AudioError::Channels(channels));
+        }
+        if !SAMPLE_RATES.contains(&sample_rate) {
+            return Err(AudioError::SampleRate(sample_rate));
+        }
+        Ok(Self { sample_rate, channels, centre: centre.filter(|_| channels > 2) })
+    }
+
+    pub(crate) fn width(self) -> usize {
+        self.channels.into()
+    }
+}
+
+/// A decoder of one format.
+pub(crate) trait Blocks: Send {
+    /// Writes the next samples, interleaved, into `block`, which is empty. Returns rate and channels,
+    /// which are those of the first block, or none at the end.
+    fn next(&mut self, block: &mut Vec<f32>) -> Result<Option<Spec>, AudioError>;
+
+    /// Complete after the end.
+    fn notes(&self) -> Vec<Note>;
+}
+
+/// A recording that is read block by block: memory does not grow with its length.
+pub struct Reader {
+    blocks: Box<dyn Blocks>,
+    name: &'static str,
+    spec: Spec,
+    block: Vec<f32>,
+    /// The first block was decoded and not given yet.
+    is_first: bool,
+    unusable: u64,
+    frames: u64,
+}
+
+impl Reader {
+    /// Opens a file and decodes its first block. Its first bytes decide the format, or if they are of
+    /// none, its extension.
+    ///
+    /// # Errors
+    /// [`ReadError`] naming the path and the cause.
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        let io = |cause| ReadError::Io(path.to_owned(), cause);
+        let bytes = umo_core::file::open(path).and_then(Bytes::of_file).map_err(io)?;
+        let start = bytes.peek(0, START).map_err(io)?;
+        let format = Format::of_start(&start).or_else(|| Format::of_extension(path));
+        Self::new(bytes, format).map_err(|error| ReadError::new(path, error))
+    }
+
+    fn new(bytes: Bytes, format: Option<Format>) -> Result<Self, AudioError> {
+        let format = format.ok_or(AudioError::NotWav)?;
+        if let Format::Other(name) = format {
+            return Err(AudioError::OtherFormat(name));
+        }
+        let blocks = contain(format.name(), || -> Result<Box<dyn Blocks>, AudioError> {
+            Ok(match format {
+                Format::Wav => match Wav::new(&bytes)? {
+                    Content::Samples(wav) => wav,
+                    Content::Mpeg(part) => compressed::open(Format::Mpeg, part)?,
+                },
+                format => compressed::open(format, bytes)?,
+            })
+        })?;
+        let spec = Spec { sample_rate: 0, channels: 0, centre: None };
+        let mut reader =
+            Self { blocks, name: format.name(), spec, block: Vec::new(), is_first: false, unusable: 0, frames: 0 };
+        reader.spec = reader.decode()?.ok_or_else(|| {
+            let lost = reader.blocks.notes().iter().any(|note| matches!(note, Note::Lost { .. }));
+            let cause = || "none of its audio can be decoded".to_owned();
+            if lost { AudioError::Damaged { name: reader.name, cause: cause() } } else { AudioError::Empty }
+        })?;
+        reader.is_first = true;
+        Ok(reader)
+    }
+
+    fn decode(&mut self) -> Result<Option<Spec>, AudioError> {
+        let Self { blocks, block, name, .. } = self;
+        block.clear();
+        let spec = contain(name, || blocks.next(block))?;
+        self.unusable += audio::silence_unusable(&mut self.block) as u64;
+        Ok(spec)
+    }
+
+    /// The next samples, `[frames, channels]`, interleaved; full scale is -1..=1, every sample is
+    /// finite. None at the end.
+    ///
+    /// # Errors
+    /// [`AudioError`] where the rest cannot be read.
+    pub fn next_block(&mut self) -> Result<Option<&mut [f32]>, AudioError> {
+        if !std::mem::take(&mut self.is_first) && self.decode()?.is_none() {
+            return Ok(None);
+        }
+        self.frames += (self.block.len() / self.spec.width()) as u64;
+        Ok(Some(&mut self.block))
+    }
+
+    /// Samples per second of one channel.
+    pub fn sample_rate(&self) -> u32 {
+        self.spec.sample_rate
+    }
+
+    /// Number of channels, 1..=8.
+    pub fn channels(&self) -> u16 {
+        self.spec.channels
+    }
+
+    /// The channel in front of the listener, of a recording for loudspeakers around.
+    pub fn centre(&self) -> Option<usize> {
+        self.spec.centre
+    }
+
+    /// Samples of each channel given so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Problems found so far; each is worth one line of warning.
+    pub fn notes(&self) -> Vec<Note> {
+        let mut notes = self.blocks.notes();
+        if self.unusable > 0 {
+            notes.push(Note::Unusable { samples: self.unusable });
+        }
+        notes
+    }
+}
+
+/// Other people's decoders on anybody's bytes: a panic is damage of the file.
+fn contain<T>(name: &'static str, work: impl FnOnce() -> Result<T, AudioError>) -> Result<T, AudioError> {
+    defect::contain_quietly(work)
+        .unwrap_or_else(|defect| Err(AudioError::Damaged { name, cause: defect.message().to_owned() }))
+}
+
+/// A whole recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// Samples per second of one channel.
+    pub sample_rate: u32,
+    /// Number of channels, 1..=8.
+    pub channels: u16,
+    /// `[frames, channels]`, interleaved. Full scale is -1..=1; every sample is finite.
+    pub samples: Vec<f32>,
+    /// What was not as it should be; each is worth one line of warning.
+    pub notes: Vec<Note>,
+}
+
+impl Recording {
+    fn new(mut reader: Reader) -> Result<Self, AudioError> {
+        let mut samples = Vec::new();
+        while let Some(block) = reader.next_block()? {
+            if samples.len() + block.len() > MAX_SAMPLES {
+                return Err(AudioError::Long);
+            }
+            samples.extend_from_slice(block);
+        }
+        Ok(Self { sample_rate: reader.sample_rate(), channels: reader.channels(), samples, notes: reader.notes() })
+    }
+
+    /// Averages the channels. `[frames]`.
+    pub fn mono(&self) -> Vec<f32> {
+        let mut mono = vec![0.0; self.frames()];
+        mix(&self.samples, self.channels.into(), &mut mono);
+        mono
+    }
+
+    /// Samples of each channel.
+    pub fn frames(&self) -> usize {
+        self.samples.len() / usize::from(self.channels)
+    }
+
+    /// Length in seconds.
+    pub fn seconds(&self) -> f64 {
+        self.frames() as f64 / f64::from(self.sample_rate)
+    }
+}
+
+/// Reads a whole recording into memory.
+///
+/// # Errors
+/// [`ReadError`] naming the path and the cause.
+pub fn read(path: &Path) -> Result<Recording, ReadError> {
+    Recording::new(Reader::open(path)?).map_err(|error| ReadError::new(path, error))
+}
+
+/// Reads the bytes of a whole file.
+///
+/// # Errors
+/// [`AudioError`] where nothing can be read.
+pub fn parse(bytes: &[u8]) -> Result<Recording, AudioError> {
+    let format = Format::of_start(&bytes[..bytes.len().min(START)]);
+    Recording::new(Reader::new(Bytes::of_memory(bytes.to_vec()), format)?)
+}

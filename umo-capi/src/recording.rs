@@ -1,0 +1,48 @@
+//! Whole recordings.
+
+use umo_core::audio::level::{MAX_CHANNELS, Meter};
+use umo_core::audio::resample::{MAX_RATE, MIN_RATE};
+
+use crate::ffi::{self, guard, wanted};
+use crate::status::{Failure, UmoStatus};
+
+/// The gain of each channel at which a whole recording's speech is heard, `count` interleaved samples at
+/// `sample_rate` per second. Ones for a plain recording; others are far from the level of speech, have
+/// channels that cancel each other, or speech in the channel in front alone (of five channels and more, the
+/// third). Multiply each channel with its gain before the samples are pushed into a session; `gains` has
+/// room for `channels` values, 1 to 64.
+///
+/// Threads: any but the audio thread. Allocates.
+/// Errors: `NULL_POINTER`, `INVALID_ARGUMENT` (a rate or a number of channels out of range, or not a
+/// multiple of the channels), `PANIC`.
+///
+/// # Safety
+/// `samples` is NULL or has `count` readable values; `gains` is NULL or has room for `channels` values.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_recording_gains(
+    samples: *const f32,
+    count: usize,
+    sample_rate: u32,
+    channels: u32,
+    gains: *mut f32,
+) -> UmoStatus {
+    guard(|| {
+        wanted(gains, "gains")?;
+        let (rate, width) = (sample_rate as usize, channels as usize);
+        if !(MIN_RATE..=MAX_RATE).contains(&rate) {
+            return Err(Failure::argument(format_args!("sample_rate {rate}: expected {MIN_RATE} to {MAX_RATE}")));
+        }
+        if !(1..=MAX_CHANNELS).contains(&width) || !count.is_multiple_of(width) {
+            let what = format_args!("{count} samples of {width} channels: expected a multiple of 1 to {MAX_CHANNELS}");
+            return Err(Failure::argument(what));
+        }
+        let mut meter = Meter::new(width, rate);
+        // SAFETY: guaranteed by the caller (see # Safety).
+        meter.push(unsafe { ffi::slice(samples, count, "samples")? });
+        let found = meter.gains((width >= 5).then_some(2));
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { ffi::slice_mut(gains, width, "gains")? }.copy_from_slice(found.channels());
+        Ok(())
+    })
+}
