@@ -11,7 +11,7 @@ use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
 use umo_core::motion::rotation::{IDENTITY, Quat};
 use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::{Floor, Mapping, Retarget, Scratch};
+use umo_core::retarget::{Mapping, Retarget, Scratch};
 
 use super::faces::Faces;
 use super::mapping::Given;
@@ -106,10 +106,9 @@ impl Wearer {
         }
         let character = Character::read(read(path)?).map_err(wrong)?;
         let (mapping, _) = character.mapping(&given).map_err(wrong)?;
-        mapping.check(character.rig()).map_err(|problem| {
-            let help = "--mapping FILE says which is which, `umo retarget --print-mapping` what was found";
-            wrong(format!("it is no character with a body that is known: {problem}; {help}"))
-        })?;
+        let help = "`umo retarget --print-mapping` what was found";
+        let checked = super::check(character.rig(), &mapping, help);
+        checked.map_err(|problem| wrong(format!("it is no character with a body that is known: {problem}")))?;
         shown(character.bytes()).map_err(wrong)?;
         Ok(Self { path: path.to_owned(), character, given, mapping })
     }
@@ -138,8 +137,10 @@ impl Wearer {
 
     fn put_on(&self, clip: &Clip) -> Result<(Worn, Follower), Failure> {
         let Self { character, given, mapping, .. } = self;
-        let faces = Faces::find(character.document(), &clip.face, given).map_err(|problem| self.wrong(problem))?;
-        let retarget = prepare(&clip.skeleton, character.rig(), mapping, Floor::AtRest);
+        let faces = Faces::find(character, mapping, &clip.face, given).map_err(|problem| self.wrong(problem))?;
+        let notes = super::of_rig(character.rig(), mapping).into_iter().chain(faces.notes(&clip.face, mapping));
+        notes.for_each(|note| eprintln!("note: {}: {note}", self.path.display()));
+        let retarget = prepare(&clip.skeleton, character.rig(), mapping, character.floor(mapping));
         let mut retarget = retarget.map_err(|problem| self.wrong(problem))?;
         faces.release_bones(&clip.face, mapping, &mut retarget);
         let motion = motion(&retarget, clip)?;
@@ -183,6 +184,7 @@ fn shown(file: &[u8]) -> Result<(), String> {
         return Err("it has bones and no body: there is no mesh to show".to_owned());
     }
     match UNREAD.iter().find(|(name, _)| demands.extensions_required.iter().any(|required| required == name)) {
+        Some((name, _)) if *name == super::body::DRACO => Err(super::draco()),
         Some((name, what)) => {
             Err(format!("its {what} compressed in a way that the page does not read, {name}: export it without"))
         }

@@ -205,7 +205,7 @@ function applyCauses(map, face, weights) {
     if (mean) return 0.5 * (face[mean[0]] + face[mean[1]]);
     if (viseme !== undefined) return visemes[viseme];
     if (vowel !== undefined) return vowels[vowel];
-    return Math.max(face[open.jaw] - face[open.close], 0);
+    return Math.max(face[open.jaw] - face[open.close], 0) / OPEN;
   };
   for (const [shape] of map.causes) weights[shape] = 0;
   for (const [shape, cause] of map.causes) weights[shape] = clamp(weights[shape] + amount(cause), 0, 1);
