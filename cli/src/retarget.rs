@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | `character` | a character in a `.glb` file, and the animation in it |
 //! | `vrm` | expressions as VRM files list them |
+//! | `draco` | meshes that Draco compressed |
 //! | `body` | its surfaces |
 //! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
@@ -32,6 +33,7 @@ pub(crate) use wear::{FollowScratch, Follower, Wearer, Worn};
 mod body;
 mod bvh;
 mod character;
+mod draco;
 mod faces;
 mod inspect;
 mod mapping;
@@ -108,7 +110,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
 /// A character's file as one `.glb`, or another as it is.
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     let bytes = match is_character(path) {
-        true => umo_core::glb::read(path),
+        true => umo_core::glb::read(path).and_then(draco::decompressed),
         false => umo_core::file::read(path).map_err(|error| error.to_string()),
     };
     bytes.map_err(|problem| Failure::input(format!("{}: {problem}", path.display())))
@@ -136,12 +138,6 @@ fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
     animation.push_audio(&samples)?;
     animation.finish(frames);
     maker.clip(&mut animation, frames, |_| ())
-}
-
-/// That a file's meshes cannot be read, and what to do.
-fn draco() -> String {
-    let way = "`npx @gltf-transform/cli copy in.glb out.glb` writes it without";
-    format!("its meshes are compressed in a way that is not read here, {}: {way}", body::DRACO)
 }
 
 fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Retarget, String> {

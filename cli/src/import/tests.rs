@@ -73,12 +73,15 @@ fn jsonl_is_read_bit_for_bit() {
 /// An `.npz` file of these arrays of doubles.
 fn arrays(path: &Path, arrays: &[(&str, &[u64], &[f64])]) {
     use npyz::WriterBuilder;
-    let mut zip = npyz::npz::NpzWriter::create(path).unwrap();
+    let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
     for &(name, shape, values) in arrays {
-        let options = zip::write::SimpleFileOptions::default();
-        let array = zip.array(name, options).unwrap().default_dtype().shape(shape);
-        array.begin_nd().unwrap().extend_and_finish(values).unwrap();
+        zip.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).unwrap();
+        let array = npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut zip);
+        let mut array = array.begin_nd().unwrap();
+        array.extend(values.iter().copied()).unwrap();
+        array.finish().unwrap();
     }
+    zip.finish().unwrap();
 }
 
 #[test]

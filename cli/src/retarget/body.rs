@@ -11,8 +11,6 @@ use super::Character;
 
 /// Joints that feet hang on.
 const ANKLES: [usize; 2] = [7, 8];
-/// A compression of meshes that is not read.
-pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// What of a file's JSON only pictures need.
 #[derive(Default, Deserialize)]
@@ -47,8 +45,6 @@ struct Primitive {
     mode: u32,
     #[serde(default)]
     targets: Vec<Shape>,
-    #[serde(default)]
-    extensions: serde_json::Map<String, serde_json::Value>,
 }
 
 fn triangles() -> u32 {
@@ -155,9 +151,6 @@ impl Body {
             let primitives = looks.meshes.get(mesh).map_or(&[][..], |mesh| &mesh.primitives);
             let weights = node.weights.clone().or_else(|| document.meshes.get(mesh)?.weights.clone());
             for primitive in primitives.iter().filter(|primitive| primitive.mode == 4) {
-                if primitive.extensions.contains_key(DRACO) {
-                    return Err(super::draco());
-                }
                 let material = primitive.material.and_then(|at| looks.materials.get(at)).cloned().unwrap_or_default();
                 let part = Part::read(document, file.bin, primitive, node.skin);
                 let part = part.map_err(|error| format!("mesh {mesh}: {error}"))?;

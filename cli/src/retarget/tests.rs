@@ -437,7 +437,7 @@ fn a_mapping_file_goes_before_names() {
         Err(problem) => problem,
         Ok(given) => match target.mapping(&given) {
             Err(problem) => problem,
-            Ok(_) => target.faces(&clip.face, &given).unwrap_err(),
+            Ok((mapping, _)) => target.faces(&mapping, &clip.face, &given).unwrap_err(),
         },
     };
     assert!(refused("[bone]").contains("bone"));

@@ -22,8 +22,7 @@ use crate::failure::Failure;
 const MAX_BYTES: usize = 256 << 20;
 
 /// What a file may demand of who shows it, and the page does not read.
-const UNREAD: [(&str, &str); 2] =
-    [("KHR_draco_mesh_compression", "meshes are"), ("KHR_texture_basisu", "textures are")];
+const UNREAD: &str = "KHR_texture_basisu";
 
 /// A character with an animation, and the node of each of the 55 joints.
 pub(crate) struct Worn {
@@ -183,12 +182,12 @@ fn shown(file: &[u8]) -> Result<(), String> {
     if demands.meshes.is_empty() {
         return Err("it has bones and no body: there is no mesh to show".to_owned());
     }
-    match UNREAD.iter().find(|(name, _)| demands.extensions_required.iter().any(|required| required == name)) {
-        Some((name, _)) if *name == super::body::DRACO => Err(super::draco()),
-        Some((name, what)) => {
-            Err(format!("its {what} compressed in a way that the page does not read, {name}: export it without"))
-        }
-        None => Ok(()),
+    match demands.extensions_required.iter().any(|required| required == UNREAD) {
+        true => Err(format!(
+            "its textures are compressed in a way that the page does not read, {UNREAD}: \
+             export it without, or write PNG by `npx @gltf-transform/cli ktxdecompress in.glb out.glb`"
+        )),
+        false => Ok(()),
     }
 }
 
