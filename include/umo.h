@@ -967,9 +967,10 @@ umo_status umo_engine_add_gesture(struct umo_engine *engine,
                                   const struct umo_gesture_clip *clip)
 UMO_NOEXCEPT;
 
-// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb` or `.vrm` file of any
-// character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
-// `umo animate`'s names are known. The motion is brought to the model's skeleton.
+// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb`, `.gltf` or `.vrm` file
+// of any character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
+// `umo animate`'s names are known. Files that a `.gltf` names are read from its folder. The motion is
+// brought to the model's skeleton.
 //
 // `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
 // minutes. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is seconds from its start to the stroke;
@@ -993,7 +994,8 @@ umo_status umo_engine_add_gesture_file(struct umo_engine *engine,
                                        float stroke)
 UMO_NOEXCEPT;
 
-// The same for a file's `size` bytes in memory, read during the call.
+// The same for a file's `size` bytes in memory, read during the call. A `.gltf` has its data in its
+// text then.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: as `umo_engine_add_gesture_file`, but for `IO`.

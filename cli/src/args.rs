@@ -37,7 +37,7 @@ pub enum Command {
     Gestures,
     /// Run one stage of a model alone, tensors in and tensors out
     Stage(Stage),
-    /// Say what a model holds
+    /// Say what a model or a character holds
     Inspect(Inspect),
     /// Write a model of weights that others publish
     Convert(Convert),

@@ -5,6 +5,8 @@ use std::str::SplitWhitespace;
 
 /// Most joints of a file: far more than any body has.
 const MAX_JOINTS: usize = 4096;
+/// Frames that are compared with the offsets.
+const MAX_COMPARED: usize = 100;
 /// Deepest chain of joints.
 const MAX_DEPTH: usize = 256;
 
@@ -50,7 +52,8 @@ impl Bvh {
     /// # Errors
     /// What is not as the format has it.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
-        let mut words = Words(text.split_whitespace().peekable());
+        let marked = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let mut words = Words(marked.split_whitespace().peekable());
         words.expect("HIERARCHY")?;
         words.expect("ROOT")?;
         let joints = hierarchy(&mut words)?;
@@ -77,6 +80,29 @@ impl Bvh {
         Ok(bvh)
     }
 
+    /// For each joint, whether its position channels stand in place of its offset, as Blender and
+    /// others write them, rather than being added to it: so where the file's frames are nearer to the
+    /// offsets than to 0. The root decides for itself, the other joints together; without frames theirs
+    /// stand in place.
+    pub(crate) fn replaces(&self) -> Vec<bool> {
+        let mut apart = [[0.0; 2]; 2];
+        for frame in self.motion.chunks_exact(self.channels().max(1)).take(MAX_COMPARED) {
+            let mut values = frame.iter();
+            for joint in &self.joints {
+                let sums = &mut apart[usize::from(joint.parent.is_some())];
+                for (channel, value) in joint.channels.iter().zip(values.by_ref()) {
+                    if let Channel::Position(axis) = channel {
+                        sums[0] += (value - f64::from(joint.offset[*axis])).abs();
+                        sums[1] += value.abs();
+                    }
+                }
+            }
+        }
+        let [root, others] = apart.map(|[replaced, added]| replaced < added);
+        let others = others || self.motion.is_empty();
+        self.joints.iter().map(|joint| if joint.parent.is_none() { root } else { others }).collect()
+    }
+
     /// Numbers per frame.
     pub(crate) fn channels(&self) -> usize {
         self.joints.iter().map(|joint| joint.channels.len()).sum()
@@ -90,14 +116,14 @@ fn hierarchy(words: &mut Words<'_>) -> Result<Vec<Joint>, String> {
     let mut open = vec![0];
     while let Some(&inside) = open.last() {
         match words.next()? {
-            "JOINT" => {
+            word if word.eq_ignore_ascii_case("JOINT") => {
                 if joints.len() == MAX_JOINTS || open.len() == MAX_DEPTH {
                     return Err(format!("more than {MAX_JOINTS} joints, or more than {MAX_DEPTH} in a chain"));
                 }
                 open.push(joints.len());
                 joints.push(joint(words, Some(inside))?);
             }
-            "End" => {
+            word if word.eq_ignore_ascii_case("End") => {
                 words.expect("Site")?;
                 words.expect("{")?;
                 joints[inside].end = Some(offset(words)?);
@@ -217,6 +243,36 @@ mod tests {
         assert_eq!((knee.parent, knee.offset, knee.end), (Some(0), [0.0, -10.0, 0.0], Some([0.0, 0.0, 5.0])));
         assert_eq!(bvh.motion[7..9], [-1.0, -2.0]);
         assert!(TWO[bvh.hierarchy..].starts_with("MOTION"));
+    }
+
+    #[test]
+    fn keywords_of_any_case_and_a_byte_order_mark_are_read() {
+        let plain = Bvh::parse(TWO).unwrap();
+        for text in [TWO.to_lowercase(), TWO.to_uppercase()] {
+            let read = Bvh::parse(&text).unwrap();
+            assert_eq!((read.motion, read.joints.len()), (plain.motion.clone(), 2));
+        }
+        let marked = format!("\u{feff}{TWO}");
+        let read = Bvh::parse(&marked).unwrap();
+        assert!(read.joints == plain.joints && marked[read.hierarchy..].starts_with("MOTION"));
+    }
+
+    #[test]
+    fn places_that_repeat_their_offsets_stand_in_their_place() {
+        let file = |root: &str, knee: &str| {
+            let text = format!(
+                "HIERARCHY ROOT hips {{ OFFSET 0 95 0 CHANNELS 3 Xposition Yposition Zposition \
+                 JOINT spine {{ OFFSET 0 10 0 CHANNELS 3 Xposition Yposition Zposition \
+                 JOINT knee {{ OFFSET 1 -40 0 CHANNELS 3 Xposition Yposition Zposition \
+                 End Site {{ OFFSET 0 0 5 }} }} }} }} MOTION Frames: 1 Frame Time: 0.1 {root} 0 0 0 {knee}"
+            );
+            Bvh::parse(&text).unwrap().replaces()
+        };
+        assert_eq!(file("0 95 0", "0 0 0"), [true, false, false]);
+        assert_eq!(file("300 91 -200", "0 0 0"), [true, false, false]);
+        assert_eq!(file("300 -4 -200", "0 0 0"), [false, false, false]);
+        // Of a performer, some hundredths off.
+        assert_eq!(file("0 0 0", "1.02 -40.8 0.01"), [false, true, true]);
     }
 
     #[test]

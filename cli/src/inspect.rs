@@ -1,4 +1,4 @@
-//! `umo inspect`: what a model holds.
+//! `umo inspect`: what a model or a character holds.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,16 @@ use umo_core::{Config, ModelFile};
 
 use crate::args::Inspect;
 use crate::failure::Failure;
-use crate::model;
+use crate::{model, retarget};
 
 /// Prints a summary.
 pub(crate) fn run(args: &Inspect) -> Result<(), Failure> {
+    if let Some(character) = args.model.as_deref().filter(|path| retarget::is_inspected(path)) {
+        if args.config || args.verify || args.tensors {
+            return Err(Failure::input("--tensors, --config and --verify go with a model"));
+        }
+        return retarget::inspect(character);
+    }
     let file = model::open(args.model.as_deref())?;
     if args.config {
         println!("{}", serde_json::to_string_pretty(file.config()).map_err(Failure::environment)?);

@@ -3,8 +3,11 @@
 //! | module | part |
 //! | --- | --- |
 //! | `character` | a character in a `.glb` file, and the animation in it |
+//! | `draco` | meshes that Draco compressed |
+//! | `body` | its surfaces |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
 //! | `mapping` | mapping files |
+//! | `inspect` | what is found of a character and what is missing |
 //! | `sheet` | a picture of the motion on figure and character |
 //! | `wear` | a character and its motion for a page |
 
@@ -15,23 +18,30 @@ use umo_core::glb::{Faces, Given};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::{IDENTITY, Quat};
 use umo_core::motion::skeleton::ARKIT_NAMES;
-use umo_core::retarget::{Floor, Mapping, Retarget, Rig};
+use umo_core::retarget::{Floor, Mapping, Retarget, Rig, other_bodies, undecorated};
 
 use crate::args;
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::{animate, atomic_file, import, model};
 use character::Character;
+pub(crate) use inspect::{inspect, is_inspected};
 pub(crate) use wear::{Wearer, Worn};
 
+mod body;
 mod bvh;
 mod character;
+mod draco;
+mod inspect;
 mod mapping;
 mod sheet;
 mod wear;
 
 #[cfg(test)]
 mod tests;
+
+/// What gives a mesh a skeleton.
+const RIGGERS: &str = "give it one first, as Mixamo's auto-rigger or Blender's Rigify do";
 
 /// What is moved.
 enum Target {
@@ -58,12 +68,10 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         Some(path) => Failure::input(format!("{}: {problem}", path.display())),
         None => wrong(problem),
     })?;
-    let checked = mapping.check(target.rig()).map_err(|problem| {
-        wrong(format!("{problem}; --mapping FILE says which is which, --print-mapping what was found"))
-    });
+    let checked = check(target.rig(), &mapping, "--print-mapping what was found").map_err(wrong);
     if args.print_mapping {
-        let arkit = Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() };
-        let faces = target.faces(&arkit, &given).map_err(wrong)?;
+        let arkit = arkit();
+        let faces = target.faces(&mapping, &arkit, &given).map_err(wrong)?;
         print(target.rig(), &mapping, &convention, &faces, &arkit);
     }
     checked?;
@@ -77,14 +85,15 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     let sheet = args.sheet.as_deref().map(|sheet| target.check_sheet(sheet).map(|()| atomic_file::create(sheet)));
     let sheet = sheet.transpose()?.transpose()?;
     let clip = clip(input, args)?;
-    let faces = target.faces(&clip.face, &given).map_err(wrong)?;
-    let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).map_err(wrong)?;
+    let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
+    let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
     faces.release_bones(&clip.face, &mapping, &mut retarget);
     let motion = motion(&retarget, &clip)?;
     if let (Some(path), Some(out)) = (&args.output, out) {
         let bytes = target.animated(&retarget, &motion, &faces, &clip).map_err(wrong)?;
         atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
         tell(path, &clip, &mapping, &convention, &faces);
+        target.notes(&mapping, &faces, &clip.face).iter().for_each(|note| eprintln!("note: {note}"));
     }
     if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet) {
         let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).map_err(wrong)?;
@@ -97,7 +106,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
 /// A character's file as one `.glb`, or another as it is.
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     let bytes = match is_character(path) {
-        true => umo_core::glb::read(path),
+        true => umo_core::glb::read(path).and_then(|file| draco::decompressed(file).map_err(std::io::Error::other)),
         false => umo_core::file::read(path),
     };
     bytes.map_err(|problem| Failure::input(format!("{}: {problem}", path.display())))
@@ -153,9 +162,9 @@ impl Target {
         }
     }
 
-    fn floor(&self) -> Floor {
+    fn floor(&self, mapping: &Mapping) -> Floor {
         match self {
-            Self::Character(_) => Floor::AtRest,
+            Self::Character(character) => character.floor(mapping),
             Self::Skeleton(_) => Floor::AtZero,
         }
     }
@@ -169,11 +178,20 @@ impl Target {
         }
     }
 
-    fn faces(&self, face: &Face, given: &Given) -> Result<Faces, String> {
+    fn faces(&self, mapping: &Mapping, face: &Face, given: &Given) -> Result<Faces, String> {
         match self {
-            Self::Character(character) => Faces::find(character.document(), face, given),
+            Self::Character(character) => Faces::find(character, mapping, face, given),
             Self::Skeleton(_) => Ok(Faces::default()),
         }
+    }
+
+    /// What of it does not move, or was read in another way than it stands there.
+    fn notes(&self, mapping: &Mapping, faces: &Faces, face: &Face) -> Vec<String> {
+        let mut notes = of_rig(self.rig(), mapping);
+        if let Self::Character(_) = self {
+            notes.extend(faces.notes(face, mapping));
+        }
+        notes
     }
 
     /// A file holds what its name says.
@@ -207,6 +225,40 @@ impl Target {
             Self::Skeleton(target) => target.animated(retarget, motion),
         }
     }
+}
+
+/// ARKit's face.
+fn arkit() -> Face {
+    Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() }
+}
+
+/// Refuses a mapping that makes no body; `help` says what else helps than a mapping file.
+fn check(rig: &Rig, mapping: &Mapping, help: &str) -> Result<(), String> {
+    mapping.check(rig).map_err(|problem| {
+        let is_skinned = rig.bones().iter().any(|bone| bone.deforms);
+        let is_found = mapping.entries().iter().any(|(_, bones)| !bones.is_empty());
+        match is_skinned || is_found || rig.bones().iter().any(|bone| bone.name.is_empty()) {
+            true => format!("{problem}; --mapping FILE says which is which, {help}"),
+            false => format!("it has no skeleton that moves a mesh, and no shapes: {RIGGERS}"),
+        }
+    })
+}
+
+/// Notes of how bones were found.
+fn of_rig(rig: &Rig, mapping: &Mapping) -> Vec<String> {
+    let mut notes = Vec::new();
+    let first = mapping.entries().into_iter().find_map(|(_, bones)| bones.first().copied());
+    if let Some((bone, read)) = first.and_then(|bone| Some((bone, undecorated(rig, bone)?))) {
+        let name = &rig.bones()[bone].name;
+        notes.push(format!("names of bones are read without what all have around them: `{name}` as `{read}`"));
+    }
+    let name = |bone: usize| format!("`{}`", rig.bones()[bone].name);
+    let others: Vec<_> = other_bodies(rig, mapping).into_iter().map(name).collect();
+    if let Some(hips) = mapping.bone(0).filter(|_| !others.is_empty()) {
+        let (count, moved, others) = (others.len() + 1, name(hips), others.join(", "));
+        notes.push(format!("{count} characters: the one of {moved} (bone {hips}) moves, not that below {others}"));
+    }
+    notes
 }
 
 /// Every joint with its bones, every shape that moves with what moves it.

@@ -42,5 +42,7 @@ pub(crate) fn begin(cx: Compute, loader: &Loader, path: &Path, animation: &mut A
 fn read(path: &Path, config: &Config) -> Result<Clip, String> {
     let empty = Clip::new(config);
     let wanted = empty.frame_rate;
-    Ok(npz::fill(&mut npz::open(path)?, empty)?.at_rate(wanted))
+    let (clip, notes) = npz::fill(&mut npz::open(path)?, empty)?;
+    notes.iter().for_each(|note| eprintln!("note: {}: {note}", path.display()));
+    Ok(clip.at_rate(wanted))
 }

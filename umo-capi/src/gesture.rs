@@ -282,9 +282,10 @@ fn read(path: &str) -> Result<Vec<u8>, Failure> {
     Err(Failure::no_files(path, "umo_engine_add_gesture_memory"))
 }
 
-/// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb`, `.gltf` or `.vrm` file of any
-/// character with the bones of a human (the files that a `.gltf` names are read from its folder): Mixamo's, VRM's, Unreal's, Unity's, Godot's or
-/// `umo animate`'s names are known. The motion is brought to the model's skeleton.
+/// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb`, `.gltf` or `.vrm` file
+/// of any character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
+/// `umo animate`'s names are known. Files that a `.gltf` names are read from its folder. The motion is
+/// brought to the model's skeleton.
 ///
 /// `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
 /// minutes. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is seconds from its start to the stroke;

@@ -36,6 +36,7 @@ mod vrm;
 use crate::memory::with_capacity;
 
 pub use character::{Character, Transform, transform};
+pub use expressions::expressions;
 pub use faces::Faces;
 pub use follower::{FollowScratch, Follower};
 pub use given::Given;

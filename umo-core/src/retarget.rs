@@ -83,7 +83,7 @@ use rig::World;
 const CHEST: usize = 9;
 
 /// Where the floor is under a rig.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Floor {
     /// Where it stands at rest.
@@ -91,6 +91,9 @@ pub enum Floor {
     AtRest,
     /// At 0: for rigs whose rest pose says nothing of it, as those of `.bvh` files.
     AtZero,
+    /// At 0, with soles that are at this height at rest, along up in the rig's unit: for characters
+    /// whose shoes reach below the floor.
+    Soles(f32),
 }
 
 /// A bone that follows the source.
@@ -267,6 +270,19 @@ impl Driven {
         let [from, to] = self.joints.map(|joint| source[joint].rotation);
         if self.share < 1.0 { slerp(from, to, self.share) } else { to }
     }
+}
+
+/// A bone's name as it is read, where most names have something around them that no convention has
+/// and that is passed over, as `left arm` of `Armature|LeftArm.001`. Panics where there is no such
+/// bone.
+pub fn undecorated(rig: &Rig, bone: usize) -> Option<String> {
+    names::undecorated(rig, bone)
+}
+
+/// Bodies beside the one of a mapping, of bones with the same names: the topmost bone of each that
+/// that one does not hang on.
+pub fn other_bodies(rig: &Rig, mapping: &Mapping) -> Vec<usize> {
+    mapping.other_bodies(rig, &names::keys(rig))
 }
 
 /// Parents, of which only the first has none, and offsets.

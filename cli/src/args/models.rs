@@ -36,10 +36,11 @@ pub struct Stage {
     pub compute: Compute,
 }
 
-/// Say what a model holds.
+/// Say what a model or a character holds.
 #[derive(Debug, ClapArgs)]
 pub struct Inspect {
-    /// Model file; the one in the program where not given
+    /// Model file, the one in the program where not given; or a character, .glb, .gltf or .vrm, or a
+    /// skeleton, .bvh: what was found of it, what is missing
     pub model: Option<PathBuf>,
     /// Every tensor with its type, shape and size
     #[arg(long)]

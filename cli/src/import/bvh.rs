@@ -26,11 +26,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     };
     let first = bvh.joints.iter().scan(0, |at, joint| Some(std::mem::replace(at, *at + joint.channels.len())));
     let first: Vec<usize> = first.collect();
+    let root = places[0];
+    let offset = bvh.joints[root].offset.map(f64::from);
+    let offset = if bvh.replaces()[root] { offset } else { [0.0; 3] };
     for frame in bvh.motion.chunks_exact(bvh.channels().max(1)) {
         let values = |place: usize| &frame[first[place]..];
         clip.rotations.push(places.map(|place| rotation(&bvh.joints[place], values(place))));
-        let root = places[0];
-        clip.translation.push(metres(position(&bvh.joints[root], values(root))));
+        let place = position(&bvh.joints[root], values(root));
+        clip.translation.push(metres(std::array::from_fn(|i| place[i] - offset[i])));
     }
     Ok(clip)
 }

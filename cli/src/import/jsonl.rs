@@ -34,6 +34,7 @@ struct Frame {
 
 pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     let text = std::str::from_utf8(bytes).map_err(|_| "it is not UTF-8")?;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate();
     let (_, first) = lines.next().ok_or("it is empty")?;
     let header: Header = serde_json::from_str(first).map_err(|error| format!("line 1: {error}"))?;

@@ -38,7 +38,11 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
     let format = if is_gltf { Format::Glb } else { Format::from_extension(path)? };
     let bytes = || umo_core::file::read(path).map_err(|error| wrong(error.to_string()));
     let clip = match format {
-        Format::Npz => npz::read(path).map_err(wrong)?,
+        Format::Npz => {
+            let (clip, notes) = npz::read(path).map_err(wrong)?;
+            notes.iter().for_each(|note| eprintln!("note: {}: {note}", path.display()));
+            clip
+        }
         Format::Glb => {
             let bytes = umo_core::glb::read(path).map_err(|error| wrong(error.to_string()))?;
             glb::read(&bytes).map_err(wrong)?

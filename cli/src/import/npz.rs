@@ -8,12 +8,22 @@ use npyz::{DType, NpyFile, TypeChar};
 use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::axis_angle_to_quat;
+use umo_core::motion::rotation::{IDENTITY, axis_angle_to_quat, product, rotate};
 use umo_core::motion::skeleton::JOINTS;
 use zip::ZipArchive;
 
 /// Most values of one array: an hour of poses at 240 a second.
 const MAX_VALUES: u64 = 240 * 3600 * 165;
+/// Joints of SMPL-H: SMPL-X's without jaw and eyes.
+const SMPL_H: usize = 52;
+const WAY_OUT: &str =
+    "the axis-angles of SMPL-X's 55 joints are read, and SMPL-H's 52: AMASS offers its motions as SMPL-X";
+/// What files call their frame rate.
+const RATES: [&str; 3] = ["mocap_frame_rate", "mocap_framerate", "fps"];
+/// A body's up is along an axis where its mean there is more than this.
+const UPRIGHT: f32 = 0.7;
+/// Hips of somebody who does not lie are higher than this, metres.
+const LOWEST: f32 = 0.4;
 /// Coefficients of an SMPL-X face.
 const EXPRESSIONS: usize = 100;
 
@@ -33,8 +43,9 @@ pub(crate) fn open(path: &Path) -> Result<Archive, String> {
 }
 
 /// The motion, on the skeleton of the model in the program: `poses` and, where there, `trans`,
-/// `arkit` or `expressions`, the frame rate.
-pub(super) fn read(path: &Path) -> Result<Clip, String> {
+/// `arkit` or `expressions`, the frame rate. Also what of it was not said by the file, or was read in
+/// another way than it stands there.
+pub(super) fn read(path: &Path) -> Result<(Clip, Vec<String>), String> {
     let mut archive = open(path)?;
     let skeleton = crate::model::skeleton().map_err(|error| error.to_string())?;
     let face = match names(&mut archive, "arkit_names")? {
@@ -49,28 +60,80 @@ pub(super) fn read(path: &Path) -> Result<Clip, String> {
 }
 
 /// The file's motion in a clip of no frames, whose bones and face it gets, and whose rate where the
-/// file says none.
-pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<Clip, String> {
+/// file says none; and notes.
+pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<String>), String> {
+    let mut notes = Vec::new();
     let (shape, poses) = array(archive, "poses")?.ok_or("it has no array `poses`")?;
-    if shape.len() != 2 || shape[1] != 3 * JOINTS || poses.is_empty() {
-        return Err(format!("array `poses`: expected [frames, {}], got {shape:?}", 3 * JOINTS));
+    let joints = match shape.get(1) {
+        Some(&values) if shape.len() == 2 && values == 3 * JOINTS => JOINTS,
+        Some(&values) if shape.len() == 2 && values == 3 * SMPL_H => SMPL_H,
+        _ => return Err(format!("array `poses`: expected [frames, {}], got {shape:?}; {WAY_OUT}", 3 * JOINTS)),
+    };
+    if poses.is_empty() {
+        return Err("array `poses`: it has no frames".to_owned());
+    }
+    if joints == SMPL_H {
+        notes.push("the motion is of SMPL-H, 52 joints: jaw and eyes stay at rest".to_owned());
     }
     let (frames, width) = (shape[0], clip.face.names.len());
     let translation = rows(archive, "trans", frames, 3)?;
     let name = if clip.face.kind == FaceKind::Arkit { "arkit" } else { "expressions" };
     let face = rows(archive, name, frames, width)?;
     for frame in 0..frames {
-        let pose = &poses[frame * 3 * JOINTS..(frame + 1) * 3 * JOINTS];
-        let rotations = std::array::from_fn(|j| axis_angle_to_quat([pose[3 * j], pose[3 * j + 1], pose[3 * j + 2]]));
+        let (pose, _) = poses[frame * 3 * joints..(frame + 1) * 3 * joints].as_chunks::<3>();
+        let rotations = std::array::from_fn(|joint| match joint {
+            // Jaw and eyes come between the body and the hands.
+            22..25 if joints == SMPL_H => IDENTITY,
+            25.. => axis_angle_to_quat(pose[joint + joints - JOINTS]),
+            _ => axis_angle_to_quat(pose[joint]),
+        });
         let place = &translation[3 * frame..];
         let pose = Pose { rotations, translation: [place[0], place[1], place[2]] };
         clip.push(&pose, &face[frame * width..(frame + 1) * width]);
     }
-    if let Some((_, rate)) = array(archive, "mocap_frame_rate")? {
-        let rate = rate.first().copied().filter(|rate| (1.0..=1000.0).contains(rate));
-        clip.frame_rate = rate.ok_or("array `mocap_frame_rate`: expected 1 to 1000")?;
+    match rate(archive)? {
+        Some(rate) => clip.frame_rate = rate,
+        None => {
+            notes.push(format!("the file has no frame rate (`{}`): {} a second are assumed", RATES[0], clip.frame_rate))
+        }
     }
-    Ok(clip)
+    if is_z_up(&clip) {
+        turn_upright(&mut clip);
+        notes.push("the motion stands along Z, as AMASS has it with Z up: it was turned upright".to_owned());
+    }
+    Ok((clip, notes))
+}
+
+/// Frames a second, where the file says so.
+fn rate(archive: &mut Archive) -> Result<Option<f32>, String> {
+    for name in RATES {
+        if let Some((_, rate)) = array(archive, name)? {
+            let rate = rate.first().copied().filter(|rate| (1.0..=1000.0).contains(rate));
+            return rate.map(Some).ok_or_else(|| format!("array `{name}`: expected 1 to 1000"));
+        }
+    }
+    Ok(None)
+}
+
+/// Whether a motion is in axes whose Z is up: the body's up is along Z for most of it, and its hips
+/// are as high there as they are not along Y. Somebody who lies is not high along Z.
+fn is_z_up(clip: &Clip) -> bool {
+    let count = clip.len() as f32;
+    let mean = |of: &dyn Fn(usize) -> f32| (0..clip.len()).map(of).sum::<f32>() / count;
+    let up = |axis: usize| mean(&|frame| rotate(clip.rotations[frame][0], [0.0, 1.0, 0.0])[axis]);
+    let hips = mean(&|frame| clip.translation[frame][2]);
+    up(2) > UPRIGHT && up(1).abs() < up(2) && hips > LOWEST
+}
+
+/// Turns a motion from axes whose Z is up, X staying as it is.
+fn turn_upright(clip: &mut Clip) {
+    let quarter = axis_angle_to_quat([-std::f32::consts::FRAC_PI_2, 0.0, 0.0]);
+    let offset = clip.skeleton.offsets_m[0];
+    for (rotations, place) in clip.rotations.iter_mut().zip(&mut clip.translation) {
+        rotations[0] = product(quarter, rotations[0]);
+        let turned = rotate(quarter, std::array::from_fn(|i| place[i] + offset[i]));
+        *place = std::array::from_fn(|i| turned[i] - offset[i]);
+    }
 }
 
 /// `width` values per frame: those of an array, cut or padded with zeros; all zeros where it is

@@ -61,6 +61,70 @@ proptest! {
 fn jsonl_is_read_bit_for_bit() {
     let clip = sample::clip(FaceKind::Arkit, 3, 1);
     assert_eq!(back(&clip, Format::Jsonl), clip);
+    // With a byte order mark, as some editors put it.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.jsonl");
+    crate::export::write(&path, None, &clip).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, format!("\u{feff}{text}")).unwrap();
+    assert_eq!(read(&path).unwrap(), clip);
+}
+
+/// An `.npz` file of these arrays of doubles.
+fn arrays(path: &Path, arrays: &[(&str, &[u64], &[f64])]) {
+    use npyz::WriterBuilder;
+    let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+    for &(name, shape, values) in arrays {
+        zip.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).unwrap();
+        let array = npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut zip);
+        let mut array = array.begin_nd().unwrap();
+        array.extend(values.iter().copied()).unwrap();
+        array.finish().unwrap();
+    }
+    zip.finish().unwrap();
+}
+
+#[test]
+fn the_rate_of_an_npz_file_is_found_by_each_of_its_names_or_said_to_be_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npz");
+    let poses = vec![0.0; 4 * 165];
+    for (name, rate) in [("mocap_frame_rate", 50.0), ("mocap_framerate", 120.0), ("fps", 24.0), ("", 30.0)] {
+        arrays(&path, &[("poses", &[4, 165], &poses), (if name.is_empty() { "else" } else { name }, &[], &[rate])]);
+        let (clip, notes) = npz::read(&path).unwrap();
+        assert!((f64::from(clip.frame_rate) - rate).abs() < 1e-6, "{name}");
+        assert_eq!(notes.iter().any(|note| note.contains("no frame rate")), name.is_empty(), "{name}: {notes:?}");
+    }
+    arrays(&path, &[("poses", &[4, 165], &poses), ("fps", &[], &[0.0])]);
+    assert!(read(&path).unwrap_err().to_string().contains("`fps`"));
+}
+
+#[test]
+fn a_motion_whose_z_is_up_is_turned_upright() {
+    let files = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters/");
+    let file = |name: &str| npz::read(Path::new(&(files.to_owned() + name))).unwrap();
+    let ((plain, none), (turned, notes)) = (file("motion.npz"), file("z_up.npz"));
+    assert!(none.is_empty(), "{none:?}");
+    assert!(notes.len() == 1 && notes[0].contains("Z up"), "{notes:?}");
+    assert!(near(&turned.translation, &plain.translation));
+    assert!(largest_angle(&turned, &plain) < 1e-3);
+}
+
+#[test]
+fn poses_of_52_joints_are_read_and_others_refused_with_a_way_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npz");
+    let mut poses = vec![0.0; 2 * 156];
+    // The last of the body, and the first of the left hand.
+    (poses[63], poses[66]) = (0.25, 0.5);
+    arrays(&path, &[("poses", &[2, 156], &poses), ("fps", &[], &[30.0])]);
+    let (clip, notes) = npz::read(&path).unwrap();
+    assert!(notes.len() == 1 && notes[0].contains("SMPL-H"), "{notes:?}");
+    let angle = |joint: usize| 2.0 * clip.rotations[0][joint][0].asin();
+    assert!((angle(21) - 0.25).abs() < 1e-6 && angle(22) == 0.0 && (angle(25) - 0.5).abs() < 1e-6);
+    arrays(&path, &[("poses", &[2, 72], &poses[..144]), ("fps", &[], &[30.0])]);
+    let refused = read(&path).unwrap_err().to_string();
+    assert!(refused.contains("165") && refused.contains("SMPL-X"), "{refused}");
 }
 
 #[test]

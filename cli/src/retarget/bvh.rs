@@ -10,9 +10,6 @@ use crate::bvh::{Bvh, Channel, Joint};
 use crate::export::bvh::continued;
 use crate::export::rotation;
 
-/// Places nearer than this share of a bone's length are one.
-const SAME: f64 = 0.01;
-
 /// A `.bvh` file with a skeleton to move.
 pub(super) struct Target {
     text: String,
@@ -64,13 +61,19 @@ impl Target {
             motion.hips.len(),
             1.0 / f64::from(motion.frame_rate)
         );
-        let still: Vec<_> = (0..joints.len()).map(|at| self.still(at)).collect();
+        let replaces = self.bvh.replaces();
+        // The channels that put a joint at a place in its parent's frame.
+        let channels = |at: usize, place: [f64; 3]| match replaces[at] {
+            true => place,
+            false => std::array::from_fn(|i| place[i] - f64::from(joints[at].offset[i])),
+        };
+        let still: Vec<_> = (0..joints.len()).map(|at| channels(at, joints[at].offset.map(f64::from))).collect();
         let mut before = vec![[0.0; 3]; joints.len()];
         for (rotations, hips) in motion.rotations.iter().zip(&motion.hips) {
             let mut line = Vec::with_capacity(self.bvh.channels());
             for (at, joint) in joints.iter().enumerate() {
                 let place = match at == retarget.hips() {
-                    true => self.channels_of(at, hips.map(f64::from)),
+                    true => channels(at, hips.map(f64::from)),
                     false => still[at],
                 };
                 if let Some(axes) = axes(joint) {
@@ -89,34 +92,6 @@ impl Target {
             out.push('\n');
         }
         Ok(out.into_bytes())
-    }
-
-    /// The channels that put a joint at `place` in its parent's frame.
-    fn channels_of(&self, at: usize, place: [f64; 3]) -> [f64; 3] {
-        let offset = self.bvh.joints[at].offset.map(f64::from);
-        if self.replaces(at) { place } else { std::array::from_fn(|i| place[i] - offset[i]) }
-    }
-
-    /// The channels of a joint that keeps its place.
-    fn still(&self, at: usize) -> [f64; 3] {
-        self.channels_of(at, self.bvh.joints[at].offset.map(f64::from))
-    }
-
-    /// Whether a joint's position channels stand in place of its offset, as some programs write
-    /// them, rather than being added to it: so where the file's first frame repeats the offset. A
-    /// root's are added.
-    fn replaces(&self, at: usize) -> bool {
-        let joint = &self.bvh.joints[at];
-        let first: usize = self.bvh.joints[..at].iter().map(|joint| joint.channels.len()).sum();
-        let Some(frame) = self.bvh.motion.get(first..first + joint.channels.len()) else {
-            return joint.parent.is_some();
-        };
-        let size = joint.offset.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max);
-        let repeats = joint.channels.iter().zip(frame).all(|(channel, value)| match channel {
-            Channel::Position(axis) => (value - f64::from(joint.offset[*axis])).abs() <= SAME * size,
-            Channel::Rotation(_) => true,
-        });
-        joint.parent.is_some() && repeats
     }
 }
 

@@ -9,10 +9,13 @@ use umo_core::glb::splice::{Members, raw};
 use umo_core::glb::{self, Glb, container, transform};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::Quat;
-use umo_core::retarget::Retarget;
+use umo_core::retarget::{Floor, Mapping, Retarget};
 
 use super::Motion;
+use super::body::Body;
 
+/// Soles that are deeper than this share of the way from hips to head are where they should be.
+const SUNK: f32 = 0.35;
 /// glTF's number for 32-bit floats.
 const FLOAT: u32 = 5126;
 
@@ -37,6 +40,53 @@ impl Character {
     /// What of it is not as the format has it, or cannot be moved.
     pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
         Ok(Self { read: glb::Character::read(&bytes)?, bytes })
+    }
+
+    /// Where the floor is under it: soles that reach a little below the file's are lifted onto it, as
+    /// shoes put on a bare foot do.
+    pub(super) fn floor(&self, mapping: &Mapping) -> Floor {
+        let place = |joint: usize| mapping.bone(joint).map(|bone| self.rig().place(bone));
+        let Some((low, high)) = place(0).zip(place(15)) else { return Floor::AtRest };
+        let [x, y, z]: [f32; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
+        // Hips to head is a third of a body and more.
+        let is_near = |soles: &f32| *soles < 0.0 && -soles < SUNK * y;
+        let soles = (y > x.abs() + z.abs()).then(|| Body::read(self, false).ok()?.soles(self, mapping)).flatten();
+        soles.filter(is_near).map_or(Floor::AtRest, Floor::Soles)
+    }
+
+    /// What the file says of who made it and how it may be used: a field and its value.
+    pub(super) fn rights(&self) -> Vec<(&'static str, String)> {
+        let document = self.document();
+        let at = |value: &serde_json::Value, path: &str| match value.pointer(path) {
+            Some(serde_json::Value::String(text)) if !text.is_empty() => Some(text.clone()),
+            Some(serde_json::Value::Array(list)) => {
+                let texts: Vec<_> = list.iter().filter_map(serde_json::Value::as_str).collect();
+                (!texts.is_empty()).then(|| texts.join(", "))
+            }
+            _ => None,
+        };
+        let of_asset = [
+            ("by", "/extras/author"),
+            ("source", "/extras/source"),
+            ("licence", "/extras/license"),
+            ("licence", "/copyright"),
+        ];
+        let of_extensions = [
+            ("name", "/VRMC_vrm/meta/name"),
+            ("by", "/VRMC_vrm/meta/authors"),
+            ("licence", "/VRMC_vrm/meta/licenseUrl"),
+            ("licence", "/VRMC_vrm/meta/otherLicenseUrl"),
+            ("credit", "/VRMC_vrm/meta/creditNotation"),
+            ("name", "/VRM/meta/title"),
+            ("by", "/VRM/meta/author"),
+            ("licence", "/VRM/meta/licenseName"),
+            ("licence", "/VRM/meta/otherLicenseUrl"),
+            ("use", "/VRM/meta/commercialUssageName"),
+        ];
+        let asset = of_asset.into_iter().filter_map(|(field, path)| Some((field, at(&document.asset, path)?)));
+        let others =
+            of_extensions.into_iter().filter_map(|(field, path)| Some((field, at(&document.extensions, path)?)));
+        asset.chain(others).collect()
     }
 
     /// The file as it was read.

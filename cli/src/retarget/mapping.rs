@@ -19,6 +19,7 @@ pub(crate) fn read(path: &Path) -> Result<Given, Failure> {
 
 /// Reads a file's text.
 pub(crate) fn parse(text: &str, json: bool) -> Result<Given, String> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     match json {
         true => serde_json::from_str(text).map_err(|error| error.to_string()),
         false => toml::from_str(text).map_err(|error| error.to_string()),

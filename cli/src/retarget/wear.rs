@@ -17,8 +17,7 @@ use crate::failure::Failure;
 const MAX_BYTES: usize = 256 << 20;
 
 /// What a file may demand of who shows it, and the page does not read.
-const UNREAD: [(&str, &str); 2] =
-    [("KHR_draco_mesh_compression", "meshes are"), ("KHR_texture_basisu", "textures are")];
+const UNREAD: &str = "KHR_texture_basisu";
 
 /// A character with an animation, and the node of each of the 55 joints.
 pub(crate) struct Worn {
@@ -69,10 +68,9 @@ impl Wearer {
         let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
         let character = Character::read(file).map_err(wrong)?;
         let (mapping, _) = character.mapping(&given).map_err(wrong)?;
-        mapping.check(character.rig()).map_err(|problem| {
-            let help = "--mapping FILE says which is which, `umo retarget --print-mapping` what was found";
-            wrong(format!("it is no character with a body that is known: {problem}; {help}"))
-        })?;
+        let help = "`umo retarget --print-mapping` what was found";
+        let checked = super::check(character.rig(), &mapping, help);
+        checked.map_err(|problem| wrong(format!("it is no character with a body that is known: {problem}")))?;
         shown(character.bytes()).map_err(wrong)?;
         Ok(Self { path: path.to_owned(), character, given, mapping })
     }
@@ -101,9 +99,12 @@ impl Wearer {
 
     fn put_on(&self, clip: &Clip) -> Result<(Worn, Follower), Failure> {
         let Self { character, given, mapping, .. } = self;
-        let follower = Follower::new(character, mapping, given, (&clip.skeleton, &clip.face));
+        let floor = character.floor(mapping);
+        let follower = Follower::new(character, mapping, given, (&clip.skeleton, &clip.face), floor);
         let follower = follower.map_err(|problem| self.wrong(problem))?;
         let (retarget, faces) = (follower.retarget(), follower.faces());
+        let notes = super::of_rig(character.rig(), mapping).into_iter().chain(faces.notes(&clip.face, mapping));
+        notes.for_each(|note| eprintln!("note: {}: {note}", self.path.display()));
         let motion = motion(retarget, clip)?;
         let file = character.animated(retarget, &motion, faces, clip).map_err(|problem| self.wrong(problem))?;
         let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
@@ -141,11 +142,12 @@ fn shown(file: &[u8]) -> Result<(), String> {
     if demands.meshes.is_empty() {
         return Err("it has bones and no body: there is no mesh to show".to_owned());
     }
-    match UNREAD.iter().find(|(name, _)| demands.extensions_required.iter().any(|required| required == name)) {
-        Some((name, what)) => {
-            Err(format!("its {what} compressed in a way that the page does not read, {name}: export it without"))
-        }
-        None => Ok(()),
+    match demands.extensions_required.iter().any(|required| required == UNREAD) {
+        true => Err(format!(
+            "its textures are compressed in a way that the page does not read, {UNREAD}: \
+             export it without, or write PNG by `npx @gltf-transform/cli ktxdecompress in.glb out.glb`"
+        )),
+        false => Ok(()),
     }
 }
 

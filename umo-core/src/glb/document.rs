@@ -16,6 +16,7 @@ pub struct Document {
     pub buffers: Vec<Buffer>,
     pub animations: Vec<Animation>,
     pub extensions: Value,
+    pub asset: Value,
 }
 
 impl Document {
@@ -78,19 +79,37 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Number of shapes.
+    /// Number of shapes: of its parts the most, as some have none.
     pub fn shapes(&self) -> usize {
-        self.primitives.first().map_or(0, |primitive| primitive.targets.len())
+        self.primitives.iter().map(|primitive| primitive.targets.len()).max().unwrap_or(0)
     }
 
-    /// The names of its shapes, where it has names for all of them.
+    /// Whether its parts have the same number of shapes, or none.
+    pub fn is_even(&self) -> bool {
+        let shapes = self.shapes();
+        self.primitives.iter().all(|primitive| [0, shapes].contains(&primitive.targets.len()))
+    }
+
+    /// The names of its shapes, where it has names for all of them; of a list that says the same
+    /// several times, as some exporters write it for several parts, those of once.
     pub fn shape_names(&self) -> Option<Vec<String>> {
+        let count = self.shapes();
+        self.shape_lists().into_iter().find_map(|mut names| {
+            let is_once = !names.is_empty() && count > 0 && names.len() % count == 0;
+            let is_found = is_once && names.chunks(count).all(|again| *again == names[..count]);
+            names.truncate(count);
+            is_found.then_some(names)
+        })
+    }
+
+    /// Lists of names for shapes, whatever their lengths.
+    pub fn shape_lists(&self) -> Vec<Vec<String>> {
         let places = std::iter::once(&self.extras).chain(self.primitives.iter().map(|primitive| &primitive.extras));
-        let mut lists = places.filter_map(|extras| {
+        let lists = places.filter_map(|extras| {
             let names = extras.get("targetNames")?.as_array()?.iter();
             names.map(|name| name.as_str().map(str::to_owned)).collect::<Option<Vec<_>>>()
         });
-        lists.find(|names| !names.is_empty() && names.len() == self.shapes())
+        lists.collect()
     }
 }
 

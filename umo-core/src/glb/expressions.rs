@@ -7,10 +7,10 @@ use super::document::Document;
 
 /// An expression, and the shapes that it is made of.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Expression {
-    pub(super) name: String,
+pub struct Expression {
+    pub name: String,
     /// Node with the mesh, shape, and how much of it at 1.
-    pub(super) shapes: Vec<(usize, usize, f32)>,
+    pub shapes: Vec<(usize, usize, f32)>,
 }
 
 fn extension<'a>(document: &'a Document, name: &str) -> Option<&'a Value> {
@@ -18,7 +18,7 @@ fn extension<'a>(document: &'a Document, name: &str) -> Option<&'a Value> {
 }
 
 /// The file's expressions; what of them is not as VRM has it is left out.
-pub(super) fn expressions(document: &Document) -> Vec<Expression> {
+pub fn expressions(document: &Document) -> Vec<Expression> {
     let mut found = match (extension(document, "VRMC_vrm"), extension(document, "VRM")) {
         (Some(vrm), _) => expressions_of_1(vrm),
         (None, Some(vrm)) => expressions_of_0(vrm, document),

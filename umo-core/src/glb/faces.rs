@@ -1,14 +1,18 @@
 //! Which shapes of which mesh move, and by what.
 
-use super::Given;
-use super::document::Document;
 use super::expressions::{Expression, expressions};
+use super::{Character, Given};
 use crate::config::{Face, FaceKind};
 use crate::retarget::face::FaceMap;
-use crate::retarget::{Mapping, Retarget};
+use crate::retarget::{Mapping, Retarget, other_bodies};
 
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
+
+/// Shapes of a mouth that says every vowel.
+const VOWELS: usize = 5;
+/// What a mouth needs.
+const SHAPES: &str = "ARKit's 52, the 15 visemes of Oculus or VRM's 5 vowels are known, others with --mapping";
 
 /// Most shapes of a mesh.
 const MAX_SHAPES: usize = 4096;
@@ -31,41 +35,59 @@ pub struct Faces {
     meshes: Vec<MeshFace>,
     /// Where the meshes' own shapes have no known names: expressions, and what moves them.
     expressions: Option<(Vec<Expression>, FaceMap)>,
+    /// What of the shapes stays still, and why.
+    notes: Vec<String>,
 }
 
 impl Faces {
     /// Finds the shapes that a face's channels move, by their names, by the expressions of a VRM
-    /// file, and as a mapping file says.
+    /// file, and as a mapping file says. Of several characters in one file they are those of the one
+    /// that `mapping` moves.
     ///
     /// # Errors
     /// A mapping file's channel or shape that is not there; a mesh with more shapes than any face
     /// has.
-    pub fn find(document: &Document, face: &Face, given: &Given) -> Result<Self, String> {
-        let mut meshes = Vec::new();
+    pub fn find(character: &Character, mapping: &Mapping, face: &Face, given: &Given) -> Result<Self, String> {
+        let document = character.document();
+        let is_other = of_others(character, mapping);
+        let mut faces = Self::default();
         for (at, node) in document.nodes.iter().enumerate() {
             let Some(mesh) = node.mesh.and_then(|mesh| document.meshes.get(mesh)) else { continue };
             let count = mesh.shapes();
-            if count == 0 || mesh.primitives.iter().any(|primitive| primitive.targets.len() != count) {
+            if count == 0 || is_other[at] {
                 continue;
             }
             if count > MAX_SHAPES {
                 return Err(format!("mesh of node {at}: {count} shapes, at most {MAX_SHAPES} are taken"));
             }
+            let name = mesh.name.clone().or_else(|| node.name.clone()).unwrap_or_else(|| format!("of node {at}"));
+            if !mesh.is_even() {
+                let counts: Vec<_> = mesh.primitives.iter().map(|part| part.targets.len().to_string()).collect();
+                faces.notes.push(format!(
+                    "mesh `{name}` stays still: its parts have {} shapes, expected as many",
+                    counts.join(" and ")
+                ));
+                continue;
+            }
             let shapes = mesh.shape_names().unwrap_or_else(|| vec![String::new(); count]);
             let rest = [&node.weights, &mesh.weights].into_iter().flatten().find(|weights| weights.len() == count);
-            meshes.push(MeshFace {
-                node: at,
-                name: mesh.name.clone().or_else(|| node.name.clone()).unwrap_or_default(),
-                rest: rest.cloned().unwrap_or_else(|| vec![0.0; count]),
-                map: FaceMap::new(face, &shapes),
-                shapes,
-            });
+            let rest = rest.cloned().unwrap_or_else(|| vec![0.0; count]);
+            faces.meshes.push(MeshFace { node: at, name, rest, map: FaceMap::new(face, &shapes), shapes });
         }
-        let mut faces = Self { meshes, expressions: None };
         if !faces.meshes.iter().any(|mesh| mesh.map.opens_mouth(face) && mesh.map.plain_mouth().is_none()) {
             faces.use_expressions(expressions(document), face);
         }
         faces.link(face, given)?;
+        let unnamed = faces.meshes.iter().filter(|mesh| mesh.shapes.iter().all(String::is_empty));
+        let still = unnamed.filter(|mesh| faces.track(mesh).moved == 0);
+        let why = |mesh: &MeshFace| {
+            let lists = document.nodes[mesh.node].mesh.map(|at| document.meshes[at].shape_lists()).unwrap_or_default();
+            let names = lists.first().map_or(0, Vec::len);
+            let (name, count) = (&mesh.name, mesh.shapes.len());
+            format!("mesh `{name}` stays still: {names} names for its {count} shapes; export it with a name for each")
+        };
+        let notes: Vec<_> = still.map(why).collect();
+        faces.notes.extend(notes);
         Ok(faces)
     }
 
@@ -151,6 +173,39 @@ impl Faces {
             map.apply(values, &mut amounts);
             map.moved().into_iter().map(move |at| (list[at].name.as_str(), amounts[at]))
         })
+    }
+
+    /// What of the shapes stays still, and a mouth that does or that says little.
+    pub fn notes(&self, face: &Face, mapping: &Mapping) -> Vec<String> {
+        let mut notes = self.notes.clone();
+        if face.kind != FaceKind::Arkit {
+            return notes;
+        }
+        let names = |map: &FaceMap, names: &dyn Fn(usize) -> String| -> Vec<String> {
+            map.speaking().into_iter().map(names).collect()
+        };
+        let of_meshes = self.meshes.iter().map(|mesh| names(&mesh.map, &|shape| mesh.shapes[shape].clone()));
+        let of_expressions = self.expressions.iter().map(|(list, map)| names(map, &|at| list[at].name.clone()));
+        let most = of_meshes.chain(of_expressions).max_by_key(Vec::len).unwrap_or_default();
+        if !self.opens_mouth(face) {
+            let jaw = mapping.bone(JAW).is_some();
+            let by = if jaw { "its mouth moves by the jaw's bone alone" } else { "its mouth cannot move" };
+            notes.push(format!("{by}: no shape that opens it has a name that is known; {SHAPES}"));
+        } else if !self.drives(face, "jawOpen") && most.len() < VOWELS {
+            notes.push(format!("its mouth moves by {} alone; {SHAPES}", most.join(", ")));
+        }
+        notes
+    }
+
+    /// The channels of a face that move a shape themselves.
+    pub fn driven<'a>(&self, face: &'a Face) -> Vec<&'a str> {
+        let is_driven = |name: &&String| self.meshes.iter().any(|mesh| mesh.map.drives(face, name));
+        face.names.iter().filter(is_driven).map(String::as_str).collect()
+    }
+
+    /// The names of all shapes.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.meshes.iter().flat_map(|mesh| &mesh.shapes).map(String::as_str)
     }
 
     /// Number of shapes that move.
@@ -244,4 +299,13 @@ impl Track<'_> {
         self.mesh.map.apply(values, &mut weights);
         weights
     }
+}
+
+/// By node, whether it belongs to another character than the one that `mapping` moves.
+fn of_others(character: &Character, mapping: &Mapping) -> Vec<bool> {
+    let (rig, document) = (character.rig(), character.document());
+    let others = other_bodies(rig, mapping);
+    let is_other = |node: usize| others.iter().any(|&top| rig.is_below(node, top));
+    let joint = |node: usize| document.nodes[node].skin.and_then(|skin| document.skins.get(skin)?.joints.first());
+    (0..document.nodes.len()).map(|node| is_other(node) || joint(node).is_some_and(|&joint| is_other(joint))).collect()
 }

@@ -43,9 +43,10 @@ impl Follower {
         mapping: &Mapping,
         given: &Given,
         (skeleton, face): (&Skeleton, &Face),
+        floor: Floor,
     ) -> Result<Self, String> {
-        let faces = Faces::find(character.document(), face, given)?;
-        let retarget = Retarget::new(skeleton, character.rig(), mapping, Floor::AtRest);
+        let faces = Faces::find(character, mapping, face, given)?;
+        let retarget = Retarget::new(skeleton, character.rig(), mapping, floor);
         let mut retarget = retarget.map_err(|error| error.to_string())?;
         faces.release_bones(face, mapping, &mut retarget);
         Ok(Self { retarget, faces })
@@ -76,7 +77,7 @@ impl Follower {
         let character = Character::read(file)?;
         let (mapping, convention) = character.mapping(&given)?;
         mapping.check(character.rig()).map_err(|error| error.to_string())?;
-        let follower = Self::new(&character, &mapping, &given, (&skeleton, &face))?;
+        let follower = Self::new(&character, &mapping, &given, (&skeleton, &face), Floor::AtRest)?;
         let Self { retarget, faces } = &follower;
         let track = |track: &super::faces::Track<'_>| serde_json::json!({ "node": track.node(), "count": track.len(), "moved": track.moved() });
         let rest = vec![0.0; face.names.len()];

@@ -28,6 +28,9 @@ const WIDE: f32 = 0.5;
 /// VRM's vowels, 1.0 and 0.x, in the order of [`Vowels`].
 const VOWELS: [&[&str]; 5] = [&["aa", "a"], &["ih", "i"], &["ou", "u"], &["ee", "e"], &["oh", "o"]];
 
+/// The Oculus set's visemes of the same vowels.
+const VISEMES_OF_VOWELS: [&str; 5] = ["aa", "ih", "ou", "E", "oh"];
+
 /// What the one shape that opens a mouth is called.
 const OPENS: [&str; 4] = ["mouthopen", "jawdown", "jawdrop", "openmouth"];
 
@@ -46,7 +49,8 @@ enum Cause {
     Mean(usize, usize),
     Viseme(usize),
     Vowel(usize),
-    /// How far the mouth is open: the jaw's channel less the lips'.
+    /// How far the mouth is open: the jaw's channel less the lips', over [`OPEN`]: such a shape is a
+    /// mouth that speaks, not one that gapes.
     Open {
         jaw: usize,
         close: usize,
@@ -156,14 +160,20 @@ impl FaceMap {
         }
     }
 
-    /// The Oculus set where there is most of it, else VRM's vowels, else what opens the mouth.
+    /// The Oculus set where there is most of it, else VRM's vowels or that set's, else what opens the
+    /// mouth.
     fn add_visemes(&mut self, spelt: &[Spelling]) {
         let marked = |shape: &Spelling, name: &str| {
             let text = shape.text();
             let rest = text.strip_suffix(&name.to_lowercase());
             rest.is_some_and(|rest| rest.ends_with("viseme") || rest.ends_with("vrcv"))
         };
-        let place = |name: &str| spelt.iter().position(|shape| marked(shape, name));
+        let place = |name: &str| {
+            // `viseme_I`, as Ready Player Me has it.
+            let other = [("ih", "i"), ("oh", "o"), ("ou", "u")].into_iter().find(|(known, _)| *known == name);
+            let names = std::iter::once(name).chain(other.map(|(_, other)| other));
+            names.into_iter().find_map(|name| spelt.iter().position(|shape| marked(shape, name)))
+        };
         let found: Vec<_> = VISEME_NAMES.iter().enumerate().filter_map(|(at, name)| Some((place(name)?, at))).collect();
         if self.visemes.is_some() && found.len() > VISEMES / 2 {
             self.causes.extend(found.into_iter().map(|(shape, viseme)| (shape, Cause::Viseme(viseme))));
@@ -173,6 +183,7 @@ impl FaceMap {
         let before = self.causes.len();
         for (vowel, names) in VOWELS.iter().enumerate() {
             let found = spelt.iter().position(|shape| names.contains(&shape.text().as_str()));
+            let found = found.or_else(|| place(VISEMES_OF_VOWELS[vowel]));
             self.causes.extend(found.map(|shape| (shape, Cause::Vowel(vowel))));
         }
         if self.causes.len() == before {
@@ -215,8 +226,13 @@ impl FaceMap {
 
     /// Whether some shape opens the mouth: a jaw that turns would open it twice.
     pub fn opens_mouth(&self, face: &Face) -> bool {
+        self.drives(face, "jawOpen") || !self.speaking().is_empty()
+    }
+
+    /// The shapes that speak in place of `jawOpen`: visemes, vowels, or the one that opens the mouth.
+    pub fn speaking(&self) -> Vec<usize> {
         let speaks = |cause: &Cause| matches!(cause, Cause::Viseme(_) | Cause::Vowel(_) | Cause::Open { .. });
-        self.drives(face, "jawOpen") || self.causes.iter().any(|(_, cause)| speaks(cause))
+        self.causes.iter().filter(|(_, cause)| speaks(cause)).map(|(shape, _)| *shape).collect()
     }
 
     /// The shape that opens the mouth, where that is all that does: vowels elsewhere say more.
@@ -246,7 +262,7 @@ impl FaceMap {
             Cause::Mean(left, right) => format!("mean of {} and {}", name(left), name(right)),
             Cause::Viseme(at) => format!("viseme {}", VISEME_NAMES[at]),
             Cause::Vowel(at) => format!("vowel {}", VOWELS[at][0]),
-            Cause::Open { jaw, close } => format!("{} less {}", name(jaw), name(close)),
+            Cause::Open { jaw, close } => format!("{} less {}, over {OPEN}", name(jaw), name(close)),
         });
         causes.collect::<Vec<_>>().join(" + ")
     }
@@ -264,7 +280,7 @@ impl FaceMap {
                 Cause::Mean(left, right) => 0.5 * (values[left] + values[right]),
                 Cause::Viseme(viseme) => visemes.map_or(0.0, |weights| weights[viseme]),
                 Cause::Vowel(vowel) => vowels.map_or(0.0, |weights| weights[vowel]),
-                Cause::Open { jaw, close } => (values[jaw] - values[close]).max(0.0),
+                Cause::Open { jaw, close } => (values[jaw] - values[close]).max(0.0) / OPEN,
             };
             weights[shape] = (weights[shape] + value).clamp(0.0, 1.0);
         }

@@ -57,6 +57,7 @@ impl Ground {
         // Down to where a sole is as thick as the source's, to scale.
         let drop = match floor {
             Floor::AtRest => 0.0,
+            Floor::Soles(height) => height,
             Floor::AtZero => {
                 let below_hips = hips.map(|hips| dot(hips, up) - scale * (standing - SOLE));
                 lowest.or(below_hips).map_or(0.0, |lowest| lowest - scale * SOLE)

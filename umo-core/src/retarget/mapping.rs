@@ -92,11 +92,24 @@ impl Mapping {
         Ok((mapping, convention))
     }
 
-    /// What the best convention finds, which may not be enough.
+    /// What the best convention finds, which may not be enough. Of several bodies in one file it is
+    /// the first.
     pub fn closest(rig: &Rig) -> (Self, &'static str) {
-        let keys = names::keys(rig);
-        let tried =
-            names::CONVENTIONS.iter().map(|convention| (of_convention(rig, &keys, convention), convention.name));
+        let mut keys = names::keys(rig);
+        let (mut mapping, mut name) = Self::best(rig, &keys);
+        let others = mapping.other_bodies(rig, &keys);
+        if !others.is_empty() {
+            let of_other = |bone: usize| others.iter().any(|&top| rig.is_below(bone, top));
+            (0..rig.len()).filter(|&bone| of_other(bone)).for_each(|bone| keys[bone] = names::Key::default());
+            (mapping, name) = Self::best(rig, &keys);
+        }
+        mapping.waive(rig);
+        (mapping, name)
+    }
+
+    /// The mapping of the convention that finds most.
+    fn best(rig: &Rig, keys: &[names::Key]) -> (Self, &'static str) {
+        let tried = names::CONVENTIONS.iter().map(|convention| (of_convention(rig, keys, convention), convention.name));
         let score = |mapping: &Self| {
             // Half a limb says nothing: what one calls the upper arm is another's clavicle.
             let lower = |joint: usize| match joint {
@@ -110,9 +123,28 @@ impl Mapping {
             (needed, found)
         };
         let best = tried.reduce(|best, next| if score(&next.0) > score(&best.0) { next } else { best });
-        let (mut mapping, name) = best.expect("there are conventions");
-        mapping.waive(rig);
-        (mapping, name)
+        best.expect("there are conventions")
+    }
+
+    /// Bodies beside this one, of bones with the same names: the topmost bone of each that this one
+    /// does not hang on.
+    pub(super) fn other_bodies(&self, rig: &Rig, keys: &[names::Key]) -> Vec<usize> {
+        let [Some(hips), Some(left), Some(right)] = [0, 1, 2].map(|joint| self.bones[joint]) else { return Vec::new() };
+        let is_as =
+            |bone: usize, of: usize| keys[bone] == keys[of] && rig.bones()[bone].deforms == rig.bones()[of].deforms;
+        let carries =
+            |bone: usize, thigh: usize| (0..rig.len()).any(|other| is_as(other, thigh) && rig.is_below(other, bone));
+        let is_apart = |bone: usize| !rig.is_below(bone, hips) && !rig.is_below(hips, bone);
+        let is_body = |&bone: &usize| {
+            is_as(bone, hips) && is_apart(bone) && [left, right].iter().all(|&thigh| carries(bone, thigh))
+        };
+        let top = |mut bone: usize| {
+            while let Some(parent) = rig.bones()[bone].parent.filter(|&parent| !rig.is_below(hips, parent)) {
+                bone = parent;
+            }
+            bone
+        };
+        (0..rig.len()).filter(is_body).map(top).collect()
     }
 
     /// A rig with a head, without legs or arms and without bones that may be those, is a bust or a

@@ -7,15 +7,16 @@ mod conventions;
 pub(super) use conventions::CONVENTIONS;
 
 /// The side of the body, the character's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Side {
+    #[default]
     Middle,
     Left,
     Right,
 }
 
 /// A name as conventions have it: without its side, its prefix, its case and what parts its words.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Key {
     side: Side,
     text: String,
@@ -58,31 +59,103 @@ impl Convention {
     }
 }
 
-/// The key of each bone.
+/// The key of each bone, without what an exporter put on the names of most.
 pub(super) fn keys(rig: &Rig) -> Vec<Key> {
-    let numbered = are_numbered(rig);
-    let name = |name: &str| match number(name).filter(|_| numbered) {
-        Some((bare, _)) => key(bare),
-        None => key(name),
-    };
-    rig.bones().iter().map(|bone| name(&bone.name)).collect()
+    let decoration = Decoration::of(rig);
+    rig.bones().iter().map(|bone| decoration.key(&bone.name)).collect()
 }
 
-/// Whether a program has numbered the nodes one by one at the end of their names, as Sketchfab does:
-/// `mixamorig:Hips_01`, `mixamorig:Spine_02`.
-fn are_numbered(rig: &Rig) -> bool {
-    let names = || rig.bones().iter().map(|bone| bone.name.as_str()).filter(|name| !name.is_empty());
-    let mut numbers: Vec<u64> = names().filter_map(number).map(|(_, number)| number).collect();
+/// A bone's name as it is read, where that is without something that an exporter put on the names of
+/// most bones and that no convention has.
+pub(super) fn undecorated(rig: &Rig, bone: usize) -> Option<String> {
+    let decoration = Decoration::of(rig);
+    let Key { side, text, .. } = decoration.key(&rig.bones()[bone].name);
+    let side = match side {
+        Side::Middle => "",
+        Side::Left => "left ",
+        Side::Right => "right ",
+    };
+    (decoration != Decoration::default()).then(|| format!("{side}{text}"))
+}
+
+/// What an exporter put on the names of most bones.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Decoration {
+    /// A path before them that is no convention's, as `Armature|`.
+    path: bool,
+    /// Words before them.
+    stem: Vec<String>,
+    /// Numbers after them, one behind the other, as `.001` and `_03`.
+    numbers: usize,
+}
+
+impl Decoration {
+    /// Of bones that a mesh follows, where there are such.
+    fn of(rig: &Rig) -> Self {
+        let skinned = rig.bones().iter().any(|bone| bone.deforms);
+        let bones = rig.bones().iter().filter(|bone| (bone.deforms || !skinned) && !bone.name.is_empty());
+        let mut names: Vec<&str> = bones.map(|bone| bone.name.as_str()).collect();
+        let is_most = |found: usize| found > 8 && 4 * found >= 3 * names.len();
+        let is_foreign = |name: &&&str| {
+            let (path, _) = split_path(name);
+            // A known prefix before a word is dropped.
+            let mut words = words(&format!("{path} x"));
+            drop_prefix(&mut words, &mut false);
+            !path.is_empty() && (words.len() > 1 || path.starts_with("Armature"))
+        };
+        let path = is_most(names.iter().filter(is_foreign).count());
+        let mut numbers = 0;
+        while numbers < 2 && are_numbered(&names) {
+            names.iter_mut().for_each(|name| *name = number(name).map_or(*name, |(bare, _)| bare));
+            numbers += 1;
+        }
+        let mut all: Vec<Vec<String>> = names.iter().map(|name| bare_words(name, &mut false)).collect();
+        let mut stem = Vec::new();
+        while let Some(word) = shared(&all) {
+            all.iter_mut().filter(|words| words.len() > 1 && words[0] == word).for_each(|words| drop(words.remove(0)));
+            stem.push(word);
+        }
+        Self { path, stem, numbers }
+    }
+
+    fn key(&self, mut name: &str) -> Key {
+        for _ in 0..self.numbers {
+            name = number(name).map_or(name, |(bare, _)| bare);
+        }
+        key(name, &self.stem)
+    }
+}
+
+/// The first word of most names, where that is no side of the body.
+fn shared(all: &[Vec<String>]) -> Option<String> {
+    // A name and its number are no stem and a name.
+    let has_more = |words: &[String]| words.iter().skip(1).any(|word| !is_number(word));
+    let count = |word: &String| all.iter().filter(|words| has_more(words) && words[0] == *word).count();
+    let is_most = |word: &&String| {
+        let found = count(word);
+        found > 8 && 4 * found >= 3 * all.len()
+    };
+    // Of so many names one has the word of three in four.
+    let tried = all.iter().filter_map(|words| words.first()).take(1 + all.len() / 4);
+    tried.filter(|word| side_of(word).is_none()).find(is_most).cloned()
+}
+
+/// Whether most names end in a number that a program put there: one by one, as Sketchfab does
+/// (`mixamorig:Hips_01`, `mixamorig:Spine_02`), or the same on all, as Blender does with copies
+/// (`Hips.001`).
+fn are_numbered(names: &[&str]) -> bool {
+    let mut numbers: Vec<u64> = names.iter().filter_map(|name| number(name)).map(|(_, number)| number).collect();
     let found = numbers.len();
     numbers.sort_unstable();
-    numbers.dedup();
+    let runs = numbers.chunk_by(|a, b| a == b);
+    let (different, most) = runs.fold((0, 0), |(count, most), run| (count + 1, run.len().max(most)));
     // Numbers that names have for themselves, as `spine_01`, come again on other bones.
-    found > 8 && 4 * found >= 3 * names().count() && 10 * numbers.len() >= 9 * found
+    found > 8 && 4 * found >= 3 * names.len() && (10 * different >= 9 * found || 10 * most >= 9 * found)
 }
 
-/// A name without the number at its end, after `_`, and that number.
+/// A name without the number at its end, after `_` or `.`, and that number.
 fn number(name: &str) -> Option<(&str, u64)> {
-    let (bare, number) = name.rsplit_once('_')?;
+    let (bare, number) = name.rsplit_once(['_', '.'])?;
     let digits = !number.is_empty() && is_number(number) && !bare.is_empty();
     digits.then(|| number.parse().ok()).flatten().map(|number| (bare, number))
 }
@@ -96,13 +169,26 @@ pub(super) fn find(rig: &Rig, keys: &[Key], side: Side, alternatives: &str) -> O
     })
 }
 
-/// Cuts a name.
-pub(super) fn key(name: &str) -> Key {
-    // A namespace or a path before the name.
-    let name = name.rsplit([':', '|', '/']).next().unwrap_or_default();
-    let mut words = words(&narrow(name));
+/// A namespace or a path before a name, and the name.
+fn split_path(name: &str) -> (&str, &str) {
+    name.rfind([':', '|', '/']).map_or(("", name), |at| (&name[..at], &name[at + 1..]))
+}
+
+/// A name's words, without a path and without what programs put before every name.
+fn bare_words(name: &str, deforms: &mut bool) -> Vec<String> {
+    let mut words = words(&narrow(split_path(name).1));
+    drop_prefix(&mut words, deforms);
+    words
+}
+
+/// Cuts a name whose first words may be `stem`.
+fn key(name: &str, stem: &[String]) -> Key {
     let mut deforms = false;
-    drop_prefix(&mut words, &mut deforms);
+    let mut words = bare_words(name, &mut deforms);
+    if words.len() > stem.len() && words.starts_with(stem) {
+        words.drain(..stem.len());
+        drop_prefix(&mut words, &mut deforms);
+    }
     let mut side = Side::Middle;
     let sided = words.iter().position(|word| side_of(word).is_some());
     if let Some(at) = sided {
@@ -191,7 +277,7 @@ mod tests {
     use super::*;
 
     fn cut(name: &str) -> (Side, String) {
-        let key = key(name);
+        let key = key(name, &[]);
         (key.side, key.text)
     }
 
@@ -227,6 +313,9 @@ mod tests {
             ("右足首", Right, "足首"),
             ("上半身2", Middle, "上半身2"),
             ("LHipJoint", Left, "hipjoint"),
+            ("UpperArmL", Left, "upperarm"),
+            ("Index1R", Right, "index1"),
+            ("DEF-thumb01L", Left, "thumb01"),
             ("", Middle, ""),
             ("C", Middle, "c"),
         ] {
@@ -243,6 +332,65 @@ mod tests {
         assert_eq!(texts(&rig(&|at| format!("mixamorig:Spine{at}_{:03}", at + 5)))[11], "spine11");
         assert_eq!(texts(&rig(&|at| format!("spine_{:02}", at % 3)))[1], "spine01");
         assert_eq!(texts(&rig(&|at| if at == 0 { "a_1".to_owned() } else { format!("b{at}") }))[0], "a1");
+    }
+
+    #[test]
+    fn what_exporters_put_on_every_name_is_dropped() {
+        let plain = [
+            "Hips",
+            "Spine",
+            "Spine1",
+            "Neck",
+            "Head",
+            "LeftShoulder",
+            "LeftArm",
+            "LeftForeArm",
+            "LeftHand",
+            "RightArm",
+            "RightForeArm",
+            "RightHand",
+            "LeftUpLeg",
+            "LeftLeg",
+            "LeftFoot",
+            "RightUpLeg",
+            "RightLeg",
+            "RightFoot",
+        ];
+        let rig = |name: &dyn Fn(&str) -> String| {
+            let mut names = vec!["Scene".to_owned(), "Body".to_owned()];
+            names.extend(plain.iter().map(|plain| name(plain)));
+            Rig::new(names.iter().map(|name| crate::retarget::Bone::new(name, None, [0.0; 3])).collect()).unwrap()
+        };
+        let wanted = keys(&rig(&|name| name.to_owned()));
+        for (said, decorated) in [
+            (false, "mixamorig:{}"),
+            (false, "mixamorig{}"),
+            (true, "mixamorig1:{}.001"),
+            (true, "Armature|{}"),
+            (true, "rig:{}"),
+            (true, "Hero|Skeleton:{}"),
+            (true, "Robot_{}"),
+            (true, "Robot7{}"),
+            (true, "My Robot.{}_03"),
+            (true, "{}.001"),
+            (true, "{}_03"),
+            (true, "{}.001_03"),
+            (true, "Armature|Robot-mixamorig1:{}.001"),
+        ] {
+            let rig = rig(&|name| decorated.replace("{}", name));
+            let found = keys(&rig);
+            assert_eq!(found[2..], wanted[2..], "{decorated}");
+            assert_eq!(undecorated(&rig, 2).as_deref(), said.then_some("hips"), "{decorated}");
+        }
+        let rig = rig(&|name| format!("Armature|{name}.001"));
+        assert_eq!(undecorated(&rig, 8).as_deref(), Some("left arm"));
+        // Names that are all of one beginning for themselves.
+        let fingers: Vec<_> =
+            (1..=12).map(|at| crate::retarget::Bone::new(format!("L_Finger{at}"), None, [0.0; 3])).collect();
+        assert_eq!(
+            keys(&Rig::new(fingers).unwrap())[3],
+            Key { side: Side::Left, text: "finger4".to_owned(), deforms: false }
+        );
     }
 
     #[test]

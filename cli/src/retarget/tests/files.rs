@@ -57,7 +57,7 @@ fn write_joint(out: &mut String, at: usize, order: &str, places: bool) {
 fn on_skeleton(text: &str, clip: &Clip) -> (f32, Bvh, String) {
     let target = Target::read("a.BVH".as_ref(), text.as_bytes().to_vec()).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
-    let retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).unwrap();
+    let retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).unwrap();
     let motion = motion(&retarget, clip).unwrap();
     let bytes = target.animated(&retarget, &motion, &Faces::default(), clip).unwrap();
     let text = String::from_utf8(bytes).unwrap();
@@ -170,7 +170,7 @@ fn joints_that_cannot_be_turned_are_refused() {
     let refused = |text: String| {
         let target = Target::read("a.bvh".as_ref(), text.into_bytes()).unwrap();
         let (mapping, _) = target.mapping(&Given::default()).unwrap();
-        let retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).unwrap();
+        let retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).unwrap();
         target.animated(&retarget, &motion(&retarget, &clip).unwrap(), &Faces::default(), &clip).unwrap_err()
     };
     let two = text("ZXY", false, "").replacen("CHANNELS 3 Zrotation Xrotation", "CHANNELS 2 Zrotation", 1);
