@@ -28,7 +28,7 @@ const scene = readScene();
 let body = null;
 if (scene.character) {
   scene.character.file = block("character", "u8");
-  body = scene.character.body = new CharacterBody(scene);
+  body = scene.character.body = new CharacterBody(scene, scene.character);
   await readTextures(body);
   if (scene.frames.length === 0 && !scene.live) body.becomeMotion();
 } else {
@@ -160,17 +160,11 @@ function otherRate(way) {
 async function putOn(file) {
   const bytes = new Uint8Array(await file.arrayBuffer());
   const character = await follow(scene, bytes, ({ loaded, total }) => say(`loads the model: ${total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`}`));
+  character.body = new CharacterBody(scene, character, motion.rest);
+  await readTextures(character.body);
   live.stop();
-  const before = scene.character;
   scene.character = character;
-  try {
-    character.body = new CharacterBody(scene, motion.rest);
-  } catch (error) {
-    scene.character = before;
-    throw error;
-  }
   body = character.body;
-  await readTextures(body);
   motion.fit(scene);
   body.follow(motion);
   picture.prepare();
