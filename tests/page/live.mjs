@@ -328,6 +328,22 @@ export const tests = [
   ],
 
   [
+    "a stream is saved as a video, to its end",
+    async (context) => {
+      const page = await opened(context);
+      await page.click("#video");
+      await until(() => page.value("umo.scene.video !== undefined"), 60, "the file");
+      assert.equal(await log(page, "done"), true);
+      const [seconds, loudest] = await page.value(`(async () => {
+        const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(await umo.scene.video.arrayBuffer());
+        return [sound.duration, sound.getChannelData(0).reduce((most, x) => Math.max(most, Math.abs(x)), 0)];
+      })()`);
+      assert.ok(seconds > 2.2 && seconds < 8 && loudest > 0.1, `${seconds} s, as loud as ${loudest}`);
+      await page.close();
+    },
+  ],
+
+  [
     "a character that is dropped onto the page is put on, and one that cannot be is said",
     async (context) => {
       const [own, at] = await served(context.umo, context.short);
