@@ -37,6 +37,10 @@ mod tests;
 /// Largest file of a character.
 const MAX_BYTES: u64 = 2 << 30;
 
+/// Three-vrm poses a VRM's bones anew from its own normalized rig at each `vrm.update()`.
+const VRM_NOTE: &str = "note: in three-vrm, `vrm.update()` overwrites this animation with a T-pose unless \
+    `vrm.humanoid.autoUpdateHumanBones` is false; `umo animate -o motion.vrma` makes one that plays on any VRM";
+
 /// What is moved.
 enum Target {
     Character(Character),
@@ -89,6 +93,9 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         let bytes = target.animated(&retarget, &motion, &faces, &clip).map_err(wrong)?;
         atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
         tell(path, &clip, &mapping, &convention, &faces);
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vrm")) {
+            eprintln!("{VRM_NOTE}");
+        }
     }
     if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet) {
         let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).map_err(wrong)?;
