@@ -29,7 +29,7 @@ mod vrm;
 
 pub use character::{Character, Transform, transform};
 pub use faces::Faces;
-pub use follower::{FollowScratch, Follower};
+pub use follower::{FollowScratch, Follower, nodes};
 pub use given::Given;
 
 const MAGIC: &[u8; 4] = b"glTF";
