@@ -43,6 +43,10 @@ mod tests;
 /// What gives a mesh a skeleton.
 const RIGGERS: &str = "give it one first, as Mixamo's auto-rigger or Blender's Rigify do";
 
+/// Three-vrm poses a VRM's bones anew from its own normalized rig at each `vrm.update()`.
+const VRM_NOTE: &str = "note: in three-vrm, `vrm.update()` overwrites this animation with a T-pose unless \
+    `vrm.humanoid.autoUpdateHumanBones` is false; `umo animate -o motion.vrma` makes one that plays on any VRM";
+
 /// What is moved.
 enum Target {
     Character(Character),
@@ -94,6 +98,9 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
         tell(path, &clip, &mapping, &convention, &faces);
         target.notes(&mapping, &faces, &clip.face).iter().for_each(|note| eprintln!("note: {note}"));
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vrm")) {
+            eprintln!("{VRM_NOTE}");
+        }
     }
     if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet) {
         let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).map_err(wrong)?;

@@ -152,6 +152,13 @@ class Page {
     })()`);
   }
 
+  /** Drops files onto an element. */
+  async drop(selector, ...files) {
+    const [x, y] = await this.place(selector);
+    const data = { items: [], files, dragOperationsMask: 1 };
+    for (const type of ["dragEnter", "dragOver", "drop"]) await this.send("Input.dispatchDragEvent", { type, x, y, data });
+  }
+
   async click(selector) {
     await this.drag([await this.place(selector)]);
   }

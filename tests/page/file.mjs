@@ -559,6 +559,55 @@ export const tests = [
   ],
 
   [
+    "saves picture and sound as a video",
+    async (context) => {
+      const page = await opened(context);
+      await page.click("#video");
+      await until(() => page.value("umo.playing"), 30, "the start");
+      assert.equal(await page.value('document.querySelector("#video").ariaLabel'), "Stop video");
+      await until(() => page.value("umo.scene.video !== undefined"), 60, "the file");
+      const { size, type, seconds, wide, loudest, colours } = await page.value(`(async () => {
+        const file = umo.scene.video;
+        const video = document.createElement("video");
+        video.src = URL.createObjectURL(file);
+        video.muted = true;
+        await new Promise((done) => (video.onloadeddata = done));
+        // A recorder does not write the length; far beyond the end it is found.
+        video.currentTime = 1e6;
+        await new Promise((done) => (video.onseeked = done));
+        const seconds = video.currentTime;
+        const canvas = Object.assign(document.createElement("canvas"), { width: 64, height: 64 });
+        const painter = canvas.getContext("2d");
+        painter.drawImage(video, 0, 0, 64, 64);
+        const pixels = new Uint32Array(painter.getImageData(0, 0, 64, 64).data.buffer);
+        const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(await file.arrayBuffer());
+        const loudest = sound.getChannelData(0).reduce((most, x) => Math.max(most, Math.abs(x)), 0);
+        return { size: file.size, type: file.type, seconds, wide: video.videoWidth, loudest, colours: new Set(pixels).size };
+      })()`);
+      assert.match(type, /^video\//);
+      assert.ok(Math.abs(seconds - 229 / RATE) < 1.2, `${seconds} s`);
+      assert.ok(wide > 500 && size > 50_000 && colours > 50, `${wide} pixels wide, ${size} bytes, ${colours} colours`);
+      assert.ok(loudest > 0.1, `the sound reaches ${loudest}`);
+      assert.equal(await page.value('document.querySelector("#video").ariaLabel'), "Save video");
+      await closed(page);
+    },
+  ],
+
+  [
+    "says where a file that is dropped can be shown",
+    async (context) => {
+      const page = await opened(context);
+      const notice = (text) => until(async () => text.test(await page.value('document.querySelector("#notice").textContent')), 10, `${text}`);
+      await page.drop("#view", context.at("stranger.glb"));
+      await notice(/umo view RECORDING --onto stranger\.glb/);
+      await page.drop("#view", context.speech);
+      await notice(/umo view hello\.wav/);
+      await page.picture(context.at("dropped.png"));
+      await closed(page);
+    },
+  ],
+
+  [
     "moves by itself only for those who do not mind",
     async (context) => {
       const calm = await opened(context);

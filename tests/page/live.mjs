@@ -315,6 +315,57 @@ export const tests = [
   ],
 
   [
+    "a recording that is dropped onto the page is spoken",
+    async (context) => {
+      const page = await opened(context);
+      await page.drop("#view", context.short);
+      await until(() => log(page, "done"), 120, "the end of the stream");
+      assert.deepEqual([await log(page, "error"), await log(page, "inOrder")], [null, true]);
+      const seconds = (fs.statSync(context.short).size - 44) / 32_000;
+      assert.equal(await page.value("umo.frames"), Math.floor(seconds * 30));
+      await page.close();
+    },
+  ],
+
+  [
+    "a stream is saved as a video, to its end",
+    async (context) => {
+      const page = await opened(context);
+      await page.click("#video");
+      await until(() => page.value("umo.scene.video !== undefined"), 60, "the file");
+      assert.equal(await log(page, "done"), true);
+      const [seconds, loudest] = await page.value(`(async () => {
+        const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(await umo.scene.video.arrayBuffer());
+        return [sound.duration, sound.getChannelData(0).reduce((most, x) => Math.max(most, Math.abs(x)), 0)];
+      })()`);
+      assert.ok(seconds > 2.2 && seconds < 8 && loudest > 0.1, `${seconds} s, as loud as ${loudest}`);
+      await page.close();
+    },
+  ],
+
+  [
+    "a character that is dropped onto the page is put on, and one that cannot be is said",
+    async (context) => {
+      const [own, at] = await served(context.umo, context.short);
+      const page = await opened(context, at);
+      fs.writeFileSync(context.at("live-broken.glb"), "no glb");
+      await page.drop("#view", context.at("live-broken.glb"));
+      await until(async () => /it is no glb file/.test(await page.value('document.querySelector("#notice").textContent')), 30, "the sentence");
+      assert.equal(await page.value("umo.scene.character"), null);
+      await page.drop("#view", context.at("live-stranger.glb"));
+      await until(() => page.value("umo.scene.character !== null").catch(() => false), 60, "the page with the character");
+      await page.ready();
+      await stream(page);
+      assert.equal(await log(page, "error"), null);
+      await page.picture(context.at("live-dropped.png"));
+      const weights = await page.value("(umo.seek(1.2), umo.weights())");
+      assert.ok(Object.keys(weights).length > 0, "its face moves");
+      await page.close();
+      own.kill("SIGKILL");
+    },
+  ],
+
+  [
     "other pages and other names do not get in",
     async ({ browser }) => {
       const { port } = new URL(address);

@@ -58,12 +58,17 @@ function near(found, wanted, most, what) {
   found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]) <= most, `${what}: ${found} is not ${wanted}`));
 }
 
-/** Whether a page's character moves as `umo retarget` moves it. */
-async function follows(context, name) {
+/** Whether a page's character moves as `umo retarget` moves it: one that the page came with, or one that is dropped onto it. */
+async function follows(context, name, isDropped) {
   const { at, browser, run } = context;
-  const own = await serve(at(`local-${name}`));
+  const own = await serve(isDropped ? folder : at(`local-${name}`));
   const page = await browser.open(own.address);
   await page.ready();
+  if (isDropped) {
+    await page.drop("#view", at(`local-${name}.glb`));
+    await until(() => notice(page, / is on/), 120, "the character");
+    await page.picture(at(`local-${name}-dropped.png`));
+  }
   // Before the first frame it stands at rest.
   assert.ok((await page.value("umo.joints()")).every(({ place }) => place.every(Number.isFinite)));
   await page.click("#recording");
@@ -97,6 +102,9 @@ async function follows(context, name) {
 export function end() {
   server.close();
 }
+
+/** Whether the page's news are these. */
+const notice = async (page, text) => text.test(await page.value('document.querySelector("#notice").textContent'));
 
 async function opened({ browser }) {
   const page = await browser.open(server.address);
@@ -180,5 +188,25 @@ export const tests = [
       await page.close();
     },
   ],
-  ...Object.keys(CHARACTERS).map((name) => [`one's own character, ${name}, moves as \`umo retarget\` moves it`, (context) => follows(context, name)]),
+  ...Object.keys(CHARACTERS).map((name) => [`one's own character, ${name}, moves as \`umo retarget\` moves it`, (context) => follows(context, name, false)]),
+  ["a character that is dropped onto the page moves as `umo retarget` moves it", (context) => follows(context, "vowels", true)],
+  [
+    "a recording that is dropped onto the page is spoken, and a file of another kind is said",
+    async (context) => {
+      const page = await opened(context);
+      await page.drop("#view", context.speech);
+      await until(() => log(page, "done"), 120, "the end of the stream");
+      assert.equal(await log(page, "error"), null);
+      assert.equal(await page.value("umo.frames"), 229, "frames of hello.wav");
+      assert.ok(await notice(page, /speaks hello\.wav/));
+      await page.drop("#view", context.at("local.jsonl"));
+      await until(() => notice(page, /local\.jsonl: expected a character/), 10, "the sentence");
+      // What is no character leaves the page as it is.
+      fs.writeFileSync(context.at("local-broken.glb"), "no glb");
+      await page.drop("#view", context.at("local-broken.glb"));
+      await until(() => notice(page, /local-broken\.glb: .*it is no glb file/), 10, "the sentence");
+      assert.ok((await page.value("umo.joints()")).every(({ place }) => place.every(Number.isFinite)));
+      await done(page);
+    },
+  ],
 ];

@@ -17,6 +17,7 @@ const IMPORTS = {
   three: "./packages/three/build/three.module.js",
   "three/addons/": "./packages/three/examples/jsm/",
   "@pixiv/three-vrm": "./packages/@pixiv/three-vrm/lib/three-vrm.module.min.js",
+  "@pixiv/three-vrm-animation": "./packages/@pixiv/three-vrm-animation/lib/three-vrm-animation.module.min.js",
   "umo-web": "./umo/src/index.js",
   "umo-web/three": "./umo/src/three.js",
 };
@@ -97,6 +98,44 @@ export function end() {
   server.close();
 }
 
+/** A VRM with an animation of umo's in three-vrm's ordinary loop: how far the left hand is from where a T-pose has it, metres. */
+const looped = (page, options) => page.value(`(async ({ file, clip, update }) => {
+  const three = await import("three");
+  const { GLTFLoader } = await import("three/addons/loaders/GLTFLoader.js");
+  const { VRMLoaderPlugin } = await import("@pixiv/three-vrm");
+  const { VRMAnimationLoaderPlugin, createVRMAnimationClip } = await import("@pixiv/three-vrm-animation");
+  const loader = new GLTFLoader();
+  loader.register((parser) => new VRMLoaderPlugin(parser));
+  loader.register((parser) => new VRMAnimationLoaderPlugin(parser));
+  const { scene, userData: { vrm }, animations } = await loader.loadAsync(file);
+  if (update !== undefined) vrm.humanoid.autoUpdateHumanBones = update;
+  const hand = vrm.humanoid.getRawBoneNode("leftHand");
+  const place = () => (scene.updateMatrixWorld(true), hand.getWorldPosition(new three.Vector3()));
+  const rest = place();
+  const animation = clip ? createVRMAnimationClip((await loader.loadAsync(clip)).userData.vrmAnimations[0], vrm) : animations[0];
+  const mixer = new three.AnimationMixer(scene);
+  mixer.clipAction(animation).play();
+  for (let i = 0; i < 30; i++) {
+    mixer.update(1 / 30);
+    vrm.update(1 / 30);
+  }
+  return place().distanceTo(rest);
+})(${JSON.stringify(options)})`);
+
+async function loops({ browser, run, at }) {
+  const folder = at("readme");
+  for (const name of ["one", "zero"]) run("retarget", at("readme.jsonl"), "--onto", path.join(folder, `${name}.vrm`), "-o", path.join(folder, `moved-${name}.vrm`));
+  run("animate", at("short.wav"), "-o", path.join(folder, "motion.vrma"));
+  const page = await browser.open(`${server.address}#one.vrm`, { width: 240, height: 320 });
+  await until(() => page.value("window.isReady === true").catch(() => false), 120, "the page");
+  for (const name of ["one", "zero"]) {
+    assert.ok((await looped(page, { file: `moved-${name}.vrm` })) < 0.01, "three-vrm overwrites what moves a VRM's own nodes: the note of `umo retarget` is needed");
+    assert.ok((await looped(page, { file: `moved-${name}.vrm`, update: false })) > 0.2, `moved-${name}.vrm moves where it may`);
+    assert.ok((await looped(page, { file: `${name}.vrm`, clip: "motion.vrma" })) > 0.2, `motion.vrma moves ${name}.vrm`);
+  }
+  await page.close();
+}
+
 /** Where joints are now, and the rotations of the nodes beside those that the character's file alone leads to. */
 const MEASURE = `(async () => {
   const { gltf, avatar, character, at, file, Follower } = test;
@@ -139,4 +178,7 @@ async function speaks({ browser, at }, name) {
   await page.close();
 }
 
-export const tests = Object.keys(CHARACTERS).map((name) => [`${name} stands, speaks and lets its arms hang`, (context) => speaks(context, name)]);
+export const tests = [
+  ...Object.keys(CHARACTERS).map((name) => [`${name} stands, speaks and lets its arms hang`, (context) => speaks(context, name)]),
+  ["three-vrm's loop shows a .vrma, and the .vrm of `umo retarget` as its note says", loops],
+];

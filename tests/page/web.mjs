@@ -22,7 +22,7 @@ export function end() {
 
 async function opened({ browser }) {
   const page = await browser.open(server.address, { width: 900, height: 900 });
-  await until(() => page.value("window.demo?.avatar !== undefined || window.demo?.failed").catch(() => false), 120, "the model");
+  await until(() => page.value("(window.demo?.character && !document.getElementById(\"file\").disabled) || window.demo?.failed").catch(() => false), 120, "the model and the character");
   assert.equal(await page.value("demo.failed"), null);
   return page;
 }

@@ -38,7 +38,7 @@ use crate::memory::with_capacity;
 pub use character::{Character, Transform, transform};
 pub use expressions::expressions;
 pub use faces::Faces;
-pub use follower::{FollowScratch, Follower};
+pub use follower::{FollowScratch, Follower, nodes};
 pub use given::Given;
 pub use pack::packed;
 #[cfg(feature = "files")]

@@ -63,8 +63,8 @@ async function load(address) {
   const { min, max } = new Box3().setFromObject(gltf.scene);
   const height = max.y - min.y;
   floor.position.y = min.y;
-  camera.position.set(0.25 * height, min.y + 0.68 * height, 2.5 * height);
-  camera.lookAt(new Vector3(0, min.y + 0.56 * height, 0));
+  camera.position.set(0.25 * height, min.y + 0.68 * height, 2.6 * height);
+  camera.lookAt(new Vector3(0, min.y + 0.5 * height, 0));
   character = undefined;
   wear();
 }

@@ -64,6 +64,10 @@ const calls = {
   session(options) {
     session?.free();
     [waiting, finishing, pushed] = [[], false, 0];
+    // The rest is another session's: one that was looked at before its speech begins eases from there.
+    const still = model.session(options);
+    const rest = still.samplePose(0);
+    still.free();
     session = model.session(options);
     rate = options.sampleRate ?? model.sampleRate;
     pose = new Pose(model);
@@ -71,7 +75,7 @@ const calls = {
     return {
       model: { name, licence, notice, isa, isArkit, hasMouth, hasText, frameRate, channelNames, jointNames, visemeNames, parents, offsets },
       /** At rest, until `samplePose` gives another. */
-      pose: session.samplePose(0, pose),
+      pose: rest,
       latency: session.latencySamples / rate,
       mouthLatency: session.mouthSamples / rate,
     };

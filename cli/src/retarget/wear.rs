@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use umo_core::glb::accessor::floats;
 use umo_core::glb::document::Document;
-use umo_core::glb::{Follower, Given, Glb};
+use umo_core::glb::{Follower, Given, Glb, nodes};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::retarget::Mapping;
@@ -108,7 +108,7 @@ impl Wearer {
         let motion = motion(retarget, clip)?;
         let file = character.animated(retarget, &motion, faces, clip).map_err(|problem| self.wrong(problem))?;
         let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
-        Ok((Worn { file, nodes: mapping.nodes(), seconds, streamed: None, given: None }, follower))
+        Ok((Worn { file, nodes: nodes(mapping), seconds, streamed: None, given: None }, follower))
     }
 
     /// The character with the animation that its file has, such as `umo retarget` writes.
@@ -118,7 +118,7 @@ impl Wearer {
     pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
         let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
         Ok(Worn {
-            nodes: self.mapping.nodes(),
+            nodes: nodes(&self.mapping),
             seconds,
             streamed: None,
             given: None,

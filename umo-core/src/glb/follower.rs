@@ -7,6 +7,7 @@ use crate::config::{Face, FaceKind, Skeleton};
 use crate::error::StepError;
 use crate::motion::pose::Pose;
 use crate::motion::rotation::{IDENTITY, Quat};
+use crate::motion::skeleton::JOINTS;
 use crate::retarget::{Floor, Mapping, Retarget, Scratch};
 
 /// Turns poses into values of a character's nodes. Any number of threads may use it at once.
@@ -85,7 +86,7 @@ impl Follower {
         let description = serde_json::json!({
             "convention": convention,
             "bones": mapping.entries().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
-            "nodes": mapping.nodes().as_slice(),
+            "nodes": nodes(&mapping).as_slice(),
             "held": character.placed(retarget).collect::<Vec<_>>(),
             "driven": follower.driven().collect::<Vec<_>>(),
             "hips": follower.hips(),
@@ -140,5 +141,128 @@ impl Follower {
         values.extend(self.hips().map(|_| hips).into_iter().flatten());
         values.extend(self.faces.tracks().iter().flat_map(|track| track.weights(face)));
         Ok(())
+    }
+}
+
+/// The node of each joint; of a spine or a neck of other counts, the one as far along.
+pub fn nodes(mapping: &Mapping) -> [Option<usize>; JOINTS] {
+    let along = |chain: &[usize], part: usize, parts: usize| {
+        let last = chain.len().checked_sub(1)?;
+        Some(chain[(part * chain.len()).div_ceil(parts).saturating_sub(1).min(last)])
+    };
+    std::array::from_fn(|joint| {
+        mapping.bone(joint).or_else(|| match joint {
+            3 => along(mapping.spine(), 1, 3),
+            6 => along(mapping.spine(), 2, 3),
+            9 => along(mapping.spine(), 3, 3),
+            12 => along(mapping.neck(), 1, 1),
+            _ => None,
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::skeleton::ARKIT_NAMES;
+
+    /// Bones of a standing figure, arms out, as `(name, parent, place)`.
+    const BONES: [(&str, Option<usize>, [f32; 3]); 15] = [
+        ("Hips", None, [0.0, 1.0, 0.0]),
+        ("Spine", Some(0), [0.0, 0.2, 0.0]),
+        ("Head", Some(1), [0.0, 0.4, 0.0]),
+        ("LeftArm", Some(1), [0.2, 0.3, 0.0]),
+        ("LeftForeArm", Some(3), [0.3, 0.0, 0.0]),
+        ("LeftHand", Some(4), [0.25, 0.0, 0.0]),
+        ("RightArm", Some(1), [-0.2, 0.3, 0.0]),
+        ("RightForeArm", Some(6), [-0.3, 0.0, 0.0]),
+        ("RightHand", Some(7), [-0.25, 0.0, 0.0]),
+        ("LeftUpLeg", Some(0), [0.1, -0.05, 0.0]),
+        ("LeftLeg", Some(9), [0.0, -0.45, 0.0]),
+        ("LeftFoot", Some(10), [0.0, -0.42, 0.0]),
+        ("RightUpLeg", Some(0), [-0.1, -0.05, 0.0]),
+        ("RightLeg", Some(12), [0.0, -0.45, 0.0]),
+        ("RightFoot", Some(13), [0.0, -0.42, 0.0]),
+    ];
+
+    /// A `.glb` file of those, and a mesh with these shapes.
+    fn file(shapes: &[&str]) -> Vec<u8> {
+        let child = |parent: usize| (0..BONES.len()).filter(move |&at| BONES[at].1 == Some(parent));
+        let mut nodes: Vec<_> = (0..BONES.len())
+            .map(|at| serde_json::json!({ "name": BONES[at].0, "translation": BONES[at].2, "children": child(at).collect::<Vec<_>>() }))
+            .collect();
+        nodes.push(serde_json::json!({ "name": "Face", "mesh": 0 }));
+        let targets = vec![serde_json::json!({}); shapes.len()];
+        let mesh = serde_json::json!({ "primitives": [{ "targets": targets }], "extras": { "targetNames": shapes } });
+        let mut json = serde_json::json!({ "nodes": nodes, "meshes": [mesh] }).to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let word = |length: usize| u32::try_from(length).unwrap().to_le_bytes();
+        [b"glTF", &word(2), &word(20 + json.len()), &word(json.len()), b"JSON", &json[..]].concat()
+    }
+
+    fn source(given: &str) -> String {
+        let skeleton = Skeleton {
+            parents: vec![
+                -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15, 20, 25, 26, 20,
+                28, 29, 20, 31, 32, 20, 34, 35, 20, 37, 38, 21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
+            ],
+            offsets_m: (0..JOINTS)
+                .map(|joint| match joint {
+                    1 | 2 => [if joint == 1 { 0.09 } else { -0.09 }, -0.08, 0.0],
+                    4 | 5 | 7 | 8 => [0.0, -0.4, 0.0],
+                    10 | 11 => [0.0, -0.06, 0.13],
+                    _ if [14, 17, 19, 21].contains(&joint) || joint >= 40 => [-0.15, 0.0, 0.0],
+                    _ if [13, 16, 18, 20].contains(&joint) || joint >= 25 => [0.15, 0.0, 0.0],
+                    _ => [0.0, 0.13, 0.0],
+                })
+                .collect(),
+        };
+        let face = Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() };
+        let given: serde_json::Value = serde_json::from_str(given).unwrap();
+        serde_json::json!({ "skeleton": skeleton, "face": face, "given": given }).to_string()
+    }
+
+    #[test]
+    fn a_file_is_described_and_followed() {
+        let (follower, said) = Follower::read(&file(&["jawOpen", "smile"]), &source("{}")).unwrap();
+        assert_eq!(said["driven"].as_array().unwrap().len(), 15);
+        assert_eq!((&said["hips"], &said["speaks"]), (&0.into(), &true.into()));
+        assert_eq!(said["bones"]["left_elbow"], serde_json::json!([4]));
+        assert_eq!(said["bones"]["left_index1"], serde_json::json!([]));
+        assert_eq!(said["nodes"][3], 1);
+        assert_eq!(said["tracks"], serde_json::json!([{ "node": 15, "count": 2, "moved": [0] }]));
+        assert_eq!(said["still"].as_array().unwrap().len(), ARKIT_NAMES.len() - 1);
+        let mut values = Vec::new();
+        let mut face = [0.0; ARKIT_NAMES.len()];
+        face[ARKIT_NAMES.iter().position(|&name| name == "jawOpen").unwrap()] = 0.5;
+        follower.add(&mut follower.scratch(), &Pose::REST, &face, &mut values).unwrap();
+        assert_eq!(values.len(), 4 * 15 + 3 + 2);
+        // A source at rest leaves a character in a T-pose as it is, on its own floor.
+        for rotation in values[..60].as_chunks::<4>().0 {
+            assert!((rotation[3].abs() - 1.0).abs() < 1e-4, "{rotation:?}");
+        }
+        assert!((values[61] - 1.0).abs() < 0.02, "the hips are at {}", values[61]);
+        assert_eq!(values[63..], [0.5, 0.0]);
+    }
+
+    #[test]
+    fn bones_and_shapes_are_given_by_name_or_number() {
+        let given = r#"{ "bones": { "left_elbow": 5, "left_wrist": "" }, "face": { "mouthPucker": "smile" } }"#;
+        let (_, said) = Follower::read(&file(&["jawOpen", "smile"]), &source(given)).unwrap();
+        assert_eq!(
+            (&said["bones"]["left_elbow"], &said["bones"]["left_wrist"]),
+            (&serde_json::json!([5]), &serde_json::json!([]))
+        );
+        assert_eq!(said["tracks"][0]["moved"], serde_json::json!([0, 1]));
+        for (given, problem) in [
+            (r#"{ "bones": { "left_elbow": 99 } }"#, "node 99"),
+            (r#"{ "bones": { "tail": 3 } }"#, "tail"),
+            (r#"{ "face": { "jawOpen": "none" } }"#, "none"),
+        ] {
+            let error = Follower::read(&file(&["smile"]), &source(given)).unwrap_err();
+            assert!(error.contains(problem), "{given}: {error}");
+        }
+        assert!(Follower::read(b"glTF", &source("{}")).is_err());
+        assert!(Follower::read(&file(&[]), "{}").unwrap_err().contains("skeleton"));
     }
 }

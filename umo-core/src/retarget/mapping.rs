@@ -261,23 +261,6 @@ impl Mapping {
         &self.neck
     }
 
-    /// The bone of each joint; of a spine or a neck of other counts, the one as far along.
-    pub fn nodes(&self) -> [Option<usize>; JOINTS] {
-        let along = |chain: &[usize], part: usize, parts: usize| {
-            let last = chain.len().checked_sub(1)?;
-            Some(chain[(part * chain.len()).div_ceil(parts).saturating_sub(1).min(last)])
-        };
-        std::array::from_fn(|joint| {
-            self.bone(joint).or_else(|| match joint {
-                3 => along(self.spine(), 1, 3),
-                6 => along(self.spine(), 2, 3),
-                9 => along(self.spine(), 3, 3),
-                12 => along(self.neck(), 1, 1),
-                _ => None,
-            })
-        })
-    }
-
     /// What each joint's bones are, in the joints' order; spine and neck as the chains that they
     /// are.
     pub fn entries(&self) -> Vec<(&'static str, Vec<usize>)> {

@@ -80,9 +80,8 @@ function extent(positions) {
 
 /** One's own character: a glTF file whose first animation is the motion. */
 export class CharacterBody extends Body {
-  constructor(scene, rest) {
+  constructor(scene, character, rest) {
     super(scene);
-    const { character } = scene;
     this.gltf = new Gltf(character.file);
     const { extensionsRequired = [] } = this.gltf.json;
     const unread = UNREAD.find((name) => extensionsRequired.includes(name));

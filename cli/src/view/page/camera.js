@@ -36,9 +36,10 @@ export class Camera {
     this.target = null;
   }
 
-  /** Follows another body. */
+  /** Follows another body, from the next picture on. */
   show(body) {
     this.presets = presets(body);
+    this.target = null;
   }
 
   use(name) {

@@ -28,7 +28,7 @@ const scene = readScene();
 let body = null;
 if (scene.character) {
   scene.character.file = block("character", "u8");
-  body = scene.character.body = new CharacterBody(scene);
+  body = scene.character.body = new CharacterBody(scene, scene.character);
   await readTextures(body);
   if (scene.frames.length === 0 && !scene.live) body.becomeMotion();
 } else {
@@ -160,17 +160,11 @@ function otherRate(way) {
 async function putOn(file) {
   const bytes = new Uint8Array(await file.arrayBuffer());
   const character = await follow(scene, bytes, ({ loaded, total }) => say(`loads the model: ${total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`}`));
+  character.body = new CharacterBody(scene, character, motion.rest);
+  await readTextures(character.body);
   live.stop();
-  const before = scene.character;
   scene.character = character;
-  try {
-    character.body = new CharacterBody(scene, motion.rest);
-  } catch (error) {
-    scene.character = before;
-    throw error;
-  }
   body = character.body;
-  await readTextures(body);
   motion.fit(scene);
   body.follow(motion);
   picture.prepare();
@@ -227,21 +221,22 @@ async function saveVideo() {
   const mouth = live?.mouth ? [[live.mouth.stream, clock.delay]] : [];
   const sound = live ? (live.mouth ? null : live.audio) : clock.audio;
   video = new Video($("#view"), { elements: sound ? [sound] : [], streams: mouth });
-  const button = $("#video");
-  button.setAttribute("aria-pressed", "true");
-  button.textContent = "Stop video";
+  showVideo(true);
   if (!live) await play();
+}
+
+function showVideo(isOn) {
+  $("#video").setAttribute("aria-pressed", String(isOn));
+  $("#video").setAttribute("aria-label", isOn ? "Stop video" : "Save video");
 }
 
 async function endVideo() {
   const ended = video;
   video = null;
-  const button = $("#video");
-  button.setAttribute("aria-pressed", "false");
-  button.textContent = "Save video";
+  showVideo(false);
   const file = await ended.stop();
   scene.video = file;
-  save(file);
+  if (file) save(file);
 }
 
 const until = async (what) => {
@@ -265,6 +260,7 @@ const KEYS = {
   2: () => useCamera("half"),
   3: () => useCamera("whole"),
   4: () => useCamera("hands"),
+  v: () => saveVideo().catch((error) => say(error.message, true)),
   d: () => setDetails(document.documentElement.dataset.details !== "true"),
   s: () => setSkeleton(!skeleton),
   t: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
@@ -309,7 +305,8 @@ function loop(now) {
   const time = clock.time;
   if (live?.ends(time)) touch();
   if (live?.isRunning) live.catchUp();
-  if (video && !clock.playing) endVideo();
+  if (video && clock.playing && !video.hasBegun) video.begin();
+  if (video?.hasBegun && !clock.playing) endVideo();
   if (!clock.playing && !dirty) return;
   draw(time, seconds);
   video?.draw();
@@ -347,7 +344,7 @@ function listen() {
   listenToKeys(KEYS, camera, touch);
   const take = !live ? finished : { recording: hear, character: scene.live.engine ? putOn : send };
   listenForFiles(document.documentElement, take, say);
-  $("#video").addEventListener("click", () => saveVideo().catch((error) => say(error.message, true)));
+  $("#video").addEventListener("click", KEYS.v);
   $("#play").addEventListener("click", () => (live ? live.toggle() : toggle()));
   $("#details").addEventListener("click", KEYS.d);
   $("#back").addEventListener("click", () => stepKeyframe(-1));

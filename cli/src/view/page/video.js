@@ -18,13 +18,13 @@ function soundOf(element) {
   return led.get(element);
 }
 
-/** Records what a canvas shows until `stop`. */
+/** Records what a canvas shows from `begin` to `stop`. */
 export class Video {
   static get isPossible() {
     return typeof MediaRecorder === "function" && TYPES.some((type) => MediaRecorder.isTypeSupported(type));
   }
 
-  /** `sounds`: elements that play, and streams with the seconds that each is to be later. */
+  /** The sounds: elements that play, and streams with the seconds that each is to be later. */
   constructor(view, { elements = [], streams = [] }) {
     this.view = view;
     this.canvas = document.createElement("canvas");
@@ -49,6 +49,14 @@ export class Video {
     this.parts = [];
     this.recorder.ondataavailable = ({ data }) => this.parts.push(data);
     this.draw();
+  }
+
+  /** Whether it has begun: from the first picture that moves. */
+  get hasBegun() {
+    return this.recorder.state !== "inactive";
+  }
+
+  begin() {
     this.recorder.start(1000);
   }
 
@@ -60,13 +68,16 @@ export class Video {
     painter.drawImage(view, 0, 0);
   }
 
-  /** Ends it; gives the file. */
+  /** Ends it; gives the file, or null where nothing has moved. */
   async stop() {
-    const ended = new Promise((done) => (this.recorder.onstop = done));
-    this.recorder.stop();
-    await ended;
+    if (this.hasBegun) {
+      const ended = new Promise((done) => (this.recorder.onstop = done));
+      this.recorder.stop();
+      await ended;
+    }
     for (const source of this.sources) source.disconnect(this.heard);
     const { mimeType } = this.recorder;
+    if (this.parts.length === 0) return null;
     return new File(this.parts, `umo.${mimeType.startsWith("video/mp4") ? "mp4" : "webm"}`, { type: mimeType });
   }
 }
