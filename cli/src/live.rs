@@ -22,7 +22,7 @@ use umo_core::session::{Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfi
 use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
 use crate::view::for_session;
-use crate::{animate, model};
+use crate::{animate, interrupt, model};
 use vmc::Sender;
 
 /// How long samples wait that find no room.
@@ -39,10 +39,7 @@ const INPUT_RATE: usize = 16_000;
 /// Sends until the speech ends or Ctrl-C.
 pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     let address = resolve(&args.vmc)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let asked = Arc::clone(&stop);
-    ctrlc::set_handler(move || asked.store(true, Ordering::SeqCst))
-        .map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))?;
+    let stop = interrupt::stop();
     let source = Source::open(args)?;
     let rate = source.rate();
     let (engine, session) = session(args, rate)?;

@@ -29,7 +29,7 @@ use super::{browser, page};
 use crate::args::{GenerateArgs, Page, VoiceArg};
 use crate::failure::Failure;
 use crate::retarget::Follower;
-use crate::{animate, model};
+use crate::{animate, interrupt, model};
 use http::{Answer, Request};
 
 /// Streams at once.
@@ -68,9 +68,6 @@ pub(super) fn run(args: &Page) -> Result<(), Failure> {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, args.port.unwrap_or(0)))
         .map_err(|error| Failure::environment(format!("cannot listen at port {}: {error}", args.port.unwrap_or(0))))?;
     let host = Host::new(args, &listener)?;
-    let stop = Arc::clone(&host.stop);
-    ctrlc::set_handler(move || stop.store(true, Ordering::SeqCst))
-        .map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))?;
     let address = format!("http://127.0.0.1:{}/", host.port);
     println!("{address} (Ctrl-C ends it)");
     if !args.no_open {
@@ -112,7 +109,7 @@ impl Host {
             follower,
             port: listener.local_addr().map_err(Failure::environment)?.port(),
             streams: AtomicUsize::new(0),
-            stop: Arc::new(AtomicBool::new(false)),
+            stop: interrupt::stop(),
         })
     }
 
