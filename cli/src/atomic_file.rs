@@ -1,12 +1,48 @@
 //! Files that appear whole or not at all, with the program's messages.
 
-use std::fs::File;
+use std::collections::HashSet;
+use std::fs::{self, File};
 use std::io::{self, BufWriter};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::ArgMatches;
 use umo_core::file::AtomicFile;
 
+use crate::args::GestureClip;
 use crate::failure::Failure;
+
+/// Names of the arguments that are files to write.
+const OUTPUTS: [&str; 4] = ["output", "sheet", "plot", "results"];
+
+/// Refuses outputs that a command would also read, and `-`.
+pub(crate) fn check(matches: &ArgMatches) -> Result<(), Failure> {
+    let Some((_, matches)) = matches.subcommand() else { return Ok(()) };
+    let (mut outputs, mut inputs) = (Vec::new(), Vec::new());
+    for id in matches.ids() {
+        let paths = matches.try_get_many::<PathBuf>(id.as_str()).ok().flatten().into_iter().flatten();
+        let clips = matches.try_get_many::<GestureClip>(id.as_str()).ok().flatten().into_iter().flatten();
+        if OUTPUTS.contains(&id.as_str()) { &mut outputs } else { &mut inputs }
+            .extend(paths.chain(clips.map(|clip| &clip.file)).map(PathBuf::as_path));
+    }
+    if outputs.contains(&Path::new("-")) {
+        return Err(Failure::input(
+            "`-`: outputs are files and do not go to standard output; `./-` is a file of that name",
+        ));
+    }
+    refuse_inputs(&outputs, &inputs)
+}
+
+/// Refuses outputs that are one file with an input, which they would replace.
+pub(crate) fn refuse_inputs(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Failure> {
+    let file = |path: &&Path| fs::canonicalize(path).ok().filter(|path| path.is_file());
+    let read: HashSet<_> = inputs.iter().filter_map(file).collect();
+    match outputs.iter().find(|output| file(output).is_some_and(|output| read.contains(&output))) {
+        Some(both) => {
+            Err(Failure::input(format!("`{}` is an input and an output: name another output", both.display())))
+        }
+        None => Ok(()),
+    }
+}
 
 /// [`AtomicFile::create`] with the program's message.
 pub(crate) fn create(path: &Path) -> Result<AtomicFile, Failure> {

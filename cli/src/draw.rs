@@ -1,7 +1,5 @@
 //! `umo draw`: frames of an animation as one picture, or the figure in each of its shapes.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use umo_core::config::{FaceKind, Skeleton};
@@ -11,7 +9,7 @@ use umo_core::motion::skeleton::ARKIT_NAMES;
 use crate::args::{Draw, View};
 use crate::export::jsonl;
 use crate::failure::Failure;
-use crate::model;
+use crate::{atomic_file, model};
 use umo_figure::picture::{Camera, Picture, sheet};
 
 /// Draws what the arguments ask for.
@@ -23,9 +21,7 @@ pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
             sheet::shapes(&args.figure.mesh(&skeleton)?, &skeleton)
         }
     };
-    let cannot = |cause| Failure::environment(format!("cannot write `{}`: {cause}", args.output.display()));
-    let mut out = BufWriter::new(File::create(&args.output).map_err(cannot)?);
-    picture.write(&mut out).and_then(|()| out.flush()).map_err(cannot)
+    atomic_file::commit(atomic_file::create(&args.output)?, |out| picture.write(out))
 }
 
 fn read(path: &Path) -> Result<Clip, Failure> {

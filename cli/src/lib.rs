@@ -18,7 +18,12 @@
 //! | `bvh` | what files of this format hold |
 //! | `vrm` | what VRM avatars call their bones and expressions |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
+//! | `console`, `interrupt` | what is printed; signals that end the program |
 #![deny(unsafe_code)]
+
+// First: its macros are those of every module.
+#[macro_use]
+mod console;
 
 mod animate;
 pub mod args;
@@ -34,6 +39,7 @@ mod failure;
 mod gestures;
 pub mod import;
 mod inspect;
+mod interrupt;
 mod live;
 mod model;
 mod progress;
@@ -51,7 +57,7 @@ mod view;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 
 use args::{Args, Command};
 pub use failure::Failure;
@@ -59,15 +65,23 @@ pub use failure::Failure;
 /// Runs the program and says how it ended: 0, 2 where the input is at fault, 1 where the machine
 /// is.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let args = match Args::try_parse_from(args) {
-        Ok(args) => args,
+    let parsed = Args::command().try_get_matches_from(args).and_then(|matches| {
+        let args = Args::from_arg_matches(&matches).map_err(|error| error.format(&mut Args::command()))?;
+        Ok((args, matches))
+    });
+    let done = match parsed {
+        Ok((args, matches)) => atomic_file::check(&matches).and_then(|()| run(args.command)),
+        // Help and version go to standard output and are no failure; clap knows which is which.
         Err(error) => {
-            // Help and version go to standard output and are no failure; clap knows which is which.
-            let code = if error.use_stderr() { 2 } else { 0 };
-            return if error.print().is_ok() { ExitCode::from(code) } else { ExitCode::FAILURE };
+            let printed = error.print();
+            if error.use_stderr() {
+                return ExitCode::from(2);
+            }
+            console::remember(printed);
+            Ok(())
         }
     };
-    match run(args.command) {
+    match done.and_then(|()| console::finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("error: {failure}");
@@ -77,6 +91,14 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(command: Command) -> Result<(), Failure> {
+    // The server listens by itself.
+    #[cfg(feature = "serve")]
+    let listens = matches!(command, Command::Serve(_));
+    #[cfg(not(feature = "serve"))]
+    let listens = false;
+    if !listens {
+        interrupt::listen()?;
+    }
     match command {
         Command::Animate(args) => animate::run(&args),
         Command::Batch(args) => batch::run(&args),

@@ -25,7 +25,7 @@ use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
 use crate::speech::{Samples, Speech};
 use crate::view::session_rate;
-use crate::{animate, model};
+use crate::{animate, interrupt, model};
 
 /// How long samples wait that find no room.
 const RETRY: Duration = Duration::from_millis(5);
@@ -42,10 +42,7 @@ const INPUT_RATE: usize = 16_000;
 pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     let vmc = args.vmc.as_deref().map(|address| resolve("--vmc", address)).transpose()?;
     let livelink = args.livelink.as_deref().map(|address| resolve("--livelink", address)).transpose()?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let asked = Arc::clone(&stop);
-    ctrlc::set_handler(move || asked.store(true, Ordering::SeqCst))
-        .map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))?;
+    let stop = interrupt::stop();
     let source = Source::open(args)?;
     let rate = source.rate();
     let (engine, session) = session(args, rate)?;

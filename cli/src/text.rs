@@ -53,22 +53,26 @@ enum Action<'a> {
 /// What to do for a text: the model's own prompts come first, then the gestures.
 fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &str) -> Result<Action<'a>, Failure> {
     let takes_text = has_text && Template::new(config, TEXT).is_ok_and(|template| template.has_text());
-    let is_prompt = |known: &String| known.eq_ignore_ascii_case(text.trim());
-    if takes_text && config.prompts.as_ref().is_none_or(|prompts| prompts.iter().any(is_prompt)) {
+    let strange = strange_prompt(config, text);
+    if takes_text && strange.is_none() {
         return Ok(Action::Prompt);
     }
     if let Some(name) = gestures.in_text(text) {
         return Ok(Action::Gesture(name));
     }
-    let prompts = match &config.prompts {
-        Some(prompts) if takes_text => {
-            let named: Vec<&str> = prompts.iter().map(String::as_str).filter(|prompt| !prompt.is_empty()).collect();
-            format!("the model's prompts are {}", named.join(", "))
-        }
-        _ => "the model takes no text".to_owned(),
-    };
+    let prompts = strange.filter(|_| takes_text).unwrap_or_else(|| "the model takes no text".to_owned());
     let gestures = gestures::list(gestures);
     Err(Failure::Input(format!("`{text}` is no action that is known: {prompts}; the gestures are {gestures}")))
+}
+
+/// The model's prompts as a sentence, where it has a list of them and a text is none of them.
+pub(crate) fn strange_prompt(config: &Config, text: &str) -> Option<String> {
+    let prompts = config.prompts.as_ref()?;
+    if prompts.iter().any(|known| known.eq_ignore_ascii_case(text.trim())) {
+        return None;
+    }
+    let named: Vec<&str> = prompts.iter().map(String::as_str).filter(|prompt| !prompt.is_empty()).collect();
+    Some(format!("the model's prompts are {}", named.join(", ")))
 }
 
 /// The model without speech.

@@ -12,6 +12,8 @@ mod batch;
 mod bench;
 #[path = "cli/draw.rs"]
 mod draw;
+#[path = "cli/outputs.rs"]
+mod outputs;
 #[path = "cli/recordings.rs"]
 mod recordings;
 #[path = "cli/refusals.rs"]

@@ -158,7 +158,7 @@ mod tests {
         }
         // A server for other machines does not know by which names they reach it.
         let host = (header::HOST, "10.0.0.7:8765");
-        assert_eq!(status(&[host.clone()], &[], false), 200);
+        assert_eq!(status(std::slice::from_ref(&host), &[], false), 200);
         assert_eq!(status(&[], &[], false), 200);
         assert_eq!(status(&[host.clone(), (header::ORIGIN, "https://10.0.0.7:8765")], &[], false), 200);
         assert_eq!(status(&[host.clone(), (header::ORIGIN, "http://evil.example")], &[], false), 403);

@@ -367,6 +367,11 @@ pub(crate) const fn floats(face: usize) -> usize {
     4 * JOINTS + 3 + face
 }
 
+/// A state as messages, none longer than a client's own may be.
+pub(crate) fn state_messages(state: &[u8]) -> impl Iterator<Item = Vec<u8>> {
+    state.chunks(MOST_BYTES - 1).map(|piece| [&[STATE], piece].concat())
+}
+
 /// A message of frames under way.
 #[derive(Debug)]
 pub(crate) struct FrameMessage {
@@ -431,6 +436,17 @@ mod tests {
         ] {
             let error = Request::parse(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_state_of_any_length_comes_in_messages_that_a_client_may_send() {
+        for length in [1, MOST_BYTES - 1, MOST_BYTES, 900_000] {
+            let state: Vec<u8> = (0..=250).cycle().take(length).collect();
+            let messages: Vec<_> = state_messages(&state).collect();
+            assert!(messages.iter().all(|message| message[0] == STATE && message.len() <= MOST_BYTES));
+            assert_eq!(messages.len(), length.div_ceil(MOST_BYTES - 1));
+            assert!(messages.iter().flat_map(|message| &message[1..]).eq(&state), "{length}");
         }
     }
 

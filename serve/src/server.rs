@@ -1,7 +1,7 @@
 //! Sockets, routes, and the end.
 
 use std::fmt;
-use std::io;
+use std::io::{self, Write};
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -277,15 +277,20 @@ pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), Serve
         let stop = told_to_stop().map_err(system("cannot listen to signals"))?;
         let (sessions, drain) = (config.sessions, config.drain);
         let server = Server::bind(address, config, model).await?;
-        eprintln!("listening at {}, {sessions} places", server.address());
+        note(format_args!("listening at {}, {sessions} places", server.address()));
         server
             .run(async {
                 stop.await;
-                eprintln!("stopping: those that are here have {} seconds", drain.as_secs_f64());
+                note(format_args!("stopping: those that are here have {} seconds", drain.as_secs_f64()));
             })
             .await;
         Ok(())
     })
+}
+
+/// A line on standard error, which may be closed.
+fn note(line: fmt::Arguments<'_>) {
+    let _ = writeln!(io::stderr(), "{line}");
 }
 
 /// Done when the process is told to stop.

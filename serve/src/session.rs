@@ -27,9 +27,7 @@ use crate::config::Config;
 use crate::door::Lobby;
 use crate::hub::{Hub, Phase, Place, Refusal};
 use crate::metrics::Metrics;
-use crate::protocol::{
-    self, AudioKind, Code, FrameMessage, Hello, MOST_BYTES, Output, PACKET, Ready, Reply, Request, STATE,
-};
+use crate::protocol::{self, AudioKind, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request};
 use audio::Audio;
 use opus::Packets;
 use writer::{Writer, Written};
@@ -527,8 +525,7 @@ impl Live {
         };
         let is_handover = self.saving == Saving::Handover;
         self.say(writer, &Reply::State { samples: self.audio.used, bytes: length, is_handover }).await?;
-        for piece in bytes[..length].chunks(MOST_BYTES - 1) {
-            let message: Vec<u8> = std::iter::once(STATE).chain(piece.iter().copied()).collect();
+        for message in protocol::state_messages(&bytes[..length]) {
             self.shared.metrics.sent(message.len());
             if !writer.send(Message::Binary(message.into())).await {
                 return Err(End::Left);

@@ -10,7 +10,7 @@ use std::path::Path;
 
 mod atomic;
 
-pub use atomic::{AtomicFile, TemporaryFile};
+pub use atomic::{AtomicFile, TemporaryFile, remove_parts};
 
 /// Opens a regular file for reading.
 ///

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
@@ -11,6 +11,7 @@ use umo_core::Mood;
 
 use super::results::file_hash;
 use crate::args::Batch;
+use crate::atomic_file::refuse_inputs;
 use crate::export::Format;
 use crate::failure::Failure;
 
@@ -108,6 +109,12 @@ pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failur
         }
         lines.push(line);
     }
+    let results = args.results_path();
+    let mut outputs: Vec<&Path> = lines.iter().flat_map(|line| &line.outputs).map(PathBuf::as_path).collect();
+    outputs.push(&results);
+    let starts = lines.iter().filter_map(|line| line.start_pose.as_deref());
+    let inputs: Vec<_> = lines.iter().map(|line| &*line.file).chain(starts).chain([input.as_path()]).collect();
+    refuse_inputs(&outputs, &inputs)?;
     Ok(lines)
 }
 
@@ -160,10 +167,13 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
         }
         Outputs::Several(names) => names,
     };
+    if let Some(name) = names.iter().find(|name| leaves(Path::new(name))) {
+        return Err(format!("output `{name}` is outside the outputs' folder, {}", out.display()));
+    }
     let outputs: Vec<PathBuf> = if names.is_empty() {
         let own = Path::new(&row.file);
         // A recording elsewhere goes by its name alone.
-        let is_inside = own.is_relative() && !own.components().any(|part| part == std::path::Component::ParentDir);
+        let is_inside = own.is_relative() && !own.components().any(|part| part == Component::ParentDir);
         let own = if is_inside { own } else { Path::new(own.file_name().unwrap_or_default()) };
         formats.iter().map(|format| out.join(own).with_extension(format.name())).collect()
     } else {
@@ -183,6 +193,23 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
         mood,
         start_pose: some(row.start_pose).map(|path| base.join(path)),
         speaker,
+    })
+}
+
+/// Whether a path leads out of the folder that it begins at.
+fn leaves(path: &Path) -> bool {
+    let mut depth = 0_usize;
+    path.components().any(|part| match part {
+        Component::Normal(_) => {
+            depth += 1;
+            false
+        }
+        Component::CurDir => false,
+        Component::ParentDir if depth > 0 => {
+            depth -= 1;
+            false
+        }
+        Component::ParentDir | Component::RootDir | Component::Prefix(_) => true,
     })
 }
 

@@ -30,7 +30,7 @@ use crate::args::{GenerateArgs, Page, VoiceArg};
 use crate::failure::Failure;
 use crate::retarget::Wearer;
 use crate::speech::Speech;
-use crate::{animate, model};
+use crate::{animate, interrupt, model};
 use http::{Answer, Request};
 
 /// Streams at once.
@@ -76,9 +76,6 @@ pub(super) fn run(args: &Page) -> Result<(), Failure> {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, args.port.unwrap_or(0)))
         .map_err(|error| Failure::environment(format!("cannot listen at port {}: {error}", args.port.unwrap_or(0))))?;
     let host = Host::new(args, &listener)?;
-    let stop = Arc::clone(&host.stop);
-    ctrlc::set_handler(move || stop.store(true, Ordering::SeqCst))
-        .map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))?;
     let address = format!("http://127.0.0.1:{}/", host.port);
     println!("{address} (Ctrl-C ends it)");
     if !args.no_open {
@@ -118,7 +115,7 @@ impl<'a> Host<'a> {
             shown,
             port: listener.local_addr().map_err(Failure::environment)?.port(),
             streams: AtomicUsize::new(0),
-            stop: Arc::new(AtomicBool::new(false)),
+            stop: interrupt::stop(),
         })
     }
 

@@ -1,9 +1,32 @@
 //! A file that appears whole or not at all.
 
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Longest name of a temporary file whose target's own name is shorter.
+const SHORT: usize = 64;
+
+/// The temporary files that are there.
+static PARTS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn parts() -> MutexGuard<'static, Vec<PathBuf>> {
+    PARTS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files of all outputs under way; a thread that makes or finishes one after this waits
+/// for ever. For a program that ends in the next moment, told by a signal.
+pub fn remove_parts() {
+    let parts = parts();
+    for path in parts.iter() {
+        // The program ends: there is nobody to tell.
+        let _ = fs::remove_file(path);
+    }
+    std::mem::forget(parts);
+}
 
 /// Bytes that are collected before they are written.
 const BUFFER: usize = 64 << 10;
@@ -99,12 +122,17 @@ struct Removed(PathBuf);
 
 impl Part {
     fn create(target: &Path) -> io::Result<Self> {
-        let name = target.file_name().unwrap_or_default().to_string_lossy();
+        let name = target.file_name().unwrap_or_default();
         let id = process::id();
         for attempt in 0..100 {
-            let path = target.with_file_name(format!(".{name}.{id}-{attempt}.part"));
+            let path = target.with_file_name(temporary_name(name, &format!(".{id}-{attempt}.part")));
+            // Held from before the file is there: none is overlooked.
+            let mut parts = parts();
             match File::create_new(&path) {
-                Ok(file) => return Ok(Self { file, path: Removed(path) }),
+                Ok(file) => {
+                    parts.push(path.clone());
+                    return Ok(Self { file, path: Removed(path) });
+                }
                 Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(cause) => return Err(cause),
             }
@@ -115,7 +143,32 @@ impl Part {
 
 impl Drop for Removed {
     fn drop(&mut self) {
+        let mut parts = parts();
         // Nothing can be done about a failure here, and the first error is the one worth telling.
         let _ = fs::remove_file(&self.0);
+        parts.retain(|path| *path != self.0);
+    }
+}
+
+/// A hidden name that says whose it is, and is no longer than the name itself, which the file system takes,
+/// unless that one is short.
+fn temporary_name(name: &OsStr, end: &str) -> String {
+    let room = name.len().max(SHORT) - end.len() - 1;
+    let name = name.to_string_lossy();
+    format!(".{}{end}", &name[..name.floor_char_boundary(room)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn temporary_names_are_no_longer_than_names_may_be() {
+        let end = ".4294967295-99.part";
+        assert_eq!(temporary_name("o.glb".as_ref(), end), format!(".o.glb{end}"));
+        for name in ["字".repeat(80) + ".jsonl", "a".repeat(255), "ab".repeat(30), "é".repeat(33)] {
+            let made = temporary_name(name.as_ref(), end);
+            assert!(made.len() <= name.len().max(SHORT) && made.ends_with(end), "{made}");
+        }
     }
 }
