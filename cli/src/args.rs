@@ -52,6 +52,8 @@ pub enum Command {
     /// Animate for many clients at once: a WebSocket server, speech in, frames or packets out
     #[cfg(feature = "serve")]
     Serve(Serve),
+    /// Write a figure as an avatar for other programs: .glb or .vrm
+    Figure(FigureArgs),
     /// Bring an animation to another character's skeleton and face
     Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
@@ -86,6 +88,17 @@ pub struct Output {
 fn figure_parser() -> impl TypedValueParser<Value = Figure> {
     let names = Figure::ALL.map(|figure| PossibleValue::new(figure.name()).help(figure.summary()));
     PossibleValuesParser::new(names).try_map(|name| name.parse::<Figure>())
+}
+
+/// Write a figure in T-pose, with ARKit's 52 shapes, the 15 visemes of the Oculus set and, in .vrm files, VRM's expressions.
+#[derive(Debug, ClapArgs)]
+pub struct FigureArgs {
+    /// Which one
+    #[arg(value_name = "NAME", value_parser = figure_parser())]
+    pub figure: Figure,
+    /// File to write: glTF 2.0 with the bone names of Mixamo (.glb), or VRM 1.0 (.vrm)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
 }
 
 /// How an animation is made.

@@ -13,7 +13,7 @@
 //! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench`, `doctor` | how fast a model is on this machine; whether it computes rightly |
 //! | [`export`], `import`, `start_pose` | files in and out |
-//! | `draw` | pictures of the figure that speaks (crate `umo_figure`) |
+//! | `draw`, `figure` | pictures of the figure that speaks (crate `umo_figure`); the figure as an avatar |
 //! | `retarget` | an animation to another character |
 //! | `bvh` | what files of this format hold |
 //! | `vrm` | what VRM avatars call their bones and expressions |
@@ -36,6 +36,7 @@ mod doctor;
 mod draw;
 pub mod export;
 mod failure;
+mod figure;
 mod gestures;
 pub mod import;
 mod inspect;
@@ -113,6 +114,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Live(args) => live::run(&args),
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::run(&args),
+        Command::Figure(args) => figure::run(&args),
         Command::Retarget(args) => retarget::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Doctor(args) => doctor::run(&args),

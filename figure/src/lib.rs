@@ -23,6 +23,7 @@ use std::fmt;
 
 use umo_core::config::Skeleton;
 use umo_core::memory;
+use umo_core::motion::skeleton::JOINTS;
 
 mod body;
 pub mod detail;
@@ -209,6 +210,29 @@ impl Mesh {
                 (self.joints[vertex], self.weights[vertex]) = skin::normalized(all);
             }
         }
+        self
+    }
+}
+
+impl Mesh {
+    /// The same mesh for programs that turn no helper joints: their skin follows the joint whose turn they share, by their
+    /// share of its swing, and that joint's parent by the rest.
+    pub fn without_helpers(mut self, skeleton: &Skeleton) -> Self {
+        for (joints, weights) in self.joints.iter_mut().zip(&mut self.weights) {
+            let mut shares = std::collections::BTreeMap::<u8, f32>::new();
+            for (joint, weight) in joints.iter().zip(*weights).filter(|(_, weight)| *weight > 0.0) {
+                let Some(helper) = usize::from(*joint).checked_sub(JOINTS).map(|at| &self.helpers[at]) else {
+                    *shares.entry(*joint).or_default() += weight;
+                    continue;
+                };
+                let parent = usize::try_from(skeleton.parents[helper.of]).unwrap_or(helper.of);
+                for (of, share) in [(helper.of, helper.swing), (parent, 1.0 - helper.swing)] {
+                    *shares.entry(u8::try_from(of).expect("55 joints")).or_default() += share * weight;
+                }
+            }
+            (*joints, *weights) = skin::normalized(shares.into_iter().map(|(joint, weight)| (weight, joint)).collect());
+        }
+        self.helpers.clear();
         self
     }
 }

@@ -226,6 +226,9 @@ impl Builder {
 
     /// A shape of a surface of `count` vertices: only those that move are stored.
     pub(crate) fn morph_target(&mut self, shape: &Shape, count: usize) -> MorphTarget {
+        // A viseme that moves nothing: some readers refuse an accessor without data.
+        let still = Shape { vertices: vec![0], positions: vec![[0.0; 3]], normals: vec![[0.0; 3]] };
+        let shape = if shape.vertices.is_empty() { &still } else { shape };
         let vertices = shape.vertices.iter().map(|&vertex| u16::try_from(vertex).map(|vertex| [vertex]));
         let vertices: Vec<[u16; 1]> = vertices.collect::<Result<_, _>>().expect("the head has few vertices");
         let vertices = self.view(&little_endian(&vertices), None);

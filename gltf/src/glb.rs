@@ -16,7 +16,7 @@ use umo_figure::palette::Palette;
 use umo_figure::{Figure, Helper, Mesh};
 
 use crate::builder::{self, Builder, Textures};
-use crate::shapes;
+use crate::shapes::{self, Shape};
 use crate::tracks::{Tracks, continuous, track};
 
 /// Writes the animation as binary glTF, worn by a figure. Without one there are the bones, their skin
@@ -37,7 +37,7 @@ pub fn write<W: Write>(clip: &Clip, figure: Option<Figure>, out: W) -> io::Resul
 pub struct BuiltFigure {
     offsets_m: Vec<[f32; 3]>,
     face: FaceKind,
-    mesh: Mesh,
+    pub(crate) mesh: Mesh,
     palette: Palette,
     textures: Textures,
 }
@@ -86,19 +86,28 @@ fn write_checked<W: Write>(clip: &Clip, figure: Option<&BuiltFigure>, out: W) ->
     let rest = rest_positions(clip);
     let places: Vec<_> = rest.iter().copied().chain(of_mesh.iter().map(|helper| rest[helper.of])).collect();
     let skin = add_skin(&mut builder, &[&joints[..], &helpers].concat(), &places);
-    let meshes = figure.map(|figure| add_meshes(&mut builder, clip, figure, skin));
+    let meshes = figure.map(|figure| {
+        let shapes: Vec<_> =
+            clip.face.names.iter().map(|name| (name.clone(), shapes::shape(name, &figure.mesh))).collect();
+        add_meshes(&mut builder, figure, &shapes, skin)
+    });
     let helpers: Vec<_> = of_mesh.iter().zip(helpers).collect();
     add_animation(&mut builder, clip, &joints, &helpers, meshes.map(|[_, face]| face));
     builder.scene(joints[..1].iter().copied().chain(meshes.into_iter().flatten()).collect());
     builder.write(out)
 }
 
-fn invalid(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Error {
+pub(crate) fn invalid(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, cause)
 }
 
-/// The figure's body and its face with a shape per channel, as skinned nodes.
-fn add_meshes(builder: &mut Builder, clip: &Clip, figure: &BuiltFigure, skin: Index<json::Skin>) -> [Index<Node>; 2] {
+/// The figure's body and its face with these shapes, as skinned nodes.
+pub(crate) fn add_meshes(
+    builder: &mut Builder,
+    figure: &BuiltFigure,
+    shapes: &[(String, Shape)],
+    skin: Index<json::Skin>,
+) -> [Index<Node>; 2] {
     let BuiltFigure { mesh, palette, textures, .. } = figure;
     let materials = builder.materials(textures);
     let mut surfaces = |range: Range<usize>| -> Vec<mesh::Primitive> {
@@ -111,14 +120,14 @@ fn add_meshes(builder: &mut Builder, clip: &Clip, figure: &BuiltFigure, skin: In
     let body = builder.mesh("body", cloth, &[]);
     let body = builder.skinned("body", body, skin);
 
-    let names = &clip.face.names;
-    if !names.is_empty() {
+    if !shapes.is_empty() {
         let count = mesh.positions.len() - mesh.head;
-        let targets = names.iter().map(|name| builder.morph_target(&shapes::shape(name, mesh), count));
+        let targets = shapes.iter().map(|(_, shape)| builder.morph_target(shape, count));
         // The head has no relief, so it is one surface.
         front[0].targets = Some(targets.collect());
     }
-    let face = builder.mesh("face", front, names);
+    let names: Vec<_> = shapes.iter().map(|(name, _)| name.clone()).collect();
+    let face = builder.mesh("face", front, &names);
     [body, builder.skinned("face", face, skin)]
 }
 
@@ -164,7 +173,7 @@ fn add_helpers(builder: &mut Builder, clip: &Clip, helpers: &[Helper]) -> Vec<In
 }
 
 /// Where the joints are in the rest pose. `[55]`, metres.
-fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
+pub(crate) fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
     let mut rest: Vec<[f32; 3]> = Vec::with_capacity(JOINTS);
     for (joint, offset) in clip.skeleton.offsets_m.iter().enumerate() {
         let from = clip.parent(joint).map_or([0.0; 3], |parent| rest[parent]);
@@ -173,7 +182,7 @@ fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
     rest
 }
 
-fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) -> Index<json::Skin> {
+pub(crate) fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) -> Index<json::Skin> {
     // The rest pose has no rotations, so a joint's inverse is to subtract its place. Column-major.
     let inverse = rest
         .iter()

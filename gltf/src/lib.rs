@@ -1,11 +1,12 @@
 //! umo's animations as binary glTF 2.0.
 //!
 //! [`glb::write`] writes the skeleton's animation, with a figure and its face or with the bones alone;
-//! [`vrma::write`] writes it for VRM avatars.
+//! [`vrma::write`] writes it for VRM avatars; [`avatar::write`] writes a figure alone, to be moved by others.
 //!
 //! | module | part |
 //! |---|---|
 //! | [`glb`] | `.glb`: skeleton, skin, meshes, face shapes and their animation |
+//! | [`avatar`] | `.glb` and `.vrm`: a figure to take away |
 //! | [`vrma`] | `.vrma`: the animation alone, VRM Animation 1.0 |
 //! | [`vrm`] | names of VRM's bones and expressions |
 //! | `builder` | the binary buffer and what refers into it |
@@ -13,6 +14,7 @@
 //! | `shapes` | how each face channel moves the head |
 #![forbid(unsafe_code)]
 
+pub mod avatar;
 mod builder;
 pub mod glb;
 mod shapes;

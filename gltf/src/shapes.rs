@@ -1,6 +1,8 @@
 //! Which of the figure's shapes each face channel moves.
 
 use std::collections::BTreeMap;
+use umo_core::motion::rotation::{Quat, rotate};
+use umo_core::motion::visemes;
 use umo_figure::{Mesh, Morph};
 
 /// One channel's shape: vertices of the head, ascending, counted from its first, and what is added
@@ -17,7 +19,7 @@ pub(crate) struct Shape {
 /// not ours to give away, and this is enough to see it move.
 pub(crate) fn shape(name: &str, mesh: &Mesh) -> Shape {
     if let Some(morph) = mesh.morphs.iter().find(|morph| morph.name == name) {
-        return sum(&[morph], mesh.head);
+        return sum(&[(morph, 1.0)], mesh.head);
     }
     // The FNV-1a hash: the same on every machine and in every version.
     let hash = name.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
@@ -30,7 +32,7 @@ pub(crate) fn shape(name: &str, mesh: &Mesh) -> Shape {
     });
     // A push to the left and one to the right would cancel out.
     let twin = twin.filter(|_| !["jawLeft", "mouthLeft"].contains(&chosen.name));
-    sum(&[Some(chosen), twin].into_iter().flatten().collect::<Vec<_>>(), mesh.head)
+    sum(&[Some(chosen), twin].into_iter().flatten().map(|morph| (morph, 1.0)).collect::<Vec<_>>(), mesh.head)
 }
 
 /// The open jaw is its joint's, wherever names are not ARKit's.
@@ -38,13 +40,46 @@ fn opens_no_jaw(morph: &Morph) -> bool {
     !["jawOpen", "mouthClose"].contains(&morph.name)
 }
 
-fn sum(morphs: &[&Morph], first: usize) -> Shape {
+/// A viseme of the Oculus set, made of ARKit's shapes.
+pub(crate) fn viseme(at: usize, mesh: &Mesh) -> Shape {
+    let find = |name| mesh.morphs.iter().find(move |morph| morph.name == name);
+    let morphs: Vec<_> = visemes::shape(at).filter_map(|(name, share)| Some((find(name)?, share))).collect();
+    sum(&morphs, mesh.head)
+}
+
+/// A shape that turns an eyeball, too, which the eye's joint turns elsewhere: `turns` of joints at these `places`.
+pub(crate) fn with_eyes(shape: Shape, mesh: &Mesh, turns: &[(usize, Quat, [f32; 3])]) -> Shape {
+    let mut moved: BTreeMap<u32, [[f32; 3]; 2]> = BTreeMap::new();
+    let old = shape.positions.into_iter().zip(shape.normals).map(|(position, normal)| [position, normal]);
+    moved.extend(shape.vertices.into_iter().zip(old));
+    for &(joint, turn, center) in turns {
+        for vertex in mesh.head..mesh.positions.len() {
+            let own = mesh.joints[vertex].iter().zip(mesh.weights[vertex]).find(|(of, _)| usize::from(**of) == joint);
+            let Some((_, weight)) = own.filter(|(_, weight)| *weight > 0.0) else { continue };
+            let arm: [f32; 3] = std::array::from_fn(|axis| mesh.positions[vertex][axis] - center[axis]);
+            let (to, normal) = (rotate(turn, arm), rotate(turn, mesh.normals[vertex]));
+            let sums =
+                moved.entry(u32::try_from(vertex - mesh.head).expect("the figure has few vertices")).or_default();
+            for axis in 0..3 {
+                sums[0][axis] += weight * (to[axis] - arm[axis]);
+                sums[1][axis] += weight * (normal[axis] - mesh.normals[vertex][axis]);
+            }
+        }
+    }
+    Shape {
+        vertices: moved.keys().copied().collect(),
+        positions: moved.values().map(|moved| moved[0]).collect(),
+        normals: moved.values().map(|moved| moved[1]).collect(),
+    }
+}
+
+fn sum(morphs: &[(&Morph, f32)], first: usize) -> Shape {
     let mut all: BTreeMap<u32, [[f32; 3]; 2]> = BTreeMap::new();
-    for morph in morphs {
+    for (morph, share) in morphs {
         for (&vertex, moved) in morph.vertices.iter().zip(morph.positions.iter().zip(&morph.normals)) {
             let sums = all.entry(vertex).or_default();
             for (sums, moved) in sums.iter_mut().zip([moved.0, moved.1]) {
-                sums.iter_mut().zip(moved).for_each(|(sum, moved)| *sum += moved);
+                sums.iter_mut().zip(moved).for_each(|(sum, moved)| *sum += share * moved);
             }
         }
     }

@@ -6,6 +6,7 @@ use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS, joint_places};
 use umo_figure::{Figure, sample};
 
+mod avatar;
 mod glb;
 mod vrma;
 

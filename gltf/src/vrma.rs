@@ -10,30 +10,16 @@ use serde_json::{Map, Value, json};
 use umo_core::config::FaceKind;
 use umo_core::memory::{collected, with_capacity};
 use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{IDENTITY, Quat, inverse, normalized, product};
+use umo_core::motion::rotation::{Quat, inverse, normalized, product};
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::retarget::face::FaceMap;
 
 use crate::builder::{self, Builder};
 use crate::tracks::{Tracks, track};
-use crate::vrm::{EXPRESSIONS, bone, standing_height};
+use crate::vrm::{EXPRESSIONS, bone, standing_height, t_pose};
 
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
-
-/// Limbs that VRM's T-pose has along an axis: a joint, the one at the bone's end, and where that is.
-const LIMBS: [(usize, usize, [f32; 3]); 10] = [
-    (1, 4, [0.0, -1.0, 0.0]),
-    (4, 7, [0.0, -1.0, 0.0]),
-    (2, 5, [0.0, -1.0, 0.0]),
-    (5, 8, [0.0, -1.0, 0.0]),
-    (16, 18, [1.0, 0.0, 0.0]),
-    (18, 20, [1.0, 0.0, 0.0]),
-    (20, 28, [1.0, 0.0, 0.0]),
-    (17, 19, [-1.0, 0.0, 0.0]),
-    (19, 21, [-1.0, 0.0, 0.0]),
-    (21, 43, [-1.0, 0.0, 0.0]),
-];
 
 /// Channels that VRM's vowels, blinks and gaze say already, by how their names begin: an avatar with
 /// both would open its mouth twice.
@@ -105,10 +91,7 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
 /// One node per joint, in VRM's T-pose: what turns a limb along its axis is in the rest pose, so
 /// that the animation's rotations stay as they are. `[55]`
 fn add_bones(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
-    let mut world = [IDENTITY; JOINTS];
-    for (joint, end, axis) in LIMBS {
-        world[joint] = shortest(clip.skeleton.offsets_m[end], axis);
-    }
+    let world = t_pose(&clip.skeleton.offsets_m);
     (0..JOINTS)
         .map(|joint| {
             let below: Vec<_> = clip.children(joint).map(builder::index).collect();
@@ -164,11 +147,4 @@ fn gaze_of(clip: &Clip) -> Vec<Quat> {
         normalized(sum)
     });
     collected(both)
-}
-
-/// The shortest turn of a bone to a unit vector, which is not its opposite.
-fn shortest([x, y, z]: [f32; 3], [a, b, c]: [f32; 3]) -> Quat {
-    let length = (x * x + y * y + z * z).sqrt();
-    let dot = x * a + y * b + z * c;
-    normalized([y * c - z * b, z * a - x * c, x * b - y * a, length + dot])
 }

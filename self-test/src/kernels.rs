@@ -121,7 +121,10 @@ fn differs(kernel: &str, found: &[u64], wanted: &[u64]) -> Option<String> {
     let float = |bits: u64| f32::from_bits(bits as u32);
     let is_rounded = ROUNDED.contains(&kernel);
     let differs = |&(_, (&found, &wanted)): &(usize, (&u64, &u64))| match is_rounded {
-        true => !((float(found) - float(wanted)).abs() <= TOLERANCE),
+        true => {
+            let off = (float(found) - float(wanted)).abs();
+            off > TOLERANCE || off.is_nan()
+        }
         false => found != wanted,
     };
     let mut all = found.iter().zip(wanted).enumerate().filter(differs);

@@ -68,7 +68,7 @@ fn processor() -> String {
     let mut name = String::new();
     if __cpuid(0x8000_0000).eax >= NAME_END {
         let bytes: Vec<u8> = (NAME_END - 2..=NAME_END)
-            .map(|leaf| __cpuid(leaf))
+            .map(__cpuid)
             .flat_map(|leaf| [leaf.eax, leaf.ebx, leaf.ecx, leaf.edx])
             .flat_map(u32::to_le_bytes)
             .take_while(|byte| *byte != 0)

@@ -169,14 +169,14 @@ pub fn difference(found: &[Recorded], recorded: &[Recorded]) -> Result<f32, Stri
     for (found, recorded) in found.iter().zip(recorded) {
         for (joint, (at, recorded_at)) in JOINTS.iter().zip(found.places.iter().zip(&recorded.places)) {
             let off = (0..3).map(|axis| (at[axis] - recorded_at[axis]).abs()).fold(0.0, larger);
-            if !(off <= TOLERANCE) {
+            if off > TOLERANCE || off.is_nan() {
                 return Err(format!("frame {}, {joint}: {at:?} m, recorded {recorded_at:?} m", found.frame));
             }
             largest = larger(largest, off);
         }
         for (channel, (value, recorded_value)) in CHANNELS.iter().zip(found.face.iter().zip(&recorded.face)) {
             let off = (value - recorded_value).abs();
-            if !(off <= TOLERANCE) {
+            if off > TOLERANCE || off.is_nan() {
                 return Err(format!("frame {}, {channel}: {value}, recorded {recorded_value}", found.frame));
             }
             largest = larger(largest, off);

@@ -101,3 +101,22 @@ fn what_cannot_be_brought_anywhere_is_refused() {
     }
     assert_eq!(umo(&["retarget", &npz, "--onto", &glb]).code, 2, "an output is needed");
 }
+
+/// The figures that are written to take away are characters that this program knows, with every channel of the face.
+#[test]
+fn figures_are_avatars_that_speech_moves() {
+    let folder = Folder::new();
+    let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
+    for (name, convention) in [("alex.vrm", "VRM 1.0"), ("bea.glb", "Mixamo names")] {
+        let (avatar, out) = (folder.at(name), folder.at(&format!("moved-{name}")));
+        umo(&["figure", &name[..name.len() - 4], "-o", &avatar]).success();
+        let shown = umo(&["retarget", "--onto", &avatar, "--print-mapping"]).success();
+        for line in [convention, "jawOpen ", "eyeLookOutLeft ", "left_index3 ", "15 of 67 have no channel"] {
+            assert!(shown.out.contains(line), "{name}: no `{line}` in {}", shown.out);
+        }
+        let ended = umo(&["retarget", &speech, "--onto", &avatar, "-o", &out, "--model", &model]).success();
+        assert!(ended.out.contains("52 shapes"), "{name}: {}", ended.out);
+    }
+    let refused = folder.refused(&["figure", "alex", "-o", &folder.at("alex.fbx")]);
+    assert!(refused.contains(".glb or .vrm"), "{refused}");
+}

@@ -14,10 +14,10 @@ pub const FIRST_FACE_VALUE: usize = 6;
 const LEFT_EYE: usize = JAW + 1;
 
 /// How far an ARKit eye turns sideways at 1.0, radians: 30 degrees.
-const GAZE_SIDEWAYS: f32 = 30.0 / 180.0 * std::f32::consts::PI;
+pub const GAZE_SIDEWAYS: f32 = 30.0 / 180.0 * std::f32::consts::PI;
 
 /// How far an ARKit eye turns up or down at 1.0, radians: 25 degrees.
-const GAZE_UPWARDS: f32 = 25.0 / 180.0 * std::f32::consts::PI;
+pub const GAZE_UPWARDS: f32 = 25.0 / 180.0 * std::f32::consts::PI;
 
 /// The body at one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -53,6 +53,12 @@ const SHAPES: [[f32; FEATURES.len()]; VISEMES] = [
     [0.12, 0.00, 0.0, 0.0, 0.0, 0.2, 0.7, 0.0, 0.0, 0.0, 0.0, 0.0], // ou
 ];
 
+/// What an ARKit face does for a viseme: channels, and how far each is on, 0 to 1. Panics where there is no such viseme.
+pub fn shape(viseme: usize) -> impl Iterator<Item = (&'static str, f32)> {
+    let features = FEATURES.iter().zip(SHAPES[viseme]).filter(|(_, weight)| *weight > 0.0);
+    features.flat_map(|(channels, weight)| channels.iter().map(move |channel| (*channel, weight)))
+}
+
 /// Reads visemes off a model's face values.
 #[derive(Clone, Debug)]
 pub struct Visemes {
