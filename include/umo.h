@@ -340,12 +340,13 @@ typedef int32_t umo_status;
 // Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
 // `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
 // it can, which computes until the poll is over and returns. It needs 1 MiB of stack. A job that
-// is run late, or never, costs speed and nothing else; one that is run after the engine was freed
-// returns at once.
+// is run late, or never, costs speed and nothing else; one that is run after the engine was freed,
+// or by `submit` itself, returns at once.
 typedef struct umo_jobs {
     // Given to `submit`.
     void *userdata;
-    // Hands a job over. Called by the thread that polls; must not wait for the job.
+    // Hands a job over. Called by the thread that polls; must not wait for a job that another thread
+    // runs, and must not throw.
     void (*submit)(void *userdata, void (*job)(void *context), void *context);
 } umo_jobs;
 
@@ -355,7 +356,7 @@ typedef struct umo_jobs {
 typedef struct umo_log {
     // Given to `write`.
     void *userdata;
-    // Gets one of `UMO_LOG_…` and a text that ends with a zero byte, good until it returns.
+    // Gets one of `UMO_LOG_…` and a text that ends with a zero byte, good until it returns. Must not throw.
     void (*write)(void *userdata, uint32_t level, const char *message);
 } umo_log;
 
@@ -552,7 +553,7 @@ typedef struct umo_parameter_info {
 // Where a session's memory comes from. Both functions are needed. They are called by
 // `umo_session_new`, `umo_session_free` and, where a session was freed while a chunk of it was
 // computed, by the next of these or `umo_engine_free`; never by another thread than the one in
-// that call.
+// that call. They must not throw, nor call functions of this library.
 typedef struct umo_allocator {
     // Given to both.
     void *userdata;
@@ -729,7 +730,7 @@ typedef struct umo_output {
     // Given to `write`.
     void *userdata;
     // Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
-    // them, any other number to stop. Called by the thread that called `umo_clip_write`.
+    // them, any other number to stop. Called by the thread that called `umo_clip_write`. Must not throw.
     int32_t (*write)(void *userdata, const void *bytes, size_t size);
 } umo_output;
 
@@ -873,7 +874,9 @@ UMO_NOEXCEPT;
 
 // Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
 // the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer
-// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where there is more to do, else 0.
+// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where the budget left something that is due,
+// else 0: a session is due when the audio of its next chunk was pushed and its queue of frames has room, so that one whose
+// queue is full is due again once frames are pulled.
 //
 // Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
 // waits only for the engine's own threads and for work that lent ones have begun.
@@ -1638,12 +1641,12 @@ UMO_NOEXCEPT;
 // Writes everything that the session is to `state`, which has `size` bytes, at least
 // `umo_session_state_size`: audio that waits, frames that wait, history, settings. `written` gets
 // how many bytes that took. They hold no address: they can be kept in a file, sent, and restored
-// in another process. The session goes on as if nothing had happened.
+// in another process. The session goes on as if nothing had happened. A chunk that is just computed is
+// computed again by the session that is restored, which gives the frames that the state does not have.
 //
-// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of
-// the session is just computed, or another thread is in a call on it: save again later), `FAILED`,
-// `CLOSED`, `PANIC`.
+// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits for a chunk.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (another
+// thread is in a call on the session: save again later), `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `state` is NULL or has `size` writable bytes; `written` is NULL or writable.
@@ -1656,12 +1659,13 @@ umo_status umo_session_save(struct umo_session *session,
 UMO_NOEXCEPT;
 
 // Makes the session what it, or another one of the same model and configuration, was when it was
-// saved: the same calls then give the same frames, bit for bit, on any number of threads. `size`
-// is what `umo_session_save` wrote.
+// saved: the same calls then give the same frames, bit for bit, on any number of threads, whatever
+// seed the session was made with. `size` is what `umo_session_save` wrote.
 //
-// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
+// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits for a chunk.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session:
-// `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`,
+// `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`, or a chunk of this
+// session is just computed: restore again later, or into a session to which no audio was pushed), `FAILED`,
 // `CLOSED`, `PANIC`.
 //
 // Pointers:

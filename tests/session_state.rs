@@ -13,7 +13,7 @@ use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
 use umo_core::life::{Attention, GestureOptions, Layer, LipShape, Mood, Side};
 use umo_core::model::Model;
-use umo_core::session::{Frame, Idle, Session, SessionConfig, SessionError, StateError, Voice};
+use umo_core::session::{Frame, Idle, PacketConfig, Session, SessionConfig, SessionError, StateError, Voice};
 use umo_core::{ModelFile, Part, Precision};
 use umo_kernels::Isa;
 use umo_tests::{Ends, Noise};
@@ -454,7 +454,7 @@ fn a_session_with_another_seed_goes_on_with_the_state_alone() {
 }
 
 #[test]
-fn a_session_in_work_is_busy() {
+fn a_session_in_work_is_saved_and_not_restored() {
     let timed = timed(&MODELS[3], 0, 2, 0);
     let config = config(&MODELS[3], 2, 0);
     let session = timed.engine.session(&config).unwrap();
@@ -466,7 +466,7 @@ fn a_session_in_work_is_busy() {
         // After the step that ends the batch, the session is back in its place.
         if session.stats().chunks == 0 {
             cut += 1;
-            assert!(matches!(session.save(&mut bytes), Err(SessionError::Busy(_))));
+            session.save(&mut bytes).unwrap();
             assert!(matches!(session.restore(&idle), Err(SessionError::Busy(_))));
         }
     }
@@ -753,6 +753,98 @@ fn no_forged_number_gives_a_frame_that_is_not_finite() {
                 survive(&timed, &session);
             }
         }
+    }
+}
+
+/// All packets that are there.
+fn packets(session: &Session) -> Vec<u8> {
+    let (mut bytes, mut lengths) = (vec![0; 1 << 18], [0; 64]);
+    let count = session.pull_packets(&mut bytes, &mut lengths).unwrap();
+    bytes.truncate(lengths[..count].iter().sum());
+    bytes
+}
+
+/// The end of a stream: more audio, and all frames and packets that follow.
+fn end(engine: &Engine, session: &Session) -> (Vec<u64>, Vec<u8>) {
+    session.push_audio(&[0.1; 5_000]).unwrap();
+    session.finish().unwrap();
+    settle(engine);
+    let frames = pull(session, session.ready_frames().unwrap());
+    let packets = session.packet_size().checked_sub(1).map_or_else(Vec::new, |_| packets(session));
+    assert!(session.is_done().unwrap());
+    (frames, packets)
+}
+
+/// A chunk is cut at each of its steps, its frames are taken as they come, settings are changed meanwhile.
+#[test]
+fn a_session_that_is_saved_in_work_goes_on_with_the_same_bits() {
+    for (which, with_packets) in [(0, false), (3, true), (5, true)] {
+        let (here, there) = (timed(&MODELS[which], 0, 2, 0), timed(&MODELS[which], 0, 4, 5_000_000_000));
+        let mut config = SessionConfig { sample_rate: 22_050, ..config(&MODELS[which], 2, 3) };
+        config.packets = with_packets.then(|| PacketConfig::new(2));
+        let session = here.engine.session(&config).unwrap();
+        let sound: Vec<f32> = (0_u16..40_000).map(|i| (f32::from(i) * 0.03).sin() * 0.3).collect();
+        session.push_audio(&sound).unwrap();
+        // States, with the frames and packets of before.
+        let (mut states, mut frames, mut said) = (Vec::new(), Vec::new(), Vec::new());
+        let mut step = 0_u64;
+        while here.engine.poll(Duration::ZERO) == Ok(Poll::More) {
+            step += 1;
+            // From where on no setting is changed any more; the last change counts from the next chunk on.
+            if step > 41 && step % 3 == 0 {
+                let ready = session.ready_frames().unwrap();
+                frames.extend(pull(&session, ready.min(1)));
+                states.push((save(&session), frames.len(), said.len()));
+            }
+            if step == 20 || step == 41 {
+                session.set_seed(step).unwrap();
+            }
+            if with_packets && step % 50 == 0 {
+                said.extend(packets(&session));
+            }
+        }
+        let (more, more_said) = end(&here.engine, &session);
+        frames.extend(more);
+        said.extend(more_said);
+        let stats = session.stats();
+        assert!(states.len() > 30 && stats.chunks > 4, "{} states, {} chunks", states.len(), stats.chunks);
+        for (number, (state, shown, told)) in states.iter().enumerate() {
+            let other = there.engine.session(&config).unwrap();
+            other.restore(state).unwrap();
+            assert!(save(&other) == *state);
+            let (rest, rest_said) = end(&there.engine, &other);
+            assert!(rest == frames[*shown..] && rest_said == said[*told..], "model {which}, state {number}");
+            let others = other.stats();
+            assert_eq!((others.chunks, others.frames), (stats.chunks, stats.frames));
+        }
+    }
+}
+
+/// Nothing but the engine's own threads is at work.
+#[test]
+fn threads_that_compute_keep_nobody_from_saving_or_from_restoring_a_new_session() {
+    let (one, two) = (own(2), timed(&MODELS[2], 0, 2, 0));
+    let config = SessionConfig { queue_frames: 300, ..config(&MODELS[2], 1, 0) };
+    let session = one.session(&config).unwrap();
+    let mut bytes = vec![0; session.state_size()];
+    session.push_audio(&[0.1; 100_000]).unwrap();
+    let (mut states, chunks) = (Vec::new(), 100_000 / 3_200);
+    while session.stats().chunks < chunks {
+        let count = session.save(&mut bytes).unwrap();
+        if states.len() < 100 {
+            states.push(bytes[..count].to_vec());
+        }
+    }
+    let wanted = pull(&session, session.ready_frames().unwrap());
+    for state in states.iter().step_by(7) {
+        let fresh = two.engine.session(&config).unwrap();
+        fresh.restore(state).unwrap();
+        settle(&two.engine);
+        assert!(pull(&fresh, fresh.ready_frames().unwrap()) == wanted);
+    }
+    let idle = save(&two.engine.session(&config).unwrap());
+    for _ in 0..200 {
+        one.session(&config).unwrap().restore(&idle).unwrap();
     }
 }
 

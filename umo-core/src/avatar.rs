@@ -497,6 +497,11 @@ impl Avatar {
         (self.target + if self.chunk == 0 { self.horizon } else { 0 }) * self.keyframe_samples
     }
 
+    /// Most samples that a chunk takes; none without audio.
+    pub(crate) fn most_samples(&self) -> usize {
+        if self.has_audio() { (self.target + self.horizon) * self.keyframe_samples } else { 0 }
+    }
+
     /// Room for them.
     pub(crate) fn samples_mut(&mut self) -> &mut [f32] {
         let count = self.chunk_samples();

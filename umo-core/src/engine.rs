@@ -28,6 +28,7 @@ use crate::avatar::{Avatar, StageTimes};
 use crate::clock::Clock;
 use crate::defect::{Defect, contain_quietly};
 use crate::error::LoadError;
+use crate::life::Levels;
 use crate::memory::{self, Arena, Counted};
 use crate::model::Model;
 use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
@@ -130,13 +131,16 @@ impl Inner {
         let model = self.model();
         config.check()?;
         let plan = self.filter_plan(config.sample_rate)?;
+        let before = arena.used();
         let avatar = Avatar::new_in(model, &config.avatar, arena)?;
+        let levels = Levels::new_in(&avatar, &model.config, arena);
         let init = SessionInit {
             model: &self.slots.model,
             assembly: model.motion.assembly(),
             rest: &self.rest,
             chunk_frames: avatar.chunk_frames(&model.config),
-            has_audio: avatar.has_audio(),
+            chunk_samples: avatar.most_samples(),
+            kept: arena.used() - before,
             clock: self.clock.clone(),
             signal: Arc::clone(&self.slots.signal),
             resampler: Resampler::new_in(config.sample_rate, model.config.audio.sample_rate, plan, arena),
@@ -144,7 +148,7 @@ impl Inner {
             arena,
         };
         let shared = arena.counted(Shared::new(init, config)?);
-        let member = Member::new_in(avatar, Counted::clone(&shared), &self.slots.model, config, arena);
+        let member = Member::new_in(avatar, Counted::clone(&shared), &self.slots.model, config, levels, arena);
         Ok((shared, member))
     }
 

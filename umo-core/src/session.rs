@@ -24,6 +24,7 @@ mod error;
 mod gain;
 mod held;
 mod input;
+mod kept;
 mod other;
 mod output;
 mod packets;

@@ -187,6 +187,22 @@ impl<'a> StatePass<'a> {
         Ok(length)
     }
 
+    /// Where fields begin.
+    pub(crate) const START: usize = HEADER;
+
+    /// Where the next field is.
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
+    /// Fields that another pass has written.
+    pub(crate) fn written(&mut self, fields: &[u8]) -> Result<(), StateError> {
+        if let Span::Save(bytes) = self.span(fields.len())? {
+            bytes.copy_from_slice(fields);
+        }
+        Ok(())
+    }
+
     /// What time it is by the engine's clock, nanoseconds.
     pub(crate) fn now(&self) -> u64 {
         self.now

@@ -151,8 +151,8 @@ impl Worker {
         let now = inner.clock.nanos();
         let members = self.schedules.iter_mut().zip(&self.avatars).zip(&self.due);
         for ((schedule, avatar), &due) in members.filter(|((schedule, _), _)| schedule.is_running()) {
-            schedule.end(now);
             schedule.write_packet(&mut self.packets, avatar, inner.model(), due);
+            schedule.end(now);
         }
         // Whoever reads them at this moment gets the last batch's.
         if let Ok(mut times) = inner.times.try_lock() {
@@ -223,14 +223,11 @@ impl Worker {
             // It may have been interrupted or dropped in the meantime, or another worker has it.
             let mut due = None;
             let is_due = |member: &mut Member| {
-                due = member.due(model, now);
+                due = member.due(model, now).and_then(|(due, _)| member.prepare(due, share, slot, model));
                 due.is_some()
             };
             let Some(mut member) = inner.slots.take_if(slot, is_due) else { continue };
-            let Some((mut due, _)) = due else { continue };
-            if share < 1.0 && due == Due::Chunk && member.schedule.holds(share, slot) {
-                due = Due::Held;
-            }
+            let Some(due) = due else { continue };
             member.begin(due, share < 1.0, &model.config);
             self.avatars.push(member.avatar);
             self.schedules.push(member.schedule);

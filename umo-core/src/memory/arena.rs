@@ -257,6 +257,14 @@ impl Arena {
         Layout::from_size_align(size, LINE).map_err(|_| OutOfMemory { bytes: size })
     }
 
+    /// Bytes of the block that are taken, or planned; 0 where pieces are the system's.
+    pub(crate) fn used(&self) -> usize {
+        match &self.0 {
+            Mode::System => 0,
+            Mode::Plan { next } | Mode::Block { next, .. } => next.get(),
+        }
+    }
+
     /// Bytes of the block that are still free: 0 where the plan was exact.
     #[cfg(feature = "internals")]
     pub fn unused(&self) -> usize {

@@ -120,19 +120,24 @@ impl PacketQueue {
         try_lock(&self.reader).ok_or(SessionError::Busy(PACKETS))
     }
 
-    /// Describes the packets that wait.
-    pub(super) fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+    /// The position behind the last packet.
+    pub(super) fn written(&self) -> u64 {
+        self.ring.written()
+    }
+
+    /// Describes the packets that wait; the position behind the last of them.
+    pub(super) fn state(&self, pass: &mut StatePass) -> Result<u64, StateError> {
         let are_packets = |words: &[[u8; 4]]| {
             let mut packets = words.chunks_exact(self.width);
             let len = |packet: &[[u8; 4]]| (u32::from_le_bytes(packet[1]) & !LAST) as usize;
             packets.all(|packet| (1..=self.most).contains(&len(packet))) && words.len().is_multiple_of(self.width)
         };
-        self.ring.state(pass, "waiting packets", are_packets)?;
+        let waiting = self.ring.state(pass, "waiting packets", None, are_packets)?;
         let ended = pass.limited("end of packets", self.ended.load(Ordering::Relaxed), 1 << 32)?;
         if pass.loads() {
             self.ended.store(ended, Ordering::Relaxed);
         }
-        Ok(())
+        Ok(self.ring.read_position() + waiting as u64)
     }
 }
 

@@ -5,7 +5,9 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::held::{HeldMouth, next_frames};
+use super::kept::{Begun, Times};
 use super::packets::PacketWriter;
+use super::shared::try_lock;
 use super::{Failure, Idle, SessionConfig, Shared, Voice};
 use crate::avatar::{Avatar, Due};
 use crate::batch::FrameSink;
@@ -41,14 +43,11 @@ pub(crate) struct Schedule {
     chunk_frames: usize,
     /// Nanoseconds that a chunk lasts.
     period: u64,
-    /// When the next chunk's audio was there, nanoseconds; none while it is not.
-    arrived: Option<u64>,
-    /// When the engine saw first that it is due, where chunks wait for others.
+    times: Times,
+    /// When the engine saw first that the next chunk is due, where chunks wait for others.
     noticed: Option<u64>,
-    /// When real time begins to show the next chunk.
-    release: u64,
-    /// When the last chunk was done.
-    finished: u64,
+    /// The chunk in work, or the next one where it was begun before the session was restored.
+    begun: Begun,
     sample_rate: u64,
     model_rate: u64,
     frame_rate: u64,
@@ -108,13 +107,13 @@ impl Schedule {
         heard
     }
 
-    pub(super) fn new_in(
+    fn new(
         avatar: &Avatar,
         shared: Counted<Shared>,
         config: &Config,
         sample_rate: usize,
+        levels: Levels,
         held_mouth: Option<HeldMouth>,
-        arena: &Arena,
     ) -> Self {
         let frames = (avatar.target * config.keyframe_stride) as f64;
         Self {
@@ -122,15 +121,14 @@ impl Schedule {
             view: EngineView::new(),
             chunk_frames: avatar.chunk_frames(config),
             period: nanos(Duration::from_secs_f64(frames / config.frame_rate as f64)),
-            arrived: None,
+            times: Times::default(),
             noticed: None,
-            release: 0,
-            finished: 0,
+            begun: Begun::default(),
             sample_rate: sample_rate as u64,
             model_rate: config.audio.sample_rate as u64,
             frame_rate: config.frame_rate as u64,
             silence: Silence::default(),
-            levels: Levels::new_in(avatar, config, arena),
+            levels,
             frames: 0,
             held_mouth,
             credit: None,
@@ -168,7 +166,8 @@ impl Schedule {
 
     /// Counts a chunk that is done.
     pub(crate) fn end(&mut self, now: u64) {
-        let Self { shared, arrived, release, period, finished, .. } = self;
+        let Self { shared, times: Times { arrived, release, finished }, period, begun, .. } = self;
+        *begun = Begun::default();
         let (stats, since) = (&shared.stats, arrived.take().unwrap_or(now));
         shared.delays.add(Duration::from_nanos(now.saturating_sub(since.max(*finished))));
         stats.chunks.fetch_add(1, Ordering::Relaxed);
@@ -182,7 +181,7 @@ impl Schedule {
 
     /// Queues the packet of a chunk that is done, where the session has packets.
     pub(crate) fn write_packet(&self, writer: &mut PacketWriter, avatar: &Avatar, model: &Model, due: Due) {
-        let Some(queue) = &self.shared.packets else { return };
+        let Some(queue) = self.shared.packets.as_ref().filter(|_| !self.begun.packet) else { return };
         let epoch = self.view.epoch.number;
         if let Err(error) = writer.write(queue, (avatar, model), due, epoch, &self.levels) {
             self.fail(Failure::Step(error));
@@ -198,7 +197,7 @@ impl Schedule {
             self.silence.pushed(index * self.model_rate / self.frame_rate) * self.sample_rate / self.model_rate
         };
         let epoch = self.view.epoch.number;
-        if self.shared.has_frames() {
+        if self.shared.has_frames() && self.frames >= self.begun.frames {
             let with_mouth = self.held_mouth.as_mut().and_then(|mouth| mouth.put(&frame));
             let (pose, face) = with_mouth.unwrap_or((frame.pose, frame.face));
             let stamp = Stamp { epoch, index, sample };
@@ -230,13 +229,14 @@ impl Member {
         shared: Counted<Shared>,
         model: &Arc<Model>,
         session: &SessionConfig,
+        levels: Levels,
         arena: &Arena,
     ) -> Self {
         let has_frames = session.packets.as_ref().is_none_or(|packets| packets.with_frames);
         let wants = avatar.has_audio() && has_frames && session.voice == Voice::Delayed;
         let face_values = model.motion.assembly().face_values();
         let mouth = wants.then(|| HeldMouth::new_in(model, &avatar, face_values, arena)).flatten();
-        let schedule = Schedule::new_in(&avatar, shared, &model.config, session.sample_rate, mouth, arena);
+        let schedule = Schedule::new(&avatar, shared, &model.config, session.sample_rate, levels, mouth);
         Self { schedule, avatar }
     }
 
@@ -261,20 +261,26 @@ impl Member {
         self.avatar.identity(pass)
     }
 
-    /// Describes the engine's side between two chunks. The count of frames and the audio of the
-    /// chunk are set at the start of each.
+    /// Times, the chunk that was begun, and the most samples and frames of one.
+    pub(super) fn progress(&self) -> (Times, Begun, (usize, usize)) {
+        let Self { avatar, schedule } = self;
+        (schedule.times, schedule.begun, (avatar.most_samples(), schedule.chunk_frames))
+    }
+
+    /// Describes the engine's side between two chunks.
     pub(super) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<(), StateError> {
+        let most = self.progress().2;
+        self.schedule.times.state(pass)?;
+        self.schedule.begun.state(pass, most)?;
+        self.side_state(pass, model)
+    }
+
+    /// Describes it but for times and what was begun. The count of frames and the audio of the chunk are set
+    /// at the start of each.
+    pub(super) fn side_state(&mut self, pass: &mut StatePass, model: &Model) -> Result<(), StateError> {
         let schedule = &mut self.schedule;
         schedule.view.state(pass)?;
-        let there = pass.flag("time of audio", schedule.arrived.is_some())?;
-        let arrived = match pass.follows(there) {
-            true => Some(pass.moment("time of audio", schedule.arrived.unwrap_or_default())?),
-            false => None,
-        };
-        let release = pass.moment("time of release", schedule.release)?;
-        let finished = pass.moment("time of the last chunk", schedule.finished)?;
         if pass.loads() {
-            (schedule.arrived, schedule.release, schedule.finished) = (arrived, release, finished);
             schedule.noticed = None;
             // What was heard for held bodies is no part of a state.
             if let Some(mouth) = &mut schedule.held_mouth {
@@ -298,7 +304,11 @@ impl Member {
             shared.link.wait_for_audio(&self.schedule.view, self.avatar.chunk_samples());
             due = self.next_due(model);
         }
-        let is_due = matches!(due, Due::Chunk | Due::Flush) && shared.has_room(self.schedule.chunk_frames);
+        let frames = self
+            .schedule
+            .chunk_frames
+            .saturating_sub(usize::try_from(self.schedule.begun.frames).unwrap_or(usize::MAX));
+        let is_due = matches!(due, Due::Chunk | Due::Held | Due::Flush) && shared.has_room(frames);
         is_due.then(|| (due, self.deadline(now)))
     }
 
@@ -313,7 +323,11 @@ impl Member {
             if let Some(mouth) = &mut schedule.held_mouth {
                 mouth.reset();
             }
-            (schedule.arrived, schedule.noticed, schedule.release) = (None, None, 0);
+            (schedule.times.arrived, schedule.noticed, schedule.times.release) = (None, None, 0);
+            schedule.begun = Begun::default();
+        }
+        if let Some(due) = schedule.begun.due {
+            return due;
         }
         match shared.link.input(&schedule.view) {
             Input::Behind if avatar.has_audio() => Due::Audio,
@@ -345,25 +359,50 @@ impl Member {
     /// When real time has shown the next chunk, which is due.
     fn deadline(&mut self, now: u64) -> u64 {
         let Self { avatar, schedule } = self;
-        if schedule.arrived.is_none() {
+        if schedule.times.arrived.is_none() {
             // Silence that the engine fills in, or a chunk without audio, is due from now on,
             // however long it was quiet.
             let link = &schedule.shared.link;
             let is_consumed = avatar.total.is_some() || link.audio.len() >= avatar.chunk_samples();
             let arrived = if avatar.has_audio() && is_consumed { link.audio_time() } else { now };
-            schedule.arrived = Some(arrived);
+            schedule.times.arrived = Some(arrived);
             // Audio pushed faster than real time is not shown early.
-            schedule.release = arrived.max(schedule.release);
+            schedule.times.release = arrived.max(schedule.times.release);
         }
-        schedule.release + schedule.period
+        schedule.times.release + schedule.period
     }
 
-    /// Takes the next chunk's samples, and what was set since the last one; `busy` says that some
-    /// bodies are held now, be this one's among them or not.
+    /// Begins with the next chunk, which is due: takes what was set since the last one, and keeps what a save
+    /// needs from now on. Which chunk it is, with a body that is held or not, where `share` of all are
+    /// computed in full; none while a save reads what was kept.
+    pub(crate) fn prepare(&mut self, due: Due, share: f32, slot: usize, model: &Model) -> Option<Due> {
+        let shared = Counted::clone(&self.schedule.shared);
+        let mut kept = try_lock(&shared.kept)?;
+        if self.schedule.begun.due.is_none() {
+            let is_held = share < 1.0 && due == Due::Chunk && self.schedule.holds(share, slot);
+            let room = if due == Due::Flush { 0 } else { self.avatar.chunk_samples() };
+            self.schedule.begun = Begun {
+                due: Some(if is_held { Due::Held } else { due }),
+                samples: room.min(shared.link.audio.len()) as u64,
+                ..Begun::default()
+            };
+            shared.take_settings(|settings| {
+                self.avatar.set_sampler(settings.sampler);
+                let text = self.avatar.set_text(&settings.text[..settings.text_len]);
+                text.expect("a prompt was checked when it was set");
+            });
+        }
+        kept.keep(self, &shared, model);
+        self.schedule.begun.due
+    }
+
+    /// Takes the next chunk's samples; `busy` says that some bodies are held now, be this one's among them or
+    /// not.
     pub(crate) fn begin(&mut self, due: Due, busy: bool, config: &Config) {
         let Self { avatar, schedule } = self;
         schedule.noticed = None;
-        let Schedule { shared, view, silence, levels, frames, held_mouth, model_rate, frame_rate, .. } = schedule;
+        let Schedule { shared, view, silence, levels, frames, begun, held_mouth, model_rate, frame_rate, .. } =
+            schedule;
         *frames = 0;
         let (start, endless) = (avatar.consumed(avatar.chunk), avatar.total.is_none());
         if due == Due::Held {
@@ -371,7 +410,9 @@ impl Member {
         }
         let chunk = next_frames(avatar, config);
         let room = if due == Due::Flush { &mut [] } else { avatar.samples_mut() };
-        let taken = shared.link.take_audio(view, room);
+        // What comes from now on is the next chunk's.
+        let there = room.len().min(usize::try_from(begun.samples).unwrap_or(usize::MAX));
+        let taken = shared.link.take_audio(view, &mut room[..there]);
         room[taken..].fill(0.0);
         levels.push(room);
         if let Some(mouth) = held_mouth
@@ -383,10 +424,6 @@ impl Member {
             shared.link.silence_given();
             silence.add(start + taken as u64, (room.len() - taken) as u64);
         }
-        shared.take_settings(|settings| {
-            avatar.set_sampler(settings.sampler);
-            avatar.set_text(&settings.text[..settings.text_len]).expect("a prompt was checked when it was set");
-        });
     }
 }
 

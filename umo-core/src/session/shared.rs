@@ -7,6 +7,7 @@ use super::config::{AUDIO_SECONDS, Idle, MAX_QUEUE, SessionConfig, in_range};
 use super::delay::Delays;
 use super::error::SessionError;
 use super::input::Input;
+use super::kept::Kept;
 use super::other::OtherInput;
 use super::output::Output;
 use super::packets::PacketQueue;
@@ -95,6 +96,8 @@ pub(crate) struct Shared {
     pub(super) other: Mutex<OtherInput>,
     /// Packets of its chunks, where it has any.
     pub(super) packets: Option<PacketQueue>,
+    /// The engine's side before the chunk that is in work.
+    pub(super) kept: Mutex<Kept>,
     pub(super) input: Mutex<Input>,
     pub(super) output: Mutex<Boxed<Output>>,
     pub(crate) stats: Counters,
@@ -122,6 +125,16 @@ pub(crate) struct Counters {
     pub(crate) dropped_frames: AtomicU64,
     pub(super) overruns: AtomicU64,
     pub(super) silenced: AtomicU64,
+}
+
+impl Counters {
+    /// How many the engine counts with.
+    pub(super) const OF_ENGINE: usize = 4;
+
+    /// Those that the engine counts with, in a state before the others.
+    pub(super) fn of_engine(&self) -> [&AtomicU64; Self::OF_ENGINE] {
+        [&self.chunks, &self.frames, &self.late_frames, &self.held_chunks]
+    }
 }
 
 impl Shared {
@@ -238,8 +251,10 @@ pub(crate) struct SessionInit<'a> {
     pub(crate) rest: &'a OwnedFrame,
     /// Most frames of one chunk.
     pub(crate) chunk_frames: usize,
-    /// Whether speech moves the avatar.
-    pub(crate) has_audio: bool,
+    /// Most samples of one chunk; none where no speech moves the avatar.
+    pub(crate) chunk_samples: usize,
+    /// Bytes of the buffers that the engine's side is in.
+    pub(crate) kept: usize,
     pub(crate) clock: Clock,
     pub(crate) signal: Arc<Signal>,
     /// Converts the session's rate to the model's.
@@ -252,8 +267,8 @@ pub(crate) struct SessionInit<'a> {
 
 impl Shared {
     pub(crate) fn new(init: SessionInit, session: &SessionConfig) -> Result<Self, LoadError> {
-        let SessionInit { model, assembly, rest, chunk_frames, has_audio, clock, signal, resampler, .. } = init;
-        let (is_decoder, arena) = (init.is_decoder, init.arena);
+        let SessionInit { model, assembly, rest, chunk_frames, chunk_samples, clock, signal, resampler, .. } = init;
+        let (has_audio, is_decoder, arena) = (chunk_samples > 0, init.is_decoder, init.arena);
         let config = &model.config;
         in_range("queue_frames", session.queue_frames, 2 * chunk_frames, MAX_QUEUE)?;
         let (rate, face_values) = (config.audio.sample_rate, assembly.face_values());
@@ -275,7 +290,7 @@ impl Shared {
         let chunk = (config.max_target + config.audio.ahead) * config.samples_per_keyframe();
         Ok(Self {
             link: Link::new_in(
-                if is_decoder { 1 } else { (AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left() },
+                (if is_decoder { 1 } else { (AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left() }, chunk_samples),
                 voice.is_some(),
                 FrameRing::new_in(session.queue_frames, face_values, arena),
                 clock.nanos(),
@@ -315,6 +330,7 @@ impl Shared {
                 let length = session.avatar.target * config.keyframe_stride;
                 PacketQueue::new_in(packets, model, (session.queue_frames, length), arena)
             }),
+            kept: Mutex::new(Kept::new_in(init.kept, arena)),
             input: Mutex::new(input),
             stats: Counters::default(),
             delays: Delays::new_in(arena),

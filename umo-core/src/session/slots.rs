@@ -1,9 +1,10 @@
 //! The session slots of an engine: workers look for due sessions in them, the host frees them.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use super::schedule::Member;
+use super::shared::try_lock;
 use crate::memory::with_capacity;
 use crate::model::Model;
 use crate::stream::Signal;
@@ -110,6 +111,24 @@ impl Slots {
     }
 }
 
+/// Times that a lock is tried again in a row, and after other threads had the processor.
+const SPINS: u32 = 200;
+const YIELDS: u32 = 200;
+
+/// A lock that others have for some microseconds; none where one of them does not get on.
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
+    for _ in 0..YIELDS {
+        for _ in 0..SPINS {
+            if let Some(guard) = try_lock(mutex) {
+                return Some(guard);
+            }
+            std::hint::spin_loop();
+        }
+        std::thread::yield_now();
+    }
+    None
+}
+
 /// A session's slot in its engine.
 #[derive(Debug)]
 pub(crate) struct SlotHandle {
@@ -124,15 +143,16 @@ impl SlotHandle {
         self.slots.signal.notify();
     }
 
-    /// Calls `f` with the engine's side of the session and its model; none if it is in a batch or
-    /// locked by the engine. The caller notifies the engine afterwards, which may have skipped the
-    /// slot.
+    /// Calls `f` with the engine's side of the session and its model; none if it is in a batch. The caller
+    /// notifies the engine afterwards, which may have skipped the slot.
     pub(crate) fn with_member<R>(&self, f: impl FnOnce(&mut Member, &Model) -> R) -> Option<R> {
-        let mut member = match self.slots.slots[self.index].member.try_lock() {
-            Ok(member) => member,
-            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
-            Err(TryLockError::WouldBlock) => return None,
-        };
+        // A worker has it no longer than it takes to look whether something is due.
+        let mut member = lock(&self.slots.slots[self.index].member)?;
         member.as_mut().map(|member| f(member, &self.slots.model))
+    }
+
+    /// The model.
+    pub(super) fn model(&self) -> &Model {
+        &self.slots.model
     }
 }

@@ -5,11 +5,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::gain::gain_bits;
 use super::input::Input;
+use super::kept::EngineSide;
 use super::other::OtherInput;
 use super::output::Output;
 use super::packets::PacketQueue;
 use super::schedule::Member;
 use super::shared::{Counters, Settings, Shared, try_lock};
+use super::slots::lock;
 use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
 use crate::life::Controls;
 use crate::model::Model;
@@ -26,7 +28,7 @@ use crate::state::{StateError, StatePass};
 struct Sides<'a> {
     shared: &'a Shared,
     model: &'a Model,
-    member: &'a mut Member,
+    engine: EngineSide<'a>,
     input: &'a mut Input,
     other: &'a mut OtherInput,
     output: &'a mut Output,
@@ -42,8 +44,10 @@ pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) ->
     let mut other = try_lock(&shared.other).expect(free);
     let mut controls = try_lock(&shared.controls).expect(free);
     let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
+    assert!(try_lock(&shared.kept).expect(free).fits(member, model), "the engine's side has room to be kept");
     let mut pass = StatePass::size();
-    Sides { shared, model, member, input, other: &mut other, output, settings, controls }
+    let engine = EngineSide::Here(member);
+    Sides { shared, model, engine, input, other: &mut other, output, settings, controls }
         .state(&mut pass)
         .expect("nothing is checked");
     pass.end().expect("nothing is checked")
@@ -57,20 +61,20 @@ impl Session {
 
     /// Writes the session's whole state to the start of `bytes`, of which there are at least
     /// [`Self::state_size`], and says how many it took. The session goes on as if nothing had
-    /// happened.
+    /// happened. A chunk that the engine computes meanwhile is computed again by the session that is
+    /// restored.
     ///
-    /// Never waits and never allocates. The bytes hold no address and no moment of the clock: they
-    /// can be restored in another process.
+    /// Never waits for a chunk and never allocates. The bytes hold no address and no moment of the clock:
+    /// they can be restored in another process.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] while the engine computes a chunk of this session, or another thread
-    /// is in a call that pushes, pulls or sets; [`SessionError::Range`] where there are too few
-    /// bytes.
+    /// [`SessionError::Busy`] while another thread is in a call that pushes, pulls or sets;
+    /// [`SessionError::Range`] where there are too few bytes.
     pub fn save(&self, bytes: &mut [u8]) -> Result<usize, SessionError> {
         if bytes.len() < self.state_size {
             return Err(SessionError::Range("a state may take as many bytes as state_size says"));
         }
-        self.with_sides(|mut sides| {
+        self.with_sides(true, |mut sides| {
             let mut pass = StatePass::save(bytes, sides.shared.clock.nanos(), sides.shared.now());
             sides.state(&mut pass)?;
             Ok(pass.end()?)
@@ -81,15 +85,17 @@ impl Session {
     /// saved: from then on it gives the same frames to the same calls. Frames and audio of before
     /// are gone, settings and statistics are the state's; [`Self::latency`] goes on.
     ///
-    /// Never waits and never allocates. An interrupt or a reset by another thread counts as before
-    /// or after.
+    /// Never waits for a chunk and never allocates. An interrupt or a reset by another thread counts as
+    /// before or after.
     ///
     /// # Errors
     /// [`SessionError::State`] where the bytes are no state, or not one of this model and config;
-    /// [`SessionError::Busy`] as for [`Self::save`]. The session is then as it was.
+    /// [`SessionError::Busy`] as for [`Self::save`], and while the engine computes a chunk of this session:
+    /// it does once there is audio for one, or at once where text alone moves the avatar. The session is
+    /// then as it was.
     pub fn restore(&self, bytes: &[u8]) -> Result<(), SessionError> {
         let now = self.shared.clock.nanos();
-        self.with_sides(|mut sides| {
+        self.with_sides(false, |mut sides| {
             let mut pass = StatePass::check(bytes, now)?;
             sides.state(&mut pass)?;
             pass.end()?;
@@ -99,7 +105,13 @@ impl Session {
         })
     }
 
-    fn with_sides<R>(&self, f: impl FnOnce(Sides) -> Result<R, SessionError>) -> Result<R, SessionError> {
+    /// Calls `f` with all sides; with the engine's as it was before the chunk in work where that is enough
+    /// (`may_be_away`).
+    fn with_sides<R>(
+        &self,
+        may_be_away: bool,
+        f: impl FnOnce(Sides) -> Result<R, SessionError>,
+    ) -> Result<R, SessionError> {
         let shared = &*self.shared;
         shared.check()?;
         let result = {
@@ -109,10 +121,19 @@ impl Session {
             let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
             let mut settings = try_lock(&shared.settings).ok_or(SessionError::Busy(SETTER))?;
             let mut controls = try_lock(&shared.controls).ok_or(SessionError::Busy(SETTER))?;
-            let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
-            self.slot()?.with_member(|member, model| {
-                f(Sides { shared, model, member, input, other: &mut other, output, settings, controls })
-            })
+            let (slot, mut f) = (self.slot()?, Some(f));
+            let mut with = |engine: EngineSide<'_>| {
+                let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
+                let model = slot.model();
+                f.take()
+                    .map(|f| f(Sides { shared, model, engine, input, other: &mut other, output, settings, controls }))
+            };
+            match slot.with_member(|member, _| with(EngineSide::Here(member))) {
+                Some(result) => result,
+                // The engine begins no other chunk while what it kept is read.
+                None if may_be_away => lock(&shared.kept).and_then(|kept| with(EngineSide::Away(&kept))),
+                None => None,
+            }
         };
         // The engine skips locked slots: it must check again.
         shared.link.notify();
@@ -122,21 +143,19 @@ impl Session {
 
 impl Sides<'_> {
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let Self { shared, model, member, input, other, output, settings, controls } = self;
+        let Self { shared, model, engine, input, other, output, settings, controls } = self;
         pass.model(model.fingerprint)?;
         input.identity(pass)?;
-        member.identity(pass)?;
+        engine.identity(pass)?;
         output.identity(pass, shared)?;
-        let waiting = shared.link.state(pass)?;
-        if let Some(packets) = &shared.packets {
-            packets.state(pass)?;
-        }
+        let (waiting, frames) = shared.link.state(pass, engine.audio())?;
+        let packets = shared.packets.as_ref().map_or(Ok(0), |packets| packets.state(pass))?;
         input.state(pass, shared, waiting)?;
         other.state(pass)?;
         output.clock_state(pass, shared)?;
         output.state(pass)?;
-        member.state(pass, model)?;
-        shared.state(pass)?;
+        engine.state(pass, shared, model, (frames, packets))?;
+        shared.state(pass, engine.counted())?;
         settings.state(pass)?;
         controls.state(pass)?;
         word(pass, &shared.begun_gestures)?;
@@ -147,13 +166,13 @@ impl Sides<'_> {
 }
 
 impl Shared {
-    /// Describes what belongs to no side.
-    fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+    /// Describes what belongs to no side; with what was kept where the engine's side is in work.
+    fn state(&self, pass: &mut StatePass, kept: Option<(&[u64; Counters::OF_ENGINE], bool)>) -> Result<(), StateError> {
         let idle = pass.limited("idle mode", self.idle.load(Ordering::Relaxed).into(), Idle::Live as u64)?;
         if pass.loads() {
             self.idle.store(u8::try_from(idle).unwrap_or_default(), Ordering::Relaxed);
         }
-        self.link.waiting_state(pass)?;
+        self.link.waiting_state(pass, kept.is_some_and(|(_, silence_wanted)| silence_wanted))?;
         for part in Part::ALL {
             let bits = gain_bits(pass, self.gains[part].load(Ordering::Relaxed))?;
             if pass.loads() {
@@ -170,16 +189,18 @@ impl Shared {
             self.other_level.store(level, Ordering::Relaxed);
             self.other_time.store(time, Ordering::Relaxed);
         }
-        self.stats.state(pass)
+        self.stats.state(pass, kept.map(|(counters, _)| counters))
     }
 }
 
 impl Counters {
-    fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
-        let Self { chunks, frames, late_frames, held_chunks, dropped_frames, overruns, silenced } = self;
-        [chunks, frames, late_frames, held_chunks, dropped_frames, overruns, silenced]
-            .into_iter()
-            .try_for_each(|counter| word(pass, counter))
+    fn state(&self, pass: &mut StatePass, kept: Option<&[u64; Self::OF_ENGINE]>) -> Result<(), StateError> {
+        match kept {
+            Some(kept) => kept.iter().try_for_each(|&value| pass.word(value).map(drop))?,
+            None => self.of_engine().into_iter().try_for_each(|counter| word(pass, counter))?,
+        }
+        let Self { dropped_frames, overruns, silenced, .. } = self;
+        [dropped_frames, overruns, silenced].into_iter().try_for_each(|counter| word(pass, counter))
     }
 }
 

@@ -119,8 +119,18 @@ impl FrameRing {
         self.words.skip(self.width);
     }
 
-    /// Describes the frames that wait.
-    pub(crate) fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+    /// The position behind the last frame.
+    pub(crate) fn written(&self) -> u64 {
+        self.words.written()
+    }
+
+    /// How many frames are between two positions.
+    pub(crate) fn count(&self, from: u64, to: u64) -> u64 {
+        to.saturating_sub(from) / self.width as u64
+    }
+
+    /// Describes the frames that wait; the position behind the last of them.
+    pub(crate) fn state(&self, pass: &mut StatePass) -> Result<u64, StateError> {
         let are_frames = |words: &[[u8; 4]]| {
             let mut frames = words.chunks_exact(self.width);
             let are_known = frames.all(|frame| {
@@ -138,6 +148,7 @@ impl FrameRing {
             });
             are_known && words.len().is_multiple_of(self.width)
         };
-        self.words.state(pass, "waiting frames", are_frames).map(drop)
+        let waiting = self.words.state(pass, "waiting frames", None, are_frames)?;
+        Ok(self.words.read_position() + waiting as u64)
     }
 }

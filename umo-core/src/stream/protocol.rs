@@ -90,6 +90,8 @@ impl Epoch {
 pub(crate) struct Link {
     /// Samples at the model's rate, as the bits of floats.
     pub(crate) audio: Ring,
+    /// Samples that the engine has taken and that are not overwritten: at least those of the chunk in work.
+    kept: usize,
     /// The same samples for the mouth, where it is live.
     voice: Option<Ring>,
     pub(crate) frames: FrameRing,
@@ -130,9 +132,10 @@ pub(crate) enum Input {
 }
 
 impl Link {
-    /// A link at the start of its first epoch, with room for `samples` samples in memory of `arena`.
+    /// A link at the start of its first epoch, with room for `samples` samples, and for `kept` that the
+    /// engine has taken, in memory of `arena`.
     pub(crate) fn new_in(
-        samples: usize,
+        (samples, kept): (usize, usize),
         has_voice: bool,
         frames: FrameRing,
         now: u64,
@@ -140,7 +143,8 @@ impl Link {
         arena: &Arena,
     ) -> Self {
         Self {
-            audio: Ring::new_in(samples, arena),
+            audio: Ring::new_in(samples + kept, arena),
+            kept,
             voice: has_voice.then(|| Ring::new_in(samples, arena)),
             frames,
             epoch: AtomicU64::new(0),
@@ -194,7 +198,7 @@ impl Link {
 
     /// Samples that can be pushed.
     pub(crate) fn audio_room(&self) -> usize {
-        self.voice.iter().map(Ring::room).fold(self.audio.room(), usize::min)
+        self.voice.iter().map(Ring::room).fold(self.audio.room().saturating_sub(self.kept), usize::min)
     }
 
     /// Appends samples, for which there is room.
@@ -383,8 +387,15 @@ impl Link {
 
 /// Saving and restoring, by a caller that excludes every side.
 impl Link {
-    /// Describes the current epoch and the contents of both rings; returns the number of samples.
-    pub(crate) fn state(&self, pass: &mut StatePass) -> Result<usize, StateError> {
+    /// Where the engine takes audio next, and puts the next frame.
+    pub(crate) fn engine_positions(&self) -> (u64, u64) {
+        (self.audio.read_position(), self.frames.written())
+    }
+
+    /// Describes the current epoch and the contents of both rings, the audio from position `from` on if that
+    /// is not where the engine takes it next; returns the number of samples, and the position behind the
+    /// last frame.
+    pub(crate) fn state(&self, pass: &mut StatePass, from: Option<u64>) -> Result<(usize, u64), StateError> {
         // Sides and frames keep the epochs of the saved state: a side that was behind is behind
         // again.
         let mut epoch = self.epoch();
@@ -396,12 +407,11 @@ impl Link {
             self.room_wanted.store(false, Ordering::SeqCst);
         }
         let are_samples = |words: &[[u8; 4]]| words.iter().all(|&word| is_sample(f32::from_le_bytes(word)));
-        let waiting = self.audio.state(pass, "waiting audio", are_samples)?;
+        let waiting = self.audio.state(pass, "waiting audio", from, are_samples)?;
         if let Some(voice) = &self.voice {
-            voice.state(pass, "waiting audio", are_samples)?;
+            voice.state(pass, "waiting audio", None, are_samples)?;
         }
-        self.frames.state(pass)?;
-        Ok(waiting)
+        Ok((waiting, self.frames.state(pass)?))
     }
 
     /// Describes where the input's epoch starts in `audio`.
@@ -418,10 +428,10 @@ impl Link {
         self.input_epoch.store(epoch.number, Ordering::SeqCst);
     }
 
-    /// Describes the time of the last push, and whether the host waits for silence.
-    pub(crate) fn waiting_state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+    /// Describes the time of the last push, and whether the host waits for silence, or did (`was_wanted`).
+    pub(crate) fn waiting_state(&self, pass: &mut StatePass, was_wanted: bool) -> Result<(), StateError> {
         let audio_time = pass.moment("time of audio", self.audio_time.load(Ordering::Relaxed))?;
-        let silence = pass.flag("wish for silence", self.silence_wanted.load(Ordering::SeqCst))?;
+        let silence = pass.flag("wish for silence", was_wanted || self.is_silence_wanted())?;
         if pass.loads() {
             self.audio_time.store(audio_time, Ordering::Relaxed);
             self.silence_wanted.store(silence, Ordering::SeqCst);
@@ -451,7 +461,7 @@ mod interleavings {
     /// A link without face values, with room for two samples and one frame.
     fn link() -> Arc<Link> {
         let arena = Arena::system();
-        Arc::new(Link::new_in(2, false, FrameRing::new_in(1, 0, &arena), 0, Arc::default(), &arena))
+        Arc::new(Link::new_in((2, 0), false, FrameRing::new_in(1, 0, &arena), 0, Arc::default(), &arena))
     }
 
     fn push(link: &Link, sample: f32) {

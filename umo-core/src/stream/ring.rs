@@ -126,16 +126,21 @@ impl Ring {
         self.read.store(position.clamp(start, self.written()), Ordering::SeqCst);
     }
 
-    /// Describes what waits in the ring, of which `is_good` looks at words that come from a state;
-    /// how much that is. The caller keeps producer and consumer away.
+    /// Describes what waits in the ring, or what is in it behind position `from`; of which `is_good` looks
+    /// at words that come from a state. Returns how much that is. The caller keeps the consumer away, and
+    /// knows that the words from `from` on are not overwritten. What a producer adds meanwhile is left out.
     pub(crate) fn state(
         &self,
         pass: &mut StatePass,
         what: &'static str,
+        from: Option<u64>,
         is_good: impl Fn(&[[u8; 4]]) -> bool,
     ) -> Result<usize, StateError> {
-        let read = pass.limited(what, self.read_position(), MAX_POSITION)?;
-        let len = pass.count(what, self.len(), self.capacity())?;
+        let start = from.unwrap_or(self.read_position());
+        #[expect(clippy::cast_possible_truncation, reason = "at most the capacity")]
+        let waiting = self.written().saturating_sub(start).min(self.capacity() as u64) as usize;
+        let read = pass.limited(what, start, MAX_POSITION)?;
+        let len = pass.count(what, waiting, self.capacity())?;
         let place = self.place(read);
         let (old, young) =
             (place..self.words.len().min(place + len), 0..(place + len).saturating_sub(self.words.len()));
