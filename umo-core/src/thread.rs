@@ -91,8 +91,6 @@ mod posix {
         let life: Life = Box::new(move || {
             // SAFETY: the name ends, and the thread is the one that runs.
             unsafe { libc::pthread_setname_np(libc::pthread_self(), name.as_ptr()) };
-            // What the standard library allocates of a thread when it is first asked for it.
-            drop(std::thread::current());
             life();
         });
         let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
