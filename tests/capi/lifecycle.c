@@ -79,6 +79,21 @@ static functions open_library(const char *path) {
     return f;
 }
 
+/* Whether a part of a file is in this process. */
+static int is_mapped(const char *path) {
+    int found = 0;
+#ifdef __linux__
+    char line[4096];
+    FILE *maps = fopen("/proc/self/maps", "r");
+    CHECK(maps);
+    while (fgets(line, sizeof line, maps)) found |= strstr(line, path) != NULL;
+    fclose(maps);
+#else
+    (void)path;
+#endif
+    return found;
+}
+
 static float speech[16000];
 
 /* A second of speech through a library, from nothing to nothing. */
@@ -149,11 +164,11 @@ int main(int argc, char **argv) {
 
     /* Unloaded while idle, and loaded again. */
     for (int i = 0; i < 5; i++) {
-        CHECK(unload(second.library) == 0);
+        CHECK(unload(second.library) == 0 && !is_mapped(argv[2]));
         second = open_library(argv[2]);
         talk(&second, argv[3]);
     }
     CHECK(unload(second.library) == 0);
-    CHECK(unload(first.library) == 0);
+    CHECK(unload(first.library) == 0 && !is_mapped(argv[1]));
     return 0;
 }

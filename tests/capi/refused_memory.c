@@ -235,8 +235,8 @@ static umo_status refuse(const subject *of, long number, int *reached) {
     return status;
 }
 
-/* The same in a child of this process. Rust's standard library asks the system itself for some pieces of each thread that it starts,
- * and ends the process without them: -1. */
+/* The same in a child of this process. Rust's standard library asks the system itself for a piece of each thread that parks, and ends
+ * the process without it: -1. */
 static umo_status refuse_in_child(const subject *of, long number, int *reached) {
     int status = 0;
     pid_t child = fork();

@@ -402,6 +402,8 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
     // The thread makes its worker itself, so that the core is its own.
     let (shared, config) = (Arc::clone(inner), config.clone());
     let life = move || {
+        // The standard library allocates what it knows of a thread, for parking it, when it is first asked for it.
+        drop(std::thread::current());
         let make = || memory::catch(|| Worker::new(&shared, &config, index).map_err(EngineError::thread));
         let made = match contain_quietly(make) {
             Ok(made) => made.unwrap_or_else(|missing| Err(missing.into())),

@@ -8,8 +8,14 @@ pub use own::{JoinHandle, available, start, yield_now};
 
 #[cfg(feature = "threads")]
 mod own {
+    #[cfg(not(any(target_os = "linux", target_os = "android")))]
     use std::io;
-    pub use std::thread::{JoinHandle, yield_now};
+    #[cfg(not(any(target_os = "linux", target_os = "android")))]
+    pub use std::thread::JoinHandle;
+    pub use std::thread::yield_now;
+
+    #[cfg(any(target_os = "linux", target_os = "android"))]
+    pub use super::posix::{JoinHandle, start};
 
     use umo_kernels::environment::in_default;
 
@@ -18,6 +24,7 @@ mod own {
     ///
     /// # Errors
     /// What the system says.
+    #[cfg(not(any(target_os = "linux", target_os = "android")))]
     pub fn start(name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
         std::thread::Builder::new().name(name).spawn(|| in_default(life))
     }
@@ -25,6 +32,95 @@ mod own {
     /// How many threads the system computes at once.
     pub fn available() -> usize {
         std::thread::available_parallelism().map_or(1, usize::from)
+    }
+}
+
+/// Threads by the system's own calls. The standard library's leave something on the thread that starts them, which
+/// keeps a shared library mapped until that thread ends, and end the process where there is no memory for their names.
+#[cfg(all(feature = "threads", any(target_os = "linux", target_os = "android")))]
+#[expect(unsafe_code, reason = "the standard library's threads keep a library from being unloaded")]
+mod posix {
+    use std::ffi::{CString, c_void};
+    use std::io;
+    use std::marker::PhantomData;
+    use std::mem::MaybeUninit;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::ptr::null_mut;
+
+    /// Bytes of a thread's stack: as many as the standard library gives one.
+    const STACK: usize = 2 << 20;
+    /// Most bytes of a name that the system keeps.
+    const MAX_NAME: usize = 15;
+
+    type Life = Box<dyn FnOnce() + Send>;
+
+    /// A thread that was started.
+    #[derive(Debug)]
+    pub struct JoinHandle<T>(libc::pthread_t, PhantomData<T>);
+
+    impl<T> JoinHandle<T> {
+        /// Waits until the thread has ended.
+        ///
+        /// # Errors
+        /// What the system says.
+        pub fn join(self) -> io::Result<()> {
+            let thread = self.0;
+            std::mem::forget(self);
+            // SAFETY: the thread was started, and is neither joined nor detached: only this and `drop` do it, and take
+            // the handle.
+            done(unsafe { libc::pthread_join(thread, null_mut()) })
+        }
+    }
+
+    impl<T> Drop for JoinHandle<T> {
+        fn drop(&mut self) {
+            // SAFETY: as in `join`.
+            unsafe { libc::pthread_detach(self.0) };
+        }
+    }
+
+    /// What a call of the system's said.
+    fn done(error: i32) -> io::Result<()> {
+        if error == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(error)) }
+    }
+
+    /// Starts a thread with a name.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn start(mut name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
+        name.truncate(MAX_NAME);
+        let name = CString::new(name)?;
+        let life: Life = Box::new(move || {
+            // SAFETY: the name ends, and the thread is the one that runs.
+            unsafe { libc::pthread_setname_np(libc::pthread_self(), name.as_ptr()) };
+            life();
+        });
+        let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
+        // SAFETY: it initialises the attributes.
+        done(unsafe { libc::pthread_attr_init(attributes.as_mut_ptr()) })?;
+        // SAFETY: they are initialised.
+        unsafe { libc::pthread_attr_setstacksize(attributes.as_mut_ptr(), STACK) };
+        let (mut thread, life) = (MaybeUninit::uninit(), Box::into_raw(Box::new(life)));
+        // SAFETY: the attributes are initialised, and `run` takes what it is given.
+        let error = unsafe { libc::pthread_create(thread.as_mut_ptr(), attributes.as_ptr(), run, life.cast()) };
+        // SAFETY: they are initialised, and not used again.
+        unsafe { libc::pthread_attr_destroy(attributes.as_mut_ptr()) };
+        if error != 0 {
+            // SAFETY: no thread was started that would take it.
+            drop(unsafe { Box::from_raw(life) });
+        }
+        done(error)?;
+        // SAFETY: a thread was started, so it was written.
+        Ok(JoinHandle(unsafe { thread.assume_init() }, PhantomData))
+    }
+
+    extern "C" fn run(life: *mut c_void) -> *mut c_void {
+        // SAFETY: `start` gives the thread a box's pointer of this type, to this thread alone.
+        let life = unsafe { Box::from_raw(life.cast::<Life>()) };
+        // A panic ends the thread, not the process.
+        drop(catch_unwind(AssertUnwindSafe(life)));
+        null_mut()
     }
 }
 
