@@ -1178,6 +1178,27 @@ umo_status umo_parameter_get_info(uint32_t index,
                                   struct umo_parameter_info *info)
 UMO_NOEXCEPT;
 
+// The gain of each channel at which a whole recording's speech is heard, `count` interleaved samples at
+// `sample_rate` per second. Ones for a plain recording; others are far from the level of speech, have
+// channels that cancel each other, or speech in the channel in front alone (of five channels and more, the
+// third). Multiply each channel with its gain before the samples are pushed into a session; `gains` has
+// room for `channels` values, 1 to 64.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_ARGUMENT` (a rate or a number of channels out of range, or not a
+// multiple of the channels), `PANIC`.
+//
+// Pointers:
+// `samples` is NULL or has `count` readable values; `gains` is NULL or has room for `channels` values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_recording_gains(const float *samples,
+                               size_t count,
+                               uint32_t sample_rate,
+                               uint32_t channels,
+                               float *gains)
+UMO_NOEXCEPT;
+
 // Fills a session configuration with the model's defaults: mono audio at the model's rate. `size`
 // is `sizeof *config`.
 //
