@@ -329,7 +329,8 @@ mod tests {
     }
 
     fn noise(i: usize) -> f32 {
-        let bits = (i as u32).wrapping_mul(2_654_435_761).wrapping_mul(i as u32 | 1);
+        let i = u32::try_from(i).unwrap();
+        let bits = i.wrapping_mul(2_654_435_761).wrapping_mul(i | 1);
         (bits >> 8) as f32 / 8_388_608.0 - 1.0
     }
 
