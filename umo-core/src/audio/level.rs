@@ -121,7 +121,7 @@ impl Meter {
     pub fn gains(&self, centre: Option<usize>) -> Gains {
         let mut gains = Gains { gains: [1.0; MAX_CHANNELS], channels: self.channels, findings: Vec::new() };
         let power = |at: usize| self.products[at][at];
-        let loudest = (0..self.channels).max_by(|&a, &b| power(a).total_cmp(&power(b))).unwrap_or(0);
+        let loudest = (0..self.channels).rev().max_by(|&a, &b| power(a).total_cmp(&power(b))).unwrap_or(0);
         let mut heard = &self.bins[self.channels];
         let mut factor = 1.0;
         if let Some(centre) = centre.filter(|&at| self.channels > 2 && power(at) > CENTRE * power(loudest)) {
