@@ -1194,6 +1194,27 @@ umo_status umo_parameter_get_info(uint32_t index,
                                   struct umo_parameter_info *info)
 UMO_NOEXCEPT;
 
+// The gain of each channel at which a whole recording's speech is heard, `count` interleaved samples at
+// `sample_rate` per second. Ones for a plain recording; others are far from the level of speech, have
+// channels that cancel each other, or speech in the channel in front alone (of five channels and more, the
+// third). Multiply each channel with its gain before the samples are pushed into a session; `gains` has
+// room for `channels` values, 1 to 64.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_ARGUMENT` (a rate or a number of channels out of range, or not a
+// multiple of the channels), `PANIC`.
+//
+// Pointers:
+// `samples` is NULL or has `count` readable values; `gains` is NULL or has room for `channels` values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_recording_gains(const float *samples,
+                               size_t count,
+                               uint32_t sample_rate,
+                               uint32_t channels,
+                               float *gains)
+UMO_NOEXCEPT;
+
 // Tests this machine with a model, for about 10 seconds or less: every kernel of every back-end that the processor has is
 // held to its scalar reference, the model's motion to recorded motion (that of a model without any to a second
 // run), and the model's speed is measured where the library has threads and a clock. `passed` is 1 where nothing is wrong.
@@ -1779,6 +1800,37 @@ UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 // Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
 // session: `umo_session_last_error`.
 UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
+
+// Reads a character of a `.glb` file of `size` bytes, to follow poses as `source` says
+// (`umo_core::glb::Follower::read`). Both are read during the call. `description` is JSON, good
+// until the character is freed.
+//
+// Pointers:
+// `file` is NULL or has `size` readable bytes; `source` is NULL or ends with a zero byte; the
+// others are NULL or writable.
+UMO_API
+umo_status umo_web_character_new(const uint8_t *file,
+                                 size_t size,
+                                 const char *source,
+                                 size_t *character,
+                                 const char **description)
+UMO_NOEXCEPT;
+
+// Puts a character in a pose: `pose` has the 55 joints' rotations, the root's place and the face
+// channels. `values` gets the rotations of the nodes that turn, the place of the hips, the weights
+// of each node's shapes, and those of the expressions; `count` must be their number.
+//
+// Pointers:
+// `pose` has 223 readable floats and one for each face channel; `values` has `count` writable ones.
+UMO_API
+umo_status umo_web_character_apply(size_t character,
+                                   const float *pose,
+                                   float *values,
+                                   size_t count)
+UMO_NOEXCEPT;
+
+// Frees a character.
+UMO_API umo_status umo_web_character_free(size_t character) UMO_NOEXCEPT;
 
 // The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
 // NULL in a library that was built without the writer of glTF.

@@ -331,7 +331,7 @@ fn audio(track: &Track) -> Option<&AudioCodecParameters> {
 }
 
 /// The audio track of a file, and its decoder.
-fn select<'a>(format: Format, reader: &'a dyn FormatReader) -> Result<(&'a Track, Decoder), AudioError> {
+fn select(format: Format, reader: &dyn FormatReader) -> Result<(&Track, Decoder), AudioError> {
     let name = format.name();
     let other = || AudioError::OtherCodec(name);
     let track = reader.default_track(TrackType::Audio).ok_or_else(other)?;

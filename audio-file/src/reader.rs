@@ -87,7 +87,7 @@ impl Reader {
         }
         let blocks = contain(format.name(), || -> Result<Box<dyn Blocks>, AudioError> {
             Ok(match format {
-                Format::Wav => match Wav::new(&bytes)? {
+                Format::Wav => match Wav::open(&bytes)? {
                     Content::Samples(wav) => wav,
                     Content::Mpeg(part) => compressed::open(Format::Mpeg, part)?,
                 },

@@ -52,7 +52,7 @@ impl Wav {
     ///
     /// # Errors
     /// [`AudioError`] where nothing can be read.
-    pub(crate) fn new(bytes: &Bytes) -> Result<Content, AudioError> {
+    pub(crate) fn open(bytes: &Bytes) -> Result<Content, AudioError> {
         let Found { format, data, samples, notes } = find_audio(bytes)?;
         if let Encoding::Mpeg = format.encoding {
             let start = data.front().map_or(0, |range| range.start);

@@ -123,7 +123,7 @@ impl Encoding {
                 let frames = usize::from(container - 7) * 2 + 2;
                 Ok(Self::Adpcm { codec: CODEC_ID_ADPCM_MS, bytes: block.into(), frames })
             }
-            (TAG_IMA_ADPCM, 4, 8..) if channels <= 2 && container % 4 == 0 => {
+            (TAG_IMA_ADPCM, 4, 8..) if channels <= 2 && container.is_multiple_of(4) => {
                 let frames = usize::from(container - 4) * 2 + 1;
                 Ok(Self::Adpcm { codec: CODEC_ID_ADPCM_IMA_WAV, bytes: block.into(), frames })
             }

@@ -121,7 +121,7 @@ impl Meter {
     pub fn gains(&self, centre: Option<usize>) -> Gains {
         let mut gains = Gains { gains: [1.0; MAX_CHANNELS], channels: self.channels, findings: Vec::new() };
         let power = |at: usize| self.products[at][at];
-        let loudest = (0..self.channels).max_by(|&a, &b| power(a).total_cmp(&power(b))).unwrap_or(0);
+        let loudest = (0..self.channels).rev().max_by(|&a, &b| power(a).total_cmp(&power(b))).unwrap_or(0);
         let mut heard = &self.bins[self.channels];
         let mut factor = 1.0;
         if let Some(centre) = centre.filter(|&at| self.channels > 2 && power(at) > CENTRE * power(loudest)) {
@@ -329,7 +329,8 @@ mod tests {
     }
 
     fn noise(i: usize) -> f32 {
-        let bits = (i as u32).wrapping_mul(2_654_435_761).wrapping_mul(i as u32 | 1);
+        let i = u32::try_from(i).unwrap();
+        let bits = i.wrapping_mul(2_654_435_761).wrapping_mul(i | 1);
         (bits >> 8) as f32 / 8_388_608.0 - 1.0
     }
 

@@ -44,9 +44,8 @@ def _settings(engine: Engine, given: Mapping[str, Any]) -> dict[str, Any]:
     return {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **given}
 
 
-def _recording(samples: npt.ArrayLike, rate: int) -> npt.NDArray[Any]:
+def _heard(recording: npt.NDArray[Any], rate: int) -> npt.NDArray[Any]:
     """A whole recording with the gains at which its speech is heard; a plain one as it is."""
-    recording = audio(samples)
     floats = recording.astype(np.float32) / np.float32(32768) if recording.dtype == np.int16 else recording
     channels = recording.shape[1] if recording.ndim == 2 else 1
     gains = np.empty(channels, np.float32)
@@ -165,11 +164,11 @@ def animate(
     """
     if isinstance(samples, (list, tuple)) and samples and all(isinstance(each, np.ndarray) and each.ndim for each in samples):
         return _animate_all(samples, rate, model, axes, (seed, prompt, mood), parameters, threads, jobs, settings)
-    recording = _recording(samples, rate)
+    recording = audio(samples)
     channels = recording.shape[1] if recording.ndim == 2 else 1
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
         with Session(engine, rate, channels, axes=axes, seed=seed, **_settings(engine, settings)) as session:
-            return session._layout.joined(list(_run(_ready(session, prompt, mood, parameters), [recording])))
+            return session._layout.joined(list(_run(_ready(session, prompt, mood, parameters), [_heard(recording, rate)])))
 
 
 def _animate_all(
@@ -185,9 +184,9 @@ def _animate_all(
 ) -> list[Motion]:
     if jobs < 1:
         raise ValueError(f"jobs {jobs}: expected at least 1")
+    recordings = [audio(each) for each in samples]
     names = ("rate", "seed", "prompt", "mood")
     rates, seeds, prompts, moods = (_each(name, value, len(samples)) for name, value in zip(names, (rate, *told)))
-    recordings = [_recording(each, each_rate) for each, each_rate in zip(samples, rates)]
     motions: dict[Session, Motion] = {}
     order: list[Session] = []
     jobs = min(jobs, len(recordings), _library.MAX_BATCH)
@@ -199,7 +198,7 @@ def _animate_all(
                 channels = recording.shape[1] if recording.ndim == 2 else 1
                 session = Session(engine, rates[at], channels, axes=axes, seed=seeds[at], **settings)
                 order.append(_ready(session, prompts[at], moods[at], parameters))
-                yield session, recording
+                yield session, _heard(recording, rates[at])
 
         for session, parts in _run_all(sessions(), jobs):
             motions[session] = session._layout.joined(parts)
