@@ -429,7 +429,7 @@ inline umo_clip clip(const model &model, const frames &frames, std::size_t count
 /// `UMO_STATUS_IO`.
 template <class Take> [[nodiscard]] umo_status write(const umo_clip &clip, std::uint32_t format, Take &&take) {
     umo_output output{};
-    output.userdata = std::addressof(take);
+    output.userdata = const_cast<void *>(static_cast<const void *>(std::addressof(take)));
     output.write = [](void *userdata, const void *bytes, std::size_t size) noexcept -> std::int32_t {
         auto &write = *static_cast<std::remove_reference_t<Take> *>(userdata);
 #if defined(__cpp_exceptions) || defined(_CPPUNWIND)

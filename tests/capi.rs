@@ -47,7 +47,11 @@ enum Link {
 
 /// The C compiler that the machine has.
 fn cc() -> Command {
-    let mut cc = Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()));
+    strict(Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into())))
+}
+
+/// A compiler, strictly.
+fn strict(mut cc: Command) -> Command {
     cc.args(["-Wall", "-Wextra", "-Werror", "-pedantic", "-I"]).arg(format!("{ROOT}/include"));
     cc
 }
@@ -58,8 +62,11 @@ fn compile(source: &str, link: Link) -> PathBuf {
     let kind = if link == Link::Static { "static" } else { "shared" };
     let name = Path::new(source).file_stem().expect("a source has a name").to_string_lossy().into_owned();
     let program = place.path().join(format!("{name}-{kind}"));
-    let mut cc = cc();
-    cc.args(["-std=c11", "-O1", "-g", "-D_DEFAULT_SOURCE", "-o"]).arg(&program).arg(format!("{ROOT}/{source}"));
+    let (mut cc, standard) = match source.ends_with(".cpp") {
+        true => (strict(Command::new("c++")), "-std=c++17"),
+        false => (cc(), "-std=c11"),
+    };
+    cc.args([standard, "-O1", "-g", "-D_DEFAULT_SOURCE", "-o"]).arg(&program).arg(format!("{ROOT}/{source}"));
     match link {
         Link::Shared => {
             cc.arg("-L").arg(folder).arg("-lumo").arg(format!("-Wl,-rpath,{}", place.path().display()));
@@ -93,6 +100,15 @@ fn a_refused_allocation_is_a_status() {
     let folder = tempfile::tempdir().expect("there is room");
     let program = compile("tests/capi/refused_memory.c", Link::Shared);
     run(&program, &[model.as_ref(), salute.as_ref(), folder.path()]);
+}
+
+#[test]
+fn an_exception_of_a_host_s_function_is_an_error() {
+    if Command::new("c++").arg("--version").output().is_err() {
+        eprintln!("SKIPPED: no C++ compiler; scripts/test-hosts has one");
+        return;
+    }
+    run(&compile("tests/capi/throws.cpp", Link::Shared), &[MODEL.as_ref()]);
 }
 
 #[test]

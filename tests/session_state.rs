@@ -791,7 +791,7 @@ fn a_session_that_is_saved_in_work_goes_on_with_the_same_bits() {
         while here.engine.poll(Duration::ZERO) == Ok(Poll::More) {
             step += 1;
             // From where on no setting is changed any more; the last change counts from the next chunk on.
-            if step > 41 && step % 3 == 0 {
+            if step > 41 && step.is_multiple_of(3) {
                 let ready = session.ready_frames().unwrap();
                 frames.extend(pull(&session, ready.min(1)));
                 states.push((save(&session), frames.len(), said.len()));
@@ -799,7 +799,7 @@ fn a_session_that_is_saved_in_work_goes_on_with_the_same_bits() {
             if step == 20 || step == 41 {
                 session.set_seed(step).unwrap();
             }
-            if with_packets && step % 50 == 0 {
+            if with_packets && step.is_multiple_of(50) {
                 said.extend(packets(&session));
             }
         }

@@ -301,6 +301,15 @@ static void submit(void *userdata, void (*function)(void *context), void *contex
     pthread_attr_destroy(&attributes);
 }
 
+static int submitted;
+
+/* A job system that runs jobs where they are submitted; polling there is refused. */
+static void run_now(void *userdata, void (*function)(void *context), void *context) {
+    CHECK(umo_engine_poll(*(umo_engine **)userdata, 0, NULL) == UMO_STATUS_BUSY);
+    function(context);
+    submitted++;
+}
+
 static void threads_are_the_host_s(void) {
     umo_engine_config config;
     umo_engine *engine = NULL;
@@ -315,6 +324,13 @@ static void threads_are_the_host_s(void) {
     CHECK(memcmp(other, plain, sizeof plain) == 0);
     CHECK(system.count > 0);
     for (int i = 0; i < system.count; i++) CHECK(pthread_join(system.threads[i], NULL) == 0);
+    OK(umo_engine_free(engine));
+
+    jobs = (umo_jobs){&engine, run_now};
+    OK(umo_engine_new(model, &config, &engine));
+    fresh(engine, NULL, UMO_AXES_GLTF, other);
+    CHECK(memcmp(other, plain, sizeof plain) == 0);
+    CHECK(submitted > 0);
     OK(umo_engine_free(engine));
 }
 

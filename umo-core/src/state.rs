@@ -76,7 +76,7 @@ impl fmt::Display for StateError {
             Self::Version { got, want } => {
                 write!(
                     f,
-                    "the state is of format version {got}, this library reads version {want}: save it with this version"
+                    "the state is of format version {got}, this library reads version {want}: save it again with this one"
                 )
             }
             Self::Length { got, want } => write!(f, "expected a state of {want} bytes, got {got}"),

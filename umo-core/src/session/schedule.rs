@@ -372,9 +372,9 @@ impl Member {
         schedule.times.release + schedule.period
     }
 
-    /// Begins with the next chunk, which is due: takes what was set since the last one, and keeps what a save
-    /// needs from now on. Which chunk it is, with a body that is held or not, where `share` of all are
-    /// computed in full; none while a save reads what was kept.
+    /// Before [`Self::begin`]: takes over changed settings, and keeps the engine's side for saves while the
+    /// chunk is in work. Returns the kind of chunk, which is held if `share` of all are computed in full and
+    /// this one is not; none while a save reads what was kept before.
     pub(crate) fn prepare(&mut self, due: Due, share: f32, slot: usize, model: &Model) -> Option<Due> {
         let shared = Counted::clone(&self.schedule.shared);
         let mut kept = try_lock(&shared.kept)?;

@@ -297,7 +297,7 @@ class Session(_library.Handle):
         return done.value != 0
 
     def save(self) -> bytes:
-        """Everything that the session is, to be restored in this or another process; `umo.Error` while a chunk is computed."""
+        """Everything that the session is, to be restored in this or another process; `umo.Error` while another thread is in a call."""
         size = ctypes.c_size_t()
         self._check(lib.umo_session_state_size(self._handle, byref(size)))
         state = ctypes.create_string_buffer(size.value)
