@@ -3,7 +3,6 @@
 use std::cell::UnsafeCell;
 use std::ffi::{CStr, c_char};
 use std::fmt::{self, Write as _};
-use std::io;
 
 use umo_core::engine::{EngineError, PollError};
 use umo_core::memory::OutOfMemory;
@@ -114,8 +113,9 @@ impl Failure {
     }
 
     /// A file that cannot be read or written.
-    pub(crate) fn io(cause: &io::Error, detail: impl fmt::Display) -> Self {
-        let is_memory = cause.kind() == io::ErrorKind::OutOfMemory;
+    #[cfg(any(feature = "files", feature = "gltf"))]
+    pub(crate) fn io(cause: &std::io::Error, detail: impl fmt::Display) -> Self {
+        let is_memory = cause.kind() == std::io::ErrorKind::OutOfMemory;
         Self::new(if is_memory { UMO_STATUS_OUT_OF_MEMORY } else { UMO_STATUS_IO }, detail)
     }
 

@@ -92,8 +92,10 @@ mod posix {
         name.truncate(MAX_NAME);
         let name = CString::new(name)?;
         let life: Life = Box::new(move || {
+            // SAFETY: it takes nothing.
+            let this = unsafe { libc::pthread_self() };
             // SAFETY: the name ends, and the thread is the one that runs.
-            unsafe { libc::pthread_setname_np(libc::pthread_self(), name.as_ptr()) };
+            unsafe { libc::pthread_setname_np(this, name.as_ptr()) };
             life();
         });
         let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
