@@ -111,11 +111,19 @@ mod registers {
 
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod registers {
-    pub(super) type State = ();
+    /// No register.
+    #[derive(Clone, Copy, PartialEq, Eq)]
+    pub(super) struct State;
 
-    pub(super) const fn default((): State) -> State {}
-    pub(super) const fn read() -> State {}
-    pub(super) const fn write((): State) {}
+    pub(super) const fn default(callers: State) -> State {
+        callers
+    }
+
+    pub(super) const fn read() -> State {
+        State
+    }
+
+    pub(super) const fn write(_: State) {}
 }
 
 #[cfg(all(test, any(target_arch = "x86_64", target_arch = "aarch64")))]
