@@ -19,7 +19,7 @@ def test_each_has_the_frames_that_it_has_alone(hello, model):
 
 def test_lists_of_numbers_are_one_recording(hello, model):
     samples, rate = hello
-    assert isinstance(umo.animate(samples[:rate].astype(np.float64).tolist(), rate, model=model), umo.Motion)
+    assert isinstance(umo.animate((samples[:rate] / 32768).tolist(), rate, model=model), umo.Motion)
 
 
 def test_what_does_not_fit_is_said(hello, model):
