@@ -236,7 +236,7 @@ fn soles_that_reach_below_the_floor_stand_on_it() {
     let body = json["meshes"].as_array().unwrap().iter().find(|mesh| mesh["name"] == "Body").unwrap();
     let index = |value: &Value| usize::try_from(value.as_u64().unwrap()).unwrap();
     let accessor = &json["accessors"][index(&body["primitives"][0]["attributes"]["POSITION"])];
-    let start = view(index(&accessor["bufferView"])) + accessor["byteOffset"].as_u64().map_or(0, |at| at as usize);
+    let start = view(index(&accessor["bufferView"])) + accessor.get("byteOffset").map_or(0, index);
     let mut deep = bin.clone();
     // The lowest of the boxes' corners, some centimetres lower: shoes of thick soles.
     let height = |bin: &[u8], at: usize| f32::from_le_bytes(bin[start + 12 * at + 4..][..4].try_into().unwrap());
