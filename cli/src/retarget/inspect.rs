@@ -48,7 +48,7 @@ pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
     let missing = mapping.entries().into_iter().filter(|(_, bones)| bones.is_empty()).map(|(joint, _)| joint);
     let missing: Vec<_> = missing.collect();
     if !missing.is_empty() {
-        add("", format!("missing: {}", missing.join(", ")));
+        add("", format!("missing, and at rest unless --mapping FILE names them: {}", missing.join(", ")));
     }
     if let Target::Character(character) = target {
         shapes(character, &faces).into_iter().for_each(|value| add("shapes", value));
@@ -82,7 +82,8 @@ fn rest_pose(target: &Target, mapping: &Mapping) -> String {
             below if below < SLOPING => "A-pose",
             _ => "arms hang",
         };
-        format!("{kind}, upper arms {below:.0}° below the level")
+        // No -0.
+        format!("{kind}, upper arms {:.0}° below the level", below.round() + 0.0)
     });
     match target {
         Target::Character(character) if !character.bound().is_empty() => {

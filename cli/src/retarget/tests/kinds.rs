@@ -95,6 +95,14 @@ fn a_character_that_draco_compressed_moves_as_the_plain_one() {
     let [found, wanted] = [&bytes, &std::fs::read(path("character.glb")).unwrap()].map(|bytes| sorted(bytes));
     assert_eq!(found.len(), wanted.len());
     assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 0.01), "triangles are elsewhere");
+    // What an accessor announces is so, as validators look at it.
+    let json: Value = serde_json::from_str(Glb::split(&bytes).unwrap().json).unwrap();
+    let announced = &json["accessors"][1]["max"];
+    let places: Vec<[f32; 3]> = corners(&bytes);
+    let most = |axis: usize| places[..756].iter().map(|place| place[axis]).fold(f32::MIN, f32::max);
+    for axis in 0..3 {
+        assert!((announced[axis].as_f64().unwrap() - f64::from(most(axis))).abs() < 1e-7, "{announced}");
+    }
     // No byte makes it panic.
     let plain = std::fs::read(path("draco.glb")).unwrap();
     for at in (0..plain.len()).step_by(11) {
@@ -215,6 +223,14 @@ fn doubled() -> (Value, Vec<u8>, usize) {
 }
 
 #[test]
+fn mappings_with_a_byte_order_mark_are_read() {
+    for (text, json) in [("[bones]\njaw = \"\"\n", false), ("{\"bones\": {\"jaw\": \"\"}}", true)] {
+        assert_eq!(Given::parse(&format!("\u{feff}{text}"), json), Given::parse(text, json));
+        assert!(Given::parse(text, json).is_ok());
+    }
+}
+
+#[test]
 fn of_two_characters_one_moves_and_it_is_said_which() {
     let clip = clip();
     let (json, bin, count) = doubled();
@@ -303,7 +319,7 @@ fn inspecting_a_character_says_what_is_there_and_what_is_missing() {
         "height     1.",
         "rest pose  T-pose, upper arms",
         "by Mixamo names, for",
-        "missing: jaw, left_eye, right_eye, left_index1",
+        "missing, and at rest unless --mapping FILE names them: jaw, left_eye, right_eye, left_index1",
         "shapes     12 in all, 12 move",
         "shapes     10 of ARKit's 52; missing: ",
         "shapes     0 of Oculus' 15",
