@@ -165,8 +165,10 @@ impl Made {
         let bounds = (accessor.component_type == FLOAT).then(|| bounds(&bytes, count));
         self.bin.extend(bytes);
         let accessor = &mut self.accessors[at];
-        for (name, values) in bounds.into_iter().flatten().filter(|(name, _)| accessor.has(name)) {
-            accessor.set(name, raw(&json!(values)));
+        for (name, values) in bounds.into_iter().flatten() {
+            if accessor.has(name) {
+                accessor.set(name, raw(&json!(values)));
+            }
         }
         accessor.set("bufferView", raw(&self.views.len().into()));
         accessor.set("byteOffset", raw(&0.into()));
