@@ -8,7 +8,7 @@ use umo_core::retarget::{Mapping, Rig};
 use super::body::Body;
 use super::faces::Faces;
 use super::mapping::Given;
-use super::{Character, Target, arkit, check, is_character, read, vrm};
+use super::{Character, Target, arkit, is_character, read, vrm};
 use crate::failure::Failure;
 
 /// Upper arms of a T-pose are less than this below the level, degrees, and of an A-pose this.
@@ -53,7 +53,7 @@ pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
     if let Target::Character(character) = target {
         shapes(character, &faces).into_iter().for_each(|value| add("shapes", value));
     }
-    let checked = check(target.rig(), &mapping, "`umo retarget --print-mapping` what was found");
+    let checked = target.check(&mapping, "`umo retarget --print-mapping` what was found");
     let notes = target.notes(&mapping, &faces, &face);
     checked.err().into_iter().chain(notes).for_each(|note| add("note", note));
     Ok(lines)

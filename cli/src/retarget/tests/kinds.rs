@@ -278,8 +278,13 @@ fn a_file_without_a_skeleton_is_not_told_of_mappings() {
     json.as_object_mut().unwrap().remove("skins");
     let target = Target::read("a.glb".as_ref(), whole(&json, &bin)).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
-    let problem = super::super::check(target.rig(), &mapping, "help").unwrap_err();
+    let problem = target.check(&mapping, "help").unwrap_err();
     assert!(problem.contains("no skeleton") && !problem.contains("--mapping"), "{problem}");
+    // Bones of a skeleton alone may be named.
+    let bare = "HIERARCHY ROOT x { OFFSET 0 0 0 CHANNELS 0 } MOTION Frames: 0 Frame Time: 1";
+    let target = Target::read("a.bvh".as_ref(), bare.into()).unwrap();
+    let (mapping, _) = target.mapping(&Given::default()).unwrap();
+    assert!(target.check(&mapping, "help").unwrap_err().contains("--mapping"));
 }
 
 #[test]
