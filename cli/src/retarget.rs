@@ -72,7 +72,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         Some(path) => Failure::input(format!("{}: {problem}", path.display())),
         None => wrong(problem),
     })?;
-    let checked = check(target.rig(), &mapping, "--print-mapping what was found").map_err(wrong);
+    let checked = target.check(&mapping, "--print-mapping what was found").map_err(wrong);
     if args.print_mapping {
         let arkit = arkit();
         let faces = target.faces(&mapping, &arkit, &given).map_err(wrong)?;
@@ -169,6 +169,10 @@ impl Target {
         }
     }
 
+    fn check(&self, mapping: &Mapping, help: &str) -> Result<(), String> {
+        check(self.rig(), mapping, matches!(self, Self::Skeleton(_)), help)
+    }
+
     fn floor(&self, mapping: &Mapping) -> Floor {
         match self {
             Self::Character(character) => character.floor(mapping),
@@ -239,12 +243,12 @@ fn arkit() -> Face {
     Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() }
 }
 
-/// Refuses a mapping that makes no body; `help` says what else helps than a mapping file.
-fn check(rig: &Rig, mapping: &Mapping, help: &str) -> Result<(), String> {
+/// Refuses a mapping that makes no body; `help` says what else helps than a mapping file. A file of
+/// meshes without a skin, where no bone was found, has no skeleton that a mapping could name.
+fn check(rig: &Rig, mapping: &Mapping, is_bare: bool, help: &str) -> Result<(), String> {
     mapping.check(rig).map_err(|problem| {
-        let is_skinned = rig.bones().iter().any(|bone| bone.deforms);
-        let is_found = mapping.entries().iter().any(|(_, bones)| !bones.is_empty());
-        match is_skinned || is_found || rig.bones().iter().any(|bone| bone.name.is_empty()) {
+        let has_skeleton = is_bare || rig.bones().iter().any(|bone| bone.deforms);
+        match has_skeleton || mapping.entries().iter().any(|(_, bones)| !bones.is_empty()) {
             true => format!("{problem}; --mapping FILE says which is which, {help}"),
             false => format!("it has no skeleton that moves a mesh, and no shapes: {RIGGERS}"),
         }

@@ -14,6 +14,8 @@ const NAME: &str = "KHR_draco_mesh_compression";
 /// Most points, faces and bytes of one mesh.
 const MAX_POINTS: u64 = 1 << 24;
 const MAX_BYTES: u64 = 1 << 30;
+/// glTF's number for 32-bit floats.
+const FLOAT: u32 = 5126;
 /// What a view holds, as glTF numbers it.
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
@@ -160,13 +162,31 @@ impl Made {
         if target == VERTICES && count > 0 {
             view["byteStride"] = (bytes.len() / count).into();
         }
+        let bounds = (accessor.component_type == FLOAT).then(|| bounds(&bytes, count));
         self.bin.extend(bytes);
         let accessor = &mut self.accessors[at];
+        for (name, values) in bounds.into_iter().flatten() {
+            if accessor.has(name) {
+                accessor.set(name, raw(&json!(values)));
+            }
+        }
         accessor.set("bufferView", raw(&self.views.len().into()));
         accessor.set("byteOffset", raw(&0.into()));
         self.views.push(raw(&view));
         Ok(())
     }
+}
+
+/// The least and the most of each component of floats: compressed ones are not those that were
+/// announced.
+fn bounds(bytes: &[u8], count: usize) -> [(&'static str, Vec<f32>); 2] {
+    let values: Vec<f32> = bytes.as_chunks().0.iter().map(|&value| f32::from_le_bytes(value)).collect();
+    let width = values.len() / count.max(1);
+    let of = |most: fn(f32, f32) -> f32| {
+        let column = |at: usize| values.iter().skip(at).step_by(width).copied().reduce(most).unwrap_or(0.0);
+        (0..width).map(column).collect()
+    };
+    [("min", of(f32::min)), ("max", of(f32::max))]
 }
 
 /// Bytes of a number, as glTF numbers their types.

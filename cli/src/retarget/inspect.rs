@@ -7,7 +7,7 @@ use umo_core::motion::visemes::VISEME_NAMES;
 use umo_core::retarget::{Mapping, Rig};
 
 use super::body::Body;
-use super::{Character, Target, arkit, check, is_character, read};
+use super::{Character, Target, arkit, is_character, read};
 use crate::failure::Failure;
 
 /// Upper arms of a T-pose are less than this below the level, degrees, and of an A-pose this.
@@ -47,12 +47,12 @@ pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
     let missing = mapping.entries().into_iter().filter(|(_, bones)| bones.is_empty()).map(|(joint, _)| joint);
     let missing: Vec<_> = missing.collect();
     if !missing.is_empty() {
-        add("", format!("missing: {}", missing.join(", ")));
+        add("", format!("missing, and at rest unless --mapping FILE names them: {}", missing.join(", ")));
     }
     if let Target::Character(character) = target {
         shapes(character, &faces).into_iter().for_each(|value| add("shapes", value));
     }
-    let checked = check(target.rig(), &mapping, "`umo retarget --print-mapping` what was found");
+    let checked = target.check(&mapping, "`umo retarget --print-mapping` what was found");
     let notes = target.notes(&mapping, &faces, &face);
     checked.err().into_iter().chain(notes).for_each(|note| add("note", note));
     Ok(lines)
@@ -81,7 +81,8 @@ fn rest_pose(target: &Target, mapping: &Mapping) -> String {
             below if below < SLOPING => "A-pose",
             _ => "arms hang",
         };
-        format!("{kind}, upper arms {below:.0}° below the level")
+        // No -0.
+        format!("{kind}, upper arms {:.0}° below the level", below.round() + 0.0)
     });
     match target {
         Target::Character(character) if !character.bound().is_empty() => {

@@ -38,6 +38,27 @@ fn speech_and_motions_are_brought_to_characters_and_skeletons() {
 }
 
 #[test]
+fn a_character_is_inspected_and_said_what_it_lacks() {
+    let folder = Folder::new();
+    let [glb, bvh, npz, _] = made(&folder);
+    let ended = umo(&["inspect", &glb]).success();
+    for line in
+        ["rest pose  T-pose", "bones      55 by SMPL-X names, for 53 of 53 joints", "shapes     52 of ARKit's 52"]
+    {
+        assert!(ended.out.contains(line), "{line}: {}", ended.out);
+    }
+    assert!(umo(&["inspect", &bvh]).success().out.contains("by SMPL-X names"));
+    assert!(folder.refused(&["inspect", &glb, "--verify"]).contains("go with a model"));
+    // What a motion's file does not say is said.
+    let box_of = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters/");
+    let [turned, boxes] = ["z_up.npz", "character.glb"].map(|name| format!("{box_of}{name}"));
+    let ended = umo(&["retarget", &turned, "--onto", &boxes, "-o", &folder.at("out.glb")]).success();
+    assert!(ended.err.contains("it was turned upright"), "{}", ended.err);
+    let ended = umo(&["retarget", &npz, "--onto", &boxes, "-o", &folder.at("out.glb")]).success();
+    assert!(!ended.err.contains("upright") && !ended.err.contains("rate"), "{}", ended.err);
+}
+
+#[test]
 fn the_mapping_is_shown_and_may_be_given() {
     let folder = Folder::new();
     let [glb, _, npz, _] = made(&folder);

@@ -121,8 +121,10 @@ fn files_that_are_no_characters_are_refused_in_words() {
     assert!(onto("text.glb", b"no character").contains("text.glb: it is no glb file"));
     assert!(onto("cut.vrm", b"glTF\x02\0\0\0\xff\0\0\0").contains("cut.vrm: the file is cut short"));
     assert!(onto("bones.bvh", b"HIERARCHY").contains("bones and no body"));
-    assert!(onto("person.gltf", b"{}").contains("pack the .gltf"));
-    assert!(onto("person.obj", b"v 0 0 0").contains("expected a character, .glb or .vrm"));
+    assert!(onto("person.gltf", b"{}").contains("person.gltf: it is no character"));
+    let elsewhere = br#"{"buffers":[{"byteLength":4,"uri":"https://example.org/a.bin"}]}"#;
+    assert!(onto("person.gltf", elsewhere).contains("`https://example.org/a.bin` is at another place"));
+    assert!(onto("person.obj", b"v 0 0 0").contains("expected a character, .glb, .gltf or .vrm"));
     let thing = glb(r#"{"asset":{"version":"2.0"},"nodes":[{"name":"box","mesh":0}],"meshes":[{"primitives":[]}]}"#);
     assert!(onto("box.glb", &thing).contains("box.glb: it is no character with a body that is known"));
     assert!(refused(&[&folder.file("box.glb", &thing)]).contains("box.glb: it is no character"));
@@ -130,8 +132,8 @@ fn files_that_are_no_characters_are_refused_in_words() {
 
     umo(&["animate", &speech, "--model", &golden("mel_k2_arkit"), "-o", &folder.at("motion.glb")]).success();
     let figure = folder.read("motion.glb");
-    let packed = replaced(&figure, "\"asset\":", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\":");
-    assert!(onto("packed.glb", &packed).contains("its meshes are compressed"));
+    let packed = replaced(&figure, "\"asset\":", "\"extensionsRequired\":[\"KHR_texture_basisu\"],\"asset\":");
+    assert!(onto("packed.glb", &packed).contains("its textures are compressed"));
     let bare = replaced(&figure, "\"meshes\":", "\"extras\":");
     assert!(onto("bare.glb", &bare).contains("there is no mesh to show"));
     let still = replaced(&figure, "\"animations\":", "\"extras\":");

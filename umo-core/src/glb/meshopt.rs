@@ -271,6 +271,7 @@ pub(super) fn indices(data: &[u8], count: usize, put: &mut dyn FnMut(u32)) -> Re
 ///
 /// # Errors
 /// A filter that is not known, or vertices that it does not go with.
+#[expect(clippy::cast_possible_truncation, reason = "numbers of the types that they are stored as")]
 pub(super) fn unfilter(filter: &str, size: usize, values: &mut [u8]) -> Result<(), String> {
     let fits = match filter {
         "NONE" => return Ok(()),
@@ -308,6 +309,7 @@ pub(super) fn unfilter(filter: &str, size: usize, values: &mut [u8]) -> Result<(
 }
 
 /// The nearest whole number, halves away from 0, as the format has it.
+#[expect(clippy::cast_possible_truncation, reason = "at most 2^15")]
 fn rounded(x: f32) -> i32 {
     (x + 0.5_f32.copysign(x)) as i32
 }

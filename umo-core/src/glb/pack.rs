@@ -16,6 +16,9 @@ const MAX_BYTES: usize = 2 << 30;
 /// Bytes of memory that reading the JSON takes here for each byte of it, at most.
 const MEMORY: usize = 32;
 
+/// What helps where a view cannot be decompressed.
+const WAY_OUT: &str = "`npx @gltf-transform/cli copy in.glb out.glb` writes it without";
+
 /// Names of the compression that is undone here.
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
@@ -171,7 +174,8 @@ impl<'a> Packing<'a> {
                     let data = self.slice(compression.buffer, compression.byte_offset, compression.byte_length);
                     let data = data.map_err(wrong)?.to_vec();
                     self.bin.resize(start + view.byte_length, 0);
-                    decompress(compression, &data, &mut self.bin[start..]).map_err(wrong)?;
+                    let help = |problem| wrong(format!("{}: {problem}; {WAY_OUT}", MESHOPT[0]));
+                    decompress(compression, &data, &mut self.bin[start..]).map_err(help)?;
                     members.prune("extensions", &MESHOPT)?;
                 }
                 None => {

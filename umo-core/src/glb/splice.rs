@@ -52,6 +52,11 @@ impl Members {
         }
     }
 
+    /// Whether there is a member of that name.
+    pub fn has(&self, name: &str) -> bool {
+        self.0.iter().any(|(known, _)| known == name)
+    }
+
     /// Takes a member away.
     pub fn remove(&mut self, name: &str) {
         self.0.retain(|(known, _)| known != name);

@@ -95,6 +95,14 @@ fn a_character_that_draco_compressed_moves_as_the_plain_one() {
     let [found, wanted] = [&bytes, &std::fs::read(path("character.glb")).unwrap()].map(|bytes| sorted(bytes));
     assert_eq!(found.len(), wanted.len());
     assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 0.01), "triangles are elsewhere");
+    // What an accessor announces is so, as validators look at it.
+    let json: Value = serde_json::from_str(Glb::split(&bytes).unwrap().json).unwrap();
+    let announced = &json["accessors"][1]["max"];
+    let places: Vec<[f32; 3]> = corners(&bytes);
+    let most = |axis: usize| places[..756].iter().map(|place| place[axis]).fold(f32::MIN, f32::max);
+    for axis in 0..3 {
+        assert!((announced[axis].as_f64().unwrap() - f64::from(most(axis))).abs() < 1e-7, "{announced}");
+    }
     // No byte makes it panic.
     let plain = std::fs::read(path("draco.glb")).unwrap();
     for at in (0..plain.len()).step_by(11) {
@@ -215,6 +223,14 @@ fn doubled() -> (Value, Vec<u8>, usize) {
 }
 
 #[test]
+fn mappings_with_a_byte_order_mark_are_read() {
+    for (text, json) in [("[bones]\njaw = \"\"\n", false), ("{\"bones\": {\"jaw\": \"\"}}", true)] {
+        assert_eq!(Given::parse(&format!("\u{feff}{text}"), json), Given::parse(text, json));
+        assert!(Given::parse(text, json).is_ok());
+    }
+}
+
+#[test]
 fn of_two_characters_one_moves_and_it_is_said_which() {
     let clip = clip();
     let (json, bin, count) = doubled();
@@ -236,7 +252,7 @@ fn soles_that_reach_below_the_floor_stand_on_it() {
     let body = json["meshes"].as_array().unwrap().iter().find(|mesh| mesh["name"] == "Body").unwrap();
     let index = |value: &Value| usize::try_from(value.as_u64().unwrap()).unwrap();
     let accessor = &json["accessors"][index(&body["primitives"][0]["attributes"]["POSITION"])];
-    let start = view(index(&accessor["bufferView"])) + accessor["byteOffset"].as_u64().map_or(0, |at| at as usize);
+    let start = view(index(&accessor["bufferView"])) + accessor.get("byteOffset").map_or(0, index);
     let mut deep = bin.clone();
     // The lowest of the boxes' corners, some centimetres lower: shoes of thick soles.
     let height = |bin: &[u8], at: usize| f32::from_le_bytes(bin[start + 12 * at + 4..][..4].try_into().unwrap());
@@ -262,8 +278,13 @@ fn a_file_without_a_skeleton_is_not_told_of_mappings() {
     json.as_object_mut().unwrap().remove("skins");
     let target = Target::read("a.glb".as_ref(), whole(&json, &bin)).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
-    let problem = super::super::check(target.rig(), &mapping, "help").unwrap_err();
+    let problem = target.check(&mapping, "help").unwrap_err();
     assert!(problem.contains("no skeleton") && !problem.contains("--mapping"), "{problem}");
+    // Bones of a skeleton alone may be named.
+    let bare = "HIERARCHY ROOT x { OFFSET 0 0 0 CHANNELS 0 } MOTION Frames: 0 Frame Time: 1";
+    let target = Target::read("a.bvh".as_ref(), bare.into()).unwrap();
+    let (mapping, _) = target.mapping(&Given::default()).unwrap();
+    assert!(target.check(&mapping, "help").unwrap_err().contains("--mapping"));
 }
 
 #[test]
@@ -303,7 +324,7 @@ fn inspecting_a_character_says_what_is_there_and_what_is_missing() {
         "height     1.",
         "rest pose  T-pose, upper arms",
         "by Mixamo names, for",
-        "missing: jaw, left_eye, right_eye, left_index1",
+        "missing, and at rest unless --mapping FILE names them: jaw, left_eye, right_eye, left_index1",
         "shapes     12 in all, 12 move",
         "shapes     10 of ARKit's 52; missing: ",
         "shapes     0 of Oculus' 15",

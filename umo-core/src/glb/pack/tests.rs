@@ -119,6 +119,20 @@ fn what_meshopt_compressed_is_as_it_was_before() {
 }
 
 #[test]
+fn a_view_that_cannot_be_decompressed_is_refused_with_a_way_out() {
+    let bytes = character("meshopt.glb");
+    let (json, mut bin) = parts(&bytes);
+    let compressed = &json["bufferViews"][1]["extensions"]["EXT_meshopt_compression"];
+    // The version of vertices that a later extension has.
+    bin[usize::try_from(compressed["byteOffset"].as_u64().unwrap()).unwrap()] = 0xa1;
+    let newer = container(json.to_string().into_bytes(), &bin, &[]).unwrap();
+    let problem = packed(&newer, &mut nothing).unwrap_err();
+    for wanted in ["its view 1", "EXT_meshopt_compression", "version 1", "npx @gltf-transform/cli copy"] {
+        assert!(problem.contains(wanted), "{problem}");
+    }
+}
+
+#[test]
 fn no_change_of_a_byte_makes_it_panic() {
     let bytes = character("meshopt.glb");
     for at in (0..bytes.len()).step_by(3) {
