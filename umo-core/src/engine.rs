@@ -140,7 +140,8 @@ impl Inner {
             rest: &self.rest,
             chunk_frames: avatar.chunk_frames(&model.config),
             chunk_samples: avatar.most_samples(),
-            kept: arena.used() - before,
+            // The chunk's samples stay in their queue.
+            kept: (arena.used() - before).saturating_sub(size_of::<f32>() * avatar.most_samples()),
             clock: self.clock.clone(),
             signal: Arc::clone(&self.slots.signal),
             resampler: Resampler::new_in(config.sample_rate, model.config.audio.sample_rate, plan, arena),
