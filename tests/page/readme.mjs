@@ -139,10 +139,12 @@ async function loops({ browser, run, at }) {
 /** Where joints are now, and the rotations of the nodes beside those that the character's file alone leads to. */
 const MEASURE = `(async () => {
   const { gltf, avatar, character, at, file, Follower } = test;
+  const bytes = new Uint8Array(await (await fetch(file)).arrayBuffer());
+  // From here on nothing is waited for: the page's own loop would show another pose.
   const pose = avatar.pose;
   character.apply(pose);
   const places = Object.fromEntries(["pelvis", "head", "left_shoulder", "left_wrist", "right_shoulder", "right_wrist"].map((joint) => [joint, at(joint).toArray()]));
-  const follower = new Follower(new Uint8Array(await (await fetch(file)).arrayBuffer()), avatar.model);
+  const follower = new Follower(bytes, avatar.model);
   const values = follower.values(pose).slice();
   const { driven, hips } = follower.description;
   const nodes = new Map();

@@ -241,8 +241,13 @@ mod tests {
         for rotation in values[..60].as_chunks::<4>().0 {
             assert!((rotation[3].abs() - 1.0).abs() < 1e-4, "{rotation:?}");
         }
-        assert!((values[61] - 1.0).abs() < 0.02, "the hips are at {}", values[61]);
         assert_eq!(values[63..], [0.5, 0.0]);
+        // Its hips rise by as much as the source's, to the scale of their legs.
+        let mut higher = Vec::new();
+        let pose = Pose { translation: [0.0, 0.1, 0.0], ..Pose::REST };
+        follower.add(&mut follower.scratch(), &pose, &face, &mut higher).unwrap();
+        let rise = higher[61] - values[61];
+        assert!((rise - 0.1 * follower.retarget().scale()).abs() < 1e-4, "{rise}");
     }
 
     #[test]
