@@ -1,6 +1,5 @@
 //! Where outputs go, and what is left where a run is ended.
 
-use std::fs;
 use std::process::{Command, Stdio};
 
 use super::program::{Folder, golden, umo, voice};
@@ -52,7 +51,7 @@ fn a_closed_pipe_is_no_failure() {
 #[test]
 fn a_full_disk_behind_standard_output_is_one_line() {
     for args in [&["gestures"][..], &["--help"], &["inspect"]] {
-        let full = fs::File::options().write(true).open("/dev/full").unwrap();
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let ended = program(args).stdout(full).stderr(Stdio::piped()).output().unwrap();
         let said = String::from_utf8_lossy(&ended.stderr);
         assert_eq!(ended.status.code(), Some(1), "{args:?}: {said}");
@@ -65,7 +64,7 @@ fn a_full_disk_behind_standard_output_is_one_line() {
 }
 
 /// Ctrl-C, SIGTERM and a closed terminal leave the earlier file and nothing else.
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 #[test]
 fn a_run_that_is_ended_leaves_nothing() {
     let folder = Folder::new();
@@ -115,7 +114,7 @@ fn an_input_is_no_output() {
     #[cfg(unix)]
     std::os::unix::fs::symlink(&speech, folder.at("link.wav")).unwrap();
     #[cfg(not(unix))]
-    fs::copy(&speech, folder.at("link.wav")).unwrap();
+    std::fs::copy(&speech, folder.at("link.wav")).unwrap();
     let indirect = folder.at("./speech.wav");
     let animation = folder.at("o.jsonl");
     umo(&["animate", &speech, "--model", &model, "-o", &animation]).success();

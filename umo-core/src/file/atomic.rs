@@ -126,13 +126,16 @@ impl Part {
         let id = process::id();
         for attempt in 0..100 {
             let path = target.with_file_name(temporary_name(name, &format!(".{id}-{attempt}.part")));
-            // Held from before the file is there: none is overlooked.
+            // Held from before the file is there until it is listed: none is overlooked.
             let mut parts = parts();
-            match File::create_new(&path) {
-                Ok(file) => {
-                    parts.push(path.clone());
-                    return Ok(Self { file, path: Removed(path) });
-                }
+            parts.push(path.clone());
+            let made = File::create_new(&path);
+            if made.is_err() {
+                parts.pop();
+            }
+            drop(parts);
+            match made {
+                Ok(file) => return Ok(Self { file, path: Removed(path) }),
                 Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(cause) => return Err(cause),
             }
@@ -147,6 +150,10 @@ impl Drop for Removed {
         // Nothing can be done about a failure here, and the first error is the one worth telling.
         let _ = fs::remove_file(&self.0);
         parts.retain(|path| *path != self.0);
+        if parts.is_empty() {
+            // A library that is done keeps no memory.
+            *parts = Vec::new();
+        }
     }
 }
 
