@@ -146,7 +146,7 @@ pub enum Kind {
 /// Writes a figure on a skeleton's bones, whose names and tree are the model's.
 ///
 /// # Errors
-/// A skeleton that no figure can be built on ([`Figure::mesh`]); those of `out`.
+/// The skeleton is unusable ([`Figure::mesh`]), or writing to `out` fails.
 pub fn write<W: Write>(figure: Figure, skeleton: &Skeleton, kind: Kind, out: W) -> io::Result<()> {
     let mut clip = standing(skeleton)?;
     let mut built = BuiltFigure::new(figure, &clip)?;
@@ -276,7 +276,7 @@ fn vrm(figure: Figure, clip: &Clip, joints: &[Index<Node>], [body, face]: [Index
     })
 }
 
-/// What the licences of umo allow, in VRM's words.
+/// The permissions of umo's licences, in VRM's terms.
 fn meta(figure: Figure) -> Value {
     let mut name = figure.name().to_owned();
     name[..1].make_ascii_uppercase();

@@ -34,16 +34,16 @@ pub struct Wrong {
     pub kernel: &'static str,
     /// The back-end's name.
     pub isa: &'static str,
-    /// What was found.
+    /// Its first wrong result.
     pub detail: String,
 }
 
-/// What the kernels were held to.
+/// Result of the comparisons.
 #[derive(Clone, Debug, Default)]
 pub struct Checked {
     /// Results that were compared.
     pub cases: usize,
-    /// Whether time was over before all cases were.
+    /// Time was over before all cases were compared.
     pub is_cut: bool,
     /// One entry for each kernel and back-end whose results are wrong.
     pub wrong: Vec<Wrong>,

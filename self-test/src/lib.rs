@@ -12,7 +12,7 @@
 //! | feature | what it adds |
 //! |---|---|
 //! | `threads`, `clock` | both: how fast the model is |
-//! | `files` | what the system says of its cores in files |
+//! | `files` | processor, cores and power mode from files of Linux |
 
 pub mod kernels;
 pub mod machine;
@@ -35,7 +35,7 @@ use motion::Motion;
 /// Kernels are compared no longer than this, so that all of a self-test takes about 10 s on a slow processor too.
 const KERNEL_TIME: Duration = Duration::from_secs(4);
 
-/// What a self-test found. As text it can be published: it names no host, no user and no path.
+/// The findings of a self-test. Their text can be published: it names no host, no user and no path.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The machine.
@@ -46,7 +46,7 @@ pub struct Report {
     pub kernels: Checked,
     /// The name of the model, and its motion, or what is wrong with it.
     pub motion: (String, Result<Motion, String>),
-    /// One line on the model's speed, or why there is none; none where nothing can be measured.
+    /// One line on the model's speed, or why measuring failed; `None` in a library without a clock or threads.
     pub speed: Option<Result<String, String>>,
 }
 
@@ -66,10 +66,10 @@ fn speed(model: &Arc<Model>, threads: usize) -> Option<Result<String, String>> {
     let ms = |time: Duration| time.as_secs_f64() * 1e3;
     let text = |speed: speed::Speed| {
         let speed::Speed { first, chunk, motion, avatars, .. } = speed;
-        let plural = if threads == 1 { "" } else { "s" };
         let (first, chunk, motion) = (ms(first), ms(chunk), motion.as_secs_f64());
         format!(
-            "first frame after {first:.1} ms; {motion:.2} s of motion in {chunk:.1} ms; {avatars} avatars at once ({threads} thread{plural})"
+            "first frame after {first:.1} ms; {motion:.2} s of motion in {chunk:.1} ms; {avatars} avatars at once ({threads} thread{})",
+            plural(threads)
         )
     };
     Some(speed::measure(model, threads).map(text).map_err(|error| error.to_string()))
@@ -80,8 +80,13 @@ fn speed(_model: &Arc<Model>, _threads: usize) -> Option<Result<String, String>>
     None
 }
 
+/// The ending of a word for so many things.
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
 impl Report {
-    /// Whether nothing is wrong.
+    /// True if nothing is wrong.
     pub fn passed(&self) -> bool {
         self.kernels.wrong.is_empty() && self.motion.1.is_ok() && !matches!(self.speed, Some(Err(_)))
     }
@@ -123,7 +128,7 @@ impl fmt::Display for Report {
         writeln!(f, "umo {version}, {}, {}: self-test {result}", std::env::consts::OS, std::env::consts::ARCH)?;
         writeln!(f, "processor   {processor}")?;
         let cores = cores.as_deref().unwrap_or("kinds not known");
-        writeln!(f, "cores       {threads} threads at once; {cores}")?;
+        writeln!(f, "cores       {threads} thread{} at once; {cores}", plural(*threads))?;
         writeln!(f, "features    {}", features.join(" "))?;
         writeln!(f, "back-end    {}: {}", self.isa.name(), machine::reason(self.isa))?;
         self.write_kernels(f)?;

@@ -3,7 +3,7 @@
 use umo_core::thread;
 use umo_kernels::Isa;
 
-/// What is known of the machine. No name of a host or a user, and no path.
+/// Properties of the machine: no name of a host or a user, and no path.
 #[derive(Clone, Debug)]
 pub struct Machine {
     /// As its maker calls it, or its architecture.
@@ -33,7 +33,7 @@ pub fn reason(isa: Isa) -> String {
     if missing.is_empty() { why } else { format!("{why}; not here: {}", missing.join(", ")) }
 }
 
-/// What keeps umo slower here than it could be, each with what to do.
+/// Changes that would make umo faster on this machine.
 pub fn advice(isa: Isa, machine: &Machine) -> Vec<String> {
     let mut advice = vec![];
     if cfg!(debug_assertions) {
@@ -50,7 +50,7 @@ pub fn advice(isa: Isa, machine: &Machine) -> Vec<String> {
         "neon" => advice.push("no int8 dot products: an Armv8.2 processor or newer is faster".to_owned()),
         _ => {}
     }
-    if machine.threads == 1 {
+    if cfg!(feature = "threads") && machine.threads == 1 {
         advice.push("one thread: give the process more cores".to_owned());
     }
     if let Some(mode) = power_mode() {
@@ -131,7 +131,7 @@ fn features() -> Vec<&'static str> {
     Vec::new()
 }
 
-/// How many cores there are of each speed, by Linux; whether there is more than one kind, by the processor.
+/// The number of cores of each speed, from Linux; elsewhere a processor with cores of two kinds says only that.
 fn cores() -> Option<String> {
     let mut kinds: Vec<(u32, usize)> = vec![];
     for core in 0..4096 {
@@ -161,7 +161,7 @@ fn is_hybrid() -> bool {
     false
 }
 
-/// The mode in which Linux keeps the processor slow.
+/// The power mode of Linux, if it keeps the processor slow.
 fn power_mode() -> Option<String> {
     let mode = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")?.trim().to_owned();
     // Intel's driver lets its `powersave` be as fast as the other mode.
@@ -169,7 +169,7 @@ fn power_mode() -> Option<String> {
     (mode == "powersave" && !driver.trim().ends_with("pstate") && !driver.trim().ends_with("epp")).then_some(mode)
 }
 
-/// A file of the system's, where it has it.
+/// A file of the system, if it exists.
 #[cfg(feature = "files")]
 fn read(path: &str) -> Option<String> {
     std::fs::read_to_string(path).ok()

@@ -53,12 +53,12 @@ pub struct Recorded {
 /// Frames of models by [`key`] and instruction set.
 pub type Records = BTreeMap<String, BTreeMap<String, Vec<Recorded>>>;
 
-/// What the motion was held to.
+/// The reference that a motion matched.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Motion {
-    /// The frames recorded for this model and instruction set, so many; the largest difference.
+    /// Number of recorded frames of this model and instruction set; the largest difference from them.
     AsRecorded(usize, f32),
-    /// A second run, which gave the same bits, all of them finite, of so many frames: nothing is recorded.
+    /// No frames are recorded: number of frames of two runs with the same bits, all finite.
     Repeated(usize),
 }
 
@@ -80,10 +80,10 @@ pub fn recorded_name(isa: Isa) -> &'static str {
     }
 }
 
-/// Holds a model's motion to the recorded one, or where there is none to a second run's.
+/// Compares a model's motion with the recorded one, or if there is no record with that of a second run.
 ///
 /// # Errors
-/// What differs, or that the model cannot be computed.
+/// The first difference, or why the model cannot be computed.
 pub fn check(model: &Model, records: &Records) -> Result<Motion, String> {
     let recorded = records.get(&key(model)).and_then(|of_model| of_model.get(recorded_name(model.isa())));
     let Some(recorded) = recorded else {
@@ -185,7 +185,7 @@ pub fn difference(found: &[Recorded], recorded: &[Recorded]) -> Result<f32, Stri
     Ok(largest)
 }
 
-/// The larger one, or the one that is no number.
+/// The larger one; NaN if either is.
 fn larger(a: f32, b: f32) -> f32 {
     if b > a || b.is_nan() { b } else { a }
 }

@@ -1,4 +1,4 @@
-//! How fast a model is in a real engine.
+//! The speed of a model in a real engine.
 
 use std::fmt;
 use std::sync::Arc;
@@ -84,9 +84,9 @@ pub fn measure(model: &Arc<Model>, threads: usize) -> Result<Speed, SpeedError> 
 /// Several avatars in real time.
 #[derive(Debug)]
 pub struct Crowd {
-    /// How many.
+    /// Their number.
     pub sessions: usize,
-    /// How long they spoke.
+    /// Duration of their speech.
     pub seconds: f64,
     /// Frames of them all.
     pub frames: u64,
@@ -107,7 +107,7 @@ pub struct Crowd {
 }
 
 impl Crowd {
-    /// How many avatars there would be if the engine computed all the time, each taking the share
+    /// Number of avatars if the engine computed all the time, each taking the share
     /// that it takes now; more in a batch take less.
     pub fn at_full_load(&self) -> usize {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of avatars")]
@@ -130,7 +130,7 @@ pub fn quantile(times: &[Duration], share: f64) -> Duration {
 pub struct Runner {
     /// The engine.
     pub engine: Engine,
-    /// How each avatar is made.
+    /// Configuration of each avatar.
     pub session: SessionConfig,
     /// Half a minute; how long computing takes does not depend on it.
     speech: Vec<f32>,

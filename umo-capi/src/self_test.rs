@@ -12,18 +12,18 @@ use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
 /// Bytes that a self-test's report may have, its end included.
 pub const UMO_SELF_TEST_SIZE: usize = 8192;
 
-/// Memory of the operands, of the engine and of its avatars, beside that of the model.
-const MEMORY: usize = 256 << 20;
+/// Memory that the small allocations of a self-test need: operands, texts, a voice. An engine checks its own.
+const MEMORY: usize = 32 << 20;
 
 /// Tests this machine with a model, for about 10 seconds or less: every kernel of every back-end that the processor has is
-/// held to its scalar reference, the model's motion to recorded motion (that of a model without any to a second
-/// run), and the model's speed is measured where the library has threads and a clock. `passed` is 1 where nothing is wrong.
-/// `report` is text of several lines on the processor, what was compared, what is wrong, the speed, and what would make it
-/// faster: it names no path, host or user. `size` is at least `UMO_SELF_TEST_SIZE`.
+/// compared with its scalar reference, the model's motion with recorded motion (a model without a record with a second
+/// run), and the model's speed is measured if the library has threads and a clock. `passed` is 1 if nothing is wrong.
+/// `report` is a text of several lines: processor, comparisons, faults, speed, and changes that would make it faster. It
+/// names no path, host or user. `size` is at least `UMO_SELF_TEST_SIZE`.
 ///
 /// Threads: any but the audio thread. Allocates, starts threads, and waits for them.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. A test that finds
-/// something wrong is no error.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. Faults that
+/// the test finds are not errors of the call.
 ///
 /// # Safety
 /// `passed` is NULL or writable; `report` is NULL or has `size` writable bytes.

@@ -65,7 +65,7 @@ fn floats(noise: &mut Noise, count: usize) -> Vec<f32> {
     filled(noise, count, Values::Real)
 }
 
-/// What scores of attention are made of: integers whose products are exact, or any values.
+/// Operands of attention's scores: integers, whose products are exact, or any values.
 fn scored(noise: &mut Noise, count: usize, values: Values) -> Vec<f32> {
     match values {
         Values::Exact => (0..count).map(|_| noise.integer(2)).collect(),

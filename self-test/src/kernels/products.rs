@@ -52,7 +52,7 @@ impl Kind {
     }
 }
 
-/// What inputs and weights are made of.
+/// The kind of values of inputs and weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Values {
     /// Any int8; floats that are integers of at most 16, so that every partial sum is exact.
@@ -287,7 +287,7 @@ impl Operands {
         }
     }
 
-    /// What follows the sums.
+    /// The operations after the sums.
     pub fn epilogue(&self) -> Epilogue<'_> {
         Epilogue {
             bias: self.case.bias.then(|| self.bias.row()),
