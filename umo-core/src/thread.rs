@@ -17,6 +17,7 @@ mod own {
     #[cfg(any(target_os = "linux", target_os = "android"))]
     pub use super::posix::{JoinHandle, start};
 
+    #[cfg(not(any(target_os = "linux", target_os = "android")))]
     use umo_kernels::environment::in_default;
 
     /// Starts a thread with a name, and with the default floating-point environment: it would inherit
@@ -46,6 +47,8 @@ mod posix {
     use std::mem::MaybeUninit;
     use std::panic::{AssertUnwindSafe, catch_unwind};
     use std::ptr::null_mut;
+
+    use umo_kernels::environment::in_default;
 
     /// Bytes of a thread's stack: as many as the standard library gives one.
     const STACK: usize = 2 << 20;
@@ -84,7 +87,8 @@ mod posix {
         if error == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(error)) }
     }
 
-    /// Starts a thread with a name.
+    /// Starts a thread with a name, and with the default floating-point environment: it would inherit
+    /// its starter's.
     ///
     /// # Errors
     /// What the system says.
@@ -96,7 +100,7 @@ mod posix {
             let this = unsafe { libc::pthread_self() };
             // SAFETY: the name ends, and the thread is the one that runs.
             unsafe { libc::pthread_setname_np(this, name.as_ptr()) };
-            life();
+            in_default(life);
         });
         let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
         // SAFETY: it initialises the attributes.
