@@ -75,7 +75,8 @@ pub unsafe extern "C" fn umo_web_character_new(
         let (follower, described) = Follower::read(file, source).map_err(Failure::argument)?;
         let text = CString::new(described.to_string()).map_err(Failure::argument)?;
         let room = Mutex::new((follower.scratch(), Vec::new()));
-        let channels = described["channels"].as_u64().unwrap_or_default() as usize;
+        let channels =
+            usize::try_from(described["channels"].as_u64().unwrap_or_default()).map_err(Failure::argument)?;
         let handle = CHARACTERS.insert(handle::boxed(Character { follower, description: text, channels, room })?)?;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::put(description, "description", CHARACTERS.get(handle)?.description.as_ptr())? };
