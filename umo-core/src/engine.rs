@@ -404,6 +404,7 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
     let (shared, config) = (Arc::clone(inner), config.clone());
     let life = move || {
         // The standard library allocates what it knows of a thread, for parking it, when it is first asked for it.
+        #[cfg(feature = "threads")]
         drop(std::thread::current());
         let make = || memory::catch(|| Worker::new(&shared, &config, index).map_err(EngineError::thread));
         let made = match contain_quietly(make) {
