@@ -1801,37 +1801,6 @@ UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 // session: `umo_session_last_error`.
 UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
 
-// Reads a character of a `.glb` file of `size` bytes, to follow poses as `source` says
-// (`umo_core::glb::Follower::read`). Both are read during the call. `description` is JSON, good
-// until the character is freed.
-//
-// Pointers:
-// `file` is NULL or has `size` readable bytes; `source` is NULL or ends with a zero byte; the
-// others are NULL or writable.
-UMO_API
-umo_status umo_web_character_new(const uint8_t *file,
-                                 size_t size,
-                                 const char *source,
-                                 size_t *character,
-                                 const char **description)
-UMO_NOEXCEPT;
-
-// Puts a character in a pose: `pose` has the 55 joints' rotations, the root's place and the face
-// channels. `values` gets the rotations of the nodes that turn, the place of the hips, the weights
-// of each node's shapes, and those of the expressions; `count` must be their number.
-//
-// Pointers:
-// `pose` has 223 readable floats and one for each face channel; `values` has `count` writable ones.
-UMO_API
-umo_status umo_web_character_apply(size_t character,
-                                   const float *pose,
-                                   float *values,
-                                   size_t count)
-UMO_NOEXCEPT;
-
-// Frees a character.
-UMO_API umo_status umo_web_character_free(size_t character) UMO_NOEXCEPT;
-
 // The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
 // NULL in a library that was built without the writer of glTF.
 //

@@ -366,7 +366,7 @@ fn damaged_int4_tensors_are_named() {
     let file = place.quantize("four", &["--weights", "int8", "--set", &format!("{name}=int4")]);
     let shape = layout::specs(file.config(), true).into_iter().find(|spec| spec.name == name).unwrap().shape;
     let bytes = std::fs::read(place.path("four")).unwrap();
-    // As a file from elsewhere, which has no checksum to see the damage by.
+    // As a file from elsewhere, which has no checksums to see the damage by.
     let find = |bytes: &[u8], text: &str| bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap();
     let replaced = |bytes: &[u8], from: &str, to: &str| {
         assert_eq!(from.len(), to.len());
@@ -375,6 +375,7 @@ fn damaged_int4_tensors_are_named() {
         bytes
     };
     let bytes = replaced(&bytes, "\"checksum\"", "\"comments\"");
+    let bytes = replaced(&bytes, "\"header_checksum\"", "\"header_comments\"");
     let said = |bytes: Vec<u8>| match ModelFile::from_bytes(bytes) {
         Ok(file) => file.tensor(name, &shape).unwrap_err().to_string(),
         Err(error) => error.to_string(),
@@ -454,9 +455,11 @@ fn a_weight_that_is_no_number_is_named_and_nothing_is_written() {
     let mut bytes = std::fs::read(place.path("sorted")).unwrap();
     let end = bytes.len() - 4;
     bytes[end..].copy_from_slice(&f32::NAN.to_le_bytes());
-    // As a file from elsewhere, which has no checksum to see the damage by.
-    let key = bytes.windows(10).position(|window| window == b"\"checksum\"").unwrap();
-    bytes[key..key + 10].copy_from_slice(b"\"comments\"");
+    // As a file from elsewhere, which has no checksums to see the damage by.
+    for (key, other) in [("\"checksum\"", "\"comments\""), ("\"header_checksum\"", "\"header_comments\"")] {
+        let at = bytes.windows(key.len()).position(|window| window == key.as_bytes()).unwrap();
+        bytes[at..at + key.len()].copy_from_slice(other.as_bytes());
+    }
     std::fs::write(place.path("broken"), bytes).unwrap();
     std::fs::write(place.path("small"), "what was here before").unwrap();
     let said = place.run(&["quantize", "broken", "-o", "small", "--weights", "int8"], 2);

@@ -90,6 +90,8 @@ impl Crowd {
     fn is_idle(&self) -> bool {
         (0..5).all(|_| {
             std::thread::sleep(Duration::from_micros(200));
+            // The slot of a dropped session that a worker looked at.
+            self.engine.inner.slots.sweep();
             let mut there = 0;
             self.engine.inner.slots.for_each(|member| there += usize::from(member.is_some()));
             there == self.sessions.len()
