@@ -162,7 +162,7 @@ pub(super) struct Gaze {
     recentred: Angles,
     /// Inward turn of each eye, radians.
     convergence: f32,
-    /// Low-passed eye direction without the head's slow turn ([`Self::faced`]).
+    /// Low-passed eye direction without the head's slow turn (`faced`).
     aside: Angles,
     head: [Spring; 2],
     trunk: [Spring; 2],
