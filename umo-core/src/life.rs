@@ -275,7 +275,7 @@ impl Life {
         self.lips.passed()
     }
 
-    /// Begins a new epoch from the current pose: earlier gestures fade out within `ticks`.
+    /// Begins a new epoch from the current pose: earlier gestures fade out over `ticks`.
     pub(crate) fn interrupt(&mut self, epoch: u32, ticks: u64, controls: &Controls) {
         self.gesture.interrupt(epoch, ticks, 1.0 / self.seconds, &controls.gestures);
         self.lips.interrupt(epoch, &controls.hints);
