@@ -2,14 +2,14 @@
 //! model's gestures (SPEC 2.11).
 //!
 //! Layers run on the host's side of a session, one tick per frame in order. The host's requests take
-//! effect at once, and a figure stays alive while there is no speech. A tick reads only the frame, its
-//! cue and the host's controls: frames do not depend on how audio was split into pushes or on when
-//! frames were pulled.
+//! effect at once, and a figure stays alive in silence. A tick reads only the frame, its cue and the
+//! host's controls: frames do not depend on how audio was split into pushes or on when frames were
+//! pulled.
 //!
 //! | order | module | contents |
 //! |---|---|---|
 //! | 1 | `gesture` | gestures on command, over the model's motion |
-//! | 2 | `mood` | face and posture of a mood; no posture for neutral |
+//! | 2 | `mood` | face and posture of a mood; neutral only removes an unintended frown |
 //! | 3 | `attention` | idle, listening, thinking, speaking: weights that the other layers read |
 //! | 4 | `idle` | breath, sway, weight shifts, fingers |
 //! | 5 | `nods` | head motion on accents and while listening |
@@ -134,13 +134,13 @@ pub(crate) struct Cue {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Controls {
     pub(crate) layers: LifeConfig,
-    /// A point in the avatar's space, metres, to look at.
+    /// Target to look at in the avatar's space, metres.
     pub(crate) look_at: [f32; 3],
     /// Strength of the look-at, 0 to 1; 0 without a target.
     pub(crate) look_at_strength: f32,
     pub(crate) attention: Attention,
     pub(crate) mood: Mood,
-    /// 0 to 1.
+    /// Strength of the mood, 0 to 1.
     pub(crate) mood_strength: f32,
     pub(crate) gestures: gesture::Requests,
     pub(crate) hints: lips::Hints,
@@ -189,9 +189,9 @@ impl Controls {
 /// Inputs of every layer at a tick.
 #[derive(Debug)]
 pub(crate) struct Tick<'a> {
-    /// Ticks before this one.
+    /// Number of ticks before this one.
     pub(crate) number: u64,
-    /// Seconds of one tick.
+    /// Duration of a tick, seconds.
     pub(crate) seconds: f32,
     pub(crate) seed: u64,
     pub(crate) cue: Cue,
@@ -201,7 +201,7 @@ pub(crate) struct Tick<'a> {
     /// Weight of each attention state at this tick.
     pub(crate) weights: Weights,
     pub(crate) rig: &'a Rig,
-    /// This layer's gain.
+    /// Gain of the layer.
     pub(crate) gain: f32,
 }
 

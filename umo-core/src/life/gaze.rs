@@ -196,7 +196,7 @@ impl Gaze {
         }
     }
 
-    /// Reads the decoders' values that the layer replaces. What other layers add to them later is kept.
+    /// Reads the decoders' values that the layer replaces. Later additions of other layers are kept.
     pub(super) fn read(&mut self, frame: &OwnedFrame, rig: &Rig) {
         self.decoded = [LEFT, RIGHT].map(|eye| eye.of_decoders().map(|shape| rig.shape(&frame.face, shape)));
     }

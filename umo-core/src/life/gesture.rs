@@ -2,8 +2,9 @@
 //!
 //! A gesture has a preparation, in which it fades in; a stroke, which may be timed; a hold; and a
 //! retraction, in which it fades out. Arms take the shorter way from the model's pose to the gesture's,
-//! so a gesture can begin and end at any pose of the model. Motion of head, trunk and face is added to
-//! the model's. Parts that a gesture does not move stay the model's.
+//! so a gesture can begin and end at any pose of the model. A built-in gesture adds its motion of head,
+//! trunk and face to the model's; a clip is blended over it. Parts that a gesture does not move stay
+//! the model's.
 //!
 //! | module | contents |
 //! |---|---|

@@ -199,7 +199,7 @@ mod tests {
                     dot(turn_vector(turned[leg.joints[2]], [0.0, 0.0, 1.0]), turn_vector(foot, [0.0, 0.0, 1.0]))
                         > 0.9999
                 );
-                // The knee bends forwards of the line from hip to ankle.
+                // The knee bends forwards from the line between hip and ankle.
                 let bend = without(sub(places[leg.joints[1]], posed.hip), direction(sub(ankle, posed.hip)).unwrap());
                 assert!(dot(bend, turn_vector(pose.rotations[0], [0.0, 0.0, 1.0])) > 0.0, "{case}: {bend:?}");
             }

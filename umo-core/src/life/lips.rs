@@ -43,7 +43,7 @@ pub enum LipShape {
     Closed = 0,
     /// The lower lip is at the upper teeth: f, v.
     Teeth = 1,
-    /// The lips are rounded: w, and vowels such as that of "boot".
+    /// The lips are rounded: w, and vowels as in "boot".
     Round = 2,
 }
 

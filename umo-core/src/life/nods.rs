@@ -36,7 +36,7 @@ const LEAST_NOD: f32 = 0.15;
 const ON_ACCENT: f32 = 0.7;
 const ACCENT_GAP: f32 = 0.45;
 
-/// Share of accents on which the brows rise.
+/// Share of accents that raise the brows.
 const FLASH: f32 = 0.35;
 
 /// Least seconds between two responses of a listener, and upper bound of the random extra.
@@ -161,7 +161,7 @@ impl Nods {
         self.begin(Pulse {
             passed: 0.0,
             lasts: 0.3 + 0.12 * lasts,
-            // A nod is never quite straight.
+            // A nod is never quite straight: a little yaw and roll.
             turn: [down, 0.5 * down * (side - 0.5), 0.5 * down * (size - 0.5)],
             rise: if is_flash { 0.12 + 0.2 * accent } else { 0.0 },
         });
