@@ -24,8 +24,8 @@ const WALK: f32 = 0.25;
 /// Displacement in one tick above which the root was placed elsewhere, metres.
 const JUMP: f32 = 0.15;
 
-/// Height over the ground (metres) and speed (m/s) below which a foot is planted, and above which it is
-/// lifted, if the model's contact does not say so.
+/// Height over the ground (metres) and speed (m/s). Without the model's contact, a foot below both values
+/// of `STANDS` is planted, and one at or above either value of `LIFTED` is lifted.
 const STANDS: [f32; 2] = [0.03, 0.3];
 const LIFTED: [f32; 2] = [0.045, 0.5];
 /// Contact value from which the model reports a planted foot.

@@ -10,7 +10,7 @@ use crate::motion::rotation::{
 };
 use crate::motion::skeleton::FIRST_FINGER;
 
-/// Largest distance of the wrist from the shoulder, as a share of the arm: elbows are never straight.
+/// Largest distance of the wrist from the shoulder, as a share of the arm: the elbow stays slightly bent.
 const REACH: f32 = 0.985;
 /// Share of the elbow joint in the forearm's twist; the wrist has the rest.
 const TWIST_OF_ELBOW: f32 = 0.6;
