@@ -1,25 +1,24 @@
-//! What keeps a figure alive between and under the model's gestures: layers over the decoders'
-//! frames (SPEC 2.11).
+//! Procedural layers over the decoders' frames that keep a figure alive between and during the
+//! model's gestures (SPEC 2.11).
 //!
-//! Layers run on the host's side of a session, one tick per frame in order, so that what the host
-//! asks for shows at once and a figure stays alive while no speech comes. A tick reads the frame,
-//! its cue and the host's controls, and nothing else: frames do not depend on how audio was
-//! cut or when frames were pulled.
+//! Layers run on the host's side of a session, one tick per frame in order. The host's requests take
+//! effect at once, and a figure stays alive in silence. A tick reads only the frame, its cue and the
+//! host's controls: frames do not depend on how audio was split into pushes or on when frames were
+//! pulled.
 //!
-//! | order | module | what it does |
+//! | order | module | contents |
 //! |---|---|---|
-//! | 1 | `gesture` | gestures on command, over what the model does |
-//! | 2 | `mood` | face and posture of a mood; neutral is neutral |
+//! | 1 | `gesture` | gestures on command, over the model's motion |
+//! | 2 | `mood` | face and posture of a mood; neutral only removes an unintended frown |
 //! | 3 | `attention` | idle, listening, thinking, speaking: weights that the other layers read |
 //! | 4 | `idle` | breath, sway, weight shifts, fingers |
-//! | 5 | `nods` | the head on accents, and while listening |
+//! | 5 | `nods` | head motion on accents and while listening |
 //! | 6 | `gaze` | look-at: eyes, head and trunk; fixations and saccades; blinks and lids |
-//! | 7 | `asymmetry` | the face's left and right a little apart |
-//! | 8 | `lips` | lips of sounds that the host knows the times of |
+//! | 7 | `asymmetry` | small differences between the left and right of the face |
+//! | 8 | `lips` | lip shapes of sounds whose times the host knows |
 //! | 9 | `feet` | a root that stays near its home, planted feet, steps |
 //!
-//! A gain that is set anew is reached over 0.4 s. A layer whose gain is 0 leaves the frame's bits as
-//! they are.
+//! A new gain is reached over 0.4 s. A layer whose gain is 0 leaves the frame's bits unchanged.
 
 mod asymmetry;
 mod attention;
@@ -57,17 +56,17 @@ pub use mood::Mood;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Layer {
-    /// Blinks, fixations, saccades and lids; the eyes' part of a look-at.
+    /// Blinks, fixations, saccades and lids; the eyes' share of a look-at.
     Gaze = 0,
     /// Breath, sway, weight shifts and fingers.
     Idle = 1,
-    /// The face's left and right a little apart.
+    /// Small differences between the left and right of the face.
     Asymmetry = 2,
     /// Nods on accents, and while listening.
     Nods = 3,
-    /// The mood's face and posture; without a mood it takes a frown away that nothing asked for.
+    /// Face and posture of a mood; without a mood, removes the model's unintended frown.
     Mood = 4,
-    /// Planted feet, steps, and the root's way back to where it stood.
+    /// Planted feet, steps, and the root's return to its home.
     Feet = 5,
 }
 
@@ -75,10 +74,10 @@ pub enum Layer {
 pub const LAYERS: usize = 6;
 
 impl Layer {
-    /// All layers, in the order of their numbers.
+    /// All layers in numeric order.
     pub const ALL: [Self; LAYERS] = [Self::Gaze, Self::Idle, Self::Asymmetry, Self::Nods, Self::Mood, Self::Feet];
 
-    /// Its name.
+    /// Name of the layer.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Gaze => "gaze",
@@ -91,63 +90,63 @@ impl Layer {
     }
 }
 
-/// How strong each layer is at the start, each 0 to 1.
+/// Initial gain of each layer, 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LifeConfig {
     gains: [f32; LAYERS],
 }
 
 impl LifeConfig {
-    /// Every layer as strong as it was made to be.
+    /// Every layer at full gain.
     pub const ON: Self = Self { gains: [1.0; LAYERS] };
-    /// The decoders' frames, bit for bit.
+    /// All layers off: the decoders' frames, bit for bit.
     pub const OFF: Self = Self { gains: [0.0; LAYERS] };
 
-    /// With another gain for one layer. Gains are clamped to 0 to 1; NaN counts as 0.
+    /// Replaces the gain of one layer. Gains are clamped to 0 to 1; NaN counts as 0.
     #[must_use]
     pub fn with(mut self, layer: Layer, gain: f32) -> Self {
         self.gains[layer as usize] = if gain.is_nan() { 0.0 } else { gain.clamp(0.0, 1.0) };
         self
     }
 
-    /// One layer's gain.
+    /// Gain of one layer.
     pub fn gain(&self, layer: Layer) -> f32 {
         self.gains[layer as usize]
     }
 
-    /// Whether no layer does anything.
+    /// Whether every gain is 0.
     pub fn is_off(&self) -> bool {
         self.gains == [0.0; LAYERS]
     }
 }
 
-/// What the engine knows of a frame beside its pose.
+/// Data of a frame besides its pose that the layers read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Cue {
-    /// Root mean square of the frame's sound, full scale 1; 0 where there is none.
+    /// Root mean square of the frame's sound, full scale 1; 0 without sound.
     pub(crate) level: f32,
-    /// How sure the model is that each foot joint stands still, 0 to 1: left ankle and foot, right
-    /// ankle and foot.
+    /// Model's confidence that each foot joint is planted, 0 to 1: left ankle and foot, right ankle and
+    /// foot.
     pub(crate) contacts: [f32; 4],
 }
 
-/// What the host asks for, as of now.
+/// The host's requests at this tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Controls {
     pub(crate) layers: LifeConfig,
-    /// A point in the avatar's space, metres, to look at.
+    /// Target to look at in the avatar's space, metres.
     pub(crate) look_at: [f32; 3],
-    /// How much, 0 to 1; 0 for nothing to look at.
+    /// Strength of the look-at, 0 to 1; 0 without a target.
     pub(crate) look_at_strength: f32,
     pub(crate) attention: Attention,
     pub(crate) mood: Mood,
-    /// 0 to 1.
+    /// Strength of the mood, 0 to 1.
     pub(crate) mood_strength: f32,
     pub(crate) gestures: gesture::Requests,
     pub(crate) hints: lips::Hints,
 }
 
-/// The place in the host's audio that a frame belongs to.
+/// Position of a frame in the host's audio.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Heard {
     pub(crate) sample: u64,
@@ -169,7 +168,7 @@ impl Controls {
         }
     }
 
-    /// Describes the controls.
+    /// Saves or loads the controls.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.places(&mut self.look_at)?;
         for share in self.layers.gains.iter_mut().chain([&mut self.look_at_strength, &mut self.mood_strength]) {
@@ -187,22 +186,22 @@ impl Controls {
     }
 }
 
-/// What every layer reads at a tick.
+/// Inputs of every layer at a tick.
 #[derive(Debug)]
 pub(crate) struct Tick<'a> {
-    /// Ticks before this one.
+    /// Number of ticks before this one.
     pub(crate) number: u64,
-    /// Seconds of one tick.
+    /// Duration of a tick, seconds.
     pub(crate) seconds: f32,
     pub(crate) seed: u64,
     pub(crate) cue: Cue,
-    /// Level of who speaks to the avatar, as [`Cue::level`].
+    /// Level of the interlocutor's voice, as [`Cue::level`].
     pub(crate) other_level: f32,
     pub(crate) controls: &'a Controls,
-    /// How much each state of attention counts at this tick.
+    /// Weight of each attention state at this tick.
     pub(crate) weights: Weights,
     pub(crate) rig: &'a Rig,
-    /// This layer's gain.
+    /// Gain of the layer.
     pub(crate) gain: f32,
 }
 
@@ -233,13 +232,13 @@ pub(crate) struct Life {
 }
 
 impl Life {
-    /// Layers at the start of a stream, for a model's skeleton and face.
+    /// Creates the layers at the start of a stream, for a model's skeleton and face.
     pub(crate) fn new(config: &Config, rest: &OwnedFrame, seed: u64, gestures: Gestures) -> Self {
         let rig = Rig::new(&config.skeleton, &config.face, &rest.pose);
         Self::of(rig, 1.0 / config.frame_rate as f32, seed, gestures)
     }
 
-    /// The same for a rig, at `seconds` a tick.
+    /// Creates the layers for a rig, with `seconds` per tick.
     fn of(rig: Rig, seconds: f32, seed: u64, gestures: Gestures) -> Self {
         Self {
             seconds,
@@ -259,35 +258,35 @@ impl Life {
         }
     }
 
-    /// Whether a tick leaves the frame as it is.
+    /// Whether a tick leaves the frame unchanged.
     pub(crate) fn is_off(&self, controls: &Controls) -> bool {
         self.gains.are_off(&controls.layers)
             && self.gesture.is_empty(&controls.gestures)
             && self.lips.is_empty(&controls.hints)
     }
 
-    /// Gestures that began, or were dropped before.
+    /// Number of gestures that began or were dropped before they began.
     pub(crate) fn begun_gestures(&self) -> u64 {
         self.gesture.begun()
     }
 
-    /// Hints of lips that were shown, or dropped.
+    /// Number of lip hints that were shown or dropped.
     pub(crate) fn passed_hints(&self) -> u64 {
         self.lips.passed()
     }
 
-    /// A new epoch begins where the avatar stands: gestures of before go out within some ticks.
+    /// Begins a new epoch from the current pose: earlier gestures fade out over `ticks`.
     pub(crate) fn interrupt(&mut self, epoch: u32, ticks: u64, controls: &Controls) {
         self.gesture.interrupt(epoch, ticks, 1.0 / self.seconds, &controls.gestures);
         self.lips.interrupt(epoch, &controls.hints);
     }
 
-    /// What a state must have in common with these layers.
+    /// Checks the properties that a state must share with these layers.
     pub(crate) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         self.gesture.identity(pass)
     }
 
-    /// Back to the start of a stream, of an epoch.
+    /// Returns to the start of a stream in `epoch`.
     pub(crate) fn reset(&mut self, epoch: u32, controls: &Controls) {
         self.ticks = 0;
         self.gains = gains::Gains::new();
@@ -302,8 +301,8 @@ impl Life {
         self.feet = feet::Feet::new();
     }
 
-    /// One tick: changes the next frame of the decoders into what is shown; `heard` is none for a frame
-    /// that no audio belongs to. Never allocates.
+    /// Runs one tick: turns the decoders' next frame into the frame to show. `heard` is `None` for a frame
+    /// without audio. Never allocates.
     pub(crate) fn apply(
         &mut self,
         frame: &mut OwnedFrame,
@@ -359,7 +358,7 @@ impl Life {
         self.ticks += 1;
     }
 
-    /// Describes the layers between two ticks, and their seed: what is drawn goes on where it was.
+    /// Saves or loads the layers between two ticks, and their seed: random draws continue where they were.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("seed of the layers", &mut self.seed, u64::MAX)?;
         pass.number("ticks", &mut self.ticks, crate::stream::MAX_INDEX)?;

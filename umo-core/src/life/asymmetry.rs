@@ -1,4 +1,4 @@
-//! The face's left and right a little apart.
+//! Small differences between the left and right of the face.
 
 use super::Tick;
 use super::noise::{Stream, smooth, uniform};
@@ -6,8 +6,8 @@ use super::rig::arkit;
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
-/// Shapes that have two sides, left before right, and how far apart they go at most: a side is
-/// larger by up to this share, the other smaller. Lids, gaze and what closes the lips stay together.
+/// Pairs of shapes, left before right, and their largest asymmetry: one side is larger by up to this
+/// share, the other smaller. Lids, gaze and shapes that close the lips stay symmetric.
 const PAIRS: [(usize, usize, f32); 13] = [
     (arkit("browDownLeft"), arkit("browDownRight"), 0.15),
     (arkit("browOuterUpLeft"), arkit("browOuterUpRight"), 0.2),
@@ -24,13 +24,13 @@ const PAIRS: [(usize, usize, f32); 13] = [
     (arkit("mouthUpperUpLeft"), arkit("mouthUpperUpRight"), 0.1),
 ];
 
-/// Changes of direction a second.
+/// Direction changes per second.
 const RATE: f64 = 0.35;
 
 const NOISE: u32 = 400;
 const HABIT: Stream = Stream(410);
 
-/// Asymmetry of the face. What it does at a tick depends on the tick's number alone.
+/// Asymmetry of the face. Stateless: its effect depends only on the seed and the tick's number.
 #[derive(Debug)]
 pub(super) struct Asymmetry {}
 
@@ -39,7 +39,7 @@ impl Asymmetry {
         Self {}
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     #[expect(clippy::unused_self, reason = "as the other layers")]
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         if tick.rig.shapes.iter().all(Option::is_none) {
@@ -51,7 +51,7 @@ impl Asymmetry {
             if lane == 0 {
                 noise = smooth(tick.seed, Stream(NOISE + number / 4), tick.time(), RATE);
             }
-            // A face has a side that it prefers, and changes around that.
+            // A constant preferred side, and a variation around it.
             let habit = 2.0 * uniform(tick.seed, HABIT, number.into()) - 1.0;
             let apart = tick.gain * most * (0.4 * habit + 1.2 * noise[lane]).clamp(-1.0, 1.0);
             for (shape, scale) in [(left, 1.0 + apart), (right, 1.0 - apart)] {
@@ -61,7 +61,7 @@ impl Asymmetry {
         }
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "as the other layers")]
     pub(super) fn state(&mut self, _pass: &mut StatePass) -> Result<(), StateError> {
         Ok(())
@@ -85,7 +85,7 @@ mod tests {
             let largest = (0..3000).map(|i| apart(i).abs()).fold(0.0, f32::max);
             assert!(largest > 0.4 * most && largest <= 2.0 * most + 1e-5, "{} {largest}", ARKIT_NAMES[left]);
             assert!((1..3000).all(|i| (apart(i) - apart(i - 1)).abs() < 0.02));
-            // Both together are what they were.
+            // The sum of both sides is unchanged.
             assert!(shown.iter().all(|frame| (frame.face[left] + frame.face[right] - 1.0).abs() < 1e-5));
         }
         let is_paired = |shape: usize| PAIRS.iter().any(|&(left, right, _)| left == shape || right == shape);

@@ -1,33 +1,33 @@
-//! What the avatar attends to: idle, listening, thinking, speaking, and the way from one to
-//! another; and the two voices that tell.
+//! Attention of the avatar: idle, listening, thinking, speaking, and the transitions between them;
+//! and the analysis of both voices that it follows in automatic mode.
 
 use super::Tick;
 use super::rig::step;
 use crate::state::{StateError, StatePass};
 
-/// What the avatar attends to.
+/// Attention of the avatar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Attention {
-    /// Speaking while its own sound is heard, listening while the other's is, else idle.
+    /// Automatic: speaking while its voice is heard, listening while the other's is, else idle.
     #[default]
     Auto = 0,
-    /// Nothing in particular.
+    /// Attends to nothing in particular.
     Idle = 1,
-    /// Who speaks to it: looks there, nods and raises its brows at pauses.
+    /// Attends to the interlocutor: looks there, nods and raises its brows at pauses.
     Listening = 2,
-    /// An answer: looks away.
+    /// Thinks of an answer: looks away.
     Thinking = 3,
-    /// What it says.
+    /// Attends to its own speech.
     Speaking = 4,
 }
 
 impl Attention {
-    /// All of them, in the order of their numbers.
+    /// All values in numeric order.
     pub const ALL: [Self; 5] = [Self::Auto, Self::Idle, Self::Listening, Self::Thinking, Self::Speaking];
 }
 
-/// How much each state of attention counts, 0 to 1; they sum to 1.
+/// Weight of each attention state, 0 to 1; they sum to 1.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Weights {
     pub(crate) idle: f32,
@@ -36,14 +36,14 @@ pub(crate) struct Weights {
     pub(crate) speaking: f32,
     /// The avatar's voice.
     pub(super) own: Heard,
-    /// The voice of who speaks to it.
+    /// The interlocutor's voice.
     pub(super) other: Heard,
 }
 
-/// What is heard of a voice at a tick.
+/// Analysis of a voice at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Heard {
-    /// Whether there is sound of it.
+    /// Whether the voice sounds.
     pub(super) is_on: bool,
     /// Whether a phrase begins: sound after a pause.
     pub(super) begins: bool,
@@ -53,25 +53,25 @@ pub(super) struct Heard {
     pub(super) accent: f32,
 }
 
-/// Seconds that speaking goes on after its last sound.
+/// Seconds that speaking continues after the avatar's last sound.
 const OWN_HANG: f32 = 0.6;
 
-/// Seconds that listening goes on after its last sound.
+/// Seconds that listening continues after the interlocutor's last sound.
 const OTHER_HANG: f32 = 2.0;
 
-/// Time constant of each of the two low-passes over the weights, seconds: 95 % of a change take
+/// Time constant of each of the two low-passes over the weights, seconds: 95 % of a change takes
 /// 0.5 s.
 const BLEND: f32 = 0.105;
 
-/// The weights in force.
+/// Current weights.
 #[derive(Debug)]
 pub(super) struct State {
     own: Voice,
     other: Voice,
-    /// The weights after the first low-pass and the second, in the order of [`Weights`].
+    /// Weights after the first and the second low-pass, in the order of [`Weights`].
     halfway: [f32; 4],
     weights: [f32; 4],
-    /// Whether a tick came before.
+    /// Whether a tick has run.
     is_started: bool,
 }
 
@@ -86,7 +86,7 @@ impl State {
         }
     }
 
-    /// The weights of this tick.
+    /// Advances by one tick and returns its weights.
     pub(super) fn advance(&mut self, tick: &Tick) -> Weights {
         let own = self.own.hear(tick.cue.level, tick.seconds);
         let other = self.other.hear(tick.other_level, tick.seconds);
@@ -98,7 +98,7 @@ impl State {
             Attention::Thinking => 2,
             Attention::Speaking => 3,
         };
-        // The first tick has nothing to come from.
+        // The first tick has no previous weights.
         let share = if self.is_started { step(tick.seconds, BLEND) } else { 1.0 };
         self.is_started = true;
         for (state, (halfway, weight)) in self.halfway.iter_mut().zip(&mut self.weights).enumerate() {
@@ -106,13 +106,13 @@ impl State {
             *halfway += share * (goal - *halfway);
             *weight += share * (*halfway - *weight);
         }
-        // A state of zeros is no sum to divide by.
+        // The weights of a loaded state may all be 0.
         let sum = self.weights.iter().sum::<f32>().max(1e-6);
         let [idle, listening, thinking, speaking] = self.weights.map(|weight| weight / sum);
         Weights { idle, listening, thinking, speaking, own, other }
     }
 
-    /// Describes the weights.
+    /// Saves or loads the weights.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.own.state(pass)?;
         self.other.state(pass)?;
@@ -122,49 +122,49 @@ impl State {
     }
 }
 
-/// Level of digital silence, dB of full scale.
+/// Level of digital silence, dBFS.
 const SILENCE: f32 = -100.0;
 
-/// Least level of a voice, dB of full scale: a quiet voice is at -60.
+/// Least level of a voice, dBFS: a quiet voice is at -60.
 const QUIETEST: f32 = -80.0;
 
-/// How far a voice is above the noise, and at most below its own loud parts, dB.
+/// Least distance of a voice above the noise, and largest below its loud level, dB.
 const ABOVE_NOISE: f32 = 8.0;
 const BELOW_LOUD: f32 = 26.0;
 
-/// Time constants of the noise's level upwards, of the loud level downwards and of the running mean
-/// that accents stand out from, seconds.
+/// Time constants, seconds: of the noise level when rising, of the loud level when falling, and of the
+/// running mean that accents are measured against.
 const NOISE_RISE: f32 = 6.0;
 const LOUD_FALL: f32 = 12.0;
 const MEAN: f32 = 0.35;
 
-/// An accent: dB above the running mean, at most so far below the loud level, and seconds until the
-/// next.
+/// An accent: dB above the running mean, largest distance below the loud level in dB, and least seconds
+/// between two.
 const ACCENT: f32 = 5.0;
 const ACCENT_BELOW_LOUD: f32 = 14.0;
 const ACCENT_GAP: f32 = 0.3;
 
-/// Seconds of a pause between two phrases, of the silence that ends one, and of the sound that makes
-/// one.
+/// Least pause before a new phrase, least silence that ends a phrase, and least sound of a phrase that
+/// has an end, seconds.
 const PAUSE: f32 = 0.4;
 const END: f32 = 0.2;
 const PHRASE: f32 = 0.5;
 
-/// Most seconds that are counted.
+/// Cap of the time counters, seconds.
 const LONG: f32 = 1e3;
 
-/// Where a voice is, by its level: relative to the noise below it and to its own loud parts, so that
-/// a quiet voice is one too.
+/// Voice activity from the level, relative to the noise and to the voice's own loud level, so that quiet
+/// voices are detected too.
 #[derive(Debug)]
 struct Voice {
-    /// Levels in dB of full scale.
+    /// Levels in dBFS.
     noise: f32,
     loud: f32,
     mean: f32,
-    /// The level of the tick before.
+    /// Level of the previous tick.
     before: f32,
-    /// Seconds since the last sound; seconds of sound in this phrase, small pauses left out; seconds
-    /// since the last accent.
+    /// Seconds since the last sound; seconds of sound in this phrase, short pauses excluded; seconds since
+    /// the last accent.
     silent: f32,
     voiced: f32,
     accent: f32,
@@ -183,9 +183,9 @@ impl Voice {
         }
     }
 
-    /// Takes the level of one tick, full scale 1.
+    /// Processes the level of one tick, full scale 1.
     fn hear(&mut self, level: f32, seconds: f32) -> Heard {
-        // `max` takes the other operand where one is NaN.
+        // `max` ignores NaN.
         let level = (20.0 * level.max(1e-5).log10()).min(0.0);
         let noise_time = if level > self.noise { NOISE_RISE } else { 0.1 };
         self.noise += step(seconds, noise_time) * (level - self.noise);
@@ -216,14 +216,14 @@ impl Voice {
             heard.accent = (rise / (4.0 * ACCENT)).clamp(0.25, 1.0);
             self.accent = 0.0;
         }
-        // Silence pulls the mean down no further than to where speech stands out.
+        // In silence the mean falls no further than the threshold at which a voice is detected.
         let floor = self.loud - BELOW_LOUD;
         self.mean += step(seconds, MEAN) * (level.max(floor) - self.mean);
         self.before = level;
         heard
     }
 
-    /// Describes the voice.
+    /// Saves or loads the voice.
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let mut values = [self.noise, self.loud, self.mean, self.before, self.silent, self.voiced, self.accent];
         pass.moderate(&mut values)?;
@@ -288,7 +288,7 @@ mod tests {
             let mut tell = |ticks: usize, own: f32, other: f32| {
                 let mut weights = Weights::default();
                 for tick in 0..ticks {
-                    // It was on for a while where a pause begins.
+                    // A pause begins after some time of speech.
                     let voice = speech(tick) * loudness;
                     weights = advance(&mut state, &trial, &controls, own * voice, other * voice);
                 }
@@ -296,13 +296,13 @@ mod tests {
             };
             assert!(tell(60, 0.0, 0.0)[0] > 0.99);
             assert!(tell(57, 1.0, 0.0)[3] > 0.95, "{loudness}");
-            // It hangs over for 0.6 s.
+            // Speaking continues for 0.6 s.
             assert!(tell(12, 0.0, 0.0)[3] > 0.95);
             assert!(tell(40, 0.0, 0.0)[0] > 0.9);
             assert!(tell(57, 0.0, 1.0)[1] > 0.95, "{loudness}");
             assert!(tell(50, 0.0, 0.0)[1] > 0.95);
             assert!(tell(60, 0.0, 0.0)[0] > 0.95);
-            // Who speaks does not listen.
+            // A speaker does not listen.
             assert!(tell(57, 1.0, 1.0)[3] > 0.95);
         }
     }

@@ -1,9 +1,9 @@
 //! A root that stays near its home, planted feet, steps.
 //!
-//! The root's place is high-passed: what the decoders sum up over minutes is taken back, their sway
-//! and weight shifts stay. A foot that stands is held where it stands by its leg, whatever moves the
-//! pelvis; the pelvis is lowered a little and the heel rises where the leg would be too short. A foot
-//! that stands far from where the animation wants it makes a step while the other one carries.
+//! The root's position is high-passed: drift that the decoders accumulate over minutes is removed, sway
+//! and weight shifts stay. The leg of a planted foot holds it in place while the pelvis moves. If the
+//! leg would be too short, the pelvis is lowered a little and the heel rises. A foot that stands far
+//! from where the animation wants it takes a step while the other foot carries.
 #![expect(clippy::needless_range_loop, reason = "arrays of two sides or axes are indexed together")]
 
 use super::Tick;
@@ -14,78 +14,78 @@ use crate::motion::rotation::{IDENTITY, Quat, inverse};
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
-/// Seconds in which the root comes back to its home.
+/// Time constant with which the root returns to its home, seconds.
 const HOME_TIME: f32 = 10.0;
-/// Distance from its home from which the root is held back, and how far it can go beyond, metres.
+/// Distance from home up to which the root moves freely, and limit of the damped excess, metres.
 const FREE: f32 = 0.06;
 const BEYOND: f32 = 0.06;
-/// Speed of the root, m/s, from which on it walks, and its home goes with it.
+/// Root speed above which the avatar walks and its home moves along, m/s.
 const WALK: f32 = 0.25;
-/// A root that is further away than this at the next tick was put there, metres.
+/// Displacement in one tick above which the root was placed elsewhere, metres.
 const JUMP: f32 = 0.15;
 
-/// Height over the ground, metres, and speed, m/s, up to which a foot stands where the model does not
-/// say so, and from which on it does not.
+/// Height over the ground (metres) and speed (m/s). Without the model's contact, a foot below both values
+/// of `STANDS` is planted, and one at or above either value of `LIFTED` is lifted.
 const STANDS: [f32; 2] = [0.03, 0.3];
 const LIFTED: [f32; 2] = [0.045, 0.5];
-/// Contact from which on the model says that a foot stands.
+/// Contact value from which the model reports a planted foot.
 const CONTACT: f32 = 0.5;
 
-/// Distance and angle from where the animation wants a foot that make it step, metres and radians.
+/// Distance (metres) and angle (radians) from the wanted foot placement that trigger a step.
 const STEP_DISTANCE: f32 = 0.07;
 const STEP_ANGLE: f32 = 0.45;
-/// The share of both that makes the second foot follow the first.
+/// Factor on both thresholds, and time limit in seconds, for the second foot to follow the first.
 const FOLLOW: f32 = 0.5;
 const FOLLOW_TIME: f32 = 1.0;
-/// Seconds that a step takes, the least that a foot stands between two, and how high it goes, metres.
+/// Duration of a step and least standing time between steps, seconds; height of a step, metres.
 const STEP_TIME: f32 = 0.4;
 const STAND_TIME: f32 = 0.25;
 const STEP_HEIGHT: f32 = 0.04;
-/// How far the toes hang down on the way, radians; how far the pelvis goes over the foot that
-/// carries, metres.
+/// Downward pitch of the foot in a step, radians; shift of the pelvis towards the carrying foot,
+/// metres.
 const HANG: f32 = 0.2;
 const LEAN: f32 = 0.015;
 
-/// Seconds in which a foot is eased from one mode to the next.
+/// Seconds of the transition between two modes of a foot.
 const EASE_TIME: f32 = 0.2;
-/// Seconds over which the place that the animation wants is averaged.
+/// Time constant of the averaged foot placement that the animation wants, seconds.
 const WANT_TIME: f32 = 0.25;
 
-/// Share of its length that a leg may have before the pelvis is lowered, by how much at most,
-/// metres, and how fast, radians a second.
+/// Extension of a leg, as a share of its length, above which the pelvis is lowered; largest drop in
+/// metres; and frequency of its spring, radians a second.
 const EXTENDED: f32 = 0.993;
 const MOST_DROP: f32 = 0.025;
 const DROP_RATE: f32 = 10.0;
 
-/// What a foot does.
+/// Mode of a foot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
-    /// It stands.
+    /// Stands on the ground.
     #[default]
     Planted = 0,
-    /// It is on its way to another place.
+    /// Moves to another place.
     Step = 1,
-    /// It goes where the animation has it.
+    /// Follows the animation.
     Free = 2,
 }
 
 const MODES: [Mode; 3] = [Mode::Planted, Mode::Step, Mode::Free];
 
-/// Where the feet are planted, and the root's home.
+/// State of the feet and of the root's home.
 #[derive(Debug, Default)]
 pub(super) struct Feet {
-    /// Whether anything was shown since the start.
+    /// Whether the layer has run since the start.
     is_on: bool,
-    /// Number of the next tick; another one comes where the layer was off.
+    /// Number of the next tick; another number means that the layer was off in between.
     next: u64,
-    /// Height of the balls of the feet on the ground, metres.
+    /// Height of the balls of the standing feet, metres.
     ground: f32,
-    /// Where the root stands: x and z, metres.
+    /// Home of the root: x and z, metres.
     home: [f32; 2],
-    /// Slow mean of where the decoders have the root, and where that was last.
+    /// Slow mean of the decoders' root position, and the position at the last tick.
     mean: [f32; 2],
     last: [f32; 2],
-    /// How fast that is, m/s.
+    /// Smoothed velocity of that position, m/s.
     speed: [f32; 2],
     drop: Spring,
     feet: [Foot; 2],
@@ -94,27 +94,27 @@ pub(super) struct Feet {
 #[derive(Clone, Copy, Debug, Default)]
 struct Foot {
     mode: Mode,
-    /// Seconds since it began.
+    /// Seconds in the current mode.
     since: f32,
-    /// Where the ball stands, or where its step began: x and z, metres; and the foot's yaw.
+    /// Ball position at which the foot stands or began its step (x and z, metres), and the foot's yaw.
     place: [f32; 2],
     yaw: f32,
-    /// Where its step goes.
+    /// Target of the step.
     goal: [f32; 2],
     goal_yaw: f32,
-    /// Where the animation wants it, averaged.
+    /// Averaged placement that the animation wants.
     want: [f32; 2],
     want_yaw: f32,
-    /// Where the animation had the ball last, and its speed.
+    /// Ball position in the animation at the last tick, and its smoothed speed.
     last: [f32; 2],
     speed: f32,
-    /// What was shown last.
+    /// Ball position and foot rotation shown last.
     ball: [f32; 3],
     turned: Quat,
-    /// What was added to that at the last change of mode, and fades.
+    /// Offset from the mode's source at the last change of mode; fades out.
     off: [f32; 3],
     off_turned: Quat,
-    /// How much the toes lie flat, 0 to 1.
+    /// Weight of flat toes, 0 to 1.
     flat: f32,
 }
 
@@ -123,7 +123,7 @@ impl Feet {
         Self::default()
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         let rig = tick.rig;
         let (Some(left), Some(right)) = (Leg::new(rig, 0), Leg::new(rig, 1)) else { return };
@@ -143,8 +143,8 @@ impl Feet {
                 foot.begin(&posed[side], self.ground);
             }
             foot.watch(&posed[side], tick.seconds);
-            // Models of EMAGE's weights count joints before sides: their first is the left ankle's,
-            // too, and their last the right foot's.
+            // These indices hold for both orders: models of EMAGE's weights put joints before sides, and there,
+            // too, the left ankle is first and the right foot last.
             let contact = tick.cue.contacts[3 * side];
             foot.follow_contact(&posed[side], self.ground, contact);
         }
@@ -164,7 +164,7 @@ impl Feet {
         }
     }
 
-    /// The feet where this pose has them.
+    /// Starts with the feet and the root as this pose has them.
     fn start(&mut self, rig: &Rig, legs: &[Leg; 2], pose: &Pose) {
         let height = |leg: &Leg| leg.posed(&rig.rest, pelvis(rig, &rig.rest)).ball[1];
         self.ground = height(&legs[0]).min(height(&legs[1]));
@@ -173,7 +173,7 @@ impl Feet {
         self.drop = Spring::default();
     }
 
-    /// Moves the root to where it is shown.
+    /// Removes the root's drift from its home.
     fn keep_home(&mut self, pose: &mut Pose, seconds: f32) {
         let wanted = [pose.translation[0], pose.translation[2]];
         let moved = difference(wanted, self.last);
@@ -203,7 +203,7 @@ impl Feet {
         (pose.translation[0], pose.translation[2]) = (shown[0], shown[1]);
     }
 
-    /// Lets a foot step that stands too far from where it is wanted, if the other one carries.
+    /// Starts a step of a foot that stands too far from its wanted placement, if both feet are planted.
     fn choose_step(&mut self) {
         let stands = |foot: &Foot| foot.mode == Mode::Planted && foot.since >= STAND_TIME;
         if !self.feet.iter().all(stands) {
@@ -223,7 +223,7 @@ impl Feet {
         }
     }
 
-    /// Moves every foot on, and says how far the pelvis leans over a foot that carries: x and z.
+    /// Advances both feet and returns the lean of the pelvis over a carrying foot: x and z.
     fn advance(&mut self, posed: &[Posed; 2], seconds: f32) -> [f32; 2] {
         let mut lean = [0.0; 2];
         for side in 0..2 {
@@ -239,7 +239,7 @@ impl Feet {
         lean
     }
 
-    /// Lowers the pelvis where a leg would be too short, a little and smoothly.
+    /// Lowers the pelvis smoothly if a leg would be too short.
     fn lower(&mut self, rig: &Rig, legs: &[Leg; 2], pose: &mut Pose, is_new: bool, seconds: f32) {
         let place = pelvis(rig, pose);
         let mut needed = 0.0_f32;
@@ -260,7 +260,7 @@ impl Feet {
         pose.translation[1] -= self.drop.at;
     }
 
-    /// Whether every number is one.
+    /// Whether every value is finite.
     fn is_sound(&self) -> bool {
         let of_foot = |foot: &Foot| {
             let flat = [foot.since, foot.yaw, foot.goal_yaw, foot.want_yaw, foot.speed, foot.flat];
@@ -272,7 +272,7 @@ impl Feet {
         places.chain([&self.ground, &self.drop.at]).all(|v| v.is_finite()) && self.feet.iter().all(of_foot)
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("feet", &mut self.is_on)?;
         pass.number("ticks", &mut self.next, crate::stream::MAX_INDEX + 1)?;
@@ -287,7 +287,7 @@ impl Feet {
 }
 
 impl Foot {
-    /// Stands where the animation has it.
+    /// Plants the foot where the animation has it.
     fn begin(&mut self, posed: &Posed, ground: f32) {
         let place = [posed.ball[0], posed.ball[2]];
         let yaw = yaw_of(posed.foot());
@@ -303,13 +303,13 @@ impl Foot {
             turned: turn([0.0, yaw, 0.0]),
             off_turned: IDENTITY,
             flat: 1.0,
-            // Both may step at once.
+            // Both feet may step at once.
             since: FOLLOW_TIME,
             ..Self::default()
         };
     }
 
-    /// Where the animation has the foot, and how fast it moves it there.
+    /// Tracks the animation's placement and speed of the foot.
     fn watch(&mut self, posed: &Posed, seconds: f32) {
         let place = [posed.ball[0], posed.ball[2]];
         let speed = size(difference(place, self.last)) / seconds;
@@ -322,7 +322,7 @@ impl Foot {
         self.want_yaw = wrapped(self.want_yaw + share * wrapped(yaw_of(posed.foot()) - self.want_yaw));
     }
 
-    /// Plants a foot that has come down, and lets one go that the animation lifts.
+    /// Plants a foot that has come down, and releases one that the animation lifts.
     fn follow_contact(&mut self, posed: &Posed, ground: f32, contact: f32) {
         let is_under = |[height, speed]: [f32; 2]| posed.ball[1] - ground < height && self.speed < speed;
         match self.mode {
@@ -338,12 +338,12 @@ impl Foot {
 
     fn change(&mut self, mode: Mode) {
         (self.mode, self.since) = (mode, 0.0);
-        // The next source is known when it moves on: what was shown is kept until then.
+        // The new source is only known in `advance`: until then these hold what was shown.
         (self.off, self.off_turned) = (self.ball, self.turned);
         (self.goal, self.goal_yaw) = (self.want, self.want_yaw);
     }
 
-    /// Where the foot is next.
+    /// Advances the foot by one tick.
     fn advance(&mut self, posed: &Posed, ground: f32, seconds: f32) {
         let is_changed = self.since == 0.0;
         self.since += seconds;
@@ -370,7 +370,7 @@ impl Foot {
         self.flat += step(seconds, 0.1) * (flat - self.flat);
     }
 
-    /// Where the present mode has the ball, and how it turns the foot.
+    /// Ball position and foot rotation of the current mode.
     fn source(&mut self, posed: &Posed, ground: f32) -> ([f32; 3], Quat) {
         match self.mode {
             Mode::Planted => ([self.place[0], ground, self.place[1]], turn([0.0, self.yaw, 0.0])),
@@ -400,7 +400,7 @@ impl Foot {
         *toes = toward(*toes, turn([-rise, 0.0, 0.0]), self.flat);
     }
 
-    /// Describes the foot between two ticks.
+    /// Saves or loads the foot between two ticks.
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let mode = pass.limited("foot", self.mode as u64, MODES.len() as u64 - 1)?;
         if pass.loads() {
@@ -422,12 +422,12 @@ impl Foot {
     }
 }
 
-/// Where the root joint is.
+/// Position of the root joint.
 fn pelvis(rig: &Rig, pose: &Pose) -> [f32; 3] {
     add(rig.offsets[0], pose.translation)
 }
 
-/// `now` as far as `gain` says, from `before` on.
+/// Blends the root and `joints` from `before` to `now` by `gain`.
 fn mix(before: &Pose, now: &mut Pose, joints: impl Iterator<Item = usize>, gain: f32) {
     for joint in joints {
         now.rotations[joint] = toward(before.rotations[joint], now.rotations[joint], gain);
@@ -437,13 +437,13 @@ fn mix(before: &Pose, now: &mut Pose, joints: impl Iterator<Item = usize>, gain:
     }
 }
 
-/// The yaw of a foot's forward direction, radians.
+/// Yaw of a foot's forward direction, radians.
 fn yaw_of(foot: Quat) -> f32 {
     let ahead = turn_vector(foot, [0.0, 0.0, 1.0]);
     ahead[0].atan2(ahead[2])
 }
 
-/// An angle between half turns.
+/// Wraps an angle to -pi to pi.
 fn wrapped(angle: f32) -> f32 {
     use std::f32::consts::{PI, TAU};
     (angle + PI).rem_euclid(TAU) - PI
@@ -461,13 +461,13 @@ fn size(v: [f32; 2]) -> f32 {
     length([v[0], v[1], 0.0])
 }
 
-/// 0 to 1, at rest at both ends.
+/// Minimum-jerk step from 0 to 1.
 fn minimum_jerk(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
 }
 
-/// 0 to 1 and back, at rest at both ends.
+/// Pulse from 0 to 1 and back, at rest at both ends.
 fn bump(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     16.0 * (t * (1.0 - t)).powi(2)
@@ -486,8 +486,8 @@ mod tests {
         trial.rig.world(&frame.pose).0
     }
 
-    /// Where the balls of the feet are over ticks whose root is moved by `at`, and the largest way of
-    /// any joint in a tick.
+    /// Runs ticks with the root moved by `at`; returns the positions of the balls of the feet, and the
+    /// largest displacement of any joint in a tick.
     fn walk(trial: &mut Trial, ticks: usize, at: impl Fn(f32) -> [f32; 3]) -> (Vec<[[f32; 3]; 2]>, f32) {
         let (mut balls, mut largest, mut before) = (Vec::new(), 0.0_f32, None::<[[f32; 3]; JOINTS]>);
         for tick in 0..ticks {
@@ -520,7 +520,7 @@ mod tests {
             }
         }
         assert!(largest < 0.01, "{largest} m in a tick");
-        // Without the layer they go with the pelvis.
+        // Without the layer the feet move with the pelvis.
         let (free, _) = walk(&mut Trial::new(&[], 1), 60, sway);
         assert!(length(sub(free[30][0], free[0][0])) > 0.02);
     }
@@ -528,7 +528,7 @@ mod tests {
     #[test]
     fn feet_step_after_a_root_that_moves_and_end_under_the_body() {
         let mut trial = Trial::new(&[Layer::Feet], 1);
-        // Walked, so that home goes along: 60 cm within a second.
+        // A walk of 60 cm within a second: home moves along.
         let at = |t: f32| [0.6 * t.clamp(0.0, 1.0), 0.0, 0.0];
         let (balls, largest) = walk(&mut trial, 300, at);
         let pelvis = {
@@ -556,7 +556,7 @@ mod tests {
             let place = trial.tick().pose.translation;
             assert!(place[0].abs() < 0.03, "{place:?} at tick {tick}");
         }
-        // A lively root is kept within bounds, too.
+        // A lively root stays within bounds, too.
         let (balls, _) = walk(&mut Trial::new(&[Layer::Feet], 1), 900, |t| [0.5 * (0.3 * t).sin(), 0.0, 0.0]);
         assert!(balls.iter().all(|balls| balls[0][0].abs() < 0.35));
     }

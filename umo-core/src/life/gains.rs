@@ -1,20 +1,20 @@
-//! How strong each layer is at a tick: gains that are set at any moment, without a jump.
+//! Gain of each layer at a tick: gains that change at any time without a jump.
 
 use super::{LAYERS, LifeConfig};
 use crate::state::{StateError, StatePass};
 
-/// Seconds in which a gain goes from 0 to 1 before it is averaged.
+/// Seconds of the linear ramp from 0 to 1, before averaging.
 const RAMP: f32 = 0.3;
-/// Ticks over which it is averaged, so that it starts and ends softly: a power of two, so that the
-/// mean of equal gains is that gain.
+/// Ticks over which the ramp is averaged, so that it starts and ends softly. A power of two, so that the
+/// mean of equal gains is exact.
 const MEAN: usize = 4;
 
-/// The gains in force.
+/// Current gains.
 #[derive(Debug)]
 pub(super) struct Gains {
-    /// Those of the last ticks, oldest first: each goes to what is set at a limited rate.
+    /// Gains of the last ticks, oldest first, each moving to its target at a limited rate.
     recent: [[f32; LAYERS]; MEAN],
-    /// Whether a tick came before.
+    /// Whether a tick has run.
     is_started: bool,
 }
 
@@ -23,12 +23,12 @@ impl Gains {
         Self { recent: [[0.0; LAYERS]; MEAN], is_started: false }
     }
 
-    /// Whether every gain is 0 and stays it.
+    /// Whether every gain is 0 and stays 0.
     pub(super) fn are_off(&self, set: &LifeConfig) -> bool {
         set.is_off() && (!self.is_started || self.recent == [[0.0; LAYERS]; MEAN])
     }
 
-    /// The gains of this tick; those that are set where it is the first.
+    /// Advances by one tick and returns its gains; the first tick starts at the targets.
     pub(super) fn advance(&mut self, set: &LifeConfig, seconds: f32) -> [f32; LAYERS] {
         if !std::mem::replace(&mut self.is_started, true) {
             self.recent = [set.gains; MEAN];
@@ -36,7 +36,7 @@ impl Gains {
         let most = seconds / RAMP;
         let mut next = self.recent[MEAN - 1];
         for (gain, set) in next.iter_mut().zip(set.gains) {
-            // The end of the way is met exactly, whatever rounding leaves of it.
+            // The target is reached exactly, despite rounding.
             *gain = if (set - *gain).abs() < 1.001 * most { set } else { *gain + most.copysign(set - *gain) };
         }
         self.recent.rotate_left(1);
@@ -45,7 +45,7 @@ impl Gains {
         std::array::from_fn(|layer| 0.25 * ((a[layer] + b[layer]) + (c[layer] + d[layer])))
     }
 
-    /// Describes the gains between two ticks.
+    /// Saves or loads the gains between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.recent.as_flattened_mut().iter_mut().try_for_each(|gain| pass.share(gain))?;
         pass.switch("layers", &mut self.is_started)?;
@@ -62,15 +62,15 @@ mod tests {
     use crate::motion::skeleton::ARKIT_NAMES;
     use crate::stream::OwnedFrame;
 
-    /// Ticks that a change takes.
+    /// Number of ticks of a change.
     const TICKS: usize = 12;
 
     fn set(trial: &mut Trial, layer: Layer, gain: f32) {
         trial.controls.layers = trial.controls.layers.with(layer, gain);
     }
 
-    /// A figure with something to do for every layer: its decoders frown, close its eyes and move its
-    /// pelvis, and it has a mood and something to look at.
+    /// A figure with work for every layer: its decoders frown, close the eyes and move the pelvis, and it
+    /// has a mood and a look-at target.
     fn trial(is_on: bool) -> Trial {
         let mut trial = Trial::new(if is_on { &Layer::ALL } else { &[] }, 3);
         for shape in ["browDownLeft", "browDownRight", "eyeBlinkLeft", "eyeBlinkRight", "mouthSmileLeft"] {
@@ -81,7 +81,7 @@ mod tests {
         trial
     }
 
-    /// One tick, in speech or silence.
+    /// Runs one tick, in speech or silence.
     fn tick(trial: &mut Trial, number: usize, is_speech: bool) -> OwnedFrame {
         let level = if is_speech { super::super::trial::speech(number) } else { 0.0 };
         trial.frame.cue = Cue { level, ..Cue::default() };
@@ -93,8 +93,8 @@ mod tests {
         frame
     }
 
-    /// The largest step from a frame to the next: degrees of a joint but the eyes, metres of the
-    /// root, and of a face's shape but those of eyes and lids, whose saccades and blinks are fast.
+    /// Returns the largest steps between two frames: degrees of a joint except the eyes, metres of the root,
+    /// and change of a face shape except eyes and lids, whose saccades and blinks are fast.
     fn steps(from: &OwnedFrame, to: &OwnedFrame) -> [f32; 3] {
         let joints = from.pose.rotations.iter().zip(&to.pose.rotations).enumerate();
         let turned = joints.filter(|(joint, _)| !EYES.contains(joint)).map(|(_, (&a, &b))| angle_between(a, b));
@@ -104,8 +104,8 @@ mod tests {
         [turned.fold(0.0, f32::max) / DEGREE, ways.fold(0.0, f32::max), shapes.fold(0.0, f32::max)]
     }
 
-    /// The face takes no larger step than an eighth of a shape's range, a joint none of more than 4
-    /// degrees (the head's way to what it looks at is 50), the root none of more than 2.5 cm.
+    /// Asserts limits on the steps: an eighth of a face shape's range, 4 degrees of a joint (a look-at turns
+    /// the head by 50), and 2.5 cm of the root.
     fn assert_small(steps: [f32; 3], what: &str) {
         assert!(steps[0] < 4.0 && steps[1] < 0.025 && steps[2] < 0.125, "{what}: {steps:?}");
     }
@@ -118,7 +118,7 @@ mod tests {
                     let mut trial = trial(others_are_on);
                     let mut before = None;
                     for number in 0..420 {
-                        // On and off, also while it is still on its way.
+                        // On and off, also during a transition.
                         if [20, 110, 115, 200, 290, 293].contains(&number) {
                             let gain = trial.controls.layers.gain(layer);
                             set(&mut trial, layer, 1.0 - gain);
@@ -141,7 +141,7 @@ mod tests {
         let lid = |frame: &OwnedFrame| frame.face[arkit("eyeBlinkLeft")];
         let mut before = tick(&mut trial, 0, false);
         assert_eq!(lid(&before), 0.6);
-        // The layer's first blink is no earlier than a second after its start.
+        // The layer's first blink is at least a second after its start.
         set(&mut trial, Layer::Gaze, 1.0);
         for number in 1..28 {
             let frame = tick(&mut trial, number, false);
@@ -179,12 +179,12 @@ mod tests {
         assert_eq!(gains.advance(&with(0.7), SECONDS)[idle], 0.7);
         let way: Vec<f32> = (0..TICKS).map(|_| gains.advance(&with(0.1), SECONDS)[idle]).collect();
         assert!(way.is_sorted_by(|a, b| a >= b) && way[0] > 0.6 && way[TICKS - 1] == 0.1, "{way:?}");
-        // Up from 0 in 0.4 s, neither sooner nor later.
+        // From 0 to 1 in exactly 0.4 s.
         let mut gains = Gains::new();
         gains.advance(&LifeConfig::OFF, SECONDS);
         let way: Vec<f32> = (0..TICKS).map(|_| gains.advance(&LifeConfig::ON, SECONDS)[idle]).collect();
         assert!(way[0] < 0.05 && way[TICKS - 3] < 1.0 && way[TICKS - 1] == 1.0, "{way:?}");
-        // It is off no sooner than its last tick.
+        // Not off before its last tick.
         (0..TICKS).for_each(|_| {
             assert!(!gains.are_off(&LifeConfig::OFF));
             gains.advance(&LifeConfig::OFF, SECONDS);
@@ -201,12 +201,12 @@ mod tests {
             let is_on = f32::from(u8::from(number / 90 % 2 == 1));
             trial.controls.mood = Mood::ALL[1 + number / 180 % 6];
             (trial.controls.mood_strength, trial.controls.look_at_strength) = (is_on, is_on);
-            // Close by: the eyes converge.
+            // A near target: the eyes converge.
             trial.controls.look_at = [0.3, 1.45, 0.35];
             let frame = tick(&mut trial, number, number > 450);
             if let Some(before) = before {
                 let [turned, way, shape] = steps(&before, &frame);
-                // The head goes to what is looked at by itself.
+                // A look-at itself turns the head, hence the larger limit.
                 assert!(turned < 8.0 && way < 0.02 && shape < 0.1, "tick {number}: {turned} {way} {shape}");
             }
             before = Some(frame);

@@ -1,7 +1,7 @@
-//! Where the eyes look, and the lids; the head's and the trunk's part of a look.
+//! Gaze direction and lids, and the share of head and trunk in a look.
 //!
-//! Directions are angles about Y, positive to the character's left, and about X, positive down, in
-//! radians: those of an eye's rotation (`motion::pose`).
+//! Directions are angles in radians about Y, positive to the character's left, and about X, positive
+//! down, as an eye's rotation (`motion::pose`).
 
 #[cfg(test)]
 mod tests;
@@ -17,105 +17,103 @@ use crate::motion::rotation::inverse;
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
-/// How far an ARKit eye turns at 1.0, radians: sideways, and up or down (`motion::pose`).
+/// Turn of an ARKit eye at 1.0, radians: sideways, and up or down (`motion::pose`).
 const SHAPE_TURN: Angles = [30.0 * DEGREE, 25.0 * DEGREE];
 
-/// Eyes turn freely so far, and never more than so far: sideways, and up or down.
+/// Eye angle up to which the turn is not damped, and its limit: sideways, and up or down.
 const FREE: Angles = [19.0 * DEGREE, 14.0 * DEGREE];
 const MOST: Angles = [25.0 * DEGREE, 18.0 * DEGREE];
 
-/// Eyes that stay further out than this come back slowly, with this time constant in seconds.
+/// Eye angle beyond which the eyes drift back to it, and the time constant of that, seconds.
 const COMFORT: Angles = [13.0 * DEGREE, 10.0 * DEGREE];
 const RECENTRE: f32 = 1.5;
 
-/// Metres to the listener where there is nothing to look at, and seconds in which that place
-/// follows the body's place and heading.
+/// Distance of the assumed listener without a look-at target, metres, and the time constant with which
+/// the listener's position follows the body's position and heading, seconds.
 const DISTANCE: f32 = 1.5;
 const FOLLOW: f32 = 3.0;
 
-/// Half the distance of the eyes, metres, and the nearest that they converge to.
+/// Half the distance between the eyes, and the nearest point of convergence, metres.
 const HALF_EYES: f32 = 0.032;
 const NEAREST: f32 = 0.25;
 
-/// Time constant of the convergence, seconds: eyes turn to another distance slower than to another
-/// direction.
+/// Time constant of the convergence, seconds: eyes change distance more slowly than direction.
 const CONVERGE: f32 = 0.08;
 
-/// The duration of a saccade: seconds, and seconds per radian (the main sequence: 2.2 ms a degree).
+/// Duration of a saccade: seconds, and seconds per radian (main sequence: 2.2 ms a degree).
 const SACCADE: f32 = 0.021;
 const SACCADE_PER: f32 = 0.0022 / DEGREE;
 
-/// A direction that changes by more than this in a tick is a saccade's goal; less is pursued.
+/// A change of the goal above this in a tick starts a saccade; a smaller one is pursued smoothly.
 const JUMP: f32 = 1.2 * DEGREE;
 
-/// The head's share of a look away, beyond so much of it.
+/// Share of the head in a look away from the listener, for the part beyond this angle.
 const HEAD_SHARE: f32 = 0.45;
 const HEAD_BEYOND: f32 = 4.0 * DEGREE;
 
-/// A look-at's trunk: beyond so much, this share, at most so much.
+/// Trunk in a look-at: share of the angle beyond the first value, and limit.
 const TRUNK_BEYOND: f32 = 27.0 * DEGREE;
 const TRUNK_SHARE: f32 = 0.6;
 const TRUNK_MOST: Angles = [38.0 * DEGREE, 12.0 * DEGREE];
 
-/// A look-at's head: what the trunk leaves, this share, at most so much.
+/// Head in a look-at: share of the angle, less the trunk's turn, and limit.
 const LOOK_SHARE: f32 = 0.85;
 const LOOK_MOST: Angles = [52.0 * DEGREE, 28.0 * DEGREE];
 
-/// Frequencies of the head's and the trunk's spring, radians a second: 95 % in 0.35 and 0.75 s.
+/// Spring frequencies of head and trunk, radians a second: 95 % in 0.35 and 0.75 s.
 const HEAD_RATE: f32 = 13.5;
 const TRUNK_RATE: f32 = 6.5;
 
-/// A head that is turned away from where the eyes look for long comes after them: time constant in
-/// seconds, share, and how far at most.
+/// Slow turn of the head towards a sustained eye direction: time constant in seconds, share and limit.
 const FACE_TIME: f32 = 2.0;
 const FACE_SHARE: f32 = 0.7;
-/// What of that share is left with a mood that holds the head otherwise.
+/// Factor on that share for a mood with its own head posture.
 const FACE_IN_MOOD: f32 = 0.35;
 const FACE_MOST: Angles = [15.0 * DEGREE, 15.0 * DEGREE];
 
-/// The neck's share of the head's turn.
+/// Share of the neck in the head's turn.
 const NECK_SHARE: f32 = 0.4;
 
-/// Smallest drift of a fixation: standard deviation, and changes a second.
+/// Drift during a fixation: standard deviation, and direction changes per second.
 const DRIFT: f32 = 0.12 * DEGREE;
 const DRIFT_RATE: f64 = 2.5;
 
-/// Seconds that a lid takes down, stays and takes up, and that the right one comes later.
+/// Seconds of a blink: lids closing, closed, opening, and delay of the right lid.
 const CLOSING: f32 = 0.085;
 const CLOSED: f32 = 0.03;
 const OPENING: f32 = 0.165;
 const LATER: f32 = 0.006;
 
-/// Median seconds from a blink to the next that nothing else brings, and the standard deviation of
-/// its logarithm.
+/// Interval between spontaneous blinks, seconds: median, standard deviation of its logarithm, and limits;
+/// `BROUGHT_LEAST` is the least interval before a blink that a gaze shift or phrase end triggers.
 const BLINK_MEDIAN: f32 = 3.6;
 const BLINK_SPREAD: f32 = 0.4;
 const BLINK_LEAST: f32 = 1.1;
 const BROUGHT_LEAST: f32 = 1.8;
 const BLINK_MOST: f32 = 7.5;
 
-/// Shares of blinks: with a large shift of the gaze, at the end of a phrase, half ones, and ones that
-/// another follows at once.
+/// Probability of a blink on a large gaze shift and at the end of a phrase; shares of half blinks and of
+/// blinks that another follows at once.
 const WITH_SHIFT: f32 = 0.12;
 const AT_END: f32 = 0.4;
 const HALF: f32 = 0.12;
 const DOUBLE: f32 = 0.06;
 
-/// A shift that may bring a blink.
+/// Gaze shift that may trigger a blink.
 const LARGE_SHIFT: f32 = 9.0 * DEGREE;
 
-/// How far lids go with the gaze: down with it, and wide open with it, at a shape's 1.0.
+/// Lid motion with the gaze at a shape's 1.0: lowered with it, and wide open with it.
 const LID_DOWN: f32 = 0.32;
 const LID_UP: f32 = 0.3;
 
-/// Streams of the draws.
+/// Random streams.
 const CHOICE: Stream = Stream(100);
 const BLINK: Stream = Stream(101);
 const DRIFTS: Stream = Stream(102);
 
 type Angles = [f32; 2];
 
-/// The shapes of one eye.
+/// Face shapes of one eye.
 struct Shapes {
     blink: usize,
     down: usize,
@@ -124,7 +122,7 @@ struct Shapes {
     up: usize,
     squint: usize,
     wide: usize,
-    /// 1 where outwards is towards +X (the left eye), -1 where it is towards -X.
+    /// 1 if outwards is towards +X (the left eye), -1 if it is towards -X.
     side: f32,
 }
 
@@ -150,31 +148,31 @@ const RIGHT: Shapes = Shapes {
     side: -1.0,
 };
 
-/// Eyes and lids.
+/// State of eyes and lids.
 #[derive(Debug)]
 pub(super) struct Gaze {
     is_started: bool,
-    /// Draws so far.
+    /// Number of random draws so far.
     draws: u64,
-    /// Where the listener's place comes from, low-passed: x and z of the root, and of its heading.
+    /// Low-passed body placement that the listener's position derives from: x and z of root and heading.
     stand: [f32; 4],
     fixation: Fixation,
     saccade: Saccade,
-    /// How far the eyes have come back from where they should look.
+    /// Return of the eyes towards the centre, relative to the wanted direction.
     recentred: Angles,
-    /// How far each eye turns inwards, radians.
+    /// Inward turn of each eye, radians.
     convergence: f32,
-    /// Where the eyes would look without the head's part of that, low-passed.
+    /// Low-passed eye direction without the head's slow turn (`faced`).
     aside: Angles,
     head: [Spring; 2],
     trunk: [Spring; 2],
     blink: Blink,
-    /// What the decoders say of gaze and lids at this tick, in the order of [`Shapes::of_decoders`].
+    /// The decoders' values of gaze and lids at this tick, in the order of [`Shapes::of_decoders`].
     decoded: [[f32; 5]; 2],
 }
 
 impl Shapes {
-    /// The shapes that the layer sets in place of the decoders.
+    /// Shapes whose decoded values the layer replaces.
     fn of_decoders(&self) -> [usize; 5] {
         [self.blink, self.down, self.inwards, self.outwards, self.up]
     }
@@ -198,13 +196,12 @@ impl Gaze {
         }
     }
 
-    /// Reads the frame of a tick as the decoders give it: what is replaced. What other layers add to
-    /// it later stays.
+    /// Reads the decoders' values that the layer replaces. Later additions of other layers are kept.
     pub(super) fn read(&mut self, frame: &OwnedFrame, rig: &Rig) {
         self.decoded = [LEFT, RIGHT].map(|eye| eye.of_decoders().map(|shape| rig.shape(&frame.face, shape)));
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         let is_new = !self.is_started;
         if is_new {
@@ -216,7 +213,7 @@ impl Gaze {
         let (place, strength) = sought(tick);
         self.turn(&mut frame.pose, tick, place, strength);
 
-        // Where to look, in the avatar's space.
+        // Wanted direction in the avatar's space.
         let rig = tick.rig;
         let (eyes, head) = rig.head(&frame.pose);
         let (listener, mut distance) = direction(eyes, self.listener(rig));
@@ -228,7 +225,7 @@ impl Gaze {
         }
         let shift = self.saccade.advance(goal, tick.seconds, is_new);
 
-        // In the head's frame.
+        // Direction in the head's frame.
         let drift = smooth(tick.seed, DRIFTS, tick.time(), DRIFT_RATE);
         let looks: Angles = std::array::from_fn(|axis| self.saccade.at(axis) + DRIFT / 0.4 * drift[axis]);
         let inside = angles(turn_vector(inverse(head), vector(looks)));
@@ -248,19 +245,19 @@ impl Gaze {
         self.show(frame, tick, inside);
     }
 
-    /// A draw in `0..1`.
+    /// Draws a number in `0..1`.
     fn draw(&mut self, tick: &Tick, stream: Stream) -> f32 {
         self.draws += 1;
         uniform(tick.seed, stream, self.draws)
     }
 
-    /// A draw of mean 0 and standard deviation 1.
+    /// Draws a number of mean 0 and standard deviation 1.
     fn draw_normal(&mut self, tick: &Tick, stream: Stream) -> f32 {
         self.draws += 1;
         normal(tick.seed, stream, self.draws)
     }
 
-    /// The listener goes slowly where the body goes.
+    /// Lets the listener's position follow the body slowly.
     fn follow(&mut self, pose: &Pose, tick: &Tick, is_new: bool) {
         let ahead = turn_vector(pose.rotations[0], [0.0, 0.0, 1.0]);
         let share = if is_new { 1.0 } else { step(tick.seconds, FOLLOW) };
@@ -270,22 +267,22 @@ impl Gaze {
         }
     }
 
-    /// The heading of the body.
+    /// Low-passed heading of the body.
     fn heading(&self) -> f32 {
         self.stand[2].atan2(self.stand[3])
     }
 
-    /// Where the listener's eyes are, metres.
+    /// Position of the listener's eyes, metres.
     fn listener(&self, rig: &Rig) -> [f32; 3] {
         let heading = self.heading();
         [self.stand[0] + DISTANCE * heading.sin(), rig.eye_height, self.stand[1] + DISTANCE * heading.cos()]
     }
 
-    /// Chooses where to look next, where it is time.
+    /// Chooses the next fixation if it is due.
     fn choose(&mut self, tick: &Tick) {
         let weights = &tick.weights;
         self.fixation.left -= tick.seconds;
-        // Speakers look away where they begin, and at the listener where they end.
+        // Speakers look away as they begin, and at the listener as they end.
         if weights.own.begins && self.draw(tick, CHOICE) < 0.35 {
             self.look_away(tick, State::Speaking);
             return;
@@ -297,13 +294,13 @@ impl Gaze {
         let state = State::most(tick);
         if state != self.fixation.state {
             (self.fixation.state, self.fixation.is_fresh) = (state, true);
-            // Some time later than what brought it.
+            // A short delay after the change of state.
             self.fixation.left = self.fixation.left.min(0.1 + 0.25 * self.draw(tick, CHOICE));
         }
         if self.fixation.left > 0.0 {
             return;
         }
-        // What a listener hears begins with a look at who says it, a thought with one away.
+        // Listening begins with a look at the interlocutor, thinking with a look away.
         let contact = match state {
             State::Idle => 0.5,
             State::Listening if self.fixation.is_fresh => 1.0,
@@ -320,7 +317,7 @@ impl Gaze {
         self.fixation.is_fresh = false;
     }
 
-    /// Looks at one of the listener's eyes, or at their mouth.
+    /// Looks at one of the listener's eyes or at the mouth.
     fn look_there(&mut self, tick: &Tick, state: State) {
         let (where_, how_long) = (self.draw(tick, CHOICE), self.draw(tick, CHOICE));
         let place = match where_ {
@@ -353,7 +350,7 @@ impl Gaze {
         self.fixation.set([sign * between(sideways, far), between(upwards, fine)], range, how_long, false);
     }
 
-    /// How far the head comes after eyes that look aside for long.
+    /// Turn of the head towards a sustained eye direction.
     fn faced(&self, tick: &Tick, axis: usize) -> f32 {
         let is_held = !matches!(tick.controls.mood, Mood::Neutral | Mood::Joy);
         let strength = if is_held { tick.controls.mood_strength.clamp(0.0, 1.0) } else { 0.0 };
@@ -361,7 +358,7 @@ impl Gaze {
         (share * self.aside[axis]).clamp(-FACE_MOST[axis], FACE_MOST[axis])
     }
 
-    /// Turns trunk and head towards what is looked at, after the eyes.
+    /// Turns trunk and head towards the target, after the eyes.
     fn turn(&mut self, pose: &mut Pose, tick: &Tick, place: [f32; 3], strength: f32) {
         let offset = self.fixation.offset;
         let beyond = |angle: f32, from: f32| angle - angle.clamp(-from, from);
@@ -384,7 +381,7 @@ impl Gaze {
         }
         let turned = |joint: &mut _, springs: &[Spring; 2], share: f32| {
             let share = share * tick.gain;
-            // Sideways after up or down.
+            // Yaw after pitch.
             turn_in_parent(joint, [share * springs[1].at, 0.0, 0.0]);
             turn_in_parent(joint, [0.0, share * springs[0].at, 0.0]);
         };
@@ -395,7 +392,7 @@ impl Gaze {
         turned(&mut pose.rotations[HEAD], &self.head, 1.0 - NECK_SHARE);
     }
 
-    /// Begins a blink, where it is time or something brings one.
+    /// Begins a blink if one is due or triggered.
     fn blink(&mut self, tick: &Tick, shift: f32) {
         let blink = &mut self.blink;
         blink.left -= tick.seconds;
@@ -413,7 +410,7 @@ impl Gaze {
         }
         let [kind, depth] = std::array::from_fn(|_| self.draw(tick, BLINK));
         let interval = BLINK_MEDIAN * (BLINK_SPREAD * self.draw_normal(tick, BLINK)).exp();
-        // Who thinks or listens blinks a little less.
+        // Thinking, listening and idle avatars blink slightly less.
         let calm = 1.0 + 0.2 * tick.weights.listening + 0.2 * tick.weights.thinking + 0.1 * tick.weights.idle;
         let interval = (interval * calm).clamp(BLINK_LEAST, BLINK_MOST);
         let is_half = kind < HALF;
@@ -422,7 +419,7 @@ impl Gaze {
         self.blink.left = if kind > 1.0 - DOUBLE { 0.42 } else { interval };
     }
 
-    /// Sets the eyes' joints, and the shapes of gaze and lids where the face has them.
+    /// Sets the eyes' joints, and the shapes of gaze and lids if the face has them.
     fn show(&self, frame: &mut OwnedFrame, tick: &Tick, inside: Angles) {
         let (rig, gain) = (tick.rig, tick.gain);
         let pitch = limited(inside[1], 1);
@@ -436,7 +433,7 @@ impl Gaze {
                     self.replace(frame, tick, side, i + 1, wanted[i].max(0.0));
                     rig.shape(&frame.face, eye.of_decoders()[i + 1])
                 });
-                // The joint is where the shapes say.
+                // The joint matches the shapes.
                 turned = [eye.side * SHAPE_TURN[0] * (shown[2] - shown[1]), SHAPE_TURN[1] * (shown[0] - shown[3])];
                 share = 1.0;
             }
@@ -447,7 +444,7 @@ impl Gaze {
         }
     }
 
-    /// Sets a shape in place of the decoders' value, under what other layers have added to that.
+    /// Replaces the decoders' value of a shape and keeps what other layers have added to it.
     fn replace(&self, frame: &mut OwnedFrame, tick: &Tick, side: usize, number: usize, value: f32) {
         let (rig, shape) = (tick.rig, [LEFT, RIGHT][side].of_decoders()[number]);
         let (decoded, now) = (self.decoded[side][number], rig.shape(&frame.face, shape));
@@ -456,7 +453,7 @@ impl Gaze {
         rig.set_shape(&mut frame.face, shape, value + (1.0 - value) * added);
     }
 
-    /// Sets one eye's lids: with the gaze, and closed by a blink.
+    /// Sets one eye's lids: lowered or raised with the gaze, and closed by a blink.
     fn show_lids(&self, frame: &mut OwnedFrame, tick: &Tick, eye: &Shapes, side: usize) {
         let (rig, gain) = (tick.rig, tick.gain);
         let (down, up) = (rig.shape(&frame.face, eye.down), rig.shape(&frame.face, eye.up));
@@ -470,7 +467,7 @@ impl Gaze {
         rig.set_shape(&mut frame.face, eye.squint, squint + gain * 0.08 * closed * (1.0 - squint));
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("gaze", &mut self.is_started)?;
         pass.number("draws of the gaze", &mut self.draws, MAX_DRAWS)?;
@@ -487,13 +484,13 @@ impl Gaze {
     }
 }
 
-/// More draws than a stream makes.
+/// Upper bound on the draws of a stream.
 const MAX_DRAWS: u64 = 1 << 60;
 
-/// Most seconds that are counted.
+/// Cap of the time counters, seconds.
 const LONG: f32 = 1e3;
 
-/// What the gaze is chosen for.
+/// Attention state that a fixation is chosen for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
     #[default]
@@ -506,7 +503,7 @@ enum State {
 impl State {
     const ALL: [Self; 4] = [Self::Idle, Self::Listening, Self::Thinking, Self::Speaking];
 
-    /// The one that counts most.
+    /// The state with the largest weight.
     fn most(tick: &Tick) -> Self {
         let weights = [tick.weights.idle, tick.weights.listening, tick.weights.thinking, tick.weights.speaking];
         let most = (1..4).fold(0, |best, i| if weights[i] > weights[best] { i } else { best });
@@ -514,25 +511,25 @@ impl State {
     }
 }
 
-/// Where the eyes rest between two saccades.
+/// Eye direction between two saccades.
 #[derive(Debug, Default)]
 struct Fixation {
     state: State,
     /// Whether the state has just changed.
     is_fresh: bool,
-    /// Whether it is the listener.
+    /// Whether the target is the listener.
     is_contact: bool,
-    /// From the listener's direction.
+    /// Offset from the listener's direction.
     offset: Angles,
-    /// Seconds until the next.
+    /// Seconds until the next fixation.
     left: f32,
 }
 
 impl Fixation {
-    /// A place in degrees from the listener, for some time of a range of seconds.
+    /// Sets an offset in degrees from the listener and draws the duration from a range of seconds.
     fn set(&mut self, degrees: Angles, range: [f32; 2], how_long: f32, is_contact: bool) {
         self.offset = degrees.map(|angle| angle * DEGREE);
-        // Short ones are more frequent than long ones.
+        // Short fixations are more frequent than long ones.
         self.left = range[0] + (range[1] - range[0]) * how_long * how_long.sqrt();
         self.is_contact = is_contact;
     }
@@ -549,19 +546,19 @@ impl Fixation {
     }
 }
 
-/// A direction that jumps in the time of a saccade.
+/// Eye direction, which jumps to its goal in the time of a saccade.
 #[derive(Debug, Default)]
 struct Saccade {
-    /// Where to look.
+    /// Wanted direction.
     goal: Angles,
-    /// How far from it the saccade began; how long it takes, and for how long it has gone on.
+    /// Offset from the goal at the start of the saccade; its duration and elapsed time, seconds.
     from: Angles,
     lasts: f32,
     passed: f32,
 }
 
 impl Saccade {
-    /// Goes on for one tick towards a goal; the size of the jump that begins.
+    /// Advances by one tick towards a goal; returns the size of a saccade that begins, else 0.
     fn advance(&mut self, goal: Angles, seconds: f32, is_new: bool) -> f32 {
         let jump: Angles = [wrapped(goal[0] - self.goal[0]), goal[1] - self.goal[1]];
         let size = length(jump);
@@ -577,13 +574,13 @@ impl Saccade {
         if begins { size } else { 0.0 }
     }
 
-    /// What is left of the way, backwards.
+    /// Remaining offset from the goal.
     fn rest(&self) -> Angles {
         let left = if self.passed < self.lasts { 1.0 - ease(self.passed / self.lasts) } else { 0.0 };
         self.from.map(|angle| angle * left)
     }
 
-    /// The direction of the eyes.
+    /// Current eye direction.
     fn at(&self, axis: usize) -> f32 {
         self.goal[axis] + self.rest()[axis]
     }
@@ -602,7 +599,7 @@ struct Blink {
     /// Seconds since it began, and until the next.
     passed: f32,
     left: f32,
-    /// How far the lids close.
+    /// Largest closure of the lids.
     depth: f32,
 }
 
@@ -613,13 +610,13 @@ impl Default for Blink {
 }
 
 impl Blink {
-    /// How far a lid is closed that comes so much later.
+    /// Closure of a lid that is `later` seconds behind.
     fn closed(&self, later: f32) -> f32 {
         let at = self.passed - later;
         let share = match at {
             _ if at < CLOSING => ease(at / CLOSING),
             _ if at < CLOSING + CLOSED => 1.0,
-            // Lids open fast and end slowly.
+            // Lids open fast at first and slow down.
             _ => {
                 let left = (1.0 - (at - CLOSING - CLOSED) / OPENING).max(0.0);
                 left * left * (3.0 - 2.0 * left) * (0.6 + 0.4 * left)
@@ -635,7 +632,7 @@ impl Blink {
     }
 }
 
-/// The point that the host wants to be looked at, and how much.
+/// The host's look-at target and its strength.
 fn sought(tick: &Tick) -> ([f32; 3], f32) {
     let place = tick.controls.look_at;
     let strength = tick.controls.look_at_strength;
@@ -643,37 +640,37 @@ fn sought(tick: &Tick) -> ([f32; 3], f32) {
     (place, if is_good { strength.min(1.0) } else { 0.0 })
 }
 
-/// The direction from a place to another, and the distance.
+/// Direction and distance from one point to another.
 fn direction(from: [f32; 3], to: [f32; 3]) -> (Angles, f32) {
     let way = add(to, from.map(|value| -value));
     (angles(way), (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).sqrt())
 }
 
-/// The direction of a vector; straight ahead for one of no length.
+/// Direction of a vector; straight ahead for a zero vector.
 fn angles(way: [f32; 3]) -> Angles {
     let flat = length_of_two(way[0], way[2]);
     [way[0].atan2(way[2]), (-way[1]).atan2(flat)]
 }
 
-/// The vector of length 1 in a direction.
+/// Unit vector of a direction.
 fn vector([yaw, pitch]: Angles) -> [f32; 3] {
     let (sin, cos) = pitch.sin_cos();
     [yaw.sin() * cos, -sin, yaw.cos() * cos]
 }
 
-/// An angle between -pi and pi.
+/// Wraps an angle to -pi to pi.
 fn wrapped(angle: f32) -> f32 {
     let turns = (angle / std::f32::consts::TAU).round();
     angle - turns * std::f32::consts::TAU
 }
 
-/// `t` of the shorter way from `a` to `b`.
+/// Interpolates from `a` to `b` by `t`, yaw the shorter way round.
 fn mix(a: Angles, b: Angles, t: f32) -> Angles {
     [a[0] + t * wrapped(b[0] - a[0]), a[1] + t * (b[1] - a[1])]
 }
 
 fn mixed(a: f32, b: f32, t: f32) -> f32 {
-    // Exactly one of them at the ends.
+    // Exactly `b` at the end.
     if t >= 1.0 { b } else { a + t * (b - a) }
 }
 
@@ -681,7 +678,7 @@ fn length(angles: Angles) -> f32 {
     length_of_two(angles[0], angles[1])
 }
 
-/// An eye's angle within its limits, without an edge.
+/// Limits an eye's angle smoothly.
 fn limited(angle: f32, axis: usize) -> f32 {
     let (free, room) = (FREE[axis], MOST[axis] - FREE[axis]);
     let beyond = angle.abs() - free;

@@ -1,18 +1,19 @@
-//! Gestures on command, over what the model does (SPEC 2.17).
+//! Gestures on command, over the model's motion (SPEC 2.17).
 //!
-//! A gesture has a preparation, in which it comes in over what the model does; a stroke, which may
-//! be timed; a hold; and a retraction, in which it goes out again. Arms go the shorter way from the
-//! model's pose to the gesture's, so that a gesture begins and ends wherever the model is; head,
-//! trunk and face are added to. Parts that a gesture does not move stay the model's.
+//! A gesture has a preparation, in which it fades in; a stroke, which may be timed; a hold; and a
+//! retraction, in which it fades out. Arms take the shorter way from the model's pose to the gesture's,
+//! so a gesture can begin and end at any pose of the model. A built-in gesture adds its motion of head,
+//! trunk and face to the model's; a clip is blended over it. Parts that a gesture does not move stay
+//! the model's.
 //!
-//! | module | part |
+//! | module | contents |
 //! |---|---|
-//! | `table` | the built-in gestures: keys of hands, curves of head, trunk and face |
-//! | `curve` | values between keys |
-//! | `arm` | an arm whose hand is at a place, or points at one |
-//! | `hand` | shapes of a hand |
-//! | `clip` | gestures of a host's own |
-//! | `set` | gestures by their names |
+//! | `table` | built-in gestures: keys of hands, curves of head, trunk and face |
+//! | `curve` | interpolation between keys |
+//! | `arm` | inverse kinematics of an arm with a hand at a place, or pointing at one |
+//! | `hand` | hand shapes |
+//! | `clip` | the host's own gestures |
+//! | `set` | gestures by name |
 
 mod arm;
 mod clip;
@@ -35,22 +36,22 @@ use table::{Arms, Channel, MOTIONS, Motion};
 pub use clip::{Gesture, MAX_GESTURE_FRAMES};
 pub use set::{GestureParts, Gestures, MAX_GESTURES};
 
-/// Most gestures that wait to be played.
+/// Upper bound on the gestures that wait to be played.
 pub const MAX_PENDING_GESTURES: usize = 8;
-/// Most gestures that are shown at once, those that go out among them.
+/// Upper bound on the gestures shown at once, including those that fade out.
 const SLOTS: usize = 8;
-/// Shortest time in which an interrupt takes a gesture away, seconds.
+/// Shortest fade-out after an interrupt, seconds.
 const SHORTEST_RELEASE: f32 = 0.3;
-/// Where a pointing arm points without a target: ahead, a little aside.
+/// Default target of a pointing arm: ahead, slightly to the side.
 const POINTED: Vec3 = [0.9, 0.15, 3.0];
-/// How far the joints of an arm are behind its shoulder, seconds.
+/// Lag of an arm's joints behind its shoulder, seconds.
 const LAG_OF_ELBOW: f32 = 0.03;
 const LAG_OF_WRIST: f32 = 0.07;
-/// How far the left arm is behind the right one where both move, seconds.
+/// Lag of the second arm (the left, unless mirrored) if both move, seconds.
 const LAG_OF_OTHER: f32 = 0.035;
-/// Furthest coordinate of a place to point at, metres.
+/// Largest absolute coordinate of a target, metres.
 const MAX_DISTANCE: f32 = 10_000.0;
-/// Neck's share of a turn of the head.
+/// Share of the neck in a turn of the head.
 const NECK: f32 = 0.42;
 
 const SPINE: [usize; 3] = [3, 6, 9];
@@ -60,41 +61,40 @@ const HEAD_JOINT: usize = 15;
 const HIPS: [usize; 2] = [1, 2];
 const COLLARS: [(usize, f32); 2] = [(13, 1.0), (14, -1.0)];
 
-/// Which hand does a gesture.
+/// Hand that performs a gesture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Side {
-    /// The right hand; for a place to point at, the hand that is nearer to it.
+    /// The right hand; with a target, the hand on the target's side.
     #[default]
     Auto = 0,
     /// The left hand; the whole gesture is mirrored.
     Left = 1,
     /// The right hand.
     Right = 2,
-    /// Both hands, where a gesture of one hand can be done by both; else as `Auto`.
+    /// Both hands, if a one-handed gesture can be done with both; else as `Auto`.
     Both = 3,
 }
 
 impl Side {
-    /// All of them, in the order of their numbers.
+    /// All values in numeric order.
     pub const ALL: [Self; 4] = [Self::Auto, Self::Left, Self::Right, Self::Both];
 }
 
-/// How a gesture is played.
+/// Options of a gesture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct GestureOptions {
-    /// Seconds of the motion (frame index / 30) at which the stroke falls. The preparation begins
-    /// that much earlier; where it is too late for that, at once. None: as soon as no other gesture
-    /// has its parts.
+    /// Time of the stroke, in seconds of the motion (frame index / 30). The preparation begins early enough
+    /// for it, or at once if it is too late for that. `None`: as soon as the gesture's parts are free.
     pub at: Option<f64>,
-    /// How fast, 0.5 to 2.
+    /// Speed, 0.5 to 2.
     pub speed: f32,
-    /// How much of it, 0 to 1: less is nearer to what the model does.
+    /// Strength, 0 to 1: less is nearer to the model's motion.
     pub strength: f32,
-    /// Which hand.
+    /// Hand.
     pub side: Side,
-    /// A place in the avatar's space, metres, for gestures that point; ahead where there is none.
+    /// Target in the avatar's space, metres, for gestures that point; `None` points ahead.
     pub target: Option<[f32; 3]>,
 }
 
@@ -105,35 +105,35 @@ impl Default for GestureOptions {
 }
 
 impl GestureOptions {
-    /// With the stroke at a time of the motion, seconds.
+    /// Sets the time of the stroke, in seconds of the motion.
     #[must_use]
     pub fn at(mut self, seconds: f64) -> Self {
         self.at = Some(seconds);
         self
     }
 
-    /// With another speed, 0.5 to 2.
+    /// Sets the speed, 0.5 to 2.
     #[must_use]
     pub fn speed(mut self, speed: f32) -> Self {
         self.speed = speed;
         self
     }
 
-    /// With another strength, 0 to 1.
+    /// Sets the strength, 0 to 1.
     #[must_use]
     pub fn strength(mut self, strength: f32) -> Self {
         self.strength = strength;
         self
     }
 
-    /// With another hand.
+    /// Sets the hand.
     #[must_use]
     pub fn side(mut self, side: Side) -> Self {
         self.side = side;
         self
     }
 
-    /// With a place to point at, metres.
+    /// Sets the target to point at, metres.
     #[must_use]
     pub fn target(mut self, place: [f32; 3]) -> Self {
         self.target = Some(place);
@@ -141,10 +141,10 @@ impl GestureOptions {
     }
 }
 
-/// A gesture that a host asked for.
+/// Gesture that the host requested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Request {
-    /// Its number in [`Gestures`].
+    /// Number of the gesture in [`Gestures`].
     gesture: u32,
     /// Frame of the stroke.
     at: Option<u64>,
@@ -152,7 +152,7 @@ pub(crate) struct Request {
     strength: f32,
     side: Side,
     target: Option<[f32; 3]>,
-    /// Number of the epoch that it was asked for in.
+    /// Epoch of the request.
     epoch: u32,
 }
 
@@ -160,7 +160,7 @@ impl Request {
     const NONE: Self =
         Self { gesture: 0, at: None, speed: 1.0, strength: 0.0, side: Side::Auto, target: None, epoch: 0 };
 
-    /// Checks what a host asks for.
+    /// Validates the host's request.
     pub(crate) fn new(
         gestures: &Gestures,
         name: &str,
@@ -207,18 +207,18 @@ impl Request {
     }
 }
 
-/// Gestures on their way from the host to the output: the newest ones, by their numbers.
+/// Queue of requests from the host to the output: the newest ones, in a ring indexed by number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Requests {
     ring: [Request; MAX_PENDING_GESTURES],
-    /// How many there were.
+    /// Number of requests so far.
     count: u64,
 }
 
 impl Requests {
     pub(super) const NONE: Self = Self { ring: [Request::NONE; MAX_PENDING_GESTURES], count: 0 };
 
-    /// Adds one, where fewer than [`MAX_PENDING_GESTURES`] of those before have not `begun`.
+    /// Adds a request. Fails if [`MAX_PENDING_GESTURES`] wait already, given that `begun` are done.
     pub(crate) fn push(&mut self, request: Request, begun: u64) -> Result<(), SessionError> {
         if self.count.saturating_sub(begun) >= MAX_PENDING_GESTURES as u64 {
             return Err(SessionError::GesturesFull);
@@ -234,7 +234,7 @@ impl Requests {
     }
 }
 
-/// Requests that no session comes to.
+/// Upper bound on the requests of a session.
 const MAX_REQUESTS: u64 = 1 << 60;
 
 #[expect(clippy::cast_possible_truncation, reason = "below the length")]
@@ -242,15 +242,15 @@ fn place(number: u64) -> usize {
     (number % MAX_PENDING_GESTURES as u64) as usize
 }
 
-/// A gesture that is shown.
+/// Gesture that is being shown.
 #[derive(Clone, Copy, Debug)]
 struct Playing {
     request: Request,
-    /// Whether left and right are exchanged.
+    /// Whether left and right are swapped.
     is_mirrored: bool,
     /// Ticks since it began.
     ticks: u64,
-    /// Ticks of a release that began so many ticks ago; none while it plays on.
+    /// Elapsed and total ticks of the fade-out; `None` before it.
     release: Option<(u64, u64)>,
 }
 
@@ -275,11 +275,11 @@ impl Playing {
     }
 }
 
-/// When a gesture does what, seconds at its own speed from its begin.
+/// Times of a gesture's phases, seconds from its start at speed 1.
 #[derive(Clone, Copy, Debug)]
 struct Phases {
     stroke: f32,
-    /// When it begins to go out.
+    /// Start of the fade-out.
     leaves: f32,
     end: f32,
 }
@@ -288,12 +288,12 @@ struct Phases {
 #[derive(Debug)]
 pub(super) struct Player {
     gestures: Gestures,
-    /// Number of the stream's epoch.
+    /// Epoch of the stream.
     epoch: u32,
-    /// Requests that were taken over, and those of them that began or were dropped.
+    /// Number of requests taken from the queue, and of those that began or were dropped.
     taken: u64,
     begun: u64,
-    /// In the order in which they were asked for.
+    /// In the order of the requests.
     pending: [Request; MAX_PENDING_GESTURES],
     waiting: usize,
     /// In the order in which they began.
@@ -315,23 +315,24 @@ impl Player {
         }
     }
 
-    /// Whether no gesture plays, waits, or was asked for.
+    /// Whether no gesture plays, waits or has been requested.
     pub(super) fn is_empty(&self, requests: &Requests) -> bool {
         self.shown == 0 && self.waiting == 0 && self.taken == requests.count
     }
 
-    /// Requests that began or were dropped.
+    /// Number of requests that began or were dropped.
     pub(super) fn begun(&self) -> u64 {
         self.begun
     }
 
-    /// A new stream begins at once: what plays is gone, and what waits and was asked for before it.
+    /// Starts a new stream at once: drops the gestures that play, and requests of earlier epochs.
     pub(super) fn reset(&mut self, epoch: u32, requests: &Requests) {
         self.shown = 0;
         self.drop_before(epoch, requests);
     }
 
-    /// What plays goes out within some ticks; what waits is dropped where it was asked for before.
+    /// Fades out the playing gestures over `ticks`, at least `SHORTEST_RELEASE`, and drops requests of
+    /// earlier epochs.
     pub(super) fn interrupt(&mut self, epoch: u32, ticks: u64, frame_rate: f32, requests: &Requests) {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few frames")]
         let ticks = ticks.max((SHORTEST_RELEASE * frame_rate) as u64);
@@ -347,7 +348,7 @@ impl Player {
         self.begun += (before - self.waiting) as u64;
     }
 
-    /// Keeps some of those that wait.
+    /// Keeps only the waiting requests for which `keeps` holds.
     fn keep(&mut self, mut keeps: impl FnMut(&Request) -> bool) {
         let mut kept = 0;
         for at in 0..self.waiting {
@@ -359,7 +360,7 @@ impl Player {
         self.waiting = kept;
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         self.take(&tick.controls.gestures);
         self.begin(frame, tick);
@@ -386,9 +387,9 @@ impl Player {
         self.shown = kept;
     }
 
-    /// Takes over what the host asked for since the last tick.
+    /// Takes the host's new requests from the queue.
     fn take(&mut self, requests: &Requests) {
-        // More than there is room for only a forged state has.
+        // Only a forged state has more than fit.
         self.taken = self.taken.max(requests.count.saturating_sub(MAX_PENDING_GESTURES as u64));
         while self.taken < requests.count {
             let request = requests.ring[place(self.taken)];
@@ -402,7 +403,7 @@ impl Player {
         }
     }
 
-    /// Begins what is due: at its time, or where no other gesture has its parts.
+    /// Begins the gestures that are due: at their time, or when their parts are free.
     fn begin(&mut self, frame: &OwnedFrame, tick: &Tick) {
         let mut busy = GestureParts::NONE;
         for playing in &self.playing[..self.shown] {
@@ -424,13 +425,13 @@ impl Player {
             };
             if !is_due || self.shown == SLOTS {
                 if request.at.is_none() {
-                    // Those that are asked for later wait for it.
+                    // Later requests for the same parts wait for it.
                     busy = busy.union(parts);
                 }
                 at += 1;
                 continue;
             }
-            // What has its parts goes out while it comes in.
+            // Gestures with the same parts fade out while it fades in.
             for other in 0..self.shown {
                 let playing = self.playing[other];
                 if self.parts(&playing.request, playing.is_mirrored).meets(parts) {
@@ -458,7 +459,7 @@ impl Player {
         }
     }
 
-    /// Parts that no two gestures move at once.
+    /// Parts that no other gesture may move at the same time.
     fn parts(&self, request: &Request, is_mirrored: bool) -> GestureParts {
         let number = request.gesture as usize;
         let parts = match self.gestures.added(number) {
@@ -471,7 +472,7 @@ impl Player {
         if is_mirrored { parts.mirrored() } else { parts }
     }
 
-    /// Shows a gesture over a frame, `seconds` after its begin.
+    /// Applies a gesture to a frame, `seconds` after its start.
     fn show(&self, frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, seconds: f32, share: f32) {
         let number = playing.request.gesture as usize;
         match self.gestures.added(number) {
@@ -483,12 +484,12 @@ impl Player {
         }
     }
 
-    /// What a state must have in common with these gestures.
+    /// Checks the properties that a state must share with these gestures.
     pub(super) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.same("set of gestures", self.gestures.fingerprint())
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let epoch = pass.limited("epoch", self.epoch.into(), u32::MAX.into())?;
         if pass.loads() {
@@ -503,15 +504,15 @@ impl Player {
     }
 }
 
-/// Whether an epoch came before another, by their numbers, which may wrap.
+/// Whether an epoch came before another; the numbers may wrap.
 pub(super) fn is_older(epoch: u32, than: u32) -> bool {
     than.wrapping_sub(epoch).wrapping_sub(1) < u32::MAX / 2
 }
 
-/// Lets a gesture go out, unless it does so sooner already.
+/// Fades a gesture out within `ticks`, unless it ends sooner already.
 fn release(playing: &mut Playing, ticks: u64) {
     if playing.release.is_none_or(|(ago, of)| of.saturating_sub(ago) > ticks) {
-        // From where an earlier release was, so that nothing jumps.
+        // Continues from the level of an earlier fade-out, so that nothing jumps.
         let passed = playing.release.map_or(0.0, |(ago, of)| ago as f32 / of as f32);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few ticks")]
         let of = (ticks as f32 / (1.0 - passed).max(1e-3)).round().max(1.0) as u64;
@@ -523,7 +524,7 @@ fn motion(number: usize) -> &'static Motion {
     &MOTIONS[number.min(MOTIONS.len() - 1)]
 }
 
-/// Whether left and right of a gesture are exchanged.
+/// Whether left and right of a gesture are swapped.
 fn is_mirrored(request: &Request, frame: &OwnedFrame) -> bool {
     match request.side {
         Side::Left => true,
@@ -535,7 +536,7 @@ fn is_mirrored(request: &Request, frame: &OwnedFrame) -> bool {
     }
 }
 
-/// Shows a built-in gesture over a frame.
+/// Applies a built-in gesture to a frame.
 fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, seconds: f32, share: f32) {
     let t = seconds - motion.preparation;
     let side = if playing.is_mirrored { -1.0 } else { 1.0 };
@@ -584,7 +585,7 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
     }
     if collars != 0.0 {
         for (joint, sign) in COLLARS {
-            // One shoulder is always a little higher.
+            // One shoulder is always slightly higher.
             let angle = sign * radians(collars) * if sign * side > 0.0 { 0.9 } else { 1.0 };
             let q = &mut frame.pose.rotations[joint];
             *q = product(*q, axis_angle_to_quat([0.0, 0.0, angle]));
@@ -592,7 +593,7 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
     }
 }
 
-/// Turns of head, trunk and hips that are added to the model's, degrees.
+/// Rotations of head, trunk and hips that are added to the model's, degrees.
 #[derive(Debug, Default)]
 struct Turns {
     head: Vec3,
@@ -617,7 +618,7 @@ impl Turns {
         }
     }
 
-    /// The pelvis turns about the hips' axis; thighs and feet stay where they are.
+    /// Rotates the pelvis about the hip axis; thighs and feet stay in place.
     fn bend_hips(&self, pose: &mut Pose, rig: &Rig) {
         let bend = axis_angle_to_quat([radians(self.hips), 0.0, 0.0]);
         let middle: Vec3 = std::array::from_fn(|i| 0.5 * (rig.offsets[HIPS[0]][i] + rig.offsets[HIPS[1]][i]));
@@ -635,7 +636,7 @@ fn radians(degrees: f32) -> f32 {
     degrees * (std::f32::consts::PI / 180.0)
 }
 
-/// Where a pointing gesture points, and how far trunk and head turn there, degrees.
+/// Target of a pointing gesture, and turns of trunk and head towards it, degrees.
 #[derive(Debug)]
 struct Aim {
     place: Vec3,
@@ -666,7 +667,7 @@ impl Aim {
     }
 }
 
-/// A place of the avatar's space in the frame of the chest.
+/// Transforms a position from the avatar's space to the chest's frame.
 fn in_chest(rig: &Rig, pose: &Pose, place: Vec3) -> Vec3 {
     let (places, turned) = rig.world(pose);
     rotate(inverse(turned[CHEST]), less(place, places[CHEST]))
@@ -688,7 +689,7 @@ fn move_arm(frame: &mut OwnedFrame, rig: &Rig, arm: Arm, motion: &Motion, second
     let part = |at: usize| -> Vec3 { std::array::from_fn(|i| all[3 * at + i]) };
     let mut hand = part(0);
     if is_apart {
-        // People's hands are never at one height.
+        // Hands are never at exactly one height.
         hand[1] -= 0.03;
         hand[0] *= 0.97;
     }
@@ -698,15 +699,15 @@ fn move_arm(frame: &mut OwnedFrame, rig: &Rig, arm: Arm, motion: &Motion, second
     blend(&mut frame.pose, arm, &pose, motion, share, [late, seconds]);
 }
 
-/// How much of a gesture is shown by a joint that is `lag` seconds behind. It comes in and goes out
-/// by clocks of their own.
+/// Weight of a gesture for a joint that is `lag` seconds behind. Fade-in and fade-out have separate
+/// clocks.
 fn weight(motion: &Motion, [coming, going]: [f32; 2], lag: f32) -> f32 {
     let leaves = motion.preparation + motion.length;
     let into = ease((coming - lag) / (motion.preparation - lag));
     into * (1.0 - ease((going - leaves - lag) / (motion.retraction - lag)))
 }
 
-/// Turns an arm's joints from the model's to a gesture's.
+/// Blends an arm's joints from the model's pose to the gesture's.
 fn blend(pose: &mut Pose, arm: Arm, to: &ArmPose, motion: &Motion, share: f32, clocks: [f32; 2]) {
     let mut turn = |joint: usize, to: Quat, lag: f32| {
         let weight = share * weight(motion, clocks, lag);
@@ -724,7 +725,7 @@ fn blend(pose: &mut Pose, arm: Arm, to: &ArmPose, motion: &Motion, share: f32, c
     }
 }
 
-/// A shape of the face as a mirror shows it.
+/// Returns the mirrored shape of a face shape.
 fn other_side_of_face(shape: usize) -> usize {
     let names = &crate::motion::skeleton::ARKIT_NAMES;
     let name = names[shape];

@@ -1,6 +1,6 @@
-//! Breath, sway, weight shifts, and arms, hands and fingers that are never quite still.
+//! Breath, sway, weight shifts, and small continuous motion of arms, hands and fingers.
 //!
-//! Turns are about the parent's axes: X forward, Y to the left, Z the left side up.
+//! Turns are about the parent's axes: X tilts forward, Y turns to the left, Z raises the left side.
 
 use super::Tick;
 use super::noise::{Stream, smooth, uniform};
@@ -21,17 +21,17 @@ const SHOULDERS: [usize; 2] = [16, 17];
 const ELBOWS: [usize; 2] = [18, 19];
 const WRISTS: [usize; 2] = [20, 21];
 
-/// 1 where a joint's limb points to +X at rest (the left), -1 where it points to -X.
+/// 1 if a joint's limb points to +X at rest (the left side), -1 if it points to -X.
 const SIDES: [f32; 2] = [1.0, -1.0];
 
-/// Breaths a second, and how much the rate changes.
+/// Breaths per second, and relative variation of the rate.
 const BREATHS: f32 = 14.0 / 60.0;
 const BREATH_CHANGE: f32 = 0.3;
 
-/// Share of a breath that goes in.
+/// Share of a breath that is inhalation.
 const INHALE: f32 = 0.42;
 
-/// Changes of direction a second of the sway, of the arms' drift, and of the fingers.
+/// Direction changes per second of the sway, the arms' drift and the fingers.
 const SWAY_RATE: f64 = 0.35;
 const ARM_RATE: f64 = 0.5;
 const FINGER_RATE: f64 = 0.6;
@@ -40,57 +40,57 @@ const WRIST_RATE: f64 = 0.7;
 /// Standard deviation of the noise.
 const SIGMA: f32 = 0.4;
 
-/// Metres that the pelvis sways, standard deviation: sideways, and forward.
+/// Standard deviation of the pelvis' sway, metres: sideways and forward.
 const SWAY: [f32; 2] = [0.004, 0.004];
 
-/// Degrees that each joint of the trunk sways, standard deviation: forward, to the left, sideways.
+/// Standard deviation of the sway of each trunk joint, degrees: forward, to the left, sideways.
 const TRUNK_SWAY: [f32; 3] = [0.35, 0.5, 0.3];
 
-/// Seconds between weight shifts, seconds that one takes, and metres that it goes to a side.
+/// Ranges of the interval between weight shifts (seconds), duration (seconds) and distance (metres).
 const SHIFT_EVERY: [f32; 2] = [6.0, 15.0];
 const SHIFT_LASTS: [f32; 2] = [1.3, 2.2];
 const SHIFT_WAY: [f32; 2] = [0.013, 0.026];
 
-/// Degrees that the pelvis turns with each metre of a shift: sideways, and to the side.
+/// Pelvis rotation per metre of a shift, degrees: roll and yaw.
 const SHIFT_ROLL: f32 = 70.0;
 const SHIFT_YAW: f32 = 60.0;
 
-/// The trunk's share of the way back from the pelvis' turn.
+/// Share of the pelvis' rotation that the trunk compensates.
 const COUNTER: f32 = 0.85;
 
-/// Cycles a second of an arm's drift, how much the rate changes, and degrees of its parts.
+/// Cycles per second of an arm's drift, relative variation of the rate, and amplitudes in degrees.
 const DRIFT: f32 = 0.36;
 const DRIFT_CHANGE: f32 = 0.35;
-/// How much later the forearm comes than the upper arm, cycles.
+/// Delay of the forearm behind the upper arm, cycles.
 const ELBOW_LATER: f32 = 0.08;
 const SWING: f32 = 2.3;
 const FLEX: f32 = 4.3;
 const SPREAD: f32 = 1.5;
 const TWIST: f32 = 3.0;
 
-/// Speeds of a wrist by the model, m/s: below, all of the drift is needed; above, little.
+/// Wrist speeds in the model's motion, m/s: below the first the drift is full, above the second least.
 const STILL: f32 = 0.15;
 const LIVELY: f32 = 0.6;
 
-/// What a lively arm leaves of the drift, and of its fingers' motion.
+/// Share of the drift, and of the finger motion, that remains while the arm is lively.
 const LEAST_DRIFT: f32 = 0.5;
 const LEAST_FINGERS: f32 = 0.35;
 
-/// Metres from a shoulder and from an elbow to the wrist, about.
+/// Approximate distances from shoulder and elbow to the wrist, metres.
 const SHOULDER_LEVER: f32 = 0.4;
 const ELBOW_LEVER: f32 = 0.25;
 
-/// Time constants of the measured speed upwards and downwards, seconds.
+/// Time constants of the measured speed when rising and falling, seconds.
 const RISE: f32 = 0.2;
 const FALL: f32 = 0.35;
 
-/// Degrees of a wrist's drift and of a finger's curl and spread.
+/// Amplitudes of the wrist's drift and of a finger's curl and spread, degrees.
 const WRIST: f32 = 3.5;
 const HAND_CURL: f32 = 3.0;
 const CURL: f32 = 3.5;
 const FINGER_SPREAD: f32 = 1.2;
 
-/// How much each joint of a finger curls.
+/// Relative curl of each joint of a finger.
 const PHALANGES: [f32; 3] = [0.9, 1.1, 0.6];
 
 const BREATH: Stream = Stream(200);
@@ -106,7 +106,7 @@ const FINGERS: [[Stream; 2]; 2] = [[Stream(209), Stream(210)], [Stream(211), Str
 #[derive(Debug)]
 pub(super) struct Idle {
     is_started: bool,
-    /// Where in a breath, and in the arms' drift, 0 to 1.
+    /// Phases of the breath and of the arms' drift, 0 to 1.
     breath: f32,
     drift: f32,
     shift: Shift,
@@ -124,7 +124,7 @@ impl Idle {
         }
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         if !std::mem::replace(&mut self.is_started, true) {
             self.breath = uniform(tick.seed, BREATH, 0);
@@ -145,7 +145,7 @@ impl Idle {
         }
     }
 
-    /// Chest and shoulders go up and down.
+    /// Raises and lowers chest and shoulders.
     fn breathe(&mut self, pose: &mut Pose, tick: &Tick, pace: f32) {
         self.breath = advanced(self.breath, BREATHS * (1.0 + BREATH_CHANGE * pace) * tick.seconds);
         let at = self.breath;
@@ -163,7 +163,7 @@ impl Idle {
         }
     }
 
-    /// The body sways over the feet, and shifts its weight from one to the other.
+    /// Sways the body over the feet and shifts its weight between them.
     fn stand(&mut self, pose: &mut Pose, tick: &Tick) {
         let sway = smooth(tick.seed, SWAYS, tick.time(), SWAY_RATE);
         let trunk = smooth(tick.seed, TRUNK, tick.time(), SWAY_RATE);
@@ -171,18 +171,18 @@ impl Idle {
         let gain = tick.gain;
         let aside = gain * (shifted + SWAY[0] / SIGMA * sway[0]);
         let ahead = gain * SWAY[1] / SIGMA * sway[1];
-        // Sideways and forward of where the pelvis faces.
+        // Sideways and forward relative to the pelvis' heading.
         let [x, _, z] = turn_vector(pose.rotations[PELVIS], [0.0, 0.0, 1.0]);
         let flat = length_of_two(x, z).max(1e-3);
         let [sin, cos] = [x / flat, z / flat];
         pose.translation[0] += aside * cos + ahead * sin;
         pose.translation[2] += ahead * cos - aside * sin;
-        // The hip over the leg that stands is higher, and a little behind.
+        // The hip of the supporting leg is higher and slightly behind.
         let roll = SHIFT_ROLL * gain * shifted * DEGREE;
         let yaw = SHIFT_YAW * gain * shifted * DEGREE;
         let rotations = &mut pose.rotations;
         turn_in_own(&mut rotations[PELVIS], [0.0, yaw, roll]);
-        // Legs stay over the feet, and soles on the floor.
+        // Legs stay over the feet, and soles flat on the floor.
         let leg = tick.rig.leg;
         let lean = [ahead / leg, 0.0, -aside / leg];
         for (hip, ankle) in HIPS.into_iter().zip(ANKLES) {
@@ -192,15 +192,15 @@ impl Idle {
         for (number, joint) in SPINE.into_iter().enumerate() {
             let back = COUNTER * [0.5, 0.3, 0.2][number];
             let wave = gain * DEGREE / SIGMA;
-            // Higher joints follow a little later: other lanes of the noise.
+            // Each joint uses other lanes of the noise, so that the joints do not move in unison.
             let turn: [f32; 3] = std::array::from_fn(|axis| wave * TRUNK_SWAY[axis] * trunk[(axis + number) % 4]);
             turn_in_parent(&mut rotations[joint], [turn[0], turn[1] - back * yaw, turn[2] - back * roll]);
         }
     }
 
-    /// Upper arm and forearm go round slowly, so that their speed is never 0.
+    /// Moves upper arm and forearm in slow circles, so that their speed is never 0.
     fn move_arm(&self, pose: &mut Pose, tick: &Tick, side: usize, pace: f32, lively: f32) {
-        // One arm turns back where the other is fastest.
+        // The arms are a quarter of a cycle apart: one reverses while the other is fastest.
         let phase = self.drift + 0.25 * side as f32 * (1.0 + 0.4 * pace);
         let (sin, cos) = (phase * std::f32::consts::TAU).sin_cos();
         let late = ((phase - ELBOW_LATER) * std::f32::consts::TAU).sin();
@@ -208,7 +208,7 @@ impl Idle {
         let amount = tick.gain * (1.0 - (1.0 - LEAST_DRIFT) * lively) * DEGREE;
         let sign = SIDES[side];
         let rotations = &mut pose.rotations;
-        // Forward and back, and away from the body, never into it.
+        // Forward and back, and outward only, never into the body.
         let swing = amount * (SWING * sin * (1.0 + 0.6 * noise[0]) + 2.0 * noise[1]);
         let spread = amount * (SPREAD * (1.2 + cos) + 1.2 * (noise[2] + 0.4));
         turn_in_parent(&mut rotations[SHOULDERS[side]], [-swing, 0.0, sign * spread]);
@@ -217,7 +217,7 @@ impl Idle {
         turn_in_parent(&mut rotations[ELBOWS[side]], [0.0, -sign * flex, 0.0]);
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("idle motion", &mut self.is_started)?;
         pass.share(&mut self.breath)?;
@@ -227,7 +227,7 @@ impl Idle {
     }
 }
 
-/// Wrist and fingers.
+/// Moves wrist and fingers.
 fn move_hand(pose: &mut Pose, tick: &Tick, side: usize, lively: f32) {
     let amount = tick.gain * (1.0 - (1.0 - LEAST_FINGERS) * lively) * DEGREE / SIGMA;
     let sign = SIDES[side];
@@ -236,7 +236,7 @@ fn move_hand(pose: &mut Pose, tick: &Tick, side: usize, lively: f32) {
     let wrist = [0.6 * WRIST * hand[2], 0.5 * WRIST * hand[1], WRIST * hand[0]];
     turn_in_own(&mut rotations[WRISTS[side]], wrist.map(|angle| amount * angle));
     let [near, far] = FINGERS[side].map(|stream| smooth(tick.seed, stream, tick.time(), FINGER_RATE));
-    // Index, middle, little and ring finger, thumb: neighbours move alike.
+    // Index, middle, little and ring finger, thumb: neighbours move together.
     let curls = [near[0], 0.7 * near[0] + 0.5 * near[1], near[2], 0.6 * near[2] + 0.5 * near[1], 0.6 * far[0]];
     let spreads = [far[1], 0.3 * far[2], -far[1], -0.5 * far[1], 0.8 * far[3]];
     let first = FIRST_FINGER + 15 * side;
@@ -250,21 +250,21 @@ fn move_hand(pose: &mut Pose, tick: &Tick, side: usize, lively: f32) {
     }
 }
 
-/// Shoulder and elbow.
+/// Rotations of shoulder and elbow.
 fn arm_of(pose: &Pose, side: usize) -> [Quat; 2] {
     [pose.rotations[SHOULDERS[side]], pose.rotations[ELBOWS[side]]]
 }
 
-/// A phase that goes on, 0 to 1.
+/// Advances a phase, which wraps at 1.
 fn advanced(phase: f32, by: f32) -> f32 {
     (phase + by).fract().clamp(0.0, 1.0)
 }
 
-/// The model's own motion of one arm.
+/// The model's motion of one arm.
 #[derive(Debug)]
 struct Arm {
     before: [Quat; 2],
-    /// Speed of the wrist, m/s.
+    /// Smoothed speed of the wrist, m/s.
     speed: f32,
 }
 
@@ -275,7 +275,7 @@ impl Default for Arm {
 }
 
 impl Arm {
-    /// How lively the arm is, 0 to 1.
+    /// Measures the liveliness of the arm, 0 to 1.
     fn measure(&mut self, now: [Quat; 2], seconds: f32) -> f32 {
         let [shoulder, elbow] = [0, 1].map(|joint| angle_between(self.before[joint], now[joint]));
         let speed = (SHOULDER_LEVER * shoulder + ELBOW_LEVER * elbow) / seconds;
@@ -291,21 +291,21 @@ impl Arm {
     }
 }
 
-/// Weight that goes from one foot to the other.
+/// Shift of weight from one foot to the other.
 #[derive(Debug, Default)]
 struct Shift {
     draws: u64,
-    /// Metres to the left, where the last shift began and where it ends.
+    /// Metres to the left at the start and the end of the last shift.
     from: f32,
     to: f32,
-    /// Seconds since it began, that it takes, and until the next.
+    /// Seconds since it began, its duration, and seconds until the next.
     passed: f32,
     lasts: f32,
     left: f32,
 }
 
 impl Shift {
-    /// Goes on for one tick; metres to the left.
+    /// Advances by one tick and returns the offset, metres to the left.
     fn advance(&mut self, tick: &Tick) -> f32 {
         self.left -= tick.seconds;
         self.passed = (self.passed + tick.seconds).min(1e3);
@@ -315,7 +315,7 @@ impl Shift {
             self.draws += 1;
             let between = |[least, most]: [f32; 2], t: f32| least + (most - least) * t;
             self.from = self.to;
-            // To the other side, sometimes only to the middle.
+            // To the other side; sometimes a short shift.
             let side = if self.from > 0.0 || self.from == 0.0 && way < 0.5 { -1.0 } else { 1.0 };
             let size = between(SHIFT_WAY, way);
             self.to = side * if rests < 0.2 { 0.3 * size } else { size };
@@ -334,7 +334,7 @@ impl Shift {
     }
 }
 
-/// 0 to 1 with least jerk.
+/// Minimum-jerk step from 0 to 1.
 fn smoother(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
@@ -370,7 +370,7 @@ mod tests {
             let still = speeds.iter().filter(|&&speed| speed < 0.04).count() as f32 / speeds.len() as f32;
             assert!(still < 0.06, "{seed} {still}");
             assert!(speeds.iter().all(|&speed| speed < 0.3));
-            // Slow enough not to tremble: jerk, m/s^3.
+            // No tremor: limit of the jerk, m/s^3.
             let jerk = |side: usize| {
                 places.windows(4).map(move |w| {
                     let third = |axis: usize| {
@@ -411,7 +411,7 @@ mod tests {
             }
             assert!(turned(&trial, frame, 10).into_iter().all(|angle| angle.abs() < 4.0));
         }
-        // The head stays level over it all.
+        // The head stays level throughout.
         let roll = deviation(shown.iter().map(|frame| turned(&trial, frame, HEAD)[2]));
         assert!(roll < 1.5, "{roll}");
     }

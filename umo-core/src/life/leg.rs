@@ -1,60 +1,60 @@
-//! A leg of two bones that reaches a place with its foot turned as wanted.
+//! Two-bone inverse kinematics of a leg, with a given foot orientation.
 
 use super::rig::{Rig, add, after, length_of_two, turn_vector, unit};
 use crate::motion::Pose;
 use crate::motion::rotation::{IDENTITY, Quat, inverse};
 
-/// Hip, knee, ankle and foot joint of the left and of the right leg.
+/// Hip, knee, ankle and foot joint of the left and the right leg.
 const JOINTS_OF_LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
 
-/// Bones of other lengths, metres, are no leg's.
+/// Plausible bone lengths of a leg, metres.
 const BONE: std::ops::RangeInclusive<f32> = 0.05..=2.0;
-/// The ball of the foot is so far before the ankle.
+/// Plausible distances from the ankle forward to the ball of the foot, metres.
 const SOLE: std::ops::RangeInclusive<f32> = 0.02..=0.5;
 
-/// Share of a straight leg's length that a leg is stretched to at most: the knee never snaps.
+/// Largest extension as a share of the straight leg's length: the knee never snaps.
 const STRAIGHT: f32 = 0.998;
 
-/// How much the knee bends forwards where the leg is straight, and its plane cannot be told, metres.
+/// Forward bias of the knee, metres: defines the bending plane of a straight leg.
 const FORWARD: f32 = 0.03;
 
-/// Most that the heel rises, radians.
+/// Largest rise of the heel, radians.
 const MOST_RISE: f32 = 0.7;
 
 /// The bones of one leg.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leg {
     pub(super) joints: [usize; 4],
-    /// The hip in the pelvis' frame.
+    /// Position of the hip in the pelvis' frame.
     hip: [f32; 3],
     knee: [f32; 3],
     ankle: [f32; 3],
-    /// The foot joint, which is the ball of the foot, in the ankle's frame.
+    /// Position of the foot joint, which is the ball of the foot, in the ankle's frame.
     pub(super) ball: [f32; 3],
     thigh: f32,
     shin: f32,
 }
 
-/// Where a leg's joints are, metres, and how they are turned, in the avatar's space.
+/// Positions (metres) and rotations of a leg's joints in the avatar's space.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Posed {
     pub(super) hip: [f32; 3],
     knee: [f32; 3],
     ankle: [f32; 3],
     pub(super) ball: [f32; 3],
-    /// How hip, knee and ankle are turned.
+    /// Rotations of hip, knee and ankle.
     turned: [Quat; 3],
 }
 
 impl Posed {
-    /// How the foot is turned.
+    /// Rotation of the foot.
     pub(super) fn foot(&self) -> Quat {
         self.turned[2]
     }
 }
 
 impl Leg {
-    /// The left leg for 0, the right for 1; none where the skeleton has no leg that could stand.
+    /// Creates the left leg (0) or the right leg (1); `None` if the skeleton has no plausible leg.
     pub(super) fn new(rig: &Rig, side: usize) -> Option<Self> {
         let joints = JOINTS_OF_LEGS[side];
         let parents = [0, joints[0], joints[1], joints[2]];
@@ -73,7 +73,7 @@ impl Leg {
         self.thigh + self.shin
     }
 
-    /// Where the leg is; `pelvis` is where the root joint is.
+    /// Returns the joints of the leg in a pose; `pelvis` is the position of the root joint.
     pub(super) fn posed(&self, pose: &Pose, pelvis: [f32; 3]) -> Posed {
         let root = pose.rotations[0];
         let hip = add(pelvis, turn_vector(root, self.hip));
@@ -86,13 +86,13 @@ impl Leg {
         Posed { hip, knee, ankle, ball: add(ankle, turn_vector(turned[2], self.ball)), turned }
     }
 
-    /// The ankle over a ball of the foot at `ball` where the foot is turned so.
+    /// Returns the ankle position for the ball of the foot at `ball` and the foot rotation `foot`.
     pub(super) fn ankle_over(&self, ball: [f32; 3], foot: Quat) -> [f32; 3] {
         sub(ball, turn_vector(foot, self.ball))
     }
 
-    /// Angle in radians by which the heel must rise over the ball, about the foot's own x axis, so
-    /// that the leg reaches the ankle; 0 where it does with a flat foot.
+    /// Returns the angle in radians by which the heel must rise over the ball, about the foot's x axis, for
+    /// the leg to reach the ankle; 0 if it reaches with a flat foot.
     pub(super) fn heel_rise(&self, hip: [f32; 3], ball: [f32; 3], foot: Quat) -> f32 {
         let most = STRAIGHT * self.length();
         // In the foot's frame the ankle moves on a circle about the ball.
@@ -109,8 +109,8 @@ impl Leg {
         rise.clamp(0.0, MOST_RISE)
     }
 
-    /// Turns hip, knee and ankle so that the ankle comes to `ankle`, or as near as the leg reaches,
-    /// and the foot is turned as `foot`. The knee stays in its plane.
+    /// Turns hip, knee and ankle so that the ankle reaches `ankle`, or as near as the leg extends, with the
+    /// foot rotation `foot`. The knee stays in its plane.
     pub(super) fn reach(&self, pose: &mut Pose, posed: &Posed, ankle: [f32; 3], foot: Quat) {
         let to = sub(ankle, posed.hip);
         let least = (self.thigh - self.shin).abs() + 0.05 * self.length();
@@ -149,19 +149,19 @@ pub(super) fn length(v: [f32; 3]) -> f32 {
     dot(v, v).sqrt()
 }
 
-/// `v` at length 1, where it has one.
+/// Normalizes `v`; `None` if it has no direction.
 fn direction(v: [f32; 3]) -> Option<[f32; 3]> {
     let length = length(v);
     (length > 1e-6 && length.is_finite()).then(|| v.map(|v| v / length))
 }
 
-/// `v` without its part along the unit vector `axis`.
+/// Returns `v` without its component along the unit vector `axis`.
 fn without(v: [f32; 3], axis: [f32; 3]) -> [f32; 3] {
     let along = dot(v, axis);
     std::array::from_fn(|i| v[i] - along * axis[i])
 }
 
-/// The shortest rotation that takes the direction of `a` to that of `b`.
+/// Returns the shortest rotation from the direction of `a` to that of `b`.
 fn between(a: [f32; 3], b: [f32; 3]) -> Quat {
     let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     unit([cross[0], cross[1], cross[2], length(a) * length(b) + dot(a, b)])
@@ -199,7 +199,7 @@ mod tests {
                     dot(turn_vector(turned[leg.joints[2]], [0.0, 0.0, 1.0]), turn_vector(foot, [0.0, 0.0, 1.0]))
                         > 0.9999
                 );
-                // The knee bends forwards of the line from hip to ankle.
+                // The knee bends forwards from the line between hip and ankle.
                 let bend = without(sub(places[leg.joints[1]], posed.hip), direction(sub(ankle, posed.hip)).unwrap());
                 assert!(dot(bend, turn_vector(pose.rotations[0], [0.0, 0.0, 1.0])) > 0.0, "{case}: {bend:?}");
             }

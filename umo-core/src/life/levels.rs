@@ -1,4 +1,4 @@
-//! How loud the sound of each frame is.
+//! Sound level of each frame.
 
 use crate::avatar::Avatar;
 use crate::config::Config;
@@ -10,30 +10,30 @@ use crate::state::{StateError, StatePass};
 use super::Cue;
 
 impl Cue {
-    /// That of a frame, with the level of its sound.
+    /// Builds the cue of a frame with the level of its sound.
     pub(crate) fn of(frame: &FrameRef, level: f32) -> Self {
         let contacts = frame.channels.lower.get(FIRST_CONTACT..FIRST_CONTACT + 4);
         Self { level, contacts: std::array::from_fn(|i| contacts.map_or(0.0, |values| values[i].clamp(0.0, 1.0))) }
     }
 }
 
-/// Levels of the newest frames of a stream, from the samples of its chunks.
+/// Levels of the newest frames of a stream, computed from the samples of its chunks.
 #[derive(Debug)]
 pub(crate) struct Levels {
     /// Root mean square of frame `index` at `index % len`, full scale 1.
     frames: Slice<f32>,
     /// Samples heard so far.
     heard: u64,
-    /// Sum of squares of the frame that is not complete.
+    /// Sum of squares of the incomplete frame.
     sum: f64,
     sample_rate: u64,
     frame_rate: u64,
 }
 
 impl Levels {
-    /// For an avatar at the start of its stream, in memory of `arena`.
+    /// Creates the levels of an avatar at the start of its stream, in memory of `arena`.
     pub(crate) fn new_in(avatar: &Avatar, config: &Config, arena: &Arena) -> Self {
-        // Frames that a chunk brings, those that were held back before it, and those heard ahead.
+        // The frames of a chunk, the frames held back before it, and the horizon.
         let frames = 2 * avatar.chunk_frames(config) + 2 * config.keyframe_stride + avatar.horizon_frames(config);
         Self {
             frames: arena.filled(0.0, frames),
@@ -44,13 +44,13 @@ impl Levels {
         }
     }
 
-    /// Back to the start of a stream.
+    /// Returns to the start of a stream.
     pub(crate) fn reset(&mut self) {
         self.frames.fill(0.0);
         (self.heard, self.sum) = (0, 0.0);
     }
 
-    /// Takes a chunk's samples.
+    /// Adds a chunk's samples.
     pub(crate) fn push(&mut self, samples: &[f32]) {
         for &sample in samples {
             self.sum += f64::from(sample) * f64::from(sample);
@@ -70,7 +70,7 @@ impl Levels {
         self.sum = 0.0;
     }
 
-    /// The level of the sound of the frames from `first` on, as many as `count`.
+    /// Returns the root mean square level of `count` frames from `first` on.
     pub(crate) fn mean(&self, first: u64, count: usize) -> f32 {
         let heard = self.heard * self.frame_rate / self.sample_rate;
         #[expect(clippy::cast_possible_truncation, reason = "below the length")]
@@ -79,7 +79,7 @@ impl Levels {
         (squares.sum::<f32>() / count.max(1) as f32).sqrt()
     }
 
-    /// What the layers need to know of a frame.
+    /// Returns the cue of a frame.
     pub(crate) fn cue(&self, frame: &FrameRef) -> Cue {
         let index = frame.index as u64;
         #[expect(clippy::cast_possible_truncation, reason = "below the length")]
@@ -88,7 +88,7 @@ impl Levels {
         Cue::of(frame, if is_heard { self.frames[place] } else { 0.0 })
     }
 
-    /// Describes the levels.
+    /// Saves or loads the levels.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("samples heard", &mut self.heard, 1 << 60)?;
         pass.sum(&mut self.sum)?;

@@ -1,9 +1,9 @@
-//! Lips of sounds that a host knows the times of: p, b and m close them, f and v bring the lower one to
-//! the teeth, w and rounded vowels push them forward.
+//! Lip shapes of sounds whose times the host knows: p, b and m close the lips, f and v bring the lower
+//! lip to the teeth, w and rounded vowels push the lips forward.
 //!
-//! A hint says when a sound is heard. The lips reach its shape [`BLEND`] before it begins, or at the frame
-//! that is nearest to a sound between two frames, and leave it as long after it has ended. Nothing else of
-//! the mouth changes.
+//! A hint states when a sound is heard. The lips start to move [`BLEND`] before it begins, hold its
+//! shape while it lasts, and take as long to leave it. A sound between two frames shows in full at the
+//! nearest frame. Nothing else of the mouth changes.
 
 use super::Heard;
 use super::gesture::is_older;
@@ -13,29 +13,29 @@ use crate::session::SessionError;
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
-/// Most hints of sounds that were not shown yet.
+/// Upper bound on the hints that have not been shown yet.
 pub const MAX_PENDING_HINTS: usize = 64;
 
-/// Longest sound of a hint, seconds.
+/// Longest duration of a hint, seconds.
 pub const MAX_HINT_SECONDS: f64 = 2.0;
 
-/// Time in which the lips reach a shape and leave it, seconds.
+/// Time to reach a shape and to leave it, seconds.
 const BLEND: f64 = 0.06;
 
-/// Last sample that a hint may name: of no stream, and far enough from the largest number to add to.
+/// Last sample that a hint may name: beyond any stream, and far enough from overflow.
 const MAX_SAMPLE: u64 = 1 << 60;
 
-/// How much of the jaw's opening is left where the lips meet: they close over a jaw that is nearly so.
+/// Share of the jaw's opening that is left when the lips meet: they close over a nearly closed jaw.
 const CLOSED_JAW: f32 = 0.5;
-/// Most that the jaw opens where the lower lip is at the teeth.
+/// Largest jaw opening with the lower lip at the teeth.
 const TEETH_JAW: f32 = 0.15;
-/// Least roll of the lower lip there, and least raise of the upper one.
+/// Least roll of the lower lip with it at the teeth, and least raise of the upper lip.
 const TEETH_ROLL: f32 = 0.35;
 const TEETH_RAISE: f32 = 0.1;
 /// Least pucker of rounded lips.
 const ROUND_PUCKER: f32 = 0.55;
 
-/// A sound that one sees on the lips.
+/// Lip shape of a visible sound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum LipShape {
@@ -43,15 +43,15 @@ pub enum LipShape {
     Closed = 0,
     /// The lower lip is at the upper teeth: f, v.
     Teeth = 1,
-    /// The lips are rounded: w, and vowels such as that of "boot".
+    /// The lips are rounded: w, and vowels as in "boot".
     Round = 2,
 }
 
 impl LipShape {
-    /// All shapes, in the order of their numbers.
+    /// All shapes in numeric order.
     pub const ALL: [Self; 3] = [Self::Closed, Self::Teeth, Self::Round];
 
-    /// Its name.
+    /// Name of the shape.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Closed => "closed",
@@ -64,11 +64,11 @@ impl LipShape {
 /// A sound and its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Hint {
-    /// Its first sample of the host's audio, and the one after its last.
+    /// First sample in the host's audio, and the one after the last.
     start: u64,
     end: u64,
     shape: LipShape,
-    /// Number of the epoch that it was said in.
+    /// Epoch in which it was given.
     epoch: u32,
 }
 
@@ -88,19 +88,19 @@ impl Hint {
     }
 }
 
-/// Hints on their way from the host to the output: the newest ones, by their numbers.
+/// Queue of hints from the host to the output: the newest ones, in a ring indexed by number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Hints {
     ring: [Hint; MAX_PENDING_HINTS],
-    /// How many there were.
+    /// Number of hints so far.
     count: u64,
 }
 
 impl Hints {
     pub(super) const NONE: Self = Self { ring: [Hint::NONE; MAX_PENDING_HINTS], count: 0 };
 
-    /// Adds one of `start` and `duration` in seconds of audio at `rate`, where fewer than
-    /// [`MAX_PENDING_HINTS`] of those before wait, when so many were `passed`.
+    /// Adds a hint with `start` and `duration` in seconds of audio at `rate`. Fails if
+    /// [`MAX_PENDING_HINTS`] wait already, given that `passed` are done.
     pub(crate) fn push(
         &mut self,
         (start, duration): (f64, f64),
@@ -133,12 +133,12 @@ fn place(number: u64) -> usize {
     (number % MAX_PENDING_HINTS as u64) as usize
 }
 
-/// Hints that wait or show.
+/// Hints that wait or are shown.
 #[derive(Debug)]
 pub(super) struct Lips {
-    /// Number of the stream's epoch.
+    /// Epoch of the stream.
     epoch: u32,
-    /// Hints that were taken over, and those of them that passed or were dropped.
+    /// Number of hints taken from the queue, and of those that passed or were dropped.
     taken: u64,
     passed: u64,
     waiting: [Hint; MAX_PENDING_HINTS],
@@ -155,12 +155,12 @@ impl Lips {
         self.count == 0 && self.taken == hints.count
     }
 
-    /// Hints that were shown, came too late, or were dropped by an interrupt.
+    /// Number of hints that were shown, came too late, or were dropped by an interrupt.
     pub(super) fn passed(&self) -> u64 {
         self.passed
     }
 
-    /// A new epoch begins: hints that were given before it are dropped.
+    /// Begins a new epoch: drops the hints of earlier ones.
     pub(super) fn interrupt(&mut self, epoch: u32, hints: &Hints) {
         self.epoch = epoch;
         self.take(hints);
@@ -168,7 +168,7 @@ impl Lips {
     }
 
     fn take(&mut self, hints: &Hints) {
-        // More than there is room for only a forged state has.
+        // Only a forged state has more than fit.
         let first = self.taken.max(hints.count.saturating_sub(MAX_PENDING_HINTS as u64));
         self.passed += first - self.taken;
         self.taken = first;
@@ -196,7 +196,7 @@ impl Lips {
         self.count = kept;
     }
 
-    /// Changes the mouth of a frame at a place of the audio, `seconds` after the frame before it.
+    /// Changes the mouth of a frame at a position in the audio; `seconds` is the frame's duration.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, rig: &Rig, hints: &Hints, heard: Heard, seconds: f32) {
         self.take(hints);
         if self.count == 0 {
@@ -235,14 +235,14 @@ const CLOSE: usize = arkit("mouthClose");
 const PUCKER: usize = arkit("mouthPucker");
 const FUNNEL: usize = arkit("mouthFunnel");
 const ROLL_LOWER: usize = arkit("mouthRollLower");
-/// Shapes that part the lips: the lower one's, then the upper one's.
+/// Shapes that part the lips: of the lower lip, then of the upper.
 const LOWER: [usize; 2] = [arkit("mouthLowerDownLeft"), arkit("mouthLowerDownRight")];
 const UPPER: [usize; 2] = [arkit("mouthUpperUpLeft"), arkit("mouthUpperUpRight")];
 /// Shapes that widen the mouth.
 const WIDE: [usize; 4] =
     [arkit("mouthSmileLeft"), arkit("mouthSmileRight"), arkit("mouthStretchLeft"), arkit("mouthStretchRight")];
 
-/// Moves the mouth by the weights of [`LipShape::ALL`]. Closed lips are the last word.
+/// Applies weights in the order of [`LipShape::ALL`] to the mouth. Closed lips take precedence.
 fn shape(frame: &mut OwnedFrame, rig: &Rig, [closed, teeth, round]: [f32; 3]) {
     let OwnedFrame { pose, face, .. } = frame;
     let jaw = rig.shape(face, JAW_OPEN);
@@ -264,7 +264,7 @@ fn shape(frame: &mut OwnedFrame, rig: &Rig, [closed, teeth, round]: [f32; 3]) {
         scale(face, &LOWER, 1.0 - teeth);
         scale(face, &[PUCKER, FUNNEL], 1.0 - 0.7 * teeth);
         UPPER.iter().for_each(|&upper| least(face, upper, TEETH_RAISE, teeth));
-        // Lips that meet would hide the teeth.
+        // Closed lips would hide the teeth.
         scale(face, &[CLOSE], 1.0 - 0.8 * teeth);
     }
     if closed > 0.0 {
@@ -291,7 +291,7 @@ mod tests {
 
     const RATE: usize = 16_000;
 
-    /// How far the lips are apart: what the training's metric of closures computes.
+    /// Distance between the lips, as in the training's metric of closures.
     fn opening(rig: &Rig, face: &[f32]) -> f32 {
         let of = |shapes: &[usize]| shapes.iter().map(|&shape| rig.shape(face, shape)).sum::<f32>();
         of(&[JAW_OPEN]) - of(&[CLOSE]) + 0.1 * (of(&LOWER) + of(&UPPER)) + 0.05 * of(&[FUNNEL])
@@ -302,7 +302,7 @@ mod tests {
         Some(Heard { sample: tick * RATE as u64 / 30, rate: RATE })
     }
 
-    /// An open mouth.
+    /// Run with an open mouth.
     fn speaking() -> Trial {
         let mut trial = Trial::new(&[], 3);
         for (shape, value) in
@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn lips_meet_in_the_time_of_a_closure_and_nowhere_else() {
-        // A short one between two frames, and one that lasts.
+        // A short one between two frames, one that lasts, and one of no duration.
         for (start, duration) in [(0.515, 0.004), (0.5, 0.08), (1.015, 0.0)] {
             let mut trial = speaking();
             hint(&mut trial, start, duration, LipShape::Closed).unwrap();
@@ -344,7 +344,7 @@ mod tests {
                 let is_far = seconds < start - 0.08 || seconds > start + duration + 0.08;
                 assert_eq!(values(frame) == values(&trial.frame), is_far, "{start} at {seconds}");
             }
-            // Two frames to close, as many to open: no jump from wide open to closed.
+            // Two frames to close and two to open: no jump between open and closed.
             let steps = openings.windows(2).map(|pair| (pair[1] - pair[0]).abs());
             assert!(steps.fold(0.0, f32::max) < 0.8 * opening(&trial.rig, &trial.frame.face), "{openings:?}");
             assert_eq!(trial.life.passed_hints(), 1);
@@ -377,7 +377,7 @@ mod tests {
         assert_eq!(hint(&mut trial, 0.0, 0.1, LipShape::Closed), Err(SessionError::HintsFull));
         tick(&mut trial, heard(0));
         assert_eq!(hint(&mut trial, 0.0, 0.1, LipShape::Closed), Err(SessionError::HintsFull));
-        // At 7 s two have passed; a third that comes with the time of one of those is late.
+        // At 6.5 s two have passed; a third that is added with a past time is late.
         assert_eq!(values(&tick(&mut trial, heard(195))), values(&trial.frame));
         assert_eq!(trial.life.passed_hints(), 2);
         hint(&mut trial, 2.0, 0.1, LipShape::Closed).unwrap();
@@ -398,7 +398,7 @@ mod tests {
         trial.life.interrupt(1, 5, &trial.controls);
         assert_eq!(trial.life.passed_hints(), 1);
         assert_eq!(values(&tick(&mut trial, heard(16))), values(&trial.frame));
-        // Without ARKit's shapes there is nothing to move.
+        // Without ARKit shapes there is nothing to move.
         let config = super::super::trial::face(false);
         let mut other = Trial::of(&[], 3, &super::super::trial::skeleton(), &config, &super::super::trial::standing());
         hint(&mut other, 0.0, 0.1, LipShape::Closed).unwrap();

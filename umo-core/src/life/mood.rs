@@ -1,4 +1,4 @@
-//! The face and the posture of a mood; without one, no frown that nothing asked for.
+//! Face and posture of a mood; without a mood, the model's unintended frown is removed.
 
 use super::Tick;
 use super::rig::{DEGREE, HEAD, NECK, arkit, step, turn_in_parent};
@@ -9,10 +9,10 @@ use crate::stream::OwnedFrame;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Mood {
-    /// None: the face is the model's, without its frown.
+    /// No mood: the model's face without its frown.
     #[default]
     Neutral = 0,
-    /// A smile, an open chest.
+    /// Smile, open chest.
     Joy = 1,
     /// Inner brows up, corners of the mouth and head down.
     Sad = 2,
@@ -27,11 +27,11 @@ pub enum Mood {
 }
 
 impl Mood {
-    /// All moods, in the order of their numbers.
+    /// All moods in numeric order.
     pub const ALL: [Self; 7] =
         [Self::Neutral, Self::Joy, Self::Sad, Self::Angry, Self::Surprised, Self::Disgusted, Self::Afraid];
 
-    /// Its name.
+    /// Name of the mood.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Neutral => "neutral",
@@ -45,15 +45,15 @@ impl Mood {
     }
 }
 
-/// Moods but neutral.
+/// Number of moods except neutral.
 const MOODS: usize = Mood::ALL.len() - 1;
 
-/// Time constant of each of the two low-passes over a mood's strength, seconds: 95 % of a change take
+/// Time constant of each of the two low-passes over a mood's strength, seconds: 95 % of a change takes
 /// 1 s.
 const BLEND: f32 = 0.21;
 
-/// Up to here a shape of a frown is the model's; above, it comes no nearer than to the second value
-/// where no mood frowns.
+/// Value up to which a frown shape is left unchanged, and upper bound of the compressed value, if no
+/// mood frowns.
 const FROWN_KNEE: f32 = 0.04;
 const FROWN_MOST: f32 = 0.1;
 
@@ -68,21 +68,21 @@ const FROWN: [usize; 8] = [
     arkit("eyeSquintRight"),
 ];
 
-/// The squint among them is a smile's too.
+/// Index in `FROWN` of the squint shapes, which a smile has too.
 const SQUINT: usize = 6;
 
 const SMILE: [usize; 2] = [arkit("mouthSmileLeft"), arkit("mouthSmileRight")];
 const JAW_OPEN: usize = arkit("jawOpen");
 
-/// Shapes that close or round the lips: what they say goes before a mood.
+/// Shapes that close or round the lips: speech takes precedence over a mood.
 const LIPS: [usize; 3] = [arkit("mouthClose"), arkit("mouthPucker"), arkit("mouthFunnel")];
 
-/// One shape of a mood, and how much of it there is at strength 1: more than 0 adds to the face, less
-/// than 0 takes that share of it away.
+/// A face shape of a mood and its amount at strength 1: positive adds to the face, negative removes that
+/// share.
 struct Part {
     shape: usize,
     amount: f32,
-    /// Whether it is the mouth's, which speaks.
+    /// Whether the shape is part of the mouth, which speaks.
     is_mouth: bool,
 }
 
@@ -94,9 +94,9 @@ const fn mouth(name: &str, amount: f32) -> Part {
     Part { shape: arkit(name), amount, is_mouth: true }
 }
 
-/// The shapes of each mood but neutral.
+/// Face shapes of each mood except neutral.
 const FACES: [&[Part]; MOODS] = [
-    // Joy: cheeks and lower lids make a smile a real one.
+    // Joy: cheeks and lower lids make the smile genuine.
     &[
         mouth("mouthSmileLeft", 0.62),
         mouth("mouthSmileRight", 0.62),
@@ -208,8 +208,8 @@ const LEFT_SHOULDER: usize = 16;
 const RIGHT_SHOULDER: usize = 17;
 const JAW: usize = crate::motion::skeleton::JAW;
 
-/// Turns of a mood's posture at strength 1, degrees about X (forward), Y (to the left) and Z (the left
-/// side up), in the parent's frame.
+/// Posture of each mood at strength 1: turns in degrees about X (forward), Y (to the left) and Z (the
+/// left side up), in the parent's frame.
 const POSTURES: [&[(usize, [f32; 3])]; MOODS] = [
     // Joy: chest open, chin up.
     &[
@@ -222,7 +222,7 @@ const POSTURES: [&[(usize, [f32; 3])]; MOODS] = [
         (LEFT_SHOULDER, [0.0, 0.0, 1.5]),
         (RIGHT_SHOULDER, [0.0, 0.0, -1.5]),
     ],
-    // Sad: it sinks.
+    // Sad: the body sinks.
     &[
         (SPINE2, [3.5, 0.0, 0.0]),
         (SPINE3, [4.5, 0.0, 0.0]),
@@ -274,13 +274,13 @@ const POSTURES: [&[(usize, [f32; 3])]; MOODS] = [
     ],
 ];
 
-/// The mood in force.
+/// Current mood.
 #[derive(Debug)]
 pub(super) struct Expression {
-    /// The strength of each mood but neutral after the first low-pass and the second.
+    /// Strength of each mood except neutral after the first and the second low-pass.
     halfway: [f32; MOODS],
     strengths: [f32; MOODS],
-    /// Whether a tick came before.
+    /// Whether a tick has run.
     is_started: bool,
 }
 
@@ -289,12 +289,12 @@ impl Expression {
         Self { halfway: [0.0; MOODS], strengths: [0.0; MOODS], is_started: false }
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         self.advance(tick);
         self.calm(frame, tick);
         let (rig, face) = (tick.rig, &mut frame.face);
-        // Lips that speak need their shapes.
+        // The mood's mouth shapes are weaker while the lips speak.
         let open = rig.shape(face, JAW_OPEN);
         let lips: f32 = LIPS.iter().map(|&shape| rig.shape(face, shape)).fold(0.0, f32::max);
         let speaks = (1.0 - 0.7 * open.min(1.0)) * (1.0 - 0.7 * lips.min(1.0));
@@ -316,7 +316,7 @@ impl Expression {
         }
     }
 
-    /// Goes on towards what the host asks for.
+    /// Moves the strengths towards the host's request.
     fn advance(&mut self, tick: &Tick) {
         let wanted = tick.controls.mood as usize;
         let strength = tick.controls.mood_strength.clamp(0.0, 1.0);
@@ -328,7 +328,7 @@ impl Expression {
         }
     }
 
-    /// Takes away the model's frown, as far as no mood frowns.
+    /// Removes the model's frown unless a mood frowns.
     fn calm(&self, frame: &mut OwnedFrame, tick: &Tick) {
         let strength = |mood: Mood| self.strengths[mood as usize - 1];
         let frowns = strength(Mood::Sad) + strength(Mood::Angry) + strength(Mood::Disgusted);
@@ -342,7 +342,7 @@ impl Expression {
         }
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.moderate(&mut self.halfway)?;
         pass.moderate(&mut self.strengths)?;
@@ -351,11 +351,11 @@ impl Expression {
     }
 }
 
-/// Strengths below this show nothing.
+/// Strength below which a mood has no effect.
 const LEAST: f32 = 1e-3;
 
-/// A value of a frown: itself up to the knee (higher by `more`), then smoothly less, always below
-/// [`FROWN_MOST`] (higher by `more`).
+/// Compresses a frown value: unchanged up to the knee, then smoothly reduced, always below
+/// [`FROWN_MOST`]. Both bounds are raised by `more`.
 fn calmed(value: f32, more: f32) -> f32 {
     let (knee, room) = (FROWN_KNEE + more, FROWN_MOST - FROWN_KNEE);
     let beyond = value - knee;
@@ -384,13 +384,13 @@ mod tests {
             for &shape in &FROWN {
                 assert!(shown.face[shape] <= 0.15, "{} {frown}", ARKIT_NAMES[shape]);
             }
-            // Little of it stays as it is; more never shows less.
+            // Small values are unchanged; larger input never gives a smaller output.
             let now = calmed(frown, 0.0);
             assert!(frown > FROWN_KNEE || now == frown);
             assert!(before.is_none_or(|before| now >= before && now - before < 0.003), "{frown}");
             before = Some(now);
         }
-        // A smile's squint stays.
+        // The squint of a smile stays.
         trial.frame.face.fill(0.0);
         for shape in [arkit("eyeSquintLeft"), arkit("mouthSmileLeft")] {
             trial.frame.face[shape] = 0.3;

@@ -1,4 +1,4 @@
-//! The head on accents, and while listening.
+//! Head motion on accents and while listening.
 
 use super::Tick;
 use super::noise::{Stream, smooth, uniform};
@@ -7,43 +7,43 @@ use crate::motion::rotation::{IDENTITY, Quat};
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
-/// Pulses that may overlap.
+/// Number of pulses that may overlap.
 const PULSES: usize = 4;
 
 /// Standard deviation of the sway, degrees: pitch, yaw, roll.
 const SWAY: [f32; 3] = [2.4, 2.5, 1.6];
 
-/// Changes of direction a second of the sway's slow and fast part, and the share of each.
+/// Direction changes per second of the slow and the fast part of the sway, and their shares.
 const RATES: [f64; 2] = [0.55, 1.25];
 const SHARES: [f32; 2] = [0.88, 0.48];
 
-/// How much of the sway there is at rest, while listening, thinking and speaking.
+/// Sway at rest, while listening, thinking and speaking.
 const STATES: [f32; 4] = [0.8, 0.7, 0.7, 1.0];
 
-/// Speeds of the model's own head, degrees a second: below, it is nearly still; above, it needs
-/// nothing.
+/// Speeds of the model's head, degrees a second: below the first it is nearly still, above the second
+/// it needs no added motion.
 const STILL: f32 = 8.0;
 const LIVELY: f32 = 30.0;
 
 /// Time constant of the measured speed, seconds.
 const MEASURE: f32 = 0.8;
 
-/// What a lively head leaves of the sway and of the nods.
+/// Share of the sway and of the nods that remains while the head is lively.
 const LEAST_SWAY: f32 = 0.35;
 const LEAST_NOD: f32 = 0.15;
 
-/// Nods on accents: how many of the accents, and seconds between two at least.
+/// Share of accents that bring a nod, and least seconds between two accents with a response.
 const ON_ACCENT: f32 = 0.7;
 const ACCENT_GAP: f32 = 0.45;
 
-/// Share of accents on which the brows rise.
+/// Share of accents that raise the brows.
 const FLASH: f32 = 0.35;
 
-/// Seconds between two answers of a listener at least, and how much longer some are.
+/// Least seconds between two responses of a listener, and upper bound of the random extra.
 const ANSWER_GAP: f32 = 2.0;
 const ANSWER_MORE: f32 = 2.0;
 
-/// Seconds after which a listener answers to one who makes no pause, or who is not heard.
+/// Seconds until a listener responds without a pause in the other's speech, and bound of the extra.
 const ANSWER_LATEST: f32 = 5.0;
 const ANSWER_LATEST_MORE: f32 = 4.0;
 
@@ -54,19 +54,19 @@ const FAST: Stream = Stream(302);
 const BROWS: [(usize, f32); 3] =
     [(arkit("browInnerUp"), 1.0), (arkit("browOuterUpLeft"), 0.8), (arkit("browOuterUpRight"), 0.8)];
 
-/// Nods of the head.
+/// State of the nods layer.
 #[derive(Debug)]
 pub(super) struct Nods {
     draws: u64,
-    /// The head of the tick before against the chest, and its speed, degrees a second.
+    /// Rotations of neck and head at the previous tick, and the head's speed, degrees a second.
     before: [Quat; 2],
     is_started: bool,
     speed: f32,
     pulses: [Pulse; PULSES],
-    /// The pulse that a new one takes the place of.
+    /// Index of the pulse to replace next.
     next: u64,
-    /// Seconds since the last nod on an accent; seconds until a listener may answer, and until one
-    /// does in any case.
+    /// Seconds since the last response to an accent; seconds until a listener may respond; and seconds
+    /// until one responds without a pause.
     since_accent: f32,
     answer: f32,
     latest: f32,
@@ -87,7 +87,7 @@ impl Nods {
         }
     }
 
-    /// Changes the frame of one tick.
+    /// Applies one tick to the frame.
     pub(super) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
         let lively = self.measure(frame, tick);
         self.speak(tick, lively);
@@ -110,7 +110,7 @@ impl Nods {
             }
             brows += pulse.brows();
         }
-        // A listener's head is a little to the side.
+        // A listener tilts the head slightly.
         turn[2] += weights.listening * 2.0 * slow[3];
         for (joint, share) in [(NECK, 0.4), (HEAD, 0.6)] {
             turn_in_parent(&mut frame.pose.rotations[joint], turn.map(|angle| share * tick.gain * angle * DEGREE));
@@ -124,13 +124,13 @@ impl Nods {
         }
     }
 
-    /// A draw in `0..1`.
+    /// Draws a number in `0..1`.
     fn draw(&mut self, tick: &Tick) -> f32 {
         self.draws += 1;
         uniform(tick.seed, DRAWS, self.draws)
     }
 
-    /// How lively the model's own head is, 0 to 1.
+    /// Measures the liveliness of the model's head, 0 to 1.
     fn measure(&mut self, frame: &OwnedFrame, tick: &Tick) -> f32 {
         let now = [frame.pose.rotations[NECK], frame.pose.rotations[HEAD]];
         if std::mem::replace(&mut self.is_started, true) {
@@ -142,7 +142,7 @@ impl Nods {
         ease((self.speed - STILL) / (LIVELY - STILL))
     }
 
-    /// Nods and raises the brows on accents of its own speech.
+    /// Nods and raises the brows on accents of the avatar's speech.
     fn speak(&mut self, tick: &Tick, lively: f32) {
         self.since_accent = (self.since_accent + tick.seconds).min(LONG);
         let accent = tick.weights.own.accent;
@@ -161,13 +161,13 @@ impl Nods {
         self.begin(Pulse {
             passed: 0.0,
             lasts: 0.3 + 0.12 * lasts,
-            // A nod is never quite straight.
+            // A nod is never quite straight: a little yaw and roll.
             turn: [down, 0.5 * down * (side - 0.5), 0.5 * down * (size - 0.5)],
             rise: if is_flash { 0.12 + 0.2 * accent } else { 0.0 },
         });
     }
 
-    /// Nods and raises the brows at the other's pauses.
+    /// Nods and raises the brows at pauses of the interlocutor.
     fn listen(&mut self, tick: &Tick) {
         self.answer = (self.answer - tick.seconds).max(0.0);
         if tick.weights.listening < 0.5 {
@@ -189,7 +189,7 @@ impl Nods {
         let turn = [down, 0.2 * (size - 0.5), 0.6 * (size - 0.5)];
         self.begin(Pulse { passed: 0.0, lasts, turn, rise });
         if is_nod && twice < 0.5 {
-            // The second nod is smaller, and begins before the first has ended.
+            // The second nod is smaller and begins before the first has ended.
             let turn = turn.map(|angle| 0.6 * angle);
             self.begin(Pulse { passed: -0.85 * lasts, lasts, turn, rise: 0.0 });
         }
@@ -200,7 +200,7 @@ impl Nods {
         self.next = (self.next + 1) % PULSES as u64;
     }
 
-    /// Describes the layer between two ticks.
+    /// Saves or loads the layer between two ticks.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("draws of the nods", &mut self.draws, 1 << 60)?;
         pass.rotations(&mut self.before)?;
@@ -216,18 +216,18 @@ impl Nods {
     }
 }
 
-/// Most seconds that are counted.
+/// Cap of the time counters, seconds.
 const LONG: f32 = 1e3;
 
-/// A nod, a brow flash or both.
+/// A nod, a brow raise or both.
 #[derive(Clone, Copy, Debug)]
 struct Pulse {
-    /// Seconds since it began; less than 0 before that.
+    /// Seconds since it began; negative before that.
     passed: f32,
     lasts: f32,
-    /// Pitch, yaw and roll at its height, degrees.
+    /// Pitch, yaw and roll at the peak, degrees.
     turn: [f32; 3],
-    /// The brows at their height, 0 to 1.
+    /// Brow raise at the peak, 0 to 1.
     rise: f32,
 }
 
@@ -238,13 +238,13 @@ impl Default for Pulse {
 }
 
 impl Pulse {
-    /// Goes on for one tick; how much of the turn there is.
+    /// Advances by one tick and returns the current share of the turn.
     fn advance(&mut self, seconds: f32) -> f32 {
         self.passed = (self.passed + seconds).min(LONG);
         bump(self.passed / self.lasts)
     }
 
-    /// How much the brows rise: they stay up longer than the head is down.
+    /// Current brow raise: brows stay up longer than the head is down.
     fn brows(&self) -> f32 {
         self.rise * bump(self.passed / (1.6 * self.lasts))
     }
@@ -257,7 +257,7 @@ impl Pulse {
     }
 }
 
-/// 0 to 1 and back for `t` from 0 to 1, faster there than back; 0 elsewhere.
+/// Pulse from 0 to 1 and back for `t` from 0 to 1, rising faster than it falls; 0 outside.
 fn bump(t: f32) -> f32 {
     const HEIGHT: f32 = 0.4;
     if t < HEIGHT { ease(t / HEIGHT) } else { ease((1.0 - t) / (1.0 - HEIGHT)) }
@@ -279,7 +279,7 @@ mod tests {
             let got = deviation(turns.iter().map(|turn| turn[axis]));
             assert!((least..most).contains(&got), "{axis} {got}");
         }
-        // Nothing jumps: 90 degrees a second at most.
+        // No jumps: 90 degrees a second at most.
         assert!(turns.windows(2).all(|pair| (0..3).all(|axis| (pair[1][axis] - pair[0][axis]).abs() < 3.0)));
         let raises = shown
             .windows(2)
@@ -321,10 +321,10 @@ mod tests {
         }
         assert!((30..=85).contains(&answers.len()), "{}", answers.len());
         assert!(answers.windows(2).all(|pair| pair[1] - pair[0] >= 60));
-        // Most are within the pauses.
+        // Most are within pauses.
         let inside = answers.iter().filter(|&&tick| tick % 78 >= 60).count();
         assert!(inside * 10 > answers.len() * 8, "{inside} of {}", answers.len());
-        // Nor where the pauses are closer.
+        // The bound also holds if pauses are closer together.
         let mut last = None;
         for tick in 0..1800 {
             trial.other = speech(2 * tick);
@@ -334,7 +334,7 @@ mod tests {
                 last = Some(tick);
             }
         }
-        // A listener who hears nothing nods too, an idle avatar does not.
+        // A listener who hears nothing also nods; an idle avatar does not.
         trial.other = 0.0;
         let count = |trial: &mut Trial, attention| {
             trial.controls.attention = attention;

@@ -1,35 +1,35 @@
-//! Numbers drawn from a seed, a stream's name and a counter alone.
+//! Random numbers and smooth noise, determined by a seed, a stream and a counter or time.
 
 use crate::lm::sampler::philox;
 
-/// What a draw is for: draws of different streams have nothing to do with each other.
+/// Purpose of a draw: draws of different streams are independent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stream(pub(super) u32);
 
-/// A number in `0..1` that depends on its arguments alone.
+/// Returns a number in `0..1` that depends only on the arguments.
 #[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
 pub(super) fn uniform(seed: u64, stream: Stream, counter: u64) -> f32 {
-    // The sampler's draws have 0 in the last word.
+    // The last word is 0 in the sampler's draws, and 1 here.
     let words = [counter as u32, (counter >> 32) as u32, stream.0, 1];
     let [bits, ..] = philox(words, [seed as u32, (seed >> 32) as u32]);
     (bits >> 8) as f32 / (1 << 24) as f32
 }
 
-/// Four numbers in `0..1`, as [`uniform`].
+/// Returns four numbers in `0..1`, as [`uniform`].
 #[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
 fn uniforms(seed: u64, stream: Stream, counter: u64) -> [f32; 4] {
     let words = [counter as u32, (counter >> 32) as u32, stream.0, 1];
     philox(words, [seed as u32, (seed >> 32) as u32]).map(|bits| (bits >> 8) as f32 / (1 << 24) as f32)
 }
 
-/// A number of mean 0 and standard deviation 1, from two of the counters.
+/// Returns a number of mean 0 and standard deviation 1, from two uniform numbers of the counter.
 pub(super) fn normal(seed: u64, stream: Stream, counter: u64) -> f32 {
     let [a, b, ..] = uniforms(seed, stream, counter);
     (-2.0 * a.max(1e-6).ln()).sqrt() * (std::f32::consts::TAU * b).cos()
 }
 
-/// Four smooth noises of mean 0, standard deviation 0.4 and most 1, with `rate` changes of direction
-/// a second or so, at a time.
+/// Returns four smooth noise values at a time: mean 0, standard deviation 0.4, at most 1 in magnitude,
+/// with about `rate` direction changes per second.
 pub(super) fn smooth(seed: u64, stream: Stream, seconds: f64, rate: f64) -> [f32; 4] {
     let at = seconds * rate;
     let cell = at.floor();
@@ -37,7 +37,7 @@ pub(super) fn smooth(seed: u64, stream: Stream, seconds: f64, rate: f64) -> [f32
     let knots = |offset: f64| uniforms(seed, stream, (cell + offset + 4.0) as u64);
     #[expect(clippy::cast_possible_truncation, reason = "a share")]
     let t = (at - cell) as f32;
-    // Uniform cubic B-spline: continuous to the second derivative.
+    // Uniform cubic B-spline: continuous up to the second derivative.
     let (t2, t3, u) = (t * t, t * t * t, 1.0 - t);
     let weights =
         [u * u * u, 3.0 * t3 - 6.0 * t2 + 4.0, -3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0, t3].map(|weight| weight / 6.0);

@@ -1,4 +1,4 @@
-//! What layers know of a model's body and face: bones, and where each ARKit shape is.
+//! Body and face of a model as the layers need them: bones, and the index of each ARKit shape.
 
 use crate::config::{Face, FaceKind, Skeleton};
 use crate::motion::Pose;
@@ -10,16 +10,16 @@ use crate::state::{StateError, StatePass};
 const KNEE: usize = 4;
 const ANKLE: usize = 7;
 
-/// The head.
+/// Head joint.
 pub(super) const HEAD: usize = 15;
 
-/// The neck.
+/// Neck joint.
 pub(super) const NECK: usize = 12;
 
-/// The joints of the trunk between pelvis and neck, from below.
+/// Joints of the trunk between pelvis and neck, from below.
 pub(super) const SPINE: [usize; 3] = [3, 6, 9];
 
-/// The eyes, left before right.
+/// Eye joints, left before right.
 pub(super) const EYES: [usize; 2] = [JAW + 1, JAW + 2];
 
 /// One degree in radians.
@@ -28,28 +28,28 @@ pub(super) const DEGREE: f32 = std::f32::consts::PI / 180.0;
 /// Bones at rest, and the face's channels.
 #[derive(Debug)]
 pub(crate) struct Rig {
-    /// Parent of each joint; the first joint has none and names itself.
+    /// Parent of each joint; the first joint has none and is its own parent.
     pub(crate) parents: [usize; JOINTS],
-    /// Each joint's place in its parent's frame at rest, metres.
+    /// Position of each joint in its parent's frame at rest, metres.
     pub(crate) offsets: [[f32; 3]; JOINTS],
-    /// Index in a frame's face values of each shape of [`ARKIT_NAMES`], where the model has it;
-    /// none with another kind of face.
+    /// Index in a frame's face values of each shape of [`ARKIT_NAMES`] that the model has; all `None` with
+    /// another kind of face.
     pub(crate) shapes: [Option<usize>; ARKIT_NAMES.len()],
-    /// The model's pose of rest.
+    /// Rest pose of the model.
     pub(crate) rest: Pose,
-    /// The joints from the root to the head.
+    /// Joints from the root to the head.
     head_chain: [usize; JOINTS],
-    /// How many they are.
+    /// Number of those joints.
     head_chain_len: usize,
-    /// The place between the eyes in the head's frame, metres.
+    /// Midpoint between the eyes in the head's frame, metres.
     eyes: [f32; 3],
-    /// Height of that place at rest, metres.
+    /// Height of the midpoint between the eyes at rest, metres.
     pub(super) eye_height: f32,
     /// Length of a leg from hip to ankle, metres; at least 0.1.
     pub(super) leg: f32,
 }
 
-/// The number in [`ARKIT_NAMES`] of a shape.
+/// Returns the index of a shape in [`ARKIT_NAMES`].
 pub(super) const fn arkit(name: &str) -> usize {
     let mut shape = 0;
     while shape < ARKIT_NAMES.len() {
@@ -107,7 +107,7 @@ impl Rig {
         rig
     }
 
-    /// The place between the eyes, metres, and how the head is turned, in the avatar's space.
+    /// Returns the midpoint between the eyes, metres, and the head's rotation, in the avatar's space.
     pub(super) fn head(&self, pose: &Pose) -> ([f32; 3], Quat) {
         let (mut place, mut turned) = (pose.translation, IDENTITY);
         for &joint in &self.head_chain[..self.head_chain_len] {
@@ -118,7 +118,7 @@ impl Rig {
         (add(place, turn_vector(turned, self.eyes)), turned)
     }
 
-    /// Where each joint is, metres, and how it is turned, in the avatar's space.
+    /// Returns position (metres) and rotation of each joint in the avatar's space.
     pub(crate) fn world(&self, pose: &Pose) -> ([[f32; 3]; JOINTS], [Quat; JOINTS]) {
         let mut places = [[0.0; 3]; JOINTS];
         let mut turned = [IDENTITY; JOINTS];
@@ -136,13 +136,13 @@ impl Rig {
         (places, turned)
     }
 
-    /// A face value by its number in [`ARKIT_NAMES`]; 0 where the model has no such shape.
+    /// Returns a face value by its index in [`ARKIT_NAMES`]; 0 if the model lacks the shape.
     pub(crate) fn shape(&self, face: &[f32], shape: usize) -> f32 {
         self.shapes[shape].map_or(0.0, |index| face[index])
     }
 
-    /// Sets a face value by its number in [`ARKIT_NAMES`], kept between 0 and 1; nothing where the
-    /// model has no such shape.
+    /// Sets a face value by its index in [`ARKIT_NAMES`], clamped to 0 to 1; a no-op if the model lacks the
+    /// shape.
     pub(crate) fn set_shape(&self, face: &mut [f32], shape: usize, value: f32) {
         if let Some(index) = self.shapes[shape] {
             face[index] = value.clamp(0.0, 1.0);
@@ -150,20 +150,20 @@ impl Rig {
     }
 }
 
-/// The length of a vector of two. Not `hypot`, which would need glibc 2.35.
+/// Returns the length of a 2-vector. Not `hypot`, which would need glibc 2.35.
 pub(crate) fn length_of_two(a: f32, b: f32) -> f32 {
     (a * a + b * b).sqrt()
 }
 
-/// The sum of two places.
+/// Returns the sum of two vectors.
 pub(crate) fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|axis| a[axis] + b[axis])
 }
 
-// Rotations in f32, for the many small turns of a tick; those of `motion::rotation` are exact to the
-// last bit and cost several times as much.
+// Rotations in f32 for the many small turns of a tick. The functions of `motion::rotation` are exact to
+// the last bit and cost several times as much.
 
-/// The rotation `a` after `b`, as long as their lengths make it.
+/// Returns the rotation `a` after `b`, not normalized.
 pub(super) fn after(a: Quat, b: Quat) -> Quat {
     let ([ax, ay, az, aw], [bx, by, bz, bw]) = (a, b);
     [
@@ -174,7 +174,7 @@ pub(super) fn after(a: Quat, b: Quat) -> Quat {
     ]
 }
 
-/// `q` at length 1 with `w >= 0`; the identity where it has no direction.
+/// Normalizes `q`, with `w >= 0`; the identity if it has no direction.
 pub(super) fn unit(q: Quat) -> Quat {
     let square: f32 = q.iter().map(|v| v * v).sum();
     if !(square > 1e-12 && square.is_finite()) {
@@ -184,14 +184,14 @@ pub(super) fn unit(q: Quat) -> Quat {
     q.map(|v| v * scale)
 }
 
-/// `share` of the way from `a` to `b`, for rotations that are not far apart.
+/// Interpolates from `a` to `b` by `share`, for rotations that are close together.
 pub(super) fn toward(a: Quat, b: Quat, share: f32) -> Quat {
     let dot: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
     let sign = if dot < 0.0 { -1.0 } else { 1.0 };
     unit(std::array::from_fn(|i| (1.0 - share) * a[i] + share * sign * b[i]))
 }
 
-/// The rotation about `v` by its length in radians.
+/// Returns the rotation about `v` by its length in radians.
 pub(super) fn turn(v: [f32; 3]) -> Quat {
     let angle = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     if !angle.is_finite() {
@@ -202,17 +202,17 @@ pub(super) fn turn(v: [f32; 3]) -> Quat {
     [v[0] * scale, v[1] * scale, v[2] * scale, cos]
 }
 
-/// Turns a joint further, about its parent's axes; `v` is an axis times an angle in radians.
+/// Rotates a joint about its parent's axes; `v` is an axis times an angle in radians.
 pub(super) fn turn_in_parent(q: &mut Quat, v: [f32; 3]) {
     *q = unit(after(turn(v), *q));
 }
 
-/// Turns a joint further, about its own axes; `v` is an axis times an angle in radians.
+/// Rotates a joint about its own axes; `v` is an axis times an angle in radians.
 pub(super) fn turn_in_own(q: &mut Quat, v: [f32; 3]) {
     *q = unit(after(*q, turn(v)));
 }
 
-/// `v` turned by the unit quaternion `q`.
+/// Rotates `v` by the unit quaternion `q`.
 pub(super) fn turn_vector(q: Quat, v: [f32; 3]) -> [f32; 3] {
     let cross =
         |a: [f32; 3], b: [f32; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -222,24 +222,24 @@ pub(super) fn turn_vector(q: Quat, v: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|i| v[i] + q[3] * twice[i] + more[i])
 }
 
-/// The angle between two rotations, radians, where it is small; less where it is not.
+/// Returns the angle between two rotations, radians, if it is small; an underestimate if it is not.
 pub(super) fn angle_between(a: Quat, b: Quat) -> f32 {
     let [x, y, z, _] = after(inverse(a), b);
     2.0 * (x * x + y * y + z * z).sqrt()
 }
 
-/// 0 to 1 with level ends.
+/// Smooth step from 0 to 1, at rest at both ends.
 pub(super) fn ease(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The share of the way that a low-pass of time constant `time` goes in `seconds`.
+/// Returns the share of the way that a low-pass of time constant `time` covers in `seconds`.
 pub(super) fn step(seconds: f32, time: f32) -> f32 {
     1.0 - (-seconds / time).exp()
 }
 
-/// A value that follows a goal without overshoot: a critically damped spring.
+/// Critically damped spring: follows a goal without overshoot.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spring {
     pub(super) at: f32,
@@ -256,7 +256,7 @@ impl Spring {
         self.speed = (self.speed - rate * slope * seconds) * decay;
     }
 
-    /// Describes it.
+    /// Saves or loads the spring.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.moderate(std::slice::from_mut(&mut self.at))?;
         pass.moderate(std::slice::from_mut(&mut self.speed))

@@ -1,4 +1,4 @@
-//! A person's rig and a run of the layers over a pose that stands still, for the layers' tests.
+//! A person's rig and a run of the layers over a still pose, for the layers' tests.
 
 use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
 use super::{Controls, Cue, Gestures, Layer, Life, LifeConfig, Mood};
@@ -16,7 +16,7 @@ const PARENTS: [i32; JOINTS] = [
     31, 32, 20, 34, 35, 20, 37, 38, 21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
 ];
 
-/// The body of a person of 1.7 m with arms to the sides, in centimetres; the left side's limbs.
+/// Body of a person of 1.7 m with arms held out, in centimetres; limbs of the left side only.
 #[rustfmt::skip]
 const BODY: [[f32; 3]; 25] = [
     [0.0, 0.0, 0.0], [8.0, -9.0, 0.0], [-8.0, -9.0, 0.0], [0.0, 11.0, -2.0], [1.0, -40.0, 0.0], [-1.0, -40.0, 0.0],
@@ -26,7 +26,7 @@ const BODY: [[f32; 3]; 25] = [
     [-3.0, 7.0, 6.0],
 ];
 
-/// That person's skeleton.
+/// Skeleton of that person.
 pub(super) fn skeleton() -> Skeleton {
     let mut offsets_m: Vec<[f32; 3]> = BODY.map(|place| place.map(|cm| cm / 100.0)).into();
     for side in [1.0, -1.0] {
@@ -37,7 +37,7 @@ pub(super) fn skeleton() -> Skeleton {
     Skeleton { parents: PARENTS.to_vec(), offsets_m }
 }
 
-/// Arms hanging down, feet on the floor.
+/// Pose with arms hanging down and feet on the floor.
 pub(super) fn standing() -> Pose {
     let mut pose = Pose::REST;
     pose.translation = [0.0, 0.98, 0.0];
@@ -46,7 +46,7 @@ pub(super) fn standing() -> Pose {
     pose
 }
 
-/// A face with all of ARKit's shapes, or with other ones.
+/// Face with all ARKit shapes, or with other shapes.
 pub(super) fn face(is_arkit: bool) -> Face {
     if is_arkit {
         Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).into() }
@@ -55,18 +55,18 @@ pub(super) fn face(is_arkit: bool) -> Face {
     }
 }
 
-/// Layers, what they are asked for, and what they are given.
+/// The layers, the host's controls and the decoders' input.
 pub(super) struct Trial {
     pub(super) rig: Rig,
     pub(super) life: Life,
     pub(super) controls: Controls,
-    /// What the decoders give.
+    /// The decoders' frame.
     pub(super) frame: OwnedFrame,
     pub(super) other: f32,
 }
 
 impl Trial {
-    /// Only these layers, at full gain.
+    /// Creates a run with only these layers, at full gain.
     pub(super) fn new(layers: &[Layer], seed: u64) -> Self {
         Self::of(layers, seed, &skeleton(), &face(true), &standing())
     }
@@ -83,7 +83,7 @@ impl Trial {
         }
     }
 
-    /// One tick; what is shown.
+    /// Runs one tick and returns the frame shown.
     pub(super) fn tick(&mut self) -> OwnedFrame {
         let mut frame = self.frame.clone();
         self.life.apply(&mut frame, &self.controls, self.other, None);
@@ -94,7 +94,7 @@ impl Trial {
         (0..count).map(|_| self.tick()).collect()
     }
 
-    /// Ticks while the avatar speaks: phrases of 2 s and pauses of 0.6 s, syllables in them.
+    /// Runs ticks of the avatar's speech: phrases of 2 s with syllables, and pauses of 0.6 s.
     pub(super) fn speak(&mut self, count: usize) -> Vec<OwnedFrame> {
         let shown = (0..count).map(|tick| {
             self.frame.cue = Cue { level: speech(tick), ..Cue::default() };
@@ -105,13 +105,13 @@ impl Trial {
         shown
     }
 
-    /// Where the left and the right eye look, in the avatar's space.
+    /// Directions of the left and the right eye in the avatar's space.
     pub(super) fn looks(&self, frame: &OwnedFrame) -> [[f32; 3]; 2] {
         let (_, turned) = self.rig.world(&frame.pose);
         EYES.map(|eye| turn_vector(turned[eye], [0.0, 0.0, 1.0]))
     }
 
-    /// The state as bytes.
+    /// Saves the state as bytes.
     pub(super) fn save(&mut self) -> Vec<u8> {
         let mut size = StatePass::size();
         self.life.state(&mut size).unwrap();
@@ -133,7 +133,7 @@ impl Trial {
     }
 }
 
-/// The level of a voice at a tick: phrases of 2 s, pauses of 0.6 s.
+/// Level of a voice at a tick: phrases of 2 s, pauses of 0.6 s.
 #[expect(clippy::cast_precision_loss, reason = "few ticks")]
 pub(super) fn speech(tick: usize) -> f32 {
     let phase = tick % 78;
@@ -141,7 +141,7 @@ pub(super) fn speech(tick: usize) -> f32 {
     if phase < 60 { 0.02 + 0.18 * syllable * syllable } else { 0.0 }
 }
 
-/// Panics where a frame is not one.
+/// Panics if a frame is invalid.
 pub(super) fn assert_sound(frame: &OwnedFrame) {
     for q in frame.pose.rotations {
         let square: f32 = q.iter().map(|v| v * v).sum();
@@ -150,14 +150,14 @@ pub(super) fn assert_sound(frame: &OwnedFrame) {
     assert!(frame.pose.translation.iter().chain(&frame.face).all(|value| value.is_finite()));
 }
 
-/// Degrees between two directions.
+/// Angle between two directions, degrees.
 pub(super) fn degrees(a: [f32; 3], b: [f32; 3]) -> f32 {
     let length = |v: [f32; 3]| v.iter().map(|v| v * v).sum::<f32>().sqrt();
     let dot: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
     (dot / (length(a) * length(b))).clamp(-1.0, 1.0).acos() / DEGREE
 }
 
-/// Yaw, pitch and roll of a joint against the avatar's space, degrees.
+/// Yaw, pitch and roll of a joint in the avatar's space, degrees.
 pub(super) fn turned(trial: &Trial, frame: &OwnedFrame, joint: usize) -> [f32; 3] {
     let (_, turned) = trial.rig.world(&frame.pose);
     let m = quat_to_matrix(turned[joint]);
@@ -172,17 +172,17 @@ pub(super) fn deviation(values: impl Iterator<Item = f32> + Clone) -> f32 {
     (values.map(|value| (value - mean).powi(2)).sum::<f32>() / count).sqrt()
 }
 
-/// One shape of a face of ARKit's.
+/// Value of one ARKit shape.
 pub(super) fn shape(frame: &OwnedFrame, name: &'static str) -> f32 {
     frame.face[arkit(name)]
 }
 
-/// `q` turned about the vertical.
+/// Rotates `q` about the vertical.
 pub(super) fn yawed(q: [f32; 4], degrees: f32) -> [f32; 4] {
     product(turn([0.0, degrees * DEGREE, 0.0]), q)
 }
 
-/// Every layer of this module and the speech of a dialogue.
+/// Runs a dialogue with every layer.
 fn dialogue(trial: &mut Trial, ticks: std::ops::Range<usize>) -> Vec<OwnedFrame> {
     let shown = ticks.map(|tick| {
         let (own, other) = if tick / 300 % 2 == 0 { (speech(tick), 0.0) } else { (0.0, speech(tick)) };
@@ -220,7 +220,7 @@ fn restored_layers_go_on_with_the_same_bits() {
         dialogue(&mut trial, 0..stop);
         let state = trial.save();
         let wanted = dialogue(&mut trial, stop..stop + 300);
-        // Into layers that were elsewhere.
+        // Loads into layers in another state.
         let mut other = Trial::new(&Layer::ALL, 5);
         dialogue(&mut other, 200..480);
         other.load(&state);
@@ -269,7 +269,7 @@ fn odd_bodies_and_faces_stay_sound() {
         let mut rest = Pose::REST;
         rest.rotations.iter_mut().for_each(|q| *q = super::rig::unit([draw(), draw(), draw(), draw()]));
         let mut faces = face(case % 2 == 0);
-        // Some shapes are missing, and the others in another order.
+        // Some shapes are missing, and the others are in another order.
         faces.names.reverse();
         faces.names.truncate(faces.names.len() - 2 * (case % 5));
         let mut trial = Trial::of(&Layer::ALL, case as u64, &skeleton, &faces, &rest);

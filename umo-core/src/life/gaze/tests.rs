@@ -1,17 +1,17 @@
-//! Looks, blinks and small movements of the eyes, as a watcher would count them.
+//! Looks, blinks and small eye movements, counted as an observer would see them.
 
 use super::super::trial::{SECONDS, Trial, assert_sound, degrees, shape, turned, yawed};
 use super::super::{Attention, Layer};
 use super::*;
 use crate::motion::skeleton::JOINTS;
 
-/// Times in ticks at which the left lid closes by more than `least`.
+/// Ticks at which the left lid closes beyond `least`.
 fn blinks(shown: &[OwnedFrame], least: f32) -> Vec<usize> {
     let lid = |tick: usize| shape(&shown[tick], "eyeBlinkLeft");
     (1..shown.len()).filter(|&tick| lid(tick - 1) < least && lid(tick) >= least).collect()
 }
 
-/// The speed of the left eye against the space, degrees a second, of each tick but the first.
+/// Speed of the left eye in the avatar's space, degrees a second, for each tick except the first.
 fn speeds(trial: &Trial, shown: &[OwnedFrame]) -> Vec<f32> {
     let looks: Vec<[f32; 3]> = shown.iter().map(|frame| trial.looks(frame)[0]).collect();
     looks.windows(2).map(|pair| degrees(pair[0], pair[1]) / SECONDS).collect()
@@ -29,7 +29,7 @@ fn blinks_come_12_to_22_times_a_minute_and_last_a_quarter_of_a_second() {
             let shown = if is_speech { trial.speak(18_000) } else { trial.ticks(18_000) };
             let full = blinks(&shown, 0.6).len();
             assert!((120..=220).contains(&full), "{seed} {is_speech} {full}");
-            // Some are half ones.
+            // Some are half blinks.
             assert!(blinks(&shown, 0.4).len() > full + 3);
             let closed = shown.iter().filter(|frame| shape(frame, "eyeBlinkLeft") > 0.5).count();
             assert!((2..=6).contains(&(closed / full)), "{closed} {full}");
@@ -45,7 +45,7 @@ fn phrases_end_with_blinks_more_often_than_they_go_on_with_them() {
     let mut trial = Trial::new(&[Layer::Gaze], 1);
     let shown = trial.speak(18_000);
     let at_ends = blinks(&shown, 0.5).iter().filter(|&&tick| (64..78).contains(&(tick % 78))).count();
-    // 14 of 78 ticks would have 0.18 of them.
+    // By chance 14 of 78 ticks would have 0.18 of the blinks.
     assert!(at_ends as f32 > 0.3 * blinks(&shown, 0.5).len() as f32, "{at_ends}");
 }
 
@@ -58,7 +58,7 @@ fn the_gaze_shifts_20_to_50_times_a_minute_and_is_fixed_between() {
         let speeds = speeds(&trial, &shown);
         let a_minute = shifts(&speeds) / 5;
         assert!((18..=50).contains(&a_minute), "{attention:?} {a_minute}");
-        // Between them the eyes rest: never faster than some degrees a second.
+        // Between saccades the eyes rest: never faster than a few degrees a second.
         let rests = speeds.iter().filter(|&&speed| speed < 6.0).count();
         assert!(rests as f32 > 0.85 * speeds.len() as f32, "{attention:?} {rests}");
         shown.iter().for_each(assert_sound);
@@ -116,7 +116,7 @@ fn the_gaze_stays_where_it_was_while_the_head_turns() {
     trial.ticks(60);
     let mut held = 0;
     for start in 0..40_u16 {
-        // No choice may come within the turn.
+        // No new fixation during the turn.
         trial.life.gaze.fixation.left = 10.0;
         trial.life.gaze.fixation.offset = [0.0; 2];
         trial.ticks(10);
@@ -156,13 +156,13 @@ fn a_look_at_begins_with_the_eyes_arrives_and_comes_back() {
         let yaw = |frame: &OwnedFrame, joint: usize| turned(&trial, frame, joint)[0];
         let started = yaw(&before, HEAD);
         let whole = yaw(&shown[119], HEAD) - started;
-        // The head has done little when the eyes have arrived.
+        // When the eyes have arrived, the head has turned little.
         if wanted[0].abs() > 15.0 * DEGREE {
             assert!(whole.signum() == wanted[0].signum());
             assert!((yaw(&shown[2], HEAD) - started).abs() < 0.6 * whole.abs());
             assert!((yaw(&shown[15], HEAD) - started).abs() > 0.8 * whole.abs());
         }
-        // The trunk turns for what is far to the side only.
+        // The trunk turns only for targets far to the side.
         let trunk = yaw(&shown[119], SPINE[2]).abs();
         assert!(if wanted[0].abs() > 35.0 * DEGREE { trunk > 3.0 } else { trunk < 1.0 }, "{place:?} {trunk}");
         let steps = shown.windows(2).map(|pair| (yaw(&pair[1], HEAD) - yaw(&pair[0], HEAD)).abs());
@@ -181,7 +181,7 @@ fn points_that_are_no_places_are_not_looked_at() {
         let mut trial = Trial::new(&[Layer::Gaze], 6);
         (trial.controls.look_at, trial.controls.look_at_strength) = (place, 1.0);
         trial.ticks(60).iter().for_each(assert_sound);
-        // What comes after it is looked at.
+        // A later valid target is looked at.
         let place = [0.5, 1.6, 1.5];
         trial.controls.look_at = place;
         let shown = trial.ticks(120).pop().unwrap();
@@ -220,7 +220,7 @@ fn lids_and_looks_of_a_gesture_stay() {
         let mut frame = trial.frame.clone();
         frame.face[LEFT.blink] = 0.9;
         trial.life.gaze.read(&frame, &trial.rig);
-        // What a gesture makes of the decoders' 0.9 and 0.
+        // A gesture raises the decoders' 0.9 and 0.
         frame.face[LEFT.blink] = 0.95;
         frame.face[LEFT.up] = 0.4;
         let controls = trial.controls;

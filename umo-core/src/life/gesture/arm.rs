@@ -1,5 +1,5 @@
-//! An arm whose hand is at a place: two bones, a shoulder girdle that follows, a wrist within its
-//! limits.
+//! Inverse kinematics of an arm with its hand at a given place: two bones, a shoulder girdle that
+//! follows, and a wrist within its limits.
 
 use std::f32::consts::PI;
 
@@ -10,28 +10,28 @@ use crate::motion::rotation::{
 };
 use crate::motion::skeleton::FIRST_FINGER;
 
-/// Most of an arm's length that a hand is away from the shoulder: elbows are never quite straight.
+/// Largest distance of the wrist from the shoulder, as a share of the arm: the elbow stays slightly bent.
 const REACH: f32 = 0.985;
-/// Share of the forearm's turn that the elbow joint has; the wrist has the rest.
+/// Share of the elbow joint in the forearm's twist; the wrist has the rest.
 const TWIST_OF_ELBOW: f32 = 0.6;
-/// Most turn of a forearm about itself, radians.
+/// Largest twist of a forearm, radians.
 const MAX_TWIST: f32 = 1.75;
-/// Most bend of a wrist, radians.
+/// Largest bend of a wrist, radians.
 const MAX_BEND: f32 = 1.2;
 
 pub(super) type Vec3 = [f32; 3];
 
-/// Where an arm is wanted. Directions and places are outwards, up, forwards, seen from the trunk,
-/// so that they hold for both arms.
+/// Target pose of an arm. Directions and positions are outwards, up, forwards relative to the trunk, so
+/// that they hold for both arms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ArmTarget {
-    /// The wrist from the shoulder, in lengths of the arm.
+    /// Position of the wrist relative to the shoulder, in arm lengths.
     pub(super) hand: Vec3,
-    /// Which way the elbow is.
+    /// Direction of the elbow.
     pub(super) elbow: Vec3,
-    /// Which way straight fingers point.
+    /// Direction of straight fingers.
     pub(super) fingers: Vec3,
-    /// Which way the palm looks.
+    /// Direction that the palm faces.
     pub(super) palm: Vec3,
     pub(super) shape: Shape,
 }
@@ -68,7 +68,7 @@ impl Arm {
         self.side > 0.0
     }
 
-    /// A direction of the trunk from one of an arm, and back.
+    /// Converts a direction between an arm's (outwards, up, forwards) and the trunk's; its own inverse.
     pub(super) fn sided(self, [out, up, ahead]: Vec3) -> Vec3 {
         [self.side * out, up, ahead]
     }
@@ -78,26 +78,26 @@ impl Arm {
         length(rig.offsets[self.elbow]) + length(rig.offsets[self.wrist])
     }
 
-    /// Where the shoulder is in the frame of the trunk, with a girdle that is turned so.
+    /// Returns the position of the shoulder in the trunk's frame, for a rotation of the girdle.
     fn shoulder_place(self, rig: &Rig, collar: Quat) -> Vec3 {
         add(rig.offsets[self.collar], rotate(collar, rig.offsets[self.shoulder]))
     }
 
-    /// The shoulder girdle of an arm whose hand is there: it rises and comes forward with the hand.
+    /// Returns the rotation of the girdle for a hand position: it rises and moves forward with the hand.
     fn girdle(self, [out, up, ahead]: Vec3) -> Quat {
         let rise = 0.30 * ((up + 0.35) / 1.3).clamp(0.0, 1.0);
         let forward = 0.22 * (0.9 * ahead - 0.5 * out - 0.15).clamp(0.0, 1.0);
         axis_angle_to_quat([0.0, -self.side * forward, self.side * rise])
     }
 
-    /// The direction of the index finger of a straight hand at rest.
+    /// Returns the direction of the index finger of a straight hand at rest.
     pub(super) fn index_at_rest(self, rig: &Rig) -> Vec3 {
         let bones = add(rig.offsets[self.first_finger + 1], rig.offsets[self.first_finger + 2]);
         unit(bones, [self.side, 0.0, 0.0])
     }
 
-    /// The arm that has its hand where `target` says, or as near as it comes. `pointer` is the
-    /// direction at rest of what `target.fingers` directs; the hand's own where there is none.
+    /// Returns the arm pose that brings the hand to `target`, or as near as it reaches. `pointer` is the
+    /// direction at rest that `target.fingers` aligns; the hand's own if `None`.
     pub(super) fn pose(self, rig: &Rig, target: &ArmTarget, pointer: Option<Vec3>) -> ArmPose {
         let out = [self.side, 0.0, 0.0];
         let collar = self.girdle(target.hand);
@@ -106,7 +106,7 @@ impl Arm {
         let at = self.sided(target.hand).map(|v| v * (a + b));
         let way = unit(at, [0.0, -1.0, 0.0]);
         let distance = length(at).clamp((a - b).abs() + 0.1 * b, REACH * (a + b)).max(1e-6);
-        // The elbow beside the line from the shoulder to the hand.
+        // Direction of the elbow, perpendicular to the line from shoulder to hand.
         let pole = unit(aside(self.sided(target.elbow), way), aside([0.0, -0.6, -0.8], way));
         let pole = unit(pole, [0.0, 0.0, -1.0]);
         let cosine = ((a * a + distance * distance - b * b) / (2.0 * a * distance).max(1e-9)).clamp(-1.0, 1.0);
@@ -114,7 +114,7 @@ impl Arm {
         let first: Vec3 = std::array::from_fn(|i| way[i] * cosine + pole[i] * sine);
         let second: Vec3 = std::array::from_fn(|i| way[i] * distance - first[i] * a);
         let second = unit(second, first);
-        // Elbows bend forwards at rest, where arms are held out.
+        // At rest, with arms held out, elbows bend forwards.
         let hinge = unit(cross(pole, way), [0.0, 1.0, 0.0]);
         let hinge_at_rest = [0.0, -self.side, 0.0];
         let (rest_upper, rest_lower) = (unit(upper, out), unit(lower, out));
@@ -134,7 +134,7 @@ impl Arm {
         }
     }
 
-    /// The arm that points at a place in the frame of the trunk.
+    /// Returns the arm pose that points at a place in the trunk's frame.
     pub(super) fn pointing(self, rig: &Rig, place: Vec3, shape: &Shape) -> ArmPose {
         let reach = 0.90;
         let whole = self.length(rig).max(1e-6);
@@ -145,14 +145,14 @@ impl Arm {
             palm: [-0.45, -1.0, 0.0],
             shape: *shape,
         };
-        // The girdle depends on the hand's place, which depends on the girdle.
+        // Iterates, because girdle and hand position depend on each other.
         let mut shoulder = self.shoulder_place(rig, axis_angle_to_quat([0.0; 3]));
         for _ in 0..3 {
             let way = self.within_limits(unit(less(place, shoulder), [0.0, 0.0, 1.0]));
             target.hand = self.sided(way).map(|v| v * reach);
             shoulder = self.shoulder_place(rig, self.girdle(target.hand));
         }
-        // From the knuckle of the index, which is beside the arm's line.
+        // Aims from the knuckle of the index finger, which is beside the arm's line.
         let index = self.index_at_rest(rig);
         let mut way = unit(self.sided(target.hand), [0.0, 0.0, 1.0]);
         let wrist = add(shoulder, way.map(|v| v * reach * whole));
@@ -165,7 +165,7 @@ impl Arm {
         self.pose(rig, &target, Some(index))
     }
 
-    /// A direction that an arm can take: not behind the back, not through the chest.
+    /// Limits a direction to the arm's range: not behind the back, not through the chest.
     fn within_limits(self, way: Vec3) -> Vec3 {
         let [out, up, ahead] = self.sided(way);
         let level = length_of_two(out, ahead).max(1e-6);
@@ -176,8 +176,8 @@ impl Arm {
     }
 }
 
-/// How far a hand is turned about the forearm's axis, and how it is bent against it, both within
-/// what a wrist does.
+/// Splits a hand's rotation into a twist about the forearm's axis and a bend, both limited to the range
+/// of a wrist.
 fn twist_and_bend(relative: Quat, axis: Vec3) -> (f32, Quat) {
     let [x, y, z, w] = relative;
     let twist = 2.0 * dot([x, y, z], axis).atan2(w);
@@ -192,8 +192,8 @@ pub(super) fn about(axis: Vec3, angle: f32) -> Quat {
     axis_angle_to_quat(axis.map(|v| v * angle))
 }
 
-/// The rotation that takes the direction `a` to `to`, and the side of it where `b` is to where
-/// `side` is.
+/// Returns the rotation that takes direction `a` to `to`, and the side on which `b` lies to the side on
+/// which `side` lies.
 fn turn(a: Vec3, b: Vec3, to: Vec3, side: Vec3) -> Quat {
     let (from, to) = (frame(a, b), frame(to, side));
     let matrix: Matrix =
@@ -201,7 +201,7 @@ fn turn(a: Vec3, b: Vec3, to: Vec3, side: Vec3) -> Quat {
     matrix_to_quat(matrix)
 }
 
-/// Three perpendicular directions: `a`, the side of it where `b` is, and their cross product.
+/// Returns an orthonormal frame: `a`, the perpendicular towards `b`, and their cross product.
 fn frame(a: Vec3, b: Vec3) -> [Vec3; 3] {
     let a = unit(a, [1.0, 0.0, 0.0]);
     let any = if a[1].abs() < 0.8 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] };
@@ -209,7 +209,7 @@ fn frame(a: Vec3, b: Vec3) -> [Vec3; 3] {
     [a, b, cross(a, b)]
 }
 
-/// `v` without its part along the unit vector `axis`.
+/// Returns `v` without its component along the unit vector `axis`.
 fn aside(v: Vec3, axis: Vec3) -> Vec3 {
     let along = dot(v, axis);
     std::array::from_fn(|i| v[i] - along * axis[i])

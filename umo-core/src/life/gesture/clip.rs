@@ -1,4 +1,4 @@
-//! Gestures of a host's own: frames of a clip.
+//! The host's own gestures, made of a clip's frames.
 
 use std::fmt;
 
@@ -11,13 +11,13 @@ use crate::motion::rotation::{Quat, normalized, slerp};
 use crate::motion::skeleton::{FIRST_FINGER, JOINTS};
 use crate::state::Fingerprint;
 
-/// Most frames of a gesture: a minute at 60 a second.
+/// Upper bound on the frames of a gesture: one minute at 60 a second.
 pub const MAX_GESTURE_FRAMES: usize = 3600;
-/// Longest time in which a clip comes in, and in which it goes out, seconds.
+/// Longest fade-in and fade-out of a clip, seconds.
 const IN: f32 = 0.4;
 const OUT: f32 = 0.55;
 
-/// A gesture of a host's own, made of a clip's frames. See [`Gestures::add`](super::Gestures::add).
+/// Gesture of the host's own, made of a clip's frames. See [`Gestures::add`](super::Gestures::add).
 #[derive(Clone)]
 pub struct Gesture {
     name: String,
@@ -42,19 +42,18 @@ impl fmt::Debug for Gesture {
 }
 
 impl Gesture {
-    /// A gesture of frames, `rate` of them a second: the rotation of each joint of
-    /// [`JOINT_NAMES`](crate::JOINT_NAMES), relative to its parent, x, y, z, w, with the avatar
-    /// looking along +Z, and all joints at rest with the arms held out. Of these the joints of
-    /// `parts` are shown; where the body stands and goes stays the model's.
+    /// Creates a gesture from frames, `rate` of them a second. Each has the rotation of every joint of
+    /// [`JOINT_NAMES`](crate::JOINT_NAMES), relative to its parent, x, y, z, w; the avatar looks along +Z,
+    /// and at rest the arms are held out. Only the joints of `parts` are shown; position and stance of the
+    /// body stay the model's.
     ///
-    /// The stroke is `stroke` seconds after the first frame. The clip comes in over its first 0.4
-    /// seconds, or up to its stroke if that is earlier, and goes out over its last 0.55 seconds.
+    /// The stroke is `stroke` seconds after the first frame. The clip fades in over its first 0.4 seconds,
+    /// or until its stroke if that is earlier, and fades out over its last 0.55 seconds.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the name is none of 1 to 64 letters, digits, `_`, `-` and
-    /// spaces, there are fewer than 2 or more than [`MAX_GESTURE_FRAMES`] frames, the rate is not 1
-    /// to 240, the stroke is outside the clip, a number is not finite, or no part is named;
-    /// [`LoadError::Memory`].
+    /// [`LoadError::Config`] if the name is not 1 to 64 bytes of letters, digits, `_`, `-` and spaces, there
+    /// are fewer than 2 or more than [`MAX_GESTURE_FRAMES`] frames, the rate is not 1 to 240, the stroke is
+    /// outside the clip, a number is not finite, or no part is given; [`LoadError::Memory`].
     pub fn new(
         name: &str,
         rate: f32,
@@ -84,15 +83,15 @@ impl Gesture {
         Ok(Self { name: name.to_owned(), rate, frames, stroke, parts })
     }
 
-    /// A gesture of the animation in a `.glb` or `.vrm` file's `bytes`, or a `.gltf` file's with its data
-    /// inside: the one of a name, or the first. Its character may be any that [`Mapping::closest`](crate::Mapping::closest) knows, or
-    /// one with VRM's table of bones; the motion is brought to `skeleton`, the
-    /// [model's](crate::Config::skeleton), at 30 frames a second. Without a `stroke` it is in the
-    /// middle.
+    /// Creates a gesture from an animation in the `bytes` of a `.glb` or `.vrm` file, or of a `.gltf` file
+    /// with embedded data: the animation of the given name, or the first. Its character may be any that
+    /// [`Mapping::closest`](crate::Mapping::closest) recognizes, or one with VRM's table of bones. The motion
+    /// is retargeted to `skeleton`, the [model's](crate::Config::skeleton), at 30 frames a second. Without a
+    /// `stroke`, it is in the middle.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the file is none, what of it is not as the format has it, which
-    /// bones were not found, and as for [`Self::new`]; [`LoadError::Memory`].
+    /// [`LoadError::Config`] if the file is not glTF, violates the format, or lacks bones, and as for
+    /// [`Self::new`]; [`LoadError::Memory`]. The message names the violation or the missing bones.
     #[cfg(feature = "retarget")]
     pub fn from_glb(
         name: &str,
@@ -110,40 +109,40 @@ impl Gesture {
         Self::new(name, RATE, &frames, stroke.unwrap_or(middle), parts)
     }
 
-    /// Its name.
+    /// Name of the gesture.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Parts that it moves.
+    /// Parts that the gesture moves.
     pub fn parts(&self) -> GestureParts {
         self.parts
     }
 
-    /// Seconds from its first frame to its last.
+    /// Duration from the first frame to the last, seconds.
     pub fn seconds(&self) -> f32 {
         (self.frames.len() - 1) as f32 / self.rate
     }
 
-    /// Seconds from its first frame to its stroke.
+    /// Time of the stroke after the first frame, seconds.
     pub fn stroke(&self) -> f32 {
         self.stroke
     }
 
-    /// When it begins to go out.
+    /// Start of the fade-out after the first frame, seconds.
     pub(super) fn leaves(&self) -> f32 {
         (self.seconds() - OUT).max(self.stroke).min(self.seconds())
     }
 
-    /// How much of it is shown `t` seconds after its first frame, 0 to 1.
+    /// Weight of the clip `t` seconds after its first frame, 0 to 1.
     pub(super) fn weight(&self, t: f32) -> f32 {
         let into = IN.min(if self.stroke > 0.1 { self.stroke } else { IN }).min(self.leaves().max(0.1));
         let out = (self.seconds() - self.leaves()).max(1e-3);
         ease(t / into) * (1.0 - ease((t - self.leaves()) / out))
     }
 
-    /// Turns the joints of its parts to where they are `t` seconds after its first frame, by
-    /// `share` of the way.
+    /// Blends the joints of its parts by `share` towards their rotations `t` seconds after the first
+    /// frame.
     pub(super) fn apply(&self, rotations: &mut [Quat; JOINTS], t: f32, share: f32, is_mirrored: bool) {
         let at = (t * self.rate).clamp(0.0, (self.frames.len() - 1) as f32);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the clip")]
@@ -170,7 +169,7 @@ impl Gesture {
     }
 }
 
-/// The part that a joint belongs to; the lower body and the jaw belong to none.
+/// Returns the part that a joint belongs to; `None` for the lower body and the jaw.
 fn part_of(joint: usize) -> Option<GestureParts> {
     match joint {
         12 | 15 => Some(GestureParts::HEAD),
@@ -183,7 +182,7 @@ fn part_of(joint: usize) -> Option<GestureParts> {
     }
 }
 
-/// The same joint of the other side.
+/// Returns the corresponding joint of the other side.
 fn other_side(joint: usize) -> usize {
     match joint {
         13 | 16 | 18 | 20 => joint + 1,

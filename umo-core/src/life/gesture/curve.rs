@@ -1,16 +1,17 @@
-//! Values between keys.
+//! Interpolation between keys.
 
-/// 0 to 1 with the least jerk: speed and acceleration are 0 at both ends.
+/// Minimum-jerk step from 0 to 1: speed and acceleration are 0 at both ends.
 pub(super) fn ease(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
 }
 
-/// The value at `t` of `N` curves through keys whose times rise; the first or the last key's where
-/// `t` is before or after them.
+/// Returns the value at `t` of `N` curves through keys in order of time; before the first and after the
+/// last key, that key's value.
 ///
-/// A curve stops at a key where it turns, and passes others at the speed of its neighbours, so that
-/// no value leaves the range of the keys around it. Speed is continuous, acceleration is 0 at keys.
+/// A curve stops at a key where it changes direction, and passes other keys at the harmonic mean of the
+/// adjacent slopes, so that no value leaves the range of the keys around it. Speed is continuous, and
+/// acceleration is 0 at keys.
 pub(super) fn through<const N: usize, K>(
     keys: &[K],
     time: impl Fn(&K) -> f32,
@@ -41,7 +42,7 @@ pub(super) fn through<const N: usize, K>(
     std::array::from_fn(|i| a[i] + (b[i] - a[i]) * rise + length * (start[i] * leave + end[i] * arrive))
 }
 
-/// Speeds at keys between two slopes: their harmonic mean, 0 where they have different signs.
+/// Returns the speed at a key between two slopes: their harmonic mean, 0 if their signs differ.
 fn joined<const N: usize>(before: [f32; N], after: [f32; N]) -> [f32; N] {
     std::array::from_fn(|i| {
         let product = before[i] * after[i];

@@ -1,4 +1,4 @@
-//! Shapes of a hand: how each finger is bent.
+//! Hand shapes: the bend of each finger.
 
 use std::f32::consts::PI;
 
@@ -7,15 +7,15 @@ use crate::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, product};
 /// Finger joints of one hand: index, middle, pinky, ring, thumb, three each.
 pub(super) const FINGER_JOINTS: usize = 15;
 
-/// Numbers of a shape.
+/// Number of angles of a shape.
 pub(super) const ANGLES: usize = 20;
 
-/// Angles of the joints of a hand, degrees: for index, middle, ring and pinky the three joints'
-/// bends and how far the finger leans towards the thumb; for the thumb how far it is away from the
-/// index, how far it stands before the palm, and the bends of its two outer joints.
+/// Joint angles of a hand, degrees. For index, middle, ring and pinky: the bends of the three joints, and
+/// the lean towards the thumb. For the thumb: its angle away from the index, its angle in front of the
+/// palm, and the bends of its two outer joints.
 pub(super) type Shape = [f32; ANGLES];
 
-/// Axis of the left thumb's bend: its tip goes across the palm.
+/// Axis of the left thumb's bend: the tip moves across the palm.
 const THUMB_BEND: [f32; 3] = [0.41, 0.86, -0.26];
 
 const STRAIGHT: [f32; 4] = [3.0, 4.0, 2.0, 0.0];
@@ -36,7 +36,7 @@ const fn leaning(finger: [f32; 4], lean: f32) -> [f32; 4] {
     [finger[0], finger[1], finger[2], lean]
 }
 
-/// As a hand hangs.
+/// Hanging hand.
 pub(super) const RELAXED: Shape = shape(
     [18.0, 24.0, 14.0, 3.0],
     [24.0, 30.0, 17.0, 0.0],
@@ -60,7 +60,7 @@ pub(super) const OPEN: Shape = shape(
     [6.0, 12.0, 7.0, -12.0],
     [14.0, 8.0, 6.0, 8.0],
 );
-/// Fingers apart: five.
+/// Fingers spread, as for five.
 pub(super) const FIVE: Shape = shape(
     leaning(STRAIGHT, 11.0),
     leaning(STRAIGHT, 2.0),
@@ -68,9 +68,9 @@ pub(super) const FIVE: Shape = shape(
     leaning(STRAIGHT, -18.0),
     [20.0, 4.0, 0.0, 2.0],
 );
-/// Fist, the thumb across the fingers.
+/// Thumb of a fist: across the fingers.
 const OVER_FINGERS: [f32; 4] = [-22.0, 48.0, 26.0, 46.0];
-/// The thumb on the palm.
+/// Thumb on the palm.
 const ON_PALM: [f32; 4] = [-26.0, 52.0, 40.0, 52.0];
 /// Index straight, the others curled.
 pub(super) const POINT: Shape = shape([1.0, 1.0, 1.0, 0.0], CURLED, CURLED, CURLED, OVER_FINGERS);
@@ -85,7 +85,7 @@ pub(super) const FOUR: Shape =
     shape(leaning(STRAIGHT, 9.0), leaning(STRAIGHT, 2.0), leaning(STRAIGHT, -6.0), leaning(STRAIGHT, -14.0), ON_PALM);
 /// Thumb away from a fist.
 pub(super) const THUMB: Shape = shape(CURLED, CURLED, CURLED, CURLED, [50.0, -6.0, -8.0, -14.0]);
-/// As under a chin: index along the cheek, the others loosely curled.
+/// Hand at the chin: index along the cheek, the others loosely curled.
 pub(super) const CHIN: Shape = shape(
     [30.0, 38.0, 20.0, 2.0],
     [58.0, 72.0, 40.0, 0.0],
@@ -93,7 +93,7 @@ pub(super) const CHIN: Shape = shape(
     [66.0, 80.0, 46.0, -2.0],
     [10.0, 22.0, 0.0, 4.0],
 );
-/// A cup: as to clap.
+/// Cupped hand, as for a clap.
 pub(super) const CUP: Shape = shape(
     [10.0, 12.0, 6.0, 2.0],
     [9.0, 12.0, 6.0, 0.0],
@@ -101,7 +101,7 @@ pub(super) const CUP: Shape = shape(
     [12.0, 15.0, 8.0, -4.0],
     [10.0, 14.0, 6.0, 8.0],
 );
-/// Fingers bent to the palm but not closed: the end of a beckon.
+/// Fingers bent towards the palm but not closed: the end of a beckon.
 pub(super) const HOOK: Shape = shape(
     [52.0, 58.0, 26.0, 2.0],
     [58.0, 64.0, 28.0, 0.0],
@@ -110,7 +110,7 @@ pub(super) const HOOK: Shape = shape(
     [6.0, 24.0, 10.0, 16.0],
 );
 
-/// The joints of a hand of this shape, in the skeleton's order. `is_left` or mirrored.
+/// Returns the joints of a hand of this shape, in the skeleton's order: of the left hand, else mirrored.
 pub(super) fn joints(shape: &Shape, is_left: bool) -> [Quat; FINGER_JOINTS] {
     let angle = |at: usize| shape[at] * PI / 180.0;
     let mut joints = [IDENTITY; FINGER_JOINTS];
@@ -133,7 +133,7 @@ pub(super) fn joints(shape: &Shape, is_left: bool) -> [Quat; FINGER_JOINTS] {
     joints
 }
 
-/// A rotation as a mirror between left and right shows it.
+/// Returns a rotation mirrored between left and right.
 pub(super) fn mirrored([x, y, z, w]: Quat) -> Quat {
     [x, -y, -z, w]
 }

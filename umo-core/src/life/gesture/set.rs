@@ -1,4 +1,4 @@
-//! Gestures by their names: the built-in ones, and a host's own.
+//! Gestures by name: the built-in ones and the host's own.
 
 use std::sync::Arc;
 
@@ -7,9 +7,9 @@ use super::table::MOTIONS;
 use crate::error::LoadError;
 use crate::state::Fingerprint;
 
-/// Most gestures that a host may add.
+/// Upper bound on the gestures that a host may add.
 pub const MAX_GESTURES: usize = 256;
-/// Most bytes of a gesture's name.
+/// Longest name of a gesture, bytes.
 const MAX_NAME: usize = 64;
 
 /// Parts of a body that a gesture moves.
@@ -28,23 +28,23 @@ impl GestureParts {
     /// Every part.
     pub const ALL: Self = Self(15);
 
-    /// The parts of a number made by [`Self::bits`]; none where other bits are set.
+    /// Converts from the number of [`Self::bits`]; `None` if other bits are set.
     pub const fn from_bits(bits: u32) -> Option<Self> {
         if bits & !Self::ALL.0 == 0 { Some(Self(bits)) } else { None }
     }
 
-    /// As a number: 1 for the head, 2 for the trunk, 4 for the left arm, 8 for the right arm.
+    /// Converts to a number: 1 for the head, 2 for the trunk, 4 for the left arm, 8 for the right arm.
     pub const fn bits(self) -> u32 {
         self.0
     }
 
-    /// The parts of both.
+    /// Union of both.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Whether every part of `other` is one of these.
+    /// Whether these include every part of `other`.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -60,24 +60,24 @@ impl GestureParts {
     }
 }
 
-/// The gestures that an avatar knows: the built-in ones, and those that a host added. A clone is
-/// cheap and shares them.
+/// Gestures that an avatar knows: the built-in ones and those that the host added. A clone is cheap and
+/// shares them.
 #[derive(Clone, Debug, Default)]
 pub struct Gestures {
     added: Arc<Vec<Arc<Gesture>>>,
 }
 
 impl Gestures {
-    /// The built-in gestures.
+    /// Creates the set of built-in gestures.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Adds a gesture of the host's own; one with the same name is replaced, a built-in one too.
-    /// Avatars that were made before keep what they know. Returns whether the name is new.
+    /// Adds a gesture of the host's own. It replaces one of the same name, even a built-in one. Existing
+    /// avatars keep their set. Returns whether the name is new.
     ///
     /// # Errors
-    /// [`LoadError::Config`] for more than [`MAX_GESTURES`].
+    /// [`LoadError::Config`] if there would be more than [`MAX_GESTURES`].
     pub fn add(&mut self, gesture: Gesture) -> Result<bool, LoadError> {
         let is_new = self.find(gesture.name()).is_none();
         let added = Arc::make_mut(&mut self.added);
@@ -91,28 +91,28 @@ impl Gestures {
         Ok(is_new)
     }
 
-    /// Every name once: the built-in ones in the table's order, then the host's.
+    /// Each name once: built-in gestures in the table's order, then the host's.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         let added = self.added.iter().map(|gesture| gesture.name());
         let is_built_in = |name: &&str| MOTIONS.iter().any(|motion| motion.name == *name);
         MOTIONS.iter().map(|motion| motion.name).chain(added.filter(move |name| !is_built_in(name)))
     }
 
-    /// Other names of a gesture, which mean it wherever a name does.
+    /// Synonyms of a gesture, which are accepted wherever its name is.
     pub fn other_names(&self, name: &str) -> impl Iterator<Item = &'static str> {
         let motion = MOTIONS.iter().find(|motion| motion.name == name);
         motion.map_or(&[][..], |motion| motion.words).iter().copied()
     }
 
-    /// Seconds from a gesture's begin to its stroke, at speed 1; none where no gesture has the name.
+    /// Time from a gesture's start to its stroke at speed 1, seconds; `None` if the name is unknown.
     pub fn stroke(&self, name: &str) -> Option<f64> {
         let number = self.find(name)? as usize;
         let built_in = || MOTIONS.get(number).map(|motion| motion.preparation + motion.stroke);
         self.added(number).map(Gesture::stroke).or_else(built_in).map(f64::from)
     }
 
-    /// The name of the gesture that a text speaks of, as "a person waves" of `wave`: by the names
-    /// and their other forms, of which the longest counts. None where the text names none.
+    /// Returns the name of the gesture that a text mentions, such as `wave` for "a person waves". Searches
+    /// names and synonyms; the longest match counts. `None` if the text mentions no gesture.
     pub fn in_text(&self, text: &str) -> Option<&str> {
         let text = format!("_{}_", normal(text));
         let added = self.added.iter().map(|gesture| (gesture.name(), gesture.name()));
@@ -122,8 +122,8 @@ impl Gestures {
         found.max_by_key(|(_, word)| word.len()).map(|(name, _)| name)
     }
 
-    /// The gesture of a name, as a number. Upper case counts as lower case, and
-    /// spaces and hyphens as underscores.
+    /// Returns the number of a named gesture. ASCII case is ignored, and spaces and hyphens count as
+    /// underscores.
     pub(crate) fn find(&self, name: &str) -> Option<u32> {
         let is = |known: &str| is_same_name(known, name);
         let added = self.added.iter().position(|gesture| is(gesture.name())).map(|at| MOTIONS.len() + at);
@@ -133,12 +133,12 @@ impl Gestures {
         u32::try_from(found).ok()
     }
 
-    /// A host's own gesture by its number.
+    /// Returns one of the host's own gestures by its number.
     pub(super) fn added(&self, number: usize) -> Option<&Gesture> {
         self.added.get(number.checked_sub(MOTIONS.len())?).map(|gesture| &**gesture)
     }
 
-    /// Tells these gestures from others.
+    /// Hash that distinguishes this set from others.
     pub(crate) fn fingerprint(&self) -> u64 {
         let mut sum = Fingerprint::new();
         MOTIONS.iter().for_each(|motion| sum.add(motion.name.as_bytes()));
@@ -147,7 +147,7 @@ impl Gestures {
     }
 }
 
-/// Refuses names that could not be said on a command line.
+/// Rejects names that could not be given on a command line.
 pub(super) fn check_name(name: &str) -> Result<(), LoadError> {
     let is_good = |c: char| c.is_alphanumeric() || c == '_' || c == '-' || c == ' ';
     if (1..=MAX_NAME).contains(&name.len()) && name.chars().all(is_good) {
@@ -165,7 +165,7 @@ fn is_same_name(a: &str, b: &str) -> bool {
     a.chars().map(plain).eq(b.chars().map(plain))
 }
 
-/// A text's words, lower case, an underscore between them.
+/// Returns a text's words in lower case, joined by underscores.
 fn normal(text: &str) -> String {
     let words = text.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
     words.collect::<Vec<_>>().join("_").to_lowercase()

@@ -1,7 +1,7 @@
-//! The built-in gestures.
+//! Built-in gestures.
 //!
-//! Times are seconds from the end of the preparation. Places and directions of hands are as in
-//! [`ArmTarget`](super::arm::ArmTarget); angles are degrees. One-handed gestures stand here for the
+//! Times are seconds from the end of the preparation. Positions and directions of hands are as in
+//! [`ArmTarget`](super::arm::ArmTarget); angles are degrees. One-handed gestures are defined for the
 //! right hand.
 
 use super::arm::Vec3;
@@ -9,35 +9,35 @@ use super::hand::{self, Shape};
 use super::set::GestureParts;
 use crate::life::rig::arkit;
 
-/// What a track moves, over what the model does there.
+/// Quantity that a track adds to the model's motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Channel {
-    /// Down.
+    /// Positive is down.
     HeadPitch,
-    /// To the left.
+    /// Positive is to the left.
     HeadYaw,
-    /// To the right shoulder.
+    /// Positive is towards the right shoulder.
     HeadRoll,
-    /// Forwards.
+    /// Positive is forwards.
     TrunkPitch,
     TrunkYaw,
     TrunkRoll,
-    /// The trunk over standing legs, forwards.
+    /// Bend of the trunk over standing legs; positive is forwards.
     HipPitch,
-    /// Both shoulders, up.
+    /// Both shoulders; positive is up.
     Collars,
-    /// A shape of the face by its number.
+    /// Face shape by its index.
     Face(usize),
 }
 
-/// A value over time; it begins and ends at 0.
+/// Value over time; begins and ends at 0.
 #[derive(Debug)]
 pub(super) struct Track {
     pub(super) channel: Channel,
     pub(super) keys: &'static [(f32, f32)],
 }
 
-/// Where an arm is at a time.
+/// Pose of an arm at a time.
 #[derive(Debug)]
 pub(super) struct Key {
     pub(super) at: f32,
@@ -48,16 +48,16 @@ pub(super) struct Key {
     pub(super) shape: Shape,
 }
 
-/// Which arms follow a gesture's keys.
+/// Arms that follow a gesture's keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arms {
     None,
-    /// The one of the gesture's side, or both where the host wants that.
+    /// The arm of the gesture's side, or both at the host's request.
     One,
     Both,
-    /// Both, at the same moment.
+    /// Both, in exact synchrony.
     Together,
-    /// One, which points at a place and has no keys.
+    /// One arm, which points at a place and has no keys.
     Pointing,
 }
 
@@ -65,17 +65,17 @@ pub(super) enum Arms {
 #[derive(Debug)]
 pub(super) struct Motion {
     pub(super) name: &'static str,
-    /// Other names, and words of a text that mean it.
+    /// Other names, also recognized in a text.
     pub(super) words: &'static [&'static str],
-    /// Parts that no two gestures move at once; others are added to.
+    /// Parts that no other gesture may move at the same time; motion of other parts is added up.
     pub(super) parts: GestureParts,
-    /// Length of the preparation, in which the gesture comes in.
+    /// Duration of the preparation (fade-in).
     pub(super) preparation: f32,
-    /// From its end to the stroke.
+    /// From the end of the preparation to the stroke.
     pub(super) stroke: f32,
-    /// From the preparation's end to the end of the hold.
+    /// From the end of the preparation to the end of the hold.
     pub(super) length: f32,
-    /// Length of the retraction, in which it goes out.
+    /// Duration of the retraction (fade-out).
     pub(super) retraction: f32,
     pub(super) arms: Arms,
     pub(super) keys: &'static [Key],
@@ -90,7 +90,7 @@ const fn track(channel: Channel, keys: &'static [(f32, f32)]) -> Track {
     Track { channel, keys }
 }
 
-/// The track of a shape of the face.
+/// Track of a face shape.
 const fn face(name: &str, keys: &'static [(f32, f32)]) -> Track {
     track(Channel::Face(arkit(name)), keys)
 }
@@ -104,7 +104,7 @@ const ARMS: GestureParts = GestureParts::LEFT_ARM.union(GestureParts::RIGHT_ARM)
 const ELBOW_LOW: Vec3 = [0.35, -1.0, -0.35];
 const ELBOW_OUT: Vec3 = [0.8, -0.9, -0.2];
 
-/// A waving hand at an angle: how far the forearm leans out.
+/// Key of a waving hand: `lean` is how far the forearm leans outwards.
 const fn waving(at: f32, lean: f32) -> Key {
     key(
         at,
@@ -116,12 +116,12 @@ const fn waving(at: f32, lean: f32) -> Key {
     )
 }
 
-/// A hand that shows a number: `lift` is how high it is, for a beat as it comes.
+/// Key of a hand that shows a number: `lift` raises it for the beat of its arrival.
 const fn showing(at: f32, lift: f32, shape: Shape) -> Key {
     key(at, [0.34, 0.02 + lift, 0.50], ELBOW_LOW, [-0.06, 1.0, 0.12], [-0.2, 0.0, 1.0], shape)
 }
 
-/// A number shown once.
+/// Keys of a number that is shown once.
 const fn shown(shape: Shape) -> [Key; 4] {
     [showing(0.0, 0.07, shape), showing(0.16, 0.0, shape), showing(0.5, 0.012, shape), showing(0.8, 0.0, shape)]
 }
@@ -146,7 +146,7 @@ const fn count(name: &'static str, words: &'static [&'static str], keys: &'stati
     }
 }
 
-/// All of them.
+/// Every built-in gesture.
 pub(super) static MOTIONS: [Motion; 18] = [
     Motion {
         name: "nod",
@@ -516,7 +516,7 @@ pub(super) static MOTIONS: [Motion; 18] = [
     },
 ];
 
-/// Hands that are `apart`, 0 where they meet.
+/// Key of clapping hands: `apart` is their distance, 0 if they meet.
 const fn clapping(at: f32, apart: f32) -> Key {
     key(
         at,

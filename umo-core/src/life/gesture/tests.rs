@@ -1,5 +1,5 @@
-//! Every gesture has its characteristic pose, comes in and goes out without jumps, and leaves the
-//! model's bits alone before and after.
+//! Every gesture has its characteristic pose, fades in and out without jumps, and leaves the model's bits
+//! unchanged before and after.
 
 #![expect(clippy::cast_possible_truncation, reason = "a test has few frames")]
 
@@ -9,7 +9,7 @@ use crate::life::attention::Weights;
 use crate::life::{Controls, Cue, LifeConfig, trial};
 use crate::motion::skeleton::{ARKIT_NAMES, FIRST_FINGER, JOINTS};
 
-/// Of the body and of the left hand; the right hand is its mirror.
+/// Offsets of the body and of the left hand; the right hand is mirrored.
 #[rustfmt::skip]
 const OFFSETS: [[f32; 3]; 40] = [
     [0.0, 0.0, 0.0], [0.085, -0.085, 0.0], [-0.085, -0.085, 0.0], [0.0, 0.11, -0.015], [0.01, -0.4, 0.005],
@@ -33,7 +33,7 @@ fn rig() -> Rig {
     Rig::new(&Skeleton { offsets_m, ..trial::skeleton() }, &trial::face(true), &Pose::REST)
 }
 
-/// A model at work: arms that hang and move, a head that moves.
+/// Frame of the model: hanging arms in motion, and a moving head.
 fn base(index: usize) -> OwnedFrame {
     let t = index as f32 / 30.0;
     let mut pose = Pose::REST;
@@ -54,7 +54,7 @@ fn base(index: usize) -> OwnedFrame {
     frame
 }
 
-/// A player over the model at work.
+/// A player over the model's frames.
 struct Stage {
     rig: Rig,
     player: Player,
@@ -112,7 +112,7 @@ fn bits(frame: &OwnedFrame) -> Vec<u32> {
     pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face.iter()).map(|v| v.to_bits()).collect()
 }
 
-/// The frame at a time from the end of a gesture's preparation.
+/// The frame `seconds` after the end of a gesture's preparation.
 fn at<'a>(frames: &'a [OwnedFrame], name: &str, seconds: f32) -> &'a OwnedFrame {
     let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
     &frames[((motion.preparation + seconds) * 30.0).round() as usize]
@@ -130,7 +130,7 @@ fn angle(a: Quat, b: Quat) -> f32 {
     2.0 * a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs().min(1.0).acos().to_degrees()
 }
 
-/// The largest turn of any joint from one frame to the next, degrees, and which.
+/// Largest rotation of any joint between two frames, degrees, and the joint.
 fn largest_step(frames: &[OwnedFrame]) -> (f32, usize) {
     let steps = frames.windows(2).flat_map(|pair| {
         let turned = |j: usize| angle(pair[0].pose.rotations[j], pair[1].pose.rotations[j]);
@@ -139,13 +139,13 @@ fn largest_step(frames: &[OwnedFrame]) -> (f32, usize) {
     steps.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
 }
 
-/// How far the chest leans forward, degrees.
+/// Forward lean of the chest, degrees.
 fn lean(frame: &OwnedFrame) -> f32 {
     let up = direction(frame, CHEST, [0.0, 1.0, 0.0]);
     up[2].atan2(up[1]).to_degrees()
 }
 
-/// Times that a curve turns after it went on by at least `least`.
+/// Number of reversals of a curve after a change of at least `least`.
 fn turns(values: impl Iterator<Item = f32>, least: f32) -> usize {
     let values: Vec<f32> = values.collect();
     let (mut extreme, mut way, mut count) = (values[0], 0.0_f32, 0);
@@ -179,7 +179,7 @@ fn no_gesture_jumps_and_all_end_where_the_model_is() {
                 let options = GestureOptions::default().side(side).speed(speed).at(1.5);
                 let frames = played(name, options);
                 let (step, joint) = largest_step(&frames);
-                // Fingers are the fastest, and open within a quarter of a second.
+                // Fingers are the fastest joints: they open within a quarter of a second.
                 let most = if joint >= FIRST_FINGER { 24.0 } else { 16.0 };
                 assert!(step < most * speed, "{name}, {side:?}, {speed}: joint {joint} turns by {step} in a frame");
                 assert!(step > 0.7, "{name} does nothing");
@@ -225,7 +225,7 @@ fn a_wave_is_over_the_shoulder_and_swings() {
         for frame in &frames[from..to] {
             let places = places(frame);
             assert!(places[wrist][1] > places[shoulder][1] + 0.08, "{side:?}");
-            // The palm looks ahead.
+            // The palm faces ahead.
             assert!(direction(frame, wrist, [0.0, -1.0, 0.0])[2] > 0.75, "{side:?}");
         }
         let swings = turns(frames[from..to].iter().map(|frame| places(frame)[wrist][0]), 0.05);
@@ -335,7 +335,7 @@ fn other_gestures_have_their_poses() {
     assert!(direction(&stop, 21, [0.0, -1.0, 0.0])[2] > 0.85 && places(&stop)[21][2] > places(&stop)[17][2] + 0.3);
     let me = places(&shown("me", 0.4));
     assert!(arm::length(less(me[43], me[9])) < 0.22, "{:?}", less(me[43], me[9]));
-    // Hands that meet do so side by side.
+    // Hands meet side by side.
     let frames = played("clap", GestureOptions::default());
     let apart = |time: f32| {
         let places = places(at(&frames, "clap", time));
@@ -357,7 +357,7 @@ fn a_stroke_falls_at_its_time() {
     };
     let lowest = (0..FRAMES).min_by(|a, b| low(a).total_cmp(&low(b))).unwrap();
     assert!(lowest.abs_diff(90) <= 1, "{lowest}");
-    // One that comes too late begins at once.
+    // A request that comes too late begins at once.
     let mut stage = Stage::new();
     (0..60).for_each(|index| drop(stage.frame(index)));
     stage.play("nod", GestureOptions::default().at(1.0)).unwrap();
@@ -403,7 +403,7 @@ fn left_is_right_in_a_mirror() {
     let (right, left) = (at(&right, "wave", 0.3), at(&left, "wave", 0.3));
     let there: Vec<Vec3> =
         [16, 17, 18, 19, 20, 21, 27, 42].iter().map(|&j| less(places(left)[j], places(left)[0])).collect();
-    // The model's own pelvis is turned a little, which has no mirror image.
+    // The model's pelvis is turned slightly, and that turn is not mirrored.
     assert!(there.iter().zip(mirror(right)).all(|(a, b)| arm::length(less(*a, b)) < 0.06));
     let shape =
         |frame: &OwnedFrame, name: &str| frame.face[ARKIT_NAMES.iter().position(|known| *known == name).unwrap()];
@@ -427,7 +427,7 @@ fn gestures_of_the_same_parts_wait_and_others_do_not() {
         })
     };
     assert!(counted(1).unwrap() < counted(2).unwrap());
-    // The second follows the first without letting the hand down.
+    // The second number follows the first without lowering the hand.
     let between = &frames[counted(1).unwrap()..counted(2).unwrap()];
     assert!(between.iter().all(|frame| places(frame)[21][1] > places(frame)[17][1] - 0.25));
 }
@@ -466,7 +466,7 @@ fn an_interrupt_lets_go_with_an_ease() {
         stage.play("wave", GestureOptions::default()).unwrap();
         let mut frames: Vec<OwnedFrame> = (0..40).map(|index| stage.frame(index)).collect();
         stage.player.interrupt(1, ticks, 30.0, &stage.controls.gestures);
-        // What is asked for after it is played.
+        // Requests after the interrupt are played.
         stage.play("nod", GestureOptions::default().at(5.0)).unwrap();
         frames.extend((40..120).map(|index| stage.frame(index)));
         assert!(largest_step(&frames).0 < 22.0, "{ticks}: {:?}", largest_step(&frames));
