@@ -108,7 +108,7 @@ pub struct Stats {
     pub frames: u64,
     /// Frames whose chunk was done too late for real-time playback.
     pub late_frames: u64,
-    /// Chunks among them whose body was held because the engine could not keep up
+    /// Computed chunks whose body was held because the engine could not keep up
     /// ([`Engine::set_late_limit`](crate::Engine::set_late_limit)).
     pub held_chunks: u64,
     /// Frames dropped by an interrupt or a reset before they were shown.
