@@ -46,7 +46,7 @@ impl Settings {
 /// Frames by which a live session's body lags beyond its algorithmic latency: time to compute them.
 const MORE_FRAMES: usize = 2;
 
-/// Values of [`Shared::state`]: whether and how the session's computation ended.
+/// Values of `Shared::state`: whether and how the session's computation ended.
 const RUNNING: u8 = 0;
 const FAILED: u8 = 1;
 const CLOSED: u8 = 2;
