@@ -148,7 +148,7 @@ impl Worker {
         true
     }
 
-    /// Ends the chunks of the completed batch, except those of members that failed.
+    /// Ends the chunks of the completed batch, except for failed members.
     fn end(&mut self, inner: &Inner) {
         let now = inner.clock.nanos();
         let members = self.schedules.iter_mut().zip(&self.avatars).zip(&self.due);

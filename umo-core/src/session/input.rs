@@ -127,8 +127,8 @@ impl Input {
         }
         let mut pushed = Pushed::default();
         for piece in samples.chunks(PIECE * self.channels) {
-            // Without the reserve there is no room even for the first few samples: the filter
-            // outputs nothing for them now, but flushes its tail at the stream's end.
+            // Without the reserve nothing can be pushed, not even the first few samples: the filter
+            // outputs nothing for them now, but flushes its tail at the end of the stream.
             let Some(room) = shared.link.audio_room().checked_sub(self.reserve) else { break };
             let whole = piece.len() / self.channels;
             let mut frames = whole;

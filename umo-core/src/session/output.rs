@@ -561,8 +561,8 @@ impl Output {
         }
     }
 
-    /// Drops frames of other epochs, which precede those of this one; returns the stamp of this
-    /// epoch's next frame.
+    /// Drops frames of other epochs, which precede this epoch's; returns the stamp of this epoch's
+    /// next frame.
     fn drop_other_epochs(&self, shared: &Shared) -> Option<Stamp> {
         let frames = &shared.link.frames;
         while let Some(stamp) = frames.next() {
@@ -650,8 +650,8 @@ impl Output {
         Sampled { oldest, newest, is_ahead }
     }
 
-    /// Duration in seconds of a gap that has just ended, 0 if there is none; for sessions with
-    /// packets. `ahead` is the time since the last frame.
+    /// Duration in seconds of a gap that has just ended, otherwise 0; for sessions with packets.
+    /// `ahead` is the time since the last frame.
     fn missed(&mut self, is_ahead: bool, ahead: f64) -> f64 {
         let Some(gaps) = &mut self.gaps else { return 0.0 };
         let missing = match is_ahead {

@@ -1,4 +1,8 @@
 //! Packets of a session: from the engine to the sender (SPEC 2.18).
+//!
+//! ```text
+//!  engine ── chunk ──► packet ──ring──► pull_packets ──► network
+//! ```
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,4 +1,11 @@
 //! Sessions whose frames come from packets (SPEC 2.18).
+//!
+//! ```text
+//!  network thread                        game thread
+//!  push_packet ──► decoder ──ring──►     pull_frames, sample_pose
+//! ```
+//! A chunk is computed on the thread that pushes its packet. Everything after the ring is as in a
+//! session with an engine: layers, idle motion, gains, gestures.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -133,8 +140,9 @@ impl Session {
     ///
     /// # Errors
     /// [`SessionError::Packet`] if the bytes are not a packet of this model and these settings, or
-    /// there is no room; nothing changes. [`SessionError::Busy`] if another thread pushes;
-    /// [`SessionError::Range`] for a session with an engine.
+    /// the frame queue is full: nothing changes. Also if a step fails: the stream is then joined
+    /// anew. [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session
+    /// with an engine.
     pub fn push_packet(&self, bytes: &[u8]) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;

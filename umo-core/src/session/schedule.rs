@@ -313,7 +313,7 @@ impl Member {
         is_due.then(|| (due, self.deadline(now)))
     }
 
-    /// Enters the host's epoch if it is new; returns what is due or waited for.
+    /// Enters the host's epoch if it is new; returns the due step or the event waited for.
     fn next_due(&mut self, model: &Model) -> Due {
         let Self { avatar, schedule } = self;
         let shared = &schedule.shared;

@@ -54,8 +54,8 @@ pub(super) struct LiveVoice {
     joined: bool,
     /// Whether the network was flushed at the stream's end.
     ended: bool,
-    /// Mouths that are known and not yet shown: `[QUEUE, channels]`, from `first` on, at `index %
-    /// QUEUE`.
+    /// Mouths that are known and not yet shown, from `first` on: `[QUEUE, channels]`, frame `index`
+    /// at `index % QUEUE`.
     mouths: Slice<f32>,
     levels: [f32; QUEUE],
     /// Sum of squares and number of the samples since the last mouth became known.

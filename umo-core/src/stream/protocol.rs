@@ -90,8 +90,8 @@ impl Epoch {
 pub(crate) struct Link {
     /// Samples at the model's rate, as the bits of floats.
     pub(crate) audio: Ring,
-    /// Samples that the engine has taken and that must not be overwritten: at least those of the
-    /// chunk in work.
+    /// Samples that the engine has taken and that must not be overwritten: at least the samples of
+    /// the chunk in work.
     kept: usize,
     /// The same samples for the mouth, if it is live.
     voice: Option<Ring>,
@@ -443,9 +443,9 @@ impl Link {
     }
 }
 
-/// Interleavings of the sides: `RUSTFLAGS="--cfg loom" cargo test -p umo-core --features internals
-/// --release --lib interleavings`. A side that waits for a lost wake-up is a deadlock, which loom
-/// reports.
+/// Interleavings of the sides:
+/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --features internals --release --lib interleavings`.
+/// A side that waits for a lost wake-up is a deadlock, which loom reports.
 #[cfg(all(test, loom))]
 mod interleavings {
     use super::*;

@@ -1,4 +1,13 @@
 //! Wait-free queue of words between two threads: audio into an engine, frames out of it.
+//!
+//! ```text
+//!        read                    written
+//!          v                        v
+//!  ... free | words for the consumer | free ...      positions only grow; a word lives at `position % capacity`
+//! ```
+//! Each side moves its own position and reads the other's. Words are atomics, so nothing here is
+//! `unsafe`: two concurrent producers could only mix up words. [`Session`](crate::session::Session)
+//! limits each side to one thread at a time.
 
 use std::ops::Range;
 

@@ -29,8 +29,8 @@ impl Place {
     }
 }
 
-/// Threads that sleep until there may be work or until they are stopped. Threads are woken in
-/// order, the first one first.
+/// Threads that sleep until there may be work or until they are stopped. The first sleeping one is
+/// woken first.
 ///
 /// No call is lost: a thread that is called after it began to look does not go to sleep, and one
 /// that is called before it begins sees all work from before the call.
