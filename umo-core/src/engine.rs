@@ -1,14 +1,14 @@
-//! Threads, and which avatars they compute next (SPEC 2.9).
+//! Workers, and how they choose the sessions to compute next (SPEC 2.9).
 //!
 //! An engine has one model, slots for sessions, and workers, each with a
-//! [`Batch`](crate::batch::Batch). A worker searches all slots for chunks whose audio is complete, takes
-//! those with the earliest deadlines into its batch, computes the batch layer by layer, and searches again.
-//! The first worker, the lead, runs on a thread of the engine, or in [`Engine::poll`], and other threads
-//! help it with each layer. With many sessions due, an engine's other threads run workers of their own
-//! (`load`).
+//! [`Batch`](crate::batch::Batch). A worker searches all slots for chunks whose audio is complete,
+//! takes those with the earliest deadlines into its batch, computes the batch layer by layer, and
+//! searches again. The first worker, the lead, runs on a thread of the engine or in
+//! [`Engine::poll`], and other threads help it with each layer. If many sessions are due, the
+//! engine's other threads run workers of their own (`load`).
 //!
-//! Workers share nothing but the slots: while a session is in a batch its slot is empty, so that no other
-//! worker computes it, and a worker that the system puts aside delays its batch alone.
+//! Workers share only the slots. While a session is in a batch its slot is empty, so no other
+//! worker computes it, and a worker that the system preempts delays only its own batch.
 
 mod config;
 mod error;
@@ -45,17 +45,18 @@ pub use crate::team::Priority;
 pub use config::{EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Threads};
 pub use error::{EngineError, PollError};
 
-/// What an [`Engine::poll`] left to do.
+/// Result of [`Engine::poll`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Poll {
-    /// Nothing, until more audio comes, frames are pulled, or chunks have waited for others ([`EngineConfig::gather`]).
+    /// Nothing is due until more audio comes, frames are pulled, or waiting chunks reach their
+    /// batching delay ([`EngineConfig::gather`]).
     Idle,
-    /// More: the budget is used up.
+    /// The budget is used up; more may be due.
     More,
 }
 
-/// How many of the engine's threads have made their workers, or failed.
+/// Number of the engine's threads that have created their workers or failed to.
 #[derive(Debug, Default)]
 struct Started {
     count: AtomicU32,
@@ -78,23 +79,23 @@ impl Started {
     }
 }
 
-/// What the engine and its workers share.
+/// State shared by the engine and its workers.
 #[derive(Debug)]
 struct Inner {
     slots: Arc<Slots>,
     load: Load,
     pace: Pace,
     started: Started,
-    /// The panic that ended one of the engine's threads, and so all.
+    /// The panic that ended one of the engine's threads, and with it the engine.
     defect: OnceLock<Defect>,
     clock: Clock,
-    /// Pose of rest.
+    /// The rest pose.
     rest: OwnedFrame,
-    /// Time spent in each stage by all workers, as of the last batches that were done.
+    /// Time spent in each stage by all workers, as of the last completed batches.
     times: Mutex<StageTimes>,
-    /// What sessions whose rate is not the model's share, of each rate.
+    /// Resampling filters shared by the sessions whose rate differs from the model's, one per rate.
     filter_plans: Mutex<Vec<Arc<FilterPlan>>>,
-    /// Whether a thread did not get its priority.
+    /// Whether a thread was refused its priority.
     refused: AtomicBool,
 }
 
@@ -107,8 +108,8 @@ impl Inner {
         &self.slots.signal
     }
 
-    /// What resamplers from a session's rate share: made at its first use, and kept as long as no
-    /// other is made while no session has it. None for the model's own rate.
+    /// Filter shared by the resamplers of a session rate; `None` for the model's own rate. Created
+    /// at first use. An unused plan is dropped when another one is created.
     fn filter_plan(&self, sample_rate: usize) -> Result<Option<Arc<FilterPlan>>, EngineError> {
         let rates = (sample_rate, self.model().config.audio.sample_rate);
         let mut plans = self.filter_plans.lock().unwrap_or_else(PoisonError::into_inner);
@@ -125,8 +126,8 @@ impl Inner {
         Ok(plan)
     }
 
-    /// What a session and the worker share, and what the worker computes with; all of it from
-    /// `arena`, but for the plan of a rate's first session.
+    /// Creates the state that session and worker share, and the worker's side. Allocates from
+    /// `arena`, except for the filter plan of a rate's first session.
     fn make(&self, config: &SessionConfig, arena: &Arena) -> Result<(Counted<Shared>, Member), EngineError> {
         let model = self.model();
         config.check()?;
@@ -140,7 +141,7 @@ impl Inner {
             rest: &self.rest,
             chunk_frames: avatar.chunk_frames(&model.config),
             chunk_samples: avatar.most_samples(),
-            // The chunk's samples stay in their queue.
+            // The chunk's samples are saved with their queue.
             kept: (arena.used() - before).saturating_sub(size_of::<f32>() * avatar.most_samples()),
             clock: self.clock.clone(),
             signal: Arc::clone(&self.slots.signal),
@@ -153,7 +154,7 @@ impl Inner {
         Ok((shared, member))
     }
 
-    /// Ends every session: its frames are no longer computed.
+    /// Ends every session: no more frames are computed.
     fn fail(&self, defect: &Defect) {
         self.slots.for_each(|member| {
             if let Some(member) = member {
@@ -164,29 +165,29 @@ impl Inner {
 }
 
 thread_local! {
-    /// Whether the thread, which polls, asks its host for threads.
+    /// Whether this polling thread is asking its host for threads.
     static ASKS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Avatars of one model, and who computes them.
+/// Sessions of one model, and the workers that compute them.
 #[derive(Debug)]
 pub struct Engine {
     inner: Arc<Inner>,
-    /// Where the host polls.
+    /// The worker of a polled engine.
     worker: Option<Mutex<Worker>>,
-    /// Where the host lends its threads.
+    /// Entry point of the threads that the host lends, if it does.
     external_workers: Option<(ExternalWorkers, Lender)>,
-    /// Those of the workers.
+    /// Threads of the workers.
     threads: Vec<JoinHandle<()>>,
-    /// What they were to have.
+    /// Requested priority of these threads.
     priority: Priority,
 }
 
 impl Engine {
-    /// An engine without sessions. Everything that computing needs is allocated here.
+    /// Creates an engine without sessions. Allocates everything that computing needs.
     ///
     /// # Errors
-    /// [`EngineError`] where a number is out of range or a thread cannot be started.
+    /// [`EngineError`] if a number is out of range or a thread cannot be started.
     pub fn new(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
         memory::catch(|| Self::start(model, config))?
     }
@@ -202,15 +203,15 @@ impl Engine {
         let workers = engine.inner.load.workers();
         engine.threads = memory::with_capacity(workers);
         for index in 0..workers {
-            // Where one does not start, the engine is dropped with those that did.
+            // If one does not start, the engine is dropped with those that did.
             engine.threads.push(start_worker(&engine.inner, config, index)?);
-            // The thread's heap may have taken what was left.
+            // The thread's heap may have used up the remaining memory.
             memory::require(memory::SPARE);
         }
         Ok(engine)
     }
 
-    /// Without workers.
+    /// Creates an engine without workers.
     fn bare(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
         let range = |key: &str, got: usize, to: usize| {
             if (1..=to).contains(&got) {
@@ -244,33 +245,34 @@ impl Engine {
         self.inner.model()
     }
 
-    /// The priority of the engine's own threads: that of its config, or [`Priority::Normal`] where the
-    /// system refuses it to one of them.
+    /// Priority of the engine's own threads: the configured one, or [`Priority::Normal`] if the
+    /// system refused it to one of them.
     pub fn priority(&self) -> Priority {
         if self.inner.refused.load(Ordering::Relaxed) { Priority::Normal } else { self.priority }
     }
 
-    /// A new session. Everything that it will need is allocated here.
+    /// Creates a session. Allocates everything that it will need.
     ///
     /// # Errors
-    /// [`EngineError`] where a number is out of range or every place is taken.
+    /// [`EngineError`] if a number is out of range or all slots are taken.
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
         let plan = Arena::plan();
         self.inner.make(config, &plan)?;
         self.make_session(config, &Arena::block(plan.layout()?)?)
     }
 
-    /// Adds up to `plan` what [`Self::session_in`] takes for such a session. Allocates nothing, but at
-    /// the first use of a sample rate what all sessions of that rate share.
+    /// Adds the memory that [`Self::session_in`] takes for such a session to `plan`. Allocates
+    /// nothing, except at the first use of a sample rate, for the filter that all sessions of that
+    /// rate share.
     ///
     /// # Errors
-    /// [`EngineError`] where a number is out of range.
+    /// [`EngineError`] if a number is out of range.
     #[cfg(feature = "internals")]
     pub fn plan_session(&self, config: &SessionConfig, plan: &Arena) -> Result<(), EngineError> {
         self.inner.make(config, plan).map(drop)
     }
 
-    /// A new session in memory of `arena`.
+    /// Creates a session in memory of `arena`.
     ///
     /// # Errors
     /// As [`Self::session`].
@@ -288,44 +290,45 @@ impl Engine {
         let (shared, mut member) = inner.make(config, arena)?;
         let state_size = state_size(&shared, &mut member, inner.model());
         let slot = inner.slots.insert(member).ok_or(EngineError::Full { sessions: inner.slots.len() })?;
-        // The engine's thread may have ended before it saw the place.
+        // The engine's thread may have ended before it saw the slot.
         if let Some(defect) = inner.defect.get() {
             inner.fail(defect);
         }
         Ok(Session::new(shared, slot, state_size))
     }
 
-    /// Time spent in each stage so far, as of the last batches that were done; of batches that were computed
-    /// at once, the sum.
+    /// Time spent in each stage so far, as of the last completed batches; concurrent batches are
+    /// summed.
     pub fn stage_times(&self) -> StageTimes {
         *self.inner.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How many batches are computed at once while many sessions are due.
+    /// Number of batches computed concurrently while many sessions are due.
     #[cfg(feature = "internals")]
     pub fn batches(&self) -> usize {
         self.inner.load.workers()
     }
 
-    /// What happens when there is more to compute than time: while chunks begin later than `limit` behind
-    /// real time, a growing share of them is computed without the language model, at a quarter of the
-    /// cost. In these the body holds its pose, and the mouth comes from the model's mouth network, if it
+    /// Sets the overload limit: while chunks begin later than `limit` behind real time, a growing
+    /// share of them is computed without the language model, at a quarter of the cost. In these
+    /// chunks the body holds its pose, and the mouth comes from the model's mouth network, if it
     /// has one; sessions take turns. The share shrinks again when chunks are in time.
-    /// [`Stats::held_chunks`](crate::session::Stats::held_chunks) counts them. While the engine keeps up
-    /// every frame has the same bits.
+    /// [`Stats::held_chunks`](crate::session::Stats::held_chunks) counts them. While the engine
+    /// keeps up, every frame has the same bits.
     ///
-    /// None, as an engine begins, holds no body: frames come later and later, up to the ten seconds of
-    /// audio that a session queues. Leave it so where audio is pushed faster than it is heard.
+    /// With `None`, the default, no body is held: frames come later and later, up to the ten
+    /// seconds of audio that a session queues. Keep the default if audio is pushed faster than it
+    /// is heard.
     pub fn set_late_limit(&self, limit: Option<Duration>) {
         self.inner.pace.set_limit(limit);
     }
 
-    /// Computes until nothing is due or the next layer would no longer fit `budget`, by how long the last
-    /// of its kind took; at least one layer, so that a budget of zero computes one. Small models compute a
-    /// layer of one session at a time here.
+    /// Computes until nothing is due or the next layer would exceed `budget`, judged by the last
+    /// layer of its kind. Computes at least one layer, even with a budget of zero. In a polled
+    /// engine, small models compute a layer of one session at a time.
     ///
     /// # Errors
-    /// [`PollError`] where the engine has threads of its own, or another thread polls.
+    /// [`PollError`] if the engine has threads of its own, or another thread polls.
     pub fn poll(&self, budget: Duration) -> Result<Poll, PollError> {
         let worker = self.worker.as_ref().ok_or(PollError::OwnThreads)?;
         let mut worker = match worker.try_lock() {
@@ -337,7 +340,7 @@ impl Engine {
         if !worker.turn(&self.inner) {
             return Ok(Poll::Idle);
         }
-        // There is something to compute: threads are asked for until the poll is over.
+        // There is work: the host is asked for threads until the poll ends.
         let team = worker.team();
         let joining = self.external_workers.as_ref().filter(|_| team.threads() > 1).map(|(_, Lender(lend))| {
             let joining = team.admit();
@@ -356,19 +359,19 @@ impl Engine {
         Ok(left)
     }
 
-    /// What the first step of the next [`Self::poll`] is called, for measurements; none where the engine
-    /// has threads of its own.
+    /// Name of the next [`Self::poll`]'s first step, for measurements; `None` if the engine has
+    /// threads of its own.
     #[cfg(feature = "internals")]
     pub fn next_step(&self) -> Option<&'static str> {
         let worker = self.worker.as_ref()?;
         Some(worker.lock().unwrap_or_else(PoisonError::into_inner).next_step())
     }
 
-    /// Computes on the calling thread, which the host lends, until the poll that is under way is
-    /// over; returns at once where none is, where the engine wants no threads, or where the calling
-    /// thread itself polls and is in its [`Lender`]. Never allocates.
+    /// Computes on the calling thread, which the host lends, until the current poll ends. Returns
+    /// at once if no poll is running, if the engine takes no threads, or if the calling thread is
+    /// the polling one, inside its [`Lender`]. Never allocates.
     pub fn lend(&self) {
-        // It would wait for the end of a poll that cannot go on before it returns.
+        // This thread would wait for the end of its own poll: a deadlock.
         if ASKS.get() {
             return;
         }
@@ -382,7 +385,7 @@ impl Drop for Engine {
     fn drop(&mut self) {
         self.inner.signal().stop();
         for thread in self.threads.drain(..) {
-            // It catches the panics of what it computes.
+            // The thread catches the panics of its computations.
             drop(thread.join());
         }
         if let Some(worker) = self.worker.take() {
@@ -397,13 +400,13 @@ impl Drop for Engine {
     }
 }
 
-/// Starts the thread of a worker, and waits until it has made the worker.
+/// Starts a worker's thread, and waits until it has created the worker.
 fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Result<JoinHandle<()>, EngineError> {
     let before = inner.started.count.load(Ordering::Relaxed);
-    // The thread makes its worker itself, so that the core is its own.
+    // The thread creates its worker itself, so that it pins itself to its core.
     let (shared, config) = (Arc::clone(inner), config.clone());
     let life = move || {
-        // The standard library allocates what it knows of a thread, for parking it, when it is first asked for it.
+        // The standard library allocates its thread handle, for parking, on first access.
         #[cfg(feature = "threads")]
         drop(std::thread::current());
         let make = || memory::catch(|| Worker::new(&shared, &config, index).map_err(EngineError::thread));
@@ -411,7 +414,7 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
             Ok(made) => made.unwrap_or_else(|missing| Err(missing.into())),
             Err(defect) => Err(EngineError::Panicked(defect)),
         };
-        // `Engine::new` returns after this: nothing is allocated from then on.
+        // `Engine::new` returns after this; nothing is allocated from then on.
         drop(config);
         match made {
             Ok(worker) => {
@@ -425,18 +428,18 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
     let name = if index == LEAD { "umo-0".to_owned() } else { format!("umo-batch-{index}") };
     let thread = thread::start(name, life).map_err(EngineError::thread)?;
     if let Err(error) = inner.started.wait(before) {
-        // It ends by itself; the library must not be unloaded before.
+        // The thread ends by itself; the library must not be unloaded before.
         drop(thread.join());
         return Err(error);
     }
     Ok(thread)
 }
 
-/// The life of a worker's thread.
+/// Main loop of a worker's thread.
 fn run(mut worker: Worker, inner: &Inner) {
     let index = worker.index();
     while inner.signal().begin_turn(index) {
-        // A defect outside of what `turn` itself catches ends the engine, not the process.
+        // A panic outside of the ones that `turn` catches ends the engine, not the process.
         let defect = match inner.defect.get() {
             Some(defect) => defect.clone(),
             None => match contain_quietly(|| worker.turn(inner)) {

@@ -1,5 +1,5 @@
-//! One avatar of an [`Engine`](crate::engine::Engine), as its host sees it: audio goes in on one
-//! thread, frames come out on another, and neither thread waits (SPEC 2, 2.8).
+//! An avatar of an [`Engine`](crate::engine::Engine), as its host sees it: audio goes in on one
+//! thread and frames come out on another. Neither thread waits (SPEC 2, 2.8).
 //!
 //! ```text
 //!  audio thread            any thread                  game thread
@@ -14,9 +14,9 @@
 //! | `input`, `other`, `output`, `schedule` | the sides of the host's audio thread, of its game thread, and of the engine |
 //! | `shared` | the state they share; their protocol is in `stream` |
 //! | `slots` | where the engine finds its sessions |
-//! | `packets`, `receiver` | chunks as packets, and sessions whose frames come of those |
-//! | `state` | all of it as bytes |
-//! | `config`, `error`, `delay`, `gain` | what a session is made with, what it refuses, how late it was, how much it moves |
+//! | `packets`, `receiver` | chunks as packets, and sessions whose frames come from packets |
+//! | `state` | saving and restoring |
+//! | `config`, `error`, `delay`, `gain` | settings, errors, the compute-time histogram, gains of the parts |
 
 mod config;
 pub(crate) mod delay;
@@ -63,19 +63,19 @@ pub(crate) use slots::{SlotHandle, Slots};
 pub(crate) use state::state_size;
 pub use voice::Voice;
 
-/// The calls that exclude each other, as [`SessionError::Busy`] names them.
+/// Names of the calls that exclude each other, for [`SessionError::Busy`].
 const INPUT: &str = "push_audio, finish, save or restore";
 const OTHER: &str = "push_other_audio";
 const OUTPUT: &str = "pull_frames, sample_pose, set_clock, save or restore";
 const SETTER: &str = "a setter, save or restore";
 
-/// Largest delay of an output device, seconds.
+/// Upper bound of [`Session::set_output_delay`], seconds.
 pub const MAX_OUTPUT_DELAY: f64 = 2.0;
 
-/// Furthest coordinate of a point to look at, metres.
+/// Upper bound of a look-at coordinate's magnitude, metres.
 const MAX_DISTANCE: f32 = 10_000.0;
 
-/// A lock that the engine or the output holds for no longer than a copy takes.
+/// Takes a lock that the engine and the output hold only while they copy.
 fn spin_lock<T>(mutex: &Mutex<T>) -> Result<MutexGuard<'_, T>, SessionError> {
     const ATTEMPTS: usize = 10_000;
     for _ in 0..ATTEMPTS {
@@ -87,18 +87,18 @@ fn spin_lock<T>(mutex: &Mutex<T>) -> Result<MutexGuard<'_, T>, SessionError> {
     Err(SessionError::Busy(SETTER))
 }
 
-/// What a [`Session::push_audio`] took.
+/// Result of [`Session::push_audio`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Pushed {
-    /// Sample frames (one sample of each channel) taken; what is left was not, because the engine
-    /// is that far behind.
+    /// Sample frames (one sample per channel) taken. The rest was refused because the engine is too
+    /// far behind.
     pub taken: usize,
     /// Samples among them that were NaN, infinite or too loud, and became silence.
     pub silenced: usize,
 }
 
-/// What a session went through.
+/// Counters of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Stats {
@@ -106,63 +106,66 @@ pub struct Stats {
     pub chunks: u64,
     /// Frames computed.
     pub frames: u64,
-    /// Frames whose chunk was done later than real time needs it.
+    /// Frames whose chunk was done too late for real-time playback.
     pub late_frames: u64,
-    /// Chunks among them whose body was held because the engine did not keep up
+    /// Computed chunks whose body was held because the engine could not keep up
     /// ([`Engine::set_late_limit`](crate::Engine::set_late_limit)).
     pub held_chunks: u64,
-    /// Frames that were dropped by an interrupt or a reset before they were shown.
+    /// Frames dropped by an interrupt or a reset before they were shown.
     pub dropped_frames: u64,
-    /// Sample frames that were not taken because there was no room.
+    /// Sample frames refused because there was no room.
     pub overruns: u64,
     /// Samples that were NaN, infinite or too loud.
     pub silenced: u64,
 }
 
-/// How far motion is behind speech.
+/// Latency from speech to motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Latency {
-    /// Samples of future audio, at the session's rate, that a frame needs at most, resampling
-    /// included: what no processor can shorten.
+    /// Upper bound on the future audio that a frame needs, in samples at the session's rate,
+    /// including resampling. This is the algorithmic latency: a faster processor does not reduce
+    /// it.
     pub algorithmic_samples: usize,
-    /// Time from a chunk's last sample, or the end of the chunk before where that is later, to its
-    /// frames: median.
+    /// Median time from a chunk's last sample, or from the end of the previous chunk if that is
+    /// later, to the chunk's frames.
     pub compute_p50: Duration,
-    /// Its 99th percentile.
+    /// 99th percentile of that time.
     pub compute_p99: Duration,
-    /// Its 99.9th percentile.
+    /// 99.9th percentile of that time.
     pub compute_p999: Duration,
-    /// Its largest.
+    /// Maximum of that time.
     pub compute_max: Duration,
-    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now,
-    /// beyond [`algorithmic_samples`](Self::algorithmic_samples): 0 while the engine keeps up.
+    /// Backlog: samples, at the session's rate, by which the newest frame is behind the newest
+    /// audio, beyond [`algorithmic_samples`](Self::algorithmic_samples). 0 while the engine keeps
+    /// up.
     pub backlog_samples: u64,
-    /// The largest backlog since the session was made.
+    /// Largest backlog since the session was created.
     pub backlog_max_samples: u64,
-    /// Samples of future audio, at the session's rate, that a frame's mouth needs at most:
-    /// [`algorithmic_samples`](Self::algorithmic_samples), or less with [`Voice::Live`].
+    /// Upper bound on the future audio that a frame's mouth needs, in samples at the session's
+    /// rate: [`algorithmic_samples`](Self::algorithmic_samples), or less with [`Voice::Live`].
     pub mouth_samples: usize,
 }
 
-/// One avatar. Every call may come from any thread; two threads in the same call at once get
-/// [`SessionError::Busy`].
+/// One avatar. Every call may come from any thread; if two threads make the same call at once, one
+/// gets [`SessionError::Busy`].
 ///
-/// After it is made, no call allocates, waits, or makes a system call, but to wake the engine.
+/// Once a session exists, its calls neither allocate nor wait, and make no system call except to
+/// wake the engine.
 #[derive(Debug)]
 pub struct Session {
     shared: Counted<Shared>,
     source: Source,
-    /// Most bytes of a state.
+    /// Upper bound on the bytes of a state.
     state_size: usize,
-    /// Seconds that the host's output device takes, as the bits of a float.
+    /// Delay of the host's output device in seconds, as the bits of a float.
     output_delay: AtomicU64,
 }
 
-/// Where a session's frames come from.
+/// Source of a session's frames.
 #[derive(Debug)]
 enum Source {
-    /// An engine: where its side of the session is.
+    /// An engine, and the slot with its side of the session.
     Engine(SlotHandle),
     /// Packets.
     Packets(Box<Mutex<Receiver>>),
@@ -173,7 +176,7 @@ impl Session {
         Self { shared, source: Source::Engine(slot), state_size, output_delay: AtomicU64::new(0) }
     }
 
-    /// Where the engine's side of it is.
+    /// Slot with the engine's side of the session.
     pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
         match &self.source {
             Source::Engine(slot) => Ok(slot),
@@ -181,20 +184,20 @@ impl Session {
         }
     }
 
-    /// Takes interleaved samples, full scale 1, for the avatar to speak: as many as there is room
-    /// for.
+    /// Takes as many interleaved samples, full scale 1, as there is room for. The avatar speaks
+    /// them.
     ///
-    /// Wait-free: meant for a real-time audio thread. Samples that are no number, or louder than
-    /// [`MAX_AMPLITUDE`](crate::MAX_AMPLITUDE), become silence and are counted.
+    /// Wait-free: meant for a real-time audio thread. Samples that are NaN, infinite or louder than
+    /// [`MAX_AMPLITUDE`](crate::MAX_AMPLITUDE) become silence and are counted.
     ///
     /// # Errors
-    /// [`SessionError`] where the samples are no whole frames, after [`Self::finish`], or where
-    /// another thread pushes.
+    /// [`SessionError`] if the samples are not whole frames, after [`Self::finish`], or if another
+    /// thread pushes.
     pub fn push_audio(&self, samples: &[f32]) -> Result<Pushed, SessionError> {
         self.push(samples, |&sample| sample)
     }
 
-    /// The same for 16-bit samples, whose full scale is 32768.
+    /// [`Self::push_audio`] for 16-bit samples, whose full scale is 32768.
     ///
     /// # Errors
     /// As [`Self::push_audio`].
@@ -221,14 +224,14 @@ impl Session {
         Ok(pushed)
     }
 
-    /// Takes interleaved samples of who speaks to the avatar, at the session's rate and channels, so
-    /// that it listens: it looks at the listener's place, nods and raises its brows at the pauses.
-    /// Only their loudness is used. Samples that are no number count as silence.
+    /// Feeds the interlocutor's audio, as interleaved samples at the session's rate and channels,
+    /// so that the avatar listens: it looks at the interlocutor, and nods and raises its brows at
+    /// pauses. Only the loudness is used. Samples that are NaN or infinite count as silence.
     ///
-    /// Wait-free, from any thread beside any other call, meant for the thread that records.
+    /// Wait-free; any thread may call it while other calls run. Meant for the thread that records.
     ///
     /// # Errors
-    /// [`SessionError::Uneven`] where the samples are no whole frames, [`SessionError::Busy`] where
+    /// [`SessionError::Uneven`] if the samples are not whole frames, [`SessionError::Busy`] if
     /// another thread is in this call.
     pub fn push_other_audio(&self, samples: &[f32]) -> Result<(), SessionError> {
         let shared = &*self.shared;
@@ -236,11 +239,11 @@ impl Session {
         try_lock(&shared.other).ok_or(SessionError::Busy(OTHER))?.push(shared, samples)
     }
 
-    /// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A
-    /// second call changes nothing.
+    /// Ends the audio: the tail is computed, for `floor(seconds * 30)` frames in all. A second call
+    /// is a no-op.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pushes at this moment.
+    /// [`SessionError::Busy`] if another thread is pushing.
     pub fn finish(&self) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
@@ -250,14 +253,13 @@ impl Session {
         Ok(())
     }
 
-    /// Takes up to `most` frames that are ready, in order, and gives each to `frame`; says how many
-    /// there were.
+    /// Calls `frame` with up to `most` ready frames, in order, and returns their number.
     ///
-    /// Never waits. A frame's index counts from 0 at the start or the last reset.
+    /// Never waits. Frame indices count from 0 at the start or the last reset.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`] or `Closed` when
-    /// all that was ready has been pulled.
+    /// [`SessionError::Busy`] if another thread pulls; [`SessionError::Failed`], `Panicked` or
+    /// `Closed` once all ready frames have been pulled.
     pub fn pull_frames(&self, most: usize, mut frame: impl FnMut(Frame)) -> Result<usize, SessionError> {
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
@@ -273,10 +275,10 @@ impl Session {
         Ok(count)
     }
 
-    /// Frames that are ready.
+    /// Number of frames that are ready.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls.
+    /// [`SessionError::Busy`] if another thread pulls.
     pub fn ready_frames(&self) -> Result<usize, SessionError> {
         let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         Ok(output.ready(&self.shared))
@@ -288,11 +290,11 @@ impl Session {
         self.shared.defect()
     }
 
-    /// Whether [`Self::finish`] was called and every frame up to the end was handed out; of a session
-    /// that queues no frames, every packet.
+    /// Whether [`Self::finish`] was called and every frame up to the end was handed out, or every
+    /// packet if the session queues no frames.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`], `Panicked` or
+    /// [`SessionError::Busy`] if another thread pulls; [`SessionError::Failed`], `Panicked` or
     /// `Closed` if the remaining frames will never be computed.
     pub fn is_done(&self) -> Result<bool, SessionError> {
         let shared = &*self.shared;
@@ -313,16 +315,17 @@ impl Session {
         Ok(false)
     }
 
-    /// The pose at `seconds` of the motion (frame index / 30), less [`Self::output_delay`], for a
-    /// renderer at its own rate: rotations turn the shorter way, all else is linear. Frames before that time are taken as
-    /// [`Self::pull_frames`] takes them.
+    /// Samples the pose at `seconds` of the motion (frame index / 30), minus
+    /// [`Self::output_delay`], for a renderer at its own rate. Rotations are interpolated along the
+    /// shorter arc, everything else linearly. Earlier frames are consumed as by
+    /// [`Self::pull_frames`].
     ///
-    /// Earlier than the oldest frame gives the oldest; later than the newest gives what [`Idle`]
-    /// says. Times that go back are held.
+    /// A time before the oldest frame gives the oldest frame; a time after the newest gives the
+    /// pose that [`Idle`] selects. The time never goes back: an earlier one counts as the last one.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Range`] where the time is
-    /// no number.
+    /// [`SessionError::Busy`] if another thread pulls; [`SessionError::Range`] if the time is not
+    /// finite.
     pub fn sample_pose(&self, seconds: f64, mut frame: impl FnMut(Frame)) -> Result<Sampled, SessionError> {
         if !seconds.is_finite() {
             return Err(SessionError::Range("the time of a pose must be a number"));
@@ -334,12 +337,12 @@ impl Session {
         Ok(sampled)
     }
 
-    /// Sets the output device's own delay, seconds from the sound that is played to the sound that is
-    /// heard, 0 to [`MAX_OUTPUT_DELAY`]: [`Self::sample_pose`] shows the pose of so much earlier. 0 where
-    /// nothing is set. It is no part of a state, and changes no frame.
+    /// Sets the delay of the output device: seconds from playing a sound to hearing it, 0 to
+    /// [`MAX_OUTPUT_DELAY`]. [`Self::sample_pose`] shows the pose of that much earlier. The default
+    /// is 0. The delay is not part of a state and changes no frame.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the delay is not in the range.
+    /// [`SessionError::Range`] if the delay is out of range.
     pub fn set_output_delay(&self, seconds: f64) -> Result<(), SessionError> {
         if !(0.0..=MAX_OUTPUT_DELAY).contains(&seconds) {
             return Err(SessionError::Range("the output device's delay must be 0 to 2 seconds"));
@@ -348,20 +351,20 @@ impl Session {
         Ok(())
     }
 
-    /// The output device's delay that was set, seconds.
+    /// Delay of the output device, seconds.
     pub fn output_delay(&self) -> f64 {
         f64::from_bits(self.output_delay.load(Ordering::Relaxed))
     }
 
-    /// What time it is for the host, in seconds from any moment on, 0 to 1e9: from the first call on,
-    /// what moves while no frames come, eases to it and back, and [`SessionConfig::idle_after`] go
-    /// by this time, and no longer by the clock. A host that renders slower than real time, or
-    /// pauses, gives it with every picture, before [`Self::sample_pose`]. Times that go back are
-    /// held, but for [`Self::restore`], which goes back to the state's.
+    /// Sets the host's time in seconds from any origin, 0 to 1e9. From the first call on, idle
+    /// motion, the eases to it and back, and [`SessionConfig::idle_after`] follow this time instead
+    /// of the clock. A host that pauses or renders slower than real time calls this for every
+    /// rendered image, before [`Self::sample_pose`]. The time never goes back, except by
+    /// [`Self::restore`], which returns to the state's time.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Range`] where the time is
-    /// not in 0 to 1e9.
+    /// [`SessionError::Busy`] if another thread pulls; [`SessionError::Range`] if the time is not
+    /// in 0 to 1e9.
     pub fn set_clock(&self, seconds: f64) -> Result<(), SessionError> {
         if !(0.0..=1e9).contains(&seconds) {
             return Err(SessionError::Range("the host's time must be 0 to 1e9 seconds"));
@@ -372,14 +375,14 @@ impl Session {
         Ok(())
     }
 
-    /// Drops everything that is not shown yet and eases to the rest pose within `ease`, at most
-    /// [`MAX_EASE`], for barge-in. Audio pushed from now on starts a new
-    /// stream, whose frames follow the ease; the frame index goes on, and the avatar stays where it
-    /// stands. As many frames of the new stream, at most [`SessionConfig::ease`], come out of the rest
-    /// pose, the face in a quarter of them.
+    /// Barge-in: drops everything not shown yet and eases to the rest pose within `ease`, at most
+    /// [`MAX_EASE`]. Audio pushed from now on starts a new stream, whose frames follow the ease.
+    /// The frame index continues and the avatar stays where it stands. The new stream then blends
+    /// in from the rest pose over as many frames, at most [`SessionConfig::ease`]; the face does so
+    /// in a quarter of them.
     ///
     /// # Errors
-    /// [`SessionError::Range`] for a longer time.
+    /// [`SessionError::Range`] if `ease` is longer.
     pub fn interrupt(&self, ease: Duration) -> Result<(), SessionError> {
         if ease > MAX_EASE {
             return Err(SessionError::Range("an interrupt may ease for 10 seconds at most"));
@@ -392,19 +395,19 @@ impl Session {
         Ok(())
     }
 
-    /// Back to the start: everything that was pushed and not shown is dropped, the frame index
-    /// starts at 0, and what follows is what a new session with the same settings gives.
+    /// Returns to the start: drops everything that was pushed and not shown. The frame index
+    /// restarts at 0, and the output is that of a new session with the same settings.
     ///
     /// # Errors
-    /// [`SessionError`] where the session has failed.
+    /// [`SessionError`] if the session has failed.
     pub fn reset(&self) -> Result<(), SessionError> {
         self.shared.check()?;
         self.shared.link.begin_epoch(Epoch::reset);
         Ok(())
     }
 
-    /// The ids of the free text from the next chunk on, as
-    /// [`TextTokenizer::encode`](crate::lm::text::TextTokenizer) gives them.
+    /// Sets the token ids of the free-text prompt from the next chunk on, as
+    /// [`TextTokenizer::encode`](crate::lm::text::TextTokenizer) returns them.
     ///
     /// # Errors
     /// [`SessionError::Range`] for more than [`MAX_PROMPT_TOKENS`] ids.
@@ -419,20 +422,19 @@ impl Session {
         })
     }
 
-    /// The seed of draws from the next chunk on. The layers keep the one that the session was made
-    /// with.
+    /// Sets the sampling seed from the next chunk on. The layers keep the seed that the session was
+    /// created with.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    /// [`SessionError::Busy`] if another thread sets something.
     pub fn set_seed(&self, seed: u64) -> Result<(), SessionError> {
         self.set(|settings| settings.sampler.seed = seed)
     }
 
-    /// How codes are drawn from the next chunk on.
+    /// Sets how codes are sampled from the next chunk on.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the temperature is negative or no number, or `top_p` is
-    /// outside 0 to 1.
+    /// [`SessionError::Range`] if the temperature is not in 0 to 100, or `top_p` not in 0 to 1.
     pub fn set_sampling(&self, sampling: Sampling) -> Result<(), SessionError> {
         if !(0.0..=100.0).contains(&sampling.temperature) || !(0.0..=1.0).contains(&sampling.top_p) {
             return Err(SessionError::Range("temperature must be 0 to 100, and top_p 0 to 1"));
@@ -440,18 +442,18 @@ impl Session {
         self.set(|settings| settings.sampler.sampling = sampling)
     }
 
-    /// What is shown while no audio comes, from now on.
+    /// Sets the idle mode.
     pub fn set_idle(&self, idle: Idle) {
         self.shared.idle.store(idle as u8, Ordering::Relaxed);
     }
 
-    /// How much `part` moves, from the next frame that is handed out: 0 keeps it at rest, 1 shows
-    /// it as it is computed, up to [`MAX_GAIN`] exaggerates. A change takes up to a quarter of a
-    /// second, so that nothing jumps. The lower body's gain also holds for where the avatar goes,
-    /// the face's for jaw and eyes.
+    /// Sets the gain of `part`'s motion from the next frame handed out: 0 keeps it at rest, 1 shows
+    /// it as computed, up to [`MAX_GAIN`] exaggerates. A change ramps over up to a quarter of a
+    /// second to avoid jumps. The lower body's gain also scales the root's translation; the face's
+    /// also applies to jaw and eyes.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the gain is not in 0 to [`MAX_GAIN`].
+    /// [`SessionError::Range`] if the gain is not in 0 to [`MAX_GAIN`].
     pub fn set_gain(&self, part: Part, gain: f32) -> Result<(), SessionError> {
         if !(0.0..=MAX_GAIN).contains(&gain) {
             return Err(SessionError::Range("the gain of a part must be 0 to 2"));
@@ -460,17 +462,17 @@ impl Session {
         Ok(())
     }
 
-    /// The gain that was set.
+    /// Gain of `part`, as set.
     pub fn gain(&self, part: Part) -> f32 {
         f32::from_bits(self.shared.gains[part].load(Ordering::Relaxed))
     }
 
-    /// How strong a layer over the decoders' frames is, 0 to 1, from the next frame on; 0 leaves
-    /// what the layers before it gave.
+    /// Sets the gain of a layer over the decoders' frames, 0 to 1, from the next frame on. At 0 the
+    /// frame passes through unchanged.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the gain is not in 0 to 1, [`SessionError::Busy`] where another
-    /// thread sets something at this moment.
+    /// [`SessionError::Range`] if the gain is not in 0 to 1, [`SessionError::Busy`] if another
+    /// thread sets something.
     pub fn set_layer(&self, layer: Layer, gain: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&gain) {
             return Err(SessionError::Range("the gain of a layer must be 0 to 1"));
@@ -479,12 +481,12 @@ impl Session {
     }
 
     /// Looks at a point in the avatar's space, metres, with a strength of 0 to 1, from the next
-    /// frame on: the eyes first, then the head, then the trunk, as far as a body turns. A strength
-    /// of 0 looks away from it again. The point may be set anew for every frame.
+    /// frame on: first with the eyes, then the head, then the trunk, within the body's limits. A
+    /// strength of 0 releases the gaze. The point may change with every frame.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where a number is not finite or the strength is not in 0 to 1,
-    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    /// [`SessionError::Range`] if a coordinate is not finite or beyond 10 km, or the strength is
+    /// not in 0 to 1; [`SessionError::Busy`] if another thread sets something.
     pub fn look_at(&self, point: [f32; 3], strength: f32) -> Result<(), SessionError> {
         if !point.iter().all(|value| value.abs() <= MAX_DISTANCE) || !(0.0..=1.0).contains(&strength) {
             return Err(SessionError::Range("a look-at needs a point within 10 km and a strength of 0 to 1"));
@@ -492,20 +494,20 @@ impl Session {
         self.control(|controls| (controls.look_at, controls.look_at_strength) = (point, strength))
     }
 
-    /// What the avatar attends to from the next frame on; changes are blended over half a second.
+    /// Sets the avatar's attention from the next frame on; changes blend over half a second.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    /// [`SessionError::Busy`] if another thread sets something.
     pub fn set_attention(&self, attention: Attention) -> Result<(), SessionError> {
         self.control(|controls| controls.attention = attention)
     }
 
-    /// The mood of face and posture from the next frame on, with a strength of 0 to 1; changes are
-    /// blended over a second.
+    /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1; changes
+    /// blend over a second.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the strength is not in 0 to 1, [`SessionError::Busy`] where
-    /// another thread sets something at this moment.
+    /// [`SessionError::Range`] if the strength is not in 0 to 1, [`SessionError::Busy`] if another
+    /// thread sets something.
     pub fn set_mood(&self, mood: Mood, strength: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&strength) {
             return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
@@ -513,18 +515,17 @@ impl Session {
         self.control(|controls| (controls.mood, controls.mood_strength) = (mood, strength))
     }
 
-    /// Plays a gesture over what the model does, from the next frame on or at a time: its parts of
-    /// the body ease to it and back, the others go on. Gestures of the same parts follow each other
-    /// in the order in which they were asked for; one with a time takes their place. An
-    /// [`interrupt`](Self::interrupt) lets go of what plays, with an ease, and of what waits;
-    /// a [`reset`](Self::reset) of all at once. While no frames come, gestures without a time play on
-    /// and times of the motion stand still.
+    /// Plays a gesture over the model's motion, from the next frame on or at a given time. Its body
+    /// parts ease to the gesture and back; the others continue. Gestures of the same parts play in
+    /// the order of the requests; one with a time takes their place. An
+    /// [`interrupt`](Self::interrupt) eases out of the playing gestures and drops the pending ones;
+    /// a [`reset`](Self::reset) drops all at once. While no frames come, gestures without a time
+    /// play on and times of the motion stand still.
     ///
     /// # Errors
-    /// [`SessionError::UnknownGesture`], [`SessionError::GesturesFull`] where
-    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) wait, [`SessionError::Range`] where an
-    /// option is out of its range, [`SessionError::Busy`] where another thread sets something at
-    /// this moment.
+    /// [`SessionError::UnknownGesture`]; [`SessionError::GesturesFull`] if
+    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) are pending; [`SessionError::Range`]
+    /// if an option is out of range; [`SessionError::Busy`] if another thread sets something.
     pub fn play_gesture(&self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
@@ -536,17 +537,18 @@ impl Session {
         Ok(())
     }
 
-    /// Says that a sound is heard that one sees on the lips: from `start` on for `duration`, seconds of
-    /// the audio that was pushed since the session began or was reset. The lips are in its shape then,
-    /// and reach and leave it within 60 ms, whatever the model does; models without ARKit's shapes show
-    /// nothing of it. Sounds may come in any order, before their audio or after it; one whose time was
-    /// handed out already shows no more. An [`interrupt`](Self::interrupt) drops those that wait.
+    /// Schedules a viseme hint (bilabial, labiodental, rounded) at `start` for `duration`, in
+    /// seconds of the audio pushed since the session's start or last reset. The lips then have that
+    /// shape, and reach and leave it within 60 ms, regardless of the model. The hint has no effect
+    /// on models without ARKit's blendshapes. Hints may come in any order, before or after their
+    /// audio; one whose time was already handed out has no effect. An
+    /// [`interrupt`](Self::interrupt) drops pending hints.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where a time is no number of seconds from 0 on, or the duration not 0 to
-    /// [`MAX_HINT_SECONDS`](crate::MAX_HINT_SECONDS), [`SessionError::HintsFull`] where
-    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) wait, [`SessionError::Busy`] where another thread
-    /// sets something at this moment.
+    /// [`SessionError::Range`] if a time is negative or not finite, or the duration is not in 0 to
+    /// [`MAX_HINT_SECONDS`](crate::MAX_HINT_SECONDS); [`SessionError::HintsFull`] if
+    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) are pending; [`SessionError::Busy`] if
+    /// another thread sets something.
     pub fn hint_lips(&self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
@@ -569,31 +571,31 @@ impl Session {
         Ok(())
     }
 
-    /// The gain of a layer that was set last.
+    /// Gain of a layer, as set.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    /// [`SessionError::Busy`] if another thread sets something.
     pub fn layer(&self, layer: Layer) -> Result<f32, SessionError> {
         Ok(spin_lock(&self.shared.controls)?.layers.gain(layer))
     }
 
-    /// What the avatar attends to, as it was set last.
+    /// Attention, as set.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    /// [`SessionError::Busy`] if another thread sets something.
     pub fn attention(&self) -> Result<Attention, SessionError> {
         Ok(spin_lock(&self.shared.controls)?.attention)
     }
 
-    /// What is shown while no audio comes.
+    /// The idle mode.
     pub fn idle(&self) -> Idle {
         self.shared.idle()
     }
 
-    /// How codes are drawn at present.
+    /// Current sampling settings.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    /// [`SessionError::Busy`] if another thread sets something.
     pub fn sampling(&self) -> Result<Sampling, SessionError> {
         Ok(self.settings()?.sampler.sampling)
     }
@@ -605,17 +607,17 @@ impl Session {
         Ok(())
     }
 
-    /// The settings; the engine holds them for no longer than it takes to copy them.
+    /// Locks the settings. The engine holds this lock only while it copies them.
     fn settings(&self) -> Result<MutexGuard<'_, Settings>, SessionError> {
         spin_lock(&self.shared.settings)
     }
 
-    /// Interleaved channels of the audio that it takes.
+    /// Number of interleaved channels of the audio.
     pub fn channels(&self) -> usize {
         self.shared.channels
     }
 
-    /// What the session went through so far.
+    /// Counters so far.
     pub fn stats(&self) -> Stats {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         let c = &self.shared.stats;
@@ -630,7 +632,7 @@ impl Session {
         }
     }
 
-    /// How far motion is behind speech.
+    /// Latency from speech to motion.
     pub fn latency(&self) -> Latency {
         let delays = &self.shared.delays;
         let (backlog_samples, backlog_max_samples) = self.shared.backlog();

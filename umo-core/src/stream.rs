@@ -1,12 +1,11 @@
-//! What a host, its session and the engine pass to each other, and in which order they may: no
-//! lock, no wait.
+//! Queues and protocol between a host, its session and the engine: lock-free, and no side waits.
 //!
 //! | module | part |
 //! |---|---|
-//! | `protocol` | the words that the sides share: epochs, ends, who waits for what |
+//! | `protocol` | the words that the sides share: epochs, ends, and which side waits for which |
 //! | `ring` | a queue of words with one producer and one consumer |
-//! | `frames` | the same of whole frames |
-//! | `signal` | wakes the engine's thread |
+//! | `frames` | a queue of whole frames |
+//! | `signal` | wakes the engine's threads |
 
 mod frames;
 mod protocol;

@@ -1,4 +1,4 @@
-//! What an engine is made with: who computes, and for how many.
+//! Settings of an engine: threads and capacity.
 
 use std::fmt;
 use std::sync::Arc;
@@ -10,39 +10,41 @@ use crate::clock::Clock;
 use crate::team::Priority;
 use crate::thread;
 
-/// Most sessions of an engine.
+/// Upper bound on the sessions of an engine.
 pub const MAX_SESSIONS: usize = 4096;
-/// Most avatars of a batch.
+/// Upper bound on the avatars of a batch.
 pub const MAX_BATCH: usize = 64;
 
 /// Threads and capacity of an engine.
 #[derive(Clone, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct EngineConfig {
-    /// Who computes.
+    /// The threads that compute.
     pub threads: Threads,
     /// Cores to pin the threads to, one each; threads beyond the list are not pinned.
     pub cores: Vec<usize>,
-    /// That of the engine's own threads.
+    /// Priority of the engine's own threads.
     pub priority: Priority,
-    /// Most sessions at once, `1..=MAX_SESSIONS`.
+    /// Upper bound on the sessions, `1..=MAX_SESSIONS`.
     pub max_sessions: usize,
-    /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often,
-    /// and need memory.
+    /// Upper bound on the avatars computed together, `1..=MAX_BATCH`. Larger batches read the
+    /// weights less often and need more memory.
     pub max_batch: usize,
-    /// The longest that a chunk which is due waits for others, to be computed together: with 50 ms, 32 avatars take about
-    /// a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a stream, once
-    /// half of its length or less is left until it would be late, or where all sessions are due. Zero: none waits.
+    /// Batching window: the longest that a due chunk waits for others, to be computed together.
+    /// With 50 ms, 32 avatars take about a fifth less processor time; frames come later by the
+    /// wait. A chunk does not wait at the start of a stream, once at most half of its duration is
+    /// left until it would be late, or if a batch is full or all sessions are due. Zero turns
+    /// waiting off.
     pub gather: Duration,
-    /// The host's threads, in place of the engine's own, where the host polls.
+    /// The host's threads, used instead of the engine's own if the host polls.
     pub lender: Option<Lender>,
-    /// What time it is.
+    /// The clock for deadlines and delays.
     pub clock: Clock,
 }
 
-/// Asks the host for threads: called by the thread that polls, with how many are wanted. Each that
-/// the host finds calls [`Engine::lend`]; late ones, missing ones and calls by the polling thread
-/// itself cost speed and nothing else.
+/// Asks the host for threads: the polling thread calls it with the number wanted. Each thread that
+/// the host provides calls [`Engine::lend`]. Late or missing threads, and calls by the polling
+/// thread itself, only cost speed.
 #[derive(Clone)]
 pub struct Lender(pub Arc<dyn Fn(usize) + Send + Sync>);
 
@@ -52,19 +54,19 @@ impl fmt::Debug for Lender {
     }
 }
 
-/// Who computes.
+/// The threads that compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Threads {
-    /// As many threads of the engine's own, `1..=MAX_THREADS`. With few sessions they share each layer of
-    /// one batch; with more, and a small model, each has batches of its own.
+    /// This many threads of the engine's own, `1..=MAX_THREADS`. With few sessions they share each
+    /// layer of one batch. With more, and a small model, each has its own batches.
     Own(usize),
-    /// Whoever calls [`Engine::poll`], with the help of as many more threads, `0..MAX_THREADS`.
+    /// The thread that calls [`Engine::poll`], helped by this many more threads, `0..MAX_THREADS`.
     Host(usize),
 }
 
 impl Threads {
-    /// How many threads compute.
+    /// Number of threads that compute.
     pub(super) fn count(self) -> usize {
         match self {
             Self::Own(threads) => threads,
@@ -74,7 +76,8 @@ impl Threads {
 }
 
 impl Default for EngineConfig {
-    /// Two threads, 64 sessions, 8 of them together; none waits for others. Without the feature `threads` the host polls.
+    /// Two threads, 64 sessions, batches of 8, no batching window. Without the feature `threads`
+    /// the host polls.
     fn default() -> Self {
         let has_threads = cfg!(feature = "threads");
         Self {

@@ -1,4 +1,4 @@
-//! What can go wrong with an engine.
+//! Errors of an engine.
 
 use std::fmt;
 
@@ -6,22 +6,22 @@ use crate::defect::Defect;
 use crate::error::{LoadError, StepError};
 use crate::memory::{self, OutOfMemory};
 
-/// Why an engine or a session cannot be made.
+/// Reason why an engine or a session cannot be created.
 #[derive(Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum EngineError {
-    /// A number is out of its range.
+    /// A number is out of range.
     Config(LoadError),
-    /// The system starts no thread.
+    /// A thread cannot be started.
     Thread(std::io::Error),
-    /// Every place is taken.
+    /// All session slots are taken.
     Full {
-        /// Places of the engine.
+        /// Number of slots of the engine.
         sessions: usize,
     },
-    /// The model gives no pose of rest.
+    /// The model's rest pose cannot be computed.
     Rest(StepError),
-    /// There is no memory for it.
+    /// Out of memory.
     Memory(OutOfMemory),
     /// The engine's thread panicked: a defect of this library.
     Panicked(Defect),
@@ -59,8 +59,7 @@ impl From<OutOfMemory> for EngineError {
 }
 
 impl EngineError {
-    /// The error of a thread that was not started: the system does not report missing memory as
-    /// such.
+    /// Error of a thread that did not start: the system does not report missing memory as such.
     pub(super) fn thread(error: std::io::Error) -> Self {
         match memory::check_thread() {
             Ok(()) => Self::Thread(error),
@@ -78,7 +77,7 @@ impl From<LoadError> for EngineError {
     }
 }
 
-/// A poll that could not be done.
+/// Reason why a poll failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum PollError {

@@ -1,9 +1,10 @@
-//! How the workers of an engine share out what is due.
+//! Distribution of the due sessions over an engine's workers.
 //!
-//! With few sessions one worker, the lead, computes all of them, and the threads of its team share its
-//! steps. With more, threads that share steps get in each other's way more than they help: then workers take
-//! batches of their own, each on one thread. What is counted here only says who takes how many; that no
-//! session is forgotten or computed twice is a matter of the slots and the signal.
+//! With few sessions one worker, the lead, computes all of them, and the threads of its team share
+//! its steps. With more sessions, threads that share steps slow each other down more than they
+//! help: workers then take their own batches, each on one thread. The counts here only decide how
+//! many sessions a worker takes. The slots and the signal guarantee that no session is forgotten or
+//! computed twice.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -13,26 +14,26 @@ use crate::config::Config;
 
 /// The worker that computes alone while there are few sessions.
 pub(super) const LEAD: usize = 0;
-/// Sessions, in work or due, from which workers take batches of their own.
+/// Number of sessions, in work or due, from which workers take their own batches.
 const CROWD: usize = 4;
 
-/// What an engine's workers are at.
+/// Load of an engine's workers.
 #[derive(Debug)]
 pub(super) struct Load {
     workers: usize,
-    /// Whether chunks wait for others: whoever takes them takes all.
+    /// Batching is on: a worker takes every due session.
     gathers: bool,
-    /// Workers with a batch.
+    /// Number of workers with a batch.
     busy: AtomicUsize,
-    /// Sessions in all batches.
+    /// Number of sessions in all batches.
     members: AtomicUsize,
 }
 
 impl Load {
-    /// For an engine of a model of these dimensions.
+    /// For an engine with a model of these dimensions.
     pub(super) fn new(config: &EngineConfig, model: &Config) -> Self {
-        // Layers that do not stay in a core's caches are read from memory, once for a whole batch, and by all
-        // threads together: there it is better that they share steps.
+        // Layers that exceed a core's caches are read from memory, once per batch and by all
+        // threads together. Sharing steps is faster for them.
         let workers = match config.threads {
             Threads::Own(threads) if config.max_sessions >= CROWD && is_cached(model) => threads,
             _ => 1,
@@ -41,12 +42,12 @@ impl Load {
         Self { workers, gathers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
     }
 
-    /// How many batches can be under way at once.
+    /// Upper bound on the concurrent batches.
     pub(super) fn workers(&self) -> usize {
         self.workers
     }
 
-    /// How many of `due` sessions a worker without a batch takes, at most; none where they are the lead's.
+    /// Upper bound on the `due` sessions that an idle worker takes; 0 if the lead handles them.
     pub(super) fn part(&self, worker: usize, due: usize) -> usize {
         let is_crowd = self.workers > 1 && due + self.members.load(Ordering::Relaxed) >= CROWD;
         match worker {
@@ -57,18 +58,18 @@ impl Load {
         }
     }
 
-    /// Whether another worker than the calling one, which has a batch, has one too.
+    /// Whether another worker has a batch, besides the calling one.
     pub(super) fn is_shared(&self) -> bool {
         self.busy.load(Ordering::Relaxed) > 1
     }
 
-    /// A worker has begun a batch.
+    /// Counts a batch that begins.
     pub(super) fn begin(&self, members: usize) {
         self.busy.fetch_add(1, Ordering::Relaxed);
         self.members.fetch_add(members, Ordering::Relaxed);
     }
 
-    /// It has ended.
+    /// Counts a batch that ends.
     pub(super) fn end(&self, members: usize) {
         self.busy.fetch_sub(1, Ordering::Relaxed);
         self.members.fetch_sub(members, Ordering::Relaxed);

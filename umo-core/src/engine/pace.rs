@@ -1,28 +1,29 @@
-//! Which share of chunks is computed in full while there is more to compute than time (SPEC 2.9).
+//! Share of the chunks that is computed in full under overload (SPEC 2.9).
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Nanoseconds in which the share falls from all to none while chunks are late, and rises again while they
-/// are not. It falls within a few chunks, before the audio's ring is full; it rises slowly, so that it
-/// settles.
+/// Nanoseconds in which the share falls from 1 to 0 while chunks are late, and rises back while
+/// they are not. It falls within a few chunks, before the audio ring is full; it rises slowly, so
+/// that it settles.
 const FALL: f32 = 1.5e9;
 const RISE: f32 = 12e9;
-/// Most of that time between two looks: in a longer one nothing was computed.
+/// Upper bound on the time counted between two looks: a longer gap means that nothing was computed.
 const LONGEST_LOOK: u64 = 100_000_000;
-/// A chunk is in time where it begins by this part of its length before it would be late.
+/// Fraction of a chunk's duration, as a divisor: a chunk is in time if it begins this much before
+/// it would be late.
 const IN_TIME: i64 = 4;
 /// No limit: no body is held.
 const UNLIMITED: u64 = u64::MAX;
 
-/// The share, which all workers of an engine change as they look for work.
+/// The share, which all workers of an engine update when they look for work.
 #[derive(Debug)]
 pub(super) struct Pace {
-    /// How late chunks may begin before bodies are held, nanoseconds.
+    /// Lateness, in nanoseconds, at which bodies begin to be held.
     limit: AtomicU64,
-    /// An f32 as bits.
+    /// An f32 as its bits.
     share: AtomicU32,
-    /// When a worker looked last, nanoseconds.
+    /// Time when a worker looked last, nanoseconds.
     looked: AtomicU64,
 }
 
@@ -34,17 +35,17 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Sets how late chunks may begin before bodies are held.
+    /// Sets the lateness at which bodies begin to be held.
     pub(super) fn set_limit(&self, limit: Option<Duration>) {
         let nanos = limit.map_or(UNLIMITED, |limit| u64::try_from(limit.as_nanos()).unwrap_or(UNLIMITED));
         self.limit.store(nanos, Ordering::Relaxed);
     }
 
-    /// The share of chunks that is computed in full from `now` on: less while the one that has waited the
-    /// longest is `late` by more than the limit, more while there is time before that.
+    /// Share of the chunks that is computed in full from `now` on: it falls while the chunk that
+    /// has waited longest is `late` by more than the limit, and rises while that chunk is in time.
     pub(super) fn full_share(&self, now: u64, (late, period): (i64, i64)) -> f32 {
         let limit = self.limit.load(Ordering::Relaxed);
-        // Time is counted once, whichever worker looks.
+        // Elapsed time is counted once, by whichever worker looks first.
         let elapsed = now.saturating_sub(self.looked.fetch_max(now, Ordering::Relaxed)).min(LONGEST_LOOK) as f32;
         let next = |share: f32| {
             if limit == UNLIMITED {

@@ -1,5 +1,5 @@
-//! What becomes of a defect, and how workers share out a crowd: in these the test takes their turns, in the
-//! order that it wants.
+//! Panics, and distribution of many sessions over the workers. The tests run the workers' turns in
+//! a chosen order.
 
 mod failures;
 
@@ -18,7 +18,7 @@ fn polled() -> Engine {
     Engine::new(model("models/umo-people"), &config).unwrap()
 }
 
-/// Name and nice value of the thread with this folder in `/proc`, if it lives.
+/// Name and nice value of the thread with this folder in `/proc`, if it is alive.
 #[cfg(target_os = "linux")]
 fn thread(folder: &std::path::Path) -> Option<(String, i32)> {
     let stat = std::fs::read_to_string(folder.join("stat")).ok()?;
@@ -27,7 +27,7 @@ fn thread(folder: &std::path::Path) -> Option<(String, i32)> {
     Some((name.split_once('(').unwrap().1.to_owned(), nice))
 }
 
-/// Those of this process's threads.
+/// Names and nice values of this process's threads.
 #[cfg(target_os = "linux")]
 fn threads() -> Vec<(String, i32)> {
     let tasks = std::fs::read_dir("/proc/self/task").unwrap();
@@ -47,7 +47,7 @@ fn an_engines_own_threads_have_its_priority() {
         assert!(has_low(name), "{name}: {:?}", threads());
     }
     drop(engine);
-    // The thread that polls is the host's.
+    // The host's thread polls.
     let config = EngineConfig { threads: Threads::Host(1), ..config };
     let engine = Engine::new(model("tests/golden/mel_k2_arkit"), &config).unwrap();
     assert!(has_low("umo-1"), "{:?}", threads());
@@ -55,7 +55,7 @@ fn an_engines_own_threads_have_its_priority() {
     drop(engine);
 }
 
-/// An engine of two threads, which the test is, and its workers.
+/// An engine with two workers, whose turns the test runs itself.
 struct Turns {
     engine: Engine,
     workers: [Worker; 2],
@@ -75,13 +75,13 @@ impl Turns {
         self.workers[worker].turn(&self.engine.inner)
     }
 
-    /// Turns of one worker until it finds nothing.
+    /// Runs turns of one worker until it finds no work.
     fn finish(&mut self, worker: usize) {
         while self.turn(worker) {}
     }
 }
 
-/// Sessions with seeds from `first` on, two chunks of sound pushed into each.
+/// Creates sessions with seeds from `first` on, and pushes two chunks of sound into each.
 fn sessions(engine: &Engine, first: u64, count: u64) -> Vec<Session> {
     let session = |seed: u64| {
         let mut config = SessionConfig::new(&engine.model().config);
@@ -99,7 +99,7 @@ fn chunks(sessions: &[Session]) -> Vec<u64> {
     sessions.iter().map(|session| session.stats().chunks).collect()
 }
 
-/// The bits of all frames that are there.
+/// Bits of all ready frames.
 fn frames(session: &Session) -> Vec<u32> {
     let mut bits = Vec::new();
     let keep = |frame: crate::session::Frame| {
@@ -113,13 +113,13 @@ fn frames(session: &Session) -> Vec<u32> {
 fn a_worker_that_is_put_aside_delays_its_own_batch_alone_and_frames_are_the_same() {
     let mut turns = Turns::new();
     let crowd = sessions(&turns.engine, 0, 8);
-    // Each begins with half of what is due; then the lead gets no processor.
+    // Each worker begins with half of the due sessions; then the lead is preempted.
     assert!(turns.turn(0) && turns.turn(1));
     turns.finish(1);
     let done = chunks(&crowd);
     assert_eq!(done.iter().filter(|&&chunks| chunks == 2).count(), 4, "{done:?}");
     assert_eq!(done.iter().filter(|&&chunks| chunks == 0).count(), 4, "{done:?}");
-    // Sessions come and go meanwhile.
+    // Sessions come and go in the meantime.
     let late = sessions(&turns.engine, 8, 1);
     turns.finish(1);
     assert_eq!(chunks(&late), [2]);
@@ -150,7 +150,7 @@ fn few_sessions_are_left_to_the_lead_which_is_called() {
     let inner = Arc::clone(&turns.engine.inner);
     assert!(inner.signal().begin_turn(LEAD));
     assert!(!turns.turn(1));
-    // It would not return if nobody had called.
+    // This sleep would not return without a call.
     inner.signal().sleep(LEAD, None);
     turns.finish(0);
     assert_eq!(chunks(&few), [2; 3]);

@@ -18,36 +18,38 @@ use crate::time::Instant;
 /// A batch, and the sessions in it.
 #[derive(Debug)]
 pub(super) struct Worker {
-    /// Which of the engine's workers it is.
+    /// Index among the engine's workers.
     index: usize,
     team: Arc<Team>,
     batch: Batch,
-    /// The members of the batch, in its order: their avatars, their schedules, their slots.
+    /// The members of the batch, in its order: avatars, schedules, slots.
     avatars: Vec<Avatar>,
     schedules: Vec<Schedule>,
     slots: Vec<usize>,
-    /// Deadline and slot of every session that is due.
+    /// Deadline and slot of every due session.
     candidates: Vec<(u64, usize)>,
-    /// What is due of each member.
+    /// Kind of chunk of each member.
     due: Vec<Due>,
     packets: PacketWriter,
-    /// The longest that chunks which are due wait for others, nanoseconds.
+    /// Batching window: the longest that due chunks wait for others, nanoseconds.
     gather: u64,
-    /// How long those that the last turn found wait from then on, if they do.
+    /// Remaining batching delay of the sessions that the last turn found due; `None` if they do not
+    /// wait.
     gathers: Option<Duration>,
-    /// How long the mouth network heard a chunk the last time.
+    /// Time that the mouth network took for the last chunk.
     heard: Duration,
-    /// The batch's times that the engine has been told of.
+    /// Stage times of the batch that were already added to the engine's.
     told: StageTimes,
 }
 
 impl Worker {
-    /// Worker `index` of the engine. The [`LEAD`] has the engine's threads as a team; each of the others is
-    /// one thread, on the core of the team's thread of that number, which sleeps while the other computes.
+    /// Creates worker `index` of the engine. The [`LEAD`] has the engine's threads as its team.
+    /// Each other worker is one thread, on the core of the team thread with the same number; one of
+    /// the two sleeps while the other computes.
     pub(super) fn new(inner: &Inner, config: &EngineConfig, index: usize) -> std::io::Result<Self> {
         let threads = config.threads.count();
         let width = config.max_batch.min(config.max_sessions);
-        // The thread that polls is the host's.
+        // The host's thread polls.
         let (own, others) = match (config.threads, &*config.cores) {
             (Threads::Own(_), [own, others @ ..]) => (Some(*own), others),
             (_, cores) => (None, cores),
@@ -59,7 +61,7 @@ impl Worker {
             }
             _ => Team::placed(threads, Placement { caller: own, cores: others, priority: config.priority })?,
         };
-        // After the team's threads, which would begin with it.
+        // Set after the team's threads have started, because they would inherit it.
         let is_set = matches!(config.threads, Threads::Host(_)) || config.priority.set();
         if !is_set || !team.has_priority() {
             inner.refused.store(true, Ordering::Relaxed);
@@ -85,12 +87,12 @@ impl Worker {
         })
     }
 
-    /// Which of the engine's workers it is.
+    /// Index among the engine's workers.
     pub(super) fn index(&self) -> usize {
         self.index
     }
 
-    /// How long the chunks that the last turn found due wait for others.
+    /// Remaining batching delay of the chunks that the last turn found due.
     pub(super) fn gathers(&self) -> Option<Duration> {
         self.gathers
     }
@@ -100,18 +102,18 @@ impl Worker {
         Arc::clone(&self.team)
     }
 
-    /// How long the next turn will take, as far as that is known.
+    /// Expected duration of the next turn.
     pub(super) fn expected(&self) -> Duration {
         if self.is_mouth_next() { self.heard } else { self.batch.expected() }
     }
 
-    /// What the next turn does.
+    /// Name of the next turn's step.
     #[cfg(feature = "internals")]
     pub(super) fn next_step(&self) -> &'static str {
         if self.is_mouth_next() { "mouth" } else { self.batch.next_step() }
     }
 
-    /// Where the host lends its threads.
+    /// Entry point of the threads that the host lends.
     pub(super) fn external_workers(&self) -> ExternalWorkers {
         self.team.external_workers()
     }
@@ -146,7 +148,7 @@ impl Worker {
         true
     }
 
-    /// Ends the chunks of the batch that is done, but of the members that failed.
+    /// Ends the chunks of the completed batch, except for failed members.
     fn end(&mut self, inner: &Inner) {
         let now = inner.clock.nanos();
         let members = self.schedules.iter_mut().zip(&self.avatars).zip(&self.due);
@@ -154,7 +156,7 @@ impl Worker {
             schedule.write_packet(&mut self.packets, avatar, inner.model(), due);
             schedule.end(now);
         }
-        // Whoever reads them at this moment gets the last batch's.
+        // If another thread reads the times now, they are added after the next batch.
         if let Ok(mut times) = inner.times.try_lock() {
             let now = self.batch.stage_times();
             times.add(now.since(std::mem::replace(&mut self.told, now)));
@@ -162,8 +164,8 @@ impl Worker {
         self.put_back(inner);
     }
 
-    /// Has the mouth network hear one member's chunk: a step of its own, so that a poll keeps its budget
-    /// however many bodies are held.
+    /// Feeds one member's chunk to the mouth network. This is a separate step, so that a poll keeps
+    /// its budget however many bodies are held.
     fn hear_mouth(&mut self, member: usize) {
         let start = Instant::now();
         let (schedule, avatar) = (&mut self.schedules[member], &mut self.avatars[member]);
@@ -179,12 +181,13 @@ impl Worker {
         self.heard = start.elapsed();
     }
 
-    /// Whether the next turn has a mouth network hear something.
+    /// Whether the next turn runs the mouth network.
     fn is_mouth_next(&self) -> bool {
         self.schedules.iter().any(Schedule::awaits_mouth)
     }
 
-    /// Puts the sessions with the earliest deadlines into a batch, as many as are this worker's part.
+    /// Puts this worker's part of the due sessions, those with the earliest deadlines, into a
+    /// batch.
     fn begin(&mut self, inner: &Inner) -> bool {
         let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
@@ -203,7 +206,7 @@ impl Worker {
         });
         let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
         if part == 0 && !self.candidates.is_empty() {
-            // It may have looked while this worker had one of their slots.
+            // The lead may have looked while this worker held one of their slots.
             inner.signal().call(LEAD);
             return false;
         }
@@ -220,7 +223,7 @@ impl Worker {
                 break;
             }
             left -= 1;
-            // It may have been interrupted or dropped in the meantime, or another worker has it.
+            // It may have been interrupted or dropped in the meantime, or taken by another worker.
             let mut due = None;
             let is_due = |member: &mut Member| {
                 due = member.due(model, now).and_then(|(due, _)| member.prepare(due, share, slot, model));

@@ -1,4 +1,4 @@
-//! What a session is made with.
+//! Settings of a session.
 
 use std::time::Duration;
 
@@ -10,8 +10,8 @@ use crate::error::LoadError;
 use crate::life::LifeConfig;
 use crate::lm::layout::Template;
 
-/// Least seconds of audio that wait for the engine before
-/// [`Session::push_audio`](super::Session::push_audio) takes no more.
+/// Least amount of queued audio, in seconds, at which
+/// [`Session::push_audio`](super::Session::push_audio) may refuse more.
 pub const AUDIO_SECONDS: usize = 10;
 /// Lowest sample rate of a session, per second.
 pub const MIN_RATE: usize = 8_000;
@@ -24,76 +24,76 @@ pub const MAX_GAIN: f32 = 2.0;
 /// Longest [`Session::interrupt`](super::Session::interrupt).
 pub const MAX_EASE: Duration = Duration::from_secs(10);
 
-/// Most frames that wait for the host.
+/// Upper bound of [`SessionConfig::queue_frames`].
 pub(super) const MAX_QUEUE: usize = 1 << 16;
 
-/// A session's [`smoothing`](AvatarConfig::smoothing): what takes the decoders' tremor away and
-/// leaves the strokes.
+/// Default [`smoothing`](AvatarConfig::smoothing) of a session: removes the decoders' jitter and
+/// keeps the strokes.
 const SMOOTHING: f32 = 1.2;
 
 /// Packets of a session (SPEC 2.18).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct PacketConfig {
-    /// Keyframes before those of its chunk that a packet says again, as many as fit the model's
-    /// history.
+    /// Keyframes before its own chunk that a packet repeats, at most as many as the model's history
+    /// holds.
     pub history: usize,
-    /// Whether frames are queued, too. Without them nothing waits for
+    /// Whether frames are queued, too. Without them, nothing waits for
     /// [`Session::pull_frames`](super::Session::pull_frames).
     pub with_frames: bool,
 }
 
 impl PacketConfig {
-    /// Packets beside frames, each of which says the chunk before again: one that is lost changes
-    /// nothing.
+    /// Packets in addition to frames. Each packet repeats the previous chunk, so that a single lost
+    /// packet changes nothing.
     pub fn new(target: usize) -> Self {
         Self { history: target, with_frames: true }
     }
 }
 
-/// What a session is made with.
+/// Settings of a session.
 #[derive(Clone, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct SessionConfig {
     /// The avatar.
     pub avatar: AvatarConfig,
-    /// Samples per second of the audio that is pushed, [`MIN_RATE`] to [`MAX_RATE`].
+    /// Sample rate of the pushed audio, [`MIN_RATE`] to [`MAX_RATE`].
     pub sample_rate: usize,
-    /// Interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed.
+    /// Number of interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed down.
     pub channels: usize,
-    /// When the mouth moves. [`Voice::Live`] needs a model with a mouth network.
+    /// Timing of the mouth. [`Voice::Live`] needs a model with a mouth network.
     pub voice: Voice,
-    /// What is shown while no audio comes.
+    /// Behaviour while no audio comes.
     pub idle: Idle,
     /// Time without audio after which [`Idle::Rest`] and [`Idle::Live`] begin.
     pub idle_after: Duration,
-    /// How long an ease to rest takes, and the way back from it.
+    /// Duration of the ease to rest, and of the way back.
     pub ease: Duration,
-    /// Frames that wait for the host before the engine stops computing: at least two chunks' worth.
+    /// Capacity of the frame queue; the engine pauses while a chunk does not fit. At least two
+    /// chunks' worth.
     pub queue_frames: usize,
-    /// Packets for [`Session::decoder`](super::Session::decoder)s elsewhere, where there are any.
+    /// Packets for [`Session::decoder`](super::Session::decoder)s elsewhere, if any.
     pub packets: Option<PacketConfig>,
-    /// Of a [`Session::decoder`](super::Session::decoder): packets that may come before one that is missing counts as lost,
-    /// 0 to 4.
+    /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
+    /// may arrive before a missing one counts as lost.
     pub patience: usize,
 }
 
-/// What is shown while no audio comes.
+/// Behaviour while no audio comes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Idle {
-    /// The last pose.
+    /// Holds the last pose.
     #[default]
     Hold,
-    /// An ease to the rest pose; only [`Session::sample_pose`](super::Session::sample_pose) shows
-    /// it.
+    /// Eases to the rest pose; only [`Session::sample_pose`](super::Session::sample_pose) shows it.
     Rest,
-    /// The model, run on silence.
+    /// Runs the model on silence.
     Live,
 }
 
 impl SessionConfig {
-    /// The model's own defaults, speech to motion, mono audio at the model's rate, smoothed, with
+    /// The model's defaults, speech to motion, mono audio at the model's rate, with smoothing and
     /// all layers.
     pub fn new(config: &Config) -> Self {
         Self {
@@ -110,13 +110,13 @@ impl SessionConfig {
         }
     }
 
-    /// Samples of future audio, at the session's rate, that a frame needs at most, resampling
-    /// included: the [`algorithmic_samples`](super::Latency::algorithmic_samples) of a session made
-    /// with this.
+    /// Upper bound on the future audio that a frame needs, in samples at the session's rate,
+    /// including resampling: the [`algorithmic_samples`](super::Latency::algorithmic_samples) of a
+    /// session with these settings.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the template is missing, or the target, the lookahead or the
-    /// rate is out of range.
+    /// [`LoadError::Config`] if the template is missing, or the target, the lookahead or the rate
+    /// is out of range.
     pub fn latency_samples(&self, config: &Config) -> Result<usize, LoadError> {
         self.avatar.check(config)?;
         let has_audio = Template::new(config, &self.avatar.template)?.has_audio();
@@ -125,13 +125,13 @@ impl SessionConfig {
         Ok(self.latency_with(config, has_audio))
     }
 
-    /// Refuses a rate or channels that no session has.
+    /// Checks the ranges of rate and channels.
     pub(crate) fn check(&self) -> Result<(), LoadError> {
         in_range("sample_rate", self.sample_rate, MIN_RATE, MAX_RATE)?;
         in_range("channels", self.channels, 1, MAX_CHANNELS)
     }
 
-    /// [`Self::latency_samples`] of settings that were checked.
+    /// [`Self::latency_samples`] of checked settings.
     pub(super) fn latency_with(&self, config: &Config, has_audio: bool) -> usize {
         let frames = self.avatar.latency_frames(config);
         let delay = if has_audio { resample::most_delay(self.sample_rate, config.audio.sample_rate) } else { 0 };
@@ -139,7 +139,7 @@ impl SessionConfig {
     }
 }
 
-/// That a number of a configuration is `from` to `to`.
+/// Checks that a setting is in `from..=to`.
 pub(super) fn in_range(key: &str, got: usize, from: usize, to: usize) -> Result<(), LoadError> {
     if (from..=to).contains(&got) {
         return Ok(());

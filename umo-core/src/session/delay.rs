@@ -1,16 +1,16 @@
-//! How long chunks took: a histogram of fixed size that one thread fills while others read it.
+//! Compute times of chunks: a histogram of fixed size that one thread fills while others read it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use crate::memory::{Arena, Slice};
 
-/// Steps per doubling: a bucket is 4.4 % wide.
+/// Buckets per doubling: a bucket is 4.4 % wide.
 const STEPS: usize = 16;
-/// Doublings from a microsecond: to 18 minutes.
+/// Doublings from 1 µs on: up to 18 minutes.
 const DOUBLINGS: usize = 30;
 
-/// Delays, counted.
+/// Histogram of delays.
 #[derive(Debug)]
 pub(crate) struct Delays {
     buckets: Slice<AtomicU64>,
@@ -40,7 +40,7 @@ impl Delays {
         Duration::from_nanos(self.largest.load(Ordering::Relaxed))
     }
 
-    /// The delay that a share of all stayed within, to 4.4 %; zero where there were none.
+    /// Quantile `share` of the delays, to 4.4 %; zero if there are none.
     #[expect(clippy::cast_precision_loss, reason = "a bucket's number is small, and 2^53 chunks are many")]
     pub(crate) fn quantile(&self, share: f64) -> Duration {
         let wanted = (self.count() as f64 * share).ceil();

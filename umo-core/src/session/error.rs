@@ -1,4 +1,4 @@
-//! What a session refuses, and why it ends.
+//! Errors of a session.
 
 use std::fmt;
 
@@ -6,45 +6,44 @@ use crate::error::StepError;
 use crate::packet::PacketError;
 use crate::state::StateError;
 
-/// A call that could not be done; nothing was changed by it. `Copy`: reporting one allocates
-/// nothing.
+/// A call that failed; it changed nothing. `Copy`: reporting one allocates nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum SessionError {
-    /// Another thread is in the same call, or in one that excludes it; the call may be repeated.
+    /// Another thread is in the same call, or in one that excludes it; retry.
     Busy(&'static str),
-    /// Audio was pushed after [`Session::finish`](super::Session::finish);
+    /// Audio was pushed after [`Session::finish`](super::Session::finish); call
     /// [`Session::reset`](super::Session::reset) or
-    /// [`Session::interrupt`](super::Session::interrupt) start anew.
+    /// [`Session::interrupt`](super::Session::interrupt) first.
     Finished,
     /// The sample count is not a multiple of the session's channel count.
     Uneven {
-        /// Samples given.
+        /// Number of samples.
         got: usize,
-        /// Channels of the session.
+        /// The session's channel count.
         channels: usize,
     },
-    /// An argument is out of its range, which the text says.
+    /// An argument is out of range; the text gives the range.
     Range(&'static str),
-    /// The avatar's computation failed: the session gives no more frames.
+    /// The avatar's computation failed: the session produces no more frames.
     Failed(StepError),
-    /// The avatar's computation panicked: the session gives no more frames.
-    /// [`Session::defect`](super::Session::defect) says what the panic said.
+    /// The avatar's computation panicked: the session produces no more frames.
+    /// [`Session::defect`](super::Session::defect) has the panic's message.
     Panicked,
     /// The engine is gone; frames that were ready can still be pulled.
     Closed,
     /// A state cannot be restored into this session.
     State(StateError),
-    /// A packet was not taken.
+    /// A packet was refused.
     Packet(PacketError),
-    /// No gesture has this name; [`Session::gesture_names`](super::Session::gesture_names) says
-    /// which there are.
+    /// No gesture has this name; [`Session::gesture_names`](super::Session::gesture_names) lists
+    /// them.
     UnknownGesture,
-    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) gestures wait already; the call may be
-    /// repeated when one has begun.
+    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) gestures are already pending; retry
+    /// when one has begun.
     GesturesFull,
-    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) hints of lips wait already; the call may be
-    /// repeated when the time of one has passed.
+    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) viseme hints are already pending; retry when
+    /// the time of one has passed.
     HintsFull,
 }
 

@@ -1,5 +1,5 @@
-//! How much each part moves, as the host has set it: applied to what is handed out, and to nothing
-//! that is kept.
+//! Gains of the parts, as set by the host: applied to the frames that are handed out, and to no
+//! stored frame.
 
 use std::sync::atomic::Ordering;
 
@@ -11,16 +11,16 @@ use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
-/// How fast a gain follows what was set, per second.
+/// Rate at which a gain follows its setting, per second.
 const SPEED: f64 = 8.0;
 
-/// The gains in force, and a frame that they were applied to.
+/// The gains in force, and the frame that they are applied to.
 #[derive(Debug)]
 pub(super) struct Gained {
     now: PerPart<f32>,
-    /// Seconds of the frame that they were in force for.
+    /// Time of the last frame that they were applied to, seconds.
     time: f64,
-    /// Whether any frame was handed out; the first has its gains at once.
+    /// Whether any frame was handed out; the first takes its gains at once.
     pub(super) started: bool,
     frame: OwnedFrame,
     is_arkit: bool,
@@ -50,8 +50,8 @@ impl Gained {
         Ok(())
     }
 
-    /// `frame`, which is shown at `time`, as far from `rest` as the gains say; the frame itself
-    /// where they are all 1.
+    /// Scales the deviation of `frame`, shown at `time`, from `rest` by the gains; returns `frame`
+    /// itself if all are 1.
     pub(super) fn apply<'a>(
         &'a mut self,
         shared: &Shared,
@@ -66,7 +66,7 @@ impl Gained {
         self.frame.copy(frame);
         for part in Part::ALL.into_iter().filter(|&part| self.now[part] != 1.0) {
             let gain = self.now[part];
-            // The eyes belong to no part's channels: the face turns them.
+            // The eyes are in no part's channels: they follow the face's gain.
             let eyes = if part == Part::Face { JAW + 1..JAW + 3 } else { 0..0 };
             for joint in joints_of(part).chain(eyes) {
                 self.frame.pose.rotations[joint] =
@@ -94,7 +94,7 @@ impl Gained {
         }
     }
 
-    /// Moves the gains towards what was set.
+    /// Moves the gains towards their settings.
     #[expect(clippy::cast_possible_truncation, reason = "a gain's precision is enough")]
     fn follow(&mut self, shared: &Shared, time: f64) {
         let step = (SPEED * (time - self.time).max(0.0)) as f32;
@@ -108,7 +108,7 @@ impl Gained {
     }
 }
 
-/// Describes a gain, by its bits.
+/// Describes a gain as the bits of a float.
 pub(super) fn gain_bits(pass: &mut StatePass, present: u32) -> Result<u32, StateError> {
     let bits = u32::try_from(pass.limited("gain", present.into(), u32::MAX.into())?).unwrap_or_default();
     pass.must((0.0..=MAX_GAIN).contains(&f32::from_bits(bits)), "gain")?;

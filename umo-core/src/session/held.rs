@@ -1,4 +1,4 @@
-//! The mouth of chunks whose body holds its pose because the engine does not keep up (SPEC 2.9): it
+//! The mouth of chunks whose body holds its pose because the engine cannot keep up (SPEC 2.9). It
 //! comes from the live mouth's network, which costs a fraction of a chunk.
 //!
 //! ```text
@@ -22,19 +22,19 @@ use crate::mouth::MouthStream;
 
 use super::voice::{JAW_OPEN, TO_REST};
 
-/// How much of the way from one mouth to the other a frame goes, so that neither jumps.
+/// Share of the blend between the two mouths that one frame advances, so that neither jumps.
 const FADE: f32 = 0.25;
 /// Frames that the network may be ahead of the chunk.
 const AHEAD: usize = 32;
 
-/// One session's.
+/// The mouth network's state in one session.
 #[derive(Debug)]
 pub(super) struct HeldMouth {
     model: Arc<Model>,
     stream: MouthStream,
-    /// Whether the stream has heard the chunk before.
+    /// Whether the stream has heard the previous chunk.
     listens: bool,
-    /// Frame of the first of the chunk's samples, where they are still to be heard.
+    /// Frame of the chunk's first sample, if the chunk is still to be heard.
     awaited: Option<u64>,
     /// Frame of the session at which the stream began.
     start: u64,
@@ -46,16 +46,16 @@ pub(super) struct HeldMouth {
     held: Slice<bool>,
     /// `[channels]`: the mouth shown last.
     last: Slice<f32>,
-    /// The share of it in the frame shown last.
+    /// Blend weight of that mouth in the frame shown last.
     weight: f32,
-    /// The index of jawOpen in it.
+    /// Index of jawOpen in it.
     jaw: Option<usize>,
     pose: Pose,
     face: Slice<f32>,
 }
 
 impl HeldMouth {
-    /// None where the model has no mouth network.
+    /// `None` if the model has no mouth network.
     pub(super) fn new_in(model: &Arc<Model>, avatar: &Avatar, face_values: usize, arena: &Arena) -> Option<Self> {
         let (mouth, config) = (model.mouth.as_ref()?, &model.config);
         let channels = mouth.channels().len();
@@ -79,14 +79,14 @@ impl HeldMouth {
         })
     }
 
-    /// Back to the start of a stream.
+    /// Returns to the start of a stream.
     pub(super) fn reset(&mut self) {
         (self.listens, self.awaited, self.start, self.known, self.weight) = (false, None, 0, 0, 0.0);
         self.held.fill(false);
     }
 
-    /// A chunk begins whose frames are `frames`, held or not. Its samples are to be heard if they are
-    /// to belong to a frame: the first to this one.
+    /// Begins a chunk with frames `frames`, held or not. With `hears`, its samples are to be heard,
+    /// and the first belongs to that frame.
     pub(super) fn begin(&mut self, frames: Range<u64>, held: bool, hears: Option<u64>) {
         self.awaited = hears;
         self.listens &= hears.is_some();
@@ -101,7 +101,7 @@ impl HeldMouth {
         self.awaited.is_some()
     }
 
-    /// Hears the chunk's samples, if it is to.
+    /// Hears the chunk's samples, if they are still to be heard.
     pub(super) fn hear(&mut self, samples: &[f32]) -> Result<(), StepError> {
         let Self { model, stream, listens, awaited, start, known, mouths, held, .. } = self;
         let (Some(mouth), Some(frame)) = (&model.mouth, awaited.take()) else { return Ok(()) };
@@ -119,7 +119,7 @@ impl HeldMouth {
         })
     }
 
-    /// The frame with the mouth that is heard, where its body is held or was a moment ago.
+    /// Returns the frame with the mouth that was heard, if its body is held or was a moment ago.
     pub(super) fn put(&mut self, frame: &FrameRef) -> Option<(&Pose, &[f32])> {
         let (index, mouth) = (frame.index as u64, self.model.mouth.as_ref()?);
         let slot = self.slot(index);
@@ -152,7 +152,7 @@ impl HeldMouth {
     }
 }
 
-/// The frames that the avatar's next chunk makes known.
+/// Range of frames that the avatar's next chunk makes known.
 pub(super) fn next_frames(avatar: &Avatar, config: &Config) -> Range<u64> {
     avatar.known_frames(config, avatar.chunk) as u64..avatar.known_frames(config, avatar.chunk + 1) as u64
 }

@@ -1,4 +1,4 @@
-//! The audio side of a session: channels mixed, resampled, put in the ring.
+//! The audio side of a session: mixes the channels, resamples, and fills the ring.
 
 use std::sync::atomic::Ordering;
 
@@ -10,10 +10,10 @@ use crate::memory::{Arena, Slice};
 use crate::state::{StateError, StatePass};
 use crate::stream::Epoch;
 
-/// Sample frames that no session is given: at 192 kHz, 180 years.
+/// Upper bound of a session's sample frames: 180 years at 192 kHz.
 const MAX_TAKEN: u64 = 1 << 50;
 
-/// Sample frames that are mixed at a time.
+/// Sample frames mixed at a time.
 const PIECE: usize = 128;
 
 #[derive(Debug)]
@@ -22,20 +22,20 @@ pub(crate) struct Input {
     channels: usize,
     sample_rate: usize,
     frame_rate: usize,
-    /// One piece of all channels.
+    /// One piece, all channels interleaved.
     interleaved: Slice<f32>,
     epoch: Epoch,
-    /// Sample frames taken since the session was made, or reset.
+    /// Sample frames taken since the session's creation or last reset.
     taken: u64,
-    /// Of these, before the stream's start.
+    /// Sample frames among them from before the present stream.
     base: u64,
     finished: bool,
-    /// Samples in the ring that are kept free for the end of the resampler's stream.
+    /// Samples of the ring that are reserved for the end of the resampler's stream.
     reserve: usize,
 }
 
 impl Input {
-    /// `resampler` converts the session's rate to the model's.
+    /// `resampler` converts from the session's rate to the model's.
     pub(super) fn new_in(
         resampler: Resampler,
         sample_rate: usize,
@@ -65,18 +65,19 @@ impl Input {
         &self.resampler
     }
 
-    /// Samples that the end of a stream may add.
+    /// Upper bound on the samples that the end of a stream adds.
     pub(super) fn most_left(&self) -> usize {
         self.reserve
     }
 
-    /// What a state must have in common with this session, beside the model.
+    /// Settings that a state must share with this session, besides the model.
     pub(super) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.same("sample rate", self.sample_rate as u64)?;
         pass.same("number of channels", self.channels as u64)
     }
 
-    /// Describes the audio side and what it publishes, with `waiting` samples in the ring.
+    /// Describes the audio side and the values that it publishes, with `waiting` samples in the
+    /// ring.
     pub(super) fn state(&mut self, pass: &mut StatePass, shared: &Shared, waiting: usize) -> Result<(), StateError> {
         self.epoch.state(pass)?;
         let taken = pass.number("samples taken", &mut self.taken, MAX_TAKEN)?;
@@ -92,7 +93,7 @@ impl Input {
         Ok(())
     }
 
-    /// Frames of the audio that was taken since the stream's start.
+    /// Frames of the audio taken since the stream's start.
     fn frames(&self) -> u64 {
         (self.taken - self.base) * self.frame_rate as u64 / self.sample_rate as u64
     }
@@ -126,8 +127,8 @@ impl Input {
         }
         let mut pushed = Pushed::default();
         for piece in samples.chunks(PIECE * self.channels) {
-            // Without the reserve there is no room for any: the filter gives nothing for the first few, but
-            // their rest at the stream's end.
+            // Without the reserve nothing can be pushed, not even the first few samples: the filter
+            // outputs nothing for them now, but flushes its tail at the end of the stream.
             let Some(room) = shared.link.audio_room().checked_sub(self.reserve) else { break };
             let whole = piece.len() / self.channels;
             let mut frames = whole;
@@ -151,7 +152,7 @@ impl Input {
         Ok(pushed)
     }
 
-    /// Ends the stream, where it has not ended before.
+    /// Ends the stream, unless it has ended already.
     pub(super) fn finish(&mut self, shared: &Shared) {
         self.sync_epoch(shared);
         if !self.finished {

@@ -1,10 +1,10 @@
-//! The engine's side of a session as it was before the chunk that is in work, so that a save need not wait
-//! for the chunk's end.
+//! Snapshot of the engine's side from before the chunk in work, so that a save need not wait for
+//! the chunk's end.
 //!
 //! ```text
-//!  engine    begin ── keep ──► computes the chunk, puts frames out ──► end
-//!  save                          what was kept, frames so far
-//!  restore                                          └──► begin: computes the chunk again, leaves those frames out
+//!  engine    begin ── keep ──► computes the chunk, queues frames ──► end
+//!  save                          snapshot and the frames so far
+//!  restore                                          └──► begin: computes the chunk again, omits those frames
 //! ```
 
 use std::sync::atomic::Ordering;
@@ -16,26 +16,26 @@ use crate::memory::{Arena, Slice};
 use crate::model::Model;
 use crate::state::{StateError, StatePass};
 
-/// Bytes of an avatar's state that are in none of its buffers, at most.
+/// Upper bound on the bytes of an avatar's state outside its buffers.
 const FIELDS: usize = 4096;
 
 /// A chunk that was begun.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Begun {
-    /// What was due; none where no chunk was begun.
+    /// The kind of chunk; `None` if none was begun.
     pub(super) due: Option<Due>,
-    /// Samples that it took.
+    /// Samples that it takes.
     pub(super) samples: u64,
-    /// Frames that were put out before it was begun again.
+    /// Frames already queued before it was begun again.
     pub(super) frames: u64,
-    /// Whether its packet was.
+    /// Whether its packet was already queued.
     pub(super) packet: bool,
 }
 
 impl Begun {
     const DUE: [Option<Due>; 4] = [None, Some(Due::Chunk), Some(Due::Held), Some(Due::Flush)];
 
-    /// Describes it, with at most so many samples and frames.
+    /// Describes it, with upper bounds of its samples and frames.
     pub(super) fn state(&mut self, pass: &mut StatePass, (samples, frames): (usize, usize)) -> Result<(), StateError> {
         let present = Self::DUE.iter().position(|&due| due == self.due).unwrap_or_default();
         let due = pass.limited("chunk in work", present as u64, Self::DUE.len() as u64 - 1)?;
@@ -48,14 +48,14 @@ impl Begun {
     }
 }
 
-/// When a session's chunks were there and done, nanoseconds.
+/// Times of a session's chunks, nanoseconds.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Times {
-    /// When the next chunk's audio was there; none while it is not.
+    /// Arrival of the next chunk's audio; `None` until it is complete.
     pub(super) arrived: Option<u64>,
-    /// When real time begins to show the next chunk.
+    /// Playback start of the next chunk.
     pub(super) release: u64,
-    /// When the last chunk was done.
+    /// Completion of the last chunk.
     pub(super) finished: u64,
 }
 
@@ -75,27 +75,29 @@ impl Times {
     }
 }
 
-/// What was kept when the last chunk began.
+/// The snapshot made when the last chunk began.
 #[derive(Debug)]
 pub(crate) struct Kept {
-    /// What a state must have in common with the session up to `identity`, the engine's side behind it.
+    /// The settings that a state must share with the session, up to `identity`, then the engine's
+    /// side.
     bytes: Slice<u8>,
     identity: usize,
     end: usize,
     times: Times,
     begun: Begun,
-    /// Most samples and frames of a chunk.
+    /// Upper bounds of a chunk's samples and frames.
     most: (usize, usize),
     counters: [u64; Counters::OF_ENGINE],
     silence_wanted: bool,
-    /// Where the chunk's audio begins, and the next frames and packets were to be.
+    /// Ring positions of the chunk's audio, the next frame and the next packet.
     audio: u64,
     frames: u64,
     packets: u64,
 }
 
 impl Kept {
-    /// Room for the state of an avatar whose buffers, with those of its levels, have `bytes` bytes.
+    /// Allocates room for the state of an avatar whose buffers, with its levels' buffers, have
+    /// `bytes` bytes.
     pub(crate) fn new_in(bytes: usize, arena: &Arena) -> Self {
         Self {
             bytes: arena.filled(0, if bytes > 0 { StatePass::START + bytes + FIELDS } else { 0 }),
@@ -112,7 +114,7 @@ impl Kept {
         }
     }
 
-    /// Keeps the engine's side.
+    /// Saves the engine's side.
     pub(super) fn keep(&mut self, member: &mut Member, shared: &Shared, model: &Model) {
         let described = "what is written is not checked";
         let mut pass = StatePass::save(&mut self.bytes, 0, 0);
@@ -127,7 +129,7 @@ impl Kept {
         self.packets = shared.packets.as_ref().map_or(0, |packets| packets.written());
     }
 
-    /// Whether a member's state has room.
+    /// Whether the member's state fits.
     pub(super) fn fits(&self, member: &mut Member, model: &Model) -> bool {
         let mut pass = StatePass::size();
         let described = "what is counted is not checked";
@@ -137,11 +139,11 @@ impl Kept {
     }
 }
 
-/// The engine's side of a session that is saved or restored.
+/// The engine's side of a session that is being saved or restored.
 pub(super) enum EngineSide<'a> {
     /// In its slot.
     Here(&'a mut Member),
-    /// In work; only to be saved.
+    /// In a batch: its snapshot, which can only be saved.
     Away(&'a Kept),
 }
 
@@ -153,8 +155,7 @@ impl EngineSide<'_> {
         }
     }
 
-    /// Where in the ring the audio begins that the engine has not computed, where that is not what it has
-    /// not taken.
+    /// Ring position from which audio is not computed yet, if it differs from the read position.
     pub(super) fn audio(&self) -> Option<u64> {
         match self {
             Self::Here(_) => None,
@@ -162,7 +163,7 @@ impl EngineSide<'_> {
         }
     }
 
-    /// Describes the side, where frames and packets up to these are in a state.
+    /// Describes the side, for a state that holds the frames and packets up to these positions.
     pub(super) fn state(
         &mut self,
         pass: &mut StatePass,
@@ -183,7 +184,8 @@ impl EngineSide<'_> {
         }
     }
 
-    /// Values of the counters that the engine counts with, and whether silence was asked for.
+    /// Values of the engine's counters, and whether silence was asked for, if they come from the
+    /// snapshot.
     pub(super) fn counted(&self) -> Option<(&[u64; Counters::OF_ENGINE], bool)> {
         match self {
             Self::Here(_) => None,

@@ -1,4 +1,4 @@
-//! Who speaks to the avatar: how loud, and nothing else.
+//! The interlocutor's audio, of which only the loudness is used.
 
 use std::sync::atomic::Ordering;
 
@@ -7,16 +7,16 @@ use crate::audio::MAX_AMPLITUDE;
 use crate::config::Config;
 use crate::state::{StateError, StatePass};
 
-/// Nanoseconds after which a level that is not renewed counts as silence.
+/// Age in nanoseconds at which a level expires and counts as silence.
 const STALE: u64 = 250_000_000;
 
-/// The level of the other's audio, a frame at a time.
+/// Loudness of the interlocutor's audio, measured per frame.
 #[derive(Debug)]
 pub(crate) struct OtherInput {
-    /// Sum of squares of the frame that is not complete, and values in it.
+    /// Sum of squares of the incomplete frame, and the number of its values.
     sum: f64,
     count: usize,
-    /// Values of all channels in a frame.
+    /// Values per frame, all channels together.
     frame: usize,
     channels: usize,
 }
@@ -26,7 +26,7 @@ impl OtherInput {
         Self { sum: 0.0, count: 0, frame: (sample_rate * channels / config.frame_rate).max(1), channels }
     }
 
-    /// Describes the frame that is not complete.
+    /// Describes the incomplete frame.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.sum(&mut self.sum)?;
         pass.length("other's audio", &mut self.count, self.frame as u64 - 1).map(drop)
@@ -54,7 +54,7 @@ impl OtherInput {
 }
 
 impl Shared {
-    /// Level of who speaks to the avatar, as of now.
+    /// Current loudness of the interlocutor.
     pub(super) fn other_level(&self) -> f32 {
         let age = self.now().saturating_sub(self.other_time.load(Ordering::Relaxed));
         if age > STALE { 0.0 } else { f32::from_bits(self.other_level.load(Ordering::Relaxed)) }

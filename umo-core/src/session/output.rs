@@ -1,5 +1,5 @@
-//! The frame side of a session: frames out of the ring, placed where the avatar stands, eased where
-//! it was interrupted, and the poses between them.
+//! The frame side of a session: takes frames out of the ring, places them where the avatar stands,
+//! eases interrupts and gaps, and interpolates poses.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -22,25 +22,25 @@ use crate::stream::{Epoch, MAX_INDEX, MAX_SAMPLE, OwnedFrame, Stamp};
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Frame<'a> {
-    /// Its number since the session's start or last reset, 30 per second.
+    /// Index since the session's start or last reset, 30 per second.
     pub index: u64,
-    /// Sample frame of the pushed audio, at the session's rate, that it belongs to.
+    /// Sample frame of the pushed audio, at the session's rate, that the frame belongs to.
     pub sample: u64,
-    /// Rotations relative to parents, place of the root in metres.
+    /// Rotations relative to the parents; root translation in metres.
     pub pose: &'a Pose,
-    /// Face values, as the model names them.
+    /// Face values, in the order of the model's names.
     pub face: &'a [f32],
 }
 
-/// Which times [`Session::sample_pose`](super::Session::sample_pose) could choose from.
+/// Range of times that [`Session::sample_pose`](super::Session::sample_pose) could choose from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Sampled {
-    /// Seconds of the oldest frame that is still there.
+    /// Time of the oldest frame still held, seconds.
     pub oldest: f64,
-    /// Seconds of the newest frame that is ready.
+    /// Time of the newest ready frame, seconds.
     pub newest: f64,
-    /// Whether the time asked for was later than that.
+    /// Whether the requested time was later than that.
     pub is_ahead: bool,
 }
 
@@ -49,7 +49,7 @@ impl OwnedFrame {
         Self { index: 0, sample: 0, pose, face: Arena::system().copied(face), cue: Cue::default() }
     }
 
-    /// A copy in memory of `arena`.
+    /// Returns a copy in memory of `arena`.
     pub(crate) fn clone_in(&self, arena: &Arena) -> Self {
         Self { face: arena.copied(&self.face), ..*self }
     }
@@ -65,13 +65,13 @@ impl OwnedFrame {
         pass.moderate(&mut self.face)
     }
 
-    /// As `other`, without allocating.
+    /// Copies `other` without allocating.
     pub(super) fn copy(&mut self, other: &Self) {
         (self.index, self.sample, self.pose, self.cue) = (other.index, other.sample, other.pose, other.cue);
         self.face.copy_from_slice(&other.face);
     }
 
-    /// Becomes the pose `t` of the way from `a` to `b`: exactly one of them at 0 and 1.
+    /// Interpolates the pose at `t` between `a` and `b`; copies one of them exactly at 0 and 1.
     fn between(&mut self, a: &Self, b: &Self, t: f32) {
         match t {
             _ if t <= 0.0 => self.pose_of(a),
@@ -85,7 +85,7 @@ impl OwnedFrame {
         }
     }
 
-    /// Goes `1 - t` of the way to `from`, the face `1 - t_face`; stays what it is at 1.
+    /// Moves by `1 - t` towards `from`, the face by `1 - t_face`; at 1 nothing changes.
     fn ease_from(&mut self, from: &Self, t: f32, t_face: f32) {
         let ease = |to: &mut [f32], from: &[f32], t: f32| {
             if t < 1.0 {
@@ -114,14 +114,14 @@ fn mixed(out: &mut [f32], a: &[f32], b: &[f32], t: f32) {
     out.iter_mut().zip(a.iter().zip(b)).for_each(|(out, (a, b))| *out = a + (b - a) * t);
 }
 
-/// 0 to 1 with level ends.
+/// Smoothstep: 0 to 1 with zero slope at both ends.
 fn smooth(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// An ease after an interrupt. To rest: frames that stand before the next stream's. To the next stream,
-/// whose first pose need not be rest: its first frames.
+/// An ease after an interrupt: to rest, as frames before the next stream's; or from rest into the
+/// first frames of the next stream.
 #[derive(Debug)]
 struct Ease {
     from: OwnedFrame,
@@ -134,7 +134,7 @@ impl Ease {
         Self { from, done: 0, frames: 0 }
     }
 
-    /// Describes it; how many frames it has.
+    /// Describes the ease; returns its number of frames.
     fn state(&mut self, pass: &mut StatePass) -> Result<u64, StateError> {
         self.from.state(pass)?;
         let frames = pass.number("ease", &mut self.frames, u16::MAX.into())?;
@@ -143,92 +143,93 @@ impl Ease {
     }
 }
 
-/// Motion while no frames come: ticks of the layers over a pose that stands still.
+/// Idle motion while no frames come: the layers' ticks over a pose that stands still.
 #[derive(Debug)]
 struct Still {
-    /// When it began, by what [`Shared::now`] says; none while frames come.
+    /// Start, by [`Shared::now`]; `None` while frames come.
     since: Option<u64>,
     /// Ticks since then.
     ticks: u64,
-    /// The last two.
+    /// The last two ticks.
     from: OwnedFrame,
     to: OwnedFrame,
 }
 
-/// The face's share of the time that the way back from rest or from idle motion takes.
+/// Share of the time of the way back from rest or idle motion that the face takes.
 const FACE_EASE: f64 = 0.25;
 
-/// Most ticks that one call makes up for: a host that was paused does not wait for all of them.
+/// Upper bound on the ticks that one call catches up on, so that a paused host does not compute all
+/// of them.
 const MAX_STILL_TICKS: u64 = 8;
 
-/// Largest time that a host can say, nanoseconds: 36 years, less than the clock counts from.
+/// Upper bound of the host's time, nanoseconds: 36 years, below the count at which the clock
+/// starts.
 const MAX_HOST_TIME: u64 = 1 << 60;
 
-/// Frames that did not come, or not in time: what follows is eased to.
+/// Gaps: frames that were lost or late. The frames after a gap are eased in.
 #[derive(Debug)]
 struct Gaps {
     /// The last frame before a gap, without layers.
     from: OwnedFrame,
-    /// Of the frames after a gap, how many are eased, and how many were.
+    /// Number of frames to ease after a gap, and how many of them are done.
     frames: u64,
     done: u64,
-    /// Frames that an ease takes.
+    /// Length of an ease, frames.
     ease: u64,
-    /// What `sample` showed last.
+    /// The pose that `sample` showed last.
     shown: OwnedFrame,
-    /// Seconds by which the time was then later than the newest frame.
+    /// Seconds by which that time was past the newest frame.
     ahead: f64,
-    /// Whether a later stream begins: what it begins with is eased to from rest.
+    /// Whether the next frame starts a later stream, which is eased in from rest.
     begins: bool,
-    /// How long the ease takes that is under way, seconds.
+    /// Duration of the current ease, seconds.
     length: f64,
 }
 
-/// How many times as long as frames were missing the way back to them takes, up to the session's ease:
-/// no joint has to move much faster than it does anyway.
+/// Duration of the way back as a multiple of the missing time, up to the session's ease: no joint
+/// has to move much faster than usual.
 const CATCH_UP: f64 = 6.0;
 
 #[derive(Debug)]
 pub(crate) struct Output {
     epoch: Epoch,
-    /// The frame that was shown last.
+    /// The frame shown last.
     last: OwnedFrame,
-    /// The same without layers.
+    /// That frame without layers.
     raw_last: OwnedFrame,
-    /// Whether any was since the start.
+    /// Whether any frame was shown since the start.
     any: bool,
-    /// The one after it, where it was already taken out of the ring.
+    /// The frame after it, if it was already taken out of the ring.
     next_frame: OwnedFrame,
-    /// The same without layers.
+    /// That frame without layers.
     raw_next: OwnedFrame,
     has_next: bool,
     life: Life,
     voice: Option<Boxed<LiveVoice>>,
     controls: Controls,
     still: Still,
-    /// What `sample` showed last.
+    /// The pose that `sample` showed last.
     sampled: OwnedFrame,
-    /// The model's pose of rest.
+    /// The model's rest pose.
     rest: OwnedFrame,
     ease: Ease,
-    /// The way from there to what the next stream begins with.
+    /// The ease from rest into the next stream.
     arrival: Ease,
-    /// Frames that it takes at most.
+    /// Upper bound on its frames.
     longest_arrival: u64,
     /// Index of the present stream's first frame.
     base: u64,
-    /// Where the present stream's origin is, metres: x and z.
+    /// Origin of the present stream, metres: x and z.
     origin: [f32; 2],
-    /// Where the pose of `sample` came from when frames came again after an idle time, and when
-    /// that was.
+    /// The pose from which `sample` eases since idle time began or ended, and when that was.
     seam: OwnedFrame,
     seam_at: Option<u64>,
-    /// The last time that was asked for.
+    /// Last requested time.
     time: f64,
-    /// Where the host gives the time: what it counts from, nanoseconds of the clock's count.
+    /// Origin of the host's time, nanoseconds of the clock's count.
     host_base: u64,
     was_idle: bool,
-    /// How gaps are closed, where frames come of packets.
+    /// Easing of gaps, if frames come from packets.
     gaps: Option<Gaps>,
     gained: Gained,
     chunk_frames: usize,
@@ -294,7 +295,7 @@ impl Output {
         }
     }
 
-    /// What a state must have in common with this session, beside the model.
+    /// Settings that a state must share with this session, besides the model.
     pub(super) fn identity(&self, pass: &mut StatePass, shared: &Shared) -> Result<(), StateError> {
         pass.same("queue of frames", shared.link.frames.capacity() as u64)?;
         pass.same("time until idle", u64::try_from(self.idle_after.as_nanos()).unwrap_or(u64::MAX))?;
@@ -304,8 +305,8 @@ impl Output {
         self.life.identity(pass)
     }
 
-    /// Describes the frame side. What `sample` shows is made anew by every call, and rest is the
-    /// model's.
+    /// Describes the frame side. Each call of `sample` recomputes its pose, and rest is the
+    /// model's, so neither is saved.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.epoch.state(pass)?;
         pass.switch("frame shown", &mut self.any)?;
@@ -339,13 +340,13 @@ impl Output {
         self.gained.state(pass)
     }
 
-    /// Takes over the time that the host says; one that goes back is held.
+    /// Sets the host's time; it never goes back.
     pub(super) fn set_clock(&mut self, shared: &Shared, time: Duration) {
         #[expect(clippy::cast_possible_truncation, reason = "at most 2^60 nanoseconds")]
         let nanos = time.as_nanos() as u64;
         let before = shared.host_time.load(Ordering::Relaxed);
         if before == 0 {
-            // The host's count goes on from the clock's, so that what has begun goes on, too.
+            // The host's count continues from the clock's, so that eases in progress continue.
             let now = shared.clock.nanos();
             self.host_base = now - nanos;
             shared.host_time.store(now, Ordering::Relaxed);
@@ -354,7 +355,7 @@ impl Output {
         }
     }
 
-    /// Describes the host's time, which is now wherever the state is restored.
+    /// Describes the host's time; a restored state maps it to the present.
     pub(super) fn clock_state(&mut self, pass: &mut StatePass, shared: &Shared) -> Result<(), StateError> {
         let time = shared.host_time.load(Ordering::Relaxed);
         let is_given = pass.flag("host's time", time != 0)?;
@@ -370,13 +371,13 @@ impl Output {
         Ok(())
     }
 
-    /// The frame that `next` made the one shown.
+    /// Returns the frame shown last, with gains.
     pub(super) fn shown(&mut self, shared: &Shared) -> Frame<'_> {
         let time = self.seconds(&self.last);
         self.gained.apply(shared, time, &self.last, &self.rest)
     }
 
-    /// The pose that `sample` made.
+    /// Returns the pose of the last `sample`, with gains.
     pub(super) fn sampled(&mut self, shared: &Shared) -> Frame<'_> {
         self.gained.apply(shared, self.time, &self.sampled, &self.rest)
     }
@@ -399,12 +400,11 @@ impl Output {
             if let Some(gaps) = &mut self.gaps {
                 (gaps.frames, gaps.ahead, gaps.begins) = (0, 0.0, false);
             }
-            // An interrupt that came after the reset, before anything was shown, has nothing to
-            // ease from.
+            // An interrupt after the reset, before anything was shown, has nothing to ease from.
             self.ease.frames = 0;
         } else {
             let start = if self.any { self.last.index + 1 } else { 0 };
-            // Nothing was shown yet, or the avatar rests: there is nothing to ease from.
+            // If nothing was shown yet, there is nothing to ease from.
             self.ease.frames = if self.any { u64::from(epoch.ease) } else { 0 };
             self.life.interrupt(epoch.number, self.ease.frames, &self.controls);
             self.base = start + self.ease.frames;
@@ -422,14 +422,14 @@ impl Output {
         self.publish(shared);
         self.ease.from.copy(&self.raw_last);
         self.ease.done = 0;
-        // Where frames come of packets, `Gaps` does it.
+        // With packets, `Gaps` eases.
         self.arrival.frames = if self.gaps.is_some() { 0 } else { self.ease.frames.min(self.longest_arrival) };
         self.arrival.done = 0;
         self.seam_at = None;
         self.epoch = epoch;
     }
 
-    /// Makes the next frame the one shown; whether there was one.
+    /// Makes the next frame the one shown; returns whether there was one.
     pub(super) fn next(&mut self, shared: &Shared) -> bool {
         self.sync_epoch(shared);
         let there = self.fetch(shared);
@@ -443,7 +443,7 @@ impl Output {
         there
     }
 
-    /// Makes sure that `next_frame` is the frame after the one shown, if there is one.
+    /// Fetches the frame after the one shown into `next_frame`; returns whether there is one.
     fn fetch(&mut self, shared: &Shared) -> bool {
         if self.has_next {
             return true;
@@ -453,7 +453,7 @@ impl Output {
             let t = smooth(self.ease.done as f32 / self.ease.frames as f32);
             let frame = &mut self.next_frame;
             frame.between(&self.ease.from, &self.rest, t);
-            // It stays where it stands.
+            // The avatar stays where it stands.
             let (from, to) = (self.ease.from.pose.translation, &mut frame.pose.translation);
             (to[0], to[2]) = (from[0], from[2]);
             frame.index = self.base - self.ease.frames + self.ease.done - 1;
@@ -468,7 +468,7 @@ impl Output {
         }
         let frame = &mut self.next_frame;
         for (axis, origin) in [(0, self.origin[0]), (2, self.origin[1])] {
-            // A stream that starts at the origin keeps its bits.
+            // A stream at the origin keeps its bits.
             if origin != 0.0 {
                 frame.pose.translation[axis] += origin;
             }
@@ -479,7 +479,7 @@ impl Output {
         true
     }
 
-    /// Eases from rest to the first frames of a stream after an interrupt.
+    /// Eases from rest into the first frames of a stream after an interrupt.
     fn arrive(&mut self) {
         let Ease { from, done, frames } = &mut self.arrival;
         if done >= frames {
@@ -494,7 +494,7 @@ impl Output {
         self.next_frame.ease_from(from, smooth(t), smooth(t / single(FACE_EASE)));
     }
 
-    /// Eases to the frames after a gap.
+    /// Eases into the frames after a gap.
     fn close_gap(&mut self) {
         let Some(gaps) = &mut self.gaps else { return };
         if self.any && (self.next_frame.index > self.raw_last.index + 1 || std::mem::take(&mut gaps.begins)) {
@@ -508,7 +508,7 @@ impl Output {
         }
     }
 
-    /// Makes `next_frame` the engine's next frame, where there is one.
+    /// Pops the engine's next frame into `next_frame`, if there is one.
     fn fetch_delayed(&mut self, shared: &Shared) -> bool {
         let Some(stamp) = self.drop_other_epochs(shared) else { return false };
         let frame = &mut self.next_frame;
@@ -535,7 +535,7 @@ impl Output {
         true
     }
 
-    /// Completes the next frame: the layers' tick for it.
+    /// Completes the next frame with a tick of the layers.
     fn add_layers(&mut self, shared: &Shared) {
         self.raw_next.copy(&self.next_frame);
         self.follow_controls(shared);
@@ -545,13 +545,13 @@ impl Output {
         self.has_next = true;
     }
 
-    /// Tells the host's setters how many of its gestures began, and of its hints passed.
+    /// Publishes the numbers of begun gestures and passed hints for the host's setters.
     fn publish(&self, shared: &Shared) {
         shared.passed_hints.store(self.life.passed_hints(), Ordering::Release);
         shared.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
     }
 
-    /// Takes over what the host asks for; at the next frame where it is just writing that.
+    /// Takes over the host's controls; if the host is writing them, the next frame does.
     fn follow_controls(&mut self, shared: &Shared) {
         if shared.unseen_controls.load(Ordering::Acquire)
             && let Some(controls) = try_lock(&shared.controls)
@@ -561,8 +561,8 @@ impl Output {
         }
     }
 
-    /// Drops frames of other epochs, which stand before those that count; the stamp of the next
-    /// frame of this one.
+    /// Drops frames of other epochs, which precede this epoch's; returns the stamp of this epoch's
+    /// next frame.
     fn drop_other_epochs(&self, shared: &Shared) -> Option<Stamp> {
         let frames = &shared.link.frames;
         while let Some(stamp) = frames.next() {
@@ -576,7 +576,7 @@ impl Output {
         None
     }
 
-    /// Frames that `next` would give, of this stream.
+    /// Number of frames that `next` would return, of this stream.
     #[expect(clippy::cast_possible_truncation, reason = "an ease is at most 2^16 frames")]
     pub(super) fn ready(&mut self, shared: &Shared) -> usize {
         self.sync_epoch(shared);
@@ -585,7 +585,7 @@ impl Output {
         usize::from(self.has_next) + eased + self.waiting(shared)
     }
 
-    /// Frames of this stream that `fetch` would give after an ease.
+    /// Number of this stream's frames that `fetch` would return after an ease.
     fn waiting(&mut self, shared: &Shared) -> usize {
         match &mut self.voice {
             Some(voice) => voice.ready(shared, self.epoch),
@@ -601,8 +601,8 @@ impl Output {
         !self.has_next && self.ease.done == self.ease.frames && shown >= total + if total > 0 { tail } else { 0 }
     }
 
-    /// Asks the engine for motion on silence, where the host waits for frames, wants that, and no
-    /// audio comes.
+    /// Asks the engine for motion on silence, if the idle mode is live and no audio comes. Called
+    /// when the host waits for frames.
     pub(super) fn want_silence(&self, shared: &Shared) {
         if shared.idle() == Idle::Live && self.is_silent(shared) {
             shared.link.want_silence();
@@ -619,7 +619,7 @@ impl Output {
         frame.index as f64 / self.frame_rate
     }
 
-    /// Makes `sampled` the pose at a time.
+    /// Samples the pose at a time into `sampled`.
     pub(super) fn sample(&mut self, shared: &Shared, seconds: f64) -> Sampled {
         self.sync_epoch(shared);
         self.time = self.time.max(seconds);
@@ -637,7 +637,7 @@ impl Output {
         }
         (self.sampled.index, self.sampled.sample) = (self.last.index, self.last.sample);
         if self.has_next && self.any {
-            // Frames of a forged state may stand still or go back.
+            // Frames of a forged state may repeat a time or go back.
             let length = self.seconds(&self.next_frame) - oldest;
             let t = if length > 0.0 { single((time - oldest) / length) } else { 1.0 };
             self.sampled.between(&self.last, &self.next_frame, t);
@@ -650,13 +650,13 @@ impl Output {
         Sampled { oldest, newest, is_ahead }
     }
 
-    /// Seconds for which no picture had a frame, where some are there again: of frames that come of
-    /// packets. `ahead` is how much later the time is than the last frame.
+    /// Duration in seconds of a gap that has just ended, otherwise 0; for sessions with packets.
+    /// `ahead` is the time since the last frame.
     fn missed(&mut self, is_ahead: bool, ahead: f64) -> f64 {
         let Some(gaps) = &mut self.gaps else { return 0.0 };
         let missing = match is_ahead {
             true if self.any => ahead,
-            // Nothing was shown but rest.
+            // Only rest was shown.
             true => self.idle_ease,
             false => 0.0,
         };
@@ -664,10 +664,10 @@ impl Output {
         if missing < before { before } else { 0.0 }
     }
 
-    /// Leaves the stream while no audio comes, for the rest pose or for the last one with its layers,
-    /// and comes back to it.
+    /// Blends to idle when audio stops, and back: to the rest pose, or to the last pose with its
+    /// layers.
     fn idle(&mut self, shared: &Shared, is_ahead: bool, missed: f64) {
-        // Not by the time of the pose, which stands still where it is that of the sound.
+        // Not the time of the pose, which stands still if it follows the sound.
         let now = shared.now();
         if is_ahead {
             self.want_silence(shared);
@@ -677,7 +677,7 @@ impl Output {
         let rests = is_ahead
             && if self.any { (is_alive || shared.idle() == Idle::Rest) && self.is_silent(shared) } else { is_alive };
         if rests != self.was_idle || missed > 0.0 {
-            // From what was shown a moment ago, whatever that was.
+            // Ease from the pose shown a moment ago, whatever it was.
             self.seam_at = Some(now);
             if let Some(gaps) = &mut self.gaps {
                 self.seam.copy(&gaps.shown);
@@ -705,7 +705,7 @@ impl Output {
         }
         let from = self.sampled.pose.translation;
         mixed(&mut self.sampled.pose.translation, &from, &target.translation, t);
-        // Speech begins with the mouth: the way back to it is shorter for the face.
+        // Speech begins with the mouth: the face's way back is shorter.
         let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * ease))) };
         for (value, from) in self.sampled.face.iter_mut().zip(&self.seam.face) {
             *value = from + (*value - from) * t_face;
@@ -719,7 +719,7 @@ impl Output {
         }
     }
 
-    /// Makes `sampled` what the layers show of a figure that stands still at this moment.
+    /// Makes `sampled` the layers' idle motion at this moment, over a pose that stands still.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of ticks")]
     fn stand(&mut self, shared: &Shared, now: u64) {
         let is_new = self.still.since.is_none();
@@ -750,7 +750,7 @@ impl Output {
         self.sampled.between(&self.still.from, &self.still.to, single(at.fract()));
     }
 
-    /// Seconds of the newest frame that is ready.
+    /// Time of the newest ready frame, seconds.
     fn newest(&mut self, shared: &Shared, oldest: f64) -> f64 {
         let waiting = usize::from(self.has_next) + self.waiting(shared);
         #[expect(clippy::cast_precision_loss, reason = "a queue is short")]
@@ -760,7 +760,7 @@ impl Output {
 }
 
 impl Still {
-    /// Describes it.
+    /// Describes the idle motion.
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let is_on = pass.flag("idle motion", self.since.is_some())?;
         let mut since = self.since.unwrap_or_default();

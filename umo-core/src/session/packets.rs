@@ -1,4 +1,4 @@
-//! Packets of a session: from the engine to who sends them on (SPEC 2.18).
+//! Packets of a session: from the engine to the sender (SPEC 2.18).
 //!
 //! ```text
 //!  engine ── chunk ──► packet ──ring──► pull_packets ──► network
@@ -19,23 +19,23 @@ use crate::packet::{PacketLayout, PacketRoom};
 use crate::state::{StateError, StatePass};
 use crate::stream::Ring;
 
-/// The call, as [`SessionError::Busy`] names it.
+/// Name of the call, for [`SessionError::Busy`].
 pub(super) const PACKETS: &str = "pull_packets, save or restore";
 
-/// Words of a packet before its bytes: its epoch, and its length with [`LAST`].
+/// Words before a packet's bytes: its epoch, and its length with [`LAST`].
 const HEAD: usize = 2;
-/// In the length: the stream ends with this packet.
+/// Flag in the length: the stream ends with this packet.
 const LAST: u32 = 1 << 31;
-/// Packets that wait at least.
+/// Least capacity, in packets.
 const LEAST: usize = 4;
 
-/// Packets from one producer to one consumer, wait-free.
+/// Wait-free queue of packets with one producer and one consumer.
 #[derive(Debug)]
 pub(crate) struct PacketQueue {
     ring: Ring,
-    /// Words of a packet.
+    /// Words per packet.
     width: usize,
-    /// Bytes of the longest one.
+    /// Bytes of the longest packet.
     most: usize,
     history: usize,
     pub(super) with_frames: bool,
@@ -45,7 +45,7 @@ pub(crate) struct PacketQueue {
 }
 
 impl PacketQueue {
-    /// A queue for as many chunks as `frames` frames are, of `length` each.
+    /// Creates a queue for the chunks in `frames` frames, `length` frames each.
     pub(super) fn new_in(config: PacketConfig, model: &Model, (frames, length): (usize, usize), arena: &Arena) -> Self {
         let most = model.packets().most_bytes();
         let width = HEAD + most.div_ceil(4);
@@ -75,7 +75,7 @@ impl PacketQueue {
         self.ended.load(Ordering::Relaxed) == u64::from(epoch) + 1
     }
 
-    /// Producer: appends a packet, for which there is room.
+    /// Producer: appends a packet. The caller has checked that there is room.
     fn push(&self, epoch: u32, bytes: &[u8], is_last: bool) {
         #[expect(clippy::cast_possible_truncation, reason = "a packet is short")]
         let len = bytes.len() as u32 | if is_last { LAST } else { 0 };
@@ -88,13 +88,13 @@ impl PacketQueue {
         debug_assert!(written, "a chunk is computed only where its packet has room");
     }
 
-    /// Consumer: epoch, length and whether it is the last one of the oldest packet.
+    /// Consumer: epoch and length of the oldest packet, and whether it is the stream's last.
     fn next(&self) -> Option<(u32, usize, bool)> {
         let mut words = [0; HEAD];
         (self.ring.peek(&mut words) == HEAD).then(|| (words[0], (words[1] & !LAST) as usize, words[1] & LAST != 0))
     }
 
-    /// Consumer: moves the oldest packet to `out`, which has its length.
+    /// Consumer: moves the oldest packet to `out`, whose length is the packet's.
     fn pop(&self, out: &mut [u8]) {
         let words = out.len().div_ceil(4);
         let mut pieces = out.chunks_mut(4);
@@ -110,22 +110,22 @@ impl PacketQueue {
         self.ring.skip(self.width);
     }
 
-    /// What tells queues apart whose states do not fit each other.
+    /// Number that distinguishes queues with incompatible states.
     pub(super) fn identity(&self) -> u64 {
         2 * self.history as u64 + u64::from(self.with_frames) + 1
     }
 
-    /// Keeps other readers away while a state is written or read.
+    /// Excludes other readers while a state is saved or restored.
     pub(super) fn lock(&self) -> Result<impl Drop + '_, SessionError> {
         try_lock(&self.reader).ok_or(SessionError::Busy(PACKETS))
     }
 
-    /// The position behind the last packet.
+    /// Position after the last packet.
     pub(super) fn written(&self) -> u64 {
         self.ring.written()
     }
 
-    /// Describes the packets that wait; the position behind the last of them.
+    /// Describes the waiting packets; returns the position after the last of them.
     pub(super) fn state(&self, pass: &mut StatePass) -> Result<u64, StateError> {
         let are_packets = |words: &[[u8; 4]]| {
             let mut packets = words.chunks_exact(self.width);
@@ -155,7 +155,7 @@ impl PacketWriter {
         Self { room: PacketRoom::new(&model.config), bytes: filled(0, layout.most_bytes()).into(), layout }
     }
 
-    /// Queues the packet of what was just computed.
+    /// Queues the packet of the chunk that was just computed.
     pub(super) fn write(
         &mut self,
         queue: &PacketQueue,
@@ -175,7 +175,7 @@ impl PacketWriter {
 }
 
 impl Shared {
-    /// Whether a chunk of so many frames has room.
+    /// Whether a chunk of `frames` frames has room.
     pub(super) fn has_room(&self, frames: usize) -> bool {
         match &self.packets {
             None => self.link.has_room(frames),
@@ -192,16 +192,16 @@ impl Session {
         self.shared.packets.as_ref().map_or(0, PacketQueue::most_bytes)
     }
 
-    /// Takes packets that are ready, in order, each once: as many as there are and `lengths` has
-    /// room for, back to back into `bytes`, and says how many there were. Each is to be sent to the
-    /// [`Session::decoder`]s.
+    /// Moves ready packets to `bytes`, back to back and in order, and their lengths to `lengths`:
+    /// as many as `lengths` has room for. Returns their number. Each packet is returned once, to be
+    /// sent to the [`Session::decoder`]s.
     ///
     /// Never waits and never allocates.
     ///
     /// # Errors
-    /// [`SessionError::Range`] for a session without packets, and where `bytes` is shorter than
-    /// [`Self::packet_size`]; [`SessionError::Busy`] where another thread pulls packets;
-    /// [`SessionError::Failed`] or `Closed` when all that was ready has been pulled.
+    /// [`SessionError::Range`] for a session without packets, or if `bytes` is shorter than
+    /// [`Self::packet_size`]; [`SessionError::Busy`] if another thread pulls packets;
+    /// [`SessionError::Failed`], `Panicked` or `Closed` once all ready packets have been pulled.
     pub fn pull_packets(&self, bytes: &mut [u8], lengths: &mut [usize]) -> Result<usize, SessionError> {
         let shared = &*self.shared;
         let queue = shared.packets.as_ref();

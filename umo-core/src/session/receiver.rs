@@ -1,11 +1,11 @@
-//! Sessions whose frames come of packets (SPEC 2.18).
+//! Sessions whose frames come from packets (SPEC 2.18).
 //!
 //! ```text
 //!  network thread                        game thread
 //!  push_packet ──► decoder ──ring──►     pull_frames, sample_pose
 //! ```
-//! The chunk is computed where its packet is pushed. All that follows the ring is that of a session
-//! with an engine: layers, what moves while no frames come, gains, gestures.
+//! A chunk is computed on the thread that pushes its packet. Everything after the ring is as in a
+//! session with an engine: layers, idle motion, gains, gestures.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -26,22 +26,22 @@ use crate::packet::{Decoder, PacketError, PacketSink, Received};
 use crate::stream::{Epoch, Stamp};
 use crate::team::Team;
 
-/// The call, as [`SessionError::Busy`] names it.
+/// Name of the call, for [`SessionError::Busy`].
 const PUSH: &str = "push_packet";
 
-/// The side that takes packets.
+/// The side that receives packets.
 #[derive(Debug)]
 pub(super) struct Receiver {
     model: Arc<Model>,
     decoder: Decoder,
     team: Team,
-    /// The epoch that the frames are of.
+    /// Epoch of the frames.
     epoch: Epoch,
-    /// Frames from a stream's last one to the next stream's first.
+    /// Frames of the ease between two streams.
     ease: u16,
 }
 
-/// Where its frames go.
+/// Sink of the decoder's frames.
 struct Frames<'a> {
     shared: &'a Shared,
     epoch: &'a mut Epoch,
@@ -71,15 +71,16 @@ impl PacketSink for Frames<'_> {
 }
 
 impl Session {
-    /// A session whose frames come of packets: [`Self::push_packet`] takes the place of audio, and
-    /// everything that shows frames or changes them is as in a session with an engine. It needs no
-    /// engine, and a small part of the processor's time.
+    /// Creates a session whose frames come from packets: [`Self::push_packet`] replaces audio, and
+    /// everything that shows or changes frames works as in a session with an engine. It needs no
+    /// engine and little processor time.
     ///
-    /// Of `config` target, lookahead and smoothing are the sender's; patience, layers, gestures,
-    /// idle mode, ease and queue are its own. Everything that it will need is allocated here.
+    /// Target, lookahead and smoothing of `config` must be the sender's; patience, layers,
+    /// gestures, idle mode, ease and queue are its own. Allocates everything that it will need.
     ///
     /// # Errors
-    /// [`EngineError`] where a number is out of range, or the voice is live.
+    /// [`EngineError`] if a number is out of range, the voice is live, or `config` asks for
+    /// packets.
     pub fn decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
         memory::catch(|| Self::make_decoder(model, config))?
     }
@@ -90,10 +91,11 @@ impl Session {
             let what = "a decoder has neither a live voice nor packets of its own";
             return Err(LoadError::config("voice", what).into());
         }
-        // It hears nothing.
+        // A decoder takes no audio.
         (config.sample_rate, config.channels) = (model.config.audio.sample_rate, 1);
         let decoder = Decoder::new(model, &config.avatar, config.patience)?;
-        // What waits for the host, and what a packet brings after losses.
+        // Room for the frames that wait for the host, and for the frames that one packet adds after
+        // losses.
         config.queue_frames = config.queue_frames.saturating_add(decoder.most_frames());
         let rest = model.rest().map_err(EngineError::Rest)?;
         let arena = Arena::system();
@@ -131,15 +133,16 @@ impl Session {
     }
 
     /// Takes a packet, in any order and any number of times, and computes the frames that it makes
-    /// final. What has no packet when a later one comes is made up for.
+    /// final. Once a later packet has arrived, missing ones are concealed.
     ///
-    /// Meant for the thread that receives: never allocates, waits for nobody, and takes the time of
-    /// a chunk's motion decoders.
+    /// Meant for the thread that receives: never allocates, never waits, and takes the time of a
+    /// chunk's motion decoders.
     ///
     /// # Errors
-    /// [`SessionError::Packet`]: bytes that are no packet of this model and these settings, and
-    /// packets that there is no room for, change nothing. [`SessionError::Busy`] where another thread
-    /// pushes; [`SessionError::Range`] for a session with an engine.
+    /// [`SessionError::Packet`] if the bytes are not a packet of this model and these settings, or
+    /// the frame queue is full: nothing changes. Also if a step fails: the stream is then joined
+    /// anew. [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session
+    /// with an engine.
     pub fn push_packet(&self, bytes: &[u8]) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
@@ -147,7 +150,7 @@ impl Session {
         let Receiver { model, decoder, team, epoch, ease } = &mut *receiver;
         let present = shared.link.epoch();
         if present != *epoch {
-            // The host has reset it: it joins the stream at the packet that comes.
+            // The host has reset the session: it joins the stream at this packet.
             decoder.reset();
             *epoch = present;
             shared.link.start_input(present, 0);
@@ -170,7 +173,7 @@ impl Session {
                 Ok(())
             }
             Err(error) => {
-                // What was computed of the stream is in no defined state: it is joined anew.
+                // The stream's state is undefined after a failed step: join it anew.
                 if let PacketError::Step(_) = error {
                     decoder.reset();
                 }
@@ -179,17 +182,17 @@ impl Session {
         }
     }
 
-    /// What came of the packets so far.
+    /// Statistics of the packets so far.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pushes; [`SessionError::Range`] for a session with
+    /// [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session with
     /// an engine.
     pub fn received(&self) -> Result<Received, SessionError> {
         Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())
     }
 }
 
-/// Frames that a time lasts.
+/// Number of frames in a duration, rounded up.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 16 bits")]
 pub(super) fn frames_of(time: Duration, frame_rate: usize) -> u16 {
     (time.as_secs_f64() * frame_rate as f64).ceil().min(f64::from(u16::MAX)) as u16

@@ -1,4 +1,4 @@
-//! The engine's side of a session: what is due and when, and where its frames go.
+//! The engine's side of a session: when its chunks are due, and where their frames go.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -23,51 +23,52 @@ use crate::stream::{EngineView, Input, Stamp};
 /// Frames that a restored session can still produce before a position overflows its word.
 const MORE_FRAMES: u64 = 1 << 32;
 
-/// A second.
+/// Nanoseconds per second.
 const NANOS: u64 = 1_000_000_000;
-/// Multiples of it, modulo 1, are spread as evenly as can be.
+/// Its multiples modulo 1 are spread as evenly as possible.
 const GOLDEN_RATIO: f32 = 0.618_034;
 
-/// An avatar, and when it is computed.
+/// An avatar and its schedule.
 #[derive(Debug)]
 pub(crate) struct Member {
     pub(crate) avatar: Avatar,
     pub(crate) schedule: Schedule,
 }
 
-/// When an avatar's chunks are due, and where their frames go.
+/// Timing of an avatar's chunks, and the sink of their frames.
 #[derive(Debug)]
 pub(crate) struct Schedule {
     shared: Counted<Shared>,
     view: EngineView,
     chunk_frames: usize,
-    /// Nanoseconds that a chunk lasts.
+    /// Duration of a chunk, nanoseconds.
     period: u64,
     times: Times,
-    /// When the engine saw first that the next chunk is due, where chunks wait for others.
+    /// When the engine first saw that the next chunk is due, if batching is on.
     noticed: Option<u64>,
-    /// The chunk in work, or the next one where it was begun before the session was restored.
+    /// The chunk in work, or the next one if it was begun before the session was restored.
     begun: Begun,
     sample_rate: u64,
     model_rate: u64,
     frame_rate: u64,
     silence: Silence,
     levels: Levels,
-    /// Frames of the chunk that is computed.
+    /// Frames of the current chunk so far.
     frames: u64,
-    /// The mouth of chunks whose body is held, where the model has a network for it.
+    /// The mouth of chunks whose body is held, if the model has a mouth network.
     held_mouth: Option<HeldMouth>,
-    /// Chunks that this session would be owed in full, where the engine computes a share of them.
+    /// Accumulated credit towards a full chunk, while only a share of the chunks is computed in
+    /// full.
     credit: Option<f32>,
 }
 
-/// Silence that the engine put into the stream, at the model's rate.
+/// Silence that the engine inserted into the stream, at the model's rate.
 #[derive(Debug, Default)]
 struct Silence {
-    /// The last of it.
+    /// The last run.
     from: u64,
     len: u64,
-    /// All before that.
+    /// Length of all runs before it.
     before: u64,
 }
 
@@ -80,7 +81,7 @@ impl Silence {
         }
     }
 
-    /// How much of the stream before `position` was pushed.
+    /// Number of pushed samples before `position` of the stream.
     fn pushed(&self, position: u64) -> u64 {
         position.saturating_sub(self.before + position.saturating_sub(self.from).min(self.len))
     }
@@ -94,12 +95,12 @@ impl FrameSink for [Schedule] {
 }
 
 impl Schedule {
-    /// Whether the mouth network is still to hear the samples of the chunk that was begun.
+    /// Whether the mouth network is still to hear the chunk's samples.
     pub(crate) fn awaits_mouth(&self) -> bool {
         self.held_mouth.as_ref().is_some_and(HeldMouth::awaits)
     }
 
-    /// Has the mouth network hear the samples of the chunk that was begun.
+    /// Feeds the chunk's samples to the mouth network.
     pub(crate) fn hear_mouth(&mut self, avatar: &mut Avatar) -> Result<(), StepError> {
         let heard = self.held_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()));
         #[cfg(test)]
@@ -140,13 +141,13 @@ impl Schedule {
         self.shared.fail(failure);
     }
 
-    /// Whether it has not ended.
+    /// Whether the session has not ended.
     pub(crate) fn is_running(&self) -> bool {
         self.shared.is_running()
     }
 
-    /// By how many nanoseconds the next chunk, which is due, is late if it begins now: its audio has
-    /// waited for longer than a chunk lasts. And how long that is.
+    /// Lateness of the next chunk, which is due, if it began now, and the chunk's duration, both in
+    /// nanoseconds. A chunk is late if its audio has waited longer than a chunk lasts.
     pub(crate) fn late(&self) -> (i64, i64) {
         let (backlog, _) = self.shared.backlog();
         let signed = |nanos: u64| i64::try_from(nanos).unwrap_or(i64::MAX);
@@ -154,8 +155,8 @@ impl Schedule {
         (signed(waited).saturating_sub(signed(self.period)), signed(self.period))
     }
 
-    /// Whether the body of the next chunk is held, where `share` of all chunks are computed in full: as
-    /// evenly as they come, and of sessions in different `slot`s not the same ones.
+    /// Whether the body of the next chunk is held, while `share` of all chunks are computed in
+    /// full. Full chunks are spread evenly, and sessions in different `slot`s take turns.
     pub(crate) fn holds(&mut self, share: f32, slot: usize) -> bool {
         let credit = self.credit.get_or_insert((slot as f32 * GOLDEN_RATIO).fract());
         *credit += share;
@@ -164,7 +165,7 @@ impl Schedule {
         !is_full
     }
 
-    /// Counts a chunk that is done.
+    /// Counts a completed chunk.
     pub(crate) fn end(&mut self, now: u64) {
         let Self { shared, times: Times { arrived, release, finished }, period, begun, .. } = self;
         *begun = Begun::default();
@@ -179,7 +180,7 @@ impl Schedule {
         *finished = now;
     }
 
-    /// Queues the packet of a chunk that is done, where the session has packets.
+    /// Queues the packet of a completed chunk, if the session has packets.
     pub(crate) fn write_packet(&self, writer: &mut PacketWriter, avatar: &Avatar, model: &Model, due: Due) {
         let Some(queue) = self.shared.packets.as_ref().filter(|_| !self.begun.packet) else { return };
         let epoch = self.view.epoch.number;
@@ -188,7 +189,7 @@ impl Schedule {
         }
     }
 
-    /// Passes a frame on to the host.
+    /// Passes a frame to the host.
     fn frame(&mut self, frame: FrameRef) {
         let index = frame.index as u64;
         let sample = if self.silence.len == 0 {
@@ -204,14 +205,14 @@ impl Schedule {
             let written = self.shared.link.frames.push(stamp, self.levels.cue(&frame), pose, face);
             debug_assert!(written, "a chunk is computed only where its frames have room");
         }
-        // A stream that has begun since then counts its own backlog.
+        // A stream that has begun in the meantime counts its own backlog.
         if self.shared.link.epoch().number == epoch {
             self.shared.cover(sample + self.sample_rate / self.frame_rate);
         }
         self.frames += 1;
     }
 
-    /// Describes the silence in a stream of so many samples.
+    /// Describes the silence in a stream of `consumed` samples.
     fn silence_state(&mut self, pass: &mut StatePass, consumed: u64) -> Result<(), StateError> {
         let Silence { from, len, before } = &mut self.silence;
         let from = pass.number("silence", from, consumed)?;
@@ -245,7 +246,7 @@ impl Member {
         self.schedule.shared.dropped.load(Ordering::SeqCst)
     }
 
-    /// The engine is gone.
+    /// Marks the session's engine as gone.
     pub(crate) fn close(&self) {
         self.schedule.shared.close();
     }
@@ -256,12 +257,12 @@ impl Member {
         self.schedule.frame_rate = 0;
     }
 
-    /// What a state must have in common with this session, beside the model.
+    /// Settings that a state must share with this session, besides the model.
     pub(super) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         self.avatar.identity(pass)
     }
 
-    /// Times, the chunk that was begun, and the most samples and frames of one.
+    /// Times, the chunk that was begun, and the upper bounds of a chunk's samples and frames.
     pub(super) fn progress(&self) -> (Times, Begun, (usize, usize)) {
         let Self { avatar, schedule } = self;
         (schedule.times, schedule.begun, (avatar.most_samples(), schedule.chunk_frames))
@@ -275,14 +276,14 @@ impl Member {
         self.side_state(pass, model)
     }
 
-    /// Describes it but for times and what was begun. The count of frames and the audio of the chunk are set
-    /// at the start of each.
+    /// Describes it except for the times and the chunk that was begun. The frame count and the
+    /// chunk's audio are set at the start of each chunk.
     pub(super) fn side_state(&mut self, pass: &mut StatePass, model: &Model) -> Result<(), StateError> {
         let schedule = &mut self.schedule;
         schedule.view.state(pass)?;
         if pass.loads() {
             schedule.noticed = None;
-            // What was heard for held bodies is no part of a state.
+            // The held mouth's input is not part of a state.
             if let Some(mouth) = &mut schedule.held_mouth {
                 mouth.reset();
             }
@@ -292,8 +293,8 @@ impl Member {
         schedule.silence_state(pass, consumed)
     }
 
-    /// What can be computed now, and its deadline; none while it waits for audio or room, for which
-    /// the host's side wakes the engine.
+    /// The work that can be done now, and its deadline; `None` while it waits for audio or room,
+    /// and the host's side then wakes the engine.
     pub(crate) fn due(&mut self, model: &Model, now: u64) -> Option<(Due, u64)> {
         if self.is_dropped() || !self.schedule.shared.is_running() {
             return None;
@@ -312,7 +313,7 @@ impl Member {
         is_due.then(|| (due, self.deadline(now)))
     }
 
-    /// Enters the host's epoch if it is new; returns what is due or waited for.
+    /// Enters the host's epoch if it is new; returns the due step or the event waited for.
     fn next_due(&mut self, model: &Model) -> Due {
         let Self { avatar, schedule } = self;
         let shared = &schedule.shared;
@@ -343,9 +344,9 @@ impl Member {
         }
     }
 
-    /// How many nanoseconds the next chunk, which is due, still waits for others, to be computed with them: `most` in all,
-    /// and no longer than until half of its length is left before `deadline`. The start of a stream, for which a user waits,
-    /// does not wait.
+    /// Remaining batching delay of the next chunk, which is due, in nanoseconds: `most` since it
+    /// was first seen due, but no longer than until half of its duration is left before `deadline`.
+    /// A stream's first chunk does not wait, because a user waits for it.
     pub(crate) fn patience(&mut self, (due, deadline): (Due, u64), most: u64, now: u64) -> u64 {
         let Self { avatar, schedule } = self;
         if due != Due::Chunk || avatar.chunk == 0 {
@@ -356,12 +357,12 @@ impl Member {
         most.saturating_sub(now.saturating_sub(noticed)).min(left)
     }
 
-    /// When real time has shown the next chunk, which is due.
+    /// Playback end of the next chunk, which is due.
     fn deadline(&mut self, now: u64) -> u64 {
         let Self { avatar, schedule } = self;
         if schedule.times.arrived.is_none() {
-            // Silence that the engine fills in, or a chunk without audio, is due from now on,
-            // however long it was quiet.
+            // Inserted silence, or a chunk without audio, is due from now on, however long the
+            // pause was.
             let link = &schedule.shared.link;
             let is_consumed = avatar.total.is_some() || link.audio.len() >= avatar.chunk_samples();
             let arrived = if avatar.has_audio() && is_consumed { link.audio_time() } else { now };
@@ -372,9 +373,10 @@ impl Member {
         schedule.times.release + schedule.period
     }
 
-    /// Before [`Self::begin`]: takes over changed settings, and keeps the engine's side for saves while the
-    /// chunk is in work. Returns the kind of chunk, which is held if `share` of all are computed in full and
-    /// this one is not; none while a save reads what was kept before.
+    /// Prepares [`Self::begin`]: takes over changed settings, and saves the engine's side for saves
+    /// while the chunk is in work. Returns the kind of chunk, which becomes a held one if only
+    /// `share` of the chunks are computed in full and this one is not. `None` while a save reads
+    /// the previous snapshot.
     pub(crate) fn prepare(&mut self, due: Due, share: f32, slot: usize, model: &Model) -> Option<Due> {
         let shared = Counted::clone(&self.schedule.shared);
         let mut kept = try_lock(&shared.kept)?;
@@ -396,8 +398,8 @@ impl Member {
         self.schedule.begun.due
     }
 
-    /// Takes the next chunk's samples; `busy` says that some bodies are held now, be this one's among them or
-    /// not.
+    /// Takes the next chunk's samples; `busy` if the engine currently holds bodies, this one's or
+    /// others'.
     pub(crate) fn begin(&mut self, due: Due, busy: bool, config: &Config) {
         let Self { avatar, schedule } = self;
         schedule.noticed = None;
@@ -410,7 +412,7 @@ impl Member {
         }
         let chunk = next_frames(avatar, config);
         let room = if due == Due::Flush { &mut [] } else { avatar.samples_mut() };
-        // What comes from now on is the next chunk's.
+        // Samples that arrive later belong to the next chunk.
         let there = room.len().min(usize::try_from(begun.samples).unwrap_or(usize::MAX));
         let taken = shared.link.take_audio(view, &mut room[..there]);
         room[taken..].fill(0.0);

@@ -26,7 +26,7 @@ use crate::motion::Assembly;
 use crate::part::PerPart;
 use crate::stream::{FrameRing, Link, OwnedFrame, Signal};
 
-/// What is set while the session runs, taken over at the next chunk.
+/// Settings that may change while the session runs, taken over at the next chunk.
 #[derive(Debug)]
 pub(crate) struct Settings {
     pub(crate) sampler: Sampler,
@@ -35,7 +35,7 @@ pub(crate) struct Settings {
 }
 
 impl Settings {
-    /// What the avatar was made with.
+    /// The settings that the avatar was created with.
     pub(super) fn new(avatar: &AvatarConfig) -> Self {
         let (mut text, text_len) = ([0; MAX_PROMPT_TOKENS], avatar.text.len());
         text[..text_len].copy_from_slice(&avatar.text);
@@ -43,73 +43,73 @@ impl Settings {
     }
 }
 
-/// Frames that a live session's body is behind beyond its algorithmic latency: time to compute them.
+/// Frames by which a live session's body lags beyond its algorithmic latency: time to compute them.
 const MORE_FRAMES: usize = 2;
 
-/// How a session's computation ended, if it did.
+/// Values of `Shared::state`: whether and how the session's computation ended.
 const RUNNING: u8 = 0;
 const FAILED: u8 = 1;
 const CLOSED: u8 = 2;
 
-/// Why the engine stopped computing a session.
+/// Reason why the engine stopped computing a session.
 #[derive(Clone, Debug)]
 pub(crate) enum Failure {
-    /// A step could not be taken.
+    /// A step failed.
     Step(StepError),
     /// A step panicked.
     Defect(Defect),
 }
 
-/// What the sides of a session share.
+/// State shared by the sides of a session.
 #[derive(Debug)]
 pub(crate) struct Shared {
     /// The protocol between the sides.
     pub(crate) link: Link,
-    /// Sample frames pushed since the input's epoch began, and up to which of them there are
-    /// frames.
+    /// Sample frames pushed since the input's epoch began, and the number of them that frames
+    /// cover.
     pub(super) pushed: AtomicU64,
     covered: AtomicU64,
-    /// The largest backlog that was seen, in sample frames.
+    /// Largest backlog so far, in sample frames.
     largest_backlog: AtomicU64,
-    /// The host has dropped the session.
+    /// Whether the host has dropped the session.
     pub(crate) dropped: AtomicBool,
     pub(super) state: AtomicU8,
     pub(super) failure: OnceLock<Failure>,
     pub(crate) idle: AtomicU8,
-    /// How much each part moves, as the bits of floats.
+    /// Gain of each part, as the bits of floats.
     pub(crate) gains: PerPart<AtomicU32>,
     pub(super) settings: Mutex<Settings>,
-    /// Settings that the engine has not seen.
+    /// Whether there are settings that the engine has not seen.
     pub(super) unseen: AtomicBool,
-    /// What the host asks of the layers, and whether the output has not seen it.
+    /// The host's controls of the layers, and whether the output has not seen the newest ones.
     pub(super) controls: Mutex<Controls>,
     pub(super) unseen_controls: AtomicBool,
-    /// Gestures that the avatar knows, and how many that the host asked for began.
+    /// Gestures that the avatar knows, and the number of requested ones that have begun.
     pub(super) gestures: Gestures,
     pub(super) begun_gestures: AtomicU64,
-    /// How many hints of lips were shown or dropped.
+    /// Number of viseme hints that were shown or dropped.
     pub(super) passed_hints: AtomicU64,
-    /// Level of who speaks to the avatar, as the bits of a float.
+    /// Loudness of the interlocutor, as the bits of a float.
     pub(super) other_level: AtomicU32,
-    /// When that was heard, by what [`Self::now`] says.
+    /// Time of that measurement, by [`Self::now`].
     pub(super) other_time: AtomicU64,
     pub(super) other: Mutex<OtherInput>,
-    /// Packets of its chunks, where it has any.
+    /// Packets of the session's chunks, if it has any.
     pub(super) packets: Option<PacketQueue>,
-    /// The engine's side before the chunk that is in work.
+    /// The engine's side from before the chunk in work.
     pub(super) kept: Mutex<Kept>,
     pub(super) input: Mutex<Input>,
     pub(super) output: Mutex<Boxed<Output>>,
     pub(crate) stats: Counters,
     pub(crate) delays: Delays,
     pub(crate) clock: Clock,
-    /// What time it is by the host, nanoseconds of the clock's count; 0 while the clock says it.
+    /// The host's time, in nanoseconds of the clock's count; 0 while the clock is used.
     pub(super) host_time: AtomicU64,
-    /// When audio was pushed last, by what [`Self::now`] says.
+    /// Time of the last push of audio, by [`Self::now`].
     pub(super) heard: AtomicU64,
-    /// Samples at the session's rate that a frame needs at most.
+    /// Upper bound on the future audio that a frame needs, in samples at the session's rate.
     pub(super) algorithmic_samples: usize,
-    /// Those that its mouth needs.
+    /// Upper bound for its mouth.
     pub(super) mouth_samples: usize,
     pub(super) channels: usize,
     pub(super) frame_rate: usize,
@@ -128,10 +128,10 @@ pub(crate) struct Counters {
 }
 
 impl Counters {
-    /// How many the engine counts with.
+    /// Number of counters that the engine increments.
     pub(super) const OF_ENGINE: usize = 4;
 
-    /// Those that the engine counts with, in a state before the others.
+    /// The counters that the engine increments, which precede the others in a state.
     pub(super) fn of_engine(&self) -> [&AtomicU64; Self::OF_ENGINE] {
         [&self.chunks, &self.frames, &self.late_frames, &self.held_chunks]
     }
@@ -146,8 +146,8 @@ impl Shared {
         }
     }
 
-    /// Calls `take` with the settings if they have changed; at the next chunk if the host is
-    /// writing them now.
+    /// Calls `take` with the settings if they have changed. If the host is writing them now, the
+    /// next chunk takes them.
     pub(crate) fn take_settings(&self, take: impl FnOnce(&Settings)) {
         if self.unseen.load(Ordering::Acquire)
             && let Some(settings) = try_lock(&self.settings)
@@ -157,9 +157,9 @@ impl Shared {
         }
     }
 
-    /// Ends the session with a failure; the first one is kept.
+    /// Ends the session with a failure.
     pub(crate) fn fail(&self, failure: Failure) {
-        // The first failure stays.
+        // The first failure is kept.
         let _ = self.failure.set(failure);
         self.state.store(FAILED, Ordering::Release);
     }
@@ -177,18 +177,17 @@ impl Shared {
         }
     }
 
-    /// The engine is gone.
+    /// Marks the engine as gone.
     pub(crate) fn close(&self) {
         let _ = self.state.compare_exchange(RUNNING, CLOSED, Ordering::AcqRel, Ordering::Relaxed);
     }
 
-    /// Whether the engine still computes for it.
+    /// Whether the engine still computes the session.
     pub(crate) fn is_running(&self) -> bool {
         self.state.load(Ordering::Acquire) == RUNNING
     }
 
-    /// What time it is for what moves while no frames come, nanoseconds: the host's where it gives
-    /// one, else the clock's.
+    /// Time for idle motion, nanoseconds: the host's if it sets one, otherwise the clock's.
     pub(super) fn now(&self) -> u64 {
         match self.host_time.load(Ordering::Relaxed) {
             0 => self.clock.nanos(),
@@ -207,26 +206,26 @@ impl Shared {
         }
     }
 
-    /// The sample frame, at the session's rate, that a frame of the stream belongs to.
+    /// Sample frame, at the session's rate, that a frame of the stream belongs to.
     pub(super) fn sample_of(&self, frame: u64) -> u64 {
         frame * self.sample_rate as u64 / self.frame_rate as u64
     }
 
-    /// A stream begins with so much audio pushed.
+    /// Begins a stream in which `pushed` sample frames were pushed and count as covered.
     pub(super) fn begin_backlog(&self, pushed: u64) {
         self.pushed.store(pushed, Ordering::Relaxed);
         self.covered.store(pushed, Ordering::Relaxed);
     }
 
-    /// There are frames of the stream up to sample frame `sample`. How far behind they were until
-    /// now is remembered.
+    /// Marks the stream as covered by frames up to sample frame `sample`, and records the backlog
+    /// until now.
     pub(crate) fn cover(&self, sample: u64) {
         self.backlog();
         self.covered.store(sample, Ordering::Relaxed);
     }
 
-    /// Sample frames by which the newest frame is behind the newest audio, beyond what every frame
-    /// needs of its future: now, and the most so far.
+    /// Backlog: sample frames by which the newest frame is behind the newest audio, beyond the
+    /// algorithmic latency. Returns the current value and the largest so far.
     pub(super) fn backlog(&self) -> (u64, u64) {
         let pushed = self.pushed.load(Ordering::Relaxed);
         let promised = self.covered.load(Ordering::Relaxed) + self.algorithmic_samples as u64;
@@ -235,7 +234,8 @@ impl Shared {
     }
 }
 
-/// The lock, if it is free. A side that panicked left its data consistent, so poisoning is ignored.
+/// Takes the lock if it is free. A side that panicked left its data consistent, so poisoning is
+/// ignored.
 pub(super) fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
     match mutex.try_lock() {
         Ok(guard) => Some(guard),
@@ -244,24 +244,24 @@ pub(super) fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
     }
 }
 
-/// What an engine knows of a session that is being made.
+/// The engine's inputs for a new session.
 pub(crate) struct SessionInit<'a> {
     pub(crate) model: &'a Arc<Model>,
     pub(crate) assembly: &'a Assembly,
     pub(crate) rest: &'a OwnedFrame,
-    /// Most frames of one chunk.
+    /// Upper bound on the frames of a chunk.
     pub(crate) chunk_frames: usize,
-    /// Most samples of one chunk; none where no speech moves the avatar.
+    /// Upper bound on the samples of a chunk; 0 if the avatar takes no speech.
     pub(crate) chunk_samples: usize,
-    /// Bytes of the buffers that the engine's side is in.
+    /// Bytes of the buffers of the engine's side.
     pub(crate) kept: usize,
     pub(crate) clock: Clock,
     pub(crate) signal: Arc<Signal>,
     /// Converts the session's rate to the model's.
     pub(crate) resampler: Resampler,
-    /// Whether its frames come of packets, and not of audio.
+    /// Whether frames come from packets instead of audio.
     pub(crate) is_decoder: bool,
-    /// Where all of it comes from.
+    /// The allocator of all of it.
     pub(crate) arena: &'a Arena,
 }
 

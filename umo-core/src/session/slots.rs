@@ -1,4 +1,4 @@
-//! The session slots of an engine: workers look for due sessions in them, the host frees them.
+//! The session slots of an engine. Workers look for due sessions in them; the host frees them.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
@@ -15,7 +15,7 @@ struct Slot {
     /// Whether a session owns the slot. Only the host's threads free it: a worker never frees
     /// memory.
     taken: AtomicBool,
-    /// The engine's side of the session; none while it is in a batch.
+    /// The engine's side of the session; `None` while it is in a batch.
     member: Mutex<Option<Member>>,
 }
 
@@ -45,7 +45,7 @@ pub(crate) struct Slots {
 }
 
 impl Slots {
-    /// `count` free slots, for `workers` that look for work in them.
+    /// Creates `count` free slots, searched by `workers` workers.
     pub(crate) fn new(model: Arc<Model>, count: usize, workers: usize) -> Self {
         let mut slots = with_capacity(count);
         slots.resize_with(count, Slot::default);
@@ -56,7 +56,7 @@ impl Slots {
         self.slots.len()
     }
 
-    /// Puts a member into a free slot and wakes a worker; none if all are taken.
+    /// Puts a member into a free slot and wakes a worker; `None` if all are taken.
     pub(crate) fn insert(self: &Arc<Self>, member: Member) -> Option<SlotHandle> {
         let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
         let index = self.slots.iter().position(free)?;
@@ -75,8 +75,9 @@ impl Slots {
     /// Calls `f` for every member in an unlocked slot.
     pub(crate) fn for_each_unlocked(&self, mut f: impl FnMut(usize, &mut Member)) {
         for (index, slot) in self.slots.iter().enumerate() {
-            // A slot that the host fills or frees now is checked in the next turn: the host
-            // notifies. One that another worker has is that worker's to compute, or to call another for.
+            // A slot that the host is filling or freeing is checked in the next turn: the host
+            // notifies. A member that another worker holds is computed by that worker, or passed on
+            // by it.
             if let Ok(mut slot) = slot.member.try_lock()
                 && let Some(member) = &mut *slot
             {
@@ -85,13 +86,13 @@ impl Slots {
         }
     }
 
-    /// Takes a member out of its slot if `f` returns true for it; none if the slot is locked or
+    /// Takes a member out of its slot if `f` returns true for it; `None` if the slot is locked or
     /// empty.
     pub(crate) fn take_if(&self, index: usize, f: impl FnOnce(&mut Member) -> bool) -> Option<Member> {
         self.slots[index].member.try_lock().ok()?.take_if(f)
     }
 
-    /// Puts a member back. The host holds an empty slot's lock only for the time of a comparison.
+    /// Puts a member back. The host locks an empty slot only for the time of a comparison.
     pub(crate) fn put_back(&self, index: usize, member: Member) {
         let mut slot = loop {
             match self.slots[index].member.try_lock() {
@@ -111,11 +112,11 @@ impl Slots {
     }
 }
 
-/// Times that a lock is tried again in a row, and after other threads had the processor.
+/// Attempts to take a lock between two yields, and number of yields.
 const SPINS: u32 = 200;
 const YIELDS: u32 = 200;
 
-/// A lock that others have for some microseconds; none where one of them does not get on.
+/// Takes a lock that others hold for some microseconds; `None` if its holder makes no progress.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
     for _ in 0..YIELDS {
         for _ in 0..SPINS {
@@ -143,10 +144,10 @@ impl SlotHandle {
         self.slots.signal.notify();
     }
 
-    /// Calls `f` with the engine's side of the session and its model; none if it is in a batch. The caller
-    /// notifies the engine afterwards, which may have skipped the slot.
+    /// Calls `f` with the engine's side of the session and its model; `None` if it is in a batch.
+    /// The caller then notifies the engine, which may have skipped the slot.
     pub(crate) fn with_member<R>(&self, f: impl FnOnce(&mut Member, &Model) -> R) -> Option<R> {
-        // A worker has it no longer than it takes to look whether something is due.
+        // A worker holds it only while it checks whether something is due.
         let mut member = lock(&self.slots.slots[self.index].member)?;
         member.as_mut().map(|member| f(member, &self.slots.model))
     }

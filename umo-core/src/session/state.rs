@@ -1,5 +1,5 @@
-//! A session's whole state as bytes, and back: for replay, for rollback, and to move an avatar to
-//! another process.
+//! Saving and restoring a session's whole state as bytes: for replay, for rollback, and to move an
+//! avatar to another process.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -18,13 +18,13 @@ use crate::model::Model;
 use crate::part::Part;
 use crate::state::{StateError, StatePass};
 
-/// Every side of a session, each kept from others.
+/// All sides of a session, locked.
 ///
 /// The rings have one producer and one consumer each. Audio is pushed under the lock of `input` and
-/// taken by the owner of the member; frames are pushed by the owner of the member and taken under the
-/// lock of `output`. Who has all three is alone with both ends of both rings. What others may
-/// change at any moment is one word each: the epoch and the idle mode, whose change then counts as
-/// before or after.
+/// taken by the owner of the member; frames are pushed by the owner of the member and taken under
+/// the lock of `output`. The holder of all three has exclusive access to both ends of both rings.
+/// Two words can still change at any moment, the epoch and the idle mode; such a change counts as
+/// made before or after.
 struct Sides<'a> {
     shared: &'a Shared,
     model: &'a Model,
@@ -36,7 +36,7 @@ struct Sides<'a> {
     controls: &'a mut Controls,
 }
 
-/// Most bytes of a state of a session that is being made.
+/// Upper bound on the bytes of a new session's state.
 pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) -> usize {
     let free = "nobody else knows the session yet";
     let (mut input, mut output) = (try_lock(&shared.input).expect(free), try_lock(&shared.output).expect(free));
@@ -54,22 +54,22 @@ pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) ->
 }
 
 impl Session {
-    /// Most bytes that a state of this session can have; the same for as long as it lives.
+    /// Upper bound on the bytes of this session's state; constant for its lifetime.
     pub fn state_size(&self) -> usize {
         self.state_size
     }
 
-    /// Writes the session's whole state to the start of `bytes`, of which there are at least
-    /// [`Self::state_size`], and says how many it took. The session goes on as if nothing had
-    /// happened. A chunk that the engine computes meanwhile is computed again by the session that is
-    /// restored.
+    /// Writes the session's whole state to the start of `bytes`, which has at least
+    /// [`Self::state_size`] bytes, and returns the number written. The session continues
+    /// unaffected. A chunk that the engine is computing meanwhile is computed again by the restored
+    /// session.
     ///
-    /// Never waits for a chunk and never allocates. The bytes hold no address and no moment of the clock:
-    /// they can be restored in another process.
+    /// Never waits for a chunk and never allocates. The bytes contain no address and no absolute
+    /// time, so another process can restore them.
     ///
     /// # Errors
     /// [`SessionError::Busy`] while another thread is in a call that pushes, pulls or sets;
-    /// [`SessionError::Range`] where there are too few bytes.
+    /// [`SessionError::Range`] if `bytes` is too short.
     pub fn save(&self, bytes: &mut [u8]) -> Result<usize, SessionError> {
         if bytes.len() < self.state_size {
             return Err(SessionError::Range("a state may take as many bytes as state_size says"));
@@ -81,18 +81,18 @@ impl Session {
         })
     }
 
-    /// Makes the session what it, or another one of the same model and config, was when it was
-    /// saved: from then on it gives the same frames to the same calls. Frames and audio of before
-    /// are gone, settings and statistics are the state's; [`Self::latency`] goes on.
+    /// Restores the state of this session, or of another one with the same model and config: from
+    /// then on it produces the same frames for the same calls. Earlier frames and audio are
+    /// dropped; settings and statistics are the state's; [`Self::latency`] continues.
     ///
-    /// Never waits for a chunk and never allocates. An interrupt or a reset by another thread counts as
-    /// before or after.
+    /// Never waits for a chunk and never allocates. An interrupt or a reset by another thread
+    /// counts as made before or after.
     ///
     /// # Errors
-    /// [`SessionError::State`] where the bytes are no state, or not one of this model and config;
-    /// [`SessionError::Busy`] as for [`Self::save`], and while the engine computes a chunk of this session:
-    /// it does once there is audio for one, or at once where text alone moves the avatar. The session is
-    /// then as it was.
+    /// [`SessionError::State`] if the bytes are not a state, or not one of this model and config;
+    /// [`SessionError::Busy`] as for [`Self::save`], and while the engine computes a chunk of this
+    /// session, which it does as soon as there is audio for one, or at once if text alone drives
+    /// the avatar. The session is unchanged after an error.
     pub fn restore(&self, bytes: &[u8]) -> Result<(), SessionError> {
         let now = self.shared.clock.nanos();
         self.with_sides(false, |mut sides| {
@@ -105,8 +105,8 @@ impl Session {
         })
     }
 
-    /// Calls `f` with all sides; with the engine's as it was before the chunk in work where that is enough
-    /// (`may_be_away`).
+    /// Calls `f` with all sides. If the engine's side is in a batch and `may_be_away`, `f` gets its
+    /// snapshot from before the chunk.
     fn with_sides<R>(
         &self,
         may_be_away: bool,
@@ -130,7 +130,7 @@ impl Session {
             };
             match slot.with_member(|member, _| with(EngineSide::Here(member))) {
                 Some(result) => result,
-                // The engine begins no other chunk while what it kept is read.
+                // The engine begins no other chunk while its snapshot is read.
                 None if may_be_away => lock(&shared.kept).and_then(|kept| with(EngineSide::Away(&kept))),
                 None => None,
             }
@@ -166,7 +166,8 @@ impl Sides<'_> {
 }
 
 impl Shared {
-    /// Describes what belongs to no side; with what was kept where the engine's side is in work.
+    /// Describes the state that belongs to no side; if the engine's side is in a batch, with the
+    /// values of its snapshot.
     fn state(&self, pass: &mut StatePass, kept: Option<(&[u64; Counters::OF_ENGINE], bool)>) -> Result<(), StateError> {
         let idle = pass.limited("idle mode", self.idle.load(Ordering::Relaxed).into(), Idle::Live as u64)?;
         if pass.loads() {

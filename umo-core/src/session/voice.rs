@@ -1,12 +1,12 @@
-//! The live mouth of a session: each frame's mouth from its own sound, as soon as that is heard,
-//! over a body that follows with its chunks (SPEC 2.10).
+//! The live mouth of a session: each frame's mouth comes from its own sound as soon as that is
+//! heard, over a body that follows with its chunks (SPEC 2.10).
 //!
 //! ```text
 //! input ──samples──► mouth network ──► mouth of frame n ─┐
 //! engine ──frames──► body of frame n - delay ────────────┴─► frame n
 //! ```
-//! The network runs on the host's frame side, a frame at a time, so that no wait for the engine
-//! stands between sound and mouth.
+//! The network runs on the host's frame side, frame by frame, so that the mouth never waits for the
+//! engine.
 
 use std::sync::Arc;
 
@@ -22,60 +22,60 @@ use crate::stream::{Epoch, MAX_INDEX, OwnedFrame};
 
 use super::shared::Failure;
 
-/// Samples that the network takes at a time: no more than a frame comes out.
+/// Samples that the network takes at a time: few enough that at most one frame comes out.
 const PIECE: usize = 128;
-/// Frames that the end of a stream may bring at once.
+/// Capacity in frames: upper bound on the frames that the end of a stream flushes at once.
 const QUEUE: usize = 16;
-/// The jaw's turn at a jawOpen of 1, radians: what the default model's performer has.
+/// Rotation of the jaw at a jawOpen of 1, radians: that of the default model's performer.
 pub(super) const JAW_OPEN: f32 = 0.35;
-/// Share of the way to rest that the mouth goes in each frame after the last sound.
+/// Share of the remaining way to rest that the mouth moves in each frame after the last sound.
 pub(super) const TO_REST: f32 = 0.3;
 
-/// When the mouth moves.
+/// Timing of the mouth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Voice {
-    /// With the body: everything comes from the chunk, in step, later than the sound by the
-    /// session's latency.
+    /// With the body: everything comes from the chunk, in sync, one latency of the session after
+    /// the sound.
     #[default]
     Delayed = 0,
-    /// As the sound is heard, later by `Latency::mouth_samples`: with the default model 56 ms at
-    /// 16 kHz, 63 ms at 48 kHz. The body follows by the session's latency. The stream has as many
+    /// As the sound is heard, `Latency::mouth_samples` after it: with the default model 56 ms at 16
+    /// kHz, 63 ms at 48 kHz. The body lags by the session's latency, and the stream has as many
     /// more frames at its end.
     Live = 1,
 }
 
-/// The mouth's side of a session's frames.
+/// The live mouth's state in one session.
 #[derive(Debug)]
 pub(super) struct LiveVoice {
     model: Arc<Model>,
     stream: MouthStream,
-    /// Whether the samples that wait are this epoch's.
+    /// Whether the waiting samples belong to this epoch.
     joined: bool,
-    /// Whether the network was told of the stream's end.
+    /// Whether the network was flushed at the stream's end.
     ended: bool,
-    /// Mouths that are known and not shown: `[QUEUE, channels]`, from `first` on, at
-    /// `index % QUEUE`.
+    /// Mouths that are known and not yet shown, from `first` on: `[QUEUE, channels]`, frame `index`
+    /// at `index % QUEUE`.
     mouths: Slice<f32>,
     levels: [f32; QUEUE],
-    /// Sum of squares of the samples since the last mouth became known, and how many.
+    /// Sum of squares and number of the samples since the last mouth became known.
     sum: f64,
     heard: u32,
     first: u64,
     known: u64,
     /// The mouth shown last: `[channels]`.
     last: Slice<f32>,
-    /// The index of jawOpen in it.
+    /// Index of jawOpen in it.
     jaw: Option<usize>,
-    /// Frames by which the body is behind.
+    /// Frames by which the body lags.
     delay: u64,
-    /// The newest of the body's frames that is due, and its number.
+    /// The newest due frame of the body, and its index.
     pub(super) body: OwnedFrame,
     body_index: Option<u64>,
 }
 
 impl LiveVoice {
-    /// None where the model has no mouth network.
+    /// `None` if the model has no mouth network.
     pub(super) fn new_in(model: Arc<Model>, delay: u64, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
         let mouth = model.mouth.as_ref()?;
         let channels = mouth.channels().len();
@@ -103,12 +103,12 @@ impl LiveVoice {
         model.mouth.as_ref().expect("a live voice is made of a model with a mouth")
     }
 
-    /// Samples at the model's rate after a frame's time that its mouth needs.
+    /// Samples, at the model's rate, after a frame's time that its mouth needs.
     pub(super) fn latency_samples(&self) -> usize {
         Self::mouth(&self.model).latency_samples()
     }
 
-    /// Frames that can be shown without more audio.
+    /// Number of frames that can be shown without more audio.
     pub(super) fn ready(&mut self, shared: &Shared, epoch: Epoch) -> usize {
         if !self.join(shared, epoch) {
             return 0;
@@ -121,7 +121,7 @@ impl LiveVoice {
         usize::try_from(known.saturating_sub(self.first)).unwrap_or(usize::MAX)
     }
 
-    /// Frames after the end of a stream of `total` frames whose body is there.
+    /// Number of frames after the end of a stream of `total` frames whose body has arrived.
     fn tail_known(&self, shared: &Shared, epoch: Epoch, total: u64) -> u64 {
         let frames = &shared.link.frames;
         let waiting = frames.next().filter(|stamp| stamp.epoch == epoch.number);
@@ -129,12 +129,12 @@ impl LiveVoice {
         newest.map_or(0, |newest| (newest + 1 + self.delay).min(total + self.delay).saturating_sub(total))
     }
 
-    /// Frames by which the body is behind.
+    /// Frames by which the body lags.
     pub(super) fn delay(&self) -> u64 {
         self.delay
     }
 
-    /// A new stream.
+    /// Begins a new stream.
     pub(super) fn begin(&mut self, rest: &OwnedFrame) {
         let mouth = Self::mouth(&self.model);
         self.stream.reset(mouth);
@@ -145,7 +145,7 @@ impl LiveVoice {
         self.body_index = None;
     }
 
-    /// Drops the samples of other epochs; whether those that are left are this one's.
+    /// Drops the samples of other epochs; returns whether the remaining ones belong to this one.
     fn join(&mut self, shared: &Shared, epoch: Epoch) -> bool {
         if !self.joined
             && let Some(start) = shared.link.input_start_in(epoch)
@@ -156,7 +156,8 @@ impl LiveVoice {
         self.joined
     }
 
-    /// Makes sure that the mouth of the next frame is known; its number, where it is.
+    /// Computes the next frame's mouth, unless it is known; returns the frame's index, or `None` if
+    /// audio is missing.
     pub(super) fn next(&mut self, shared: &Shared, epoch: Epoch) -> Option<u64> {
         if !self.join(shared, epoch) {
             return None;
@@ -165,7 +166,7 @@ impl LiveVoice {
         let Self { model, stream, mouths, levels, known, sum, heard, .. } = self;
         let mouth = Self::mouth(model);
         let width = mouth.channels().len();
-        // The slot of a frame that has become known.
+        // Stores the mouth of a frame that has become known; returns its slot.
         let keep = |frame: MouthFrame, mouths: &mut [f32], known: &mut u64| {
             #[expect(clippy::cast_possible_truncation, reason = "below the queue's length")]
             let slot = (frame.index % QUEUE as u64) as usize;
@@ -176,7 +177,8 @@ impl LiveVoice {
         let mut words = [0; PIECE];
         let mut samples = [0.0; PIECE];
         while self.first == *known {
-            // The end is set after the last samples: where it is seen before none are, none come.
+            // The end is set after the last samples, so it is read before looking for them: if it
+            // is set and there are none, none will come.
             let total = link.total();
             let count = link.voice().peek(&mut words);
             let result = if count > 0 {
@@ -205,8 +207,8 @@ impl LiveVoice {
         (self.first < self.known || is_tail).then_some(self.first)
     }
 
-    /// Takes the frames of the body that are due at frame `index`; whether the tail's frame, which
-    /// has no sound, can be shown.
+    /// Takes the body's frames that are due at frame `index`; returns whether the frame can be
+    /// shown. In the tail, which has no sound, that requires its body.
     pub(super) fn take_body(&mut self, shared: &Shared, epoch: Epoch, index: u64, enough: usize) -> bool {
         let Some(due) = index.checked_sub(self.delay) else { return true };
         let frames = &shared.link.frames;
@@ -221,7 +223,7 @@ impl LiveVoice {
         index < self.known || self.body_index == Some(due)
     }
 
-    /// Puts the next frame's mouth into `frame`, whose body is there.
+    /// Puts the next frame's mouth into `frame`, which has its body.
     pub(super) fn put_mouth(&mut self, frame: &mut OwnedFrame) {
         let mouth = Self::mouth(&self.model);
         let width = mouth.channels().len();
@@ -242,7 +244,7 @@ impl LiveVoice {
         if let Some(jaw) = self.jaw {
             frame.pose.rotations[JAW] = axis_angle_to_quat([JAW_OPEN * self.last[jaw], 0.0, 0.0]);
         }
-        // The sound that is heard now, not the body's.
+        // Level of the sound heard now, not of the body's.
         frame.cue = Cue { level, ..frame.cue };
     }
 

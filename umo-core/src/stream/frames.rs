@@ -1,4 +1,4 @@
-//! A queue of frames from the engine to the host.
+//! Queue of frames from the engine to the host.
 
 use super::ring::Ring;
 use crate::life::Cue;
@@ -7,26 +7,26 @@ use crate::motion::Pose;
 use crate::motion::skeleton::JOINTS;
 use crate::state::{StateError, StatePass, is_moderate, is_near, is_sample, is_unit};
 
-/// Upper bounds of frame numbers and of positions in the pushed audio: 145 years at 240 frames a
+/// Upper bounds of frame indices and of positions in the pushed audio: 145 years at 240 frames a
 /// second, 180 years at 192 kHz.
 pub(crate) const MAX_INDEX: u64 = 1 << 40;
 pub(crate) const MAX_SAMPLE: u64 = 1 << 50;
 
-/// Words of a frame's stamp.
+/// Words of a stamp.
 const HEAD: usize = 5;
-/// Words of a frame before its pose: those of its stamp and its cue.
+/// Words before a frame's pose: its stamp and its cue.
 const POSE: usize = HEAD + 5;
-/// Words of a frame before its face values.
+/// Words before a frame's face values.
 const FACE: usize = POSE + 4 * JOINTS + 3;
 
-/// Which frame of which stream.
+/// Identifies a frame within the session's streams.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Stamp {
-    /// Number of the epoch that it belongs to.
+    /// Number of the frame's epoch.
     pub(crate) epoch: u32,
-    /// Its number in the stream.
+    /// Index in the stream.
     pub(crate) index: u64,
-    /// Sample frame of the stream's audio that it belongs to.
+    /// Sample frame of the stream's audio that the frame belongs to.
     pub(crate) sample: u64,
 }
 
@@ -53,16 +53,16 @@ pub(crate) struct OwnedFrame {
     pub(crate) cue: Cue,
 }
 
-/// Frames from one producer to one consumer, wait-free.
+/// Wait-free queue of frames with one producer and one consumer.
 #[derive(Debug)]
 pub(crate) struct FrameRing {
     words: Ring,
-    /// Words of a frame.
+    /// Words per frame.
     width: usize,
 }
 
 impl FrameRing {
-    /// An empty ring for `capacity` frames, in memory of `arena`.
+    /// Creates an empty ring for `capacity` frames, in memory of `arena`.
     pub(crate) fn new_in(capacity: usize, face_values: usize, arena: &Arena) -> Self {
         let width = FACE + face_values;
         Self { words: Ring::new_in(capacity * width, arena), width }
@@ -72,12 +72,12 @@ impl FrameRing {
         self.words.capacity() / self.width
     }
 
-    /// Frames that wait for the consumer.
+    /// Number of frames that wait for the consumer.
     pub(crate) fn len(&self) -> usize {
         self.words.len() / self.width
     }
 
-    /// Frames that the producer can write.
+    /// Number of frames that the producer can write.
     pub(crate) fn room(&self) -> usize {
         self.words.room() / self.width
     }
@@ -90,13 +90,14 @@ impl FrameRing {
         self.words.room() >= self.width && self.words.push_some(self.width, words) == self.width
     }
 
-    /// Consumer: the oldest frame's stamp.
+    /// Consumer: returns the oldest frame's stamp.
     pub(crate) fn next(&self) -> Option<Stamp> {
         let mut words = [0; HEAD];
         (self.words.peek(&mut words) == HEAD).then(|| Stamp::of(words))
     }
 
-    /// Consumer: moves the oldest frame's pose and face to `frame`; returns whether there was one.
+    /// Consumer: moves the oldest frame's pose, face and cue to `frame`; returns whether there was
+    /// one.
     pub(crate) fn pop(&self, frame: &mut OwnedFrame) -> bool {
         if self.len() == 0 {
             return false;
@@ -119,17 +120,17 @@ impl FrameRing {
         self.words.skip(self.width);
     }
 
-    /// The position behind the last frame.
+    /// Position after the last frame.
     pub(crate) fn written(&self) -> u64 {
         self.words.written()
     }
 
-    /// How many frames are between two positions.
+    /// Number of frames between two positions.
     pub(crate) fn count(&self, from: u64, to: u64) -> u64 {
         to.saturating_sub(from) / self.width as u64
     }
 
-    /// Describes the frames that wait; the position behind the last of them.
+    /// Describes the waiting frames; returns the position after the last of them.
     pub(crate) fn state(&self, pass: &mut StatePass) -> Result<u64, StateError> {
         let are_frames = |words: &[[u8; 4]]| {
             let mut frames = words.chunks_exact(self.width);

@@ -47,11 +47,11 @@ const MAX_POSITION: u64 = 1 << 62;
 /// A stream between two resets or interrupts, and how it begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Epoch {
-    /// Counts all epochs.
+    /// Number of the epoch; wraps.
     pub(crate) number: u32,
-    /// Counts resets, modulo 2^16.
+    /// Number of resets, modulo 2^16.
     pub(crate) resets: u16,
-    /// Frames to ease in from what was shown before; 0 after a reset.
+    /// Frames of the ease from the last shown pose; 0 after a reset.
     pub(crate) ease: u16,
 }
 
@@ -65,17 +65,17 @@ impl Epoch {
         Self { number: (word >> 32) as u32, resets: (word >> 16) as u16, ease: word as u16 }
     }
 
-    /// The next one, after an interrupt.
+    /// The next epoch, after an interrupt.
     pub(crate) fn interrupted(self, ease: u16) -> Self {
         Self { number: self.number.wrapping_add(1), ease, ..self }
     }
 
-    /// The next one, after a reset.
+    /// The next epoch, after a reset.
     pub(crate) fn reset(self) -> Self {
         Self { number: self.number.wrapping_add(1), resets: self.resets.wrapping_add(1), ease: 0 }
     }
 
-    /// Describes an epoch that one of the sides is in.
+    /// Describes the epoch of one of the sides.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let word = pass.word(self.pack())?;
         if pass.loads() {
@@ -90,26 +90,27 @@ impl Epoch {
 pub(crate) struct Link {
     /// Samples at the model's rate, as the bits of floats.
     pub(crate) audio: Ring,
-    /// Samples that the engine has taken and that are not overwritten: at least those of the chunk in work.
+    /// Samples that the engine has taken and that must not be overwritten: at least the samples of
+    /// the chunk in work.
     kept: usize,
-    /// The same samples for the mouth, where it is live.
+    /// The same samples for the mouth, if it is live.
     voice: Option<Ring>,
     pub(crate) frames: FrameRing,
     epoch: AtomicU64,
-    /// The epoch that the input is in, and where in `audio` its samples start.
+    /// The input's epoch, and the position in `audio` where its samples start.
     input_epoch: AtomicU32,
     input_start: AtomicU64,
     /// Sample frames pushed before that epoch, at the session's rate.
     input_base: AtomicU64,
-    /// Frames of that epoch in all, or [`UNKNOWN_TOTAL`].
+    /// Total frames of that epoch, or [`UNKNOWN_TOTAL`].
     total: AtomicU64,
     /// Position in `audio` that the engine waits for, or [`NOT_WAITING`].
     audio_wanted: AtomicU64,
     /// Time of the last push, nanoseconds.
     audio_time: AtomicU64,
-    /// The engine waits for room in `frames`.
+    /// Whether the engine waits for room in `frames`.
     room_wanted: AtomicBool,
-    /// The host waits for frames during silence.
+    /// Whether the host waits for frames during silence.
     silence_wanted: AtomicBool,
     signal: Arc<Signal>,
 }
@@ -118,7 +119,7 @@ pub(crate) struct Link {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EngineView {
     pub(crate) epoch: Epoch,
-    /// Whether the input is in that epoch too, so that what is in `audio` belongs to it.
+    /// Whether the input has entered that epoch too, so that the samples in `audio` belong to it.
     joined: bool,
 }
 
@@ -127,13 +128,13 @@ pub(crate) struct EngineView {
 pub(crate) enum Input {
     /// The input is still in another epoch.
     Behind,
-    /// Samples in the ring, and the stream's frames in all once its end is known.
+    /// Number of samples in the ring, and the stream's total frames once its end is known.
     Here { samples: usize, total: Option<u64> },
 }
 
 impl Link {
-    /// A link at the start of its first epoch, with room for `samples` samples, and for `kept` that the
-    /// engine has taken, in memory of `arena`.
+    /// Creates a link at the start of its first epoch, in memory of `arena`. It has room for
+    /// `samples` samples, and for `kept` that the engine has taken.
     pub(crate) fn new_in(
         (samples, kept): (usize, usize),
         has_voice: bool,
@@ -165,7 +166,7 @@ impl Link {
         Epoch::unpack(self.epoch.load(Ordering::SeqCst))
     }
 
-    /// Host: begins a new epoch. Any number of threads may.
+    /// Host: begins a new epoch. Threads may call this concurrently.
     pub(crate) fn begin_epoch(&self, next: impl Fn(Epoch) -> Epoch) {
         let update = |word| Some(next(Epoch::unpack(word)).pack());
         // The closure never refuses.
@@ -186,8 +187,8 @@ impl Link {
 
 /// The input's side.
 impl Link {
-    /// The input enters an epoch, before which it took `base` sample frames: samples pushed from
-    /// now on belong to it.
+    /// Enters an epoch, before which `base` sample frames were taken: samples pushed from now on
+    /// belong to it.
     pub(crate) fn start_input(&self, epoch: Epoch, base: u64) {
         self.total.store(UNKNOWN_TOTAL, Ordering::Relaxed);
         self.input_base.store(base, Ordering::Relaxed);
@@ -196,12 +197,12 @@ impl Link {
         self.input_epoch.store(epoch.number, Ordering::SeqCst);
     }
 
-    /// Samples that can be pushed.
+    /// Number of samples that can be pushed.
     pub(crate) fn audio_room(&self) -> usize {
         self.voice.iter().map(Ring::room).fold(self.audio.room().saturating_sub(self.kept), usize::min)
     }
 
-    /// Appends samples, for which there is room.
+    /// Appends samples. The caller has checked that there is room.
     pub(crate) fn push_audio(&self, samples: &[f32]) {
         for ring in self.voice.iter().chain([&self.audio]) {
             let written = ring.push(samples.iter().map(|sample| sample.to_bits()));
@@ -209,14 +210,14 @@ impl Link {
         }
     }
 
-    /// Samples were pushed at time `now`. Wakes the engine if it waits for them.
+    /// Reports that samples were pushed at time `now`. Wakes the engine if it waits for them.
     pub(crate) fn audio_pushed(&self, now: u64) {
         self.audio_time.store(now, Ordering::Relaxed);
         self.silence_wanted.store(false, Ordering::Relaxed);
         self.wake_for_audio();
     }
 
-    /// The stream has `total` frames; the remaining ones are due from `now` on.
+    /// Ends the stream at `total` frames; the remaining ones are due from `now` on.
     pub(crate) fn end_input(&self, total: u64, now: u64) {
         self.total.store(total, Ordering::SeqCst);
         self.audio_time.store(now, Ordering::Relaxed);
@@ -224,7 +225,7 @@ impl Link {
     }
 
     fn wake_for_audio(&self) {
-        // Pairs with the fence of `wait_for_audio`: either this side sees that the engine waits, or
+        // Pairs with the fence in `wait_for_audio`: either this side sees that the engine waits, or
         // the engine sees the samples.
         fence(Ordering::SeqCst);
         let wanted = self.audio_wanted.load(Ordering::SeqCst);
@@ -239,7 +240,7 @@ impl Link {
 
 /// The engine's side.
 impl Link {
-    /// State of the input. `view` is up to date.
+    /// State of the input. `view` must be up to date.
     pub(crate) fn input(&self, view: &EngineView) -> Input {
         if !view.joined {
             return Input::Behind;
@@ -249,8 +250,9 @@ impl Link {
         Input::Here { samples: self.audio.len(), total: (total != UNKNOWN_TOTAL).then_some(total) }
     }
 
-    /// The engine waits for `samples` samples or the end of the stream. It must check once more
-    /// after this call: the input may have pushed just before it could see `audio_wanted`.
+    /// Publishes that the engine waits for `samples` samples or the end of the stream. The engine
+    /// must check once more after this call: the input may have pushed just before it could see
+    /// `audio_wanted`.
     pub(crate) fn wait_for_audio(&self, view: &EngineView, samples: usize) {
         // In a new epoch the position is unknown until the input enters it: any push wakes.
         let wanted = if view.joined { self.audio.read_position() + samples as u64 } else { 0 };
@@ -263,7 +265,7 @@ impl Link {
         self.has_room_where(|| self.frames.room() >= frames)
     }
 
-    /// Whether there is room as `is_there` says. If not, whoever makes some notifies.
+    /// Whether `is_there` finds room. If not, the side that makes room notifies.
     pub(crate) fn has_room_where(&self, is_there: impl Fn() -> bool) -> bool {
         if is_there() {
             return true;
@@ -273,11 +275,11 @@ impl Link {
         is_there()
     }
 
-    /// Moves the oldest samples to `samples` and returns their number: 0 after a new epoch has
+    /// Moves the oldest samples to `samples` and returns their number: 0 once a new epoch has
     /// begun, because `audio` may then hold samples of that epoch.
     pub(crate) fn take_audio(&self, view: &EngineView, samples: &mut [f32]) -> usize {
         self.audio_wanted.store(NOT_WAITING, Ordering::SeqCst);
-        // The ring holds no sample of an epoch before the host has begun it.
+        // The ring contains no samples of an epoch that the host has not begun.
         let count = samples.len().min(self.audio.len());
         if self.epoch() != view.epoch {
             return 0;
@@ -297,7 +299,7 @@ impl Link {
         self.silence_wanted.load(Ordering::SeqCst)
     }
 
-    /// The engine computes a chunk of silence.
+    /// Reports that the engine computes a chunk of silence.
     pub(crate) fn silence_given(&self) {
         self.silence_wanted.store(false, Ordering::SeqCst);
     }
@@ -332,7 +334,7 @@ impl EngineView {
 
 /// The output's side.
 impl Link {
-    /// Frames of the current epoch in all, if the input has ended it. Until the input enters an
+    /// Total frames of the current epoch, if the input has ended it. Until the input enters an
     /// epoch, `total` is that of the previous one.
     pub(crate) fn total(&self) -> Option<u64> {
         let total = self.total.load(Ordering::SeqCst);
@@ -343,12 +345,12 @@ impl Link {
     /// Samples for the live mouth.
     ///
     /// # Panics
-    /// Where the session's mouth is not live.
+    /// If the session's mouth is not live.
     pub(crate) fn voice(&self) -> &Ring {
         self.voice.as_ref().expect("the session's mouth is live")
     }
 
-    /// Where the samples of an epoch start, where the input is in it.
+    /// Position where the samples of `epoch` start, if the input has entered it.
     pub(crate) fn input_start_in(&self, epoch: Epoch) -> Option<u64> {
         let joined = self.input_epoch.load(Ordering::SeqCst) == epoch.number;
         joined.then(|| self.input_start.load(Ordering::Relaxed))
@@ -359,7 +361,8 @@ impl Link {
         self.input_base.load(Ordering::Relaxed)
     }
 
-    /// A frame was taken. Wakes the engine if it waits for room and `enough` frames fit.
+    /// Reports that a frame was taken. Wakes the engine if it waits for room and `enough` frames
+    /// fit.
     pub(crate) fn frame_taken(&self, enough: usize) {
         // As in `wake_for_audio`.
         fence(Ordering::SeqCst);
@@ -368,7 +371,7 @@ impl Link {
         }
     }
 
-    /// Room was made that is not for frames. Wakes the engine if it waits for any.
+    /// Reports room other than for frames. Wakes the engine if it waits for room.
     pub(crate) fn room_made(&self) {
         // As in `wake_for_audio`.
         fence(Ordering::SeqCst);
@@ -385,19 +388,18 @@ impl Link {
     }
 }
 
-/// Saving and restoring, by a caller that excludes every side.
+/// Saving and restoring. The caller excludes every side.
 impl Link {
-    /// Where the engine takes audio next, and puts the next frame.
+    /// Positions of the next audio that the engine takes and of the next frame that it puts.
     pub(crate) fn engine_positions(&self) -> (u64, u64) {
         (self.audio.read_position(), self.frames.written())
     }
 
-    /// Describes the current epoch and the contents of both rings, the audio from position `from` on if that
-    /// is not where the engine takes it next; returns the number of samples, and the position behind the
-    /// last frame.
+    /// Describes the current epoch and the contents of the rings; the audio from position `from`
+    /// on, if given, otherwise from where the engine takes it next. Returns the number of samples,
+    /// and the position after the last frame.
     pub(crate) fn state(&self, pass: &mut StatePass, from: Option<u64>) -> Result<(usize, u64), StateError> {
-        // Sides and frames keep the epochs of the saved state: a side that was behind is behind
-        // again.
+        // Sides and frames keep the epochs of the saved state: a side that lagged lags again.
         let mut epoch = self.epoch();
         epoch.state(pass)?;
         if pass.loads() {
@@ -419,7 +421,7 @@ impl Link {
         pass.limited("place of audio", self.input_start.load(Ordering::Relaxed), MAX_POSITION)
     }
 
-    /// The input is in an epoch that started at position `start` of `audio`, and has ended if
+    /// Restores the input's epoch, which started at position `start` of `audio`, and has ended if
     /// `total` is known.
     pub(crate) fn restore_input(&self, epoch: Epoch, start: u64, base: u64, total: Option<u64>) {
         self.total.store(total.unwrap_or(UNKNOWN_TOTAL), Ordering::SeqCst);
@@ -428,7 +430,8 @@ impl Link {
         self.input_epoch.store(epoch.number, Ordering::SeqCst);
     }
 
-    /// Describes the time of the last push, and whether the host waits for silence, or did (`was_wanted`).
+    /// Describes the time of the last push, and whether the host waits for silence or did so at the
+    /// snapshot (`was_wanted`).
     pub(crate) fn waiting_state(&self, pass: &mut StatePass, was_wanted: bool) -> Result<(), StateError> {
         let audio_time = pass.moment("time of audio", self.audio_time.load(Ordering::Relaxed))?;
         let silence = pass.flag("wish for silence", was_wanted || self.is_silence_wanted())?;
@@ -450,15 +453,14 @@ mod interleavings {
     use crate::motion::Pose;
     use loom::thread;
 
-    /// Runs every interleaving with at most three preemptions: two are what it takes to lose a
-    /// wake-up.
+    /// Runs every interleaving with at most three preemptions; losing a wake-up takes two.
     fn explore(sides: impl Fn() + Send + Sync + 'static) {
         let mut model = loom::model::Builder::new();
         model.preemption_bound = Some(3);
         model.check(sides);
     }
 
-    /// A link without face values, with room for two samples and one frame.
+    /// Creates a link without face values, with room for two samples and one frame.
     fn link() -> Arc<Link> {
         let arena = Arena::system();
         Arc::new(Link::new_in((2, 0), false, FrameRing::new_in(1, 0, &arena), 0, Arc::default(), &arena))
@@ -469,7 +471,8 @@ mod interleavings {
         link.audio_pushed(0);
     }
 
-    /// The engine: sleeps until there is a chunk of one sample; what the chunk is.
+    /// Runs the engine's side: sleeps until there is a chunk of one sample, and returns it; `None`
+    /// at the end.
     fn next_chunk(link: &Link, view: &mut EngineView) -> Option<f32> {
         let sync = |view: &mut EngineView| {
             view.sync_epoch(link);
@@ -525,7 +528,7 @@ mod interleavings {
             let mut view = EngineView::new();
             let mut sample = next_chunk(&link, &mut view);
             if sample == Some(1.0) {
-                // It was in the first epoch then.
+                // This sample was taken in the first epoch.
                 assert_eq!(view.epoch.number, 0);
                 sample = next_chunk(&link, &mut view);
             }

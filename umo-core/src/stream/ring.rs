@@ -1,13 +1,13 @@
-//! A wait-free queue of words between two threads: audio into an engine, frames out of it.
+//! Wait-free queue of words between two threads: audio into an engine, frames out of it.
 //!
 //! ```text
 //!        read                    written
 //!          v                        v
 //!  ... free | words for the consumer | free ...      positions only grow; a word lives at `position % capacity`
 //! ```
-//! Each side moves its own position and reads the other's. Words are atomics, so that nothing
-//! here is `unsafe`: were two threads to push at once, words would be mixed up, and no more than
-//! that. [`Session`](crate::session::Session) keeps each side to one thread at a time.
+//! Each side moves its own position and reads the other's. Words are atomics, so nothing here is
+//! `unsafe`: two concurrent producers could only mix up words. [`Session`](crate::session::Session)
+//! limits each side to one thread at a time.
 
 use std::ops::Range;
 
@@ -22,14 +22,14 @@ const MAX_POSITION: u64 = 1 << 62;
 #[derive(Debug)]
 pub(crate) struct Ring {
     words: Slice<AtomicU32>,
-    /// Words ever written.
+    /// Total words written.
     written: AtomicU64,
-    /// Words ever read, or skipped.
+    /// Total words read or skipped.
     read: AtomicU64,
 }
 
 impl Ring {
-    /// An empty ring for `capacity` words, in memory of `arena`.
+    /// Creates an empty ring for `capacity` words, in memory of `arena`.
     pub(crate) fn new_in(capacity: usize, arena: &Arena) -> Self {
         assert!(capacity > 0, "a ring has room for at least one word");
         let words = arena.collect((0..capacity).map(|_| AtomicU32::new(0)));
@@ -40,35 +40,35 @@ impl Ring {
         self.words.len()
     }
 
-    /// Words ever written: the position of the next one.
+    /// Total words written: the position of the next one.
     pub(crate) fn written(&self) -> u64 {
         self.written.load(Ordering::SeqCst)
     }
 
-    /// Words ever read: the position of the oldest one that is there.
+    /// Total words read: the position of the oldest waiting one.
     pub(crate) fn read_position(&self) -> u64 {
         self.read.load(Ordering::SeqCst)
     }
 
-    /// Words that wait for the consumer.
+    /// Number of words that wait for the consumer.
     #[expect(clippy::cast_possible_truncation, reason = "at most the capacity")]
     pub(crate) fn len(&self) -> usize {
-        // The consumer may move on between the two loads, never past what was written.
+        // The consumer may advance between the two loads, but never past the written position.
         let read = self.read.load(Ordering::SeqCst);
         self.written.load(Ordering::SeqCst).saturating_sub(read).min(self.capacity() as u64) as usize
     }
 
-    /// Words that the producer can write.
+    /// Number of words that the producer can write.
     pub(crate) fn room(&self) -> usize {
         self.capacity() - self.len()
     }
 
-    /// Producer: appends as many of `words` as there is room for; returns their number.
+    /// Producer: appends as many of `words` as fit; returns their number.
     pub(crate) fn push(&self, words: impl ExactSizeIterator<Item = u32>) -> usize {
         self.push_some(words.len(), words)
     }
 
-    /// Producer: the same for the first `len` of `words`, which are at least as many.
+    /// Producer: [`Self::push`] of the first `len` of `words`, which has at least that many.
     pub(crate) fn push_some(&self, len: usize, words: impl Iterator<Item = u32>) -> usize {
         let start = self.written.load(Ordering::Relaxed);
         let count = len.min(self.room());
@@ -77,13 +77,13 @@ impl Ring {
             self.words[at].store(word, Ordering::Relaxed);
             at = if at + 1 == self.words.len() { 0 } else { at + 1 };
         }
-        // The words become visible with their count. SeqCst, because a producer that then looks
-        // whether the consumer sleeps must not see the past.
+        // Publishes the words. SeqCst, because a producer that then checks whether the consumer
+        // sleeps must not read a stale value.
         self.written.store(start + count as u64, Ordering::SeqCst);
         count
     }
 
-    /// Consumer: moves the oldest words to `words`, as many as there are; returns their number.
+    /// Consumer: moves the oldest words to `words`, as many as are waiting; returns their number.
     #[cfg(test)]
     pub(crate) fn pop(&self, words: &mut [u32]) -> usize {
         let count = self.peek(words);
@@ -91,7 +91,7 @@ impl Ring {
         count
     }
 
-    /// Consumer: copies the oldest words without taking them.
+    /// Consumer: copies the oldest words without removing them; returns their number.
     pub(crate) fn peek(&self, words: &mut [u32]) -> usize {
         let count = words.len().min(self.len());
         let mut slots = words.iter_mut();
@@ -103,7 +103,7 @@ impl Ring {
         count
     }
 
-    /// Consumer: reads the words of a range, counted from the oldest, all of which are there.
+    /// Consumer: reads a range of words, counted from the oldest. All of them must be present.
     pub(crate) fn peek_range(&self, range: Range<usize>, mut read: impl FnMut(u32)) {
         debug_assert!(range.end <= self.len(), "the words are there");
         let start = self.read.load(Ordering::Relaxed) + range.start as u64;
@@ -114,7 +114,7 @@ impl Ring {
         }
     }
 
-    /// Consumer: drops the oldest `count` words, or as many as there are.
+    /// Consumer: drops the oldest `count` words, or all if there are fewer.
     pub(crate) fn skip(&self, count: usize) {
         let start = self.read.load(Ordering::Relaxed);
         self.read.store(start + count.min(self.len()) as u64, Ordering::SeqCst);
@@ -126,9 +126,10 @@ impl Ring {
         self.read.store(position.clamp(start, self.written()), Ordering::SeqCst);
     }
 
-    /// Describes what waits in the ring, or what is in it behind position `from`; of which `is_good` looks
-    /// at words that come from a state. Returns how much that is. The caller keeps the consumer away, and
-    /// knows that the words from `from` on are not overwritten. What a producer adds meanwhile is left out.
+    /// Describes the words that wait, or those from position `from` on; returns their number.
+    /// `is_good` validates words that come from a state. The caller excludes the consumer, and
+    /// guarantees that the words from `from` on are not overwritten. Words that a producer adds
+    /// meanwhile are left out.
     pub(crate) fn state(
         &self,
         pass: &mut StatePass,

@@ -4,14 +4,14 @@ use std::time::Duration;
 
 use crate::sync::{AtomicBool, AtomicU32, Ordering, Parking};
 
-/// The thread looks for work, or computes.
+/// The thread looks for work or computes.
 const AWAKE: u32 = 0;
-/// The thread found nothing, and sleeps.
+/// The thread found no work and sleeps.
 const ASLEEP: u32 = 1;
 /// There may be work that the thread has not seen: it looks again before it sleeps.
 const CALLED: u32 = 2;
 
-/// One thread's state, on which it sleeps.
+/// State of one thread, on which it sleeps.
 #[derive(Debug, Default)]
 struct Place {
     state: AtomicU32,
@@ -19,7 +19,7 @@ struct Place {
 }
 
 impl Place {
-    /// Has the thread look again; whether it slept.
+    /// Makes the thread look again; returns whether it slept.
     fn call(&self) -> bool {
         let slept = self.state.swap(CALLED, Ordering::SeqCst) == ASLEEP;
         if slept {
@@ -29,11 +29,11 @@ impl Place {
     }
 }
 
-/// Threads that sleep until there may be work, or until they are stopped. The first of them is woken
-/// before the others.
+/// Threads that sleep until there may be work or until they are stopped. The first sleeping one is
+/// woken first.
 ///
-/// Nobody's call is lost: a thread that is called after it began to look is not put to sleep, and one that
-/// is called before it begins sees what there was at the call.
+/// No call is lost: a thread that is called after it began to look does not go to sleep, and one
+/// that is called before it begins sees all work from before the call.
 #[derive(Debug)]
 pub(crate) struct Signal {
     places: Box<[Place]>,
@@ -41,32 +41,33 @@ pub(crate) struct Signal {
 }
 
 impl Default for Signal {
-    /// For one thread.
+    /// A signal for one thread.
     fn default() -> Self {
         Self::new(1)
     }
 }
 
 impl Signal {
-    /// For as many threads.
+    /// Creates a signal for `threads` threads.
     pub(crate) fn new(threads: usize) -> Self {
         Self { places: (0..threads).map(|_| Place::default()).collect(), stopped: AtomicBool::new(false) }
     }
 
-    /// There may be work. Wakes the first thread that sleeps, if one does; those before it look again when
-    /// they have done what they do. Wait-free; makes a system call only if a thread sleeps.
+    /// Reports that there may be work. Wakes the first sleeping thread, if any; the busy threads
+    /// before it look again when they are done. Wait-free; makes a system call only if a thread
+    /// sleeps.
     pub(crate) fn notify(&self) {
-        // The one that wakes up sees to it that others do, if there is more work than its own.
+        // The woken thread wakes others if there is more work than it takes.
         let _ = self.places.iter().any(Place::call);
     }
 
-    /// The same for one thread: there may be work for `thread` alone.
+    /// [`Self::notify`] for one thread: there may be work for `thread` alone.
     pub(crate) fn call(&self, thread: usize) {
         self.places[thread].call();
     }
 
-    /// Sleeps until `thread` is called, unless it was since its turn began; for `longest` at most, where there is a
-    /// limit. Called by that thread alone.
+    /// Sleeps until `thread` is called, for at most `longest` if given. Returns at once if it was
+    /// called since its turn began. Only that thread calls this.
     pub(crate) fn sleep(&self, thread: usize, longest: Option<Duration>) {
         let Place { state, parking } = &self.places[thread];
         parking.enter();
@@ -74,7 +75,7 @@ impl Signal {
             return;
         }
         match longest {
-            // Which may wake for no reason: the thread looks once more than it must.
+            // This may wake spuriously: the thread looks once more than necessary.
             Some(longest) => parking.wait_for(state, ASLEEP, longest),
             None => {
                 while state.load(Ordering::SeqCst) == ASLEEP {
@@ -84,7 +85,7 @@ impl Signal {
         }
     }
 
-    /// Ends the loops of all threads, from their next turns on. Wakes them.
+    /// Stops all threads: wakes them, and their loops end at the next turn.
     pub(crate) fn stop(&self) {
         self.stopped.store(true, Ordering::SeqCst);
         self.places.iter().for_each(|place| {
@@ -92,10 +93,10 @@ impl Signal {
         });
     }
 
-    /// The start of a turn of `thread`, in which it looks for work; whether it goes on: not once stopped.
+    /// Begins a turn of `thread`, in which it looks for work; returns false once stopped.
     pub(crate) fn begin_turn(&self, thread: usize) -> bool {
-        // The state first: a stop after the load of `stopped` then still changes the state, and `sleep`
-        // returns.
+        // The order matters: if `stop` comes after the load of `stopped`, it still changes the
+        // state, and `sleep` returns.
         self.places[thread].state.swap(AWAKE, Ordering::SeqCst);
         !self.stopped.load(Ordering::SeqCst)
     }
@@ -133,13 +134,13 @@ mod tests {
     }
 }
 
-/// A missed call is a deadlock, which loom reports.
+/// A lost call is a deadlock, which loom reports.
 #[cfg(all(test, loom))]
 mod interleavings {
     use super::*;
     use loom::sync::{Arc, Mutex};
 
-    /// Runs every interleaving with at most three preemptions: two are what it takes to lose a call.
+    /// Runs every interleaving with at most three preemptions; losing a call takes two.
     fn explore(threads: impl Fn() + Send + Sync + 'static) {
         let mut model = loom::model::Builder::new();
         model.preemption_bound = Some(3);
@@ -169,9 +170,10 @@ mod interleavings {
         });
     }
 
-    /// A chunk becomes due while both threads go to sleep or look. The second one leaves it to the first,
-    /// as an engine's others do with few chunks, and may hold its slot at the moment when the first looks: the slot holds
-    /// an atomic, as loom switches threads at those alone.
+    /// A chunk becomes due while both threads look for work or go to sleep. The second thread
+    /// leaves it to the first, as an engine's other workers do with few chunks, and may hold its
+    /// slot while the first one looks. The slot holds an atomic, because loom switches threads only
+    /// at those.
     #[test]
     fn what_one_thread_leaves_to_the_other_is_not_lost() {
         explore(|| {

@@ -1,4 +1,4 @@
-//! One session fails, in each kind of step: it alone ends, its engine goes on.
+//! A session fails in each kind of step: only that session ends, and its engine continues.
 
 use std::sync::atomic::AtomicU64;
 
@@ -12,7 +12,7 @@ const MOST_TURNS: usize = 100_000;
 /// Longer than any run takes.
 const LONGEST: Duration = Duration::from_secs(60);
 
-/// Who computes.
+/// The threads that compute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Driver {
     /// The host, in short steps.
@@ -30,7 +30,8 @@ struct Crowd {
 }
 
 impl Crowd {
-    /// `count` sessions; the one that is planted fails. In an engine that is `late`, mouth networks hear.
+    /// Creates `count` sessions; the one with the planted failure fails. In an engine that is
+    /// `late`, mouth networks run.
     fn new(model: &Arc<Model>, driver: Driver, late: bool, count: usize, plant: Option<(usize, Plant)>) -> Self {
         let threads = match driver {
             Driver::Polled => Threads::Host(0),
@@ -65,7 +66,7 @@ impl Crowd {
         }
     }
 
-    /// Computes until `is_done`, and then until nothing is in work.
+    /// Computes until `is_done` holds for all sessions and nothing is in work.
     fn settle(&mut self, is_done: impl Fn(&Session) -> bool) {
         match &mut self.worker {
             Some(worker) => {
@@ -86,7 +87,7 @@ impl Crowd {
         assert!(self.sessions.iter().all(is_done));
     }
 
-    /// Whether every session is in its slot, at several looks.
+    /// Whether every session is in its slot, checked several times.
     fn is_idle(&self) -> bool {
         (0..5).all(|_| {
             std::thread::sleep(Duration::from_micros(200));
@@ -114,7 +115,7 @@ fn push(engine: &Engine, session: &Session, seed: usize, chunks: usize) {
     assert_eq!(session.push_audio(&sound).unwrap().taken, count);
 }
 
-/// The bits of a session's frames, and its packets.
+/// Bits of a session's frames, and its packets.
 fn output(session: &Session) -> (Vec<u32>, Vec<u8>) {
     let (mut bytes, mut lengths) = (vec![0; 1 << 20], [0; 64]);
     let count = session.pull_packets(&mut bytes, &mut lengths).unwrap();
@@ -122,10 +123,10 @@ fn output(session: &Session) -> (Vec<u32>, Vec<u8>) {
     (frames(session), bytes)
 }
 
-/// What a session gives that nothing fails beside: its chunks, frames and packets.
+/// Output of a session in a run without failures: chunk count, frames and packets.
 type Outcome = (u64, (Vec<u32>, Vec<u8>));
 
-/// Those of eight sessions.
+/// Outcomes of eight sessions.
 fn outcomes(model: &Arc<Model>, late: bool) -> Vec<Outcome> {
     let mut crowd = Crowd::new(model, Driver::Polled, late, 8, None);
     crowd.push(chunks_of(late));
@@ -134,12 +135,12 @@ fn outcomes(model: &Arc<Model>, late: bool) -> Vec<Outcome> {
     crowd.sessions.iter().map(|session| (session.stats().chunks, output(session))).collect()
 }
 
-/// Chunks of sound: an engine is late where they come at once.
+/// Number of chunks of sound: pushed at once, five make an engine late.
 fn chunks_of(late: bool) -> usize {
     if late { 5 } else { 2 }
 }
 
-/// Runs with a planted session; the others give what is `wanted`.
+/// Runs with a planted failure in one session; checks that the others produce `wanted`.
 fn fails_alone(model: &Arc<Model>, driver: Driver, wanted: &[Outcome], at: usize, plant: Plant) {
     let case = format!("{driver:?}, {} sessions, number {at}: {plant:?}", wanted.len());
     let (late, done) = (plant.step == Step::Mouth, wanted[0].0);
@@ -155,7 +156,7 @@ fn fails_alone(model: &Arc<Model>, driver: Driver, wanted: &[Outcome], at: usize
         assert_eq!(failure(session), (number == at).then_some(planted), "{case}: session {number}");
         assert!(number == at || output(session) == *wanted, "{case}: session {number}: other frames or packets");
     }
-    // Its place is free again, and the engine computes what comes.
+    // The slot is free again, and the engine computes new sessions.
     crowd.sessions.clear();
     crowd.sessions.extend((0..9).map(|_| session(&crowd.engine, 0)));
     crowd.sessions.truncate(1);
@@ -176,13 +177,13 @@ fn a_failing_session_ends_alone_in_every_kind_of_step() {
         {
             let wanted = match step {
                 Step::Depth if !model.config.is_frames() => continue,
-                // Who is late is a matter of time.
+                // With the engine's own threads, lateness depends on timing.
                 Step::Mouth if driver == Driver::Own => continue,
                 Step::Mouth => late.as_ref(),
                 _ => Some(&in_time),
             };
             let Some(wanted) = wanted else { continue };
-            // A panic on another thread than the test's would be printed.
+            // A panic on a thread other than the test's would be printed.
             for (at, after, panics) in [(0, 0, false), (count - 1, 1, driver != Driver::Own)] {
                 fails_alone(&model, driver, &wanted[..count], at, Plant { step, after, panics });
             }
