@@ -187,7 +187,7 @@ impl Tokenizer {
     /// clip.
     ///
     /// # Errors
-    /// [`StepError::Empty`] where the clip is too short for one feature.
+    /// [`StepError::Empty`] if the clip is too short for one feature.
     pub fn features(&self, cx: Compute, audio: &[f32]) -> Result<(Vec<f32>, Vec<u32>), StepError> {
         if audio.len() < self.field() {
             return Err(StepError::Empty("audio feature"));
@@ -216,7 +216,7 @@ impl Tokenizer {
     /// whole recording.
     ///
     /// # Errors
-    /// [`StepError`] where the network fails.
+    /// [`StepError`] if the network fails.
     pub fn whole_file(&self, cx: Compute, samples: &[f32]) -> Result<(Vec<u32>, u32), StepError> {
         let count = samples.len().div_ceil(self.hop);
         let mut padded = filled(0.0, self.reach + count.max(1) * self.hop);
@@ -281,7 +281,7 @@ impl Tokenizer {
     /// before the stream is silence.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees, or `stream` or `scratch` were made for less or by
+    /// [`StepError`] if a length disagrees, or `stream` or `scratch` were made for less or by
     /// another tokenizer.
     pub fn advance(
         &self,

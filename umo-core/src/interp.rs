@@ -101,7 +101,7 @@ impl Interp {
     /// layer.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame or more than `scratch` has room for, the parts have
+    /// [`StepError`] if there is no frame or more than `scratch` has room for, the parts have
     /// different numbers of codes or different masks, or a code is neither a code nor the mask;
     /// nothing is filled then.
     pub fn fill(&self, cx: Compute, scratch: &mut InterpScratch, codes: PerPart<&mut [u16]>) -> Result<(), StepError> {
@@ -155,7 +155,7 @@ impl Interp {
     /// Each step fills some frames or none; the bits are those of [`Self::fill_from`].
     ///
     /// # Errors
-    /// [`StepError`] where logits are not finite, or there are fewer codes than at the beginning.
+    /// [`StepError`] if logits are not finite, or there are fewer codes than at the beginning.
     pub fn step(
         &self,
         cx: Compute,

@@ -147,7 +147,7 @@ impl MotionDecoder {
     /// part; allocates as it needs.
     ///
     /// # Errors
-    /// [`StepError`] where there are no codes, the parts have different numbers of them, one is out
+    /// [`StepError`] if there are no codes, the parts have different numbers of them, one is out
     /// of range, or the model has other parts.
     pub fn decode(&self, cx: Compute, codes: PerPart<&[u16]>) -> Result<Decoded, StepError> {
         if !self.is_paper {
@@ -160,7 +160,7 @@ impl MotionDecoder {
     /// allocates as it needs.
     ///
     /// # Errors
-    /// [`StepError`] where there are none, the parts have different numbers of frames, or a code is
+    /// [`StepError`] if there are none, the parts have different numbers of frames, or a code is
     /// out of range.
     pub fn decode_list(&self, cx: Compute, latents: &[Latents]) -> Result<Decoded, StepError> {
         let frames = self.check(latents)?;
@@ -193,7 +193,7 @@ impl MotionDecoder {
     /// Decodes `frames` frames of rest; allocates as it needs.
     ///
     /// # Errors
-    /// [`StepError`] where there are none.
+    /// [`StepError`] if there are none.
     pub fn decode_rest(&self, cx: Compute, frames: usize) -> Result<Decoded, StepError> {
         let codes: Vec<Vec<u16>> = self.rest.iter().map(|rest| rest.repeat(frames)).collect();
         let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();

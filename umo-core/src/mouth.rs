@@ -251,7 +251,7 @@ impl MouthStream {
     /// with them, in order. Samples that are no sound are silence. Never allocates.
     ///
     /// # Errors
-    /// [`StepError::NotFinite`] where the model's weights are defective.
+    /// [`StepError::NotFinite`] if the model's weights are defective.
     pub fn push(
         &mut self,
         mouth: &Mouth,

@@ -101,7 +101,7 @@ impl VectorInterp {
     /// Fills those from frame `first` on, with the same bits: the others are read by no one.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame or more than `scratch` has room for, no frame is
+    /// [`StepError`] if there is no frame or more than `scratch` has room for, no frame is
     /// known, or the parts have other numbers of frames.
     pub fn fill_from(
         &self,
@@ -158,7 +158,7 @@ impl VectorInterp {
     /// Each step fills some frames or none; the bits are those of [`Self::fill_from`].
     ///
     /// # Errors
-    /// [`StepError`] where an output is not finite, or there are other frames than at the beginning.
+    /// [`StepError`] if an output is not finite, or there are other frames than at the beginning.
     pub fn step(
         &self,
         cx: Compute,

@@ -65,7 +65,7 @@ impl Generator {
     /// pass of the last face code, so that `4N` codes take `4N` passes over the weights.
     ///
     /// # Errors
-    /// [`StepError`] where there are more codes than the sequence has room for.
+    /// [`StepError`] if there are more codes than the sequence has room for.
     #[expect(
         clippy::too_many_arguments,
         reason = "the model, its scratch, its input, its sequence, the sampling, the output"
@@ -94,7 +94,7 @@ impl Generator {
     /// Gives `sequence`, which attends to its encoder states, the ids of its first pass.
     ///
     /// # Errors
-    /// [`StepError`] where the sequence has no room for them.
+    /// [`StepError`] if the sequence has no room for them.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
     pub fn begin(&self, sequence: &mut Sequence) -> Result<Position, StepError> {
         sequence.set_ids(&[self.start, self.parts[Part::ALL[0]].start as u32])?;
@@ -106,7 +106,7 @@ impl Generator {
     /// Returns whether there is a next pass; after the last, the sequence has no ids.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     #[expect(clippy::cast_possible_truncation, reason = "codes and ids fit their types by the config's checks")]
     #[expect(
         clippy::too_many_arguments,

@@ -84,7 +84,7 @@ impl Template {
     /// The template `name` of a model.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the model has none of this name.
+    /// [`LoadError::Config`] if the model has none of this name.
     pub fn new(config: &Config, name: &str) -> Result<Self, LoadError> {
         Self::new_in(config, name, &Arena::system())
     }
@@ -129,7 +129,7 @@ impl Template {
     /// Writes the encoder's ids and returns how many there are.
     ///
     /// # Errors
-    /// [`StepError`] where `ids` is too short, or a code or unit is out of range.
+    /// [`StepError`] if `ids` is too short, or a code or unit is out of range.
     pub fn write(&self, prompt: Prompt, ids: &mut [u32]) -> Result<usize, StepError> {
         self.write_frames(prompt, &FramePrompt::default(), ids)
     }

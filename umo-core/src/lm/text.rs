@@ -34,7 +34,7 @@ impl TextTokenizer {
     /// The tokenizer of a model, where it has one.
     ///
     /// # Errors
-    /// [`LoadError`] where the tensor is no SentencePiece model.
+    /// [`LoadError`] if the tensor is no SentencePiece model.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn load(file: &ModelFile) -> Result<Option<Self>, LoadError> {
         if !file.has(TOKENIZER) {
@@ -49,7 +49,7 @@ impl TextTokenizer {
     /// ids.
     ///
     /// # Errors
-    /// [`LoadError`] where the bytes are no such model.
+    /// [`LoadError`] if the bytes are no such model.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn from_bytes(bytes: &[u8], limit: usize) -> Result<Self, LoadError> {
         let wrong =
@@ -68,7 +68,7 @@ impl TextTokenizer {
     /// The ids of a text that becomes a prompt, without an end marker.
     ///
     /// # Errors
-    /// [`StepError`] where the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the
+    /// [`StepError`] if the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the
     /// vocabulary.
     pub fn encode(&self, text: &str) -> Result<Vec<u32>, StepError> {
         let ids = self.split(text);

@@ -263,7 +263,7 @@ impl MotionEncoder {
     /// parts, `[T]` each; allocates as it needs.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, the parts have different numbers of them, or the
+    /// [`StepError`] if there is no frame, the parts have different numbers of them, or the
     /// model has other parts.
     pub fn encode(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<PerPart<Vec<u16>>, StepError> {
         let mut codes = self.encode_list(cx, channels)?.into_iter();
@@ -278,7 +278,7 @@ impl MotionEncoder {
     /// Allocates as it needs.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, or the parts have different numbers of them.
+    /// [`StepError`] if there is no frame, or the parts have different numbers of them.
     pub fn encode_list(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<Vec<Vec<u16>>, StepError> {
         let frames = channels.face.len() / self.widths.face;
         if frames == 0 {
@@ -309,7 +309,7 @@ impl MotionEncoder {
     /// The codes of a motion, brought to the model's frame rate first.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, the clip's face has another number of values than the
+    /// [`StepError`] if there is no frame, the clip's face has another number of values than the
     /// model's, or its rate is not between 1 and 1000 frames a second.
     pub fn encode_clip(&self, cx: Compute, clip: &Clip) -> Result<PerPart<Vec<u16>>, StepError> {
         let channels = self.channels(clip)?;

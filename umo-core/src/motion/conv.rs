@@ -46,7 +46,7 @@ impl ConvScratch {
     /// The rows `[rows, channels]` to write a stack's input to.
     ///
     /// # Errors
-    /// [`StepError::TooLong`] where there is no room for so many.
+    /// [`StepError::TooLong`] if there is no room for so many.
     pub(super) fn input(&mut self, rows: usize, channels: usize) -> Result<&mut [f32], StepError> {
         if rows > self.rows {
             return Err(StepError::TooLong { what: "frames of motion", got: rows, limit: self.rows });

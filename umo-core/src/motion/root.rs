@@ -62,7 +62,7 @@ impl RootNet {
     /// [`VELOCITY_X`], [`HEIGHT`] and [`VELOCITY_Z`] are used.
     ///
     /// # Errors
-    /// [`StepError`] where `lower` is no whole number of frames or `scratch` has no room for so
+    /// [`StepError`] if `lower` is no whole number of frames or `scratch` has no room for so
     /// many.
     pub fn run<'a>(&self, cx: Compute, scratch: &'a mut MotionScratch, lower: &[f32]) -> Result<&'a [f32], StepError> {
         self.run_held(cx, scratch, lower, 0)

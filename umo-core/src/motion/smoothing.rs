@@ -28,7 +28,7 @@ impl Smoothing {
     /// With a standard deviation of `sigma` frames, 0 for [`Self::OFF`].
     ///
     /// # Errors
-    /// [`LoadError::Config`] where `sigma` is not within 0 to [`MAX_SMOOTHING`].
+    /// [`LoadError::Config`] if `sigma` is not within 0 to [`MAX_SMOOTHING`].
     pub fn new(sigma: f32) -> Result<Self, LoadError> {
         if !(0.0..=MAX_SMOOTHING).contains(&sigma) {
             let found = format!("expected 0 to {MAX_SMOOTHING}, got {sigma}");

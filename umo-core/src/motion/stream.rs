@@ -298,7 +298,7 @@ impl MotionStream {
     /// `scratch` must have room for [`MotionDecoder::stream_rows`] frames.
     ///
     /// # Errors
-    /// [`StepError`] where the parts have different numbers of codes, a code is out of range, or
+    /// [`StepError`] if the parts have different numbers of codes, a code is out of range, or
     /// there are more frames than the stream was made for; it is then as it was before the call.
     pub fn push(
         &mut self,
@@ -398,7 +398,7 @@ impl MotionStream {
     /// allocates.
     ///
     /// # Errors
-    /// [`StepError`] where the codes of some of them are not known.
+    /// [`StepError`] if the codes of some of them are not known.
     pub fn finish(
         &mut self,
         cx: Compute,

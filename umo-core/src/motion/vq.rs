@@ -64,7 +64,7 @@ impl Codebook {
     /// Writes the sum of the vectors of a frame's `codes [levels]` to `out [width]`.
     ///
     /// # Errors
-    /// [`StepError`] where a code is out of range.
+    /// [`StepError`] if a code is out of range.
     pub fn vector(&self, codes: &[u16], out: &mut [f32]) -> Result<(), StepError> {
         for (level, &code) in codes.iter().enumerate() {
             let row = self.row(level, code)?;
@@ -181,7 +181,7 @@ impl VqDecoder {
     /// whatever lies beyond.
     ///
     /// # Errors
-    /// [`StepError`] where a code is out of range or there are more than `scratch` has room for.
+    /// [`StepError`] if a code is out of range or there are more than `scratch` has room for.
     pub fn decode<'a>(
         &self,
         cx: Compute,
@@ -256,7 +256,7 @@ impl VqEncoder {
     /// the codebook, then of the next level's to what is left.
     ///
     /// # Errors
-    /// [`StepError`] where the lengths disagree or `scratch` has no room for so many frames.
+    /// [`StepError`] if the lengths disagree or `scratch` has no room for so many frames.
     pub fn encode(
         &self,
         cx: Compute,
