@@ -564,7 +564,7 @@ impl LmScratch {
     /// Row `row` of the inputs from outside the embedding table.
     ///
     /// # Panics
-    /// If there is no such row.
+    /// If `row` is out of range.
     pub fn given_mut(&mut self, row: usize) -> &mut [f32] {
         let width = self.hidden.len() / self.rows;
         &mut self.given[row * width..(row + 1) * width]

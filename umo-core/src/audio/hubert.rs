@@ -116,7 +116,7 @@ impl Statistics {
 
     /// Describes the statistics of a stream after `samples` samples.
     pub(super) fn state(&mut self, pass: &mut StatePass, samples: u64) -> Result<(), StateError> {
-        // At most as many outputs as samples, including those of the silence before the stream.
+        // At most as many outputs as samples, including the outputs for silence before the stream.
         let outputs = pass.length("audio statistics", &mut self.outputs, 2 * samples.max(1))?;
         pass.must(outputs > 0 || samples == 0, "audio statistics")?;
         if pass.loads() {

@@ -101,7 +101,7 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
 
 /// Calls `f(sequence, heads, rows, y)` for every sequence and head; threads share the heads. The call is for
 /// the first of `heads`; the same thread processes the others next. Sequence `i` has `counts[i]` rows, below
-/// those of the sequences before it. `y` is the block of `context` that receives its outputs for that head.
+/// the earlier sequences' rows. `y` is the block of `context` that receives its outputs for that head.
 pub(super) fn for_each_head(
     cx: Compute,
     d_kv: usize,

@@ -50,7 +50,7 @@ pub struct DepthNet {
     before: Option<Vec<Table>>,
     heads: usize,
     d_ff: usize,
-    /// Inputs of the widest product that takes them rounded to bf16; 0 if there is no such product.
+    /// Inputs of the widest product that takes them rounded to bf16; 0 without such a product.
     rounded: usize,
 }
 

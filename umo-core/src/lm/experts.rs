@@ -174,8 +174,8 @@ impl Experts {
         Ok(input)
     }
 
-    /// Prefetch hint for the router's weights, for the thread that computes norm and router after the next
-    /// job.
+    /// Issues a prefetch hint for the router's weights, to the thread that computes norm and router after the
+    /// next job.
     pub(super) fn expect(&self, cx: Compute) {
         cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()).tuned_for(cx.isa));
     }
@@ -220,7 +220,7 @@ impl Expert {
         self.down.apply(cx, inside, None, 0..d, end, hidden)
     }
 
-    /// Prefetch hint for its first products, for the threads that compute them after the next job.
+    /// Issues a prefetch hint for its first products, to the threads that compute them after the next job.
     fn expect(&self, cx: Compute) {
         self.gate.expect_gated(&self.up, cx);
     }

@@ -2,8 +2,8 @@
 //!
 //! Implements only the part of SentencePiece that a T5 vocabulary needs: unigram models with their own
 //! character table. The available libraries replace the table by their own Unicode normalisation, and treat
-//! words such as `</s>` in a text as markers. The ids must match those of the language model's training, so
-//! the table is read instead.
+//! words such as `</s>` in a text as markers. The ids must match the training of the language model, so the
+//! table is read instead.
 
 mod normalizer;
 mod proto;

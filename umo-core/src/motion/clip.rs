@@ -69,12 +69,12 @@ impl Clip {
         self.rotations.is_empty()
     }
 
-    /// Pose of frame `index`. Panics if there is no such frame.
+    /// Pose of frame `index`. Panics if `index` is out of range.
     pub fn pose(&self, index: usize) -> Pose {
         Pose { rotations: self.rotations[index], translation: self.translation[index] }
     }
 
-    /// Face values of frame `index`. Panics if there is no such frame.
+    /// Face values of frame `index`. Panics if `index` is out of range.
     pub fn face(&self, index: usize) -> &[f32] {
         let values = self.face.names.len();
         &self.face_values[index * values..(index + 1) * values]
@@ -90,7 +90,7 @@ impl Clip {
         (joint + 1..JOINTS).filter(move |&child| self.parent(child) == Some(joint))
     }
 
-    /// Position of the root joint in frame `index`. Panics if there is no such frame.
+    /// Position of the root joint in frame `index`. Panics if `index` is out of range.
     pub fn root_position(&self, index: usize) -> [f32; 3] {
         let (rest, moved) = (self.skeleton.offsets_m[0], self.translation[index]);
         std::array::from_fn(|axis| rest[axis] + moved[axis])

@@ -45,7 +45,7 @@ impl ConvScratch {
     /// Returns the rows `[rows, channels]` of a stack's input, to be written.
     ///
     /// # Errors
-    /// [`StepError::TooLong`] if there is no room for that many rows.
+    /// [`StepError::TooLong`] if `rows` exceeds the scratch's capacity.
     pub(super) fn input(&mut self, rows: usize, channels: usize) -> Result<&mut [f32], StepError> {
         if rows > self.rows {
             return Err(StepError::TooLong { what: "frames of motion", got: rows, limit: self.rows });

@@ -106,7 +106,8 @@ impl Assembly {
         rotations
     }
 
-    /// Converts one frame's face channels to face values: clamps ARKit's to 0 to 1, and copies others.
+    /// Converts one frame's face channels to face values: clamps ARKit's to 0 to 1, and copies others. Values
+    /// that are not finite become 0.
     pub fn face(&self, channels: &[f32], values: &mut [f32]) {
         for (value, &channel) in values.iter_mut().zip(&channels[FIRST_FACE_VALUE..]) {
             *value = match self.kind {

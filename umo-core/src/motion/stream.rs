@@ -60,8 +60,8 @@ impl Future {
 
 /// State of one stream: the part of the past that the decoders still need, and the position of the root.
 ///
-/// A body part's row is *settled* once all codes within its decoders' reach after it are known. Its bits then
-/// equal those of decoding the whole stream at once. Rows after the last settled one are decoded as if the
+/// A body part's row is *settled* once all codes within its decoders' reach after it are known. Its bits are then
+/// the same as after decoding the whole stream at once. Rows after the last settled one are decoded as if the
 /// newest code repeated, and decoded again when more codes are known. At the end of the stream they are
 /// decoded as if nothing followed. If such a row was emitted, the next row begins a seam: the difference
 /// between the last row as emitted and the same row decoded anew is added to the following rows, fading

@@ -53,7 +53,7 @@ const SHAPES: [[f32; FEATURES.len()]; VISEMES] = [
     [0.12, 0.00, 0.0, 0.0, 0.0, 0.2, 0.7, 0.0, 0.0, 0.0, 0.0, 0.0], // ou
 ];
 
-/// ARKit channels of a viseme and their values, 0 to 1. Panics if there is no such viseme.
+/// ARKit channels of a viseme and their values, 0 to 1. Panics if `viseme` is not below [`VISEMES`].
 pub fn shape(viseme: usize) -> impl Iterator<Item = (&'static str, f32)> {
     let features = FEATURES.iter().zip(SHAPES[viseme]).filter(|(_, weight)| *weight > 0.0);
     features.flat_map(|(channels, weight)| channels.iter().map(move |channel| (*channel, weight)))
