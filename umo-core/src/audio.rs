@@ -22,11 +22,11 @@ use mel::Mel;
 /// Number of features whose units are looked up at a time when tokenising a whole file.
 const BLOCK: usize = 128;
 
-/// Largest valid sample; full scale is 1. Sums over larger samples would overflow.
+/// Largest magnitude of a valid sample; full scale is 1. Sums over larger samples would overflow.
 pub const MAX_AMPLITUDE: f32 = 1e6;
 
-/// Replaces every sample that is NaN, infinite or above [`MAX_AMPLITUDE`] by silence, and returns the number
-/// of these samples.
+/// Replaces every sample that is NaN, infinite or above [`MAX_AMPLITUDE`] in magnitude by silence, and returns
+/// the number of these samples.
 pub fn silence_unusable(samples: &mut [f32]) -> usize {
     let mut count = 0;
     // NaN is not contained in any range.

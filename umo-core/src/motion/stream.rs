@@ -70,7 +70,7 @@ impl Future {
 ///
 /// [`Smoothing`] filters the rows of the body's parts and of the root before that. The face is not filtered:
 /// a smoothed mouth loses its consonants. At least as many frames are held back as the filter looks ahead.
-/// With smoothing, the fade of the parts is a cubic that also continues the seam's growth.
+/// The fade of a filtered part is a cubic that also continues the seam's growth.
 #[derive(Debug)]
 pub struct MotionStream {
     parts: PerPart<PartState>,
