@@ -1,5 +1,4 @@
-//! Samples to audio units (SPEC 2.1): HuBERT or log-mel features, then the nearest of a set of
-//! centroids.
+//! Conversion of samples to audio units (SPEC 2.1): HuBERT or log-mel features, then the nearest centroid.
 
 mod hubert;
 mod kmeans;
@@ -20,17 +19,17 @@ use hubert::Hubert;
 use kmeans::Kmeans;
 use mel::Mel;
 
-/// Features whose units are looked up at a time where a whole file is tokenised.
+/// Number of features whose units are looked up at a time when tokenising a whole file.
 const BLOCK: usize = 128;
 
-/// Largest sample that is taken for one; full scale is 1. Sums over louder ones would overflow.
+/// Largest magnitude of a valid sample; full scale is 1. Sums over larger samples would overflow.
 pub const MAX_AMPLITUDE: f32 = 1e6;
 
-/// Makes every sample that is NaN or infinite, or louder than [`MAX_AMPLITUDE`], silence, and says how
-/// many there were.
+/// Replaces every sample that is NaN, infinite or above [`MAX_AMPLITUDE`] in magnitude by silence, and returns
+/// the number of these samples.
 pub fn silence_unusable(samples: &mut [f32]) -> usize {
     let mut count = 0;
-    // NaN is within no range.
+    // NaN is not contained in any range.
     for sample in samples.iter_mut().filter(|sample| !(-MAX_AMPLITUDE..=MAX_AMPLITUDE).contains(*sample)) {
         *sample = 0.0;
         count += 1;
@@ -38,9 +37,9 @@ pub fn silence_unusable(samples: &mut [f32]) -> usize {
     count
 }
 
-/// The audio tokenizer of one model. HuBERT's products follow the model's precision, but for the
-/// first and the position convolution; which centroid is nearest, and mel features, are computed in
-/// full precision always.
+/// The audio tokenizer of one model. HuBERT's products follow the model's precision, except the first
+/// convolution and the position convolution. The nearest centroid and mel features are always computed in
+/// full precision.
 #[derive(Debug)]
 pub struct Tokenizer {
     network: Network,
@@ -58,12 +57,12 @@ enum Network {
     Mel(Box<Mel>),
 }
 
-/// One stream's audio as the tokenizer remembers it.
+/// State of the tokenizer for one stream.
 #[derive(Debug)]
 pub struct AudioStream {
-    /// Features before any layer that looks around, oldest first: `[window, width]`.
+    /// Features before any layer with context, oldest first: `[window, width]`.
     features: Slice<f32>,
-    /// The last samples, which the next feature reaches back to: `[reach]`.
+    /// The last samples, which the next feature covers too: `[reach]`.
     recent: Slice<f32>,
     window: usize,
     max_new: usize,
@@ -77,10 +76,11 @@ enum State {
     Mel(mel::Past),
 }
 
-/// Room for one call of [`Tokenizer::advance`], for any stream of at most the same window and call.
+/// Scratch memory for one call of [`Tokenizer::advance`], for any stream with at most this window and call
+/// size.
 #[derive(Debug)]
 pub struct AudioScratch {
-    /// What the new features cover: `[reach + max_new * hop]`.
+    /// Samples that the new features cover: `[reach + max_new * hop]`.
     samples: Box<[f32]>,
     /// `[window, units]`.
     scores: Box<[f32]>,
@@ -95,25 +95,25 @@ enum Room {
     Mel(mel::Scratch),
 }
 
-/// A chunk of audio on its way through the tokenizer.
+/// Progress of one chunk of audio through the tokenizer.
 #[derive(Clone, Copy, Debug)]
 pub struct Call {
-    /// Tokens that it brings.
+    /// Number of new tokens.
     new: usize,
     /// Whether it is the stream's first.
     first: bool,
-    /// Steps done.
+    /// Number of completed steps.
     step: usize,
 }
 
 impl AudioStream {
-    /// Forgets all audio: the next call starts a new stream.
+    /// Clears all audio: the next call starts a new stream.
     pub fn reset(&mut self) {
         self.started = false;
     }
 
-    /// What the units of the last call came from: HuBERT's projected convolution features, or the
-    /// mel features.
+    /// Features that the units of the last call were computed from: HuBERT's projected convolution features,
+    /// or the mel features.
     ///
     /// Shape: `[window, width]`, oldest first.
     pub fn features(&self) -> &[f32] {
@@ -126,7 +126,7 @@ impl AudioStream {
         if pass.loads() {
             self.started = started;
         }
-        // The first call finds nothing that counts.
+        // Before the first call, the other fields are not used.
         if !pass.follows(started) {
             return Ok(());
         }
@@ -138,7 +138,7 @@ impl AudioStream {
         }
     }
 
-    /// Tokens in the window.
+    /// Number of tokens in the window.
     pub fn window(&self) -> usize {
         self.window
     }
@@ -166,28 +166,28 @@ impl Tokenizer {
         Ok(Self { network, kmeans, hop: config.hop(), reach: config.feature_reach_back(), width })
     }
 
-    /// Values per feature.
+    /// Number of values per feature.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Samples from one feature to the next.
+    /// Number of samples from one feature to the next.
     pub fn hop(&self) -> usize {
         self.hop
     }
 
-    /// Samples that one feature covers: the least that [`Tokenizer::features`] takes.
+    /// Number of samples that one feature covers: the minimum that [`Tokenizer::features`] accepts.
     pub fn field(&self) -> usize {
         self.reach + self.hop
     }
 
-    /// The plain network on a whole clip: features `[T, width]` and their units `[T]`. Allocates.
+    /// Runs the network on a whole clip: returns features `[T, width]` and their units `[T]`. Allocates.
     ///
-    /// Feature `j` covers the samples `hop * j .. hop * j + field`; all statistics are those of the
+    /// Feature `j` covers the samples `hop * j .. hop * j + field`. All statistics are computed over the
     /// clip.
     ///
     /// # Errors
-    /// [`StepError::Empty`] where the clip is too short for one feature.
+    /// [`StepError::Empty`] if the clip is too short for one feature.
     pub fn features(&self, cx: Compute, audio: &[f32]) -> Result<(Vec<f32>, Vec<u32>), StepError> {
         if audio.len() < self.field() {
             return Err(StepError::Empty("audio feature"));
@@ -210,13 +210,13 @@ impl Tokenizer {
         Ok((features, units))
     }
 
-    /// Units of a whole recording at once, one per hop, and the unit of silence. Allocates.
+    /// Returns the units of a whole recording, one per hop, and the unit of silence. Allocates.
     ///
-    /// Unit `j` is that of the stream's feature `j`, but for statistics and layers that see the
-    /// whole recording.
+    /// Unit `j` corresponds to the stream's feature `j`, except that statistics and layers with context see
+    /// the whole recording.
     ///
     /// # Errors
-    /// [`StepError`] where the network fails.
+    /// [`StepError`] if the network fails.
     pub fn whole_file(&self, cx: Compute, samples: &[f32]) -> Result<(Vec<u32>, u32), StepError> {
         let count = samples.len().div_ceil(self.hop);
         let mut padded = filled(0.0, self.reach + count.max(1) * self.hop);
@@ -227,16 +227,16 @@ impl Tokenizer {
         Ok((units, silence[0]))
     }
 
-    /// A new stream whose window is `window` tokens and which takes at most `max_new` tokens per
-    /// call, `1..=window`.
+    /// Creates a stream with a window of `window` tokens that takes at most `max_new` tokens per call,
+    /// `1..=window`.
     ///
     /// # Panics
-    /// Where `max_new` is outside that range.
+    /// If `max_new` is outside that range.
     pub fn stream(&self, window: usize, max_new: usize) -> AudioStream {
         self.stream_in(window, max_new, &Arena::system())
     }
 
-    /// The same in memory of `arena`.
+    /// Like [`Self::stream`], in memory of `arena`.
     ///
     /// # Panics
     /// As [`Self::stream`].
@@ -255,7 +255,7 @@ impl Tokenizer {
         }
     }
 
-    /// Room for streams of at most `window` tokens and `max_new` tokens per call.
+    /// Allocates scratch for streams of at most `window` tokens and `max_new` tokens per call.
     pub fn scratch(&self, window: usize, max_new: usize) -> AudioScratch {
         AudioScratch {
             samples: filled(0.0, self.reach + max_new.max(1) * self.hop).into(),
@@ -271,18 +271,17 @@ impl Tokenizer {
         }
     }
 
-    /// Appends one chunk of audio and writes the units of the whole window that it ends. Never
+    /// Appends one chunk of audio and writes the units of the whole window that ends with it. Never
     /// allocates.
     ///
-    /// Shapes: `samples` a multiple of the hop, at most `max_new` hops; `units [window]`. Feature
-    /// `j` covers the samples `hop * j - reach .. hop * j + hop` of the stream. Its convolutions
-    /// are computed in the call that brings its samples, under the statistics of all audio up to
-    /// that call's end; layers that look around are computed over the window in every call. Time
-    /// before the stream is silence.
+    /// Shapes: `samples` a multiple of the hop, at most `max_new` hops; `units [window]`. Feature `j` covers
+    /// the samples `hop * j - reach .. hop * j + hop` of the stream. Its convolutions are computed in the
+    /// call that brings its samples, with the statistics of all audio up to that call's end. Layers with
+    /// context are computed over the window in every call. Time before the stream is silence.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees, or `stream` or `scratch` were made for less or by
-    /// another tokenizer.
+    /// [`StepError`] if a length disagrees, or `stream` or `scratch` is too small or belongs to another
+    /// tokenizer.
     pub fn advance(
         &self,
         cx: Compute,
@@ -296,7 +295,7 @@ impl Tokenizer {
         Ok(())
     }
 
-    /// Takes one chunk of audio as [`Self::advance`] does, to be computed step by step.
+    /// Takes one chunk of audio like [`Self::advance`], to be computed with [`Self::step`].
     ///
     /// # Errors
     /// As [`Self::advance`].
@@ -314,18 +313,18 @@ impl Tokenizer {
         let waveform = &mut scratch.samples[..reach + samples.len()];
         waveform[..reach].copy_from_slice(&stream.recent);
         waveform[reach..].copy_from_slice(samples);
-        // A call brings at least one hop, which is no shorter than the reach.
+        // A call brings at least one hop, which is at least as long as the reach.
         stream.recent.copy_from_slice(&samples[samples.len() - reach..]);
         stream.features.copy_within(new * self.width.., 0);
         stream.started = true;
         Ok(Call { new, first, step: 0 })
     }
 
-    /// Computes one more piece of a call - a block of features, or a layer - and says whether there
-    /// is more to do; with the last one, `units [window]` are written. Never allocates.
+    /// Computes the next step of a call: a block of features, or a layer. Returns whether there is more to
+    /// do; the last step writes `units [window]`. Never allocates.
     ///
     /// # Errors
-    /// As [`Self::advance`]; the stream then wants [`AudioStream::reset`].
+    /// As [`Self::advance`]; the stream then needs [`AudioStream::reset`].
     pub fn step(
         &self,
         cx: Compute,
@@ -384,7 +383,7 @@ impl Tokenizer {
         Ok(false)
     }
 
-    /// New tokens of a call, where its lengths agree.
+    /// Checks the lengths of a call and returns its number of new tokens.
     fn check(&self, stream: &AudioStream, scratch: &AudioScratch, samples: &[f32]) -> Result<usize, StepError> {
         let new = samples.len() / self.hop;
         if samples.is_empty() {

@@ -1,5 +1,6 @@
-//! Keyframes to dense codes: a small bidirectional transformer over frames, then over parts (SPEC
-//! 2.6); in [`vectors`] keyframes to the vectors of the frames between (SPEC 2.14).
+//! Interpolation of keyframes to codes of every frame: a small bidirectional transformer over frames, then
+//! over parts (SPEC 2.6). [`vectors`] interpolates keyframes to code vectors of the frames between them (SPEC
+//! 2.14).
 
 mod layer;
 mod trunk;
@@ -30,20 +31,20 @@ pub struct Interp {
     codes: usize,
 }
 
-/// Room for one run of the network.
+/// Scratch memory for one run of the network.
 #[derive(Debug)]
 pub struct InterpScratch {
     trunk: TrunkScratch,
     /// `[frames, codes]` of each part
     logits: PerPart<Box<[f32]>>,
-    /// Frames of which there are logits.
+    /// Number of frames with logits.
     frames: usize,
     max_frames: usize,
     codes: usize,
 }
 
 impl InterpScratch {
-    /// The logits `[T, codes]` of `part` in the last run, for every frame, known or filled.
+    /// Logits `[T, codes]` of `part` in the last run, for every computed frame, known or filled.
     pub fn logits(&self, part: Part) -> &[f32] {
         &self.logits[part][..self.frames * self.codes]
     }
@@ -70,17 +71,17 @@ impl Interp {
         })
     }
 
-    /// The most frames of one run.
+    /// Maximum number of frames in one run.
     pub fn max_frames(&self) -> usize {
         self.trunk.max_frames()
     }
 
-    /// The code that stands for one to be filled in.
+    /// Code that marks a frame to be filled.
     pub fn mask(&self) -> usize {
         self.codes
     }
 
-    /// Room for windows of up to `frames` frames, and no more than the model allows.
+    /// Allocates scratch for windows of up to `frames` frames, limited to the model's maximum.
     pub fn scratch(&self, frames: usize) -> InterpScratch {
         let max_frames = frames.min(self.max_frames());
         InterpScratch {
@@ -92,26 +93,25 @@ impl Interp {
         }
     }
 
-    /// Fills the masked frames of a window whose first frame is a keyframe; known codes stay as
-    /// they are. Never allocates.
+    /// Fills the masked frames of a window whose first frame is a keyframe; known codes do not change. Never
+    /// allocates.
     ///
-    /// Shapes: `codes [T]` of each part, [`mask`](Self::mask) where unknown, in all parts alike;
-    /// overwritten there by the code with the largest logit, the lowest of equals. Cost:
-    /// `T * dim * (4 dim + 2 ffn_dim)` multiply-adds per temporal layer, four times that per part
-    /// layer.
+    /// Shapes: `codes [T]` of each part. Unknown codes are [`mask`](Self::mask), in the same frames of all
+    /// parts; they are overwritten by the code with the largest logit, ties going to the lowest. Cost:
+    /// `T * dim * (4 dim + 2 ffn_dim)` multiply-adds per temporal layer, four times that per part layer.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame or more than `scratch` has room for, the parts have
-    /// different numbers of codes or different masks, or a code is neither a code nor the mask;
-    /// nothing is filled then.
+    /// [`StepError`] if there are no frames or more than `scratch` has room for, the parts have different
+    /// numbers of codes or different masks, or a code is neither a valid code nor the mask. Nothing is filled
+    /// then.
     pub fn fill(&self, cx: Compute, scratch: &mut InterpScratch, codes: PerPart<&mut [u16]>) -> Result<(), StepError> {
         self.fill_from(cx, scratch, codes, 0)
     }
 
-    /// Fills the masked frames from `first` on, as [`Self::fill`] does; those before stay masked.
+    /// Fills the masked frames from `first` on, like [`Self::fill`]; earlier ones stay masked.
     ///
     /// # Errors
-    /// As [`Self::fill`], and where no frame is left.
+    /// As [`Self::fill`], and if no frame is left.
     pub fn fill_from(
         &self,
         cx: Compute,
@@ -131,7 +131,7 @@ impl Interp {
         Ok(())
     }
 
-    /// Begins to fill the masked frames from `first` on, `piece` of them in a step.
+    /// Begins to fill the masked frames from `first` on, at most `piece` frames per step.
     ///
     /// # Errors
     /// As [`Self::fill_from`].
@@ -151,11 +151,11 @@ impl Interp {
         Ok(self.trunk.begin(frames, first, piece))
     }
 
-    /// One more step of what [`Self::begin`] began with the same codes; whether there is more to do.
-    /// Each step fills some frames or none; the bits are those of [`Self::fill_from`].
+    /// Runs the next step of a filling begun with [`Self::begin`], with the same codes; returns whether there
+    /// is more to do. A step may fill no frames. The bits are the same as with [`Self::fill_from`].
     ///
     /// # Errors
-    /// [`StepError`] where logits are not finite, or there are fewer codes than at the beginning.
+    /// [`StepError`] if logits are not finite, or there are fewer codes than at the beginning.
     pub fn step(
         &self,
         cx: Compute,
@@ -170,7 +170,7 @@ impl Interp {
         Ok(!filling.is_done())
     }
 
-    /// The number of frames, where everything about `codes` is as it must be.
+    /// Checks `codes` and returns the number of frames.
     fn check(&self, scratch: &InterpScratch, codes: PerPart<&[u16]>) -> Result<usize, StepError> {
         let frames = codes.face.len();
         if frames == 0 {
@@ -198,8 +198,8 @@ impl Interp {
         usize::from(code) == self.codes
     }
 
-    /// The code vectors of every part to the tokens; their sum, the frame's type and its position
-    /// to the hidden rows.
+    /// Writes the code embeddings of every part to the tokens. Writes the sum of the embeddings, the frame's
+    /// type and its position to the hidden rows.
     fn embed(&self, scratch: &mut InterpScratch, codes: PerPart<&[u16]>, frames: usize) {
         let is_known = |frame: usize| !self.is_mask(codes.face[frame]);
         self.trunk.embed(&mut scratch.trunk, frames, is_known, |frame, part, token| {
@@ -208,7 +208,7 @@ impl Interp {
         });
     }
 
-    /// The logits of every part of the next `frames` frames.
+    /// Computes the logits of every part for the next `frames` frames.
     fn predict(&self, cx: Compute, s: &mut InterpScratch, frames: usize) -> Result<(), StepError> {
         if frames == 0 {
             return Ok(());
@@ -221,7 +221,7 @@ impl Interp {
         Ok(())
     }
 
-    /// The likeliest code of each masked frame of `range`, whose logits are the last.
+    /// Selects the likeliest code of each masked frame of `range`, whose logits were computed last.
     fn choose(
         &self,
         cx: Compute,

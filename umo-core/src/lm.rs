@@ -1,5 +1,5 @@
-//! The language model: T5 with expert feed-forwards, its inputs, and the codes that it writes
-//! (paper sections 3.1, 3.2; SPEC 2.2 to 2.5).
+//! The language model: T5 with expert feed-forwards, its inputs, and the codes it generates (paper sections
+//! 3.1, 3.2; SPEC 2.2 to 2.5).
 
 pub mod attention;
 pub mod decoder;
@@ -33,7 +33,7 @@ pub(crate) use encoder::EncoderPiece;
 use frames::FrameTables;
 use tally::Tally;
 
-/// The longest sequences that a model is loaded for.
+/// Maximum sequence lengths that a model is loaded for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lengths {
     /// Encoder tokens.
@@ -43,33 +43,32 @@ pub struct Lengths {
 }
 
 impl Lengths {
-    /// What the model's own templates and chunks need.
+    /// Lengths required by the model's own templates and chunks.
     pub fn of(config: &Config) -> Self {
         Self { encoder: layout::max_encoder_tokens(config), decoder: layout::max_decoder_tokens(config) }
     }
 }
 
-/// T5-MoE: embeddings, encoder, decoder and the rows of the output head that are ever sampled.
+/// T5-MoE: embeddings, encoder, decoder, and the output-head rows that can be sampled.
 #[derive(Debug)]
 pub struct Lm {
     embedding: Table,
     encoder: Encoder,
     decoder: Decoder,
     output: Output,
-    /// What hidden states are multiplied by before the head: `d_model^-0.5` where it is tied to the
-    /// embedding.
+    /// Factor applied to hidden states before the head: `d_model^-0.5` if the head is tied to the embedding.
     head_scale: f32,
     d_model: usize,
     vocab: usize,
 }
 
-/// What the decoder's states are for.
+/// Layer that consumes the decoder's states.
 #[derive(Debug)]
 #[cfg_attr(target_pointer_width = "64", expect(clippy::large_enum_variant, reason = "one per model"))]
 enum Output {
-    /// Logits of one code (SPEC 2.5).
+    /// Output heads for the codes of each part (SPEC 2.5).
     Codes(PerPart<Linear>),
-    /// The depth network; what keyframes are as inputs (SPEC 2.13).
+    /// Embeddings of keyframes as decoder inputs; the depth network samples from the states (SPEC 2.13).
     Keyframes(FrameTables),
 }
 
@@ -110,7 +109,7 @@ impl Lm {
         self.d_model
     }
 
-    /// What keyframes are as inputs, in layout `frames`.
+    /// Embeddings of keyframes as inputs, in layout `frames`.
     pub fn frames(&self) -> Option<&FrameTables> {
         match &self.output {
             Output::Keyframes(tables) => Some(tables),
@@ -118,18 +117,17 @@ impl Lm {
         }
     }
 
-    /// What this model's sequences store the encoder's keys and values as.
+    /// Storage type of the encoder's keys and values in this model's sequences.
     pub fn cross_storage(&self) -> CrossStorage {
         self.decoder.cross_storage()
     }
 
-    /// Runs the encoder over sequences that stand one below the other.
+    /// Runs the encoder over sequences stacked along the rows.
     ///
     /// Shapes: `ids [rows]`, `lengths` sum to `rows`, `hidden [rows, d_model]` (overwritten).
     ///
     /// # Errors
-    /// [`StepError`] where an id is outside the vocabulary, or there are more rows than `scratch`
-    /// was made for.
+    /// [`StepError`] if an id is outside the vocabulary, or there are more rows than `scratch` has room for.
     pub fn encode(
         &self,
         cx: Compute,
@@ -143,13 +141,13 @@ impl Lm {
         self.end_encode(cx, scratch, lengths, hidden)
     }
 
-    /// Layers of the encoder: [`Self::encode`] is [`Self::begin_encode`], each layer in turn,
+    /// Number of encoder layers. [`Self::encode`] is [`Self::begin_encode`], then each layer in turn, then
     /// [`Self::end_encode`].
     pub fn encoder_layers(&self) -> usize {
         self.encoder.layers()
     }
 
-    /// Looks the ids of an encoder pass up.
+    /// Embeds the ids of an encoder pass.
     ///
     /// # Errors
     /// As [`Self::encode`].
@@ -163,11 +161,11 @@ impl Lm {
         self.embed(ids, &scratch.given, &mut scratch.hidden)
     }
 
-    /// One layer of an encoder pass, for the sequences of `lengths`, whose rows begin at `first`: all of
-    /// the pass at once, or some after the others.
+    /// Runs one layer of an encoder pass over the sequences of `lengths`, whose rows begin at `first`. A
+    /// layer can run over the whole pass at once or over groups of sequences in turn.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn encode_layer(
         &self,
         cx: Compute,
@@ -181,8 +179,8 @@ impl Lm {
         Ok(())
     }
 
-    /// One piece of [`Self::encode_layer`]; the next, if there is one. All pieces of a layer are computed in
-    /// turn, with no other use of the scratch in between.
+    /// Runs one piece of [`Self::encode_layer`] and returns the next, if any. All pieces of a layer must run
+    /// in order, with no other use of the scratch in between.
     ///
     /// # Errors
     /// As [`Self::encode_layer`].
@@ -201,16 +199,16 @@ impl Lm {
         Ok(next)
     }
 
-    /// Weights of one layer of the encoder, all experts counted.
+    /// Number of weights of one encoder layer, including all experts.
     pub(crate) fn encoder_layer_weights(config: &Config) -> usize {
         let lm = &config.lm;
         lm.d_model * (4 * lm.num_heads * lm.d_kv + 3 * lm.experts * lm.d_ff)
     }
 
-    /// Writes the states of an encoder pass to `hidden [rows, d_model]`.
+    /// Writes the final states of an encoder pass to `hidden [rows, d_model]`.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn end_encode(
         &self,
         cx: Compute,
@@ -224,7 +222,7 @@ impl Lm {
     /// Starts a sequence over encoder states `[rows, d_model]`.
     ///
     /// # Errors
-    /// [`StepError`] where the sequence has too little room.
+    /// [`StepError`] if the sequence has too little room.
     pub fn attend_to(
         &self,
         cx: Compute,
@@ -236,24 +234,24 @@ impl Lm {
         (0..self.decoder_layers()).try_for_each(|layer| self.attend_layer(cx, scratch, layer, hidden, sequence))
     }
 
-    /// Layers of the decoder: [`Self::attend_to`] is [`Self::begin_attend`] and each of
-    /// [`Self::attend_layer`].
+    /// Number of decoder layers. [`Self::attend_to`] is [`Self::begin_attend`], then [`Self::attend_layer`]
+    /// for each layer.
     pub fn decoder_layers(&self) -> usize {
         self.decoder.layers()
     }
 
-    /// Forgets what `sequence` was, for one over `rows` encoder states.
+    /// Clears `sequence` and prepares it for `rows` encoder states.
     ///
     /// # Errors
-    /// [`StepError`] where the sequence has too little room.
+    /// [`StepError`] if the sequence has too little room.
     pub fn begin_attend(&self, sequence: &mut Sequence, rows: usize) -> Result<(), StepError> {
         Decoder::begin(sequence, rows)
     }
 
-    /// The cross-attention's keys and values of one layer.
+    /// Computes the cross-attention's keys and values of one layer.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn attend_layer(
         &self,
         cx: Compute,
@@ -265,8 +263,8 @@ impl Lm {
         self.decoder.attend_to(cx, scratch, layer, hidden, 0..hidden.rows(), sequence)
     }
 
-    /// The part of [`Self::attend_layer`] that the rows from `row` on are, as many as a piece has; where the
-    /// next piece begins, if there is one.
+    /// Computes the rows of [`Self::attend_layer`] from `row` on, up to the size of a piece. Returns the
+    /// first row of the next piece, if any.
     ///
     /// # Errors
     /// As [`Self::attend_layer`].
@@ -285,19 +283,18 @@ impl Lm {
         Ok((end < rows).then_some(end))
     }
 
-    /// Runs the decoder over the new ids of each sequence; the states after the final norm stay in
-    /// `scratch`, one row per new id in order.
+    /// Runs the decoder over the new ids of each sequence. The states after the final norm stay in `scratch`,
+    /// one row per new id in order.
     ///
     /// # Errors
-    /// [`StepError`] where an id is outside the vocabulary, a cache is full, or there are too many
-    /// rows.
+    /// [`StepError`] if an id is outside the vocabulary, a cache is full, or there are too many rows.
     pub fn decode(&self, cx: Compute, scratch: &mut LmScratch, sequences: &mut [Sequence]) -> Result<(), StepError> {
         self.begin_decode(scratch, sequences)?;
         (0..self.decoder_layers()).try_for_each(|layer| self.decode_layer(cx, scratch, layer, 0, sequences))?;
         self.end_decode(cx, scratch, sequences)
     }
 
-    /// Looks the new ids of a decoder pass up.
+    /// Embeds the new ids of a decoder pass.
     ///
     /// # Errors
     /// As [`Self::decode`].
@@ -317,11 +314,11 @@ impl Lm {
         Ok(())
     }
 
-    /// One layer of a decoder pass, for `sequences`, whose rows begin at `first`: all of the pass at once,
-    /// or some after the others.
+    /// Runs one layer of a decoder pass over `sequences`, whose rows begin at `first`. A layer can run over
+    /// the whole pass at once or over groups of sequences in turn.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn decode_layer(
         &self,
         cx: Compute,
@@ -335,10 +332,10 @@ impl Lm {
         Ok(())
     }
 
-    /// Ends a decoder pass: its ids now belong to the sequences.
+    /// Ends a decoder pass: appends its ids to the sequences.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn end_decode(
         &self,
         cx: Compute,
@@ -348,10 +345,11 @@ impl Lm {
         self.decoder.finish(cx, scratch, sequences)
     }
 
-    /// Logits of `part`'s codes for row `row` of the last [`Self::decode`], into `logits [codes]`.
+    /// Computes the logits of `part`'s codes for row `row` of the last [`Self::decode`], into
+    /// `logits [codes]`.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn code_logits(
         &self,
         cx: Compute,
@@ -373,11 +371,11 @@ impl Lm {
         Ok(())
     }
 
-    /// Logits of the whole vocabulary for the first `rows` rows of the last [`Self::decode`];
+    /// Returns the logits of the whole vocabulary for the first `rows` rows of the last [`Self::decode`];
     /// `head` is from [`full_head`]. For checking a model, not for the stream.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn all_logits(
         &self,
         cx: Compute,
@@ -393,7 +391,7 @@ impl Lm {
         Ok(logits)
     }
 
-    /// Rows of the embedding table, and behind them the rows of `given`.
+    /// Copies the embedding rows of `ids`. Ids from the vocabulary's size on index the rows of `given`.
     fn embed(&self, ids: &[u32], given: &[f32], hidden: &mut [f32]) -> Result<(), StepError> {
         for (&id, hidden) in ids.iter().zip(hidden.chunks_exact_mut(self.d_model)) {
             let id = id as usize;
@@ -411,30 +409,30 @@ impl Lm {
     }
 }
 
-/// Multiply-adds of a piece of a layer that is computed in pieces: some 0.2 ms with AVX2.
+/// Multiply-adds in a piece of a layer: about 0.2 ms with AVX2.
 const PIECE_WORK: usize = 10_000_000;
-/// Rows that a piece has a multiple of, as kernels take them together.
+/// Granularity of a piece's rows: the number that kernels process together.
 const PIECE_ROWS: usize = 6;
 
-/// How many of `rows` rows a piece has, of a product that takes `work` multiply-adds for each.
+/// Number of rows per piece, for a product over `rows` rows of `work` multiply-adds each.
 fn piece_rows(rows: usize, work: usize) -> usize {
     let pieces = ((rows * work + PIECE_WORK / 2) / PIECE_WORK).max(1);
     rows.div_ceil(pieces).next_multiple_of(PIECE_ROWS)
 }
 
-/// Multiply-adds that norming one value costs, roughly.
+/// Approximate cost of normalising one value, in multiply-adds.
 const NORM_WORK: usize = 4;
 
-/// RMS norm of the first `rows` rows of `x` into `y`, each as wide as the factors; the threads
-/// share the rows.
+/// Writes the RMS norm of the first `rows` rows of `x` to `y`; the threads share the rows. The row width is
+/// the length of `factors`.
 fn norm(cx: Compute, x: &[f32], rows: usize, (factors, eps): (&[f32], f32), y: &mut [f32]) -> Result<(), StepError> {
     let d = factors.len();
     let (x, y) = (Mat::new(x, rows, d)?, MatMut::new(y, rows, d)?);
     cx.team.rows(y, rows * d * NORM_WORK, |range, y| Ok(rms_norm(cx.isa, x.row_range(range), factors, eps, y)?))
 }
 
-/// The same, ready for `next`; where it is at hand, `f` computes the rows of `also` from the normed
-/// ones, `work` multiply-adds a row.
+/// Like [`norm`], with the result prepared as input of `next`. While a normed row is in cache, `f` computes
+/// the matching row of `also` from it, at `work` multiply-adds a row.
 #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
 fn norm_input<'a>(
     cx: Compute,
@@ -454,17 +452,17 @@ fn norm_input<'a>(
     })
 }
 
-/// Nothing to compute from normed rows.
+/// Callback for [`norm_input`] that computes nothing further.
 fn no_more(_: Mat<f32>, _: MatMut<f32>) -> Result<(), StepError> {
     Ok(())
 }
 
-/// Name of the tensor that holds the output head.
+/// Name of the output head's tensor.
 fn head_name(config: &Config) -> &'static str {
     if config.lm.tie_word_embeddings { "lm.shared.weight" } else { "lm.lm_head.weight" }
 }
 
-/// The whole output head, for [`Lm::all_logits`].
+/// Loads the whole output head, for [`Lm::all_logits`].
 ///
 /// # Errors
 /// [`LoadError`] naming the tensor.
@@ -473,13 +471,13 @@ pub fn full_head(loader: &Loader) -> Result<Linear, LoadError> {
     loader.exact().linear(&[head_name(config).to_owned()], &[config.vocab.size], config.lm.d_model)
 }
 
-/// Everything that a pass over at most `rows` rows needs and forgets.
+/// Scratch memory for passes over at most `rows` rows.
 #[derive(Debug)]
 pub struct LmScratch {
     /// Residual stream, `[rows, d_model]`.
     pub(crate) hidden: AlignedBox<f32>,
-    /// Inputs that are no rows of the embedding table, `[given, d_model]`: the ids from the
-    /// vocabulary's size on name them.
+    /// Inputs from outside the embedding table, `[given, d_model]`, addressed by ids from the vocabulary's
+    /// size on.
     pub(crate) given: Box<[f32]>,
     /// Normed rows, `[rows, d_model]`; after a pass, the final states.
     pub(crate) normed: AlignedBox<f32>,
@@ -489,13 +487,13 @@ pub struct LmScratch {
     pub(crate) context: AlignedBox<f32>,
     /// Routing and the experts' hidden rows.
     pub(crate) experts: experts::ExpertScratch,
-    /// Quantized rows: what a layer's halves start from, and what the decoder's attention puts out.
+    /// Quantized inputs of a layer's halves, and the quantized output of the decoder's attention.
     pub(crate) quant: QuantScratch,
-    /// Quantized rows of what the encoder's attention and the experts compute in their middle.
+    /// Quantized intermediates: the output of the encoder's attention and the experts' hidden rows.
     pub(crate) middle: QuantScratch,
-    /// Time spent in layers since it was made.
+    /// Time spent in layers since the scratch was created.
     pub(crate) times: LayerTimes,
-    /// Where rows are sent, where somebody wants to know.
+    /// Expert routing counts, if enabled.
     pub(crate) tally: Option<Tally>,
     rows: usize,
 }
@@ -503,20 +501,21 @@ pub struct LmScratch {
 /// Time spent in the two halves of layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LayerTimes {
-    /// Attentions, with their norms and projections.
+    /// Attention, with its norms and projections.
     pub attention: Duration,
     /// Expert feed-forwards, with their norms and routers.
     pub experts: Duration,
 }
 
 impl LayerTimes {
-    /// Adds a layer whose halves took from `start` to `middle`, and from there until now.
+    /// Adds a layer whose attention took from `start` to `middle` and whose experts took from `middle` until
+    /// now.
     fn add(&mut self, start: Instant, middle: Instant) {
         self.attention += middle - start;
         self.experts += middle.elapsed();
     }
 
-    /// The time since an earlier reading.
+    /// Time since an earlier reading.
     pub(crate) fn since(self, earlier: Self) -> Self {
         Self { attention: self.attention - earlier.attention, experts: self.experts - earlier.experts }
     }
@@ -530,12 +529,12 @@ impl AddAssign for LayerTimes {
 }
 
 impl LmScratch {
-    /// Room for passes over at most `rows` rows in all.
+    /// Allocates scratch for passes over at most `rows` rows in all.
     pub fn new(config: &Config, rows: usize) -> Self {
         Self::with_given(config, rows, 0)
     }
 
-    /// The same, with `given` rows of inputs that are not looked up.
+    /// Like [`Self::new`], with `given` rows of inputs from outside the embedding table.
     pub fn with_given(config: &Config, rows: usize, given: usize) -> Self {
         let lm = &config.lm;
         let inner = lm.num_heads * lm.d_kv;
@@ -556,22 +555,22 @@ impl LmScratch {
         }
     }
 
-    /// Counts from now on which experts rows are sent to. Allocates, once.
+    /// Starts counting the experts that rows are sent to. Allocates, once.
     pub(crate) fn keep_tally(&mut self, config: &Config) {
         let layers = config.lm.num_layers + config.lm.num_decoder_layers;
         self.tally = Some(Tally::new(config, layers, self.rows));
     }
 
-    /// Row `row` of the inputs that are not looked up.
+    /// Row `row` of the inputs from outside the embedding table.
     ///
     /// # Panics
-    /// Where there is none.
+    /// If `row` is out of range.
     pub fn given_mut(&mut self, row: usize) -> &mut [f32] {
         let width = self.hidden.len() / self.rows;
         &mut self.given[row * width..(row + 1) * width]
     }
 
-    /// How many inputs that are not looked up there are.
+    /// Number of inputs from outside the embedding table.
     pub fn given_rows(&self) -> usize {
         self.given.len() / (self.hidden.len() / self.rows)
     }

@@ -1,13 +1,13 @@
 //! Codes to poses: VQ decoders, the root network, rotations (SPEC 2.7); and poses back to codes.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
 //! | [`vq`], [`root`] | the codecs of the parts, the root network |
-//! | [`rotation`], [`skeleton`], [`pose`] | rotations, the 55 joints, channels as one frame's pose |
-//! | [`stream`] | frames from codes that become known bit by bit |
-//! | [`smoothing`] | the low-pass of the body |
+//! | [`rotation`], [`skeleton`], [`pose`] | rotations, the 55 joints, conversion of channels to one frame's pose |
+//! | [`stream`] | frames from codes that become known incrementally |
+//! | [`smoothing`] | low-pass filter of the body's motion |
 //! | [`axes`], [`visemes`] | poses in an engine's axes and units; mouth shapes |
-//! | [`clip`] | a whole motion, and its way back to channels and codes |
+//! | [`clip`] | a whole motion, and its conversion back to channels and codes |
 
 pub mod axes;
 pub mod clip;
@@ -44,13 +44,13 @@ use vq::VqDecoder;
 /// The parts' VQ decoders and the root network.
 #[derive(Debug)]
 pub struct MotionDecoder {
-    /// Of the config's parts that have channels, in order.
+    /// Decoders of the config's parts that have channels, in order.
     decoders: Vec<VqDecoder>,
     /// Values per frame of the body parts.
     channels: PerPart<usize>,
-    /// Whether the decoders are the paper's: one for each body part, of one level.
+    /// Whether the decoders are the paper's: one for each body part, with one level.
     is_paper: bool,
-    /// What stands for the time before the first frame, `[levels]` for each decoder.
+    /// Codes of the rest pose, `[levels]` for each decoder.
     rest: Vec<Vec<u16>>,
     root: RootNet,
     assembly: Assembly,
@@ -58,19 +58,19 @@ pub struct MotionDecoder {
     width: usize,
 }
 
-/// A whole motion as the networks give it.
+/// A whole motion as decoded by the networks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
     /// `[T, channels]` of each part.
     pub channels: PerPart<Vec<f32>>,
-    /// Axis-angle of each joint, relative to its parent; the eyes at rest.
+    /// Axis-angle of each joint, relative to its parent; the eyes are at rest.
     pub rotations: Vec<[[f32; 3]; JOINTS]>,
-    /// Place of the root, metres.
+    /// Position of the root, metres.
     pub translation: Vec<[f32; 3]>,
 }
 
 impl MotionDecoder {
-    /// Loads `vq.*` but the encoders of the parts.
+    /// Loads `vq.*` except the encoders of the parts.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -89,7 +89,8 @@ impl MotionDecoder {
             channels: PerPart::from_fn(|part| body_channels(part, &config.face)),
             is_paper: config.parts.is_none() || !config.is_frames(),
             rest,
-            // How far feet move in a frame is a thousandth of the rotations that say so.
+            // The feet move a thousandth as much in a frame as the rotations that determine it, so this needs
+            // full precision.
             root: RootNet::load(&if config.is_frames() { loader.exact() } else { loader.clone() })?,
             assembly: Assembly::new(&config.face),
             frame_seconds: frame_seconds(config),
@@ -97,23 +98,23 @@ impl MotionDecoder {
         })
     }
 
-    /// Room to decode `rows` frames at once.
+    /// Allocates scratch memory to decode `rows` frames at once.
     pub fn scratch(&self, rows: usize) -> MotionScratch {
         MotionScratch(ConvScratch::new(rows, self.width))
     }
 
-    /// Frames that a scratch needs room for where a [`MotionStream`] of these limits uses it.
+    /// Number of frames that the scratch of a [`MotionStream`] with these limits must hold.
     pub fn stream_rows(&self, max_push: usize, max_lookahead: usize) -> usize {
         max_push + (3 * self.reach()).max(max_lookahead.max(MAX_PAST) + 1 + MAX_PAST + 2 * self.root.reach())
     }
 
-    /// Frames on each side that any part's channels depend on: a lookahead of as many gives the
-    /// body of a whole decode.
+    /// Maximum number of frames on each side that any part's channels depend on. With this lookahead the body
+    /// equals that of a whole decode.
     pub fn reach(&self) -> usize {
         self.decoders.iter().map(VqDecoder::reach).max().unwrap_or(0)
     }
 
-    /// The same of the decoders of one body part.
+    /// Like [`Self::reach`], for the decoders of one body part.
     pub fn reach_of(&self, part: Part) -> usize {
         self.decoders_of(part).map(|(_, decoder)| decoder.reach()).max().unwrap_or(0)
     }
@@ -128,27 +129,27 @@ impl MotionDecoder {
         self.channels[part]
     }
 
-    /// The decoders of the config's parts that have channels, in order.
+    /// Decoders of the config's parts that have channels, in order.
     pub fn decoders(&self) -> &[VqDecoder] {
         &self.decoders
     }
 
-    /// The decoders that a body part's channels come from, and their places in the list.
+    /// Decoders of a body part's channels, with their indices in the list.
     fn decoders_of(&self, part: Part) -> impl Iterator<Item = (usize, &VqDecoder)> {
         self.decoders.iter().enumerate().filter(move |(_, decoder)| decoder.places().part == part)
     }
 
-    /// How channels become poses.
+    /// Conversion of channels to poses.
     pub fn assembly(&self) -> &Assembly {
         &self.assembly
     }
 
-    /// Decodes a whole motion of a model of the paper's four parts at once, from codes `[T]` of each
-    /// part; allocates as it needs.
+    /// Decodes a whole motion at once from codes `[T]` of each part, for a model with the paper's four parts.
+    /// Allocates.
     ///
     /// # Errors
-    /// [`StepError`] where there are no codes, the parts have different numbers of them, one is out
-    /// of range, or the model has other parts.
+    /// [`StepError`] if there are no codes, the parts have different numbers of codes, a code is out of
+    /// range, or the model has other parts.
     pub fn decode(&self, cx: Compute, codes: PerPart<&[u16]>) -> Result<Decoded, StepError> {
         if !self.is_paper {
             return Err(StepError::Missing("codes of the four parts: its config lists others"));
@@ -156,12 +157,11 @@ impl MotionDecoder {
         self.decode_list(cx, &Part::ALL.map(|part| Latents::Codes(codes[part])))
     }
 
-    /// Decodes a whole motion at once, from codes or vectors of each of [`Self::decoders`];
-    /// allocates as it needs.
+    /// Decodes a whole motion at once, from codes or vectors for each of [`Self::decoders`]. Allocates.
     ///
     /// # Errors
-    /// [`StepError`] where there are none, the parts have different numbers of frames, or a code is
-    /// out of range.
+    /// [`StepError`] if there are no latents, the parts have different numbers of frames, or a code is out of
+    /// range.
     pub fn decode_list(&self, cx: Compute, latents: &[Latents]) -> Result<Decoded, StepError> {
         let frames = self.check(latents)?;
         if frames == 0 {
@@ -190,17 +190,17 @@ impl MotionDecoder {
         Ok(Decoded { channels, rotations, translation })
     }
 
-    /// Decodes `frames` frames of rest; allocates as it needs.
+    /// Decodes `frames` frames of the rest pose. Allocates.
     ///
     /// # Errors
-    /// [`StepError`] where there are none.
+    /// [`StepError`] if `frames` is 0.
     pub fn decode_rest(&self, cx: Compute, frames: usize) -> Result<Decoded, StepError> {
         let codes: Vec<Vec<u16>> = self.rest.iter().map(|rest| rest.repeat(frames)).collect();
         let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
         self.decode_list(cx, &latents)
     }
 
-    /// The number of frames that `latents` have, which are as many of each part.
+    /// Returns the number of frames in `latents`, after checking that it is equal for all parts.
     fn check(&self, latents: &[Latents]) -> Result<usize, StepError> {
         if latents.len() != self.decoders.len() {
             return Err(StepError::Disagree("there are codes of another number of parts than the model's"));
@@ -216,7 +216,7 @@ impl MotionDecoder {
     }
 }
 
-/// Writes `rows [T, channels]` of one decoder to its places in `body [T, width]`.
+/// Writes `rows [T, channels]` of one decoder to its channels in `body [T, width]`.
 fn scatter(decoder: &VqDecoder, rows: &[f32], width: usize, body: &mut [f32]) {
     let ranges = &decoder.places().ranges;
     for (row, body) in rows.chunks_exact(decoder.channels()).zip(body.chunks_exact_mut(width)) {
@@ -238,7 +238,7 @@ fn frame_seconds(config: &Config) -> f64 {
     1.0 / config.frame_rate as f64
 }
 
-/// The widest activation of any codec.
+/// Width of the widest activation of any codec.
 fn widest(config: &Config) -> usize {
     let parts = config.part_list();
     let codecs = parts.iter().filter_map(|part| Some(part.channels(&config.face)?.count().max(part.width)));

@@ -1,11 +1,11 @@
-//! The live mouth: face channels from sound as it comes, ahead of the chunks (SPEC 2.10).
+//! The live mouth: face channels computed from incoming sound, ahead of the chunks (SPEC 2.10).
 //!
 //! ```text
 //! samples ─▶ log-mel rows ─▶ level control ─▶ causal convolutions ─▶ channels ─▶ gate ─▶ mouth
 //!            90 a second      level, noise     30 frames a second   └▶ voice activity ─┘
 //! ```
-//! Everything is computed row by row and frame by frame, in the order of the samples, so that the
-//! sizes of the pushes change no bit.
+//! Everything is computed row by row and frame by frame, in the order of the samples, so that the sizes of
+//! the pushes do not change any bits.
 
 mod gate;
 mod level;
@@ -25,22 +25,21 @@ use gate::Gate;
 use level::{Level, LevelControl};
 use network::{History, Network, NetworkScratch};
 
-/// Values of a row beside its bands: how far the row's energy and the noise are above the level.
+/// Values of a row in addition to its bands: the row's energy and the noise, relative to the level.
 pub(crate) const LEVEL_FEATURES: usize = 2;
 
-/// What a row's values lie between: natural logarithms of power, relative to the level. 52 dB below
-/// it there is nothing to tell; above it are only the first rows of a sudden sound.
+/// Range of a row's values: natural logarithms of power, relative to the level. More than 52 dB below the
+/// level, nothing is distinguishable; only the first rows of a sudden sound are above it.
 const LOWEST: f32 = -12.0;
 const HIGHEST: f32 = 6.0;
 
-/// Samples pushed at most before a number of a state is none that a session writes.
+/// Upper bound on the number of pushed samples in a valid state.
 const MAX_SAMPLES: u64 = 1 << 56;
 
-/// Silence after the last sample, written in pieces of this many samples.
+/// Piece of the silence after the last sample.
 const SILENCE: [f32; 64] = [0.0; 64];
 
-/// The live mouth's network, the features that it reads and what it gives: immutable, shared by all
-/// sessions of a model.
+/// The live mouth's network, features and channels. Immutable, shared by all sessions of a model.
 #[derive(Debug)]
 pub struct Mouth {
     sizes: config::Mouth,
@@ -52,23 +51,22 @@ pub struct Mouth {
     scale: Box<[f32]>,
     control: LevelControl,
     network: Network,
-    /// Channels while nobody speaks: `[channels]`.
+    /// Channels without speech: `[channels]`.
     rest: Box<[f32]>,
     /// Indices in `face.names`.
     channels: Box<[usize]>,
 }
 
-/// Which samples belong to which row and frame: rows end at whole samples as near before their time
-/// as possible.
+/// Mapping of samples to rows and frames. A row ends at the last whole sample at or before its nominal time.
 #[derive(Clone, Copy, Debug)]
 struct Clock {
     sample_rate: u64,
     frame_rate: u64,
-    /// Rows a second.
+    /// Rows per second.
     row_rate: u64,
-    /// Rows a frame.
+    /// Rows per frame.
     rows: u64,
-    /// Rows after a frame's time that it is computed from.
+    /// Number of rows after a frame's time that the frame depends on.
     ahead: u64,
 }
 
@@ -83,39 +81,39 @@ impl Clock {
         }
     }
 
-    /// Samples of the stream up to the end of row `row`; row 0 is silence before the stream.
+    /// Number of samples of the stream up to the end of row `row`; row 0 is silence before the stream.
     fn row_end(&self, row: u64) -> u64 {
         let (whole, part) = (row / self.row_rate, row % self.row_rate);
         whole * self.sample_rate + part * self.sample_rate / self.row_rate
     }
 
-    /// Rows that are complete after so many samples, without row 0.
+    /// Number of complete rows after `samples` samples, excluding row 0.
     fn rows_complete(&self, samples: u64) -> u64 {
         let (whole, part) = (samples / self.sample_rate, samples % self.sample_rate);
         // The largest row whose end is at most `samples`.
         whole * self.row_rate + ((part + 1) * self.row_rate).div_ceil(self.sample_rate) - 1
     }
 
-    /// The frame that row `row` completes.
+    /// Frame that row `row` completes, if any.
     fn frame(&self, row: u64) -> Option<u64> {
         let after = row.checked_sub(self.ahead)?;
         after.is_multiple_of(self.rows).then_some(after / self.rows)
     }
 
-    /// Frames that belong to so many samples.
+    /// Number of frames in `samples` samples.
     fn frames(&self, samples: u64) -> u64 {
         let (whole, part) = (samples / self.sample_rate, samples % self.sample_rate);
         whole * self.frame_rate + part * self.frame_rate / self.sample_rate
     }
 
-    /// Most samples from one row's end to the next.
+    /// Maximum number of samples from one row's end to the next.
     fn longest_hop(&self) -> usize {
         usize::try_from(self.sample_rate.div_ceil(self.row_rate)).expect("a rate fits a word")
     }
 }
 
 impl Mouth {
-    /// Loads it if the config has a `mouth`.
+    /// Loads the live mouth if the config has a `mouth`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -142,35 +140,35 @@ impl Mouth {
         }))
     }
 
-    /// Indices in `face.names` of the channels that it gives, in the order in which it gives them.
+    /// Indices in `face.names` of the output channels, in output order.
     pub fn channels(&self) -> &[usize] {
         &self.channels
     }
 
-    /// Channels while nobody speaks, in the same order.
+    /// Channels without speech, in the same order.
     pub fn rest(&self) -> &[f32] {
         &self.rest
     }
 
-    /// Frames that are known to a stream after `more` samples more.
+    /// Number of frames known to a stream after `more` further samples.
     pub(crate) fn frames_after(&self, stream: &MouthStream, more: usize) -> u64 {
         let rows = self.clock.rows_complete(stream.samples + more as u64);
         rows.checked_sub(self.clock.ahead).map_or(0, |rows| rows / self.clock.rows + 1)
     }
 
-    /// Samples at the model's rate that must be pushed after the time of a frame before it is given:
-    /// all that the frame hears of its future, the window included.
+    /// Number of samples at the model's rate that must be pushed after the time of a frame before it is
+    /// emitted. This is all of the future that the frame depends on, including the window.
     pub fn latency_samples(&self) -> usize {
         let samples = (self.clock.ahead * self.clock.sample_rate).div_ceil(self.clock.row_rate);
         usize::try_from(samples).expect("`ahead` is small")
     }
 }
 
-/// One session's live mouth: features, level, and the network's past. Allocates only in
+/// The live mouth of one session: features, level, and the network's history. Allocates only in
 /// [`Self::new`].
 #[derive(Debug)]
 pub struct MouthStream {
-    /// Samples pushed.
+    /// Number of pushed samples.
     samples: u64,
     /// The window of the last complete row, then the samples after it: `[window + longest hop]`.
     recent: Slice<f32>,
@@ -185,15 +183,15 @@ pub struct MouthStream {
 /// The mouth of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct MouthFrame<'a> {
-    /// Its number: frame `i` is at `i / frame_rate` seconds of the stream.
+    /// Number of the frame: frame `i` is at `i / frame_rate` seconds of the stream.
     pub index: u64,
     /// Channels in the order of [`Mouth::channels`], each 0 to 1.
     pub channels: &'a [f32],
-    /// Whether somebody speaks: 0 nobody, 1 somebody, and in between while the mouth opens or shuts.
+    /// Voice activity: 0 without speech, 1 with speech, and in between while the mouth opens or shuts.
     pub voiced: f32,
 }
 
-/// Room for one row and one frame.
+/// Scratch memory for one row and one frame.
 #[derive(Debug)]
 struct Scratch {
     spectrum: SpectrumScratch,
@@ -207,12 +205,12 @@ struct Scratch {
 }
 
 impl MouthStream {
-    /// A new stream of `mouth`.
+    /// Creates a new stream of `mouth`.
     pub fn new(mouth: &Mouth) -> Self {
         Self::new_in(mouth, &Arena::system())
     }
 
-    /// The same in memory of `arena`.
+    /// Like [`Self::new`], in memory of `arena`.
     pub fn new_in(mouth: &Mouth, arena: &Arena) -> Self {
         let sizes = &mouth.sizes;
         let mut stream = Self {
@@ -234,7 +232,7 @@ impl MouthStream {
         stream
     }
 
-    /// Starts over: nothing was heard, and the next frame is frame 0.
+    /// Resets the stream: clears all audio, and the next frame is frame 0.
     pub fn reset(&mut self, mouth: &Mouth) {
         self.samples = 0;
         self.recent.fill(0.0);
@@ -247,11 +245,11 @@ impl MouthStream {
         self.gate = Gate::default();
     }
 
-    /// Hears `samples` at the model's rate, mono, and calls `frame` for each frame that is known
-    /// with them, in order. Samples that are no sound are silence. Never allocates.
+    /// Takes `samples` at the model's rate, mono, and calls `frame` for each frame that becomes known, in
+    /// order. Treats samples that are not finite or too large as silence. Never allocates.
     ///
     /// # Errors
-    /// [`StepError::NotFinite`] where the model's weights are defective.
+    /// [`StepError::NotFinite`] if the model's weights are defective.
     pub fn push(
         &mut self,
         mouth: &Mouth,
@@ -284,8 +282,8 @@ impl MouthStream {
         Ok(())
     }
 
-    /// Ends the stream with silence: the frames of all samples that were not given yet. Push nothing
-    /// after it but [`Self::reset`] it.
+    /// Ends the stream with silence: emits the remaining frames of all pushed samples. The stream must then
+    /// be [reset](Self::reset) before the next push.
     ///
     /// # Errors
     /// As [`Self::push`].
@@ -308,8 +306,8 @@ impl MouthStream {
         self.gate.open()
     }
 
-    /// How loud the voice is by the level control, in decibels below full scale: power summed over
-    /// the mel bands, relative to that of white noise of root mean square 1.
+    /// Level of the voice according to the level control, in dB of full scale: power summed over the mel
+    /// bands, relative to that of white noise with a root mean square of 1.
     pub fn level_db(&self, mouth: &Mouth) -> f32 {
         mouth.control.decibels(self.level)
     }
@@ -324,7 +322,7 @@ impl MouthStream {
         self.gate.state(pass)
     }
 
-    /// The row whose window `recent` starts with.
+    /// Computes the row whose window `recent` starts with.
     fn row(&mut self, mouth: &Mouth, isa: Isa) -> Result<(), StepError> {
         let (sizes, scratch) = (&mouth.sizes, &mut self.scratch);
         mouth.spectrum.power(&mut scratch.spectrum, &self.recent[..sizes.window], &mut scratch.power);
@@ -339,7 +337,7 @@ impl MouthStream {
         Ok(())
     }
 
-    /// The frame of the last rows.
+    /// Computes the frame of the last rows.
     fn frame(&mut self, mouth: &Mouth, isa: Isa) -> Result<(), StepError> {
         let outputs = mouth.network.run(isa, &mut self.history, &mut self.scratch.network, &self.rows)?;
         check_finite(outputs, "the mouth's channels")?;
@@ -353,7 +351,7 @@ impl MouthStream {
 }
 
 impl Mouth {
-    /// A row's normalised features `[bands + LEVEL_FEATURES]` from its bands' energies and the
+    /// Computes a row's normalised features `[bands + LEVEL_FEATURES]` from its bands' energies and the
     /// logarithm of their sum.
     fn features(&self, energies: &[f32], energy: f32, level: Level, row: &mut [f32]) {
         let logarithms = energies.iter().map(|energy| energy.max(self.sizes.floor).ln());
@@ -364,7 +362,7 @@ impl Mouth {
     }
 }
 
-/// A number of samples that fits a buffer.
+/// Converts a number of samples that fits a buffer.
 fn as_index(samples: u64) -> usize {
     usize::try_from(samples).expect("at most a buffer's length")
 }
@@ -384,7 +382,7 @@ mod tests {
         frames
     }
 
-    /// A state taken within a row, put into another stream, goes on with the same bits.
+    /// A state saved within a row and loaded into another stream continues with the same bits.
     #[test]
     fn a_restored_stream_goes_on() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit/model.safetensors");

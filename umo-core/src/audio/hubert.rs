@@ -1,9 +1,9 @@
-//! HuBERT as Hugging Face's `HubertModel` computes it, up to the layer that the file ends with.
+//! HuBERT as in Hugging Face's `HubertModel`, up to the last layer in the file.
 //!
-//! Convolutions run once per feature, the layers that look around once per window. The group norm
-//! of the first convolution and the waveform's normalisation need statistics over time; both are
-//! kept of the samples as they came: with a bias-free convolution, normalising the waveform to
-//! variance 1 only changes what the group norm's epsilon is measured against.
+//! Convolutions run once per feature, layers with context once per window. The group norm of the first
+//! convolution and the normalisation of the waveform need statistics over time. Both are computed over the
+//! raw samples: the convolution has no bias, so normalising the waveform to variance 1 only rescales the
+//! group norm's epsilon.
 
 use umo_kernels::activation;
 use umo_kernels::activation::Activation;
@@ -20,17 +20,15 @@ use crate::state::{StateError, StatePass};
 use crate::team::zip_split;
 use crate::weights::{AlignedBox, Loader, load_layers};
 
-/// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not
-/// change.
+/// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
 const GROUP_NORM_EPS: f64 = 1e-5;
-/// Added to the waveform's variance where it is normalised, as Hugging Face's feature extractor
-/// does.
+/// Added to the waveform's variance in its normalisation, as in Hugging Face's feature extractor.
 const WAVE_EPS: f64 = 1e-7;
-/// Features per pass of the convolutions where a whole file is tokenised.
+/// Number of features per pass of the convolutions.
 const BLOCK: usize = 16;
-/// Multiply-adds that an element of a norm or an activation costs, roughly.
+/// Approximate cost of one element of a norm or an activation, in multiply-adds.
 const ELEMENT_WORK: usize = 8;
-/// Outputs of the first convolution that are computed and then gone over while they are in cache.
+/// Number of outputs of the first convolution that are computed and then processed while in cache.
 const NEAR: usize = 32;
 
 const GELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Gelu);
@@ -69,31 +67,31 @@ struct Layer {
     final_norm: Norm,
 }
 
-/// Running statistics of a stream, in f64 and in the order of time: no cut of the stream changes a
-/// bit of them.
+/// Running statistics of a stream, in f64 and in temporal order, so that the splitting of the stream does not
+/// change their bits.
 #[derive(Debug)]
 pub(super) struct Statistics {
     normalise: bool,
-    /// Samples so far.
+    /// Number of samples so far.
     samples: usize,
-    /// Their sum and the sum of their squares.
+    /// Sum of the samples, and sum of their squares.
     wave: [f64; 2],
-    /// Outputs of the first convolution so far.
+    /// Number of outputs of the first convolution so far.
     outputs: usize,
-    /// Their sums and sums of squares, `[2, conv_dim[0]]`.
+    /// Sums and sums of squares of the outputs, `[2, conv_dim[0]]`.
     channels: Slice<f64>,
 }
 
-/// Room for the convolutions of one call and the layers of one window.
+/// Scratch memory for the convolutions of one call and the layers of one window.
 #[derive(Debug)]
 pub(super) struct Scratch {
     /// Outputs of convolutions 0, 2, 4 ...
     even: AlignedBox<f32>,
     /// Outputs of convolutions 1, 3, 5 ...
     odd: AlignedBox<f32>,
-    /// The group norm as one factor per channel, `[conv_dim[0]]`.
+    /// Factor of the group norm per channel, `[conv_dim[0]]`.
     scale: Box<[f32]>,
-    /// And one summand.
+    /// Summand of the group norm per channel, `[conv_dim[0]]`.
     shift: Box<[f32]>,
     /// Input of the position convolution, `[groups, window + 2 * (kernel / 2), hidden / groups]`.
     padded: AlignedBox<f32>,
@@ -110,15 +108,15 @@ pub(super) struct Scratch {
 }
 
 impl Statistics {
-    /// Forgets all audio.
+    /// Resets the statistics.
     pub(super) fn clear(&mut self) {
         (self.samples, self.wave, self.outputs) = (0, [0.0; 2], 0);
         self.channels.fill(0.0);
     }
 
-    /// Describes the statistics of a stream of so many samples.
+    /// Describes the statistics of a stream after `samples` samples.
     pub(super) fn state(&mut self, pass: &mut StatePass, samples: u64) -> Result<(), StateError> {
-        // No more outputs than samples, and those of the silence before.
+        // At most as many outputs as samples, including the outputs for silence before the stream.
         let outputs = pass.length("audio statistics", &mut self.outputs, 2 * samples.max(1))?;
         pass.must(outputs > 0 || samples == 0, "audio statistics")?;
         if pass.loads() {
@@ -139,13 +137,12 @@ impl Statistics {
         }
     }
 
-    /// The sample that normalisation makes zero: what stands for the time before the stream.
+    /// Sample value that normalisation maps to zero: it fills the time before the stream.
     pub(super) fn silence(&self) -> f32 {
         if self.normalise { single(mean(self.wave[0], self.samples)) } else { 0.0 }
     }
 
-    /// What the group norm's epsilon is multiplied by, because it is meant for the normalised
-    /// waveform.
+    /// Factor of the group norm's epsilon, which is defined for the normalised waveform.
     fn wave_variance(&self) -> f64 {
         if self.normalise { variance(self.wave[0], self.wave[1], self.samples) + WAVE_EPS } else { 1.0 }
     }
@@ -166,7 +163,7 @@ fn single(value: f64) -> f32 {
     value as f32
 }
 
-/// Outputs of a convolution without padding.
+/// Number of outputs of a convolution without padding.
 fn outputs(inputs: usize, kernel: usize, stride: usize) -> usize {
     if inputs < kernel { 0 } else { (inputs - kernel) / stride + 1 }
 }
@@ -177,7 +174,7 @@ impl Norm {
         Ok(Self { weight, bias: loader.vector(&format!("{name}.bias"), width)?, eps })
     }
 
-    /// Layer norm of every row of `x [rows, width]`.
+    /// Applies the layer norm to every row of `x [rows, width]`.
     fn apply(&self, cx: Compute, x: &[f32], rows: usize, y: &mut [f32]) -> Result<(), StepError> {
         let width = self.weight.len();
         let (x, y) = (Mat::new(x, rows, width)?, MatMut::new(y, rows, width)?);
@@ -220,8 +217,7 @@ impl Hubert {
         let mut channels = 1;
         let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
         for (i, (&dim, &kernel)) in sizes.conv_dim.iter().zip(&sizes.conv_kernel).enumerate() {
-            // Ten samples to a channel: nothing to gain, and the statistics of the group norm come
-            // from it.
+            // Only ten samples per output: nothing to gain, and the group norm's statistics come from it.
             let loader = if i == 0 { loader.exact() } else { loader.clone() };
             convolutions.push(round(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?));
             channels = dim;
@@ -234,7 +230,7 @@ impl Hubert {
             sizes: sizes.clone(),
             isa: loader.isa(),
             convolutions: convolutions.into(),
-            // Its epsilon is applied in f64, with the statistics.
+            // Its epsilon is applied in f64, together with the statistics.
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
             projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
@@ -244,19 +240,19 @@ impl Hubert {
         })
     }
 
-    /// Statistics of no audio.
+    /// Empty statistics.
     pub(super) fn statistics(&self, arena: &Arena) -> Statistics {
         let channels = arena.filled(0.0, 2 * self.sizes.conv_dim[0]);
         Statistics { normalise: self.sizes.do_normalize, samples: 0, wave: [0.0; 2], outputs: 0, channels }
     }
 
-    /// Every product whose input may be quantized.
+    /// All products whose input may be quantized.
     fn products(&self) -> impl Iterator<Item = &Linear> {
         let layers = self.layers.iter().flat_map(|layer| [&layer.qkv, &layer.out, &layer.up, &layer.down]);
         self.convolutions.iter().chain([&self.projection]).chain(layers)
     }
 
-    /// Room for the convolutions of `samples` samples and a window of `window` features.
+    /// Allocates scratch for the convolutions of `samples` samples and a window of `window` features.
     pub(super) fn scratch(&self, samples: usize, window: usize) -> Scratch {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
@@ -277,7 +273,7 @@ impl Hubert {
             dim = conv.outputs();
             len[i % 2] = len[i % 2].max(rows * dim);
         }
-        // The projection's layer norm writes where the last convolution does not.
+        // The projection's layer norm writes to the buffer that the last convolution does not.
         let last = self.convolutions.len() % 2;
         len[last] = len[last].max(rows * dim);
         let quantized = if self.products().any(Linear::is_quantized) { most_values.max(rows * dim) } else { 0 };
@@ -300,8 +296,8 @@ impl Hubert {
         }
     }
 
-    /// Adds the first convolution's outputs of a stream's new samples to the statistics, those of
-    /// the waveform being up to date. `waveform` is `reach` samples from before and the new ones.
+    /// Adds the first convolution's outputs of a stream's new samples to the statistics; the waveform's
+    /// statistics must be up to date. `waveform` holds `reach` earlier samples, then the new ones.
     pub(super) fn add_conv_outputs(
         &self,
         cx: Compute,
@@ -312,11 +308,10 @@ impl Hubert {
     ) -> Result<(), StepError> {
         let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
         let new = if statistics.samples + reach == waveform.len() {
-            // The stream's first samples: windows that begin in the silence before them do not
-            // count.
+            // The stream's first samples: windows that begin in the silence before them do not count.
             reach.div_ceil(stride)
         } else {
-            // Windows that ended before the new samples were counted when they came.
+            // Windows that end before the new samples were already counted.
             (reach + 1).saturating_sub(kernel).div_ceil(stride)
         };
         let total = outputs(waveform.len(), kernel, stride);
@@ -327,8 +322,8 @@ impl Hubert {
         }
         let x = Mat::with_stride(&waveform[new * stride..], total - new, kernel, stride)?;
         let (sums, room) = (MatMut::new(&mut statistics.channels, 2, dim)?, &mut scratch.even[..]);
-        // Each thread its own channels, in the order of time, some outputs at a time while they are
-        // in cache.
+        // Each thread handles its own channels, in temporal order, `near` outputs at a time while they are in
+        // cache.
         let near = NEAR.min(room.len() / dim).max(1);
         let work = x.rows() * dim * (kernel + ELEMENT_WORK);
         let cut = zip_split(MatMut::split_columns, |room: &'_ mut [f32], at| room.split_at_mut(at * near));
@@ -345,8 +340,8 @@ impl Hubert {
         })
     }
 
-    /// The features of block `block` of a stream's new samples, whose statistics are up to date:
-    /// `features [n, hidden]` are those of all blocks, of which this one's are overwritten.
+    /// Computes the features of block `block` of a stream's new samples; the statistics must be up to date.
+    /// `features [n, hidden]` holds all blocks; only this block's are overwritten.
     #[expect(clippy::too_many_arguments, reason = "the stream's state, the scratch, the input, which part, the output")]
     pub(super) fn extract(
         &self,
@@ -365,17 +360,17 @@ impl Hubert {
         self.convolve(cx, statistics, scratch, &waveform[start..end], features)
     }
 
-    /// Blocks that so many features are extracted in.
+    /// Number of blocks in which `features` features are extracted.
     pub(super) fn blocks(features: usize) -> usize {
         features.div_ceil(BLOCK)
     }
 
-    /// Samples that a block of at most `features` features covers.
+    /// Number of samples that a block of at most `features` features covers.
     pub(super) fn block_samples(&self, features: usize, hop: usize) -> usize {
         (features.clamp(1, BLOCK) - 1) * hop + self.sizes.receptive_field()
     }
 
-    /// Writes the feature of silence, whose samples are given, to every row of `features`.
+    /// Writes the feature of the given samples of silence to every row of `features`.
     pub(super) fn fill(
         &self,
         cx: Compute,
@@ -394,7 +389,7 @@ impl Hubert {
         Ok(())
     }
 
-    /// The whole network on a clip: statistics first, then features in blocks, then the layers.
+    /// Runs the whole network on a clip: statistics first, then features in blocks, then the layers.
     /// Allocates.
     pub(super) fn features(
         &self,
@@ -416,7 +411,7 @@ impl Hubert {
         Ok(())
     }
 
-    /// From raw samples to projected features.
+    /// Convolves raw samples to projected features.
     fn convolve(
         &self,
         cx: Compute,
@@ -432,7 +427,7 @@ impl Hubert {
         let mut rows = outputs(samples.len(), kernel, stride);
         let waves = Mat::with_stride(samples, rows, kernel, stride)?;
         let work = rows * dim * (kernel + 2 * ELEMENT_WORK);
-        // Some outputs at a time, normed while they are in cache.
+        // A few outputs at a time, normalised while they are in cache.
         cx.team.rows(MatMut::new(&mut scratch.even, rows, dim)?, work, |range, mut all| {
             for start in range.clone().step_by(NEAR) {
                 let (mut x, rest) = all.split_rows(NEAR.min(range.end - start));
@@ -461,7 +456,7 @@ impl Hubert {
         self.projection.forward(cx, &mut scratch.quant, Mat::new(y, count, dim)?, Epilogue::STORE, features)
     }
 
-    /// The group norm under the statistics so far, as one factor and one summand per channel.
+    /// Computes the group norm with the statistics so far, as one factor and one summand per channel.
     fn group_norm(&self, statistics: &Statistics, scale: &mut [f32], shift: &mut [f32]) {
         let (sums, squares) = statistics.channels.split_at(scale.len());
         let eps = GROUP_NORM_EPS * statistics.wave_variance();
@@ -473,7 +468,7 @@ impl Hubert {
         }
     }
 
-    /// The layers that look around: `features [window, hidden]` to the last layer's output.
+    /// Runs the layers with context: `features [window, hidden]` to the last layer's output.
     fn encode<'a>(&self, cx: Compute, scratch: &'a mut Scratch, features: &[f32]) -> Result<&'a [f32], StepError> {
         self.begin_encode(cx, scratch, features)?;
         let window = features.len() / self.sizes.hidden_size;
@@ -481,19 +476,19 @@ impl Hubert {
         Ok(self.encoded(scratch, window))
     }
 
-    /// What stands before the layers that look around: positions and a norm.
+    /// Runs the steps before the layers with context: positions and a norm.
     pub(super) fn begin_encode(&self, cx: Compute, scratch: &mut Scratch, features: &[f32]) -> Result<(), StepError> {
         let window = features.len() / self.sizes.hidden_size;
         self.add_positions(cx, scratch, features, window)?;
         self.norm.apply(cx, &scratch.sum, window, &mut scratch.hidden)
     }
 
-    /// Layers that look around.
+    /// Number of layers with context.
     pub(super) fn layers(&self) -> usize {
         self.layers.len()
     }
 
-    /// One of them.
+    /// Runs one of these layers.
     pub(super) fn encode_layer(
         &self,
         cx: Compute,
@@ -504,13 +499,13 @@ impl Hubert {
         self.layer(cx, &self.layers[layer], scratch, window)
     }
 
-    /// What the last of them gave, `[window, hidden]`.
+    /// Output of the last of these layers, `[window, hidden]`.
     pub(super) fn encoded<'a>(&self, scratch: &'a Scratch, window: usize) -> &'a [f32] {
         &scratch.hidden[..window * self.sizes.hidden_size]
     }
 
-    /// `sum = features + gelu(convolution of features)`, `kernel / 2` zeros on each side, and as
-    /// many rows as before.
+    /// `sum = features + gelu(convolution of features)`, padded with `kernel / 2` zeros on each side and cut
+    /// to `window` rows.
     fn add_positions(
         &self,
         cx: Compute,
@@ -552,7 +547,7 @@ impl Hubert {
         })
     }
 
-    /// One layer over `hidden`, in place.
+    /// Runs one layer over `hidden`, in place.
     fn layer(&self, cx: Compute, layer: &Layer, scratch: &mut Scratch, window: usize) -> Result<(), StepError> {
         let (dim, ffn) = (self.sizes.hidden_size, self.sizes.intermediate_size);
         let Scratch { sum, hidden, qkv, inside, quant, .. } = scratch;
@@ -566,7 +561,7 @@ impl Hubert {
         layer.final_norm.apply(cx, sum, window, hidden)
     }
 
-    /// Attention of every head: `qkv [window, 3 * hidden]`, which `input` gave, to
+    /// Attention of every head: from `qkv [window, 3 * hidden]`, the output of `input`, to
     /// `y [window, hidden]`.
     #[expect(clippy::cast_precision_loss, reason = "a head is at most 2^16 wide")]
     fn attend(&self, cx: Compute, input: &Linear, qkv: Mat<f32>, y: MatMut<f32>) -> Result<(), StepError> {

@@ -9,14 +9,14 @@ use crate::linear::{Compute, Linear, Ready};
 use crate::memory::with_capacity;
 use crate::weights::Loader;
 
-/// Centroids as a product: `|x - c|^2` is least where `x . c - |c|^2 / 2` is largest.
+/// Centroids as a product: `|x - c|^2` is smallest where `x . c - |c|^2 / 2` is largest.
 #[derive(Debug)]
 pub(super) struct Kmeans {
     product: Linear,
 }
 
 impl Kmeans {
-    /// `audio.kmeans.centroids` `[units, width]`.
+    /// Loads `audio.kmeans.centroids` `[units, width]`.
     pub(super) fn load(loader: &Loader, units: usize, width: usize) -> Result<Self, LoadError> {
         let name = "audio.kmeans.centroids";
         let centroids = loader.values(name, &[units, width])?;
@@ -25,12 +25,12 @@ impl Kmeans {
         Ok(Self { product: loader.linear(&[name.to_owned()], &[units], width)?.with_bias(bias.into()) })
     }
 
-    /// Number of different units.
+    /// Number of units.
     pub(super) fn units(&self) -> usize {
         self.product.outputs()
     }
 
-    /// The unit of each feature, the lowest of equally near ones.
+    /// Writes the unit of each feature; ties go to the lowest.
     ///
     /// Shapes: `features [rows, width]`, `scores` at least `[rows, units]` (overwritten),
     /// `units [rows]`.
@@ -44,7 +44,7 @@ impl Kmeans {
         let x = Mat::new(features, units.len(), self.product.inputs())?;
         let y = MatMut::new(scores, units.len(), self.units())?;
         self.product.apply(cx, Ready::Float(x), None, 0..self.units(), Epilogue::STORE, y)?;
-        // A score is as little finite as its feature: features need not be looked at.
+        // A non-finite feature gives non-finite scores, so features need no check.
         check_finite(&scores[..units.len() * self.units()], "audio features")?;
         for (unit, scores) in units.iter_mut().zip(scores.chunks_exact(self.units())) {
             let best = argmax(cx.isa, scores).unwrap_or(0);

@@ -1,63 +1,64 @@
-//! Level and channels of a whole recording: gains at which its speech is heard.
+//! Level and channels of a whole recording: gains that make its speech audible to the model.
 //!
-//! A stream has the level that its microphone gives it. Of a recording all samples are known: one that
-//! is far from the level of speech, whose channels cancel each other, or whose speech is in one channel
-//! of many, gets a gain for each channel. All others get ones, and keep their bits.
+//! A stream has the level of its microphone. Of a recording, all samples are known. A recording gets a gain
+//! for each channel if its level is far from that of speech, its channels cancel each other, or its speech is
+//! in one of many channels. All others get gains of one and keep their bits.
 
 use std::fmt;
 
 use super::MAX_AMPLITUDE;
 
-/// Most channels that are measured, as many as a session takes.
+/// Maximum number of channels that are measured, the same as for a session.
 pub const MAX_CHANNELS: usize = 64;
 
 /// Nominal level of speech in dB of full scale, as in ITU-T P.56 and G.191.
 const NOMINAL: f64 = -26.0;
-/// Levels in dB of full scale that are left as they are: the mouth follows all of them alike.
+/// Levels in dB of full scale that are not changed: the mouth follows all of them alike.
 const PLAIN: std::ops::RangeInclusive<f64> = -42.0..=6.0;
-/// Levels in dB of full scale below this are noise of 16-bit samples.
+/// Levels in dB of full scale below this are the noise of 16-bit samples.
 const SILENT: f64 = -80.0;
-/// Least distance in dB between speech and its pauses. Steadier sounds are noise, and stay quiet.
+/// Minimum distance in dB between speech and its pauses. Steadier sounds are noise, and stay quiet.
 const CONTRAST: f64 = 10.0;
-/// Power by which opposite channels must lose in their mean before one is turned over: correlation
-/// below -0.6.
+/// Factor by which the mean of opposite channels must lose power before one is inverted: correlation below
+/// -0.6.
 const CANCELLED: f64 = 4.0;
-/// Least power of a centre channel, relative to the loudest one, that makes it the voice's.
+/// Minimum power of a centre channel, relative to the loudest, for it to be the voice's.
 const CENTRE: f64 = 0.01;
-/// A peak that no float samples of full scale 1 have: they are integers of 16 bits.
+/// A peak above that of any float samples with full scale 1: the samples are 16-bit integers.
 const INTEGER_PEAK: f64 = 256.0;
 const INTEGER_SCALE: f32 = 1.0 / 32768.0;
-/// Histogram bins per factor of two of power, as a power of two itself.
+/// Histogram bins per factor of two of power, as a base-2 logarithm.
 const BIN_BITS: u32 = 3;
 const BINS: usize = 128 << BIN_BITS;
-/// The lowest bin's exponent: -193 dB.
+/// Biased exponent of the lowest bin: -193 dB.
 const LOWEST: i64 = 1023 - 64;
 
-/// Measures a whole recording, block by block. However it is cut, the result has the same bits, on
+/// Measures a whole recording, block by block. The result has the same bits for any split into blocks, on
 /// every machine.
 #[derive(Clone, Debug)]
 pub struct Meter {
     channels: usize,
-    /// Samples of each channel in 20 ms.
+    /// Number of samples per channel in 20 ms.
     hop: usize,
     filled: usize,
-    /// Sum and sum of squares of each channel in this hop, the mean of all last.
+    /// Sum and sum of squares of each channel in this hop; the last entry is the mean of all channels.
     sums: [(f64, f64); MAX_CHANNELS + 1],
     hops: u64,
     /// Largest sample.
     peak: f64,
-    /// Hops by the power of each channel, the mean of all last; those without any are in no bin.
+    /// Histogram of hops by power, for each channel; the last entry is the mean of all channels. Hops without
+    /// power are not counted.
     bins: Vec<[u64; BINS]>,
-    /// Sums of the products of each two channels, without what they have in every sample of a hop.
+    /// Sums of the products of each two channels, after subtracting each channel's mean in a hop.
     products: [[f64; MAX_CHANNELS]; MAX_CHANNELS],
     hop_products: [[f64; MAX_CHANNELS]; MAX_CHANNELS],
 }
 
 impl Meter {
-    /// A meter of `channels` at `sample_rate` Hz.
+    /// Creates a meter of `channels` at `sample_rate` Hz.
     ///
     /// # Panics
-    /// Where `channels` is not 1..=[`MAX_CHANNELS`].
+    /// If `channels` is not 1..=[`MAX_CHANNELS`].
     pub fn new(channels: usize, sample_rate: usize) -> Self {
         assert!((1..=MAX_CHANNELS).contains(&channels), "1 to {MAX_CHANNELS} channels");
         Self {
@@ -73,7 +74,7 @@ impl Meter {
         }
     }
 
-    /// Takes interleaved samples of whole frames. Those that are unusable count as silence.
+    /// Takes interleaved samples of whole frames. Unusable samples count as silence.
     pub fn push(&mut self, interleaved: &[f32]) {
         for frame in interleaved.chunks_exact(self.channels) {
             let mut mean = 0.0;
@@ -116,8 +117,8 @@ impl Meter {
         }
     }
 
-    /// Gains of everything pushed so far. `centre` is the channel in front of the listener, if the
-    /// recording has one.
+    /// Returns the gains for all samples pushed so far. `centre` is the channel in front of the listener, if
+    /// the recording has one.
     pub fn gains(&self, centre: Option<usize>) -> Gains {
         let mut gains = Gains { gains: [1.0; MAX_CHANNELS], channels: self.channels, findings: Vec::new() };
         let power = |at: usize| self.products[at][at];
@@ -152,8 +153,8 @@ impl Meter {
         gains
     }
 
-    /// Power of the plain mean; signs that turn channels over which are opposite to the loudest one;
-    /// power of the mean with these.
+    /// Returns the power of the plain mean, signs that invert the channels opposite to the loudest one, and
+    /// the power of the mean with these signs.
     fn turned(&self, loudest: usize) -> (f64, [f32; MAX_CHANNELS], f64) {
         let product = |a: usize, b: usize| self.products[a.max(b)][a.min(b)];
         let mut signs = [1.0; MAX_CHANNELS];
@@ -169,7 +170,7 @@ impl Meter {
     }
 }
 
-/// A sample as [`silence_unusable`](super::silence_unusable) leaves it.
+/// Returns a sample as [`silence_unusable`](super::silence_unusable) leaves it.
 fn usable(sample: f32) -> f64 {
     if (-MAX_AMPLITUDE..=MAX_AMPLITUDE).contains(&sample) { f64::from(sample) } else { 0.0 }
 }
@@ -179,7 +180,7 @@ fn add(sums: &mut (f64, f64), sample: f64) {
     sums.1 += sample * sample;
 }
 
-/// The bin of a power, by its bits: no function that machines round differently.
+/// Histogram bin of a power. Uses only its bits, not functions that machines round differently.
 fn bin(power: f64) -> Option<usize> {
     if power <= 0.0 {
         return None;
@@ -188,21 +189,21 @@ fn bin(power: f64) -> Option<usize> {
     usize::try_from(bin).ok().map(|bin| bin.min(BINS - 1))
 }
 
-/// The power in a bin's middle.
+/// Power at the middle of a bin.
 fn power(bin: usize) -> f64 {
     let bits = (((bin as u64) + (LOWEST.cast_unsigned() << BIN_BITS)) << (52 - BIN_BITS)) | 1 << (51 - BIN_BITS);
     f64::from_bits(bits)
 }
 
 struct Level {
-    /// Speech, in dB of full scale.
+    /// Level of speech, in dB of full scale.
     level: f64,
-    /// Its distance to the pauses, in dB.
+    /// Distance of speech to the pauses, in dB.
     contrast: f64,
 }
 
 impl Level {
-    /// A power of two, which rounds no sample.
+    /// Gain to the nominal level: a power of two, which rounds no sample. Silence and quiet noise get 1.
     #[expect(clippy::cast_possible_truncation, reason = "a power of two of at most 200 dB")]
     fn gain(&self) -> f32 {
         if self.level < SILENT || self.level < NOMINAL && self.contrast < CONTRAST {
@@ -212,8 +213,8 @@ impl Level {
     }
 }
 
-/// Level of the hops within 20 dB of the loud ones, which are those of half a second; of a short
-/// recording, a tenth of it. None without any sound.
+/// Level of the hops within 20 dB of the loud ones. These are the loudest half second, or the loudest tenth
+/// of a short recording. `None` without any sound.
 fn level(bins: &[u64; BINS], hops: u64, factor: f64) -> Option<Level> {
     let many = (hops / 10).clamp(1, 25);
     let mut count = 0;
@@ -226,7 +227,7 @@ fn level(bins: &[u64; BINS], hops: u64, factor: f64) -> Option<Level> {
     let (sum, count) =
         active.fold((0.0, 0), |(sum, count), bin| (sum + power(bin) * bins[bin] as f64, count + bins[bin]));
     let active = sum / count as f64;
-    // The quietest tenth. Hops without any sound are in no bin.
+    // The quietest tenth. Hops without any sound are not in a bin.
     let silent = hops - bins.iter().sum::<u64>();
     let mut below = silent;
     let floor = (0..BINS).find(|&bin| {
@@ -242,12 +243,12 @@ fn decibels(power: f64) -> f64 {
     10.0 * power.log10()
 }
 
-/// A gain for each channel, and why they are not all ones.
+/// A gain for each channel, and the reasons for gains other than one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gains {
     gains: [f32; MAX_CHANNELS],
     channels: usize,
-    /// What is not as in a plain recording; each is worth one line.
+    /// Differences from a plain recording; each is worth one line of output.
     pub findings: Vec<Finding>,
 }
 
@@ -256,12 +257,12 @@ impl Gains {
         self.gains.iter_mut().for_each(|channel| *channel *= gain);
     }
 
-    /// What each channel is multiplied with before their mean.
+    /// Factor of each channel, applied before their mean.
     pub fn channels(&self) -> &[f32] {
         &self.gains[..self.channels]
     }
 
-    /// Multiplies interleaved samples; leaves those of a plain recording as they are.
+    /// Multiplies interleaved samples by the gains; samples of a plain recording stay unchanged.
     pub fn apply(&self, interleaved: &mut [f32]) {
         if self.channels().iter().all(|&gain| gain == 1.0) {
             return;
@@ -274,26 +275,26 @@ impl Gains {
     }
 }
 
-/// Why the channels of a recording do not all have a gain of one.
+/// Reason for a channel gain other than one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Finding {
-    /// Channels cancel each other in their mean, and some were turned over.
+    /// Channels cancel each other in their mean, and some were inverted.
     Opposite,
-    /// The channel in front of the listener alone is heard.
+    /// Only the channel in front of the listener is used.
     Centre {
-        /// Its number, from 0.
+        /// Number of the channel, from 0.
         channel: usize,
     },
     /// Float samples are at the scale of 16-bit integers.
     Integers {
-        /// The largest one.
+        /// The largest sample.
         peak: f64,
     },
-    /// Speech is far from its usual level.
+    /// Speech is far from its nominal level.
     Level {
-        /// In dB of full scale.
+        /// Measured level, in dB of full scale.
         level: f64,
-        /// The level is brought to the usual one; noise is left as it is.
+        /// Whether the level is changed to the nominal one; noise is not changed.
         is_heard: bool,
     },
 }
@@ -381,7 +382,7 @@ mod tests {
         let speech = speech();
         let found = gains(&speech, [0.1, 0.1, 1.0, 0.0, 0.0, 0.0], Some(2));
         assert_eq!(found.channels(), [0.0, 0.0, 6.0, 0.0, 0.0, 0.0]);
-        // A silent one is not, and two channels have none.
+        // A silent centre is not used, and two channels have no centre.
         for found in [gains(&speech, [1.0, 1.0, 0.0], Some(2)), gains(&speech, [1.0, 1.0], Some(1))] {
             assert!(found.findings.is_empty(), "{found:?}");
         }

@@ -1,5 +1,5 @@
-//! Log-mel features with causal differences, and a small network on the last of them: the tokenizer
-//! of small models.
+//! Log-mel features with causal differences, and a small network over recent features: the tokenizer of small
+//! models.
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
@@ -14,7 +14,7 @@ use crate::weights::Loader;
 
 use super::spectrum::{Spectrum, SpectrumScratch};
 
-/// Between the network's layers.
+/// Epilogue between the network's layers.
 const RELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Relu);
 
 /// Log-mel features.
@@ -27,36 +27,35 @@ pub(super) struct Mel {
     mean: Box<[f32]>,
     /// `[bands width]`.
     scale: Box<[f32]>,
-    /// Layers on the last features; none where these are what units are of.
+    /// Layers over recent features; empty if units are computed from the features themselves.
     network: Box<[Linear]>,
-    /// Between the first layer and the others.
+    /// Blocks between the first layer and the others.
     blocks: Box<[Block]>,
-    /// Rows that a block reads.
+    /// Number of rows that a block reads.
     kernel: usize,
 }
 
 /// `x + pointwise(relu(causal(x)))`.
 #[derive(Debug)]
 struct Block {
-    /// Over a row and the `kernel - 1` before it.
+    /// Convolution over a row and the `kernel - 1` rows before it.
     causal: Linear,
     pointwise: Linear,
 }
 
-/// What a stream remembers.
+/// State of a stream.
 #[derive(Debug)]
 pub(super) struct Past {
-    /// The last two rows of every order of differences but the highest: `[deltas, 2, bands]`, older
-    /// first.
+    /// The last two rows of every order of differences except the highest: `[deltas, 2, bands]`, older first.
     differences: Slice<f32>,
-    /// The last features that the network looks back to: `[taps - 1, bands width]`, oldest first.
+    /// The last features in the network's history: `[taps - 1, bands width]`, oldest first.
     rows: Slice<f32>,
-    /// The last rows that each block looks back to: `[blocks, kernel - 1, width]`, oldest first.
+    /// The last rows in each block's history: `[blocks, kernel - 1, width]`, oldest first.
     blocks: Slice<f32>,
 }
 
 impl Past {
-    /// Describes it.
+    /// Describes the state.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.f32s(&mut self.differences)?;
         pass.f32s(&mut self.rows)?;
@@ -64,7 +63,7 @@ impl Past {
     }
 }
 
-/// Room for the frames of one call.
+/// Scratch memory for the frames of one call.
 #[derive(Debug)]
 pub(super) struct Scratch {
     spectrum: SpectrumScratch,
@@ -72,13 +71,13 @@ pub(super) struct Scratch {
     power: Box<[f32]>,
     /// `[frames, bands]`.
     energy: Box<[f32]>,
-    /// What the network looks back to, then the new features: `[taps - 1 + frames, bands width]`.
+    /// The network's history, then the new features: `[taps - 1 + frames, bands width]`.
     rows: Box<[f32]>,
-    /// Outputs of every layer but the last, by turns: each `[frames, widest]`.
+    /// Outputs of every layer except the last, alternating: each `[frames, widest]`.
     layers: [Box<[f32]>; 2],
-    /// What a block looks back to, then its input: `[kernel - 1 + frames, width]`.
+    /// A block's history, then its input: `[kernel - 1 + frames, width]`.
     block: Box<[f32]>,
-    /// What is heard of silence after silence: `[width]`.
+    /// Feature of silence after silence: `[width]`.
     silence: Box<[f32]>,
 }
 
@@ -110,7 +109,7 @@ impl Mel {
         })
     }
 
-    /// What a stream remembers; [`Mel::begin`] makes it that of a new stream.
+    /// Allocates the state of a stream; [`Mel::begin`] initialises it.
     pub(super) fn past(&self, arena: &Arena) -> Past {
         Past {
             differences: arena.filled(0.0, self.sizes.deltas * 2 * self.sizes.bands),
@@ -119,17 +118,17 @@ impl Mel {
         }
     }
 
-    /// Features before its own that the network takes for a token.
+    /// Number of earlier features that the network reads for a token.
     fn back(&self) -> usize {
         self.sizes.network.as_ref().map_or(0, |network| network.taps - 1)
     }
 
-    /// Values of the rows before its own that a block looks back to.
+    /// Number of values in the history of one block.
     fn block_back(&self) -> usize {
         self.blocks.first().map_or(0, |block| (self.kernel - 1) * block.pointwise.outputs())
     }
 
-    /// Room for `frames` frames per call.
+    /// Allocates scratch for `frames` frames per call.
     pub(super) fn scratch(&self, frames: usize) -> Scratch {
         let frames = frames.max(1);
         Scratch {
@@ -143,12 +142,12 @@ impl Mel {
         }
     }
 
-    /// Most outputs of a layer that is not the last.
+    /// Maximum number of outputs of any layer except the last.
     fn widest(&self) -> usize {
         self.network.iter().rev().skip(1).map(Linear::outputs).max().unwrap_or(0)
     }
 
-    /// Before the first feature there is silence, whose differences are zero, for as long as the network looks back.
+    /// Sets the history to silence, with differences of zero, and computes the feature of silence.
     pub(super) fn begin(&self, cx: Compute, past: &mut Past, scratch: &mut Scratch) -> Result<(), StepError> {
         past.rows.chunks_exact_mut(self.sizes.bands_width()).for_each(|row| self.silence(row));
         for (order, rows) in past.differences.chunks_exact_mut(2 * self.sizes.bands).enumerate() {
@@ -165,7 +164,7 @@ impl Mel {
         Ok(())
     }
 
-    /// The normalised log-mel feature of silence.
+    /// Writes the normalised log-mel feature of silence.
     fn silence(&self, row: &mut [f32]) {
         let (log, differences) = row.split_at_mut(self.sizes.bands);
         log.fill(self.sizes.floor.ln());
@@ -173,13 +172,13 @@ impl Mel {
         self.normalise(row);
     }
 
-    /// Writes what is heard of silence after silence to every row of `features`, after [`Mel::begin`].
+    /// Writes the feature of silence after silence to every row of `features`, after [`Mel::begin`].
     pub(super) fn fill(&self, scratch: &Scratch, features: &mut [f32]) {
         features.chunks_exact_mut(self.sizes.width()).for_each(|row| row.copy_from_slice(&scratch.silence));
     }
 
-    /// Feature `j` from `samples[hop * j .. hop * j + window]`, as many as `features [n, width]`
-    /// has rows.
+    /// Computes feature `j` from `samples[hop * j .. hop * j + window]`, for every row of
+    /// `features [n, width]`.
     pub(super) fn extract(
         &self,
         cx: Compute,
@@ -211,8 +210,8 @@ impl Mel {
         self.listen(cx, past, scratch, features)
     }
 
-    /// The network's outputs, or the rows themselves, for the last rows of the scratch:
-    /// `features [n, width]`.
+    /// Writes the network's outputs for the last rows of the scratch to `features [n, width]`, or the rows
+    /// themselves without a network.
     fn listen(
         &self,
         cx: Compute,
@@ -227,7 +226,7 @@ impl Mel {
         };
         let [read, write] = &mut scratch.layers;
         let (mut read, mut write) = (read, write);
-        // A token's row starts where its oldest feature does: the rows overlap.
+        // A token's row starts at its oldest feature, so rows overlap.
         let mut x = Mat::with_stride(&scratch.rows, count, (self.back() + 1) * width, width)?;
         for (i, layer) in layers.iter().enumerate() {
             let y = MatMut::new(write, count, layer.outputs())?;
@@ -242,7 +241,7 @@ impl Mel {
         last.apply(cx, Ready::Float(x), None, 0..last.outputs(), Epilogue::STORE, y)
     }
 
-    /// All blocks on `x [count, width]`, and ReLU behind them.
+    /// Applies all blocks to `x [count, width]`, then ReLU.
     fn residual(
         &self,
         cx: Compute,
@@ -270,7 +269,7 @@ impl Mel {
         Ok(())
     }
 
-    /// Each order from the one below: half the change over the last two rows.
+    /// Computes each order from the one below: half the change over the last two rows.
     fn differences(&self, past: &mut [f32], row: &mut [f32]) {
         let bands = self.sizes.bands;
         for (order, rows) in past.chunks_exact_mut(2 * bands).enumerate() {

@@ -1,4 +1,4 @@
-//! Any sample rate to the model's, any number of channels to one.
+//! Conversion of any sample rate to the model's, and of any number of channels to one.
 
 #[cfg(feature = "resample")]
 mod filter;
@@ -14,45 +14,45 @@ use crate::state::{StateError, StatePass};
 use filter::Filter;
 pub(crate) use filter::FilterPlan;
 
-/// Lowest sample rate that is taken, per second.
+/// Lowest accepted sample rate, per second.
 pub const MIN_RATE: usize = 1_000;
-/// Highest sample rate that is taken, per second.
+/// Highest accepted sample rate, per second.
 pub const MAX_RATE: usize = 768_000;
 
-/// A stream of samples at one rate to another, mono.
+/// Streaming conversion of mono samples from one rate to another.
 ///
-/// The filter's delay is taken off, so that output sample `i` is at the time of input sample
-/// `i * rate_in / rate_out`. Each is a sum over the same inputs in the same order: how samples are
-/// cut into pushes changes nothing.
+/// The filter's delay is compensated, so output sample `i` is at the time of input sample
+/// `i * rate_in / rate_out`. Each output is a sum over the same inputs in the same order, regardless of how
+/// samples are split into pushes.
 #[derive(Debug)]
 pub struct Resampler {
     rate_in: usize,
     rate_out: usize,
-    /// None where the rates are equal.
+    /// `None` if the rates are equal.
     filter: Option<Filter>,
-    /// Samples taken so far.
+    /// Number of input samples so far.
     taken: usize,
-    /// Samples given out so far.
+    /// Number of output samples so far.
     given: usize,
 }
 
 impl Resampler {
-    /// From `rate_in` to `rate_out` samples per second, each 1,000 to 768,000.
+    /// Creates a resampler from `rate_in` to `rate_out` samples per second, each 1,000 to 768,000.
     ///
     /// # Errors
-    /// [`StepError::OutOfRange`] for any other rate; [`StepError::Disagree`] for two rates where
-    /// this library was built without the feature `resample`.
+    /// [`StepError::OutOfRange`] for any other rate; [`StepError::Disagree`] for different rates if this
+    /// library was built without the feature `resample`.
     pub fn new(rate_in: usize, rate_out: usize) -> Result<Self, StepError> {
         Ok(Self::new_in(rate_in, rate_out, plan(rate_in, rate_out)?, &Arena::system()))
     }
 
-    /// The same in memory of `arena`, with the [`plan`] of these rates.
+    /// Like [`Self::new`], in memory of `arena`, with the [`plan`] of these rates.
     pub(crate) fn new_in(rate_in: usize, rate_out: usize, plan: Option<Arc<FilterPlan>>, arena: &Arena) -> Self {
         let filter = plan.map(|plan| Filter::new_in(plan, arena));
         Self { rate_in, rate_out, filter, taken: 0, given: 0 }
     }
 
-    /// Takes samples and gives to `out` what can be computed of them, in pieces. Never allocates.
+    /// Takes samples and passes the outputs that can be computed to `out`, in pieces. Never allocates.
     pub fn push(&mut self, samples: &[f32], mut out: impl FnMut(&[f32])) {
         self.taken += samples.len();
         let given = &mut self.given;
@@ -68,7 +68,8 @@ impl Resampler {
 
     /// Flushes the filter as if silence followed, and resets it. Never allocates.
     ///
-    /// Of `n` samples taken since the start, `round(n * rate_out / rate_in)` are then given in all.
+    /// After `n` input samples since the start, the total output is then `round(n * rate_out / rate_in)`
+    /// samples.
     pub fn finish(&mut self, mut out: impl FnMut(&[f32])) {
         if let Some(filter) = &mut self.filter {
             let mut missing = rounded(self.taken, self.rate_out, self.rate_in) - self.given;
@@ -83,7 +84,7 @@ impl Resampler {
         self.reset();
     }
 
-    /// Back to the start of a stream.
+    /// Resets the resampler to the start of a stream.
     pub fn reset(&mut self) {
         (self.taken, self.given) = (0, 0);
         if let Some(filter) = &mut self.filter {
@@ -91,8 +92,8 @@ impl Resampler {
         }
     }
 
-    /// Describes the stream after `taken` samples, which its owner counts too; samples that
-    /// [`Self::finish`] would give. All else follows from the samples.
+    /// Describes the stream after `taken` samples, a count that its owner also stores. Returns the number of
+    /// samples that [`Self::finish`] would output. The other counts follow from `taken`.
     #[expect(clippy::cast_possible_truncation, reason = "no more samples than were taken at a time")]
     pub(crate) fn state(&mut self, pass: &mut StatePass, taken: u64) -> Result<usize, StateError> {
         let (given, all) = match &mut self.filter {
@@ -108,24 +109,24 @@ impl Resampler {
         Ok((all - given) as usize)
     }
 
-    /// Most samples that the next `count` samples make it give.
+    /// Upper bound on the outputs of the next `count` samples.
     pub fn most_given(&self, count: usize) -> usize {
         self.filter.as_ref().map_or(count, |filter| filter.most_given(count))
     }
 
-    /// Most samples, at the rate of the input, by which the filter delays a sample of output.
+    /// Upper bound on the filter's delay of an output sample, in input samples.
     pub fn most_delay(&self) -> usize {
         most_delay(self.rate_in, self.rate_out)
     }
 
-    /// Most samples that [`Self::finish`] can give.
+    /// Upper bound on the outputs of [`Self::finish`].
     pub fn most_left(&self) -> usize {
         self.filter.as_ref().map_or(0, Filter::most_left)
     }
 }
 
-/// That both rates are 1,000 to 768,000, and equal where this library was built without the feature
-/// `resample`.
+/// Checks that both rates are 1,000 to 768,000, and that they are equal if this library was built without the
+/// feature `resample`.
 pub(crate) fn check_rates(rate_in: usize, rate_out: usize) -> Result<(), StepError> {
     for got in [rate_in, rate_out] {
         if !(MIN_RATE..=MAX_RATE).contains(&got) {
@@ -139,7 +140,7 @@ pub(crate) fn check_rates(rate_in: usize, rate_out: usize) -> Result<(), StepErr
     }
 }
 
-/// What resamplers between two rates share; none where the rates are equal.
+/// Shared plan of the resamplers between two rates; `None` if the rates are equal.
 ///
 /// # Errors
 /// As [`Resampler::new`].
@@ -150,11 +151,12 @@ pub(crate) fn plan(rate_in: usize, rate_out: usize) -> Result<Option<Arc<FilterP
 
 /// [`Resampler::most_delay`] between two rates.
 pub(crate) fn most_delay(rate_in: usize, rate_out: usize) -> usize {
-    // A sample ends as much later than it begins as it is long.
+    // From the end of an output sample, `rate_in / rate_out` after its start, to the end of the last input
+    // that it needs.
     if rate_in == rate_out { 0 } else { filter::half_length(rate_in, rate_out) + 1 - rate_in / rate_out }
 }
 
-/// A whole recording at another rate, `round(n * rate_out / rate_in)` samples.
+/// Converts a whole recording to another rate: `round(n * rate_out / rate_in)` samples.
 ///
 /// # Errors
 /// [`StepError::OutOfRange`] for rates outside [`MIN_RATE`] to [`MAX_RATE`].
@@ -166,17 +168,17 @@ pub fn to_rate(samples: &[f32], rate_in: usize, rate_out: usize) -> Result<Vec<f
     Ok(out)
 }
 
-/// `round(n * up / down)`, halves up, with no overflow for any clip that fits in memory.
+/// `round(n * up / down)`, halves up, without overflow for any clip that fits in memory.
 fn rounded(n: usize, up: usize, down: usize) -> usize {
     let (n, up, down) = (n as u128, up as u128, down as u128);
     usize::try_from((2 * n * up + down) / (2 * down)).expect("at most 768 times what memory holds")
 }
 
-/// Writes the mean of each frame's channels, in f64, so that channels near the largest f32 still
-/// have a finite sum. An incomplete last frame is left out.
+/// Writes the mean of each frame's channels. Sums in f64, so that channels near the largest f32 still have a
+/// finite sum. Ignores an incomplete last frame.
 ///
 /// # Panics
-/// Where `channels` is 0, or `mono` is shorter than there are frames.
+/// If `channels` is 0, or `mono` is shorter than the number of frames.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
 pub fn mix(interleaved: &[f32], channels: usize, mono: &mut [f32]) {
     assert!(channels > 0, "a frame has at least one channel");

@@ -1,4 +1,4 @@
-//! Power spectra of windowed frames and the mel bands of them.
+//! Power spectra of windowed frames, and their mel bands.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -12,22 +12,22 @@ use crate::linear::Linear;
 use crate::memory::{self, Arena, Slice};
 use crate::weights::Loader;
 
-/// Power spectra of real numbers. Numbers at even and odd places are the real and imaginary parts of
-/// one complex transform of half the length.
+/// Power spectra of real numbers. Even and odd elements are the real and imaginary parts of one complex
+/// transform of half the length.
 ///
-/// That transform is rustfft's scalar one, with the same bits on every instruction set. The SIMD ones
-/// would be a third of this crate's code, and a spectrum is a small part of a chunk.
+/// The transform is rustfft's scalar one, with the same bits on every instruction set. The SIMD transforms
+/// would make up a third of this crate's code, and a spectrum is a small part of a chunk's time.
 struct PowerTransform {
-    /// Of `length / 2` complex numbers.
+    /// Transform of `length / 2` complex numbers.
     half: Arc<dyn Fft<f64>>,
     /// `exp(-2πik / length)`, `[length / 4 + 1]`.
     twiddles: Box<[Complex<f64>]>,
 }
 
 impl PowerTransform {
-    /// `length` is even and not 0. Unwinds to [`memory::catch`] where there is no memory.
+    /// `length` is even and not 0. If memory runs out, unwinds to [`memory::catch`].
     fn new(length: usize) -> Self {
-        // More than what the planner allocates, which would end the process without it.
+        // More than the planner allocates; its own allocation failure would abort the process.
         memory::require(64 * length);
         let step = -2.0 * PI / length as f64;
         Self {
@@ -44,8 +44,7 @@ impl PowerTransform {
         }
     }
 
-    /// `power` `[length / 2 + 1]` of `values`, with zeros behind them where they are fewer than the
-    /// length.
+    /// Writes the power spectrum `power` `[length / 2 + 1]` of `values`, padded with zeros to the length.
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of the filters")]
     fn power(&self, scratch: &mut SpectrumScratch, mut values: impl Iterator<Item = f64>, power: &mut [f32]) {
         let SpectrumScratch { pairs, work } = scratch;
@@ -53,7 +52,7 @@ impl PowerTransform {
             *pair = Complex::new(values.next().unwrap_or(0.0), values.next().unwrap_or(0.0));
         }
         self.half.process_with_scratch(pairs, work);
-        // The transforms of the even and of the odd places give bin k, and bin half - k.
+        // The transforms of the even and odd elements give bin `k` and bin `half - k`.
         let half = pairs.len();
         for (k, &twiddle) in self.twiddles.iter().enumerate() {
             let (value, mirrored) = (pairs[k], pairs[(half - k) % half].conj());
@@ -67,8 +66,7 @@ impl PowerTransform {
 
 /// A window, a Fourier transform and mel filters.
 ///
-/// Energies of quiet bands stand beside loud ones, and their logarithms count as much: the
-/// transform is in f64.
+/// Quiet bands are as important as loud ones, since their logarithms count equally: the transform is in f64.
 pub(crate) struct Spectrum {
     /// `[window]`.
     window: Box<[f32]>,
@@ -89,7 +87,7 @@ impl fmt::Debug for Spectrum {
 pub(crate) struct SpectrumScratch {
     /// `[fft / 2]`.
     pairs: Slice<Complex<f64>>,
-    /// The transform's own.
+    /// Scratch memory of the transform.
     work: Slice<Complex<f64>>,
 }
 
@@ -114,17 +112,17 @@ impl Spectrum {
         self.transform.scratch(arena)
     }
 
-    /// Values of a power spectrum.
+    /// Number of values of a power spectrum.
     pub(crate) fn bins(&self) -> usize {
         self.filters.inputs()
     }
 
-    /// `[window]`.
+    /// The window's weights, `[window]`.
     pub(crate) fn window(&self) -> &[f32] {
         &self.window
     }
 
-    /// The power spectrum `[bins]` of one windowed frame, padded with zeros at its end.
+    /// Computes the power spectrum `[bins]` of one windowed frame, padded with zeros at its end.
     pub(crate) fn power(&self, scratch: &mut SpectrumScratch, samples: &[f32], power: &mut [f32]) {
         let windowed = samples.iter().zip(&self.window).map(|(&sample, &weight)| f64::from(sample) * f64::from(weight));
         self.transform.power(scratch, windowed, power);
@@ -138,7 +136,7 @@ mod tests {
 
     use super::*;
 
-    /// The definition of a Fourier transform.
+    /// Power spectrum by the definition of the Fourier transform.
     fn power_by_definition(values: &[f64], length: usize) -> Vec<f64> {
         let bin = |k: usize| -> f64 {
             let term = |(i, &value): (usize, &f64)| {
@@ -150,7 +148,7 @@ mod tests {
     }
 
     proptest! {
-        /// Every even length, powers of two and primes among them, and fewer values than that.
+        /// Every even length, including powers of two and twice a prime, and no more values than the length.
         #[test]
         fn power_is_that_of_the_definition(
             (length, values) in (1..=300_usize).prop_flat_map(|half| (Just(2 * half), vec(-1.0..=1.0_f64, 0..=2 * half))),

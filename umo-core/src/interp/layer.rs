@@ -1,5 +1,5 @@
-//! A pre-norm transformer layer as PyTorch's
-//! `nn.TransformerEncoderLayer(norm_first=True, activation="gelu")` has it.
+//! A pre-norm transformer layer, equivalent to PyTorch's
+//! `nn.TransformerEncoderLayer(norm_first=True, activation="gelu")`.
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ use crate::linear::{Compute, Linear, QuantScratch};
 use crate::memory::filled;
 use crate::weights::Loader;
 
-/// Added to variances: PyTorch's default.
+/// Epsilon added to variances: PyTorch's default.
 pub(super) const EPS: f32 = 1e-5;
 
 /// A layer norm's tensors.
@@ -32,7 +32,7 @@ impl Norm {
     }
 }
 
-/// Attention and feed-forward, each after a norm and added.
+/// Attention and feed-forward, each with a norm before it and a residual connection.
 #[derive(Debug)]
 pub(super) struct Layer {
     norm1: Norm,
@@ -45,7 +45,7 @@ pub(super) struct Layer {
     heads: usize,
 }
 
-/// Room for a layer over so many rows.
+/// Scratch memory for a layer over a fixed number of rows.
 #[derive(Debug)]
 pub(super) struct LayerScratch {
     /// `[rows, dim]`
@@ -96,8 +96,7 @@ impl Layer {
         self.expand.outputs()
     }
 
-    /// Runs over `x [rows, dim]` in place, each `group` rows on their own: a row attends to those
-    /// of its group.
+    /// Runs over `x [rows, dim]` in place. A row attends only to the rows of its group of `group` rows.
     pub(super) fn run(&self, cx: Compute, s: &mut LayerScratch, group: usize, x: &mut [f32]) -> Result<(), StepError> {
         self.project(cx, s, x)?;
         let dim = self.projection.inputs();
@@ -106,8 +105,8 @@ impl Layer {
         self.finish(cx, s, x)
     }
 
-    /// Runs over the rows of `x [rows, dim]` from `first` on, which attend to all rows; those before
-    /// stay as they are. The same bits as [`Self::run`] with one group.
+    /// Runs over the rows of `x [rows, dim]` from `first` on, which attend to all rows; earlier rows do not
+    /// change. Gives the same bits as [`Self::run`] with one group.
     pub(super) fn run_from(
         &self,
         cx: Compute,
@@ -125,7 +124,7 @@ impl Layer {
         self.finish(cx, s, &mut x[first * dim..])
     }
 
-    /// Queries, keys and values of all rows of `x`.
+    /// Computes queries, keys and values of all rows of `x`.
     fn project(&self, cx: Compute, s: &mut LayerScratch, x: &[f32]) -> Result<(), StepError> {
         let dim = self.projection.inputs();
         let rows = x.len() / dim;
@@ -134,7 +133,7 @@ impl Layer {
         self.projection.forward(cx, &mut s.quant, Mat::new(&s.normed, rows, dim)?, Epilogue::STORE, y)
     }
 
-    /// Adds what rows attended to, and the feed-forward network's outputs.
+    /// Adds the output projection of the attention, then the feed-forward network's output.
     fn finish(&self, cx: Compute, s: &mut LayerScratch, x: &mut [f32]) -> Result<(), StepError> {
         let (dim, ffn_dim) = (self.projection.inputs(), self.ffn_dim());
         let rows = x.len() / dim;
@@ -148,8 +147,8 @@ impl Layer {
         self.contract.forward(cx, &mut s.quant, ffn, Epilogue::ADD, MatMut::new(x, rows, dim)?)
     }
 
-    /// Attention of every head within each group of rows: one long group is shared by heads, many
-    /// by groups.
+    /// Attention of every head within each group of rows. Threads share the heads of a single group, or the
+    /// groups if there are several.
     fn attend(&self, cx: Compute, qkv: Mat<f32>, group: usize, y: &mut [f32]) -> Result<(), StepError> {
         let (rows, dim) = (qkv.rows(), qkv.cols() / 3);
         let work = 2 * rows * group * dim;
@@ -168,7 +167,7 @@ impl Layer {
         })
     }
 
-    /// The heads whose outputs are `columns`, of the rows of `qkv` from `start` on over all of them.
+    /// Computes the heads in `columns`, for the queries of the rows of `qkv` from `start` on, over all rows.
     fn heads_of(
         &self,
         isa: Isa,
@@ -192,7 +191,7 @@ impl Layer {
     }
 }
 
-/// `x [rows, dim]` through a norm.
+/// Applies a norm to `x [rows, dim]`.
 fn normed(cx: Compute, x: &[f32], norm: &Norm, y: &mut [f32]) -> Result<(), StepError> {
     let dim = norm.weight.len();
     let rows = x.len() / dim;

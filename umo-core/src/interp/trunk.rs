@@ -1,5 +1,5 @@
-//! What both interpolation networks have between their inputs and their heads: frame types,
-//! positions, layers over frames and over parts (SPEC 2.6).
+//! Common part of both interpolation networks, between their inputs and their heads: frame types, positions,
+//! layers over frames and over parts (SPEC 2.6).
 
 use std::ops::Range;
 
@@ -12,31 +12,31 @@ use crate::linear::{Compute, QuantScratch};
 use crate::memory::filled;
 use crate::weights::{Loader, Table};
 
-/// What the network is told of a frame: its row in the table of frame types.
+/// Type of a frame: its row in the table of frame types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum FrameType {
-    /// It is known, and on the grid of keyframes.
+    /// Known, on the grid of keyframes.
     Keyframe = 0,
-    /// It is to be filled in.
+    /// To be filled.
     Masked = 1,
-    /// It is known, off the grid: the last frame before the masked ones.
+    /// Known, off the grid: the last frame before the masked ones.
     LastValid = 2,
 }
 
-/// How far an interpolation has come: between two of its steps the work can be put down.
+/// Progress of an interpolation, which can be interrupted between two steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Filling {
     frames: usize,
     /// The next layer over frames.
     layer: usize,
-    /// The next frame that is to be filled.
+    /// The next frame to fill.
     next: usize,
-    /// Frames that one step fills.
+    /// Number of frames that one step fills.
     piece: usize,
 }
 
 impl Filling {
-    /// Frames that one step fills where steps are to be short and a frame has `parts` parts: they take
+    /// Number of frames to fill per step for short steps, with `parts` parts per frame. Such a step takes
     /// about as long as a layer over the frames of a window.
     pub fn short_piece(parts: usize) -> usize {
         (SHORT_ROWS / parts.max(1)).max(1)
@@ -48,7 +48,7 @@ impl Filling {
     }
 }
 
-/// Tokens of a short piece.
+/// Number of tokens in a short piece.
 const SHORT_ROWS: usize = 32;
 
 /// The layers.
@@ -65,15 +65,14 @@ pub(super) struct Trunk {
     max_frames: usize,
 }
 
-/// Room for one run.
+/// Scratch memory for one run.
 #[derive(Debug)]
 pub(super) struct TrunkScratch {
-    /// `[frames, dim]`, the sum of what is known of each frame, then what the temporal layers make
-    /// of it
+    /// `[frames, dim]`: the embedded frames, then the output of the temporal layers.
     hidden: Box<[f32]>,
-    /// `[frames * parts, dim]`, each part's token of each frame
+    /// `[frames * parts, dim]`: the token of each part of each frame.
     tokens: Box<[f32]>,
-    /// `[frames * parts, dim]`, the final norm of a piece's tokens
+    /// `[frames * parts, dim]`: the final norm of a piece's tokens.
     normed: Box<[f32]>,
     layer: LayerScratch,
 }
@@ -115,8 +114,8 @@ impl Trunk {
         }
     }
 
-    /// Writes every token with `token(frame, part, out)`; a frame's sum of them, its type and its
-    /// position go to the hidden rows.
+    /// Writes every token with `token(frame, part, out)`. Writes the sum of a frame's tokens, its type and
+    /// its position to the hidden rows.
     pub(super) fn embed(
         &self,
         s: &mut TrunkScratch,
@@ -141,14 +140,15 @@ impl Trunk {
         }
     }
 
-    /// A run over `frames` frames for the outputs of those from `first` on: what lies between known
-    /// frames that nobody asks for is only read. Outputs are computed `piece` frames at a time.
+    /// Begins a run over `frames` frames for the outputs from `first` on; earlier frames are only read.
+    /// Outputs are computed `piece` frames at a time.
     pub(super) fn begin(&self, frames: usize, first: usize, piece: usize) -> Filling {
         Filling { frames, layer: 0, next: first, piece: piece.max(1) }
     }
 
-    /// One layer over all frames, or what follows these layers for the next piece of frames, which are
-    /// returned: then [`Self::outputs`] has theirs. Begins with what [`Self::embed`] wrote.
+    /// Runs one layer over all frames or, after these layers, the remaining layers for the next piece of
+    /// frames. Returns the frames of that piece, whose tokens [`Self::outputs`] then returns; the range is
+    /// empty after a layer over frames. The first step starts from the output of [`Self::embed`].
     pub(super) fn step(
         &self,
         cx: Compute,
@@ -183,8 +183,8 @@ impl Trunk {
         Ok(range)
     }
 
-    /// The normed tokens `[frames, dim]` of one part, of the last piece of as many frames, and room to
-    /// quantize them.
+    /// Returns the normed tokens `[frames, dim]` of one part for the last piece, which has `frames` frames,
+    /// and scratch to quantize them.
     pub(super) fn outputs<'a>(
         &self,
         s: &'a mut TrunkScratch,

@@ -1,6 +1,6 @@
-//! Keyframes' code vectors to those of the frames between them (SPEC 2.14): the layers of
-//! [`Interp`](super::Interp) on vectors, which say by how much a frame's vector differs from the
-//! straight line between the known frames on its two sides.
+//! Interpolation of keyframes' code vectors to the frames between them (SPEC 2.14). The layers of
+//! [`Interp`](super::Interp) run on vectors. They predict the difference of a frame's vector from the linear
+//! interpolation between the known frames on its two sides.
 
 use std::ops::{Deref, DerefMut, Range};
 
@@ -16,24 +16,24 @@ use crate::weights::{Loader, Table};
 /// The interpolation network of layout `frames`.
 #[derive(Debug)]
 pub struct VectorInterp {
-    /// Vectors to tokens, of each part with channels.
+    /// Projection of vectors to tokens, for each part with channels.
     input: Vec<Linear>,
-    /// The token of a masked frame, a row for each part.
+    /// Tokens of a masked frame, one row per part.
     mask: Table,
     trunk: Trunk,
     head: Vec<Linear>,
     dim: usize,
 }
 
-/// Room for one run of the network.
+/// Scratch memory for one run of the network.
 #[derive(Debug)]
 pub struct VectorScratch {
     trunk: TrunkScratch,
-    /// `[frames, dim]` of each part, tokens of known frames.
+    /// `[frames, dim]` of each part: projected vectors; only the rows of known frames are used.
     tokens: Vec<Box<[f32]>>,
-    /// `[frames, widest]`, what one part's head gives.
+    /// `[frames, widest]`: output of one part's head.
     change: Box<[f32]>,
-    /// Of vectors, which may be wider than tokens.
+    /// Quantized vectors, which may be wider than tokens.
     quant: QuantScratch,
     max_frames: usize,
 }
@@ -58,7 +58,7 @@ impl VectorInterp {
         })
     }
 
-    /// The most frames of one run.
+    /// Maximum number of frames in one run.
     pub fn max_frames(&self) -> usize {
         self.trunk.max_frames()
     }
@@ -68,7 +68,7 @@ impl VectorInterp {
         self.input.iter().map(Linear::inputs)
     }
 
-    /// Room for windows of up to `frames` frames, and no more than the model allows.
+    /// Allocates scratch for windows of up to `frames` frames, limited to the model's maximum.
     pub fn scratch(&self, frames: usize) -> VectorScratch {
         let max_frames = frames.min(self.max_frames());
         let widest = self.widths().max().unwrap_or(0);
@@ -81,8 +81,8 @@ impl VectorInterp {
         }
     }
 
-    /// Fills the unknown frames of a window whose first frame is a keyframe; known ones stay as
-    /// they are. Never allocates.
+    /// Fills the unknown frames of a window whose first frame is a keyframe; known frames do not change.
+    /// Never allocates.
     ///
     /// Shapes: `vectors [T, width]` of each part; `known [T]`.
     ///
@@ -98,11 +98,11 @@ impl VectorInterp {
         self.fill_from(cx, scratch, vectors, known, 0)
     }
 
-    /// Fills those from frame `first` on, with the same bits: the others are read by no one.
+    /// Fills only the unknown frames from `first` on, with the same bits as [`Self::fill`].
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame or more than `scratch` has room for, no frame is
-    /// known, or the parts have other numbers of frames.
+    /// [`StepError`] if there are no frames or more than `scratch` has room for, no frame is known, or the
+    /// parts have different numbers of frames.
     pub fn fill_from(
         &self,
         cx: Compute,
@@ -116,7 +116,7 @@ impl VectorInterp {
         Ok(())
     }
 
-    /// Begins to fill the frames from `first` on, `piece` of them in a step.
+    /// Begins to fill the frames from `first` on, at most `piece` frames per step.
     ///
     /// # Errors
     /// As [`Self::fill_from`].
@@ -154,11 +154,11 @@ impl VectorInterp {
         Ok(self.trunk.begin(frames, first, piece))
     }
 
-    /// One more step of what [`Self::begin`] began with the same vectors; whether there is more to do.
-    /// Each step fills some frames or none; the bits are those of [`Self::fill_from`].
+    /// Runs the next step of a filling begun with [`Self::begin`], with the same vectors; returns whether
+    /// there is more to do. A step may fill no frames. The bits are the same as with [`Self::fill_from`].
     ///
     /// # Errors
-    /// [`StepError`] where an output is not finite, or there are other frames than at the beginning.
+    /// [`StepError`] if an output is not finite, or the number of frames differs from the beginning.
     pub fn step(
         &self,
         cx: Compute,
@@ -190,7 +190,7 @@ impl VectorInterp {
         Ok(!filling.is_done())
     }
 
-    /// That every part has as many frames.
+    /// Checks that every part has `frames` frames.
     fn check(&self, vectors: &[impl Deref<Target = [f32]>], frames: usize) -> Result<(), StepError> {
         let lengths = vectors.iter().map(|vectors| vectors.len());
         match lengths.eq(self.widths().map(|width| width * frames)) {
@@ -204,8 +204,8 @@ fn rows<'a>(a: &'a mut [f32], b: &'a [f32], width: usize) -> impl Iterator<Item 
     a.chunks_exact_mut(width).zip(b.chunks_exact(width))
 }
 
-/// Writes the straight lines between known rows of `vectors [T, width]` to the others of `range`;
-/// before the first and behind the last known row its values.
+/// Writes the linear interpolation between known rows of `vectors [T, width]` to the other rows of `range`.
+/// Rows before the first known row or after the last get its values.
 #[expect(clippy::cast_precision_loss, reason = "windows have far fewer than 2^24 frames")]
 fn lines(known: &[bool], range: Range<usize>, width: usize, vectors: &mut [f32]) {
     let mut before = known[..range.start].iter().rposition(|known| *known);

@@ -1,4 +1,4 @@
-//! What the attentions of T5 share: projections and the relative position bias (SPEC 2.4).
+//! Common parts of T5's attentions: projections and the relative position bias (SPEC 2.4).
 
 use std::ops::Range;
 
@@ -11,7 +11,8 @@ use crate::linear::{Compute, Linear};
 use crate::memory::filled;
 use crate::weights::Loader;
 
-/// Projections of one attention: as few products as inputs are shared, and the output.
+/// Projections of one attention: a single product for all projections that share an input, and the output
+/// product.
 #[derive(Debug)]
 pub(super) struct Projections {
     /// Self-attention: `[3 * inner, d]` for q, k, v; cross-attention: `[inner, d]` for q.
@@ -38,11 +39,10 @@ pub(super) fn projection(loader: &Loader, name: &str, lm: &Lm, which: &[&str]) -
     loader.linear(&names, &filled(inner, which.len()), lm.d_model)
 }
 
-/// Relative position bias of every head, laid out by distance so that one query's biases stand side
-/// by side.
+/// Relative position bias of every head, laid out by distance so that the biases of one query are contiguous.
 #[derive(Debug)]
 pub(super) struct PositionBias {
-    /// `[heads, 2 * positions - 1]`, from the most negative `key - query` to the most positive.
+    /// `[heads, 2 * positions - 1]`, by ascending `key - query`.
     values: Box<[f32]>,
     positions: usize,
 }
@@ -70,7 +70,7 @@ impl PositionBias {
         Ok(Self { values, positions })
     }
 
-    /// Most positions of a sequence.
+    /// Maximum number of positions in a sequence.
     pub(super) fn positions(&self) -> usize {
         self.positions
     }
@@ -82,9 +82,8 @@ impl PositionBias {
     }
 }
 
-/// Bucket of `distance = key - query`: half of the buckets hold one small distance each, the others
-/// grow with its logarithm up to `max_distance`. In f32, as the reference implementation computes
-/// it.
+/// Bucket of `distance = key - query`. Half of the buckets hold one small distance each; the others grow with
+/// its logarithm up to `max_distance`. Computed in f32, like the reference implementation.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by `buckets`")]
 #[expect(clippy::cast_precision_loss, reason = "distances are far below 2^24")]
 fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize) -> usize {
@@ -100,10 +99,9 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
     first + (exact + grown as usize).min(side - 1)
 }
 
-/// Calls `f(sequence, heads, rows, y)` for every sequence and head, heads shared by the threads:
-/// the first of `heads` is meant, the others follow it on the same thread. Sequence `i` has the
-/// `counts[i]` rows below those of the sequences before it; `y` is where its outputs of that head
-/// go, a piece of `context`.
+/// Calls `f(sequence, heads, rows, y)` for every sequence and head; threads share the heads. The call is for
+/// the first of `heads`; the same thread processes the others next. Sequence `i` has `counts[i]` rows, below
+/// the earlier sequences' rows. `y` is the block of `context` that receives its outputs for that head.
 pub(super) fn for_each_head(
     cx: Compute,
     d_kv: usize,
@@ -117,9 +115,9 @@ pub(super) fn for_each_head(
     })
 }
 
-/// Calls `f(sequence, heads, column, rows, y)` for every sequence and the heads that `columns` are,
-/// `column` being the first of the first head's among them; `y` is where its outputs of that head
-/// go, a piece of `context`, which holds these columns.
+/// Calls `f(sequence, heads, column, rows, y)` for every sequence and every head in `columns`, where `column`
+/// is the head's first column relative to `columns`. `y` is the block of `context` that receives its outputs
+/// for that head; `context` holds only these columns.
 pub(super) fn heads_of(
     columns: Range<usize>,
     d_kv: usize,

@@ -17,11 +17,11 @@ use crate::memory::filled;
 use crate::time::Instant;
 use crate::weights::{AlignedBox, Loader, load_layers};
 
-/// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
+/// Approximate cost of rounding one value to bfloat16 and storing it, in multiply-adds.
 const ROUND_WORK: usize = 8;
 
-/// Multiply-adds that reading one key's or value's element takes as long as, roughly: it comes from
-/// memory, since a pass reads more weights than caches hold.
+/// Approximate cost of reading one element of a key or value, in multiply-adds. It comes from memory, since a
+/// pass reads more weights than the caches hold.
 const READ_WORK: usize = 16;
 
 /// The decoder stack.
@@ -41,17 +41,17 @@ struct Layer {
     self_attention: Projections,
     cross_norm: Box<[f32]>,
     cross_attention: Projections,
-    /// `[2 * inner, d]`: keys and values of the encoder's states.
+    /// `[2 * inner, d]`: projection of the encoder's states to keys and values.
     cross_kv: Linear,
     experts: Experts,
 }
 
-/// What the keys and values of the encoder's states are stored as. Every pass reads all of them.
+/// Storage type of the keys and values of the encoder's states. Every pass reads all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CrossStorage {
-    /// As they were computed.
+    /// Unrounded.
     F32,
-    /// Rounded: half the reading.
+    /// Rounded to bfloat16: halves the reads.
     Bf16,
 }
 
@@ -60,30 +60,29 @@ pub enum CrossStorage {
 enum Cross {
     /// `[layers, cross_max, 2 * inner]`: keys, then values, as the product writes them.
     F32(AlignedBox<f32>),
-    /// `[layers, 2 * heads, cross_max, d_kv]`: keys of every head, then values, so that a head is
-    /// read in one stream.
+    /// `[layers, 2 * heads, cross_max, d_kv]`: keys of every head, then values, so that each head is
+    /// contiguous.
     Bf16(AlignedBox<Bf16>),
 }
 
-/// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so
-/// far.
+/// Keys and values of one sequence: for the encoder's states and for the ids decoded so far.
 #[derive(Debug)]
 struct DecoderCache {
-    /// `[layers, 2 * heads, own_max, d_kv]`: keys of every head, then values, so that a head is
-    /// read in one stream.
+    /// `[layers, 2 * heads, own_max, d_kv]`: keys of every head, then values, so that each head is
+    /// contiguous.
     own: AlignedBox<f32>,
     cross: Cross,
     own_len: usize,
     cross_len: usize,
     own_max: usize,
     cross_max: usize,
-    /// Keys and values of one position in one layer.
+    /// Number of elements of the keys and values of one position in one layer.
     width: usize,
     d_kv: usize,
 }
 
 impl DecoderCache {
-    /// Room for sequences of at most `lengths`.
+    /// Allocates caches for sequences of at most `lengths`.
     fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
         let (layers, d_kv) = (config.lm.num_decoder_layers, config.lm.d_kv);
         let width = 2 * config.lm.num_heads * d_kv;
@@ -103,7 +102,7 @@ impl DecoderCache {
         }
     }
 
-    /// The first `rows` keys and values of a head's own.
+    /// The first `rows` keys and values of a head's self-attention.
     fn own_head(&self, layer: usize, head: usize, rows: usize) -> [&[f32]; 2] {
         self.of_head(&self.own, layer, head, self.own_max, rows)
     }
@@ -121,7 +120,7 @@ impl DecoderCache {
         [head, values + head].map(|row| &all[start(row)..start(row) + rows * self.d_kv])
     }
 
-    /// What attention with all of a head's keys reads first.
+    /// Prefetch hint for the start of a head's keys and values in cross-attention.
     fn cross_ahead(&self, isa: Isa, layer: usize, head: usize) -> PrefetchHint<'_> {
         match &self.cross {
             Cross::F32(_) => PrefetchHint::NONE,
@@ -129,37 +128,37 @@ impl DecoderCache {
         }
     }
 
-    /// Where a layer of [`Cross`] starts.
+    /// Start of a layer in [`Cross`].
     fn cross_start(&self, layer: usize) -> usize {
         layer * self.cross_max * self.width
     }
 }
 
-/// One sequence: the ids that the next pass decodes, and the keys and values of those before.
+/// One sequence: the ids for the next pass, and the cached keys and values of earlier ids.
 #[derive(Debug)]
 pub struct Sequence {
-    /// `[own_max]`, of which `count` are new.
+    /// `[own_max]`; the first `count` are new.
     ids: Box<[u32]>,
     count: usize,
     cache: DecoderCache,
 }
 
 impl Sequence {
-    /// Room for sequences of at most `lengths`; no ids yet. What `storage` suits a model,
-    /// [`Lm::cross_storage`](super::Lm::cross_storage) says.
+    /// Allocates a sequence of at most `lengths`, without ids.
+    /// [`Lm::cross_storage`](super::Lm::cross_storage) gives the storage type for a model.
     pub fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
         Self { ids: filled(0, lengths.decoder).into(), count: 0, cache: DecoderCache::new(config, lengths, storage) }
     }
 
-    /// The ids that the next pass decodes; with none, the pass leaves the sequence alone.
+    /// Ids that the next pass decodes; if empty, the pass skips the sequence.
     pub fn ids(&self) -> &[u32] {
         &self.ids[..self.count]
     }
 
-    /// Sets them.
+    /// Sets the ids that the next pass decodes.
     ///
     /// # Errors
-    /// [`StepError::TooLong`] where there are more than the sequence has room for.
+    /// [`StepError::TooLong`] if there are more ids than the sequence has room for.
     pub fn set_ids(&mut self, ids: &[u32]) -> Result<(), StepError> {
         let limit = self.ids.len();
         let room = self.ids.get_mut(..ids.len());
@@ -182,7 +181,7 @@ impl Decoder {
                 self_attention: Projections::load(loader, &format!("{block}.0.SelfAttention"), lm, &["q", "k", "v"])?,
                 cross_norm: norm(1)?,
                 cross_attention: Projections::load(loader, &cross, lm, &["q"])?,
-                // Of all of the encoder's states at once.
+                // This product runs over all of the encoder's states at once.
                 cross_kv: projection(&loader.for_few_rows(false), &cross, lm, &["k", "v"])?,
                 experts: Experts::load(loader, &format!("{block}.2"), lm)?,
             })
@@ -198,7 +197,7 @@ impl Decoder {
         })
     }
 
-    /// bfloat16 where the keys and values come out of int8 products, which cost more digits than it
+    /// Returns bfloat16 if int8 products compute the keys and values: those lose more precision than bfloat16
     /// does.
     pub(super) fn cross_storage(&self) -> CrossStorage {
         let int8 = self.layers.iter().all(|layer| layer.cross_kv.is_quantized());
@@ -210,8 +209,8 @@ impl Decoder {
         self.layers.len()
     }
 
-    /// Forgets what `sequence` decoded so far and makes room for the keys and values of `rows`
-    /// encoder states, which [`Self::attend_to`] fills in layer by layer.
+    /// Clears the decoded ids of `sequence` and makes room for the keys and values of `rows` encoder states,
+    /// which [`Self::attend_to`] fills layer by layer.
     pub(super) fn begin(sequence: &mut Sequence, rows: usize) -> Result<(), StepError> {
         let cache = &mut sequence.cache;
         if rows > cache.cross_max {
@@ -221,7 +220,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// The keys and values of the rows `range` of encoder states `[rows, d_model]` in one layer.
+    /// Computes the keys and values of the rows `range` of encoder states `[rows, d_model]` in one layer.
     pub(super) fn attend_to(
         &self,
         cx: Compute,
@@ -260,7 +259,7 @@ impl Decoder {
         }
     }
 
-    /// Whether the new ids of `sequences` can be decoded.
+    /// Checks that the new ids of `sequences` can be decoded.
     pub(super) fn check(&self, sequences: &[Sequence]) -> Result<(), StepError> {
         for sequence in sequences.iter().filter(|s| s.count > 0) {
             let got = sequence.cache.own_len + sequence.count;
@@ -275,12 +274,12 @@ impl Decoder {
         Ok(())
     }
 
-    /// Outputs of the product for the cross-attention's keys and values.
+    /// Number of outputs of the product for the cross-attention's keys and values.
     pub(super) fn cross_width(&self) -> usize {
         2 * self.heads * self.d_kv
     }
 
-    /// Runs layer `index` over the rows of `scratch.hidden` from `first` on, which are the new ids of
+    /// Runs layer `index` over the rows of `scratch.hidden` from `first` on, which hold the new ids of
     /// `sequences` in order.
     pub(super) fn layer(
         &self,
@@ -307,7 +306,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// Ends a pass: the new ids become old ones, and the states after the final norm are left in
+    /// Ends a pass: appends the new ids to the sequences, and leaves the states after the final norm in
     /// `scratch.normed`.
     pub(super) fn finish(
         &self,
@@ -323,7 +322,8 @@ impl Decoder {
         norm(cx, hidden, rows, (&self.norm, self.eps), normed)
     }
 
-    /// Causal attention of the new rows over everything decoded so far; `rows` are their values.
+    /// Causal attention of the new rows over everything decoded so far. `rows` is their range of elements in
+    /// `scratch.hidden`.
     fn attend_own(
         &self,
         cx: Compute,
@@ -358,7 +358,8 @@ impl Decoder {
         layer.self_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
-    /// Attention of the new rows over the encoder's states; `rows` are their values.
+    /// Attention of the new rows over the encoder's states. `rows` is their range of elements in
+    /// `scratch.hidden`.
     fn attend_cross(
         &self,
         cx: Compute,
@@ -372,7 +373,7 @@ impl Decoder {
         let (hidden, rows) = (&mut hidden[rows.clone()], rows.len() / d);
         let (input, none) = (&layer.cross_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
-        // Of the first sequence, each thread's first head.
+        // Each thread prefetches its first head of the first sequence.
         cx.team.expect(inner, self.d_kv, |columns| {
             sequences
                 .first()
@@ -391,7 +392,7 @@ impl Decoder {
         layer.cross_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
-    /// Cross-attention of the first of `heads`, behind which the others follow.
+    /// Cross-attention of the first of `heads`; the second is prefetched.
     fn attend_head(
         &self,
         cx: Compute,
@@ -416,8 +417,8 @@ impl Decoder {
         }
     }
 
-    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows and up to
-    /// `keys` keys, and every head, which is the first of `heads`.
+    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows and every head, the first
+    /// of `heads`. `keys` is the maximum number of keys, for estimating the work.
     fn heads(
         &self,
         cx: Compute,
@@ -436,7 +437,7 @@ impl Decoder {
     }
 }
 
-/// Keys and values that are read next.
+/// Prefetch hint for keys and values.
 fn ahead<T>(isa: Isa, [keys, values]: [&[T]; 2]) -> PrefetchHint<'_> {
     PrefetchHint::new(keys, values).tuned_for(isa)
 }

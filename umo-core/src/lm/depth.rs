@@ -1,9 +1,9 @@
-//! The depth network: the codes of one keyframe, one after the other, from a state of the decoder
-//! (SPEC 2.13).
+//! The depth network: samples the codes of one keyframe, one after the other, from a decoder state (SPEC
+//! 2.13).
 //!
-//! The same few weights say every code, so that they stay in a core's cache: an avatar's keyframe is
-//! computed by one thread from its first code to its last, avatars are shared by the threads, and
-//! those of one thread go through the network together. A row's bits do not depend on that.
+//! All codes share a small set of weights, which should stay in a core's cache. So one thread computes all
+//! codes of an avatar's keyframe, threads share the avatars, and the avatars of one thread go through the
+//! network together. The bits of a row do not depend on this grouping.
 
 use std::ops::Range;
 
@@ -20,12 +20,12 @@ use crate::memory::filled;
 use crate::team::Team;
 use crate::weights::{AlignedBox, Loader, Table};
 
-/// Most tasks that one thread takes through the network together: rows that share a reading of the
-/// weights, and few enough that a step of many avatars stays short.
+/// Maximum number of tasks that one thread computes together. Their rows share each read of the weights; the
+/// limit keeps a step of many avatars short.
 const LANE_TASKS: usize = 8;
-/// Most threads that share a step.
+/// Maximum number of threads that share a step.
 const MAX_LANES: usize = 16;
-/// Rows of a task: prompted and unprompted.
+/// Rows of a task: with prompt and without.
 const TASK_ROWS: usize = 2;
 
 /// The network.
@@ -33,9 +33,9 @@ const TASK_ROWS: usize = 2;
 pub struct DepthNet {
     /// `[d, d_model]`
     input: Linear,
-    /// The same for the encoder's states where the keyframe is heard, where the network has them.
+    /// `[d, d_model]`: projection of the encoder's states at the keyframe's audio, if the network uses them.
     heard: Option<Linear>,
-    /// Of how many places those are: one, or the face's and the body's.
+    /// Number of places in the audio that are projected: one, or one each for the face and the body.
     places: usize,
     /// `[codes of a keyframe, d]`
     position: Table,
@@ -46,11 +46,11 @@ pub struct DepthNet {
     slots: Vec<Slot>,
     /// `[levels * codes, d]` of each part.
     embed: Vec<Table>,
-    /// The same for the keyframe before, where the network knows it.
+    /// `[levels * codes, d]` of each part for the previous keyframe's codes, if the network uses them.
     before: Option<Vec<Table>>,
     heads: usize,
     d_ff: usize,
-    /// Inputs of the widest product that takes them rounded to bf16; 0 where none does.
+    /// Inputs of the widest product that takes them rounded to bf16; 0 without such a product.
     rounded: usize,
 }
 
@@ -74,22 +74,22 @@ struct Slot {
     first: usize,
     head: Linear,
     sampling: Option<Sampling>,
-    /// Number of the place where it is heard.
+    /// Number of the place in the audio whose encoder state it reads.
     place: usize,
 }
 
-/// One avatar's keyframe to draw.
+/// One avatar's keyframe to sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Task {
-    /// Its number in the batch.
+    /// Number of the avatar in the batch.
     pub member: usize,
-    /// Row of its state.
+    /// Row of the avatar's decoder state.
     pub row: usize,
-    /// Row of its state without a prompt, where it is guided.
+    /// Row of its state without a prompt, for guidance.
     pub unprompted: Option<usize>,
     /// Strength of the guidance.
     pub guidance: f32,
-    /// How codes are drawn.
+    /// Sampler of the codes.
     pub sampler: Sampler,
     /// Number of the chunk in its stream.
     pub chunk: u64,
@@ -103,20 +103,20 @@ impl Task {
     }
 }
 
-/// Room for the keyframes of a batch.
+/// Scratch memory for sampling the keyframes of a batch.
 #[derive(Debug)]
 pub struct DepthScratch {
     lanes: Box<[Lane]>,
-    /// Codes of a keyframe.
+    /// Number of codes in a keyframe.
     codes: usize,
 }
 
-/// What one thread needs.
+/// Scratch memory of one thread.
 #[derive(Debug)]
 struct Lane {
-    /// Of this thread alone: products within a lane are not shared.
+    /// Team of this thread alone: products within a lane are single-threaded.
     alone: Team,
-    /// `[places, rows, d]`: the states, projected, with what is heard at each place.
+    /// `[places, rows, d]`: the projected decoder states plus the projected encoder state of each place.
     given: Box<[f32]>,
     /// `[rows, d]`: the residual stream.
     hidden: Box<[f32]>,
@@ -130,12 +130,12 @@ struct Lane {
     inner: Box<[f32]>,
     /// `[layers, 2, rows, heads, codes of a keyframe, d / heads]`: a layer's keys, then its values.
     cache: AlignedBox<f32>,
-    /// `[rows, most codes of a level]`
+    /// `[rows, maximum codes of a level]`
     logits: Box<[f32]>,
     ranks: Box<[Rank]>,
     /// `[rows, codes of a keyframe]`
     codes: Box<[u16]>,
-    /// `[rows, codes of a keyframe]`: those of the keyframe before.
+    /// `[rows, codes of a keyframe]`: codes of the previous keyframe.
     before: Box<[u16]>,
     quant: QuantScratch,
 }
@@ -205,12 +205,12 @@ impl DepthNet {
         })
     }
 
-    /// Codes of a keyframe.
+    /// Number of codes in a keyframe.
     pub fn codes(&self) -> usize {
         self.slots.len()
     }
 
-    /// Bytes that one code of a keyframe reads beside its head: what has to fit a core's cache.
+    /// Bytes of weights that one code of a keyframe reads, except its head. They should fit a core's cache.
     pub fn bytes(&self) -> usize {
         let layer =
             |l: &Layer| l.projection.bytes() + l.output.bytes() + l.gate.bytes() + l.up.bytes() + l.down.bytes();
@@ -223,7 +223,7 @@ impl DepthNet {
         codes * self.layers.len() * (4 * d * d + 3 * d * self.d_ff)
     }
 
-    /// Room for batches of `width` avatars.
+    /// Allocates scratch for batches of `width` avatars.
     pub fn scratch(&self, width: usize) -> DepthScratch {
         let lanes = width.min(MAX_LANES);
         DepthScratch {
@@ -232,19 +232,22 @@ impl DepthNet {
         }
     }
 
-    /// Draws the codes of the first of `tasks`, as many as there is room for; returns how many. Of
-    /// their codes those in `codes`, from 0 on in calls that follow each other with the same tasks.
-    /// Never allocates.
+    /// Samples `codes` of as many of the first `tasks` as there is room for, and returns their number. Calls
+    /// with the same tasks can split a keyframe into consecutive ranges of `codes`, starting at 0. Never
+    /// allocates.
     ///
-    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `heard [rows, places, d_model]`,
-    /// the encoder's where the keyframes are heard by the face and, if that is another place, by the body,
-    /// zeros where they are not, empty where the network has none; `before [tasks, codes of a keyframe]`,
-    /// the keyframe before each task's;
-    /// `write(task, codes)` is given each task's codes, when the last is drawn, in the order of the
-    /// config's parts, their levels ascending.
+    /// Shapes:
+    /// - `states [rows, d_model]`: the decoder's states after its final norm.
+    /// - `heard [rows, places, d_model]`: the encoder's states at the keyframe's audio, for the face and, if
+    ///   that is another place, for the body. Zeros if there are none; empty if the network does not use
+    ///   them.
+    /// - `before [tasks, codes of a keyframe]`: the keyframe before each task's.
+    ///
+    /// After the last code, `write(task, codes)` receives each task's codes in the order of the config's
+    /// parts, levels ascending.
     ///
     /// # Errors
-    /// [`StepError`] where logits are not finite, or `before` is not of all tasks.
+    /// [`StepError`] if logits are not finite, or `before` does not match the number of tasks.
     pub fn draw(
         &self,
         cx: Compute,
@@ -289,12 +292,13 @@ impl DepthNet {
         Ok(count)
     }
 
-    /// Logits under teacher forcing, for checking a model: of every code of `codes [rows, codes of a
-    /// keyframe]` given those before it and the keyframes before, `before` of the same shape; one
-    /// vector per code of a keyframe, `[rows, codes of the level]`. Allocates.
+    /// Computes logits under teacher forcing, for checking a model. Each code of
+    /// `codes [rows, codes of a keyframe]` is predicted from the codes before it and from `before`, the
+    /// previous keyframes, of the same shape. Returns one vector `[rows, codes of the level]` per code of a
+    /// keyframe. Allocates.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees or a code is out of range.
+    /// [`StepError`] if a length disagrees or a code is out of range.
     pub fn force(
         &self,
         isa: Isa,
@@ -361,7 +365,7 @@ impl Lane {
         }
     }
 
-    /// Draws the codes `drawn` of every task; `before` are those of the keyframes before.
+    /// Samples the codes `drawn` of every task; `before` holds the codes of the previous keyframes.
     fn draw(
         &mut self,
         net: &DepthNet,
@@ -402,7 +406,7 @@ impl Lane {
         Ok(())
     }
 
-    /// Projects the states of rows: the decoder's, and the encoder's where the network has them.
+    /// Projects the decoder's states of `rows`, and the encoder's if the network uses them.
     fn project(
         &mut self,
         net: &DepthNet,
@@ -413,7 +417,7 @@ impl Lane {
         let (d, width, cx) = (net.norm.len(), net.input.inputs(), Compute { isa, team: &self.alone });
         let each_place = self.given.len() / net.places;
         let Self { normed, quant, given, .. } = self;
-        // Of each row one of `each` states that stand together.
+        // Each row has `each` adjacent states; `one` selects one of them.
         let mut add = |input: &Linear, states: &[f32], (each, one): (usize, usize), epilogue, given: &mut [f32]| {
             let mut count = 0;
             for (out, row) in normed.chunks_exact_mut(width).zip(rows.clone()) {
@@ -434,7 +438,7 @@ impl Lane {
         add(input, heard, (net.places, 0), Epilogue::ADD, first)
     }
 
-    /// The logits of code `j`, `[rows, codes of its level]`, from the states and the codes before.
+    /// Computes the logits of code `j`, `[rows, codes of its level]`, from the states and the earlier codes.
     fn step(&mut self, net: &DepthNet, isa: Isa, j: usize, rows: usize) -> Result<(), StepError> {
         let (d, count) = (net.norm.len(), net.slots.len());
         let given = self.given.chunks_exact(self.given.len() / net.places).nth(net.slots[j].place).unwrap_or_default();
@@ -464,7 +468,7 @@ impl Lane {
         head.forward(cx, &mut self.quant, x, Epilogue::STORE, y)
     }
 
-    /// Causal attention of code `j`'s rows over those of the codes up to it.
+    /// Causal attention of code `j`'s rows over the codes up to and including it.
     #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
     fn attend(
         &mut self,
@@ -517,8 +521,8 @@ fn guide(logits: &mut [f32], plain: &[f32], strength: f32) {
     }
 }
 
-/// Whether sessions of a model can be guided: its keyframes are drawn by a depth network, and one of
-/// its templates takes a text.
+/// Whether sessions of a model can be guided: a depth network samples its keyframes, and one of its templates
+/// takes a text.
 pub fn is_guidable(config: &Config) -> bool {
     let text = |item: &TemplateItem| matches!(item, TemplateItem::Name(name) if name == "text");
     config.is_frames() && config.templates.values().flatten().any(text)

@@ -14,11 +14,11 @@ use crate::linear::{Compute, Linear, Ready};
 use crate::time::Instant;
 use crate::weights::{Loader, load_layers};
 
-/// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of
-/// 256 tokens at 64 a head.
+/// Number of heads whose queries, keys and values a thread computes before it attends with them: 576 KiB at
+/// 256 tokens and 64 values per head.
 const HEADS_AT_ONCE: usize = 3;
 
-/// Where a layer that is computed in pieces stands.
+/// Progress through a layer that is computed in pieces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EncoderPiece {
     /// The attention of the heads from this one on.
@@ -30,7 +30,7 @@ pub(crate) enum EncoderPiece {
 }
 
 impl EncoderPiece {
-    /// The first of a layer.
+    /// The first piece of a layer.
     pub(crate) const FIRST: Self = Self::Heads(0);
 }
 
@@ -80,7 +80,7 @@ impl Encoder {
         self.layers.len()
     }
 
-    /// Whether every one of `lengths` is within what the encoder was loaded for.
+    /// Checks that every one of `lengths` is within the limit that the encoder was loaded for.
     pub(super) fn check(&self, lengths: &[usize]) -> Result<(), StepError> {
         match lengths.iter().find(|&&len| len > self.bias.positions()) {
             Some(&got) => Err(StepError::TooLong { what: "encoder tokens", got, limit: self.bias.positions() }),
@@ -88,7 +88,8 @@ impl Encoder {
         }
     }
 
-    /// Runs layer `index` over the rows of `scratch.hidden` from `first` on, sequences of `lengths`.
+    /// Runs layer `index` over the rows of `scratch.hidden` from `first` on, which hold sequences of
+    /// `lengths`.
     pub(super) fn layer(
         &self,
         cx: Compute,
@@ -114,7 +115,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// One piece of [`Self::layer`]; the next, if there is one.
+    /// Runs one piece of [`Self::layer`] and returns the next, if any.
     pub(super) fn piece(
         &self,
         cx: Compute,
@@ -167,7 +168,7 @@ impl Encoder {
         Ok(next)
     }
 
-    /// The final norm: `scratch.hidden` to `out [rows, d_model]`.
+    /// Writes the final norm of `scratch.hidden` to `out [rows, d_model]`.
     pub(super) fn finish(
         &self,
         cx: Compute,
@@ -178,8 +179,8 @@ impl Encoder {
         norm(cx, &scratch.hidden, rows, (&self.norm, self.eps), out)
     }
 
-    /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself. A thread computes
-    /// queries, keys and values of its heads, and from them these heads' columns of the context.
+    /// `hidden += o(attention(qkv(norm(hidden))))`, with each sequence attending only to itself. A thread
+    /// computes the queries, keys and values of its heads, and from them these heads' columns of the context.
     fn attend(
         &self,
         cx: Compute,
@@ -201,7 +202,8 @@ impl Encoder {
         let room = (&mut qkv[..], 3 * rows);
         output.expect(cx);
         let context = middle.computed(cx, output, (&mut context[..], rows), granule, work, room, |columns, to| {
-            // A few heads at a time: what is computed for them is still in cache when it is read.
+            // A few heads at a time, so that their queries, keys and values are still in cache when they are
+            // read.
             let most = if self.heads_apart() { HEADS_AT_ONCE * self.d_kv } else { inner };
             for first in (0..columns.len()).step_by(most) {
                 let width = (columns.len() - first).min(most);
@@ -214,14 +216,14 @@ impl Encoder {
         output.apply(cx, context, None, 0..d, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
-    /// Whether heads begin at whole panels of queries, keys and values; otherwise one thread computes
-    /// them all.
+    /// Whether each head begins at a whole panel of queries, keys and values. Otherwise one thread computes
+    /// all heads.
     fn heads_apart(&self) -> bool {
         self.d_kv.is_multiple_of(PANEL)
     }
 
-    /// Queries, keys and values of the heads whose columns of the context are `columns`, into `room`, and
-    /// from them these columns, `y`.
+    /// Computes the queries, keys and values of the heads in `columns` into `room`, and from them these
+    /// columns of the context.
     #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
     fn attend_heads(
         &self,
@@ -234,7 +236,7 @@ impl Encoder {
         context: MatMut<f32>,
     ) -> Result<(), StepError> {
         let (rows, inner, width) = (context.rows(), self.heads * self.d_kv, columns.len());
-        // Int8 products cost queries, keys and values more digits than bfloat16 does.
+        // Int8 products cost queries, keys and values more precision than bfloat16 does.
         let attention = if input.is_quantized() { encoder_attention_bf16 } else { encoder_attention_f32 };
         let mut y = MatMut::new(room, rows, 3 * width)?;
         if width == inner {

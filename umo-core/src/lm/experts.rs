@@ -32,7 +32,7 @@ struct Expert {
     down: Linear,
 }
 
-/// Routing of at most `rows` rows, and the hidden rows of all chosen experts.
+/// Routing of at most `rows` rows, and the hidden rows of all selected experts.
 #[derive(Debug)]
 pub(crate) struct ExpertScratch {
     /// `[rows, experts]`.
@@ -59,7 +59,7 @@ impl ExpertScratch {
         }
     }
 
-    /// The rows that the last layer sent to `expert`.
+    /// Rows that the last layer sent to `expert`.
     pub(super) fn rows_of(&self, expert: usize) -> &[u32] {
         &self.rows[self.starts[expert] as usize..self.starts[expert + 1] as usize]
     }
@@ -73,7 +73,8 @@ impl Experts {
         let all = |which: &[&str]| -> Vec<String> {
             (0..lm.experts).flat_map(|e| which.iter().map(move |which| tensor(e, which))).collect()
         };
-        // All experts share the quantized input, and the products of its two halves are multiplied.
+        // All experts share the quantized input, and the outputs of `wi_0` and `wi_1` are multiplied with
+        // each other.
         let (inside, down) = (loader.alike(&all(&["wi_0", "wi_1"]))?, loader.alike(&all(&["wo"]))?);
         let expert = |e: usize| {
             Ok(Expert {
@@ -92,9 +93,9 @@ impl Experts {
         })
     }
 
-    /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`. Threads share rows of
-    /// the norm and the router, then columns of all experts at once. `then` says what comes behind
-    /// the last product.
+    /// Computes `hidden += moe(norm(hidden))`; `hidden` and `normed` are `[rows, d_model]`. Threads share the
+    /// rows of the norm and the router, then the columns of one expert at a time. `then` issues the prefetch
+    /// hints for the operation after the last product.
     pub(super) fn forward(
         &self,
         cx: Compute,
@@ -108,8 +109,7 @@ impl Experts {
         let input = self.route(cx, quant, scratch, hidden, normed)?;
         let ExpertScratch { starts, rows, weights, hidden: gated, .. } = scratch;
         let count = hidden.len() / d;
-        // One expert after the other: what it computes in its middle is still in cache when it is
-        // read.
+        // One expert after the other, so that its hidden rows are still in cache when they are read.
         self.each(starts, |expert, next, slots| {
             let to = Scatter { rows: &rows[slots.clone()], weight: &weights[slots] };
             expert.down.expect(cx);
@@ -121,9 +121,9 @@ impl Experts {
         })
     }
 
-    /// The part of [`Self::forward`] that the slots from `slot` on are, as many as a piece has; where the
-    /// next piece begins, if there is one. All pieces are computed in turn, with nothing else on the
-    /// scratches in between.
+    /// Computes the slots of [`Self::forward`] from `slot` on, up to the size of a piece. Returns the first
+    /// slot of the next piece, if any. All pieces must run in order, with no other use of the scratches in
+    /// between.
     pub(super) fn piece(
         &self,
         cx: Compute,
@@ -151,7 +151,8 @@ impl Experts {
         Ok((slots.end < count * self.top_k).then_some(slots.end))
     }
 
-    /// Norm, router, and the slots of each expert; the normed rows, ready for the experts.
+    /// Computes the norm, the router and the slots of each expert. Returns the normed rows, prepared as the
+    /// experts' input.
     fn route<'a>(
         &self,
         cx: Compute,
@@ -173,12 +174,13 @@ impl Experts {
         Ok(input)
     }
 
-    /// Tells the thread that will compute them that norm and router come after the next job.
+    /// Issues a prefetch hint for the router's weights, to the thread that computes norm and router after the
+    /// next job.
     pub(super) fn expect(&self, cx: Compute) {
         cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()).tuned_for(cx.isa));
     }
 
-    /// Calls `f` for every expert that has rows, with the next one that has, and its slots.
+    /// Calls `f` for every expert that has rows, with the next such expert and its own slots.
     fn each(
         &self,
         starts: &[u32],
@@ -194,8 +196,8 @@ impl Experts {
 }
 
 impl Expert {
-    /// Adds the expert's outputs for the rows of `to` to those rows of `hidden`; `gated` is the room for
-    /// its middle. `then` says what comes behind the last product.
+    /// Adds the expert's outputs for the rows of `to` to these rows of `hidden`; `gated` holds its hidden
+    /// rows. `then` issues the prefetch hints for the operation after the last product.
     #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
     fn forward(
         &self,
@@ -218,7 +220,7 @@ impl Expert {
         self.down.apply(cx, inside, None, 0..d, end, hidden)
     }
 
-    /// Tells the threads that its first products come after the next job.
+    /// Issues a prefetch hint for its first products, to the threads that compute them after the next job.
     fn expect(&self, cx: Compute) {
         self.gate.expect_gated(&self.up, cx);
     }

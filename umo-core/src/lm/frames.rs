@@ -1,26 +1,26 @@
-//! What a keyframe is as one position of the language model (SPEC 2.13).
+//! Keyframes as positions of the language model (SPEC 2.13).
 
 use crate::error::{LoadError, StepError};
 use crate::weights::{Loader, Table};
 
-/// Row of the history's type.
+/// Row of the history type.
 const HISTORY: usize = 0;
-/// Row of the start of a chunk.
+/// Row of the start-of-chunk type.
 const START: usize = 1;
 
-/// `lm.frames.*`.
+/// The tables `lm.frames.*`.
 #[derive(Debug)]
 pub struct FrameTables {
     /// `[2, d_model]`
     kind: Table,
-    /// `[levels * codes, d_model]` of each part.
+    /// `[levels * codes, d_model]` for each part.
     embed: Vec<Table>,
-    /// Part, row of code 0, and codes of each code of a keyframe.
+    /// Part, row of code 0, and number of codes, for each code of a keyframe.
     slots: Vec<(usize, usize, usize)>,
 }
 
 impl FrameTables {
-    /// Loads them.
+    /// Loads the tables.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -39,20 +39,20 @@ impl FrameTables {
         })
     }
 
-    /// Codes of a keyframe.
+    /// Number of codes in a keyframe.
     pub fn codes(&self) -> usize {
         self.slots.len()
     }
 
-    /// Numbers of codes of each of them.
+    /// Number of values of each code of a keyframe.
     pub fn limits(&self) -> impl Iterator<Item = usize> {
         self.slots.iter().map(|&(_, _, codes)| codes)
     }
 
-    /// A keyframe of the chunk: the sum of its codes' embeddings, into `out [d_model]`.
+    /// Embeds a keyframe of the chunk: writes the sum of its codes' embeddings to `out [d_model]`.
     ///
     /// # Errors
-    /// [`StepError`] where a code is out of range.
+    /// [`StepError`] if a code is out of range.
     pub fn keyframe(&self, codes: &[u16], out: &mut [f32]) -> Result<(), StepError> {
         out.fill(0.0);
         for (&(part, first, limit), &code) in self.slots.iter().zip(codes) {
@@ -65,7 +65,7 @@ impl FrameTables {
         Ok(())
     }
 
-    /// A keyframe of the history: the same, and the history's type.
+    /// Embeds a keyframe of the history: as [`Self::keyframe`], plus the history type.
     ///
     /// # Errors
     /// As [`Self::keyframe`].
@@ -75,7 +75,7 @@ impl FrameTables {
         Ok(())
     }
 
-    /// The first input of a chunk.
+    /// Writes the first input of a chunk.
     pub fn start(&self, out: &mut [f32]) {
         self.kind.gather(START, out);
     }

@@ -1,5 +1,5 @@
-//! A chunk's codes: the decoder's forced block structure, several rows per pass (paper section 3.1;
-//! SPEC 2.5).
+//! Generation of a chunk's codes: the decoder's forced block structure, several rows per pass (paper section
+//! 3.1; SPEC 2.5).
 
 use umo_kernels::Mat;
 
@@ -12,11 +12,11 @@ use crate::linear::Compute;
 use crate::memory::filled;
 use crate::part::{Part, PerPart};
 
-/// What the decoder's output of each part is called in errors.
+/// Name of each part's decoder output in errors.
 const LOGITS: PerPart<&str> =
     PerPart { face: "face logits", hands: "hands logits", upper: "upper body logits", lower: "lower body logits" };
 
-/// What generating chunks needs beside the model: the ids of markers, and scratch.
+/// Marker ids and scratch memory for generating chunks.
 #[derive(Debug)]
 pub struct Generator {
     start: u32,
@@ -28,18 +28,18 @@ pub struct Generator {
     ranks: Box<[Rank]>,
 }
 
-/// How one chunk's codes are drawn, and how many of them there are.
+/// Sampling of one chunk's codes, and their number.
 #[derive(Clone, Copy, Debug)]
 pub struct ChunkSampling {
     /// Temperature, top-k, top-p and seed.
     pub sampler: Sampler,
     /// Number of the chunk in its stream.
     pub chunk: u64,
-    /// Codes of every part.
+    /// Number of codes per part.
     pub target: usize,
 }
 
-/// The next code that a sequence writes.
+/// Position of the next code in a sequence.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Position {
     part: usize,
@@ -47,7 +47,7 @@ pub struct Position {
 }
 
 impl Generator {
-    /// For models of this config.
+    /// Creates a generator for models of this config.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
     pub fn new(config: &Config) -> Self {
         Self {
@@ -59,13 +59,13 @@ impl Generator {
         }
     }
 
-    /// Writes `codes`, the same number for every part, from encoder states.
+    /// Generates `codes`, the same number for every part, from encoder states.
     ///
-    /// Markers are never sampled: `start(face)` joins the first pass, `end(face) start(hands)` the
-    /// pass of the last face code, so that `4N` codes take `4N` passes over the weights.
+    /// Markers are never sampled: `start(face)` joins the first pass, and `end(face) start(hands)` joins the
+    /// pass of the last face code. So `4N` codes take `4N` passes over the weights.
     ///
     /// # Errors
-    /// [`StepError`] where there are more codes than the sequence has room for.
+    /// [`StepError`] if there are more codes than the sequence has room for.
     #[expect(
         clippy::too_many_arguments,
         reason = "the model, its scratch, its input, its sequence, the sampling, the output"
@@ -91,22 +91,22 @@ impl Generator {
         }
     }
 
-    /// Gives `sequence`, which attends to its encoder states, the ids of its first pass.
+    /// Sets the ids of the first pass of `sequence`, which already attends to its encoder states.
     ///
     /// # Errors
-    /// [`StepError`] where the sequence has no room for them.
+    /// [`StepError`] if the sequence has no room for them.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
     pub fn begin(&self, sequence: &mut Sequence) -> Result<Position, StepError> {
         sequence.set_ids(&[self.start, self.parts[Part::ALL[0]].start as u32])?;
         Ok(Position::default())
     }
 
-    /// Writes the code that follows a pass whose last row of this sequence was `row`, and gives
-    /// `sequence` the ids of its next pass: the code, and the markers that are forced after it.
-    /// Returns whether there is a next pass; after the last, the sequence has no ids.
+    /// Samples a code from row `row` of the last pass, which is the last row of this sequence. Sets the ids
+    /// of the next pass of `sequence`: the code, and the markers forced after it. Returns whether there is a
+    /// next pass; after the last, the sequence has no ids.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     #[expect(clippy::cast_possible_truncation, reason = "codes and ids fit their types by the config's checks")]
     #[expect(
         clippy::too_many_arguments,

@@ -1,4 +1,4 @@
-//! What the encoder reads: templates and their placeholders (SPEC 2.2, 2.3).
+//! Encoder input: templates and their placeholders (SPEC 2.2, 2.3).
 
 use std::ops::Range;
 
@@ -7,23 +7,23 @@ use crate::error::{LoadError, StepError};
 use crate::memory::{Arena, Slice};
 use crate::part::{Part, PerPart};
 
-/// Most tokens of a free text prompt.
+/// Maximum number of tokens in a free text prompt.
 pub const MAX_PROMPT_TOKENS: usize = 128;
 
-/// Most tokens that any template of the model makes.
+/// Length of the longest template of the model, in tokens.
 pub fn max_encoder_tokens(config: &Config) -> usize {
     let longest = config.templates.values().map(|items| items.iter().map(|item| item_len(config, item)).sum());
     longest.max().unwrap_or(1)
 }
 
-/// Tokens of the longest chunk: the start id, then four blocks with their markers; in layout `frames`
-/// one per keyframe.
+/// Length of the longest chunk in decoder tokens: the start id, then four blocks with their markers. In
+/// layout `frames`, one token per keyframe.
 pub fn max_decoder_tokens(config: &Config) -> usize {
     if config.is_frames() { config.max_target } else { 1 + 4 * (config.max_target + 2) }
 }
 
-/// Audio tokens of the window of a chunk that predicts `target` keyframes, with those of the
-/// keyframes behind it.
+/// Number of audio tokens in the window of a chunk that predicts `target` keyframes, including the audio of
+/// the keyframes behind the chunk.
 pub fn window_tokens(config: &Config, target: usize) -> usize {
     (config.prefix + target + config.audio.ahead) * config.tokens_per_keyframe()
 }
@@ -48,27 +48,27 @@ enum Slot {
     Keyframes,
 }
 
-/// What fills the placeholders of a template.
+/// Values for the placeholders of a template.
 #[derive(Clone, Copy, Debug)]
 pub struct Prompt<'a> {
-    /// Units of the window; not read where the template has no audio.
+    /// Audio units of the window; ignored if the template has no audio.
     pub units: &'a [u32],
-    /// The last codes of each part; not read in layout `frames`.
+    /// The last codes of each part; ignored in layout `frames`.
     pub history: PerPart<&'a [u16]>,
-    /// Ids of a free text; not read where the template has no text.
+    /// Ids of a free text; ignored if the template has no text.
     pub text: &'a [u32],
 }
 
-/// What layout `frames` fills in beside a [`Prompt`].
+/// Additional values for a template in layout `frames`.
 #[derive(Clone, Debug, Default)]
 pub struct FramePrompt {
-    /// Ids of the last keyframes, behind the vocabulary.
+    /// Ids of the last keyframes, which follow the vocabulary.
     pub keyframes: Range<u32>,
-    /// Audio tokens that have not been heard, at the end of the window.
+    /// Number of audio tokens at the end of the window that are still unknown; masks replace them.
     pub hidden_units: usize,
 }
 
-/// A template that is ready to be written out.
+/// A template with resolved placeholders.
 #[derive(Clone, Debug)]
 pub struct Template {
     slots: Slice<Slot>,
@@ -76,20 +76,20 @@ pub struct Template {
     has_text: bool,
     audio: Modality,
     parts: PerPart<Modality>,
-    /// Ids from here on are no text: those of keyframes in layout `frames`.
+    /// Upper bound of the ids of text. Keyframes in layout `frames` have ids from here on.
     text_ids: u32,
 }
 
 impl Template {
-    /// The template `name` of a model.
+    /// Resolves the template `name` of a model.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the model has none of this name.
+    /// [`LoadError::Config`] if the model has no template of this name.
     pub fn new(config: &Config, name: &str) -> Result<Self, LoadError> {
         Self::new_in(config, name, &Arena::system())
     }
 
-    /// The same in memory of `arena`.
+    /// Like [`Self::new`], in memory of `arena`.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -126,15 +126,15 @@ impl Template {
         self.has_text
     }
 
-    /// Writes the encoder's ids and returns how many there are.
+    /// Writes the encoder's ids and returns their number.
     ///
     /// # Errors
-    /// [`StepError`] where `ids` is too short, or a code or unit is out of range.
+    /// [`StepError`] if `ids` is too short, or a code or unit is out of range.
     pub fn write(&self, prompt: Prompt, ids: &mut [u32]) -> Result<usize, StepError> {
         self.write_frames(prompt, &FramePrompt::default(), ids)
     }
 
-    /// The same, in layout `frames`.
+    /// Like [`Self::write`], in layout `frames`.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -179,7 +179,7 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Start marker, codes, `hidden` masks, end marker.
+    /// Writes the start marker, the codes, `hidden` masks and the end marker.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
     fn block(
         &mut self,

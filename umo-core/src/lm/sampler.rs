@@ -1,14 +1,14 @@
-//! Which code follows from logits: greedy, or drawn by a generator that depends on (seed, chunk,
-//! position) alone, so that neither threads nor other sessions nor the split of the audio change it
-//! (SPEC 2.5).
+//! Selection of a code from logits: greedy, or sampled by a counter-based generator. A draw depends on (seed,
+//! chunk, position) alone, so threads, other sessions and the splitting of the audio do not change it (SPEC
+//! 2.5).
 
 use crate::config::Sampling;
 use crate::state::{StateError, StatePass};
 
-/// Weights that a draw computes once: as many codes as it usually keeps.
+/// Number of weights that a draw computes only once: enough for the codes usually kept.
 const HELD: usize = 64;
 
-/// Draws codes.
+/// Samples codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampler {
     /// Temperature, top-k, top-p.
@@ -18,10 +18,10 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// The likeliest code, always.
+    /// Always selects the code with the largest logit.
     pub const GREEDY: Self = Self { sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 }, seed: 0 };
 
-    /// The sampler of a part that may have a `sampling` of its own, which replaces this one's unless
+    /// Returns the sampler of a part that may have its own `sampling`. That replaces this sampler's, unless
     /// this one is greedy.
     #[must_use]
     pub fn of(self, own: Option<Sampling>) -> Self {
@@ -31,7 +31,7 @@ impl Sampler {
         }
     }
 
-    /// Describes the sampler; it takes numbers of any value.
+    /// Describes the sampler's state; all values are valid.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the bits of a float fit 32, and no more codes are kept than there are"
@@ -48,16 +48,17 @@ impl Sampler {
         Ok(())
     }
 
-    /// The code for `logits`, ties to the lower one. `ranks` is scratch, as long as `logits`.
+    /// Samples a code from `logits`; ties go to the lower code. `ranks` is scratch of at least the length of
+    /// `logits`.
     ///
-    /// Temperature, then top-k (logits equal to the k-th stay), then top-p (the likeliest whose sum
-    /// reaches it), as Hugging Face's `generate` orders them.
+    /// Applies temperature, then top-k (ties with the k-th logit stay), then top-p (the smallest set of
+    /// likeliest codes whose sum reaches it), in the order of Hugging Face's `generate`.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn sample(&self, logits: &[f32], ranks: &mut [Rank], chunk: u64, position: u32) -> usize {
         self.sample_at(logits, ranks, chunk, [position, 0])
     }
 
-    /// The same for a draw that two numbers of a chunk tell from others.
+    /// Like [`Self::sample`], with a draw identified by two numbers within the chunk.
     pub(crate) fn sample_at(&self, logits: &[f32], ranks: &mut [Rank], chunk: u64, place: [u32; 2]) -> usize {
         let Sampling { temperature, top_k, top_p } = self.sampling;
         let ranks = &mut ranks[..logits.len()];
@@ -72,7 +73,7 @@ impl Sampler {
             let is_zero = |rank: Rank| logits[rank.code()] == 0.0;
             kept = top_k;
             for at in top_k..ranks.len() {
-                // None of these has a larger logit.
+                // The rest of the codes have no larger logit.
                 if ranks[at].order() == last.order() || (is_zero(last) && is_zero(ranks[at])) {
                     ranks.swap(kept, at);
                     kept += 1;
@@ -107,8 +108,8 @@ impl Sampler {
     }
 }
 
-/// A code on its way through a draw: the likelier, the smaller; of equals the lower code. Logits are in the order of
-/// [`f32::total_cmp`].
+/// Sort key of a code: ascending keys are descending logits, in the order of [`f32::total_cmp`]; ties go to
+/// the lower code.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(not(feature = "internals"), doc(hidden))]
 pub struct Rank(u64);
@@ -121,7 +122,7 @@ impl Rank {
         Self(u64::from(descending) << 32 | u64::from(code as u32))
     }
 
-    /// The logit's place among all floats, the largest first.
+    /// Position of the logit in the order of all floats, largest first.
     fn order(self) -> u64 {
         self.0 >> 32
     }
@@ -132,8 +133,8 @@ impl Rank {
     }
 }
 
-/// A number in `0..1` of 53 bits that depends on its arguments alone: Philox 4x32-10 (Salmon et al.
-/// 2011) with the seed as key and chunk and place as counter.
+/// A uniform number in `0..1` with 53 bits that depends on its arguments alone: Philox 4x32-10 (Salmon et al.
+/// 2011), with the seed as key, and chunk and place as counter.
 #[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
 #[expect(clippy::cast_precision_loss, reason = "53 bits fit an f64")]
 fn uniform(seed: u64, chunk: u64, place: [u32; 2]) -> f64 {
@@ -160,7 +161,7 @@ pub(crate) fn philox(mut c: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
 mod tests {
     use super::*;
 
-    /// The known answers that Random123 publishes for philox4x32-10.
+    /// Known answers that Random123 publishes for philox4x32-10.
     #[test]
     fn philox_gives_the_published_answers() {
         assert_eq!(philox([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
@@ -175,7 +176,7 @@ mod tests {
         assert_eq!(Sampler::GREEDY.sample(&[0.0, 2.0, 2.0, 1.0], &mut ranks, 0, 0), 1);
     }
 
-    /// The draw as it is defined: all codes in order, then those that are kept.
+    /// Reference implementation of a draw: sorts all codes, then selects the kept ones.
     fn sorted(sampler: &Sampler, logits: &[f32], chunk: u64, place: [u32; 2]) -> usize {
         let Sampling { temperature, top_k, top_p } = sampler.sampling;
         let mut order: Vec<usize> = (0..logits.len()).collect();
@@ -214,7 +215,8 @@ mod tests {
         };
         for case in 0..3000 {
             let count = 1 + next(130) as usize;
-            // More codes than are held, of few values, so that many are equal, zeros of both signs among them.
+            // More codes than `HELD`, with few distinct values, so that many are equal, including zeros of
+            // both signs.
             let logits: Vec<f32> = (0..count).map(|_| (next(9) as f32 - 4.0) * [1.0, -1.0][next(2) as usize]).collect();
             let sampling = Sampling {
                 temperature: [0.0, 0.7, 1.0][next(3) as usize],
@@ -245,7 +247,7 @@ mod tests {
             }
             for (count, wanted) in counts.iter().zip(wanted) {
                 let share = f64::from(*count) / f64::from(DRAWS);
-                // Four standard deviations of a share of that many draws.
+                // Four standard deviations of a share of `DRAWS` draws.
                 assert!((share - wanted).abs() <= 4.0 * (0.25 / f64::from(DRAWS)).sqrt(), "{sampling:?}: {counts:?}");
             }
         }

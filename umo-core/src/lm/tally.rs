@@ -1,5 +1,4 @@
-//! Which experts tokens were sent to, by what the tokens are: counted only where somebody asked for
-//! it.
+//! Counts of tokens per expert, by the kind of the token; optional.
 
 use super::experts::ExpertScratch;
 use crate::config::{Config, Modality};
@@ -21,25 +20,25 @@ pub fn kind_names(config: &Config) -> &'static [&'static str] {
     if config.is_frames() { &FRAME_KIND_NAMES } else { &KIND_NAMES }
 }
 
-/// Rows that every expert of every layer took since it was last cleared, by the kind of the row's
-/// token.
+/// Number of rows processed by every expert of every layer since the counts were last cleared, by the kind of
+/// the row's token.
 #[derive(Clone, Debug)]
 pub struct Tally {
     /// `[encoder layers + decoder layers, kinds, experts]`.
     counts: Box<[u32]>,
-    /// Kind of each row of the pass in work; room for the longest.
+    /// Kind of each row of the current pass; reserved for the longest.
     kinds: Vec<u8>,
-    /// Kinds of ids that are no text, in the order of the kinds after it.
+    /// Modalities of the kinds after text, in order.
     spoken: Vec<Modality>,
-    /// The first id of the history's keyframes and that of the chunk's, in layout `frames`.
+    /// The first id of the history's keyframes and the first of the chunk's, in layout `frames`.
     keyframes: Option<[usize; 2]>,
-    /// How many kinds there are.
+    /// Number of kinds.
     width: usize,
     experts: usize,
 }
 
 impl Tally {
-    /// For stacks of `layers` layers in all, and passes over at most `rows` rows.
+    /// Creates counters for `layers` layers in all and passes over at most `rows` rows.
     pub(super) fn new(config: &Config, layers: usize, rows: usize) -> Self {
         let (vocab, experts, width) = (&config.vocab, config.lm.experts, kind_names(config).len());
         let mut spoken = vec![vocab.audio];
@@ -61,17 +60,17 @@ impl Tally {
         &self.counts
     }
 
-    /// Starts counting anew.
+    /// Resets the counts.
     pub(crate) fn clear(&mut self) {
         self.counts.fill(0);
     }
 
-    /// A pass without rows.
+    /// Starts a pass without rows.
     pub(super) fn begin_pass(&mut self) {
         self.kinds.clear();
     }
 
-    /// More rows of the pass.
+    /// Adds rows to the pass.
     pub(super) fn add_rows(&mut self, ids: &[u32]) {
         for &id in ids {
             let id = id as usize;
@@ -84,8 +83,8 @@ impl Tally {
         }
     }
 
-    /// Counts where the rows of the pass from `first` on went in `layer`, the decoder's layers after the
-    /// encoder's.
+    /// Counts the experts chosen in `layer` for the pass's rows from `first` on. Decoder layers are numbered
+    /// after the encoder's.
     pub(super) fn count(&mut self, layer: usize, first: usize, routed: &ExpertScratch) {
         let start = layer * self.width * self.experts;
         for expert in 0..self.experts {

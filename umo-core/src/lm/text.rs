@@ -1,9 +1,9 @@
-//! Free text to ids, by the SentencePiece model in the file (SPEC 2.2, 2.3).
+//! Free text to ids, using the SentencePiece model in the file (SPEC 2.2, 2.3).
 //!
-//! Only what a T5 vocabulary needs of SentencePiece is here: unigram models with their own table of
-//! characters. The libraries at hand put a Unicode normalisation of their own in the table's place,
-//! and take words such as `</s>` in a text for markers; the ids must be those that the language
-//! model was trained with, so the table is read instead.
+//! Implements only the part of SentencePiece that a T5 vocabulary needs: unigram models with their own
+//! character table. The available libraries replace the table by their own Unicode normalisation, and treat
+//! words such as `</s>` in a text as markers. The ids must match the training of the language model, so the
+//! table is read instead.
 
 mod normalizer;
 mod proto;
@@ -31,25 +31,24 @@ pub struct TextTokenizer {
 }
 
 impl TextTokenizer {
-    /// The tokenizer of a model, where it has one.
+    /// Loads the tokenizer of a model, if it has one.
     ///
     /// # Errors
-    /// [`LoadError`] where the tensor is no SentencePiece model.
+    /// [`LoadError`] if the tensor is not a SentencePiece model.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn load(file: &ModelFile) -> Result<Option<Self>, LoadError> {
         if !file.has(TOKENIZER) {
             return Ok(None);
         }
-        // Its pieces, each in maps and strings of its own.
+        // The pieces: each is an entry in maps, with its own strings.
         memory::require(8 * file.raw(TOKENIZER)?.len());
         Self::from_bytes(file.raw(TOKENIZER)?, file.config().vocab.size).map(Some)
     }
 
-    /// A tokenizer from the bytes of a SentencePiece unigram model, for a vocabulary of `limit`
-    /// ids.
+    /// Creates a tokenizer from the bytes of a SentencePiece unigram model, for a vocabulary of `limit` ids.
     ///
     /// # Errors
-    /// [`LoadError`] where the bytes are no such model.
+    /// [`LoadError`] if the bytes are not such a model.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn from_bytes(bytes: &[u8], limit: usize) -> Result<Self, LoadError> {
         let wrong =
@@ -59,17 +58,16 @@ impl TextTokenizer {
         Ok(Self { normalizer, unigram: Unigram::new(&proto).map_err(wrong)?, limit })
     }
 
-    /// The ids of a text of any length, without an end marker.
+    /// Tokenizes a text of any length, without an end marker.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn split(&self, text: &str) -> Vec<u32> {
         self.unigram.split(&self.normalizer.normalize(text))
     }
 
-    /// The ids of a text that becomes a prompt, without an end marker.
+    /// Tokenizes a prompt, without an end marker.
     ///
     /// # Errors
-    /// [`StepError`] where the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the
-    /// vocabulary.
+    /// [`StepError`] if the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the vocabulary.
     pub fn encode(&self, text: &str) -> Result<Vec<u32>, StepError> {
         let ids = self.split(text);
         if ids.len() > MAX_PROMPT_TOKENS {

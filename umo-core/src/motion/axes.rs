@@ -1,24 +1,23 @@
-//! Poses in the axes and units of others: which way is up, which hand, how long a unit is.
+//! Poses in other axes and units: up axis, handedness and unit of length.
 //!
-//! umo's own are those of glTF: Y up, right-handed, metres; the avatar looks along +Z, its left
-//! hand is towards +X.
+//! umo uses glTF's: Y up, right-handed, metres. The avatar faces +Z, and its left hand points towards +X.
 
 use super::rotation::Quat;
 
-/// A convention for places and rotations.
+/// A convention for positions and rotations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Axes {
-    /// glTF, Godot, Blender's importers, umo itself: Y up, right-handed, metres.
+    /// glTF, Godot, Blender's importers, umo: Y up, right-handed, metres.
     #[default]
     Gltf,
-    /// Unreal: Z up, left-handed, centimetres; forwards +X, the avatar's right hand towards +Y.
+    /// Unreal: Z up, left-handed, centimetres; forward is +X, the avatar's right hand is towards +Y.
     Unreal,
-    /// Unity: Y up, left-handed, metres; forwards +Z, the avatar's right hand towards +X.
+    /// Unity: Y up, left-handed, metres; forward is +Z, the avatar's right hand is towards +X.
     Unity,
 }
 
 impl Axes {
-    /// A place or an offset.
+    /// Converts a position or an offset to this convention.
     #[must_use]
     pub fn place(self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         match self {
@@ -28,7 +27,7 @@ impl Axes {
         }
     }
 
-    /// The place in umo's own axes of one in these.
+    /// Converts a position in this convention to umo's.
     #[must_use]
     pub fn place_from(self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         match self {
@@ -38,8 +37,8 @@ impl Axes {
         }
     }
 
-    /// A rotation, as a quaternion x, y, z, w. An axis of rotation changes its sign where the hand
-    /// changes, so that the same turn is meant.
+    /// Converts a rotation, a quaternion x, y, z, w, to this convention. If the handedness differs, the axis
+    /// changes sign, so that the result is the same physical rotation.
     #[must_use]
     pub fn rotation(self, [x, y, z, w]: Quat) -> Quat {
         match self {
@@ -49,7 +48,7 @@ impl Axes {
         }
     }
 
-    /// The rotation in umo's own axes of one in these.
+    /// Converts a rotation in this convention to umo's.
     #[must_use]
     pub fn rotation_from(self, [x, y, z, w]: Quat) -> Quat {
         match self {
@@ -59,7 +58,7 @@ impl Axes {
         }
     }
 
-    /// Units of length in a metre.
+    /// Number of units of length in a metre.
     #[must_use]
     pub const fn units_per_metre(self) -> f32 {
         match self {
@@ -77,13 +76,13 @@ mod tests {
 
     const ALL: [Axes; 3] = [Axes::Gltf, Axes::Unreal, Axes::Unity];
 
-    /// Worked out by hand: the avatar stands 1 m to its left, 2 m up, 3 m ahead.
+    /// Derived by hand: the position is 1 m to the avatar's left, 2 m up, 3 m ahead.
     #[test]
     fn places_are_where_each_engine_has_them() {
         assert_eq!(Axes::Gltf.place([1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
-        // Forwards is X, right is Y, up is Z, centimetres.
+        // Forward is X, right is Y, up is Z, in centimetres.
         assert_eq!(Axes::Unreal.place([1.0, 2.0, 3.0]), [300.0, -100.0, 200.0]);
-        // Right is X, up is Y, forwards is Z.
+        // Right is X, up is Y, forward is Z.
         assert_eq!(Axes::Unity.place([1.0, 2.0, 3.0]), [-1.0, 2.0, 3.0]);
     }
 
@@ -97,9 +96,8 @@ mod tests {
         }
     }
 
-    /// Worked out by hand: the head turns a quarter to the avatar's left. By the right-hand rule
-    /// about Y (up) that is +90 degrees; in both left-handed engines a turn to the left about the
-    /// axis that points up is -90 degrees.
+    /// Derived by hand: the head turns a quarter to the avatar's left. By the right-hand rule about Y (up)
+    /// that is +90 degrees. In both left-handed engines, a turn to the left about the up axis is -90 degrees.
     #[test]
     fn a_look_to_the_left_is_one_in_every_engine() {
         let half = std::f32::consts::FRAC_1_SQRT_2;
@@ -110,8 +108,7 @@ mod tests {
     }
 
     proptest! {
-        /// Turning and then converting is converting and then turning, where the engine's own rule
-        /// for quaternions is the same formula in its axes.
+        /// Rotating and converting commute, if the engine's quaternion formula is the same in its own axes.
         #[test]
         fn rotations_and_places_belong_together(
             axis in proptest::array::uniform3(-3.0_f32..3.0),

@@ -1,4 +1,4 @@
-//! A whole motion in memory, and its way back to channels and codes (SPEC 2.7, EMAGE's lower-body
+//! A whole motion in memory, and its conversion back to channels and codes (SPEC 2.7, EMAGE's lower-body
 //! channels).
 
 use super::conv::ConvScratch;
@@ -18,28 +18,28 @@ use crate::weights::Loader;
 /// Left ankle and foot, right ankle and foot, in the order of the contact channels.
 const CONTACT_JOINTS: [usize; 4] = [7, 10, 8, 11];
 
-/// A foot joint that moves less than this from one frame to the next stands, metres.
+/// Displacement per frame below which a foot joint counts as standing, in metres.
 const STANDING: f32 = 0.01;
 
-/// A motion: what the writers of every format read.
+/// A motion: the input of the writers of every format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
     /// Frames per second.
     pub frame_rate: f32,
-    /// Bones.
+    /// Bone hierarchy and offsets.
     pub skeleton: Skeleton,
-    /// What the face values are.
+    /// Names and kind of the face values.
     pub face: Face,
     /// Unit quaternions of 55 joints, relative to their parents, for each frame.
     pub rotations: Vec<[Quat; JOINTS]>,
-    /// Place of the root for each frame, metres.
+    /// Position of the root for each frame, metres.
     pub translation: Vec<[f32; 3]>,
     /// `[frames, face.names]`
     pub face_values: Vec<f32>,
 }
 
 impl Clip {
-    /// A motion of no frames, of a model's bones and face.
+    /// Creates an empty motion with a model's bones and face.
     pub fn new(config: &Config) -> Self {
         Self {
             frame_rate: rate(config),
@@ -51,8 +51,7 @@ impl Clip {
         }
     }
 
-    /// Adds a frame. Panics where `face` has another number of values than the clip's face has
-    /// names.
+    /// Appends a frame. Panics if the length of `face` differs from the number of names of the clip's face.
     pub fn push(&mut self, pose: &Pose, face: &[f32]) {
         assert_eq!(face.len(), self.face.names.len(), "one value per name of the face");
         self.rotations.push(pose.rotations);
@@ -65,42 +64,42 @@ impl Clip {
         self.rotations.len()
     }
 
-    /// Whether there is no frame.
+    /// Whether there are no frames.
     pub fn is_empty(&self) -> bool {
         self.rotations.is_empty()
     }
 
-    /// Frame `index`. Panics where there is none.
+    /// Pose of frame `index`. Panics if `index` is out of range.
     pub fn pose(&self, index: usize) -> Pose {
         Pose { rotations: self.rotations[index], translation: self.translation[index] }
     }
 
-    /// The face values of frame `index`. Panics where there is none.
+    /// Face values of frame `index`. Panics if `index` is out of range.
     pub fn face(&self, index: usize) -> &[f32] {
         let values = self.face.names.len();
         &self.face_values[index * values..(index + 1) * values]
     }
 
-    /// A joint's parent; none for the root.
+    /// Parent of a joint; `None` for the root.
     pub fn parent(&self, joint: usize) -> Option<usize> {
         usize::try_from(self.skeleton.parents[joint]).ok()
     }
 
-    /// The joints whose parent is `joint`.
+    /// Joints whose parent is `joint`.
     pub fn children(&self, joint: usize) -> impl Iterator<Item = usize> {
         (joint + 1..JOINTS).filter(move |&child| self.parent(child) == Some(joint))
     }
 
-    /// The root joint's position in frame `index`. Panics where there is none.
+    /// Position of the root joint in frame `index`. Panics if `index` is out of range.
     pub fn root_position(&self, index: usize) -> [f32; 3] {
         let (rest, moved) = (self.skeleton.offsets_m[0], self.translation[index]);
         std::array::from_fn(|axis| rest[axis] + moved[axis])
     }
 
-    /// Refuses a motion that no file could hold: writers index and divide without asking again.
+    /// Checks that the motion is consistent. Writers index and divide without further checks.
     ///
     /// # Errors
-    /// What contradicts itself.
+    /// A description of the inconsistency.
     pub fn check(&self) -> Result<(), &'static str> {
         let (frames, tree) = (self.len(), &self.skeleton);
         let rules = [
@@ -123,7 +122,7 @@ impl Clip {
         [rotations, positions, offsets, &self.face_values].into_iter().flatten().all(|x| x.is_finite())
     }
 
-    /// The same motion at another number of frames per second, from its first frame to its last.
+    /// Resamples the motion to another frame rate, from its first frame to its last.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "frame numbers, rounded down on purpose")]
     #[expect(clippy::cast_sign_loss, reason = "frame numbers are not negative")]
@@ -135,7 +134,7 @@ impl Clip {
         }
         (clip.rotations, clip.translation, clip.face_values) = Default::default();
         let last = self.len() - 1;
-        // The small part is for a last frame that rounding would lose.
+        // The small addend keeps a last frame that rounding would lose.
         let frames = (last as f64 / step + 1e-6) as usize + 1;
         let mut face = filled(0.0, self.face.names.len());
         for index in 0..frames {
@@ -156,11 +155,12 @@ impl Clip {
         clip
     }
 
-    /// The channels `[frames, channels]` of each part, as its encoder wants them.
+    /// Computes the channels `[frames, channels]` of each part, as input of its encoder.
     ///
-    /// Lower body after its rotations: velocity along x, height, velocity along z, then 1 for each
-    /// ankle and foot that moves less than 1 cm to the next frame. The velocity is the one that
-    /// decoding sums: from a frame to its next, m/s; the last frame repeats that of the one before.
+    /// The lower body's rotations are followed by the velocity along x, the height and the velocity along z.
+    /// Then comes 1 for each ankle and foot that moves less than 1 cm to the next frame, else 0. The velocity
+    /// is the one that decoding sums: from a frame to its next, m/s. The last frame repeats the velocity and
+    /// contacts of the one before.
     pub fn channels(&self) -> PerPart<Vec<f32>> {
         let mut channels = PerPart::from_fn(|part| filled(0.0, self.len() * self.channels_of(part)));
         for (part, index) in Part::ALL.into_iter().flat_map(|part| (0..self.len()).map(move |index| (part, index))) {
@@ -183,7 +183,7 @@ impl Clip {
         }
     }
 
-    /// Root velocity, height and foot contact.
+    /// Writes root velocity, height and foot contact.
     fn write_root(&self, lower: &mut [f32]) {
         let feet: Vec<[[f32; 3]; 4]> = (0..self.len())
             .map(|index| {
@@ -221,23 +221,23 @@ fn rate(config: &Config) -> f32 {
     config.frame_rate as f32
 }
 
-/// The VQ encoders of the parts, where a model has them.
+/// VQ encoders of the parts, if a model has them.
 #[derive(Debug)]
 pub struct MotionEncoder {
-    /// In the order of the config's parts; none for an annotation, whose codes of rest stand for
-    /// it.
+    /// Parts in the order of the config. The encoder is `None` for an annotation, which is encoded as its
+    /// rest codes.
     parts: Vec<(PartSpec, Option<(VqEncoder, Channels)>)>,
-    /// Channels of the body parts.
+    /// Number of channels of each body part.
     widths: PerPart<usize>,
     width: usize,
     frame_rate: f32,
 }
 
 impl MotionEncoder {
-    /// Loads `vq.{part}.encoder`; `None` where the file has none of them.
+    /// Loads `vq.{part}.encoder`; returns `None` if the file has no encoders.
     ///
     /// # Errors
-    /// [`LoadError`] naming the tensor, also where only some of them are there.
+    /// [`LoadError`] naming the tensor, also if only some of the tensors are present.
     pub fn load(loader: &Loader) -> Result<Option<Self>, LoadError> {
         let config = loader.file().config();
         let parts = config.part_list();
@@ -259,12 +259,12 @@ impl MotionEncoder {
         }))
     }
 
-    /// The codes of a whole motion's `channels [T, channels]` for a model of the paper's four
-    /// parts, `[T]` each; allocates as it needs.
+    /// Encodes a whole motion's `channels [T, channels]` to codes `[T]` of each part, for a model with the
+    /// paper's four parts. Allocates.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, the parts have different numbers of them, or the
-    /// model has other parts.
+    /// [`StepError`] if there are no frames, the parts have different numbers of frames, or the model has
+    /// other parts.
     pub fn encode(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<PerPart<Vec<u16>>, StepError> {
         let mut codes = self.encode_list(cx, channels)?.into_iter();
         let paper = self.parts.iter().map(|(part, _)| part.name.as_str()).eq(Part::ALL.map(Part::name));
@@ -274,11 +274,11 @@ impl MotionEncoder {
         Ok(PerPart::from_fn(|_| codes.next().unwrap_or_default()))
     }
 
-    /// The codes `[T, levels]` of each part of the config; an annotation's are those of rest.
-    /// Allocates as it needs.
+    /// Encodes to codes `[T, levels]` of each part of the config; an annotation gets its rest codes.
+    /// Allocates.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, or the parts have different numbers of them.
+    /// [`StepError`] if there are no frames, or the parts have different numbers of frames.
     pub fn encode_list(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<Vec<Vec<u16>>, StepError> {
         let frames = channels.face.len() / self.widths.face;
         if frames == 0 {
@@ -306,17 +306,17 @@ impl MotionEncoder {
         self.parts.iter().map(encode).collect()
     }
 
-    /// The codes of a motion, brought to the model's frame rate first.
+    /// Encodes a motion, after resampling it to the model's frame rate.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, the clip's face has another number of values than the
-    /// model's, or its rate is not between 1 and 1000 frames a second.
+    /// [`StepError`] if there are no frames, the number of face values differs from the model's, or the frame
+    /// rate is not between 1 and 1000 frames a second.
     pub fn encode_clip(&self, cx: Compute, clip: &Clip) -> Result<PerPart<Vec<u16>>, StepError> {
         let channels = self.channels(clip)?;
         self.encode(cx, PerPart::from_fn(|part| &*channels[part]))
     }
 
-    /// The same for a model of any parts, as [`Self::encode_list`].
+    /// Like [`Self::encode_clip`] for a model with any parts, as [`Self::encode_list`].
     ///
     /// # Errors
     /// As [`Self::encode_clip`].
@@ -325,7 +325,7 @@ impl MotionEncoder {
         self.encode_list(cx, PerPart::from_fn(|part| &*channels[part]))
     }
 
-    /// The channels of a clip at the model's frame rate.
+    /// Computes the channels of a clip at the model's frame rate.
     fn channels(&self, clip: &Clip) -> Result<PerPart<Vec<f32>>, StepError> {
         if !(1.0..=1000.0).contains(&clip.frame_rate) {
             return Err(StepError::Disagree("the motion's frame rate is not between 1 and 1000"));

@@ -1,9 +1,8 @@
-//! The convolutional stacks that the codecs and the root network are made of (SPEC 2.7).
+//! Convolutional stacks of the codecs and the root network (SPEC 2.7).
 //!
-//! Activations lie in padded buffers, `[1 + rows + 1, channels]` with a row of zeros before the
-//! first and after the last: the window of a convolution over three frames is then three rows that
-//! follow each other, a row of an overlapping [`Mat`], and every layer pads with zeros as its
-//! training did.
+//! Activations are stored in padded buffers, `[1 + rows + 1, channels]`, with a row of zeros before the first
+//! row and after the last. The window of a convolution over three frames is then three adjacent rows, a row
+//! of an overlapping [`Mat`]. So every layer pads with zeros, as in training.
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
@@ -15,15 +14,15 @@ use crate::linear::{Compute, Linear, QuantScratch};
 use crate::memory::filled;
 use crate::weights::Loader;
 
-/// Frames that a convolution sees.
+/// Number of frames in a convolution's window.
 const KERNEL: usize = 3;
 
 const LEAKY: Activation = Activation::LeakyRelu(0.2);
 
-/// Two padded buffers, between which a stack goes back and forth, and room for quantized windows.
+/// Two padded buffers that the layers of a stack alternate between, and scratch for quantized windows.
 #[derive(Debug)]
 pub(super) struct ConvScratch {
-    /// `[1 + rows + 1, channels]`, the stack's input and, when it is done, its output.
+    /// `[1 + rows + 1, channels]`: the stack's input, and at the end its output.
     front: Box<[f32]>,
     /// `[1 + rows + 1, channels]`
     back: Box<[f32]>,
@@ -32,21 +31,21 @@ pub(super) struct ConvScratch {
 }
 
 impl ConvScratch {
-    /// Room for `rows` frames of stacks that are at most `width` wide.
+    /// Allocates scratch for `rows` frames and stacks of width at most `width`.
     pub(super) fn new(rows: usize, width: usize) -> Self {
         let buffer = || filled(0.0, (rows + 2) * width).into_boxed_slice();
         Self { front: buffer(), back: buffer(), quant: QuantScratch::new(rows, KERNEL * width), rows }
     }
 
-    /// Frames that there is room for.
+    /// Number of frames that the scratch has room for.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The rows `[rows, channels]` to write a stack's input to.
+    /// Returns the rows `[rows, channels]` of a stack's input, to be written.
     ///
     /// # Errors
-    /// [`StepError::TooLong`] where there is no room for so many.
+    /// [`StepError::TooLong`] if `rows` exceeds the scratch's capacity.
     pub(super) fn input(&mut self, rows: usize, channels: usize) -> Result<&mut [f32], StepError> {
         if rows > self.rows {
             return Err(StepError::TooLong { what: "frames of motion", got: rows, limit: self.rows });
@@ -54,18 +53,18 @@ impl ConvScratch {
         Ok(padded(&mut self.front, rows, channels))
     }
 
-    /// The rows `[rows, channels]` that the stack wrote last.
+    /// Returns the rows `[rows, channels]` of the stack's last output.
     pub(super) fn output(&self, rows: usize, channels: usize) -> &[f32] {
         &self.front[channels..][..rows * channels]
     }
 
-    /// The same, to be written.
+    /// Like [`Self::output`], mutable.
     pub(super) fn output_mut(&mut self, rows: usize, channels: usize) -> &mut [f32] {
         &mut self.front[channels..][..rows * channels]
     }
 }
 
-/// The rows of a padded buffer, after its two rows of padding were set to zero.
+/// Zeroes the two padding rows of a buffer and returns the rows between them.
 fn padded(buffer: &mut [f32], rows: usize, channels: usize) -> &mut [f32] {
     let (before, rest) = buffer.split_at_mut(channels);
     let (inside, after) = rest.split_at_mut(rows * channels);
@@ -87,7 +86,7 @@ impl Conv {
         self.0.inputs() / KERNEL
     }
 
-    /// From the padded `x` to the padded `y`.
+    /// Convolves the padded `x` into the padded `y`.
     fn run(
         &self,
         cx: Compute,
@@ -102,14 +101,14 @@ impl Conv {
         self.0.forward(cx, quant, x, end, y)
     }
 
-    /// Front to front, through the back, with LeakyReLU.
+    /// Convolution with LeakyReLU from `front` to `front`, using `back`.
     fn activate(&self, cx: Compute, s: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
         self.run(cx, &mut s.quant, &s.front, rows, Epilogue::STORE.then(LEAKY), &mut s.back)?;
         std::mem::swap(&mut s.front, &mut s.back);
         Ok(())
     }
 
-    /// Front to front, through the back.
+    /// Convolution from `front` to `front`, using `back`.
     fn finish(&self, cx: Compute, s: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
         self.run(cx, &mut s.quant, &s.front, rows, Epilogue::STORE, &mut s.back)?;
         std::mem::swap(&mut s.front, &mut s.back);
@@ -136,7 +135,7 @@ impl Residual {
     }
 }
 
-/// `channels` to `width`: per layer a convolution, LeakyReLU and a residual block.
+/// Stack from `channels` to `width`: per layer a convolution, LeakyReLU and a residual block.
 #[derive(Debug)]
 pub(super) struct EncoderStack {
     layers: Vec<(Conv, Residual)>,
@@ -153,7 +152,7 @@ impl EncoderStack {
         Ok(Self { layers: (0..codec.layers).map(layer).collect::<Result<_, LoadError>>()? })
     }
 
-    /// Runs on the input of `scratch`, whose output it becomes.
+    /// Replaces the input of `scratch` by the stack's output.
     pub(super) fn run(&self, cx: Compute, scratch: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
         self.layers.iter().try_for_each(|(conv, residual)| {
             conv.activate(cx, scratch, rows)?;
@@ -162,8 +161,8 @@ impl EncoderStack {
     }
 }
 
-/// `width` to `channels`: two residual blocks, convolutions with LeakyReLU of which the last
-/// widens, and one more.
+/// Stack from `width` to `channels`: two residual blocks, then convolutions with LeakyReLU, the last of which
+/// changes the width to `channels`, then a final convolution.
 #[derive(Debug)]
 pub(super) struct DecoderStack {
     residuals: [Residual; 2],
@@ -186,7 +185,7 @@ impl DecoderStack {
         })
     }
 
-    /// Runs on the input of `scratch`, whose output it becomes.
+    /// Replaces the input of `scratch` by the stack's output.
     pub(super) fn run(&self, cx: Compute, scratch: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
         self.residuals.iter().try_for_each(|residual| residual.run(cx, scratch, rows))?;
         self.layers.iter().try_for_each(|conv| conv.activate(cx, scratch, rows))?;

@@ -1,5 +1,5 @@
-//! One frame of a body: the channels of its four parts as rotations of 55 joints and face values,
-//! and back.
+//! The pose of one frame: conversion between the channels of four parts and the rotations of 55 joints with
+//! face values.
 
 use super::root::finite;
 use super::rotation::{IDENTITY, Quat, axis_angle_to_quat, product, quat_to_six, six_to_quat};
@@ -7,16 +7,16 @@ use super::skeleton::{JAW, JOINTS, joints_of};
 use crate::config::{Face, FaceKind};
 use crate::part::{Part, PerPart};
 
-/// First of the face's channels after the jaw's 6D rotation.
+/// Index of the first face channel after the jaw's 6D rotation.
 pub const FIRST_FACE_VALUE: usize = 6;
 
-/// The left eye; the right one follows.
+/// Joint of the left eye; the right eye follows.
 const LEFT_EYE: usize = JAW + 1;
 
-/// How far an ARKit eye turns sideways at 1.0, radians: 30 degrees.
+/// Sideways rotation of an ARKit eye at 1.0, in radians: 30 degrees.
 pub const GAZE_SIDEWAYS: f32 = 30.0 / 180.0 * std::f32::consts::PI;
 
-/// How far an ARKit eye turns up or down at 1.0, radians: 25 degrees.
+/// Up or down rotation of an ARKit eye at 1.0, in radians: 25 degrees.
 pub const GAZE_UPWARDS: f32 = 25.0 / 180.0 * std::f32::consts::PI;
 
 /// The body at one frame.
@@ -24,16 +24,16 @@ pub const GAZE_UPWARDS: f32 = 25.0 / 180.0 * std::f32::consts::PI;
 pub struct Pose {
     /// Unit quaternion of each joint, relative to its parent, in SMPL-X order.
     pub rotations: [Quat; JOINTS],
-    /// Place of the root, metres, Y up.
+    /// Position of the root, metres, Y up.
     pub translation: [f32; 3],
 }
 
 impl Pose {
-    /// Every joint at rest, at the origin.
+    /// All joints at rest, root at the origin.
     pub const REST: Self = Self { rotations: [IDENTITY; JOINTS], translation: [0.0; 3] };
 }
 
-/// Turns channels into poses and face values, as the model's face wants it.
+/// Converts channels to poses and face values for the model's type of face.
 #[derive(Clone, Debug)]
 pub struct Assembly {
     kind: FaceKind,
@@ -41,14 +41,14 @@ pub struct Assembly {
     eyes: Option<[EyeChannels; 2]>,
 }
 
-/// Which face values turn one eye.
+/// Face values that rotate one eye.
 #[derive(Clone, Copy, Debug)]
 struct EyeChannels {
     down: usize,
     inwards: usize,
     outwards: usize,
     up: usize,
-    /// 1 where outwards is towards +X (the left eye), -1 where it is towards -X.
+    /// 1 if outwards is towards +X (the left eye), -1 if it is towards -X.
     side: f32,
 }
 
@@ -64,7 +64,7 @@ impl EyeChannels {
         })
     }
 
-    /// Sideways about Y, after up or down about X; the rest gaze is along +Z.
+    /// Yaw about Y, after pitch about X; the gaze at rest is along +Z.
     fn rotation(&self, values: &[f32]) -> Quat {
         let yaw = self.side * GAZE_SIDEWAYS * (values[self.outwards] - values[self.inwards]);
         let pitch = GAZE_UPWARDS * (values[self.down] - values[self.up]);
@@ -73,8 +73,8 @@ impl EyeChannels {
 }
 
 impl Assembly {
-    /// For a model's face: with ARKit channels the eyes follow `eyeLook…`, otherwise they stay at
-    /// rest.
+    /// Creates the conversion for a model's face. With ARKit channels the eyes follow `eyeLook…`; otherwise
+    /// they stay at rest.
     pub fn new(face: &Face) -> Self {
         let eyes = match face.kind {
             FaceKind::SmplxExpression => None,
@@ -85,7 +85,7 @@ impl Assembly {
         Self { kind: face.kind, values: face.names.len(), eyes }
     }
 
-    /// Face values per frame.
+    /// Number of face values per frame.
     pub fn face_values(&self) -> usize {
         self.values
     }
@@ -95,7 +95,7 @@ impl Assembly {
         self.kind == FaceKind::Arkit
     }
 
-    /// The rotations of one frame's channels; joints of no part, the eyes among them, are at rest.
+    /// Converts one frame's channels to rotations. Joints outside the parts, such as the eyes, are at rest.
     pub fn rotations(&self, channels: PerPart<&[f32]>) -> [Quat; JOINTS] {
         let mut rotations = [IDENTITY; JOINTS];
         for part in Part::ALL {
@@ -106,7 +106,8 @@ impl Assembly {
         rotations
     }
 
-    /// The face values of one frame's face channels: ARKit's between 0 and 1, others as they are.
+    /// Converts one frame's face channels to face values: clamps ARKit's to 0 to 1, and copies others. Values
+    /// that are not finite become 0.
     pub fn face(&self, channels: &[f32], values: &mut [f32]) {
         for (value, &channel) in values.iter_mut().zip(&channels[FIRST_FACE_VALUE..]) {
             *value = match self.kind {
@@ -116,7 +117,7 @@ impl Assembly {
         }
     }
 
-    /// Turns the eyes of `rotations` to where `values` look, where they do.
+    /// Rotates the eyes of `rotations` to the gaze of `values`, if the face has gaze channels.
     pub fn turn_eyes(&self, values: &[f32], rotations: &mut [Quat; JOINTS]) {
         if let Some(eyes) = &self.eyes {
             for (eye, joint) in eyes.iter().zip(LEFT_EYE..) {
@@ -125,7 +126,7 @@ impl Assembly {
         }
     }
 
-    /// Writes the 6D rotations of one part's joints to the first of its channels.
+    /// Writes the 6D rotations of one part's joints to its first channels.
     pub fn write_rotations(part: Part, rotations: &[Quat; JOINTS], channels: &mut [f32]) {
         for (joint, six) in joints_of(part).zip(channels.as_chunks_mut().0) {
             *six = quat_to_six(rotations[joint]);
@@ -140,7 +141,7 @@ mod tests {
     use crate::motion::skeleton::ARKIT_NAMES;
 
     fn arkit() -> Assembly {
-        // Not in Apple's order: the model's list decides.
+        // Reverses Apple's order: the order of the model's list applies.
         let names = ARKIT_NAMES.iter().rev().map(|&name| name.to_owned()).collect();
         Assembly::new(&Face { kind: FaceKind::Arkit, names })
     }

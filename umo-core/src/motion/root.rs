@@ -1,4 +1,4 @@
-//! The root network: how the pelvis moves through the world, from what the legs do (SPEC 2.7).
+//! The root network: motion of the pelvis through the world, from the motion of the legs (SPEC 2.7).
 
 use super::conv::{DecoderStack, EncoderStack};
 use super::rotation::orthonormal_six;
@@ -10,10 +10,10 @@ use crate::linear::Compute;
 use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 
-/// Channels of the lower body's 6D rotations.
+/// Number of channels of the lower body's 6D rotations.
 pub const ROTATION_CHANNELS: usize = 6 * LOWER_JOINTS.len();
 
-/// Channel of the velocity along x, m/s; in what is encoded as in what the network gives.
+/// Channel of the velocity along x, m/s; the same in the network's input and output.
 pub const VELOCITY_X: usize = ROTATION_CHANNELS;
 
 /// Channel of the height of the pelvis, metres.
@@ -22,7 +22,7 @@ pub const HEIGHT: usize = ROTATION_CHANNELS + 1;
 /// Channel of the velocity along z, m/s.
 pub const VELOCITY_Z: usize = ROTATION_CHANNELS + 2;
 
-/// First of the channels that say which foot joints stand still.
+/// First channel of foot contact, one per foot joint.
 pub const FIRST_CONTACT: usize = ROTATION_CHANNELS + 3;
 
 /// A convolutional auto-encoder over the lower body's channels.
@@ -47,29 +47,28 @@ impl RootNet {
         })
     }
 
-    /// Values per frame, in and out.
+    /// Number of values per frame, in input and output.
     pub fn channels(&self) -> usize {
         self.codec.channels
     }
 
-    /// Frames on each side that a frame depends on.
+    /// Number of frames on each side that a frame depends on.
     pub fn reach(&self) -> usize {
         self.codec.encoder_reach() + self.codec.decoder_reach()
     }
 
-    /// From the lower body's channels `lower [T, channels]`, whose rotations need not be
-    /// orthonormal and whose velocity is not read, to `[T, channels]`, in `scratch`; of it
-    /// [`VELOCITY_X`], [`HEIGHT`] and [`VELOCITY_Z`] are used.
+    /// Runs the network on the lower body's channels `lower [T, channels]` and returns `[T, channels]`, in
+    /// `scratch`. The rotations need not be orthonormal, and the velocity is ignored. Only [`VELOCITY_X`],
+    /// [`HEIGHT`] and [`VELOCITY_Z`] of the output are used.
     ///
     /// # Errors
-    /// [`StepError`] where `lower` is no whole number of frames or `scratch` has no room for so
-    /// many.
+    /// [`StepError`] if `lower` is not a whole number of frames, or has more frames than `scratch` has room
+    /// for.
     pub fn run<'a>(&self, cx: Compute, scratch: &'a mut MotionScratch, lower: &[f32]) -> Result<&'a [f32], StepError> {
         self.run_held(cx, scratch, lower, 0)
     }
 
-    /// [`run`](Self::run) as if the last frame came `held` times more; gives
-    /// `[T + held, channels]`.
+    /// Like [`run`](Self::run), with the last frame repeated `held` times; returns `[T + held, channels]`.
     ///
     /// # Errors
     /// As `run`.
@@ -99,7 +98,8 @@ impl RootNet {
     }
 }
 
-/// Where the root is: velocity summed over the frames, in f64, so that hours of it stay smooth.
+/// Horizontal position of the root: the sum of its velocity over the frames. In f64, so that it stays smooth
+/// for hours.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Travel {
     x: f64,
@@ -107,27 +107,27 @@ pub(super) struct Travel {
 }
 
 impl Travel {
-    /// Moves by one frame, `seconds` long, at the velocity along x and z that the network gave for
-    /// the frame before.
+    /// Advances by one frame of `seconds`, at the velocity along x and z that the network computed for the
+    /// previous frame.
     pub(super) fn advance(&mut self, [x, z]: [f32; 2], seconds: f64) {
         self.x += f64::from(finite(x)) * seconds;
         self.z += f64::from(finite(z)) * seconds;
     }
 
-    /// Describes where the root is.
+    /// Describes the root's position for [`StatePass`].
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.place(&mut self.x)?;
         pass.place(&mut self.z)
     }
 
-    /// The root's place at `height`.
+    /// Position of the root at `height`.
     #[expect(clippy::cast_possible_truncation, reason = "a place in metres is given as f32")]
     pub(super) fn place(&self, height: f32) -> [f32; 3] {
         [self.x as f32, finite(height), self.z as f32]
     }
 }
 
-/// `v`, or 0 where it is NaN: one bad value must not stay in a sum for ever.
+/// Returns `v`, or 0 if it is not finite: one bad value must not stay in a sum for ever.
 pub(super) fn finite(v: f32) -> f32 {
     if v.is_finite() { v } else { 0.0 }
 }
@@ -140,7 +140,7 @@ mod tests {
     use crate::motion::MotionDecoder;
     use crate::{ModelFile, Precision, Team};
 
-    /// What the root network gives for the same legs at a precision.
+    /// Output of the root network for the same legs at a precision.
     fn rows(precision: Precision) -> Vec<f32> {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/frames_seven/model.safetensors");
         let file = ModelFile::open(path.as_ref()).unwrap();

@@ -1,8 +1,8 @@
-//! Rotations: the 6D form of the networks, matrices, unit quaternions and axis-angle vectors (SPEC 2.7).
+//! Rotations: the networks' 6D form, matrices, unit quaternions and axis-angle vectors (SPEC 2.7).
 //!
-//! Everything is computed in f64 and rounded once, so that squares neither overflow nor vanish and
-//! the forms agree to f32's precision. Every function gives a valid rotation for every finite
-//! input; those that read 6D values do so for any input at all.
+//! Everything is computed in f64 and rounded once, so that squares neither overflow nor underflow, and the
+//! forms agree to f32's precision. Every function returns a valid rotation for every finite input; functions
+//! that read 6D values do so for any input.
 
 /// A unit quaternion `[x, y, z, w]` with `w >= 0`.
 pub type Quat = [f32; 4];
@@ -15,15 +15,15 @@ pub const IDENTITY: Quat = [0.0, 0.0, 0.0, 1.0];
 
 type Wide = [f64; 3];
 
-/// Shortest part of a row that may give a direction, relative to the row: what is left of shorter
-/// ones is rounding.
+/// Smallest ratio of a row's perpendicular part to the row that may give a direction. Below it, the part is
+/// rounding error.
 const PARALLEL: f64 = 1e-6;
 
-/// Sine of half an angle below which a quaternion's direction is taken as linear in the angle.
+/// Sine of the half angle below which a quaternion's vector part is taken as linear in the angle.
 const SMALL: f64 = 1e-9;
 
-/// Cosine between two quaternions above which they are mixed linearly: the sine that slerp divides
-/// by would vanish.
+/// Cosine between two quaternions above which they are interpolated linearly: the sine that slerp divides by
+/// would vanish.
 const ALIGNED: f64 = 1.0 - 1e-9;
 
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 once is the contract")]
@@ -43,23 +43,23 @@ fn cross(a: Wide, b: Wide) -> Wide {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// `v` at length 1, where its length is more than `least`.
+/// Scales `v` to length 1, if its length is finite and more than `least`.
 fn direction(v: Wide, least: f64) -> Option<Wide> {
     let length = dot(v, v).sqrt();
     (length > least && length.is_finite()).then(|| v.map(|v| v / length))
 }
 
-/// `v` without its part along the unit vector `axis`, at length 1; `None` where nothing but
-/// rounding is left.
+/// Removes the part of `v` along the unit vector `axis` and scales the rest to length 1; `None` if the rest
+/// is only rounding error.
 fn aside(v: Wide, axis: Wide) -> Option<Wide> {
     let along = dot(axis, v);
     let rest = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
     direction(rest, PARALLEL * dot(v, v).sqrt())
 }
 
-/// The rows of the rotation that two rows of three values stand for: the first at length 1, the
-/// second made perpendicular to it, the third their cross product. A row that is zero, not finite
-/// or parallel to the first is replaced by an axis, so that zeros give the identity.
+/// Converts two rows of three values to a rotation: normalises the first, makes the second perpendicular to
+/// it, and takes their cross product as the third. A row that is zero, not finite or parallel to the first is
+/// replaced by an axis, so that zeros give the identity.
 fn gram_schmidt(six: [f32; 6]) -> [Wide; 3] {
     let six = widen(six);
     let first = direction([six[0], six[1], six[2]], 0.0).unwrap_or([1.0, 0.0, 0.0]);
@@ -67,44 +67,44 @@ fn gram_schmidt(six: [f32; 6]) -> [Wide; 3] {
         .or_else(|| aside([0.0, 1.0, 0.0], first))
         .or_else(|| aside([0.0, 0.0, 1.0], first))
         .expect("no unit vector is parallel to two axes");
-    // Once more: the first pass leaves the rounding of a long row's along part.
+    // A second pass removes the rounding error that a long row leaves along `first`.
     let second = aside(second, first).unwrap_or(second);
     [first, second, cross(first, second)]
 }
 
-/// The matrix whose first two rows are `six`, orthonormalised by Gram-Schmidt (Zhou et al. 2019,
-/// PyTorch3D's order).
+/// Matrix whose first two rows are `six`, orthonormalised by Gram-Schmidt (Zhou et al. 2019, PyTorch3D's
+/// order).
 pub fn six_to_matrix(six: [f32; 6]) -> Matrix {
     gram_schmidt(six).map(narrow)
 }
 
-/// The first two rows of a matrix.
+/// First two rows of a matrix.
 pub fn matrix_to_six(matrix: Matrix) -> [f32; 6] {
     let [a, b, _] = matrix;
     [a[0], a[1], a[2], b[0], b[1], b[2]]
 }
 
-/// Six values made the first two rows of a rotation, as the root network wants them.
+/// Orthonormalises six values to the first two rows of a rotation, as input of the root network.
 pub fn orthonormal_six(six: [f32; 6]) -> [f32; 6] {
     matrix_to_six(six_to_matrix(six))
 }
 
-/// The quaternion of two rows (see [`six_to_matrix`]).
+/// Quaternion of the rotation given by two rows (see [`six_to_matrix`]).
 pub fn six_to_quat(six: [f32; 6]) -> Quat {
     quat_of(gram_schmidt(six))
 }
 
-/// The first two rows of a quaternion's matrix.
+/// First two rows of a quaternion's matrix.
 pub fn quat_to_six(q: Quat) -> [f32; 6] {
     matrix_to_six(quat_to_matrix(q))
 }
 
-/// The quaternion of a rotation matrix.
+/// Quaternion of a rotation matrix.
 pub fn matrix_to_quat(matrix: Matrix) -> Quat {
     quat_of(matrix.map(widen))
 }
 
-/// Divides by the largest of the four components, which is at least 1/2.
+/// Computes the quaternion relative to its largest component, which is at least 1/2.
 fn quat_of(m: [Wide; 3]) -> Quat {
     let trace = m[0][0] + m[1][1] + m[2][2];
     let largest = (0..3).fold(0, |best, i| if m[i][i] > m[best][best] { i } else { best });
@@ -120,7 +120,7 @@ fn quat_of(m: [Wide; 3]) -> Quat {
     unit(q)
 }
 
-/// `q` at length 1 with `w >= 0`; the identity where it has no direction.
+/// Scales `q` to length 1 with `w >= 0`; returns the identity if it has no direction.
 fn unit(q: [f64; 4]) -> Quat {
     let length = dot(q, q).sqrt();
     if !(length > 0.0 && length.is_finite()) {
@@ -128,20 +128,19 @@ fn unit(q: [f64; 4]) -> Quat {
     }
     let scale = if q[3] < 0.0 { -length } else { length };
     let [x, y, z, w] = narrow(q.map(|v| v / scale));
-    // A w of -0 or one that rounds to it counts as 0.
+    // Turns a `w` of -0 into 0.
     [x, y, z, w.max(0.0) + 0.0]
 }
 
-/// `q` at length 1 with `w >= 0`; zeros and what is not finite give the identity.
+/// Scales `q` to length 1 with `w >= 0`; zeros and non-finite values give the identity.
 pub fn normalized(q: Quat) -> Quat {
     unit(widen(q))
 }
 
-/// The matrix of a quaternion.
+/// Rotation matrix of a quaternion.
 pub fn quat_to_matrix(q: Quat) -> Matrix {
     let [x, y, z, w] = widen(normalized(q));
-    // Divided by the exact square of the rounded quaternion's length: rows then have length 1 to
-    // the last bit.
+    // Divided by the squared length of the rounded quaternion, so that rows have length 1 to the last bit.
     let s = 2.0 / dot([x, y, z, w], [x, y, z, w]);
     [
         [1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
@@ -151,7 +150,7 @@ pub fn quat_to_matrix(q: Quat) -> Matrix {
     .map(narrow)
 }
 
-/// The rotation `a` after `b`.
+/// Rotation by `b`, then by `a`.
 pub fn product(a: Quat, b: Quat) -> Quat {
     let ([ax, ay, az, aw], [bx, by, bz, bw]) = (widen(a), widen(b));
     unit([
@@ -162,18 +161,18 @@ pub fn product(a: Quat, b: Quat) -> Quat {
     ])
 }
 
-/// The rotation back.
+/// Inverse rotation.
 pub fn inverse(q: Quat) -> Quat {
     [-q[0], -q[1], -q[2], q[3]]
 }
 
-/// `v` turned by `q`.
+/// Rotates `v` by `q`.
 pub fn rotate(q: Quat, v: [f32; 3]) -> [f32; 3] {
     let matrix = quat_to_matrix(q).map(widen);
     narrow(matrix.map(|row| dot(row, widen(v))))
 }
 
-/// The axis of a rotation times its angle in radians, 0 to pi.
+/// Rotation axis times the angle in radians, 0 to pi.
 pub fn quat_to_axis_angle(q: Quat) -> [f32; 3] {
     let [x, y, z, w] = widen(normalized(q));
     let sine = dot([x, y, z], [x, y, z]).sqrt();
@@ -181,7 +180,7 @@ pub fn quat_to_axis_angle(q: Quat) -> [f32; 3] {
     narrow([x, y, z].map(|v| v * per_sine))
 }
 
-/// The rotation about `v` by its length in radians; any length is allowed.
+/// Rotation about `v` by its length in radians; any length is allowed.
 pub fn axis_angle_to_quat(v: [f32; 3]) -> Quat {
     let v = widen(v);
     let angle = dot(v, v).sqrt();
@@ -192,7 +191,7 @@ pub fn axis_angle_to_quat(v: [f32; 3]) -> Quat {
     unit([v[0] * per_angle, v[1] * per_angle, v[2] * per_angle, (0.5 * angle).cos()])
 }
 
-/// The rotation `t` of the shorter way from `a` to `b`, at even speed; `t` is 0 to 1.
+/// Spherical linear interpolation along the shorter arc from `a` (at `t` 0) to `b` (at 1).
 pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
     let (a, b, t) = (widen(normalized(a)), widen(normalized(b)), f64::from(t));
     let cosine = dot(a, b);
@@ -206,8 +205,8 @@ pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
     unit(std::array::from_fn(|i| from * a[i] + sign * to * b[i]))
 }
 
-/// `share` times the turn from `a` to `b`, after `a`: 0 stays at `a`, 1 is `b`, more goes on beyond
-/// it.
+/// Rotates from `a` by `share` times the rotation from `a` to `b`: 0 gives `a`, 1 gives `b`, more continues
+/// beyond it.
 pub fn scaled(a: Quat, b: Quat, share: f32) -> Quat {
     product(a, axis_angle_to_quat(quat_to_axis_angle(product(inverse(a), b)).map(|v| v * share)))
 }
@@ -217,7 +216,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The largest of each magnitude, zeros, and nothing but noise between.
+    /// Ordinary values, zeros, and arbitrary floats.
     fn any_value() -> impl Strategy<Value = f32> {
         prop_oneof![4 => -2.0_f32..2.0, 1 => Just(0.0_f32), 1 => proptest::num::f32::ANY]
     }
@@ -251,7 +250,7 @@ mod tests {
         near(a, b, 3e-6) || near(a, b.map(|v| -v), 3e-6)
     }
 
-    /// Gram-Schmidt as the formula has it, for rows that are well apart.
+    /// Textbook Gram-Schmidt, for rows that are well separated.
     fn plain_gram_schmidt(six: [f32; 6]) -> [Wide; 3] {
         let six = widen(six);
         let (a, b): (Wide, Wide) = ([six[0], six[1], six[2]], [six[3], six[4], six[5]]);
@@ -321,7 +320,7 @@ mod tests {
             prop_assert!(same_rotation(slerp(a, b, 1.0), b));
             let angle = |p, q| f64::from(quat_to_axis_angle(product(inverse(p), q)).iter().map(|v| v * v).sum::<f32>()).sqrt();
             let whole = angle(a, b);
-            // At half a turn both ways are equally short.
+            // At half a turn both arcs are equally short.
             prop_assume!(whole < 3.1);
             prop_assert!((angle(a, slerp(a, b, t)) - f64::from(t) * whole).abs() < 2e-4);
         }

@@ -1,4 +1,4 @@
-//! The 55 joints of SMPL-X and which part moves each (SPEC 2.7).
+//! The 55 joints of SMPL-X, and the part that moves each (SPEC 2.7).
 
 use super::pose::Pose;
 use super::rotation::{IDENTITY, product, rotate};
@@ -6,7 +6,7 @@ use crate::config::Skeleton;
 pub use crate::names::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
 use crate::part::Part;
 
-/// The jaw, which the face part moves.
+/// Index of the jaw, which the face part moves.
 pub const JAW: usize = 22;
 
 /// Joints of the upper body, in the order of its channels.
@@ -29,14 +29,13 @@ pub fn joints_of(part: Part) -> impl Iterator<Item = usize> {
     list.iter().copied().chain(range)
 }
 
-/// Where each joint is in the world, metres, Y up: forward kinematics of `pose` on the bones of
+/// Computes the world position of each joint, metres, Y up, by forward kinematics of `pose` on the bones of
 /// `skeleton`.
 pub fn joint_places(skeleton: &Skeleton, pose: &Pose) -> [[f32; 3]; JOINTS] {
     let mut places = [[0.0; 3]; JOINTS];
     let mut turned = [IDENTITY; JOINTS];
     for (joint, (&parent, &offset)) in skeleton.parents.iter().zip(&skeleton.offsets_m).enumerate() {
-        // Only the root has a parent below 0: the config is checked for that, and for parents that
-        // come first.
+        // Only the root has a negative parent, and parents precede their children: the config checks both.
         let (from, offset, rotation) = match usize::try_from(parent) {
             Ok(parent) => {
                 (places[parent], rotate(turned[parent], offset), product(turned[parent], pose.rotations[joint]))

@@ -1,34 +1,35 @@
-//! The low-pass of the body's motion (SPEC 2.8): a Gaussian over decoded rows.
+//! Low-pass filter of the body's motion (SPEC 2.8): a Gaussian over decoded rows.
 
 use std::ops::Range;
 
 use crate::error::LoadError;
 
-/// Frames on each side that the widest filter reads: what smoothing can add to the latency.
+/// Radius of the widest filter in frames: the maximum latency that smoothing adds.
 const MAX_RADIUS: usize = 3;
-/// Most rows that smoothing reads before the row that was put out last, and holds back.
+/// Upper bound on the rows that smoothing reads before the last emitted row, and on the rows that it holds
+/// back.
 pub(super) const MAX_PAST: usize = MAX_RADIUS + 1;
 
-/// Widest standard deviation, frames: beyond it the tails that a radius of 3 cuts off count.
+/// Largest standard deviation, in frames. Above it, truncation at a radius of 3 would be noticeable.
 pub const MAX_SMOOTHING: f32 = 1.5;
 
-/// A Gaussian that is cut off at two standard deviations. Near the ends of a stream the weights of
-/// the rows that exist are scaled to sum to 1.
+/// A Gaussian truncated at two standard deviations. Near the ends of a stream, the weights of the existing
+/// rows are scaled to sum to 1.
 #[derive(Clone, Copy, Debug)]
 pub struct Smoothing {
-    /// By distance in frames; the middle's is 1.
+    /// Unnormalised weights by distance in frames; the centre's is 1.
     weights: [f32; MAX_RADIUS + 1],
     radius: usize,
 }
 
 impl Smoothing {
-    /// Rows as they are.
+    /// No smoothing: rows stay unchanged.
     pub const OFF: Self = Self { weights: [1.0, 0.0, 0.0, 0.0], radius: 0 };
 
-    /// With a standard deviation of `sigma` frames, 0 for [`Self::OFF`].
+    /// Creates a filter with a standard deviation of `sigma` frames; 0 gives [`Self::OFF`].
     ///
     /// # Errors
-    /// [`LoadError::Config`] where `sigma` is not within 0 to [`MAX_SMOOTHING`].
+    /// [`LoadError::Config`] if `sigma` is not within 0 to [`MAX_SMOOTHING`].
     pub fn new(sigma: f32) -> Result<Self, LoadError> {
         if !(0.0..=MAX_SMOOTHING).contains(&sigma) {
             let found = format!("expected 0 to {MAX_SMOOTHING}, got {sigma}");
@@ -45,19 +46,19 @@ impl Smoothing {
         })
     }
 
-    /// Rows on each side that a row depends on: so many frames are held back at least.
+    /// Number of rows on each side that a row depends on. At least as many frames are held back.
     pub fn radius(&self) -> usize {
         self.radius
     }
 
-    /// Rows before the row that was put out last that a seam reads: those that the row before it
-    /// depends on, for how fast the seam grows.
+    /// Number of rows before the last emitted row that a seam reads. They are the ones that the row before it
+    /// depends on, and give the rate of the seam's growth.
     pub(super) fn past(&self) -> usize {
         if self.radius == 0 { 0 } else { self.radius + 1 }
     }
 
-    /// Makes `out` the weighted mean of the rows around `index` out of those in `there`; the row
-    /// itself, to the last bit, where smoothing is off.
+    /// Sets `out` to the weighted mean of the rows around `index` that lie within `there`. If smoothing is
+    /// off, `out` is the row itself, bit for bit.
     pub(super) fn apply<'a>(
         &self,
         index: usize,
@@ -118,8 +119,8 @@ mod tests {
             (state >> 8) as f32 / 8_388_608.0 - 1.0
         };
         let rows: Vec<[f32; 2]> = (0..4000).map(|_| [noise(), 0.0]).collect();
-        // What is left of white noise's third difference: the root of the sum of squares of the
-        // kernel's third difference over that of (1, -3, 3, -1), which is 20.
+        // Remaining fraction of white noise's third difference: the root of the sum of squares of the
+        // kernel's third difference, over that of (1, -3, 3, -1), which is 20.
         for (sigma, most) in [(0.5_f32, 0.7), (1.0, 0.13), (1.5, 0.05)] {
             let radius = Smoothing::new(sigma).unwrap().radius();
             let kernel: Vec<f64> = (0..2 * radius + 7)
@@ -141,8 +142,8 @@ mod tests {
         for row in filtered(1.5, &rows) {
             assert!((row[0] - 2.0).abs() < 1e-6 && (row[1] + 0.5).abs() < 1e-6);
         }
-        // One row differs: its neighbours move towards it, equally on both sides; rows beyond the
-        // radius do not.
+        // One row differs: its neighbours move towards it, equally on both sides. Rows beyond the radius do
+        // not.
         rows[4][0] = 3.0;
         let out = filtered(1.0, &rows);
         assert!(out[4][0] > out[3][0] && out[3][0] > out[2][0] && out[2][0] > 2.01);

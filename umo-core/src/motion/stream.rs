@@ -1,4 +1,4 @@
-//! Codes as they become known to frames, each once and in order (SPEC 2.8).
+//! Frames from codes that become known incrementally; each frame is emitted once and in order (SPEC 2.8).
 
 use std::ops::Range;
 
@@ -13,45 +13,43 @@ use crate::memory::{Arena, Slice};
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
 
-/// Frames by which a seam's fade is longer than the stretch of frames that were decoded without
-/// their future.
+/// Number of frames by which a seam's fade is longer than the run of frames that were decoded without their
+/// future.
 const FADE_BEYOND: usize = 2;
 
-/// A frame that comes out of a stream.
+/// A frame emitted by a stream.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct FrameRef<'a> {
-    /// Its number, from 0.
+    /// Number of the frame, from 0.
     pub index: usize,
-    /// The body; with an ARKit face the eyes look where its channels say.
+    /// The body. With an ARKit face, the eyes follow the gaze channels.
     pub pose: &'a Pose,
-    /// Face values, as the model names them.
+    /// Face values, in the order of the model's names.
     pub face: &'a [f32],
-    /// What the pose was made from: each part's channels, smoothed as the stream was made to, and
-    /// over a seam.
+    /// Channels of each part from which the pose was computed, after smoothing and the blending of seams.
     pub channels: PerPart<&'a [f32]>,
 }
 
-/// Bounds of the root's motion, m/s and metres: far above what a body does, far below what a
-/// damaged weight gives.
+/// Bound of the root's speed, m/s: far above that of a body, far below the result of a damaged weight.
 const MAX_SPEED: f32 = 50.0;
-/// Bound of a part's channels: rows of rotations, metres a second, expression coefficients.
+/// Bound of a part's channels: rows of rotations, metres per second, expression coefficients.
 const MAX_CHANNEL: f32 = 1000.0;
 const MAX_HEIGHT: f32 = 100.0;
 
-/// What follows the newest code.
+/// Continuation after the newest code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Future {
-    /// Codes that are not known yet: the newest is held in their place. A decoder that is cut off
-    /// sees zeros instead, which is no motion; where a stream begins with few codes, its root then
-    /// starts far below its height.
+    /// Further codes, not yet known: the newest one is repeated in their place. A decoder that is cut off
+    /// sees zeros instead, which are not valid motion; at the start of a stream with few codes, the root
+    /// would then be far below its height.
     Held,
     /// Nothing, as at the end of a whole decode.
     End,
 }
 
 impl Future {
-    /// Frames that the newest code is held for, where a network sees `reach` frames ahead.
+    /// Number of frames to repeat the newest code for, if a network sees `reach` frames ahead.
     fn frames(self, reach: usize) -> usize {
         match self {
             Self::Held => reach,
@@ -60,29 +58,29 @@ impl Future {
     }
 }
 
-/// One stream's state: what of its past the decoders still need, and where its root is.
+/// State of one stream: the part of the past that the decoders still need, and the position of the root.
 ///
-/// A body part's row is *settled* once the codes of its decoders' whole reach behind it are known;
-/// its bits are then those of decoding the whole stream at once. Rows after the last settled one are
-/// decoded as if the newest code went on, and again when more is known; at the end of the stream as
-/// if nothing came after it. Where one of these was put out, the next row begins a seam: the
-/// difference between the row that was put out last and the same row decoded anew is added to the
-/// rows that follow, fading linearly to zero over `reach - lookahead + 2` frames. The root's
-/// velocity is summed and cannot jump; its height is faded likewise.
+/// A body part's row is *settled* once all codes within its decoders' reach after it are known. Its bits are then
+/// the same as after decoding the whole stream at once. Rows after the last settled one are decoded as if the
+/// newest code repeated, and decoded again when more codes are known. At the end of the stream they are
+/// decoded as if nothing followed. If such a row was emitted, the next row begins a seam: the difference
+/// between the last row as emitted and the same row decoded anew is added to the following rows, fading
+/// linearly to zero over `reach - lookahead + 2` frames. The root's velocity is integrated and cannot jump;
+/// its height is faded likewise.
 ///
-/// With [`Smoothing`], the rows of the body's parts and of the root are filtered before that, the
-/// face's are not: a mouth that is smoothed loses its consonants. As many frames are held back as
-/// the filter looks ahead.
+/// [`Smoothing`] filters the rows of the body's parts and of the root before that. The face is not filtered:
+/// a smoothed mouth loses its consonants. At least as many frames are held back as the filter looks ahead.
+/// The fade of a filtered part is a cubic that also continues the seam's growth.
 #[derive(Debug)]
 pub struct MotionStream {
     parts: PerPart<PartState>,
-    /// Frames whose codes are known.
+    /// Number of frames whose codes are known.
     known: usize,
-    /// Frames that were put out.
+    /// Number of emitted frames.
     emitted: usize,
     smoothing: Smoothing,
     travel: Travel,
-    /// Height of the last frame that was put out.
+    /// Height of the last emitted frame.
     height: f32,
     pose: Pose,
     face: Slice<f32>,
@@ -90,24 +88,23 @@ pub struct MotionStream {
     max_lookahead: usize,
 }
 
-/// Frames that are decoded and put out, one decoder at a time.
+/// Progress of decoding and emitting frames, one decoder at a time.
 #[derive(Debug)]
 pub(crate) struct Push {
-    /// New ones.
+    /// Number of new frames.
     frames: usize,
-    /// How far frames are put out.
+    /// Frames before this one are emitted.
     until: usize,
-    /// Frames of the stream, beyond which the root stays.
+    /// Length of the stream in frames; the root stays still from there on.
     end: usize,
     lookahead: usize,
     future: Future,
-    /// Number of the part that is decoded next, and of its decoder; beyond the last there are frames to put
-    /// out.
+    /// Next part to decode, and its next decoder. Beyond the last part, the frames are emitted.
     part: usize,
     decoder: usize,
 }
 
-/// What one decoder reads of the newest frames.
+/// Input of one decoder for the newest frames.
 #[derive(Debug)]
 enum Known {
     /// `[frames, levels]`
@@ -135,7 +132,7 @@ impl Known {
         match (self, latents) {
             (Self::Codes(tail), Latents::Codes(codes)) => tail.append(codes),
             (Self::Vectors(tail), Latents::Vectors(vectors)) => tail.append(vectors),
-            // `push` has checked.
+            // `begin_push` has checked the type.
             _ => {}
         }
     }
@@ -153,7 +150,7 @@ impl Known {
 }
 
 impl Push {
-    /// The same of a stream that may be known to end after so many frames.
+    /// Sets the length of the stream, if known.
     pub(crate) fn ending_at(self, end: Option<usize>) -> Self {
         Self { end: end.unwrap_or(usize::MAX), ..self }
     }
@@ -161,36 +158,36 @@ impl Push {
 
 #[derive(Debug)]
 struct PartState {
-    /// The largest of its decoders'.
+    /// Maximum reach of the part's decoders.
     reach: usize,
     smoothing: Smoothing,
-    /// Of each of its decoders.
+    /// Latents of each of the part's decoders.
     known: Slice<Known>,
-    /// `[frames, channels]`, decoded
+    /// `[frames, channels]`: decoded rows.
     rows: Tail<f32>,
-    /// `[channels]`, of the frame that was put out last
+    /// `[channels]`: the last emitted frame.
     last: Slice<f32>,
-    /// `[channels]`, of the one before it
+    /// `[channels]`: the frame emitted before it.
     before: Slice<f32>,
-    /// `[channels]`, what the seam adds at its start
+    /// `[channels]`: offset that the seam adds at its start.
     seam: Slice<f32>,
-    /// `[channels]`, how much that grows a frame there; 0 without smoothing
+    /// `[channels]`: growth of that offset per frame at its start; 0 without smoothing.
     growth: Slice<f32>,
 }
 
 impl MotionStream {
-    /// A stream at its start, which takes at most `max_push` frames at a time and holds back at
-    /// most `max_lookahead`, or what `smoothing` needs.
+    /// Creates a stream that takes at most `max_push` frames at a time, and holds back at most
+    /// `max_lookahead` frames or as many as `smoothing` needs.
     pub fn new(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize, smoothing: Smoothing) -> Self {
         Self::new_in(decoder, (max_push, max_lookahead), smoothing, false, &Arena::system())
     }
 
-    /// The same of frames that come as their codes' vectors.
+    /// Like [`Self::new`], for frames given as their codes' vectors.
     pub fn of_vectors(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize, smoothing: Smoothing) -> Self {
         Self::new_in(decoder, (max_push, max_lookahead), smoothing, true, &Arena::system())
     }
 
-    /// Either, in memory of `arena`.
+    /// Creates a stream of codes or vectors, in memory of `arena`.
     pub fn new_in(
         decoder: &MotionDecoder,
         (max_push, max_lookahead): (usize, usize),
@@ -202,8 +199,7 @@ impl MotionStream {
         let parts = PerPart::from_fn(|part| {
             let (reach, channels) = (decoder.reach_of(part), decoder.channels(part));
             let smoothing = if part == Part::Face { Smoothing::OFF } else { smoothing };
-            // Seams look back from the frame before the first that is not put out yet, and the root
-            // network from there.
+            // Seams look back from the last emitted frame, and the root network looks back from there.
             let past = smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
             PartState {
                 reach,
@@ -227,7 +223,7 @@ impl MotionStream {
         Self { parts, known: 0, emitted: 0, smoothing, travel, height, pose: Pose::REST, face, max_push, max_lookahead }
     }
 
-    /// Back to the start.
+    /// Resets the stream to its start.
     pub fn reset(&mut self) {
         for part in Part::ALL {
             self.parts[part].known.iter_mut().for_each(Known::clear);
@@ -239,8 +235,8 @@ impl MotionStream {
         self.travel = Travel::default();
     }
 
-    /// Describes the stream after `known` frames. The pose and the face values are written before
-    /// they are read.
+    /// Describes the stream after `known` frames. Excludes the pose and the face values, which are always
+    /// written before they are read.
     pub(crate) fn state(
         &mut self,
         pass: &mut StatePass,
@@ -256,7 +252,7 @@ impl MotionStream {
         pass.moderate(std::slice::from_mut(&mut self.height))?;
         for part in Part::ALL {
             let state = &mut self.parts[part];
-            // What the next frames are decoded from, and what they are put beside.
+            // Latents that the next frames are decoded from, and the rows that they need beside them.
             let (codes, settled) = (known.saturating_sub(2 * state.reach), known.saturating_sub(state.reach));
             let past = state.smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
             let rows = settled.min(usize::try_from(emitted).unwrap_or(usize::MAX).saturating_sub(1 + past));
@@ -276,30 +272,30 @@ impl MotionStream {
         Ok(())
     }
 
-    /// Frames whose codes are known.
+    /// Number of frames whose codes are known.
     pub fn known(&self) -> usize {
         self.known
     }
 
-    /// Where the root is in the frame that was put out last: x and z, metres.
+    /// Position of the root in the last emitted frame: x and z, metres.
     pub(crate) fn place(&self) -> [f32; 2] {
         let [x, _, z] = self.travel.place(0.0);
         [x, z]
     }
 
-    /// Frames that were put out.
+    /// Number of emitted frames.
     pub fn emitted(&self) -> usize {
         self.emitted
     }
 
-    /// Takes the codes of the next frames of the paper's four parts and puts out all frames but the
-    /// last `lookahead` of those now known, or as many as smoothing needs. Never allocates.
+    /// Takes the codes of the next frames, for the paper's four parts. Emits all known frames except the last
+    /// `lookahead`, or as many as smoothing needs. Never allocates.
     ///
     /// `scratch` must have room for [`MotionDecoder::stream_rows`] frames.
     ///
     /// # Errors
-    /// [`StepError`] where the parts have different numbers of codes, a code is out of range, or
-    /// there are more frames than the stream was made for; it is then as it was before the call.
+    /// [`StepError`] if the parts have different numbers of codes, a code is out of range, or there are more
+    /// frames than the stream was created for. The stream is then unchanged.
     pub fn push(
         &mut self,
         cx: Compute,
@@ -312,7 +308,7 @@ impl MotionStream {
         self.push_latents(cx, decoder, scratch, &Part::ALL.map(|part| Latents::Codes(codes[part])), lookahead, out)
     }
 
-    /// The same of codes or vectors of each of [`MotionDecoder::decoders`].
+    /// Like [`Self::push`], for codes or vectors of each of [`MotionDecoder::decoders`].
     ///
     /// # Errors
     /// As [`Self::push`].
@@ -330,7 +326,7 @@ impl MotionStream {
         Ok(())
     }
 
-    /// Begins with what [`Self::push_latents`] does, for [`Self::push_step`].
+    /// Begins [`Self::push_latents`], to be continued with [`Self::push_step`].
     ///
     /// # Errors
     /// As [`Self::push_latents`].
@@ -362,8 +358,8 @@ impl MotionStream {
         Ok(Push { frames, until, end: usize::MAX, lookahead, future: Future::Held, part, decoder: 0 })
     }
 
-    /// Runs one more decoder of a push, or puts the frames out; whether there is more to do. `latents` are
-    /// those that it was begun with; for [`Self::begin_finish`] there are none.
+    /// Runs the next decoder of a push, or emits its frames. Returns whether there is more to do. `latents`
+    /// must be those passed to [`Self::begin_push`], or empty after [`Self::begin_finish`].
     ///
     /// # Errors
     /// As [`Self::push_latents`].
@@ -394,11 +390,10 @@ impl MotionStream {
         Ok(false)
     }
 
-    /// Puts out the frames up to `total`; the stream then wants [`reset`](Self::reset). Never
-    /// allocates.
+    /// Emits the frames up to `total`. The stream then needs a [`reset`](Self::reset). Never allocates.
     ///
     /// # Errors
-    /// [`StepError`] where the codes of some of them are not known.
+    /// [`StepError`] if the codes of some of these frames are not known.
     pub fn finish(
         &mut self,
         cx: Compute,
@@ -412,7 +407,7 @@ impl MotionStream {
         Ok(())
     }
 
-    /// Begins with what [`Self::finish`] does, for [`Self::push_step`].
+    /// Begins [`Self::finish`], to be continued with [`Self::push_step`].
     ///
     /// # Errors
     /// As [`Self::finish`].
@@ -424,8 +419,8 @@ impl MotionStream {
         Ok(Push { frames: 0, until: total, end: total, lookahead: 0, future: Future::End, part, decoder: 0 })
     }
 
-    /// Makes room for the rows of `part` that `new` frames and what follows them change: those that were
-    /// not settled, and the new ones.
+    /// Makes room for the rows of `part` that change with `new` frames: the rows that were not settled, and
+    /// the new ones.
     fn make_room(&mut self, decoder: &MotionDecoder, part: Part, new: usize) {
         let keep = self.oldest(decoder, part);
         let state = &mut self.parts[part];
@@ -435,8 +430,8 @@ impl MotionStream {
         state.rows.grow(self.known + new - settled);
     }
 
-    /// Decodes with one decoder of a part, counted among its own, everything that new `latents` and what
-    /// follows them change.
+    /// Decodes all rows that change with the new `latents` and `future`, using one decoder of a part. `which`
+    /// counts among the part's decoders.
     fn extend(
         &mut self,
         cx: Compute,
@@ -448,7 +443,7 @@ impl MotionStream {
     ) -> Result<(), StepError> {
         let (known, state) = (self.known + new, &mut self.parts[part]);
         let settled = self.known.saturating_sub(state.reach);
-        // Rows nearer than `reach` to a cut in the past would see zeros where codes were.
+        // Rows nearer than `reach` to the first latent would see zeros in place of earlier codes.
         let first = settled.saturating_sub(state.reach);
         let width = decoder.channels(part);
         let place = state.rows.last_mut(known - settled);
@@ -466,14 +461,14 @@ impl MotionStream {
         Ok(())
     }
 
-    /// The first row of `part` that the next frame needs: the first that the seam before it reads,
-    /// or where the root network looks back to from there.
+    /// Returns the first row of `part` that the next frame needs: the first that its seam reads, or the start
+    /// of the root network's reach before that.
     fn oldest(&self, decoder: &MotionDecoder, part: Part) -> usize {
         let past = self.parts[part].smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
         self.emitted.saturating_sub(1 + past)
     }
 
-    /// Puts out the frames from the last one on up to `until`.
+    /// Emits the frames from the first one not yet emitted up to `until`.
     fn emit(
         &mut self,
         cx: Compute,
@@ -516,7 +511,7 @@ impl MotionStream {
         Ok(())
     }
 
-    /// The pose of the rows that were blended last.
+    /// Assembles the pose from the last blended rows.
     fn assemble(&mut self, decoder: &MotionDecoder) {
         let channels = PerPart::from_fn(|part| &*self.parts[part].last);
         decoder.assembly.face(channels.face, &mut self.face);
@@ -527,7 +522,7 @@ impl MotionStream {
 }
 
 impl PartState {
-    /// The difference between frame `index` as it was put out and as it is decoded now.
+    /// Begins a seam: the difference between frame `index` as emitted and as decoded now.
     fn begin_seam(&mut self, index: usize, known: usize) {
         let Self { smoothing, rows, last, before, seam, growth, .. } = self;
         let row = |row: usize| rows.range(row..row + 1);
@@ -541,7 +536,7 @@ impl PartState {
         }
     }
 
-    /// Makes `last` the row of frame `index`, with what the seam still adds.
+    /// Sets `last` to the row of frame `index`, plus the remaining part of the seam.
     fn blend(&mut self, index: usize, known: usize, fade: Fade, after: usize) {
         let Self { smoothing, rows, last, before, seam, growth, .. } = self;
         std::mem::swap(last, before);
@@ -557,9 +552,9 @@ impl PartState {
     }
 }
 
-/// That channels are of a body's size.
+/// Checks that channels are plausible for a body.
 fn check_channels(channels: &[f32]) -> Result<(), StepError> {
-    // Without an early end, so that many values are compared at once.
+    // No early exit, so that many values are compared at once.
     if channels.iter().fold(true, |good, v| good & (v.abs() <= MAX_CHANNEL)) {
         return Ok(());
     }
@@ -567,14 +562,13 @@ fn check_channels(channels: &[f32]) -> Result<(), StepError> {
     Err(StepError::Implausible("a motion channel is larger than 1000"))
 }
 
-/// `value + seam * weight`; `value` to the last bit where there is no seam, or one that is no
-/// number of a body's.
+/// Computes `value + seam * weight`; returns exactly `value` if the seam is zero or the sum is not finite.
 fn added(value: f32, seam: f32, weight: f32) -> f32 {
     let sum = value + seam * weight;
     if seam == 0.0 || weight == 0.0 || !sum.is_finite() { value } else { sum }
 }
 
-/// A seam's weight over the frames that follow it.
+/// Weight of a seam over the frames that follow it.
 #[derive(Clone, Copy, Debug)]
 struct Fade {
     frames: usize,
@@ -585,14 +579,14 @@ impl Fade {
         Self { frames: reach.saturating_sub(lookahead) + FADE_BEYOND }
     }
 
-    /// Below 1 at the first frame after the seam, 0 from the `frames`-th on.
+    /// Weight of the seam: below 1 at the first frame after the seam, 0 from the `frames`-th on.
     fn weight(self, after: usize) -> f32 {
         let share = (after + 1).min(self.frames) as f32 / self.frames as f32;
         1.0 - share
     }
 
-    /// Weights of a seam and of its growth a frame, at the first frame after it and later: the cubic
-    /// that goes on with both and ends level.
+    /// Weights of a seam and of its growth per frame: cubics that continue both and end with zero value and
+    /// slope.
     fn smooth(self, after: usize) -> (f32, f32) {
         let frames = self.frames as f32;
         let t = (after + 1).min(self.frames) as f32 / frames;
@@ -601,7 +595,7 @@ impl Fade {
     }
 }
 
-/// What the root network gave for the frames from `first` on.
+/// Output of the root network for the frames from `first` on.
 struct Root<'a> {
     rows: &'a [f32],
     first: usize,
@@ -612,7 +606,7 @@ struct Root<'a> {
 }
 
 impl Root<'_> {
-    /// Velocity along x, height, and velocity along z at a frame, smoothed.
+    /// Smoothed velocity along x, height, and velocity along z at a frame.
     fn moves(&self, index: usize) -> [f32; 3] {
         let mut moves = [0.0; 3];
         self.smoothing.apply(index, 0..self.end, |row| &self.row(row)[VELOCITY_X..], &mut moves);
@@ -623,16 +617,15 @@ impl Root<'_> {
         &self.rows[(index - self.first) * self.channels..][..self.channels]
     }
 
-    /// That the frames `start..until`, the one before them, and those that smoothing reads move as a
-    /// body may.
+    /// Checks that the root's motion is plausible in the frames `start..until`, the frame before them, and
+    /// the frames that smoothing reads.
     fn check(&self, start: usize, until: usize) -> Result<(), StepError> {
         let radius = self.smoothing.radius();
         for index in start.saturating_sub(1 + radius)..(until + radius).min(self.end) {
             let row = self.row(index);
             let moves = [row[VELOCITY_X], row[HEIGHT], row[VELOCITY_Z]];
             check_finite(&moves, "root velocity and height")?;
-            // Not `hypot`, which would need glibc 2.35. A square that overflows is beyond the
-            // limit, too.
+            // Not `hypot`, which would need glibc 2.35. A square that overflows also exceeds the limit.
             if row[VELOCITY_X].powi(2) + row[VELOCITY_Z].powi(2) > MAX_SPEED * MAX_SPEED {
                 return Err(StepError::Implausible("the root moves faster than 50 m/s"));
             }
@@ -644,7 +637,7 @@ impl Root<'_> {
     }
 }
 
-/// The newest rows of a growing sequence, as many as there is room for.
+/// The newest rows of a growing sequence, up to a fixed capacity.
 #[derive(Debug)]
 struct Tail<T> {
     /// `[capacity, width]`
@@ -665,7 +658,7 @@ impl<T: Copy + Default> Tail<T> {
         (self.start, self.end) = (0, 0);
     }
 
-    /// Describes the rows up to the end of `needed`, which are all of those and some before.
+    /// Describes the rows up to the end of `needed`: at least all of `needed`, and possibly some before.
     fn state(
         &mut self,
         pass: &mut StatePass,
@@ -693,7 +686,7 @@ impl<T: Copy + Default> Tail<T> {
         self.end = row.clamp(self.start, self.end);
     }
 
-    /// Makes room for `rows` more, whose values are to be written.
+    /// Appends `rows` rows, whose values must then be written.
     fn grow(&mut self, rows: usize) {
         self.end += rows;
         assert!((self.end - self.start) * self.width <= self.data.len(), "a stream was made for as many rows");

@@ -1,21 +1,21 @@
-//! Mouth shapes for applications that know no ARKit channels: the 15 visemes of the Oculus set.
+//! Mouth shapes for applications without ARKit channels: the 15 visemes of the Oculus set.
 //!
-//! Each viseme has a shape: what an ARKit face does when it makes that sound. A frame's weights say
-//! how near its mouth is to each of them: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum.
+//! Each viseme has a shape: the channels of an ARKit face that makes its sound. A frame's weights measure the
+//! similarity of its mouth to each shape: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum.
 
 use crate::config::{Face, FaceKind};
 
 /// Number of visemes.
 pub const VISEMES: usize = 15;
 
-/// Their names, in the order of the Oculus set.
+/// Names of the visemes, in the order of the Oculus set.
 pub const VISEME_NAMES: [&str; VISEMES] =
     ["sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou"];
 
-/// How far apart shapes may be that still look alike.
+/// Distance scale of the similarity between shapes.
 const WIDTH: f32 = 0.12;
 
-/// What is compared of a mouth: an ARKit channel, or the mean of a left and a right one.
+/// Features of a mouth: each is an ARKit channel, or the mean of a left and a right one.
 const FEATURES: [&[&str]; 12] = [
     &["jawOpen"],
     &["mouthClose"],
@@ -31,7 +31,7 @@ const FEATURES: [&[&str]; 12] = [
     &["tongueOut"],
 ];
 
-/// The shape of each viseme, as [`FEATURES`] has them.
+/// Shape of each viseme, in the order of [`FEATURES`].
 #[rustfmt::skip]
 const SHAPES: [[f32; FEATURES.len()]; VISEMES] = [
     // jaw, close, press, roll lower and upper, funnel, pucker, stretch, smile, upper up, lower
@@ -53,21 +53,21 @@ const SHAPES: [[f32; FEATURES.len()]; VISEMES] = [
     [0.12, 0.00, 0.0, 0.0, 0.0, 0.2, 0.7, 0.0, 0.0, 0.0, 0.0, 0.0], // ou
 ];
 
-/// What an ARKit face does for a viseme: channels, and how far each is on, 0 to 1. Panics where there is no such viseme.
+/// ARKit channels of a viseme and their values, 0 to 1. Panics if `viseme` is not below [`VISEMES`].
 pub fn shape(viseme: usize) -> impl Iterator<Item = (&'static str, f32)> {
     let features = FEATURES.iter().zip(SHAPES[viseme]).filter(|(_, weight)| *weight > 0.0);
     features.flat_map(|(channels, weight)| channels.iter().map(move |channel| (*channel, weight)))
 }
 
-/// Reads visemes off a model's face values.
+/// Computes visemes from a model's face values.
 #[derive(Clone, Debug)]
 pub struct Visemes {
-    /// Where each feature's channels are; the same twice where there is one.
+    /// Indices of each feature's channels; equal if it has only one.
     channels: [[usize; 2]; FEATURES.len()],
 }
 
 impl Visemes {
-    /// For a model's face; none where it is not an ARKit one.
+    /// Creates the mapping for a model's face; `None` if it is not an ARKit face.
     pub fn new(face: &Face) -> Option<Self> {
         if face.kind != FaceKind::Arkit {
             return None;
@@ -80,13 +80,13 @@ impl Visemes {
         Some(Self { channels })
     }
 
-    /// The weight of each viseme, 0 to 1, together 1. Never allocates.
+    /// Weight of each viseme, 0 to 1; the weights sum to 1. Never allocates.
     pub fn weights(&self, face: &[f32]) -> [f32; VISEMES] {
         let features = self.channels.map(|[a, b]| 0.5 * (face[a] + face[b]));
         let distance =
             |shape: &[f32; FEATURES.len()]| shape.iter().zip(&features).map(|(s, f)| (s - f) * (s - f)).sum::<f32>();
         let distances = SHAPES.map(|shape| distance(&shape));
-        // Relative to the nearest, so that a mouth far from all still has weights.
+        // Relative to the nearest, so that the weights of a mouth far from all shapes do not vanish.
         let nearest = distances.iter().copied().fold(f32::INFINITY, f32::min);
         let weights = distances.map(|d| (-(d - nearest) / (2.0 * WIDTH * WIDTH)).exp());
         let sum: f32 = weights.iter().sum();

@@ -6,27 +6,27 @@ use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::weights::Loader;
 
-/// Room for the convolutions of any part and of the root network, for so many frames at once.
+/// Scratch memory for the convolutions of any part and of the root network.
 #[derive(Debug)]
 pub struct MotionScratch(pub(super) ConvScratch);
 
 impl MotionScratch {
-    /// Frames that there is room for.
+    /// Number of frames that the scratch has room for.
     pub fn rows(&self) -> usize {
         self.0.rows()
     }
 }
 
-/// What a decoder reads.
+/// Input of a decoder.
 #[derive(Clone, Copy, Debug)]
 pub enum Latents<'a> {
     /// Codes `[T, levels]`.
     Codes(&'a [u16]),
-    /// Their vectors, summed over the levels: `[T, width]`.
+    /// Vectors of the codes, summed over the levels: `[T, width]`.
     Vectors(&'a [f32]),
 }
 
-/// The vectors that a part's codes stand for, `[levels, codes, width]`.
+/// Vectors of a part's codes, `[levels, codes, width]`.
 #[derive(Debug)]
 pub struct Codebook {
     values: Box<[f32]>,
@@ -46,25 +46,25 @@ impl Codebook {
         Ok(Self { values: loader.values(&name, &[levels * codes, width])?, codes, levels, width })
     }
 
-    /// Codes of each level.
+    /// Number of codes per level.
     pub fn codes(&self) -> usize {
         self.codes
     }
 
-    /// Levels of a frame's codes.
+    /// Number of levels of a frame's codes.
     pub fn levels(&self) -> usize {
         self.levels
     }
 
-    /// Values of a vector.
+    /// Length of a vector.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Writes the sum of the vectors of a frame's `codes [levels]` to `out [width]`.
+    /// Writes the sum of the vectors of one frame's `codes [levels]` to `out [width]`.
     ///
     /// # Errors
-    /// [`StepError`] where a code is out of range.
+    /// [`StepError`] if a code is out of range.
     pub fn vector(&self, codes: &[u16], out: &mut [f32]) -> Result<(), StepError> {
         for (level, &code) in codes.iter().enumerate() {
             let row = self.row(level, code)?;
@@ -84,9 +84,9 @@ impl Codebook {
         Ok(&self.values[(level * self.codes + code) * self.width..][..self.width])
     }
 
-    /// Writes the codes of `x [width]`: each level's is the one whose vector is nearest by
-    /// Euclidean distance to what the levels before it left, the lowest of equals. `x` becomes what
-    /// is left.
+    /// Writes the codes of `x [width]`. Each level selects the vector with the smallest Euclidean distance to
+    /// the residual of the levels before it; ties go to the lowest code. Overwrites `x` with the residual
+    /// before the last level.
     fn encode(&self, x: &mut [f32], codes: &mut [u16]) {
         let levels = self.values.chunks_exact(self.codes * self.width);
         for ((values, code), level) in levels.zip(codes).zip(0..) {
@@ -101,7 +101,7 @@ impl Codebook {
     fn nearest(&self, values: &[f32], x: &[f32]) -> u16 {
         let distance = |row: &[f32]| -> f64 { row.iter().zip(x).map(|(a, b)| f64::from(a - b).powi(2)).sum() };
         let mut best = (0, f64::INFINITY);
-        // The config allows no more codes than a u16 holds.
+        // The config limits the number of codes to the range of u16.
         for (row, code) in values.chunks_exact(self.width).zip(0_u16..) {
             let distance = distance(row);
             if distance < best.1 {
@@ -112,7 +112,7 @@ impl Codebook {
     }
 }
 
-/// Codes of one part to its channels.
+/// Decoder from the codes of one part to its channels.
 #[derive(Debug)]
 pub struct VqDecoder {
     codebook: Codebook,
@@ -122,7 +122,7 @@ pub struct VqDecoder {
 }
 
 impl VqDecoder {
-    /// Loads `vq.{part}.quantizer` and `vq.{part}.decoder`, of a part that has `channels`.
+    /// Loads `vq.{part}.quantizer` and `vq.{part}.decoder`, for a part with `channels`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -132,31 +132,30 @@ impl VqDecoder {
         Ok(Self { codebook: Codebook::load(loader, part)?, stack, codec, channels })
     }
 
-    /// Values per frame.
+    /// Number of values per frame.
     pub fn channels(&self) -> usize {
         self.codec.channels
     }
 
-    /// Which channels of the body they are.
+    /// Body channels that the decoder writes.
     pub fn places(&self) -> &Channels {
         &self.channels
     }
 
-    /// The vectors of its codes.
+    /// Codebook of the part.
     pub fn codebook(&self) -> &Codebook {
         &self.codebook
     }
 
-    /// Frames on each side that a frame depends on.
+    /// Number of frames on each side that a frame depends on.
     pub fn reach(&self) -> usize {
         self.codec.decoder_reach()
     }
 
-    /// Frames of `latents`; none where they are of no whole number of frames, or a code is out of
-    /// range.
+    /// Returns the number of frames in `latents`.
     ///
     /// # Errors
-    /// [`StepError`] in these cases.
+    /// [`StepError`] if `latents` is not a whole number of frames, or a code is out of range.
     pub(super) fn frames(&self, latents: Latents) -> Result<usize, StepError> {
         let (values, width) = match latents {
             Latents::Codes(codes) => {
@@ -174,14 +173,14 @@ impl VqDecoder {
         }
     }
 
-    /// Decodes `T` frames of latents as if nothing came before or after them; gives
-    /// `[T, channels]`, in `scratch`.
+    /// Decodes `T` frames of latents, with nothing before or after them. Returns `[T, channels]`, in
+    /// `scratch`.
     ///
-    /// Numerics: a frame that is [`reach`](Self::reach) or more away from an end has the same bits
-    /// whatever lies beyond.
+    /// Numerics: the bits of a frame that is [`reach`](Self::reach) or more frames from either end do not
+    /// depend on the frames beyond that end.
     ///
     /// # Errors
-    /// [`StepError`] where a code is out of range or there are more than `scratch` has room for.
+    /// [`StepError`] if a code is out of range, or there are more frames than `scratch` has room for.
     pub fn decode<'a>(
         &self,
         cx: Compute,
@@ -191,7 +190,7 @@ impl VqDecoder {
         self.decode_held(cx, scratch, latents, 0)
     }
 
-    /// [`decode`](Self::decode) as if the last frame came `held` times more; gives
+    /// Like [`decode`](Self::decode), with the last frame repeated `held` times; returns
     /// `[T + held, channels]`.
     ///
     /// # Errors
@@ -223,7 +222,7 @@ impl VqDecoder {
     }
 }
 
-/// Channels of one part to its codes.
+/// Encoder from the channels of one part to its codes.
 #[derive(Debug)]
 pub struct VqEncoder {
     codebook: Codebook,
@@ -232,7 +231,7 @@ pub struct VqEncoder {
 }
 
 impl VqEncoder {
-    /// Loads `vq.{part}.quantizer` and `vq.{part}.encoder`, of a part that has so many channels.
+    /// Loads `vq.{part}.quantizer` and `vq.{part}.encoder`, for a part with `channels` channels.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -242,21 +241,21 @@ impl VqEncoder {
         Ok(Self { codebook: Codebook::load(loader, part)?, stack, codec })
     }
 
-    /// Values per frame.
+    /// Number of values per frame.
     pub fn channels(&self) -> usize {
         self.codec.channels
     }
 
-    /// Levels of a frame's codes.
+    /// Number of levels of a frame's codes.
     pub fn levels(&self) -> usize {
         self.codebook.levels
     }
 
-    /// Encodes `channels [T, channels]` to `codes [T, levels]`: to each frame the nearest vector of
-    /// the codebook, then of the next level's to what is left.
+    /// Encodes `channels [T, channels]` to `codes [T, levels]`: the nearest vector of the first level's
+    /// codebook, then of each next level's to the residual.
     ///
     /// # Errors
-    /// [`StepError`] where the lengths disagree or `scratch` has no room for so many frames.
+    /// [`StepError`] if the lengths disagree, or there are more frames than `scratch` has room for.
     pub fn encode(
         &self,
         cx: Compute,

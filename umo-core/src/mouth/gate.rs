@@ -1,37 +1,37 @@
-//! Whether somebody speaks: the network's voice activity with hysteresis, and how far the mouth
-//! follows it.
+//! Speech detection: the network's voice activity with hysteresis, and the resulting opening of the mouth.
 
 use crate::state::{StateError, StatePass};
 
-/// Probability of a voice from which somebody speaks.
+/// Voice probability from which speech is detected.
 const OPENS: f32 = 0.6;
-/// Probability below which nobody does.
+/// Voice probability below which a frame counts as without voice.
 const SHUTS: f32 = 0.4;
-/// Frames in a row below it until the mouth shuts.
+/// Number of consecutive frames without voice after which the mouth shuts.
 const HOLD: u64 = 6;
-/// How far the gate opens in a frame.
+/// Opening of the gate per frame.
 const OPENING: f32 = 0.5;
-/// How far it shuts in a frame.
+/// Shutting of the gate per frame.
 const SHUTTING: f32 = 0.125;
 
-/// The state of the decision.
+/// State of the speech detection.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Gate {
-    /// How far the channels follow the network, 0 to 1.
+    /// Share of the network's output in the channels, 0 to 1.
     open: f32,
-    /// Whether somebody speaks.
+    /// Whether speech is detected.
     speaks: bool,
-    /// Frames in a row that may have no voice.
+    /// Number of consecutive frames without voice, up to `HOLD`.
     without: u64,
 }
 
 impl Gate {
-    /// How far the channels follow the network, 0 to 1.
+    /// Share of the network's output in the channels, 0 to 1.
     pub(super) fn open(&self) -> f32 {
         self.open
     }
 
-    /// Takes a frame's log-odds of a voice into account; how far the channels follow the network.
+    /// Updates the gate with a frame's log-odds of a voice. Returns the share of the network's output in the
+    /// channels.
     pub(super) fn hear(&mut self, odds: f32) -> f32 {
         let probability = 1.0 / (1.0 + (-odds).exp());
         self.without = if probability < SHUTS { (self.without + 1).min(HOLD) } else { 0 };
@@ -40,7 +40,7 @@ impl Gate {
         self.open
     }
 
-    /// Describes it.
+    /// Describes the state.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.share(&mut self.open)?;
         pass.switch("mouth", &mut self.speaks)?;

@@ -1,33 +1,34 @@
-//! Level control: how loud the voice is and how loud what is behind it, from the past alone, so that
-//! speech of any level gives the network the same rows.
+//! Level control: estimates the levels of the voice and of the noise from the past alone, so that the network
+//! gets the same rows for speech of any level.
 
 use crate::error::LoadError;
 use crate::state::{StateError, StatePass};
 
-/// Natural logarithm of power per decibel.
+/// One decibel as a natural logarithm of power.
 const DECIBEL: f32 = std::f32::consts::LN_10 / 10.0;
 
-/// Level of a new stream, relative to full scale; quieter than speech usually is, since the level
+/// Initial level of a stream, relative to full scale. It is below the usual level of speech, since the level
 /// rises at once and falls slowly.
 const START: f32 = -55.0 * DECIBEL;
-/// Noise of a new stream.
+/// Initial noise level of a stream, relative to full scale.
 const START_NOISE: f32 = -90.0 * DECIBEL;
-/// Lowest level: what is quieter is no voice.
+/// Minimum level: quieter sound is not a voice.
 const LEAST: f32 = -75.0 * DECIBEL;
-/// Seconds in which the level follows a louder sound by 63 %.
+/// Time in which the level follows a louder sound by 63 %, in seconds.
 const ATTACK_S: f64 = 0.015;
-/// The same for a quieter one that stands out from the noise; a pause leaves the level as it is.
+/// Like [`ATTACK_S`], for a quieter sound that stands out from the noise. In a pause the level does not
+/// change.
 const RELEASE_S: f64 = 1.5;
-/// The same for the noise and a quieter sound.
+/// Like [`ATTACK_S`], for the noise level and a quieter sound.
 const FALL_S: f64 = 0.05;
-/// The same for the noise and a louder sound.
+/// Like [`ATTACK_S`], for the noise level and a louder sound.
 const RISE_S: f64 = 3.0;
-/// A sound so far above the noise may be a voice.
+/// Distance above the noise from which a sound may be a voice.
 const STANDS_OUT: f32 = 6.0 * DECIBEL;
-/// So much further above, it counts in full.
+/// Further distance over which a sound's weight rises to 1.
 const STANDS_OUT_RAMP: f32 = 6.0 * DECIBEL;
 
-/// Factors per row, and what full scale is.
+/// Smoothing factors per row, and the full-scale reference.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevelControl {
     full_scale: f32,
@@ -37,17 +38,17 @@ pub(super) struct LevelControl {
     rise: f32,
 }
 
-/// What is heard of levels so far: natural logarithms of power.
+/// Levels estimated so far, as natural logarithms of power.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
-    /// Of the voice.
+    /// Level of the voice.
     pub(super) voice: f32,
-    /// Of what is always there.
+    /// Level of the constant background.
     pub(super) noise: f32,
 }
 
 impl Level {
-    /// Describes it.
+    /// Describes the levels.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let mut values = [self.voice, self.noise];
         pass.f32s(&mut values)?;
@@ -57,7 +58,7 @@ impl Level {
 }
 
 impl LevelControl {
-    /// For rows of these filters `[bands, bins]` over this window, `row_rate` a second.
+    /// Creates the control for rows of the filters `[bands, bins]` over the window, at `row_rate` per second.
     #[expect(clippy::cast_possible_truncation, reason = "an f32's precision is enough")]
     #[expect(clippy::cast_precision_loss, reason = "a rate is far below 2^52")]
     pub(super) fn new(filters: &[f32], window: &[f32], floor: f32, row_rate: u64) -> Result<Self, LoadError> {
@@ -79,12 +80,12 @@ impl LevelControl {
         })
     }
 
-    /// Of a new stream.
+    /// Levels of a new stream.
     pub(super) fn start(&self) -> Level {
         Level { voice: self.full_scale + START, noise: self.full_scale + START_NOISE }
     }
 
-    /// Takes a row's energy into account, the natural logarithm of its power.
+    /// Updates the levels with a row's energy, the natural logarithm of its power.
     pub(super) fn hear(&self, level: &mut Level, energy: f32) {
         let above = energy - level.voice;
         let stands_out = ((energy - level.noise - STANDS_OUT) / STANDS_OUT_RAMP).clamp(0.0, 1.0);
@@ -94,7 +95,7 @@ impl LevelControl {
         level.noise += if louder > 0.0 { self.rise } else { self.fall } * louder;
     }
 
-    /// The voice's level, relative to full scale.
+    /// Level of the voice, in dB of full scale.
     pub(super) fn decibels(&self, level: Level) -> f32 {
         (level.voice - self.full_scale) / DECIBEL
     }

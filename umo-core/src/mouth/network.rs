@@ -1,4 +1,4 @@
-//! The causal network: rows of features to channels and voice activity, a frame at a time.
+//! The causal network: rows of features to channels and voice activity, one frame at a time.
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
@@ -13,13 +13,13 @@ use crate::weights::Loader;
 
 const RELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Relu);
 
-/// The weights.
+/// Weights of the network.
 #[derive(Debug)]
 pub(super) struct Network {
-    /// Over the last rows, `[width, taps * features]`.
+    /// Input layer over the last rows, `[width, taps * features]`.
     input: Linear,
     blocks: Box<[Block]>,
-    /// To the channels and the voice activity, `[channels + 1, width]`.
+    /// Output layer for the channels and the voice activity, `[channels + 1, width]`.
     head: Linear,
     kernel: usize,
 }
@@ -27,15 +27,14 @@ pub(super) struct Network {
 /// `x + pointwise(relu(dilated(x)))`.
 #[derive(Debug)]
 struct Block {
-    /// Over `kernel` frames, `dilation` apart, of which the last is the frame itself.
+    /// Convolution over `kernel` frames, `dilation` apart; the last one is the current frame.
     dilated: Linear,
     pointwise: Linear,
     dilation: usize,
 }
 
-/// What each block has seen of the frames before: per block
-/// `[(kernel - 1) * dilation + 1, width]`, oldest first, the last one the frame itself. Before the
-/// first frame all is 0.
+/// Input history of each block: `[(kernel - 1) * dilation + 1, width]`, oldest first; the last row is the
+/// current frame. All rows are 0 before the first frame.
 #[derive(Debug)]
 pub(super) struct History(Slice<Slice<f32>>);
 
@@ -44,18 +43,18 @@ impl History {
         self.0.iter_mut().for_each(|frames| frames.fill(0.0));
     }
 
-    /// Describes it.
+    /// Describes the history.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.0.iter_mut().try_for_each(|frames| pass.f32s(frames))
     }
 }
 
-/// Room for one frame.
+/// Scratch memory for one frame.
 #[derive(Debug)]
 pub(super) struct NetworkScratch {
     /// `[width]`.
     x: Slice<f32>,
-    /// What a dilated convolution reads, `[kernel, width]`.
+    /// Input of a dilated convolution, `[kernel, width]`.
     taps: Slice<f32>,
     /// `[width]`.
     inner: Slice<f32>,
@@ -99,8 +98,8 @@ impl Network {
         }
     }
 
-    /// One frame: `rows [taps, features]`, oldest first, to `[channels + 1]`, the last of which is
-    /// the log-odds of a voice.
+    /// Computes one frame: from `rows [taps, features]`, oldest first, to `[channels + 1]`. The last output
+    /// is the log-odds of a voice.
     pub(super) fn run<'a>(
         &self,
         isa: Isa,
@@ -124,7 +123,7 @@ impl Network {
     }
 }
 
-/// The product of one row.
+/// Computes the product for one row.
 fn apply(isa: Isa, layer: &Linear, x: &[f32], end: Epilogue, y: &mut [f32]) -> Result<(), StepError> {
     layer.apply_alone(isa, Mat::new(x, 1, layer.inputs())?, end, MatMut::new(y, 1, layer.outputs())?)
 }

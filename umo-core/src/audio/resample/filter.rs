@@ -11,57 +11,57 @@ use crate::error::StepError;
 use crate::memory::{self, Arena, Slice};
 use crate::state::{Span, StateError, StatePass};
 
-/// Least half length of the filter, in samples of the lower of the two rates: its delay, 7 ms at
-/// 16 kHz. By Kaiser's formula the band then ends 110 dB down at half that rate, and is kept up to
-/// 0.93 of it.
+/// Minimum half length of the filter, in samples of the lower of the two rates. This is its delay: 7 ms at 16
+/// kHz. By Kaiser's formula, the response is then 110 dB down at half that rate, and is kept up to 0.93 of
+/// it.
 const HALF: usize = 112;
-/// Shape of the Kaiser window whose side lobes are 110 dB down.
+/// Shape of the Kaiser window with side lobes 110 dB down.
 const BETA: f64 = 0.1102 * (ATTENUATION - 8.7);
 const ATTENUATION: f64 = 110.0;
 
-/// Half lengths are multiples of it, so that a filter fills registers of 16 values.
+/// Half lengths are multiples of this, so that a filter fills registers of 16 values.
 const HALF_STEP: usize = 8;
 
-/// Most values of a table with a row for every phase that occurs: 1 MiB.
+/// Maximum number of values in a table with one row per phase: 1 MiB.
 const MAX_TABLE: usize = 1 << 18;
-/// Phases between two samples of the lower rate where there would be more: straight lines between
-/// these are 107 dB from the filter.
+/// Phases per sample of the lower rate, if one row per phase would exceed the table. Linear interpolation
+/// between them is 107 dB from the exact filter.
 const PHASES: usize = 512;
 
-/// Samples that are given at a time.
+/// Number of output samples passed on at a time.
 const PIECE: usize = 256;
 
-/// What filters between two rates share: the filter's values at every phase.
+/// Filter values at every phase, shared by the filters between two rates.
 ///
-/// Output sample `j` is at the input's time `j * rate_in / rate_out`; its phase is the fractional
-/// part. Row `q` of `rows` holds the filter for phase `q / rows`, for inputs from `half - 1` before
-/// the sample at or before that time to `half` after it, of sum 1.
+/// Output sample `j` is at the input's time `j * rate_in / rate_out`; its phase is the fractional part. Row
+/// `q` of `rows` holds the filter for phase `q / rows`. It covers the inputs from `half - 1` before the
+/// sample at or before that time to `half` after it, and sums to 1.
 #[derive(Debug)]
 pub(crate) struct FilterPlan {
     rates: (usize, usize),
     isa: Isa,
     half: usize,
     rows: usize,
-    /// `[rows, 2 * half]`, and one more row, for phase 1, where phases fall between rows.
+    /// `[rows, 2 * half]`, plus one row for phase 1 if phases fall between rows.
     table: Box<[f32]>,
 }
 
-/// Samples of input that the filter reaches to either side.
+/// Number of input samples that the filter covers on either side.
 pub(super) fn half_length(rate_in: usize, rate_out: usize) -> usize {
     (HALF * rate_in.max(rate_out)).div_ceil(rate_out).next_multiple_of(HALF_STEP)
 }
 
-/// Both rates without their common divisor.
+/// Both rates divided by their greatest common divisor.
 fn reduced(rate_in: usize, rate_out: usize) -> (usize, usize) {
     let divisor = greatest_common_divisor(rate_in, rate_out);
     (rate_in / divisor, rate_out / divisor)
 }
 
 impl FilterPlan {
-    /// For two rates that differ.
+    /// Creates the plan for two different rates.
     ///
     /// # Errors
-    /// None: the other version of this has one.
+    /// Never fails; the version without the feature `resample` does.
     pub(super) fn new(rate_in: usize, rate_out: usize) -> Result<Self, StepError> {
         let half = half_length(rate_in, rate_out);
         let (_, unit_out) = reduced(rate_in, rate_out);
@@ -70,7 +70,7 @@ impl FilterPlan {
             false => ((PHASES * rate_out).div_ceil(rate_in.max(rate_out)), 1),
         };
         let mut table = memory::filled(0.0, (rows + more) * 2 * half);
-        // Samples of the lower rate in one of the input.
+        // Number of samples of the lower rate per input sample.
         let scale = rate_out.min(rate_in) as f64 / rate_in as f64;
         for (q, row) in table.chunks_exact_mut(2 * half).enumerate() {
             windowed_sinc(q as f64 / rows as f64, scale, row);
@@ -83,18 +83,18 @@ impl FilterPlan {
         self.rates
     }
 
-    /// Whether every phase that occurs has its row.
+    /// Whether every phase that occurs has its own row.
     fn is_exact(&self) -> bool {
         self.table.len() == self.rows * 2 * self.half
     }
 
-    /// The sum of products of row `q` and the samples.
+    /// Dot product of row `q` and the samples.
     fn dot(&self, q: usize, samples: &[f32]) -> f32 {
         let row = &self.table[q * 2 * self.half..][..2 * self.half];
         dot(self.isa, row, samples).expect("as many samples as taps")
     }
 
-    /// The output at `phase / unit_out` behind the sample of which `samples` are the surroundings.
+    /// Computes the output at `phase / unit_out` after the middle sample of `samples`.
     #[expect(clippy::cast_precision_loss, reason = "phases have 20 bits, their fractions need fewer")]
     fn output(&self, samples: &[f32], phase: usize, unit_out: usize) -> f32 {
         if self.is_exact() {
@@ -106,8 +106,8 @@ impl FilterPlan {
     }
 }
 
-/// Writes one row: a sinc under a Kaiser window, of sum 1, at `phase` of a sample behind the one at
-/// its middle. `scale` is how many samples of the lower rate one of the input is.
+/// Writes one row: a sinc under a Kaiser window, normalised to sum 1, at `phase` of a sample after its
+/// middle. `scale` is the number of samples of the lower rate per input sample.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
 fn windowed_sinc(phase: f64, scale: f64, row: &mut [f32]) {
     let half = row.len() / 2;
@@ -137,38 +137,38 @@ fn bessel_i0(x: f64) -> f64 {
     sum
 }
 
-/// One stream's filter.
+/// Filter state of one stream.
 #[derive(Debug)]
 pub(super) struct Filter {
     plan: Arc<FilterPlan>,
-    /// Rates in and out without their common divisor.
+    /// Rates in and out, divided by their greatest common divisor.
     units: (usize, usize),
-    /// The newest samples, with silence before the stream's start: `[4 * half]`, of which `filled`
-    /// count.
+    /// The newest samples, with silence before the stream's start: `[4 * half]`; the first `filled` are
+    /// valid.
     samples: Slice<f32>,
     filled: usize,
-    /// Where in `samples` the surroundings of the next output begin.
+    /// Index in `samples` of the first input of the next output.
     next: usize,
-    /// The next output's phase, in parts of the second of `units`.
+    /// Phase of the next output, in units of one over the second of `units`.
     phase: usize,
 }
 
 impl Filter {
-    /// A stream at its start, in memory of `arena`.
+    /// Creates a filter at the start of a stream, in memory of `arena`.
     pub(super) fn new_in(plan: Arc<FilterPlan>, arena: &Arena) -> Self {
         let (rate_in, rate_out) = plan.rates;
         let samples = arena.filled(0.0, 4 * plan.half);
         Self { units: reduced(rate_in, rate_out), samples, filled: plan.half - 1, next: 0, phase: 0, plan }
     }
 
-    /// Outputs that `taken` samples of input are enough for.
+    /// Number of outputs that can be computed from `taken` input samples.
     fn outputs(&self, taken: u64) -> u64 {
         let (unit_in, unit_out) = (self.units.0 as u128, self.units.1 as u128);
         let behind = u128::from(taken).saturating_sub(self.plan.half as u128);
         u64::try_from((behind * unit_out).div_ceil(unit_in)).expect("at most 768 times what was taken")
     }
 
-    /// Most outputs that the next `count` samples make possible.
+    /// Upper bound on the outputs that the next `count` samples allow.
     pub(super) fn most_given(&self, count: usize) -> usize {
         let missing = (self.next + 2 * self.plan.half).saturating_sub(self.filled);
         match count.checked_sub(missing) {
@@ -180,7 +180,7 @@ impl Filter {
         }
     }
 
-    /// Most outputs that silence behind the stream makes possible.
+    /// Upper bound on the outputs that silence after the stream allows.
     pub(super) fn most_left(&self) -> usize {
         let (unit_in, unit_out) = self.units;
         (self.plan.half * unit_out).div_ceil(unit_in) + 1
@@ -202,7 +202,7 @@ impl Filter {
         }
     }
 
-    /// Gives what can be computed of the samples that are there.
+    /// Outputs all samples that can be computed from the inputs.
     fn give(&mut self, out: &mut impl FnMut(&[f32])) {
         let ((unit_in, unit_out), length) = (self.units, 2 * self.plan.half);
         let mut piece = [0.0; PIECE];
@@ -223,7 +223,7 @@ impl Filter {
         }
     }
 
-    /// Gives what is missing as if silence followed.
+    /// Pushes a piece of silence, to output the remaining samples.
     pub(super) fn silence(&mut self, out: impl FnMut(&[f32])) {
         const SILENCE: [f32; PIECE] = [0.0; PIECE];
         self.push(&SILENCE[..PIECE.min(self.plan.half)], out);
@@ -235,7 +235,7 @@ impl Filter {
         (self.next, self.phase) = (0, 0);
     }
 
-    /// Describes the filter after so many samples; samples that it gave.
+    /// Describes the filter after `taken` samples. Returns the number of samples that it has output.
     pub(super) fn state(&mut self, pass: &mut StatePass, taken: u64) -> Result<u64, StateError> {
         let half = self.plan.half;
         let given = self.outputs(taken);
@@ -248,14 +248,14 @@ impl Filter {
         if pass.loads() {
             (self.next, self.filled, self.phase) = (0, kept, phase as usize);
         }
-        // Where these are read or only checked, or counted, their place does not matter.
+        // When samples are loaded, checked or only counted, their position does not matter.
         let first = self.filled.saturating_sub(kept);
         samples(pass, &mut self.samples[first..][..kept])?;
         Ok(given)
     }
 }
 
-/// Describes samples.
+/// Describes samples to resample.
 fn samples(pass: &mut StatePass, values: &mut [f32]) -> Result<(), StateError> {
     match pass.span(4 * values.len())? {
         Span::Size => {}

@@ -1,4 +1,4 @@
-//! In place of the filter where the library is built without the feature `resample`: there is none.
+//! Replacement of the filter if the library is built without the feature `resample`.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use crate::error::StepError;
 use crate::memory::Arena;
 use crate::state::{StateError, StatePass};
 
-/// No value of it exists.
+/// Uninhabited: there are no plans without the feature.
 #[derive(Debug)]
 pub(crate) enum FilterPlan {}
 
@@ -29,7 +29,7 @@ impl FilterPlan {
     }
 }
 
-/// No value of it exists.
+/// Uninhabited, like [`FilterPlan`].
 #[derive(Debug)]
 pub(super) enum Filter {}
 

@@ -1,15 +1,15 @@
-//! Text as the pieces have it: characters replaced by the model's table, spaces marked.
+//! Normalisation of text for the pieces: replaces characters by the model's table and marks spaces.
 
 use super::proto::{Kind, Proto};
 
-/// Stands for a space in pieces.
+/// Replacement of a space in pieces.
 const SPACE: &str = "\u{2581}";
 
 /// Replaces characters and marks spaces.
 #[derive(Debug)]
 pub(super) struct Normalizer {
     table: Option<Table>,
-    /// Texts that are kept as they are.
+    /// Texts that are never replaced.
     user_defined: Vec<Box<str>>,
     add_dummy_prefix: bool,
     space_as_suffix: bool,
@@ -17,11 +17,11 @@ pub(super) struct Normalizer {
     space: &'static str,
 }
 
-/// The table of characters: a trie of what is replaced, as a double array, and the replacements.
+/// The character table: a trie of the replaced prefixes, as a double array, and the replacements.
 #[derive(Debug)]
 struct Table {
     units: Box<[u32]>,
-    /// Replacements, each ended by a zero.
+    /// Replacements, each terminated by a zero.
     texts: Box<str>,
 }
 
@@ -74,7 +74,7 @@ impl Normalizer {
         out
     }
 
-    /// What the start of `text` becomes, and the bytes that it is made of.
+    /// Replacement of the start of `text`, and the number of bytes that it replaces.
     fn next<'a>(&'a self, text: &'a str) -> Option<(&'a str, usize)> {
         let kept = self.user_defined.iter().filter(|kept| text.starts_with(&***kept)).map(|kept| kept.len()).max();
         if let Some(len) = kept {
@@ -96,7 +96,7 @@ impl Table {
         Ok(Self { units, texts: texts.into() })
     }
 
-    /// The replacement of the longest prefix of `text` that has one, and that prefix's length.
+    /// Replacement of the longest prefix of `text` that has one, and the length of that prefix.
     fn longest(&self, text: &str) -> Option<(&str, usize)> {
         let mut found = None;
         let mut at = offset(*self.units.first()?);

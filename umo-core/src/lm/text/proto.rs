@@ -1,23 +1,23 @@
 //! The fields of a SentencePiece model that splitting needs, read from its protocol buffer.
 
-/// What a piece is for.
+/// Type of a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Found in text.
+    /// Matched in text.
     Normal,
-    /// Stands for what no other piece matches.
+    /// Result for text that no other piece matches.
     Unknown,
-    /// A marker, never found in text.
+    /// A marker, never matched in text.
     Control,
-    /// Found in text before all others.
+    /// Matched in text before all others.
     UserDefined,
-    /// An id without a use.
+    /// An unused id.
     Unused,
-    /// One byte, for what no other piece matches.
+    /// One byte, for text that no other piece matches.
     Byte,
 }
 
-/// One piece; its id is its place.
+/// One piece; its index is its id.
 #[derive(Debug)]
 pub(super) struct Piece<'a> {
     pub(super) text: &'a str,
@@ -29,12 +29,12 @@ pub(super) struct Piece<'a> {
 #[derive(Debug)]
 pub(super) struct Proto<'a> {
     pub(super) pieces: Vec<Piece<'a>>,
-    /// 1 is unigram.
+    /// Type of the model; 1 is unigram.
     pub(super) model_type: u64,
     pub(super) byte_fallback: bool,
-    /// Whether the mark of a space follows its word.
+    /// Whether the space marker follows its word.
     pub(super) space_as_suffix: bool,
-    /// The table of characters, compiled.
+    /// The compiled character table.
     pub(super) charsmap: &'a [u8],
     pub(super) add_dummy_prefix: bool,
     pub(super) remove_extra_spaces: bool,
@@ -49,7 +49,7 @@ enum Value<'a> {
     Number(u64),
     Float(f32),
     Bytes(&'a [u8]),
-    /// Eight bytes, which no field that matters has.
+    /// Eight bytes; no field read here has this type.
     Other,
 }
 
@@ -160,7 +160,7 @@ fn take<'a>(bytes: &mut &'a [u8], len: usize) -> Parsed<&'a [u8]> {
     Ok(taken)
 }
 
-/// A number in groups of 7 bits, lowest first.
+/// Reads a number in groups of 7 bits, lowest first.
 fn varint(bytes: &mut &[u8]) -> Parsed<u64> {
     let mut number = 0;
     for shift in (0..64).step_by(7) {

@@ -1,24 +1,23 @@
-//! The likeliest way to cut a normalised text into pieces.
+//! Most likely segmentation of a normalised text into pieces.
 
 use std::collections::HashMap;
 
 use super::proto::{Kind, Proto};
 use crate::memory::{filled, refuse};
 
-/// How much less likely an unknown character is than the least likely piece, as SentencePiece has
-/// it.
+/// Score difference between the least likely piece and an unknown character, as in SentencePiece.
 const UNKNOWN_PENALTY: f32 = 10.0;
 
 /// Pieces and their scores.
 #[derive(Debug)]
 pub(super) struct Unigram {
     pieces: HashMap<Box<str>, Scored>,
-    /// Bytes of the longest piece.
+    /// Length of the longest piece, in bytes.
     longest: usize,
     unknown: Scored,
     /// Largest score of a normal piece.
     best: f32,
-    /// Ids of the 256 bytes, where what is unknown falls back to them.
+    /// Ids of the 256 bytes, if unknown text falls back to them.
     bytes: Option<Box<[u32]>>,
 }
 
@@ -29,11 +28,11 @@ struct Scored {
     user_defined: bool,
 }
 
-/// The best way to reach a place in the text.
+/// Best segmentation up to a position in the text.
 #[derive(Clone, Copy, Default)]
 struct Step {
     score: f32,
-    /// Where its last piece starts, and that piece; none where the place was not reached.
+    /// Start and id of its last piece; `None` if the position was not reached.
     last: Option<(usize, u32)>,
 }
 
@@ -65,7 +64,7 @@ impl Unigram {
         Ok(Self { pieces, longest, unknown, best, bytes })
     }
 
-    /// The ids of a normalised text; of several unknown characters in a row there is one id.
+    /// Returns the ids of a normalised text. A run of unknown characters gives one id.
     pub(super) fn split(&self, text: &str) -> Vec<u32> {
         let steps = self.steps(text);
         let (mut ids, mut end) = (Vec::new(), text.len());
@@ -83,7 +82,7 @@ impl Unigram {
         ids
     }
 
-    /// The best way to each place, from the front.
+    /// Computes the best segmentation up to each position, from the front.
     fn steps(&self, text: &str) -> Vec<Step> {
         let mut steps = filled(Step::default(), text.len() + 1);
         for (start, c) in text.char_indices() {
@@ -108,7 +107,7 @@ impl Unigram {
         steps
     }
 
-    /// A piece that a user defined beats any way to cut it.
+    /// A user-defined piece outscores any segmentation of its text.
     #[expect(clippy::cast_precision_loss, reason = "pieces have far fewer than 2^24 bytes")]
     fn score(&self, piece: Scored, len: usize) -> f32 {
         if piece.user_defined { len as f32 * self.best - 0.1 } else { piece.score }
