@@ -24,8 +24,8 @@ const FILE: &str = "umo-people.safetensors";
 /// Opens the model at `path`, or the default model; prints the model's notice to standard error.
 ///
 /// # Errors
-/// [`Failure::Input`] naming the file; if there is no default model, it lists the places that were
-/// searched.
+/// [`Failure::Input`] naming the file; if there is no default model, the error lists the searched
+/// places.
 pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
     let file = open_quietly(path)?;
     announce(file.config());

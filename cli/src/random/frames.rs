@@ -1,4 +1,4 @@
-//! Dimensions of random models of layout `frames`: those of [`sizes`](super::sizes), with more
+//! Dimensions of random models of layout `frames`: like [`sizes`](super::sizes), with more
 //! parts and levels, and a depth network.
 
 use umo_core::config::{Codec, Depth, Layout, Modality, PartSpec, TemplateItem, channel_names};

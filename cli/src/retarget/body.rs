@@ -137,7 +137,7 @@ impl Body {
     /// Reads the surfaces of a character; includes blendshapes if `shapes`.
     ///
     /// # Errors
-    /// If a surface violates the format or is compressed, or if there is none.
+    /// If a surface violates the format or is compressed, or if the file has no surface.
     pub(super) fn read(character: &Character, shapes: bool) -> Result<Self, String> {
         let file = Glb::split(character.bytes())?;
         let mut looks: Looks = serde_json::from_str(file.json).map_err(|error| error.to_string())?;
