@@ -1,5 +1,4 @@
-//! `umo bench`: measures a model's speed on this machine in a real engine (the paper's runtime table,
-//! section 4).
+//! `umo bench`: measures a model's speed on this machine in a real engine (the paper's runtime table, section 4).
 
 mod neighbours;
 mod plot;
@@ -188,8 +187,7 @@ fn stages(times: Times, floors: &floor::Stages, machine: &Machine) -> Vec<Stage>
     stages
 }
 
-/// Returns the decoder's time outside its layers: keys and values of the encoder's states, and the
-/// output heads.
+/// Returns the decoder's time outside its layers: keys and values of the encoder's states, and the output heads.
 fn cross(times: &StageTimes) -> Duration {
     times.decoder - times.decoder_layers.attention - times.decoder_layers.experts
 }

@@ -80,10 +80,9 @@ impl Bvh {
         Ok(bvh)
     }
 
-    /// Returns for each joint whether its position channels replace its offset, as Blender and others write
-    /// them, instead of adding to it. They replace it if the frames' positions are nearer to the offsets than
-    /// to 0. The root is decided separately from all other joints. Without frames, the other joints' positions
-    /// replace their offsets.
+    /// Returns for each joint whether its position channels replace its offset, as Blender and others write them,
+    /// instead of adding to it. They replace it if the frames' positions are nearer to the offsets than to 0. The root
+    /// is decided separately from all other joints. Without frames, the other joints' positions replace their offsets.
     pub(crate) fn replaces(&self) -> Vec<bool> {
         let mut apart = [[0.0; 2]; 2];
         for frame in self.motion.chunks_exact(self.channels().max(1)).take(MAX_COMPARED) {
@@ -180,7 +179,7 @@ fn offset(words: &mut Words<'_>) -> Result<[f32; 3], String> {
     }
 }
 
-/// The words of a file.
+/// Iterator over a file's words.
 struct Words<'a>(Peekable<SplitWhitespace<'a>>);
 
 impl<'a> Words<'a> {

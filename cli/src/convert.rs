@@ -1,5 +1,4 @@
-//! `umo convert`: builds one model from published safetensors weights, with one tensor in memory at a
-//! time.
+//! `umo convert`: builds one model from published safetensors weights, with one tensor in memory at a time.
 
 mod catalogue;
 mod plan;
@@ -75,8 +74,7 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     umo_core::file::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
 }
 
-/// Returns the new tensor. Its values are computed when they are written; an error among them is left
-/// in `failed`.
+/// Returns the new tensor. Its values are computed when they are written; an error among them is left in `failed`.
 fn tensor<'a>(
     plan: &'a Plan,
     catalogue: &'a Catalogue,

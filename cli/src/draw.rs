@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::{atomic_file, model};
 use umo_figure::picture::{Camera, Picture, sheet};
 
-/// Draws what the arguments ask for.
+/// Draws the picture that the arguments ask for.
 pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
     let picture = match &args.animation {
         Some(path) => frames(args, &read(path)?)?,

@@ -1,5 +1,5 @@
-//! The program's errors: a one-line message, and an exit code that tells whether the input or the environment
-//! is at fault.
+//! The program's errors: a one-line message, and an exit code that tells whether the input or the
+//! environment is at fault.
 
 use std::fmt;
 

@@ -49,8 +49,7 @@ fn listen_to_system() -> io::Result<()> {
     ctrlc::set_handler(|| told(130)).map_err(io::Error::other)
 }
 
-/// Whether the parent process had this signal ignored, as `nohup` does; it then stays ignored. Only Linux reports
-/// it.
+/// Whether the parent process had this signal ignored, as `nohup` does; it then stays ignored. Only Linux reports it.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

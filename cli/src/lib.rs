@@ -62,8 +62,7 @@ use clap::{CommandFactory, FromArgMatches};
 use args::{Args, Command};
 pub use failure::Failure;
 
-/// Runs the program and returns its exit code: 0, 2 if the input is at fault, or 1 if the machine
-/// is.
+/// Runs the program and returns its exit code: 0, 2 if the input is at fault, or 1 if the machine is.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let parsed = Args::command().try_get_matches_from(args).and_then(|matches| {
         let args = Args::from_arg_matches(&matches).map_err(|error| error.format(&mut Args::command()))?;

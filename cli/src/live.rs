@@ -241,8 +241,7 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     Ok((engine, made))
 }
 
-/// Passes poses to `send`, `fps` a second, until the speech is over or `stop` is set; returns their
-/// number.
+/// Passes poses to `send`, `fps` a second, until the speech is over or `stop` is set; returns their number.
 fn show(
     session: &Session,
     rate: usize,

@@ -24,8 +24,7 @@ const FILE: &str = "umo-people.safetensors";
 /// Opens the model at `path`, or the default model; prints the model's notice to standard error.
 ///
 /// # Errors
-/// [`Failure::Input`] naming the file; if there is no default model, the error lists the searched
-/// places.
+/// [`Failure::Input`] naming the file; without a default model, the error lists the searched places.
 pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
     let file = open_quietly(path)?;
     announce(file.config());
@@ -71,8 +70,7 @@ fn place(path: Option<&Path>) -> Result<Place, Failure> {
     }
 }
 
-/// Returns the default model: the file that the environment names, the embedded one, or the first
-/// installed one.
+/// Returns the default model: the file that the environment names, the embedded one, or the first installed one.
 fn default(named: Option<PathBuf>, embedded: Option<&'static [u8]>, installed: &[PathBuf]) -> Result<Place, Failure> {
     if let Some(path) = named.filter(|path| !path.as_os_str().is_empty()) {
         return Ok(Place::File(path));

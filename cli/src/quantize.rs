@@ -25,8 +25,8 @@ use crate::failure::Failure;
 
 /// Products for which int8 costs more accuracy than it saves time; `docs/quantization.md` has the measurements.
 const DEFAULT_KEPT: [&str; 5] = [
-    // The second and third convolutions have three quarters of the arithmetic. Each of the others would cost
-    // as much accuracy.
+    // The second and third convolutions have three quarters of the arithmetic. Each of the others would
+    // cost as much accuracy.
     "audio.hubert.feature_extractor.conv_layers.[!12].*",
     "audio.hubert.feature_extractor.conv_layers.[0-9][0-9]*",
     "audio.hubert.encoder.pos_conv_embed.*",
@@ -156,7 +156,7 @@ impl Rules {
         Ok(Self { weights, globs })
     }
 
-    /// Returns the storage of `name`, currently stored as `was`; `frames` is set for models of that layout.
+    /// Returns the storage of `name`, currently stored as `was`; `frames` says if the model has layout `frames`.
     fn storage(&self, name: &str, was: Storage, product: bool, frames: bool) -> Storage {
         if let Some((_, asked)) = self.globs.iter().find(|(glob, _)| glob.matches(name)) {
             return asked.unwrap_or(was);
@@ -226,8 +226,7 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
     list.iter().map(plan).collect()
 }
 
-/// Returns the new tensor. Its values are read when they are written; an error among them is left
-/// in `failed`.
+/// Returns the new tensor. Its values are read when they are written; an error among them is left in `failed`.
 fn tensor<'a>(
     file: &'a ModelFile,
     plan: &'a Plan,

@@ -59,8 +59,7 @@ fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64)
     NewTensor { name: spec.name.clone(), shape: spec.shape.clone(), storage, values }
 }
 
-/// Returns values of about the magnitude of trained ones, so that activations stay of order 1 through all
-/// layers.
+/// Returns values of about the magnitude of trained ones, so that activations stay of order 1 through all layers.
 #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
 fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
     let random = RefCell::new(Random::new(seed, index));
@@ -105,8 +104,8 @@ fn last_convolution<'a>(config: &Config, name: &'a str) -> Option<&'a str> {
     (index == 2 + 2 * layers).then_some(part)
 }
 
-/// Returns the bias of a decoder's last convolution: identity rotations, a neutral face, and a root standing on
-/// the ground.
+/// Returns the bias of a decoder's last convolution: identity rotations, a neutral face, and a root
+/// standing on the ground.
 fn rest(config: &Config, name: &str) -> Option<Vec<f32>> {
     const NO_ROTATION: [f32; 6] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     const PELVIS_HEIGHT_M: f32 = 0.93;

@@ -1,5 +1,5 @@
-//! `umo view`: one HTML page with the avatar, its speech, and a record of how each frame was made; or the same
-//! page served live.
+//! `umo view`: one HTML page with the avatar, its speech, and a record of how each frame was made; or the
+//! same page served live.
 //!
 //! | module | part |
 //! | --- | --- |

@@ -196,7 +196,7 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
     })
 }
 
-/// Whether a path leads out of the folder that it begins at.
+/// Whether a path leaves the folder that it is relative to.
 fn leaves(path: &Path) -> bool {
     let mut depth = 0_usize;
     path.components().any(|part| match part {

@@ -1,5 +1,5 @@
-//! Results of a batch: a JSON lines file that grows as lines finish, so that an interrupted run resumes
-//! where it stopped.
+//! Results of a batch: a JSON lines file that grows as lines finish, so that an interrupted run
+//! resumes where it stopped.
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};

@@ -19,7 +19,7 @@ pub(super) struct Report {
     /// Keyframes per chunk.
     pub(super) target: usize,
     pub(super) load: Duration,
-    /// Times to the first frame.
+    /// Time to first frame of each measured start.
     pub(super) first: Vec<Duration>,
     /// Duration of each measured chunk.
     pub(super) chunks: Vec<Duration>,

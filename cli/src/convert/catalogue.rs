@@ -25,8 +25,8 @@ const CODECS: [(&str, &str); 11] = [
     ("vq_model_lower.", "lower"),
     ("global_motion.", "root"),
 ];
-/// Prefixes of the other contents of a Language of Motion checkpoint: the language model, bodies for
-/// measurements, and metrics.
+/// Prefixes of the other contents of a Language of Motion checkpoint: the language model, bodies
+/// for measurements, and metrics.
 const OTHERS: [&str; 6] = ["lm.", "smplx.", "flame.", "_losses.", "metrics.", "Metrics."];
 const CODEBOOK: &str = "quantizer.embedding.weight";
 const CENTROIDS: &str = "audio.kmeans.centroids";
@@ -71,12 +71,12 @@ impl Catalogue {
         self.entries.get(name)
     }
 
-    /// All names.
+    /// Returns all names.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.keys().map(String::as_str)
     }
 
-    /// All values of a tensor.
+    /// Reads all values of a tensor.
     pub(super) fn read(&self, entry: &Entry) -> Result<Vec<f32>, Failure> {
         self.sources[entry.source].read(&entry.name)
     }

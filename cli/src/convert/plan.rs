@@ -26,8 +26,7 @@ const WEIGHT_NORM: [(&str, &str); 2] =
 const TIED: [&str; 2] = ["lm.encoder.embed_tokens.weight", "lm.decoder.embed_tokens.weight"];
 const TABLE: &str = "lm.shared.weight";
 const HEAD: &str = "lm.lm_head.weight";
-/// Unused tensors: needed only for training, heads for other tasks, and a table of old T5 versions that no
-/// layer reads.
+/// Unused tensors: needed only for training, heads for other tasks, and a table of old T5 versions that no layer reads.
 const UNUSED: [&str; 8] = [
     "audio.hubert.masked_spec_embed",
     "audio.hubert.lm_head.*",
@@ -97,8 +96,8 @@ pub(super) fn check(plan: &Plan, storage: Storage, values: Vec<f32>) -> Result<V
     }
 }
 
-/// Returns a plan for every tensor that `config` requires. Missing tensors, superfluous ones and wrong
-/// shapes are refused.
+/// Returns a plan for every tensor that `config` requires. Missing tensors, superfluous ones and
+/// wrong shapes are refused.
 pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert) -> Result<Vec<Plan<'a>>, Failure> {
     let encoder = |name: &str| catalogue.get(&format!("vq.{name}.encoder.main.0.weight")).is_some();
     let encoders = config.part_list().iter().any(|part| encoder(&part.name));

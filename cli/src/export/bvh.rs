@@ -35,8 +35,7 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes a joint and its descendants, and appends them to `order`, the order in which their motion
-/// is written.
+/// Writes a joint and its descendants, and appends them to `order`, the order in which their motion is written.
 fn write_joint<W: Write>(
     clip: &Clip,
     joint: usize,

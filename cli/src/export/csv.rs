@@ -6,7 +6,7 @@ use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
-/// The blendshape columns, in the app's order (which swaps some of Apple's left and right).
+/// Names of the blendshape columns, in the app's order (which swaps some of Apple's left and right).
 const COLUMNS: [&str; 52] = [
     "EyeBlinkLeft",
     "EyeLookDownLeft",

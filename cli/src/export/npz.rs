@@ -14,9 +14,8 @@ const BETAS: usize = 300;
 /// Number of expression coefficients per frame; shorter faces are padded with 0, longer ones truncated.
 const EXPRESSIONS: usize = 100;
 
-/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`,
-/// `model`, `gender` and `mocap_frame_rate`; for an ARKit face also `arkit [T, 52]` and
-/// `arkit_names [52]`.
+/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`, `model`, `gender` and
+/// `mocap_frame_rate`; for an ARKit face also `arkit [T, 52]` and `arkit_names [52]`.
 ///
 /// # Errors
 /// Errors of `out`.
@@ -80,8 +79,7 @@ impl Archive {
         }
     }
 
-    /// Writes one array of `dtype`, in NumPy's notation. `values` fill `shape` exactly, in C
-    /// order.
+    /// Writes one array of `dtype`, in NumPy's notation. `values` fill `shape` exactly, in C order.
     fn array<T: Element>(
         &mut self,
         name: &str,

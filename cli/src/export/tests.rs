@@ -58,8 +58,7 @@ fn multiply([x, y, z, w]: [f64; 4], [a, b, c, d]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Returns the joint positions of a frame from the quaternions, metres: the reference for skeleton
-/// formats.
+/// Returns the joint positions of a frame from the quaternions, metres: the reference for skeleton formats.
 fn positions(clip: &Clip, frame: usize) -> Vec<Point> {
     let mut turned: Vec<[f64; 4]> = Vec::new();
     let mut places: Vec<Point> = Vec::new();

@@ -27,8 +27,7 @@ pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 /// Reads the motion of a file written by `umo`: `.npz`, `.glb` (or `.gltf`), `.bvh` or `.jsonl`, by its
 /// extension. The result has at least one frame, 55 joints with parents first, and only finite numbers.
 ///
-/// A `.npz` file has no skeleton: the motion gets the default model's. A `.bvh` file has no
-/// face.
+/// A `.npz` file has no skeleton: the motion gets the default model's. A `.bvh` file has no face.
 ///
 /// # Errors
 /// A description of the problem, with the file's name.

@@ -42,9 +42,8 @@ pub(crate) fn open(path: &Path) -> Result<Archive, String> {
     ZipArchive::new(BufReader::new(file)).map_err(|error| format!("not an npz file: {error}"))
 }
 
-/// Reads the motion on the default model's skeleton: `poses` and, if present, `trans`, `arkit` or
-/// `expressions`, and the frame rate. Also returns notes about assumed values and about values that were
-/// converted.
+/// Reads the motion on the default model's skeleton: `poses` and, if present, `trans`, `arkit` or `expressions`, and
+/// the frame rate. Also returns notes about assumed values and about values that were converted.
 pub(super) fn read(path: &Path) -> Result<(Clip, Vec<String>), String> {
     let mut archive = open(path)?;
     let skeleton = crate::model::skeleton().map_err(|error| error.to_string())?;
@@ -136,8 +135,7 @@ fn turn_upright(clip: &mut Clip) {
     }
 }
 
-/// Returns `width` values per frame from an array, truncated or padded with zeros; all zeros if the array is
-/// missing.
+/// Returns `width` values per frame from an array, truncated or padded with zeros; all zeros if the array is missing.
 fn rows(archive: &mut Archive, name: &str, frames: usize, width: usize) -> Result<Vec<f32>, String> {
     let mut values = vec![0.0; frames * width];
     let Some((shape, array)) = array(archive, name)? else { return Ok(values) };

@@ -1,5 +1,4 @@
-//! Faces as packets of the Live Link Face app, for Unreal's Live Link: version 6 of the format,
-//! big-endian numbers.
+//! Faces as packets of the Live Link Face app, for Unreal's Live Link: version 6 of the format, big-endian numbers.
 //!
 //! | bytes | |
 //! |---|---|
@@ -9,7 +8,7 @@
 //! | 4, 4 | number of the frame since the start, and the subframe, float |
 //! | 4, 4 | frames a second: numerator and denominator |
 //! | 1 | number of values, 61 |
-//! | 4 × 61 | floats: ARKit's 52 shapes in Apple's order; yaw, pitch and roll of the head, the left and the right eye, radians |
+//! | 4 × 61 | floats: ARKit's 52 blendshapes in Apple's order; yaw, pitch, roll of head, left eye, right eye, radians |
 
 use umo_core::Config;
 use umo_core::motion::pose::Pose;

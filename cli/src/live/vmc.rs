@@ -1,6 +1,5 @@
-//! Poses as messages of the VMC protocol 2.7 (protocol.vmc.info), for VRM avatars: bones under
-//! Unity's names in Unity's axes, the face as ARKit's blendshapes ("perfect sync") and as VRM's vowels
-//! and blinks.
+//! Poses as messages of the VMC protocol 2.7 (protocol.vmc.info), for VRM avatars: bones under Unity's names in Unity's
+//! axes, the face as ARKit's blendshapes ("perfect sync") and as VRM's vowels and blinks.
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 use umo_core::Config;

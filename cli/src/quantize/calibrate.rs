@@ -21,8 +21,7 @@ use crate::speech::Speech;
 /// Largest magnitude of an int8 code.
 const STEPS: f64 = 127.0;
 
-/// Animates `recordings` with the float model `file` and records the inputs of the products of the tensors
-/// `wanted`.
+/// Animates `recordings` with the float model `file` and records the inputs of the products of the tensors `wanted`.
 pub(super) fn run(file: &ModelFile, wanted: Vec<String>, recordings: &[PathBuf]) -> Result<Calibration, Failure> {
     let calibration = Calibration::new(wanted);
     let model = Model::load_recording(file, Isa::detect(), &calibration)?;

@@ -10,8 +10,8 @@
 //! Post-Training Quantization for Generative Pre-trained Transformers", section 3.3). The scales are chosen
 //! beforehand, so the file and its products have the same format as with plain rounding.
 
-/// Damping added to the diagonal, as a share of its mean. It keeps directions absent from the calibration from
-/// absorbing all errors.
+/// Damping added to the diagonal, as a share of its mean. It keeps directions absent from the calibration
+/// from absorbing all errors.
 pub(super) const DAMPING: f64 = 0.01;
 
 /// Rounding order of a product's inputs, and the factor of their inverse Gram matrix.
@@ -62,8 +62,7 @@ impl Compensation {
         importance
     }
 
-    /// Rounds one row of weights: `round` receives each input and its compensated weight, and returns the
-    /// stored value.
+    /// Rounds one row of weights: `round` receives each input and its compensated weight, and returns the stored value.
     pub(super) fn round(&self, row: &[f32], mut round: impl FnMut(usize, f64) -> f64) {
         let k = self.order.len();
         let mut left: Vec<f64> = self.order.iter().map(|&i| f64::from(row[i])).collect();

@@ -1,12 +1,11 @@
 //! Equalization of the channels between two products, so that one channel with a large range does not coarsen
 //! the int8 codes of all others.
 //!
-//! If a channel passes from the rows of one weight to the columns of the next through nothing
-//! but products and sums (T5's `wi_1` to `wo`, and values to the attention's output), its rows may
-//! be divided and its columns multiplied by any factor without changing the function. The factor that
-//! makes both ranges equal balances their errors (Nagel et al. 2019, "Data-Free Quantization Through Weight
-//! Equalization and Bias Correction", section 4.1). Powers of two leave the mantissas of float weights
-//! unchanged.
+//! If a channel passes from the rows of one weight to the columns of the next through nothing but products and sums
+//! (T5's `wi_1` to `wo`, and values to the attention's output), its rows may be divided and its columns multiplied by
+//! any factor without changing the function. The factor that makes both ranges equal balances their errors (Nagel et
+//! al. 2019, "Data-Free Quantization Through Weight Equalization and Bias Correction", section 4.1). Powers of two
+//! leave the mantissas of float weights unchanged.
 
 use umo_core::LoadError;
 
@@ -53,8 +52,7 @@ pub(super) fn apply(
     Ok(())
 }
 
-/// Returns the factors that multiply the rows of `made [channels, _]` and divide the columns of
-/// `taken [_, channels]`.
+/// Returns the factors that multiply the rows of `made [channels, _]` and divide the columns of `taken [_, channels]`.
 fn factors(made: &[f32], taken: &[f32], channels: usize) -> Vec<f32> {
     let mut ranges = vec![0.0_f32; channels];
     for row in taken.chunks_exact(channels) {

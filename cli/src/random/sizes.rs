@@ -95,8 +95,8 @@ fn mel(bands: usize, units: usize) -> Audio {
     }
 }
 
-/// Lays out the vocabulary: text ids, three ids of `motion`, each part's codes with three markers, then
-/// `audio_ids` of audio.
+/// Lays out the vocabulary: text ids, three ids of `motion`, each part's codes with three markers,
+/// then `audio_ids` of audio.
 fn vocab(text_ids: usize, codes: usize, units: usize, audio_ids: usize) -> Vocab {
     let block = |first: usize, codes: usize, ids: usize| {
         let marker = first + ids - 3;
@@ -241,8 +241,7 @@ fn skeleton() -> Skeleton {
         [0.0, 0.09, 0.03], [0.10, 0.04, -0.01], [-0.10, 0.04, -0.01], [0.26, -0.01, -0.02], [-0.26, -0.01, -0.02],
         [0.25, 0.01, 0.0], [-0.25, 0.01, 0.0], [0.0, 0.0, 0.02], [0.03, 0.06, 0.06], [-0.03, 0.06, 0.06],
     ];
-    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the
-    // finger.
+    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the finger.
     let fingers: [([f32; 3], f32); 5] = [
         ([0.10, -0.01, 0.02], 0.033), ([0.11, 0.0, 0.0], 0.034), ([0.09, -0.02, -0.04], 0.022),
         ([0.10, -0.01, -0.02], 0.030), ([0.04, -0.02, 0.03], 0.031),

@@ -1,5 +1,4 @@
-//! A skeleton in a `.bvh` file, and the animation on it: the file's original hierarchy with new
-//! frames.
+//! A skeleton in a `.bvh` file, and the animation on it: the file's original hierarchy with new frames.
 
 use std::fmt::Write;
 
@@ -18,7 +17,7 @@ pub(super) struct Target {
 }
 
 impl Target {
-    /// Reads a file.
+    /// Reads a `.bvh` file.
     ///
     /// # Errors
     /// A description of the first violation of the format.

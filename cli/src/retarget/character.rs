@@ -1,5 +1,4 @@
-//! A character in a `.glb` file, and the animation added to it. All other contents of the file stay
-//! unchanged.
+//! A character in a `.glb` file, and the animation added to it. All other contents of the file stay unchanged.
 
 use serde_json::json;
 use serde_json::value::RawValue;
@@ -99,9 +98,8 @@ impl Character {
         self.bytes
     }
 
-    /// Returns the file with a new animation, placed first so that players choose it by default. The animation
-    /// also puts nodes in the bind pose if the file places them elsewhere and the motion does not drive
-    /// them.
+    /// Returns the file with a new animation, placed first so that players choose it by default. The animation also
+    /// puts nodes in the bind pose if the file places them elsewhere and the motion does not drive them.
     ///
     /// # Errors
     /// If the result would exceed the format's size limit, or the JSON violates the format.
@@ -232,8 +230,7 @@ fn set_length(members: &mut Members, length: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Rewrites the matrices of animated nodes as translation, rotation and scale, which the format
-/// requires.
+/// Rewrites the matrices of animated nodes as translation, rotation and scale, which the format requires.
 fn decompose(members: &mut Members, document: &Document, driven: impl Iterator<Item = usize>) -> Result<(), String> {
     let matrices: Vec<_> = driven.filter(|&node| document.nodes[node].matrix.is_some()).collect();
     if matrices.is_empty() {

@@ -177,8 +177,8 @@ impl Made {
     }
 }
 
-/// Returns minimum and maximum of each component of floats; lossy compression makes them differ from the
-/// announced bounds.
+/// Returns minimum and maximum of each component of floats; lossy compression makes them differ
+/// from the announced bounds.
 fn bounds(bytes: &[u8], count: usize) -> [(&'static str, Vec<f32>); 2] {
     let values: Vec<f32> = bytes.as_chunks().0.iter().map(|&value| f32::from_le_bytes(value)).collect();
     let width = values.len() / count.max(1);

@@ -219,7 +219,7 @@ fn a_sheet_shows_the_character_as_it_moves() {
     let clip = sample::clip(FaceKind::Arkit, 13, 1);
     let mut made = mixamo();
     made.bind(DMat4::IDENTITY);
-    // A triangle as large as a body, on the head.
+    // A body-sized triangle on the head.
     let place = usize::try_from(made.json["bufferViews"][0]["byteOffset"].as_u64().unwrap()).unwrap();
     let corners: [f32; 9] = [-0.5, 0.2, 0.2, 0.5, 0.2, 0.2, 0.0, 1.7, 0.2];
     corners

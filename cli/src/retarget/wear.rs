@@ -13,7 +13,7 @@ use umo_core::retarget::Mapping;
 use super::{Character, is_character, mapping, motion, read};
 use crate::failure::Failure;
 
-/// Upper bound on a file embedded in a page; browsers load it as text, which is a third longer.
+/// Upper bound on a file embedded in a page; browsers load it as base64, which is a third longer.
 const MAX_BYTES: usize = 256 << 20;
 
 /// Extension that the page does not support, although a file may require it.

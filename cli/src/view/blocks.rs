@@ -240,8 +240,7 @@ fn corners(mesh: &Mesh, detail: Detail) -> impl Iterator<Item = u32> + '_ {
     triangles.iter().filter(move |corners| mesh.details[corners[0] as usize] == detail).flatten().copied()
 }
 
-/// A vertex order: vertices moved by a morph target come first, then other vertices with a
-/// relief.
+/// A vertex order: vertices moved by a morph target come first, then other vertices with a relief.
 struct Order {
     /// Old index of every vertex.
     old: Vec<u32>,

@@ -1,5 +1,4 @@
-//! `umo view --live`: serves the page on loopback and streams a recording or a browser's microphone
-//! through an engine.
+//! `umo view --live`: serves the page on loopback and streams a recording or a browser's microphone through an engine.
 //!
 //! | module | part |
 //! | --- | --- |
@@ -234,8 +233,8 @@ pub(super) fn check_voice(args: &Page, model: &Model) -> Result<(), Failure> {
     }
 }
 
-/// Default keyframes per chunk of a live stream: the lowest latency at which the model's own lookahead keeps
-/// the seams smooth.
+/// Default keyframes per chunk of a live stream: the lowest latency at which the model's own lookahead
+/// keeps the seams smooth.
 const LIVE_TARGET: usize = 1;
 
 pub(super) fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {

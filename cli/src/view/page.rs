@@ -1,5 +1,4 @@
-//! The HTML file: the sources in `page/` combined into one file that opens from disk and makes no network
-//! requests.
+//! The HTML file: the sources in `page/` combined into one file that opens from disk and makes no network requests.
 
 use super::blocks;
 use super::scene::Scene;

@@ -69,7 +69,7 @@ pub(super) struct Record {
     pub(super) decoder_layers: usize,
     /// First frame of each chunk, and the number of frames that it completed.
     pub(super) chunks: Vec<(usize, usize)>,
-    /// Codes of all coded frames, by code of a keyframe; levels ascend within a part.
+    /// One list per code of a keyframe, levels ascending within a part; each holds all frames with codes.
     pub(super) codes: Vec<Vec<u16>>,
     /// `[chunks, layers, kinds, experts]`.
     pub(super) routed: Vec<u32>,

@@ -1,5 +1,4 @@
-//! Characters built in code: a skinned triangle with three shapes, a texture and an
-//! animation.
+//! Characters built in code: a skinned triangle with three shapes, a texture and an animation.
 
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
@@ -44,8 +43,7 @@ impl Made {
         serde_json::from_value(self.json["nodes"][node]["translation"].clone()).unwrap()
     }
 
-    /// Adds inverse bind matrices of the nodes' current pose, for a mesh in a space that `frame` maps to
-    /// the scene.
+    /// Adds inverse bind matrices of the nodes' current pose, for a mesh in a space that `frame` maps to the scene.
     pub(super) fn bind(&mut self, frame: DMat4) {
         let nodes = self.json["nodes"].as_array().unwrap();
         let mut global = vec![DMat4::IDENTITY; nodes.len()];
@@ -292,8 +290,7 @@ pub(super) fn mixamo() -> Made {
     BodySpec { names, shapes, world: IDENTITY, unit: 100.0, droop: 0.8, twist: 1.0 }.made()
 }
 
-/// Builds a VRM file with meaningless node names: bones and expressions are in its tables. Version 0
-/// faces backwards.
+/// Builds a VRM file with meaningless node names: bones and expressions are in its tables. Version 0 faces backwards.
 pub(super) fn vrm(version: u8) -> Made {
     let names = (0..JOINTS).map(|joint| if joint == 22 { "jaw".to_owned() } else { format!("b{joint}") }).collect();
     let world = if version == 0 { [0.0, 1.0, 0.0, 0.0] } else { IDENTITY };

@@ -8,8 +8,7 @@ use umo_core::motion::rotation::axis_angle_to_quat;
 use super::*;
 use crate::bvh::{Bvh, Channel};
 
-/// Joints in another order than umo's, with a spine of one bone, hanging arms and no fingers; offsets in
-/// centimetres.
+/// Joints in another order than umo's, with a spine of one bone, hanging arms and no fingers; offsets in centimetres.
 const JOINTS: [(&str, Option<usize>, [f32; 3], &str); 16] = [
     ("Hips", None, [0.0, 0.0, 0.0], "pelvis"),
     ("Chest", Some(0), [0.0, 22.0, 0.0], ""),
@@ -64,8 +63,7 @@ fn on_skeleton(text: &str, clip: &Clip) -> (f32, Bvh, String) {
     (retarget.scale(), Bvh::parse(&text).unwrap(), text)
 }
 
-/// Returns the joints' positions in a frame; position channels replace the offset if
-/// `replaces`.
+/// Returns the joints' positions in a frame; position channels replace the offset if `replaces`.
 fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
     let mut numbers = bvh.motion[frame * bvh.channels()..].iter();
     let mut world: Vec<(Vector, Quat)> = Vec::new();
@@ -91,8 +89,7 @@ fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
 }
 
 fn check(bvh: &Bvh, clip: &Clip, scale: f32, replaces: bool) {
-    // The file's feet have only ankles. They stand as high above the floor as the source's ankles above its
-    // soles.
+    // The file's feet have only ankles. They stand as high above the floor as the source's ankles above its soles.
     let rest = joint_places(&clip.skeleton, &umo_core::motion::Pose::REST);
     let sole = [7, 8, 10, 11].map(|joint| rest[joint][1]).into_iter().fold(f32::MAX, f32::min) - 0.02;
     let standing = rest[7][1] - sole;

@@ -41,8 +41,7 @@ pub(super) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// Parses a request's head, up to its empty line. `None` if it is not a complete HTTP/1.1
-    /// head.
+    /// Parses a request's head, up to its empty line. `None` if it is not a complete HTTP/1.1 head.
     pub(super) fn parse(head: &'a str) -> Option<Self> {
         let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
@@ -153,8 +152,7 @@ pub(super) fn tell(stream: &mut TcpStream, length: usize, status: &str, line: &s
 }
 
 fn send(stream: &mut TcpStream, length: usize, status: &str, kind: &str, body: &[u8]) -> io::Result<()> {
-    // Unread bytes would make the system reset the connection before the answer is
-    // read.
+    // Unread bytes would make the system reset the connection before the answer is read.
     stream.read_exact(&mut vec![0; length])?;
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\
