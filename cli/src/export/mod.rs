@@ -83,7 +83,7 @@ impl Format {
     /// Checks whether a face can be written in this format; call it before a long run.
     ///
     /// # Errors
-    /// [`ExportError::Face`], which names the missing blendshape.
+    /// [`ExportError::Face`] if the face lacks a channel that the format needs.
     pub fn check_face(self, face: &Face) -> Result<(), ExportError> {
         match self {
             Self::Csv => csv::columns(face).map(drop).map_err(ExportError::Face),
