@@ -1,4 +1,4 @@
-//! `umo animate` and what it shares with `umo text`: an animation run to its end into a clip.
+//! `umo animate`, and the code it shares with `umo text`: runs an animation to its end and collects a clip.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     done
 }
 
-/// A loaded model and threads.
+/// A loaded model and the threads that run it.
 pub(crate) struct Maker<'a> {
     args: &'a GenerateArgs,
     file: ModelFile,
@@ -68,12 +68,12 @@ impl<'a> Maker<'a> {
         })
     }
 
-    /// What products are computed with.
+    /// Returns the instruction set and team for the products.
     pub(crate) fn compute(&self) -> Compute<'_> {
         Compute { isa: self.model.isa(), team: &self.team }
     }
 
-    /// Lets an animation hear a recording to its end; returns the frames that it lasts.
+    /// Attaches a recording to an animation as its audio; returns the recording's length in frames.
     pub(crate) fn hear(&self, animation: &mut Animation, speech: &Speech) -> Result<usize, Failure> {
         let config = self.model.config();
         let frames = speech.frames(config.frame_rate)?;
@@ -81,18 +81,18 @@ impl<'a> Maker<'a> {
         Ok(frames)
     }
 
-    /// An avatar as the arguments want it.
+    /// Returns the avatar configuration given by the arguments.
     pub(crate) fn avatar(&self) -> AvatarConfig {
-        // A recording is all there: to wait for more of it costs nothing.
+        // The whole recording is available, so a longer horizon costs nothing.
         avatar(self.args, self.model.config(), self.model.config().audio.ahead)
     }
 
-    /// An animation as the arguments want it.
+    /// Returns an animation configured by the arguments.
     pub(crate) fn animation(&self, template: &str, text: Option<&str>) -> Result<Animation, Failure> {
         self.animation_with(&self.team, template, text, self.args.seed, self.args.start_pose.as_deref())
     }
 
-    /// The same with a seed and a start of its own, prepared on other threads.
+    /// Like [`Self::animation`], with an explicit seed, start pose and team for the preparation.
     pub(crate) fn animation_with(
         &self,
         team: &Team,
@@ -129,7 +129,7 @@ impl<'a> Maker<'a> {
         Ok(animation)
     }
 
-    /// Runs an animation to its end; after each chunk `look` may look inside.
+    /// Runs an animation to its end; calls `look` after each chunk.
     pub(crate) fn clip(
         &self,
         animation: &mut Animation,
@@ -150,13 +150,13 @@ impl<'a> Maker<'a> {
     }
 }
 
-/// Template of a text alone.
+/// Template for text without audio.
 pub(crate) const TEXT: &str = "text_to_motion";
-/// How strongly a text alone steers, and the most freely that its codes are drawn (docs/motion.md).
+/// Guidance for text without audio, and the upper bound on its sampling temperature (docs/motion.md).
 const TEXT_GUIDANCE: f32 = 2.5;
 const TEXT_TEMPERATURE: f32 = 0.7;
 
-/// An avatar as the arguments want it, speech to motion; `horizon` where they say none.
+/// Returns the speech-to-motion avatar configuration; `horizon` applies if the arguments do not set one.
 pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> AvatarConfig {
     let defaults = SessionConfig::new(config).avatar;
     let mut life = defaults.life;
@@ -179,7 +179,7 @@ pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> Av
     }
 }
 
-/// A model at work, and open outputs.
+/// A loaded model and its open outputs.
 pub(crate) struct Job<'a> {
     args: &'a Output,
     pub(crate) maker: Maker<'a>,
@@ -187,7 +187,7 @@ pub(crate) struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    /// Checks everything that can be checked before the work starts.
+    /// Checks the arguments, opens the outputs and loads the model, all before the work starts.
     pub(crate) fn new(args: &'a Output) -> Result<Self, Failure> {
         let format = args.format.as_deref().map(Format::parse).transpose()?;
         let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
@@ -219,7 +219,7 @@ impl<'a> Job<'a> {
     }
 }
 
-/// Milliseconds that the model took to load, and each stage, in all and per chunk.
+/// Prints the model's load time and the time of each stage, in total and per chunk, in milliseconds.
 fn print_times(load: Duration, animation: &Animation, config: &Config) {
     let times = animation.stage_times();
     let chunks = animation.avatar().chunks(config).unwrap_or(0).max(1);
@@ -241,7 +241,7 @@ fn print_times(load: Duration, animation: &Animation, config: &Config) {
     }
 }
 
-/// A text as the model's tokens; says where the model does not know it.
+/// Encodes a text as the model's tokens; prints a note if the model was not trained with it.
 pub(crate) fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
     let tokenizer =
         model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
@@ -251,7 +251,7 @@ pub(crate) fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
     Ok(tokenizer.encode(text)?)
 }
 
-/// The template `name`, or with a text the variant of it that has room for one.
+/// Returns the template `name`; with a text, the first of `name` and `name_with_text` that accepts one.
 fn named(config: &Config, name: &str, text: bool) -> Result<String, Failure> {
     if !text {
         return Ok(name.to_owned());

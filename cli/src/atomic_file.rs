@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all, with the program's messages.
+//! Atomically written files, with the program's error messages.
 
 use std::collections::HashSet;
 use std::fs::{self, File};
@@ -11,10 +11,10 @@ use umo_core::file::AtomicFile;
 use crate::args::GestureClip;
 use crate::failure::Failure;
 
-/// Names of the arguments that are files to write.
+/// Names of the arguments that hold output files.
 const OUTPUTS: [&str; 4] = ["output", "sheet", "plot", "results"];
 
-/// Refuses outputs that a command would also read, and `-`.
+/// Refuses outputs that are also inputs of the command, and `-`.
 pub(crate) fn check(matches: &ArgMatches) -> Result<(), Failure> {
     let Some((_, matches)) = matches.subcommand() else { return Ok(()) };
     let (mut outputs, mut inputs) = (Vec::new(), Vec::new());
@@ -32,7 +32,7 @@ pub(crate) fn check(matches: &ArgMatches) -> Result<(), Failure> {
     refuse_inputs(&outputs, &inputs)
 }
 
-/// Refuses outputs that are one file with an input, which they would replace.
+/// Refuses outputs that would overwrite an input.
 pub(crate) fn refuse_inputs(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Failure> {
     let file = |path: &&Path| fs::canonicalize(path).ok().filter(|path| path.is_file());
     let read: HashSet<_> = inputs.iter().filter_map(file).collect();

@@ -1,12 +1,12 @@
-//! `umo batch`: many recordings with one model, computed together; what is done is known by content.
+//! `umo batch`: animates many recordings with one model, computed together. Finished lines are recognised by content.
 //!
 //! ```text
 //! manifest ─► reader: decode, resample ─► group of --jobs lines ─► writer: files, hashes ─► results
 //! ```
 //! | module | part |
 //! |---|---|
-//! | `manifest` | the lines to do: a folder, CSV, JSON lines |
-//! | `results` | what was done, with hashes |
+//! | `manifest` | the lines to process: a folder, CSV, JSON lines |
+//! | `results` | finished lines, with hashes |
 
 mod manifest;
 mod results;
@@ -29,7 +29,7 @@ use crate::{model, progress};
 use manifest::Line;
 use results::{Done, Results};
 
-/// Animates every line, and says how many failed.
+/// Animates every line and reports the number of failures.
 pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     let start = Instant::now();
     let formats = args.format.iter().map(|name| Format::parse(name)).collect::<Result<Vec<_>, _>>()?;
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     let mut bar = progress::lines(lines.len());
     let (mut failed, mut kept, mut frames) = (0, 0, 0);
     std::thread::scope(|scope| -> Result<(), Failure> {
-        // As many lines wait as are computed, so that no place in the group is empty.
+        // A full group of lines is kept ready, so that no slot in the group stays empty.
         let (read, ready) = sync_channel(args.jobs);
         let (made, to_write) = sync_channel(args.jobs);
         let (say, said) = sync_channel(args.jobs);
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         scope.spawn(move || read_lines(args, maker, (lines, settings), &before, &read, &also_say));
         scope.spawn(move || write_lines(args, maker, &to_write, &say));
         let computing = scope.spawn(move || compute(args, maker, &ready, &made));
-        // Ends when reader and writer are done, and with them the group.
+        // Ends when the reader, the writer and the group are done.
         for done in said {
             match &done.error {
                 Some(error) => {
@@ -87,7 +87,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     }
 }
 
-/// Everything beside a line that its frames and files depend on.
+/// Returns every setting outside the line that its frames and files depend on.
 fn settings(args: &Batch, maker: &Maker) -> String {
     let config = maker.avatar();
     format!(
@@ -111,7 +111,7 @@ fn settings(args: &Batch, maker: &Maker) -> String {
     )
 }
 
-/// A line that can be computed.
+/// A line that is ready to be computed.
 struct Ready {
     line: Line,
     key: String,
@@ -119,7 +119,7 @@ struct Ready {
     frames: usize,
 }
 
-/// A line that was computed, or why it was not.
+/// The outcome of a computed line: its clip, or the error.
 struct Made {
     line: Line,
     key: String,
@@ -127,7 +127,7 @@ struct Made {
     took: Duration,
 }
 
-/// Hears every line that is not done.
+/// Prepares every line that is not done.
 fn read_lines(
     args: &Batch,
     maker: &Maker,
@@ -162,7 +162,7 @@ fn read_lines(
     }
 }
 
-/// An animation of a line, with its audio.
+/// Returns the animation of a line with its audio attached.
 fn prepare(args: &Batch, maker: &Maker, line: &Line) -> Result<(Animation, usize), Failure> {
     let speech = Speech::open(&line.file, args.repair)?;
     let team = Team::new(1).map_err(Failure::environment)?;
@@ -188,7 +188,7 @@ struct Place {
     start: Instant,
 }
 
-/// Computes lines together, a full group at a time as long as there are enough.
+/// Computes lines together, as a full group while enough lines remain.
 fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSender<Made>) -> Result<(), Failure> {
     let (model, cx) = (&maker.model, maker.compute());
     let mut group = Group::new(model, args.jobs);
@@ -221,7 +221,7 @@ fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSend
         }
         let stepped = group.step(model, cx, &mut |index, frame| places[index].clip.push(frame.pose, frame.face));
         match stepped {
-            // The last first: those before it keep their numbers.
+            // In reverse order, so that the remaining indices stay valid.
             Ok(failed) => {
                 for (index, error) in failed.into_iter().rev() {
                     leave(&mut group, &mut places, index, Some(error.into()))?;
@@ -241,7 +241,7 @@ fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSend
     }
 }
 
-/// Writes the files of every line that was computed.
+/// Writes the files of every computed line.
 fn write_lines(args: &Batch, maker: &Maker, made: &Receiver<Made>, say: &SyncSender<Done>) {
     let rate = maker.model.config().frame_rate;
     let mut figure = export::FigureCache::from(args.figure);

@@ -1,5 +1,4 @@
-//! `umo bench`: a model's speed on this machine, in a real engine (the paper's runtime table,
-//! section 4).
+//! `umo bench`: measures a model's speed on this machine in a real engine (the paper's runtime table, section 4).
 
 mod neighbours;
 mod plot;
@@ -24,9 +23,9 @@ use crate::model;
 use neighbours::Neighbours;
 use report::Report;
 
-/// Most memory that the bandwidth is measured over.
+/// Upper bound on the memory over which bandwidth is measured.
 const MAX_READ: usize = 384 << 20;
-/// So many weights take a whole number of bytes however they are stored.
+/// Number of weights that occupies a whole number of bytes in every storage format.
 const WEIGHTS: usize = 32;
 
 pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
@@ -53,7 +52,7 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     drop(file);
     let mut session = SessionConfig::new(&config);
     session.avatar.target = args.target.unwrap_or(config.target);
-    // Without frames held back, as the paper counts.
+    // No frames held back, as the paper counts.
     session.avatar.lookahead = 0;
     let priority = Priority::from(args.priority);
     let engine = EngineConfig {
@@ -124,8 +123,8 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     Ok(())
 }
 
-/// How the weights of the language model's products are stored while they are computed with: the least of all of them,
-/// so that where a file stores some with more bytes, the floor is only lower than it has to be.
+/// Returns the storage of the language model's product weights during computation: the smallest of all products.
+/// If a file mixes formats, the floor is thus a lower bound.
 fn stored(file: &ModelFile, precision: Precision) -> Result<Stored, Failure> {
     let stored = |storage| match storage {
         Storage::Int4 => Stored::Int4,
@@ -183,35 +182,34 @@ fn stages(times: Times, floors: &floor::Stages, machine: &Machine) -> Vec<Stage>
         stage("interpolation", t.interp, &[floors.interp]),
         stage("motion decoders", t.motion, &[floors.motion]),
     ];
-    // Layout `parts` has no depth network.
+    // The layout `parts` has no depth network.
     stages.retain(|stage| stage.name != "depth network" || stage.floor > Duration::ZERO);
     stages
 }
 
-/// What the decoder does beside its layers: the keys and values of the encoder's states, and the
-/// output heads.
+/// Returns the decoder's time outside its layers: keys and values of the encoder's states, and the output heads.
 fn cross(times: &StageTimes) -> Duration {
     times.decoder - times.decoder_layers.attention - times.decoder_layers.experts
 }
 
-/// The processor time of all threads of this process so far, where the system says it; to the
-/// hundredth of a second.
+/// Returns the processor time used so far by all threads of this process, to a hundredth of a second;
+/// `None` if the system does not report it.
 fn processor_time() -> Option<Duration> {
     const TICK: Duration = Duration::from_millis(10);
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // Behind the program's name, which may hold anything: user and system time are the twelfth and
-    // thirteenth.
+    // The program's name may contain anything, so parsing starts after it; user and system time are the
+    // twelfth and thirteenth fields from there.
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
     let ticks: u32 = fields.next()?.parse::<u32>().ok()? + fields.next()?.parse::<u32>().ok()?;
     Some(TICK * ticks)
 }
 
-/// The processor time from then until now.
+/// Returns the processor time used since `before`.
 fn since(before: Option<Duration>) -> Option<Duration> {
     processor_time()?.checked_sub(before?)
 }
 
-/// The most memory that the process ever had, bytes, where the system says it.
+/// Returns the peak memory of the process in bytes, if the system reports it.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -1,48 +1,48 @@
-//! `.bvh` text: a hierarchy of joints and their channels over time.
+//! Parser of `.bvh` text: a hierarchy of joints and their channels over time.
 
 use std::iter::Peekable;
 use std::str::SplitWhitespace;
 
-/// Most joints of a file: far more than any body has.
+/// Upper bound on the joints of a file, far above any body's count.
 const MAX_JOINTS: usize = 4096;
-/// Frames that are compared with the offsets.
+/// Number of frames compared with the offsets.
 const MAX_COMPARED: usize = 100;
-/// Deepest chain of joints.
+/// Upper bound on the depth of the hierarchy.
 const MAX_DEPTH: usize = 256;
 
-/// What a number of a frame moves, and along or about which axis: 0 is X.
+/// Meaning of one number of a frame: translation or rotation, with its axis; 0 is X.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Channel {
-    /// A place, in the file's unit.
+    /// Position, in the file's unit.
     Position(usize),
-    /// A turn, degrees.
+    /// Rotation, degrees.
     Rotation(usize),
 }
 
-/// One joint.
+/// A joint.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Joint {
     pub(crate) name: String,
-    /// None for the root.
+    /// `None` for the root.
     pub(crate) parent: Option<usize>,
-    /// From the parent, in the file's unit.
+    /// Offset from the parent, in the file's unit.
     pub(crate) offset: [f32; 3],
-    /// In the order of a frame's numbers; the first rotation is the outermost.
+    /// Channels in the order of a frame's numbers; the first rotation is the outermost.
     pub(crate) channels: Vec<Channel>,
-    /// Where the bone ends that has no children.
+    /// End of the bone, for a joint without children.
     pub(crate) end: Option<[f32; 3]>,
 }
 
-/// A file.
+/// A parsed file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Bvh {
-    /// Parents before their children, in the order of a frame's numbers.
+    /// Joints in the order of a frame's numbers, parents first.
     pub(crate) joints: Vec<Joint>,
     /// Seconds from one frame to the next.
     pub(crate) frame_time: f64,
     /// `[frames, channels]`
     pub(crate) motion: Vec<f64>,
-    /// Bytes of the text before its motion.
+    /// Length of the text before its motion, bytes.
     pub(crate) hierarchy: usize,
 }
 
@@ -50,7 +50,7 @@ impl Bvh {
     /// Reads a file's text.
     ///
     /// # Errors
-    /// What is not as the format has it.
+    /// A description of the first violation of the format.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let marked = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut words = Words(marked.split_whitespace().peekable());
@@ -80,10 +80,9 @@ impl Bvh {
         Ok(bvh)
     }
 
-    /// For each joint, whether its position channels stand in place of its offset, as Blender and
-    /// others write them, rather than being added to it: so where the file's frames are nearer to the
-    /// offsets than to 0. The root decides for itself, the other joints together; without frames theirs
-    /// stand in place.
+    /// Returns for each joint whether its position channels replace its offset, as Blender and others write them,
+    /// instead of adding to it. They replace it if the frames' positions are nearer to the offsets than to 0. The root
+    /// is decided separately from all other joints. Without frames, the other joints' positions replace their offsets.
     pub(crate) fn replaces(&self) -> Vec<bool> {
         let mut apart = [[0.0; 2]; 2];
         for frame in self.motion.chunks_exact(self.channels().max(1)).take(MAX_COMPARED) {
@@ -103,16 +102,16 @@ impl Bvh {
         self.joints.iter().map(|joint| if joint.parent.is_none() { root } else { others }).collect()
     }
 
-    /// Numbers per frame.
+    /// Returns the number of channels per frame.
     pub(crate) fn channels(&self) -> usize {
         self.joints.iter().map(|joint| joint.channels.len()).sum()
     }
 }
 
-/// All joints, from the root's name to the brace that closes it.
+/// Parses all joints, from the root's name to its closing brace.
 fn hierarchy(words: &mut Words<'_>) -> Result<Vec<Joint>, String> {
     let mut joints = vec![joint(words, None)?];
-    // The joints whose braces are open.
+    // Joints whose braces are open.
     let mut open = vec![0];
     while let Some(&inside) = open.last() {
         match words.next()? {
@@ -138,7 +137,7 @@ fn hierarchy(words: &mut Words<'_>) -> Result<Vec<Joint>, String> {
     Ok(joints)
 }
 
-/// A joint's name, offset and channels.
+/// Parses a joint's name, offset and channels.
 fn joint(words: &mut Words<'_>, parent: Option<usize>) -> Result<Joint, String> {
     let name = words.name()?;
     let offset = offset(words)?;
@@ -180,7 +179,7 @@ fn offset(words: &mut Words<'_>) -> Result<[f32; 3], String> {
     }
 }
 
-/// The words of a file.
+/// Iterator over a file's words.
 struct Words<'a>(Peekable<SplitWhitespace<'a>>);
 
 impl<'a> Words<'a> {
@@ -209,7 +208,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// A name, which may have spaces, and the brace after it.
+    /// Parses a name, which may contain spaces, and the brace after it.
     fn name(&mut self) -> Result<String, String> {
         let mut name = self.next()?.to_owned();
         loop {
@@ -271,7 +270,7 @@ mod tests {
         assert_eq!(file("0 95 0", "0 0 0"), [true, false, false]);
         assert_eq!(file("300 91 -200", "0 0 0"), [true, false, false]);
         assert_eq!(file("300 -4 -200", "0 0 0"), [false, false, false]);
-        // Of a performer, some hundredths off.
+        // From a motion capture performer, offset by some hundredths.
         assert_eq!(file("0 0 0", "1.02 -40.8 0.01"), [false, true, true]);
     }
 

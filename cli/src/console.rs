@@ -1,5 +1,5 @@
-//! Standard output and standard error, for the whole program: `println!`, `print!` and `eprintln!` here are not
-//! the standard library's, which panic where a reader is gone or a disk is full.
+//! Standard output and standard error of the whole program. `println!`, `print!` and `eprintln!` here replace
+//! the standard library's, which panic if the reader has closed the pipe or the disk is full.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write};
@@ -7,13 +7,13 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::failure::Failure;
 
-/// Prints a line to standard output; [`finish`] tells where that failed.
+/// Prints a line to standard output; [`finish`] reports errors.
 macro_rules! println {
     () => { $crate::console::print(format_args!("\n")) };
     ($($text:tt)*) => { $crate::console::print(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// Prints to standard output; [`finish`] tells where that failed.
+/// Prints to standard output; [`finish`] reports errors.
 macro_rules! print {
     ($($text:tt)*) => { $crate::console::print(format_args!($($text)*)) };
 }
@@ -23,7 +23,7 @@ macro_rules! eprintln {
     ($($text:tt)*) => { $crate::console::note(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// The first error of standard output.
+/// First error of standard output.
 static FAILED: Mutex<Option<io::Error>> = Mutex::new(None);
 
 pub(crate) fn print(text: fmt::Arguments<'_>) {
@@ -31,21 +31,21 @@ pub(crate) fn print(text: fmt::Arguments<'_>) {
 }
 
 pub(crate) fn note(text: fmt::Arguments<'_>) {
-    // Nobody is left who could be told.
+    // An error of standard error cannot be reported anywhere.
     let _ = io::stderr().lock().write_fmt(text);
 }
 
-/// Keeps what standard output answered for [`finish`].
+/// Keeps the first error of standard output for [`finish`].
 pub(crate) fn remember(written: io::Result<()>) {
     if let Err(error) = written {
         FAILED.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 }
 
-/// Flushes standard output, and says whether it took everything. A reader that is gone wanted no more.
+/// Flushes standard output and reports its first error. A closed pipe is not an error.
 ///
 /// # Errors
-/// [`Failure::Machine`], for example where the disk is full.
+/// [`Failure::Machine`], for example if the disk is full.
 pub(crate) fn finish() -> Result<(), Failure> {
     remember(io::stdout().flush());
     match FAILED.lock().unwrap_or_else(PoisonError::into_inner).take() {

@@ -1,5 +1,4 @@
-//! `umo convert`: published weights, safetensors already, as one model; one tensor in memory at a
-//! time.
+//! `umo convert`: builds one model from published safetensors weights, with one tensor in memory at a time.
 
 mod catalogue;
 mod plan;
@@ -52,7 +51,7 @@ pub(crate) fn run(args: &Convert) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The config of the new model, checked with the experts that were asked for.
+/// Reads the new model's config and checks it with the requested experts.
 fn config(args: &Convert) -> Result<Config, Failure> {
     let named = |error: LoadError| Failure::input(format!("{}: {error}", args.config.display()));
     let bytes = read(&args.config)?;
@@ -75,8 +74,7 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     umo_core::file::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
 }
 
-/// The new tensor; its values are made when they are written, and what is wrong with them is left
-/// in `failed`.
+/// Returns the new tensor. Its values are computed when they are written; an error among them is left in `failed`.
 fn tensor<'a>(
     plan: &'a Plan,
     catalogue: &'a Catalogue,

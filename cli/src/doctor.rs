@@ -1,4 +1,4 @@
-//! `umo doctor`: the self-test of the machine that it runs on.
+//! `umo doctor`: self-test on the current machine.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::model;
 
 pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
-    // A kernel that panics is in the report.
+    // A kernel that panics appears in the report.
     keep_quiet(&[file!()]);
     let file = model::open(args.model.as_deref())?;
     let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
@@ -32,7 +32,7 @@ fn verdict(report: &Report) -> Result<(), Failure> {
     Err(Failure::environment("the self-test failed: please report the text above"))
 }
 
-/// The name that Apple gave the processor, which only its own program tells without its libraries.
+/// Returns Apple's name of the processor; without Apple's libraries only `sysctl` reports it.
 fn apple_processor() -> Option<String> {
     if !cfg!(all(target_os = "macos", target_arch = "aarch64")) {
         return None;

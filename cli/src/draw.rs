@@ -1,4 +1,4 @@
-//! `umo draw`: frames of an animation as one picture, or the figure in each of its shapes.
+//! `umo draw`: draws frames of an animation as one picture, or the figure in each of its blendshapes.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::{atomic_file, model};
 use umo_figure::picture::{Camera, Picture, sheet};
 
-/// Draws what the arguments ask for.
+/// Draws the picture that the arguments ask for.
 pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
     let picture = match &args.animation {
         Some(path) => frames(args, &read(path)?)?,
@@ -30,7 +30,7 @@ fn read(path: &Path) -> Result<Clip, Failure> {
     jsonl::read(&text).map_err(|cause| cannot(&cause))
 }
 
-/// The figure at each of the times, beside one another.
+/// Draws the figure at each of the times, side by side.
 fn frames(args: &Draw, clip: &Clip) -> Result<Picture, Failure> {
     let mesh = args.figure.mesh(&clip.skeleton)?;
     let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
@@ -59,9 +59,9 @@ fn frame_at(clip: &Clip, time: f32) -> Result<usize, Failure> {
     Ok(frame as usize)
 }
 
-/// Where the picture is taken from, by the body's place.
+/// Returns the camera of a view, relative to the body's position.
 fn camera(view: View, skeleton: &Skeleton, at: [f32; 3]) -> Camera {
-    // Heights over the pelvis, of a person's size.
+    // Heights above the pelvis, for a body of human size.
     let (up, height, yaw) = match view {
         View::Front => (-0.10, 1.95, 0.0_f32),
         View::ThreeQuarter => (-0.10, 1.95, 0.6),

@@ -1,5 +1,5 @@
-//! Errors of the program: one line, and an exit code that says whether the input or the environment
-//! is at fault.
+//! The program's errors: a one-line message, and an exit code that tells whether the input or the
+//! environment is at fault.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use umo_core::{LoadError, StepError};
 use umo_figure::FigureError;
 use umo_self_test::speed::SpeedError;
 
-/// Why the program stops.
+/// Reason why the program stops.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Failure {
     /// The input is at fault: exit code 2.
@@ -18,7 +18,7 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// The exit code.
+    /// Returns the exit code.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
@@ -26,19 +26,19 @@ impl Failure {
         }
     }
 
-    /// The input is at fault.
+    /// Returns a failure of the input.
     pub fn input(problem: impl fmt::Display) -> Self {
         Self::Input(problem.to_string())
     }
 
-    /// The machine is at fault.
+    /// Returns a failure of the machine.
     pub fn environment(problem: impl fmt::Display) -> Self {
         Self::Machine(problem.to_string())
     }
 }
 
 impl fmt::Display for Failure {
-    /// One line, whatever the cause had in it.
+    /// Joins the cause's lines into one.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Self::Input(text) | Self::Machine(text)) = self;
         let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty());

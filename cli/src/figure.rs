@@ -1,4 +1,4 @@
-//! `umo figure`: a figure as an avatar for other programs.
+//! `umo figure`: exports a figure as an avatar for other programs.
 
 use umo_gltf::avatar::{self, Kind};
 

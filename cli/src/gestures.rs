@@ -1,4 +1,4 @@
-//! `umo gestures`, and what a wrong name of one is answered with.
+//! `umo gestures`, and gestures of the command line: built-in ones, ones from files, and their errors.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ pub(crate) fn run() -> Result<(), Failure> {
     Ok(())
 }
 
-/// The built-in gestures, and those out of files, for a model's skeleton.
+/// Returns the built-in gestures and those loaded from files, for a model's skeleton.
 pub(crate) fn known(clips: &[GestureClip], skeleton: &Skeleton) -> Result<Gestures, Failure> {
     let mut gestures = Gestures::new();
     for GestureClip { name, file, stroke, parts } in clips {
@@ -41,8 +41,8 @@ pub(crate) fn known(clips: &[GestureClip], skeleton: &Skeleton) -> Result<Gestur
     Ok(gestures)
 }
 
-/// Rotations of the 55 joints, and how many frames there are a second: of an animation that umo
-/// wrote, or of any character that umo can retarget to.
+/// Returns the frame rate and the rotations of the 55 joints, from an animation written by umo or from any
+/// character that umo can retarget to.
 fn frames(file: &Path, skeleton: &Skeleton) -> Result<(f32, Vec<[Quat; JOINTS]>), Failure> {
     let is = |known: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known));
     let own = if is("vrm") { None } else { Some(import::read(file)) };
@@ -58,7 +58,7 @@ fn frames(file: &Path, skeleton: &Skeleton) -> Result<(f32, Vec<[Quat; JOINTS]>)
     }
 }
 
-/// Plays a gesture over an animation that knows these.
+/// Plays one of `gestures` over an animation that has them.
 pub(crate) fn play(
     animation: &mut Animation,
     gestures: &Gestures,
@@ -73,7 +73,7 @@ pub(crate) fn play(
     })
 }
 
-/// The names in a line.
+/// Returns the names, separated by commas.
 pub(crate) fn list(gestures: &Gestures) -> String {
     gestures.names().collect::<Vec<_>>().join(", ")
 }

@@ -1,4 +1,4 @@
-//! `umo inspect`: what a model or a character holds.
+//! `umo inspect`: prints the contents of a model or a character.
 
 use std::collections::BTreeMap;
 
@@ -113,7 +113,7 @@ fn summary(c: &Config) {
     println!("templates  {}", templates.join(", "));
 }
 
-/// Parameters and bytes per stage; of the experts, only `top_k` are active for a token.
+/// Prints parameters and bytes per stage; a token activates only `top_k` of the experts.
 fn sizes(file: &ModelFile) {
     let config = file.config();
     let bytes: BTreeMap<&str, usize> = file.tensors().into_iter().map(|(name, .., bytes)| (name, bytes)).collect();

@@ -1,5 +1,5 @@
-//! Ctrl-C, SIGTERM and SIGHUP: outputs that are not finished are removed, and the program ends; a command that
-//! runs until then ends by itself.
+//! Ctrl-C, SIGTERM and SIGHUP: the program removes unfinished outputs and exits. A command that runs until
+//! interrupted exits by itself.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,22 +12,22 @@ use crate::failure::Failure;
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 static LISTENING: Once = Once::new();
 
-/// A flag that the first signal sets, for a command that then ends by itself; the second one ends it.
+/// Returns a flag that the first signal sets, for a command that then ends by itself; a second signal exits.
 pub(crate) fn stop() -> Arc<AtomicBool> {
     Arc::clone(STOP.get_or_init(Arc::default))
 }
 
-/// Listens from now on.
+/// Starts to listen for the signals.
 ///
 /// # Errors
-/// [`Failure::Machine`] where the system gives no signals or no thread.
+/// [`Failure::Machine`] if the system refuses the handlers or the thread.
 pub(crate) fn listen() -> Result<(), Failure> {
     let mut listening = Ok(());
     LISTENING.call_once(|| listening = listen_to_system());
     listening.map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))
 }
 
-/// Ends the program with this status, or has the command end.
+/// Exits with this status, or on the first signal sets the flag if a command asked for it.
 fn told(status: i32) {
     if STOP.get().is_none_or(|stop| stop.swap(true, Ordering::SeqCst)) {
         remove_parts();
@@ -49,8 +49,7 @@ fn listen_to_system() -> io::Result<()> {
     ctrlc::set_handler(|| told(130)).map_err(io::Error::other)
 }
 
-/// Whether whoever started the program had it ignore a signal, as `nohup` does: it still does then. Systems
-/// other than Linux do not tell.
+/// Whether the parent process had this signal ignored, as `nohup` does; it then stays ignored. Only Linux reports it.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

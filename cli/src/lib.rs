@@ -1,27 +1,26 @@
-//! Speech to a full-body animation, on the command line.
+//! The command line of umo: speech to full-body animation.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`args`] | the command line |
-//! | `animate`, `text`, `gestures` | speech, or a text, to an animation; the gestures over it |
+//! | `animate`, `text`, `gestures` | speech or text to an animation; gestures over it |
 //! | `speech` | a recording, block by block |
 //! | `batch` | many recordings with one model, computed together |
-//! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
-//! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
-//! | `live` | speech as it comes to poses for other programs, over the network |
+//! | `stage`, `inspect`, `random` | a single stage; a model's contents; a model of random weights |
+//! | `convert`, `quantize` | a model from published weights; the same model with smaller weights |
+//! | `live` | live speech to poses for other programs, over the network |
 //! | `serve` | avatars for many clients over WebSocket |
-//! | `view` | the page that shows an avatar, made once or served live |
-//! | `bench`, `doctor` | how fast a model is on this machine; whether it computes rightly |
-//! | [`export`], `import`, `start_pose` | files in and out |
-//! | `draw`, `figure` | pictures of the figure that speaks (crate `umo_figure`); the figure as an avatar |
+//! | `view` | the page that shows an avatar, written once or served live |
+//! | `bench`, `doctor` | a model's speed on this machine; the self-test |
+//! | [`export`], `import`, `start_pose` | input and output files |
+//! | `draw`, `figure` | pictures of the speaking figure (crate `umo_figure`); the figure as an avatar |
 //! | `retarget` | an animation to another character |
-//! | `bvh` | what files of this format hold |
-//! | `vrm` | what VRM avatars call their bones and expressions |
-//! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
-//! | `console`, `interrupt` | what is printed; signals that end the program |
+//! | `bvh` | parser of BVH files |
+//! | `model`, `failure`, `progress` | the model to use; error messages; progress of the work |
+//! | `atomic_file`, `console`, `interrupt` | output files; printing; signals that end the program |
 #![deny(unsafe_code)]
 
-// First: its macros are those of every module.
+// First, because all modules use its macros.
 #[macro_use]
 mod console;
 
@@ -63,8 +62,7 @@ use clap::{CommandFactory, FromArgMatches};
 use args::{Args, Command};
 pub use failure::Failure;
 
-/// Runs the program and says how it ended: 0, 2 where the input is at fault, 1 where the machine
-/// is.
+/// Runs the program and returns its exit code: 0, 2 if the input is at fault, or 1 if the machine is.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let parsed = Args::command().try_get_matches_from(args).and_then(|matches| {
         let args = Args::from_arg_matches(&matches).map_err(|error| error.format(&mut Args::command()))?;
@@ -72,7 +70,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     });
     let done = match parsed {
         Ok((args, matches)) => atomic_file::check(&matches).and_then(|()| run(args.command)),
-        // Help and version go to standard output and are no failure; clap knows which is which.
+        // Help and version go to standard output and are not failures; clap distinguishes them.
         Err(error) => {
             let printed = error.print();
             if error.use_stderr() {
@@ -92,7 +90,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(command: Command) -> Result<(), Failure> {
-    // The server listens by itself.
+    // The server handles signals itself.
     #[cfg(feature = "serve")]
     let listens = matches!(command, Command::Serve(_));
     #[cfg(not(feature = "serve"))]

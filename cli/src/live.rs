@@ -1,9 +1,9 @@
-//! `umo live`: speech in as it comes, poses out to other programs over the network.
+//! `umo live`: live speech in, poses out to other programs over the network.
 //!
 //! | module | part |
 //! | --- | --- |
-//! | `livelink` | a face in the packets of the Live Link Face app |
-//! | `vmc` | a pose in the words of the VMC protocol |
+//! | `livelink` | faces as packets of the Live Link Face app |
+//! | `vmc` | poses as messages of the VMC protocol |
 
 mod livelink;
 mod vmc;
@@ -27,18 +27,18 @@ use crate::speech::{Samples, Speech};
 use crate::view::session_rate;
 use crate::{animate, interrupt, model};
 
-/// How long samples wait that find no room.
+/// Delay before samples that found no room are pushed again.
 const RETRY: Duration = Duration::from_millis(5);
-/// Longest stretch of a recording that is heard at once, samples.
+/// Upper bound on the samples of a recording pushed at once.
 const STRETCH: usize = 480;
-/// Time for the computing: poses are so much later than the latency says, seconds.
+/// Time allowed for computing, seconds: poses are shown this much later than the latency requires.
 const MARGIN: f64 = 0.1;
-/// Keyframes per chunk where not given: the least latency at which seams are smooth.
+/// Default keyframes per chunk: the lowest latency with smooth seams.
 const TARGET: usize = 1;
-/// Samples a second of standard input where not given.
+/// Default sample rate of standard input.
 const INPUT_RATE: usize = 16_000;
 
-/// Sends until the speech ends or Ctrl-C.
+/// Sends poses until the speech ends or Ctrl-C.
 pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     let vmc = args.vmc.as_deref().map(|address| resolve("--vmc", address)).transpose()?;
     let livelink = args.livelink.as_deref().map(|address| resolve("--livelink", address)).transpose()?;
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
         let datagrams = move |frame: &Frame, seconds| Ok(vec![sender.packet(frame.pose, frame.face, seconds)]);
         receivers.push(Receiver::new(address, Box::new(datagrams))?);
     }
-    // A reader may wait for its pipe for ever: nobody joins it.
+    // The reader may block on its pipe forever, so it is never joined.
     let (tell, ended) = channel();
     let (reader, until) = (Arc::clone(&session), Arc::clone(&stop));
     std::thread::spawn(move || {
@@ -74,10 +74,10 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The datagrams of a pose that is shown at a second.
+/// Builds the datagrams of a pose shown at a time in seconds.
 type Datagrams = dyn Fn(&Frame, f64) -> Result<Vec<Vec<u8>>, Failure>;
 
-/// A program that is sent every pose.
+/// A program that receives every pose.
 struct Receiver {
     address: SocketAddr,
     socket: UdpSocket,
@@ -91,12 +91,12 @@ impl Receiver {
         Ok(Self { address, socket, datagrams })
     }
 
-    /// Sends a pose that is shown at `seconds`.
+    /// Sends a pose shown at `seconds`.
     fn send(&self, frame: &Frame, seconds: f64) -> Result<(), Failure> {
         for datagram in (self.datagrams)(frame, seconds)? {
             match self.socket.send_to(&datagram, self.address) {
                 Ok(_) => {}
-                // Nobody listens yet, or no longer.
+                // No program listens yet, or it has quit.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
                 Err(error) => return Err(Failure::environment(format!("cannot send to {}: {error}", self.address))),
             }
@@ -110,11 +110,11 @@ fn resolve(option: &str, address: &str) -> Result<SocketAddr, Failure> {
     address.to_socket_addrs().map_err(|_| expected())?.next().ok_or_else(expected)
 }
 
-/// Where the speech comes from.
+/// Source of the speech.
 enum Source {
-    /// Mono samples that are heard as they would be spoken.
+    /// Mono samples, pushed in real time.
     Recording { rate: usize, samples: Box<Samples> },
-    /// 16-bit mono samples of standard input, as fast as they come.
+    /// 16-bit mono samples from standard input, pushed as they arrive.
     Input { rate: usize },
 }
 
@@ -141,7 +141,7 @@ impl Source {
         }
     }
 
-    /// Gives all samples to the session, then says that there are no more.
+    /// Pushes all samples to the session, then finishes its stream.
     fn speak(self, session: &Session, stop: &AtomicBool) -> Result<(), Failure> {
         match self {
             Self::Recording { rate, mut samples } => {
@@ -163,7 +163,7 @@ impl Source {
     }
 }
 
-/// Reads 16-bit little-endian samples until there are no more.
+/// Reads 16-bit little-endian samples until end of file.
 fn hear(session: &Session, input: &mut impl Read, stop: &AtomicBool) -> Result<(), Failure> {
     let (mut bytes, mut kept) = ([0; 2 * STRETCH], 0);
     loop {
@@ -176,13 +176,13 @@ fn hear(session: &Session, input: &mut impl Read, stop: &AtomicBool) -> Result<(
         let whole = (kept + read) / 2;
         let samples: Vec<i16> = bytes[..2 * whole].chunks_exact(2).map(|b| i16::from_le_bytes([b[0], b[1]])).collect();
         push(stop, whole, |done| session.push_audio_i16(&samples[done..]))?;
-        // Half a sample waits for its other byte.
+        // An odd byte waits for the second half of its sample.
         bytes.copy_within(2 * whole..kept + read, 0);
         kept = (kept + read) % 2;
     }
 }
 
-/// Pushes until all samples are taken; `some` pushes those from a place on.
+/// Pushes until all samples are taken; `some` pushes the samples from an index on.
 fn push(
     stop: &AtomicBool,
     all: usize,
@@ -198,7 +198,7 @@ fn push(
     Ok(())
 }
 
-/// The session as the arguments want it, and the engine that it lives in.
+/// Returns the session configured by the arguments, and its engine.
 fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     if args.generate.start_pose.is_some() {
         return Err(Failure::input("--start-pose does not go with `live`"));
@@ -241,8 +241,7 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     Ok((engine, made))
 }
 
-/// Gives poses to `send`, `fps` a second, until the speech is over or it is time to stop; says how
-/// many.
+/// Passes poses to `send`, `fps` a second, until the speech is over or `stop` is set; returns their number.
 fn show(
     session: &Session,
     rate: usize,

@@ -1,4 +1,4 @@
-//! Which model, which processor, how many threads.
+//! The choice of model, instruction set and threads.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -10,34 +10,33 @@ use umo_kernels::Isa;
 use crate::args::Compute;
 use crate::failure::Failure;
 
-/// The default model, where the build has put it into the program: see `build.rs`.
+/// The default model, if the build embeds it: see `build.rs`.
 #[cfg(umo_embedded_model)]
 static EMBEDDED: Option<&[u8]> = Some(include_bytes!(env!("UMO_EMBED_MODEL")));
 #[cfg(not(umo_embedded_model))]
 static EMBEDDED: Option<&[u8]> = None;
 
-/// Names the default model's file, before what is in the program or installed.
+/// Environment variable that names the default model's file; it precedes embedded and installed models.
 const VARIABLE: &str = "UMO_MODEL";
-/// The default model's name where it is installed.
+/// File name of an installed default model.
 const FILE: &str = "umo-people.safetensors";
 
-/// The model at `path`, or the default model; prints the model's notice to standard error.
+/// Opens the model at `path`, or the default model; prints the model's notice to standard error.
 ///
 /// # Errors
-/// [`Failure::Input`] naming the file; where there is no default model, the places that it was
-/// looked for in.
+/// [`Failure::Input`] naming the file; without a default model, the error lists the searched places.
 pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
     let file = open_quietly(path)?;
     announce(file.config());
     Ok(file)
 }
 
-/// [`open`] without the notice, for readers of the skeleton alone.
+/// [`open`] without the notice, for callers that need only the skeleton.
 pub(crate) fn open_quietly(path: Option<&Path>) -> Result<ModelFile, Failure> {
     place(path)?.open()
 }
 
-/// The file's bytes, of the same model as [`open`]'s.
+/// Returns the bytes of the file that [`open`] would open.
 pub(crate) fn bytes(path: Option<&Path>) -> Result<Cow<'static, [u8]>, Failure> {
     match place(path)? {
         Place::Program(bytes) => Ok(Cow::Borrowed(bytes)),
@@ -47,7 +46,7 @@ pub(crate) fn bytes(path: Option<&Path>) -> Result<Cow<'static, [u8]>, Failure> 
     }
 }
 
-/// Where a model is.
+/// Location of a model.
 enum Place {
     File(PathBuf),
     Program(&'static [u8]),
@@ -71,8 +70,7 @@ fn place(path: Option<&Path>) -> Result<Place, Failure> {
     }
 }
 
-/// The default model: the file that the environment names, the one in the program, or the first
-/// that is installed.
+/// Returns the default model: the file that the environment names, the embedded one, or the first installed one.
 fn default(named: Option<PathBuf>, embedded: Option<&'static [u8]>, installed: &[PathBuf]) -> Result<Place, Failure> {
     if let Some(path) = named.filter(|path| !path.as_os_str().is_empty()) {
         return Ok(Place::File(path));
@@ -92,8 +90,8 @@ fn default(named: Option<PathBuf>, embedded: Option<&'static [u8]>, installed: &
     }
 }
 
-/// Where an installed default model is: beside the program, as `scripts/install` and packages lay
-/// it out, or in the user's and the system's data folders.
+/// Returns the candidate paths of an installed default model: beside the program, as `scripts/install` and
+/// packages install it, and in the user's and the system's data folders.
 fn installed() -> Vec<PathBuf> {
     let mut places = Vec::new();
     let program = std::env::current_exe().ok();
@@ -109,7 +107,7 @@ fn installed() -> Vec<PathBuf> {
     places
 }
 
-/// The default model's skeleton.
+/// Returns the default model's skeleton.
 pub(crate) fn skeleton() -> Result<Skeleton, Failure> {
     Ok(open_quietly(None)?.config().skeleton.clone())
 }
@@ -120,7 +118,7 @@ fn announce(config: &Config) {
     }
 }
 
-/// The instruction set that was asked for, or the best one.
+/// Returns the requested instruction set, or the best available one.
 pub(crate) fn isa(compute: &Compute) -> Result<Isa, Failure> {
     let Some(name) = &compute.isa else { return Ok(Isa::detect()) };
     Isa::from_name(name).ok_or_else(|| {
@@ -129,7 +127,7 @@ pub(crate) fn isa(compute: &Compute) -> Result<Isa, Failure> {
     })
 }
 
-/// The number of threads that was asked for, or of cores.
+/// Returns the requested number of threads, or the number of cores.
 pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
     let most = umo_core::team::MAX_THREADS;
     match compute.threads {
@@ -139,7 +137,7 @@ pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
     }
 }
 
-/// The threads that were asked for, or one per core.
+/// Returns a team with the requested number of threads, or one per core.
 pub(crate) fn team(compute: &Compute) -> Result<Team, Failure> {
     let threads = threads(compute)?;
     Team::new(threads).map_err(|error| Failure::environment(format!("cannot start {threads} threads: {error}")))

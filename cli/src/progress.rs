@@ -1,10 +1,10 @@
-//! A bar on standard error for work that takes longer than a moment.
+//! Progress bars on standard error for long-running work.
 
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// A bar that counts frames; hidden where standard error is no terminal.
+/// Returns a bar that counts frames; hidden if standard error is not a terminal.
 pub(crate) fn frames(total: usize) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(10));
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} frames, {per_sec}, {eta} left");
@@ -13,8 +13,8 @@ pub(crate) fn frames(total: usize) -> ProgressBar {
     bar
 }
 
-/// Lines of a batch, and how much time is left: a bar, or where standard error is no terminal a line
-/// every ten seconds.
+/// Progress of a batch's lines, with the remaining time: a bar, or a line every ten seconds if standard error
+/// is not a terminal.
 #[derive(Debug)]
 pub(crate) struct Lines {
     bar: ProgressBar,
@@ -23,7 +23,7 @@ pub(crate) struct Lines {
     said: Instant,
 }
 
-/// A count of so many lines.
+/// Returns the progress of a batch of `total` lines.
 pub(crate) fn lines(total: usize) -> Lines {
     let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(10));
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} lines, {per_sec}, {eta} left");
@@ -33,7 +33,7 @@ pub(crate) fn lines(total: usize) -> Lines {
 }
 
 impl Lines {
-    /// One more is done.
+    /// Counts one more finished line.
     pub(crate) fn advance(&mut self) {
         self.bar.inc(1);
         if self.bar.is_hidden() && self.said.elapsed() >= Duration::from_secs(10) {
@@ -44,12 +44,12 @@ impl Lines {
         }
     }
 
-    /// Prints with the bar out of the way.
+    /// Prints while the bar is hidden.
     pub(crate) fn suspend(&self, print: impl FnOnce()) {
         self.bar.suspend(print);
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
     }

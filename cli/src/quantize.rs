@@ -1,4 +1,4 @@
-//! `umo quantize`: the same model with smaller weights, one tensor at a time.
+//! `umo quantize`: writes the same model with smaller weights, one tensor at a time.
 
 mod calibrate;
 mod compensate;
@@ -23,24 +23,24 @@ use crate::args::{Quantize, StorageArg, WeightsArg};
 use crate::atomic_file;
 use crate::failure::Failure;
 
-/// Products that lose more by int8 than they gain; `docs/quantization.md` has the measurements.
+/// Products for which int8 costs more accuracy than it saves time; `docs/quantization.md` has the measurements.
 const DEFAULT_KEPT: [&str; 5] = [
-    // The second and third convolution have three quarters of the arithmetic; each of the others
-    // would cost as much accuracy.
+    // The second and third convolutions have three quarters of the arithmetic. Each of the others would
+    // cost as much accuracy.
     "audio.hubert.feature_extractor.conv_layers.[!12].*",
     "audio.hubert.feature_extractor.conv_layers.[0-9][0-9]*",
     "audio.hubert.encoder.pos_conv_embed.*",
-    // Decides which code is written, and is always computed in float.
+    // Determines the sampled code; always computed in float.
     "lm.lm_head.weight",
-    // Decides which code a pose is; only used for start poses, and always in float.
+    // Determines the code of a pose. Used only for start poses, always in float.
     "vq.[fhul]*.encoder.*",
 ];
 
-/// Products that gain most by int4 for what they lose: half of a decoder step's reading; the others become
-/// int8 with it.
+/// Products with the best ratio of int4 savings to loss: half of the bytes read by a decoder step. All other
+/// products become int8 when int4 is requested.
 const INT4: [&str; 1] = ["lm.decoder.*.moe.experts.*"];
 
-/// Of layout `frames`, also kept from bf16: small differences of large values, always computed in f32.
+/// Tensors of layout `frames` that also stay out of bf16: small differences of large values, always in f32.
 const KEPT_OF_FRAMES: &str = "vq.root.*";
 
 /// Writes the quantized model.
@@ -68,8 +68,8 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
     let tensors = if args.calibrate.is_empty() {
         floats(|storage| storage)?
     } else {
-        // The products read other inputs once their channels are evened out or rotated: the float model is
-        // written as that makes it, and read again.
+        // Equalization and rotation change the inputs of the products. The float model is therefore written
+        // with them applied, and read again for the calibration.
         let tensors = floats(|storage| if storage.is_quantized() { Storage::F32 } else { storage })?;
         exact = Float::new(&args.output, |out| writer::write(out, file.config(), &tensors))
             .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
@@ -100,10 +100,10 @@ fn named(args: &Quantize, error: LoadError) -> Failure {
     Failure::input(format!("{}: {error}", args.input.display()))
 }
 
-/// The float model beside the output, gone when dropped.
+/// The temporary float model beside the output, deleted when dropped.
 struct Float {
     file: ModelFile,
-    /// Dropped after the file, which may be mapped.
+    /// Dropped after the file, which may be memory-mapped.
     _temporary: TemporaryFile,
 }
 
@@ -114,7 +114,7 @@ impl Float {
     }
 }
 
-/// One tensor of the new file.
+/// A tensor of the new file.
 struct Plan {
     name: String,
     shape: Vec<usize>,
@@ -127,10 +127,10 @@ impl Plan {
     }
 }
 
-/// Which tensors become what.
+/// Rules that choose the storage of each tensor.
 struct Rules {
     weights: Storage,
-    /// In the order of precedence, the last first; `None` keeps a tensor as it is.
+    /// Patterns by descending precedence, so a later `--set` comes first; `None` keeps a tensor's storage.
     globs: Vec<(Pattern, Option<Storage>)>,
 }
 
@@ -156,7 +156,7 @@ impl Rules {
         Ok(Self { weights, globs })
     }
 
-    /// What `name` is stored as, `was` what it is now; `frames` of a model of that layout.
+    /// Returns the storage of `name`, currently stored as `was`; `frames` says if the model has layout `frames`.
     fn storage(&self, name: &str, was: Storage, product: bool, frames: bool) -> Storage {
         if let Some((_, asked)) = self.globs.iter().find(|(glob, _)| glob.matches(name)) {
             return asked.unwrap_or(was);
@@ -170,7 +170,7 @@ impl Rules {
         }
     }
 
-    /// A glob that names nothing is a slip of the pen.
+    /// Refuses a glob that matches no tensor, which is likely a typo.
     fn check(&self, names: &[&str]) -> Result<(), Failure> {
         match self.globs.iter().find(|(glob, _)| !names.iter().any(|name| glob.matches(name))) {
             Some((glob, _)) => Err(Failure::input(format!("`{glob}` matches no tensor of the model"))),
@@ -179,7 +179,7 @@ impl Rules {
     }
 }
 
-/// Whether a product becomes int4 where nothing else is asked for.
+/// Whether a product becomes int4 by default when int4 is requested.
 pub(crate) fn is_int4(name: &str) -> bool {
     INT4.iter().any(|glob| default(glob).matches(name)) && !DEFAULT_KEPT.iter().any(|glob| default(glob).matches(name))
 }
@@ -192,7 +192,7 @@ fn default(glob: &str) -> Pattern {
     Pattern::new(glob).expect("the patterns above are well formed")
 }
 
-/// Every tensor of the file and what becomes of it, in the file's order of names.
+/// Returns the plan of every tensor, in the file's order of names.
 fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
     let specs = layout::specs(file.config(), true);
     let specs: HashMap<&str, &Spec> = specs.iter().map(|spec| (spec.name.as_str(), spec)).collect();
@@ -226,8 +226,7 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
     list.iter().map(plan).collect()
 }
 
-/// The new tensor; its values are read when they are written, and what is wrong with them is left
-/// in `failed`.
+/// Returns the new tensor. Its values are read when they are written; an error among them is left in `failed`.
 fn tensor<'a>(
     file: &'a ModelFile,
     plan: &'a Plan,
@@ -255,7 +254,7 @@ fn tensor<'a>(
     Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: storage(plan.storage), values })
 }
 
-/// The tensor of the float model `exact`, rounded as `calibration` says where it is quantized.
+/// Returns the tensor of the float model `exact`, rounded with `calibration` if it is quantized.
 fn calibrated<'a>(
     exact: &'a ModelFile,
     plan: &'a Plan,
@@ -279,7 +278,7 @@ fn calibrated<'a>(
     Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: plan.storage, values })
 }
 
-/// A tensor's values, as they are in the file or, with `rotated`, as they are after the rotation.
+/// Reads a tensor's values; applies the rotation if `rotated`.
 fn read(file: &ModelFile, name: &str, shape: &[usize], rotated: bool) -> Result<Vec<f32>, LoadError> {
     let tensor = file.tensor(name, shape)?;
     let mut values = vec![0.0; shape.iter().product()];

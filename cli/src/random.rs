@@ -1,4 +1,4 @@
-//! `umo make-random`: a model of the right shape whose weights mean nothing.
+//! `umo make-random`: writes a model of the right structure with random weights.
 
 mod frames;
 mod sizes;
@@ -15,10 +15,10 @@ use crate::atomic_file;
 use crate::failure::Failure;
 use crate::quantize;
 
-/// The small text vocabulary of random models.
+/// Small text vocabulary of random models.
 static TEXT_MODEL: &[u8] = include_bytes!("../assets/text.model");
 
-/// Writes a random model; the same bytes for the same arguments.
+/// Writes a random model, reproducible for the same arguments.
 pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
     let config = match args.layout {
         LayoutArg::Parts => sizes::config(args.size),
@@ -40,7 +40,7 @@ pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The config of the least model, for tests.
+/// Returns the config of the smallest model, for tests.
 #[cfg(test)]
 pub(crate) fn tiny() -> Config {
     sizes::config(crate::args::Size::Tiny)
@@ -59,8 +59,7 @@ fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64)
     NewTensor { name: spec.name.clone(), shape: spec.shape.clone(), storage, values }
 }
 
-/// Values of about the size that trained ones have, so that activations stay of order 1 through all
-/// layers.
+/// Returns values of about the magnitude of trained ones, so that activations stay of order 1 through all layers.
 #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
 fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
     let random = RefCell::new(Random::new(seed, index));
@@ -82,8 +81,8 @@ fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
     }
 }
 
-/// T5 does not scale its attention scores, so its queries are small; what is added to a residual
-/// stream is damped; poses stay near rest.
+/// Returns the gain of a product. T5 does not scale its attention scores, so queries are small; additions to
+/// a residual stream are damped; poses stay near the rest pose.
 fn gain(config: &Config, name: &str) -> f32 {
     match name {
         _ if name.starts_with("lm.") && name.ends_with(".q.weight") => 0.2,
@@ -94,7 +93,7 @@ fn gain(config: &Config, name: &str) -> f32 {
     }
 }
 
-/// The last convolution of a motion decoder, by its part's name.
+/// Returns the part's name if `name` belongs to the last convolution of a motion decoder.
 fn last_convolution<'a>(config: &Config, name: &'a str) -> Option<&'a str> {
     let (part, rest) = name.strip_prefix("vq.")?.split_once(".decoder.main.")?;
     let layers = match config.part_list().into_iter().find(|spec| spec.name == part) {
@@ -105,8 +104,8 @@ fn last_convolution<'a>(config: &Config, name: &'a str) -> Option<&'a str> {
     (index == 2 + 2 * layers).then_some(part)
 }
 
-/// The bias of a decoder's last convolution: no rotation, a face at rest, and a root that stands on
-/// the ground.
+/// Returns the bias of a decoder's last convolution: identity rotations, a neutral face, and a root
+/// standing on the ground.
 fn rest(config: &Config, name: &str) -> Option<Vec<f32>> {
     const NO_ROTATION: [f32; 6] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     const PELVIS_HEIGHT_M: f32 = 0.93;
@@ -125,7 +124,7 @@ fn rest(config: &Config, name: &str) -> Option<Vec<f32>> {
     Some(places.ranges.into_iter().flatten().map(value).collect())
 }
 
-/// Uniform numbers of variance 1: SplitMix64 (Steele, Lea, Flood 2014), a stream per tensor.
+/// Generator of uniform numbers of variance 1: SplitMix64 (Steele, Lea, Flood 2014), one stream per tensor.
 pub(crate) struct Random(u64);
 
 impl Random {
@@ -143,7 +142,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Between `-sqrt(3)` and `sqrt(3)`.
+    /// Returns a number between `-sqrt(3)` and `sqrt(3)`.
     #[expect(clippy::cast_precision_loss, reason = "24 bits fit an f32")]
     pub(crate) fn next(&mut self) -> f32 {
         const SQRT_3: f32 = 1.732_050_8;

@@ -1,15 +1,15 @@
-//! `umo retarget`: an animation brought to another character's skeleton and face.
+//! `umo retarget`: transfers an animation to another character's skeleton and face.
 //!
 //! | module | part |
 //! | --- | --- |
-//! | `character` | a character in a `.glb` file, and the animation in it |
-//! | `draco` | meshes that Draco compressed |
-//! | `body` | its surfaces |
+//! | `character` | a character in a `.glb` file, and writing the animation into it |
+//! | `draco` | decompression of Draco meshes |
+//! | `body` | the character's surfaces |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
 //! | `mapping` | mapping files |
-//! | `inspect` | what is found of a character and what is missing |
+//! | `inspect` | report of found and missing bones and shapes |
 //! | `sheet` | a picture of the motion on figure and character |
-//! | `wear` | a character and its motion for a page |
+//! | `wear` | a character and its motion for the viewer page |
 
 use std::path::Path;
 
@@ -40,29 +40,29 @@ mod wear;
 #[cfg(test)]
 mod tests;
 
-/// What gives a mesh a skeleton.
+/// Advice for a mesh without a skeleton.
 const RIGGERS: &str = "give it one first, as Mixamo's auto-rigger or Blender's Rigify do";
 
-/// Three-vrm poses a VRM's bones anew from its own normalized rig at each `vrm.update()`.
+/// Note for VRM files: at each `vrm.update()`, three-vrm poses the bones from its own normalized rig.
 const VRM_NOTE: &str = "note: in three-vrm, `vrm.update()` overwrites this animation with a T-pose unless \
     `vrm.humanoid.autoUpdateHumanBones` is false; `umo animate -o motion.vrma` makes one that plays on any VRM";
 
-/// What is moved.
+/// The target of the motion.
 enum Target {
     Character(Character),
     Skeleton(bvh::Target),
 }
 
-/// A rig's motion: what both kinds of files write.
+/// A rig's motion, as both kinds of files write it.
 pub(crate) struct Motion {
     pub(crate) frame_rate: f32,
-    /// `[frames]` of `[bones]`, relative to their parents.
+    /// Rotations relative to the parents, `[frames]` of `[bones]`.
     pub(crate) rotations: Vec<Vec<Quat>>,
-    /// Place of the hips' bone in its parent's frame, the rig's unit. `[frames]`
+    /// Position of the hips' bone in its parent's frame, in the rig's unit, `[frames]`.
     pub(crate) hips: Vec<[f32; 3]>,
 }
 
-/// Brings an animation to another character.
+/// Retargets an animation to another character.
 pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", args.onto.display()));
     let bytes = read(&args.onto)?;
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A character's file as one `.glb`, or another as it is.
+/// Reads a character's file as one `.glb`, or another file unchanged.
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     let bytes = match is_character(path) {
         true => umo_core::glb::read(path).and_then(|file| draco::decompressed(file).map_err(std::io::Error::other)),
@@ -119,13 +119,13 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     bytes.map_err(|problem| Failure::input(format!("{}: {problem}", path.display())))
 }
 
-/// Whether a file may hold a character, by its name.
+/// Whether a file name has the extension of a character.
 pub(crate) fn is_character(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     ["glb", "gltf", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
-/// The animation of a recording, or one that was made before.
+/// Returns the animation of a recording, or reads a finished one.
 fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
     if !umo_audio_file::has_extension(input) {
         return import::read(input);
@@ -141,7 +141,7 @@ fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Res
     Retarget::new(source, rig, mapping, floor).map_err(|error| error.to_string())
 }
 
-/// Every frame on the rig.
+/// Retargets every frame to the rig.
 fn motion(retarget: &Retarget, clip: &Clip) -> Result<Motion, Failure> {
     let mut scratch = retarget.scratch();
     let (mut rotations, mut hips) = (Vec::with_capacity(clip.len()), Vec::with_capacity(clip.len()));
@@ -180,8 +180,8 @@ impl Target {
         }
     }
 
-    /// What is what, by the file's own table or by names, and what the mapping file says over that;
-    /// and who names so.
+    /// Maps joints to bones by the file's own table or by bone names, overridden by the mapping file; also
+    /// returns the name of the naming convention.
     fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
         match self {
             Self::Character(character) => character.mapping(given),
@@ -196,7 +196,7 @@ impl Target {
         }
     }
 
-    /// What of it does not move, or was read in another way than it stands there.
+    /// Returns notes about parts that do not move and about bones found by adjusted names.
     fn notes(&self, mapping: &Mapping, faces: &Faces, face: &Face) -> Vec<String> {
         let mut notes = of_rig(self.rig(), mapping);
         if let Self::Character(_) = self {
@@ -205,7 +205,7 @@ impl Target {
         notes
     }
 
-    /// A file holds what its name says.
+    /// Checks that the output's extension fits the target.
     fn check_output(&self, output: &Path) -> Result<(), Failure> {
         let wrong = |problem: &str| Err(Failure::input(format!("{}: {problem}", output.display())));
         let is = |known: &str| output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known));
@@ -220,7 +220,7 @@ impl Target {
         }
     }
 
-    /// Only a body can be drawn, and only as PNG.
+    /// Refuses sheets of skeletons without a body, and formats other than PNG.
     fn check_sheet(&self, sheet: &Path) -> Result<(), Failure> {
         let is_png = sheet.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
         match self {
@@ -238,13 +238,13 @@ impl Target {
     }
 }
 
-/// ARKit's face.
+/// Returns ARKit's face.
 fn arkit() -> Face {
     Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() }
 }
 
-/// Refuses a mapping that makes no body; `help` says what else helps than a mapping file. A file of
-/// meshes without a skin, where no bone was found, has no skeleton that a mapping could name.
+/// Refuses a mapping without a body; `help` names an alternative to a mapping file. If the file has meshes
+/// without a skin and no bone was found, it has no skeleton that a mapping could name.
 fn check(rig: &Rig, mapping: &Mapping, is_bare: bool, help: &str) -> Result<(), String> {
     mapping.check(rig).map_err(|problem| {
         let has_skeleton = is_bare || rig.bones().iter().any(|bone| bone.deforms);
@@ -255,7 +255,7 @@ fn check(rig: &Rig, mapping: &Mapping, is_bare: bool, help: &str) -> Result<(), 
     })
 }
 
-/// Notes of how bones were found.
+/// Returns notes on how bones were found.
 fn of_rig(rig: &Rig, mapping: &Mapping) -> Vec<String> {
     let mut notes = Vec::new();
     let first = mapping.entries().into_iter().find_map(|(_, bones)| bones.first().copied());
@@ -272,7 +272,7 @@ fn of_rig(rig: &Rig, mapping: &Mapping) -> Vec<String> {
     notes
 }
 
-/// Every joint with its bones, every shape that moves with what moves it.
+/// Prints every joint with its bones, and every shape that moves with its source.
 fn print(rig: &Rig, mapping: &Mapping, convention: &str, faces: &Faces, face: &Face) {
     println!("{convention}");
     for (joint, bones) in mapping.entries() {
@@ -282,7 +282,7 @@ fn print(rig: &Rig, mapping: &Mapping, convention: &str, faces: &Faces, face: &F
     faces.list(face).iter().for_each(|line| println!("{line}"));
 }
 
-/// One line of what was done, and notes of what could not be.
+/// Prints one line about the result, and notes on missing bones and shapes.
 fn tell(output: &Path, clip: &Clip, mapping: &Mapping, convention: &str, faces: &Faces) {
     let entries = mapping.entries();
     let missing: Vec<_> = entries.iter().filter(|(_, bones)| bones.is_empty()).map(|(joint, _)| *joint).collect();

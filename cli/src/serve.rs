@@ -26,7 +26,7 @@ pub(crate) fn run(args: &Serve) -> Result<(), Failure> {
     })
 }
 
-/// What the arguments ask for, and the tokens of the file.
+/// Returns the server's configuration from the arguments and the tokens file.
 fn config(args: &Serve) -> Result<Config, Failure> {
     let tokens = match &args.tokens {
         None => Tokens::default(),
@@ -60,7 +60,7 @@ fn config(args: &Serve) -> Result<Config, Failure> {
     })
 }
 
-/// Whether only this machine reaches an address. One that is none is for the server to refuse.
+/// Whether an address is reachable only from this machine. The server itself refuses invalid addresses.
 fn is_local(address: &str) -> bool {
     address.to_socket_addrs().is_ok_and(|mut all| all.all(|address| address.ip().is_loopback()))
 }

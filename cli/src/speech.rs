@@ -1,5 +1,5 @@
-//! A recording that is animated: read once to know its length, its level and its damage, then once
-//! more, block by block, as it is needed.
+//! A recording to animate: a first pass determines its length, level and damage, and a second pass delivers it
+//! block by block as needed.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use umo_core::{AudioSource, StepError};
 
 use crate::failure::Failure;
 
-/// A recording that was read once.
+/// A recording after its first pass.
 pub(crate) struct Speech {
     path: PathBuf,
     sample_rate: usize,
@@ -19,8 +19,8 @@ pub(crate) struct Speech {
 }
 
 impl Speech {
-    /// Reads a recording; damage is refused, or with `repair` warned of. Says what else is not as in a plain
-    /// recording.
+    /// Reads a recording. Refuses damage, or only warns with `repair`. Prints notes about other peculiarities of
+    /// the file and about the level.
     pub(crate) fn open(path: &Path, repair: bool) -> Result<Self, Failure> {
         let mut reader = Reader::open(path).map_err(Failure::input)?;
         let mut meter = Meter::new(reader.channels().into(), reader.sample_rate() as usize);
@@ -45,17 +45,17 @@ impl Speech {
         Ok(Self { path: path.to_owned(), sample_rate: reader.sample_rate() as usize, frames, gains })
     }
 
-    /// Samples a second.
+    /// Returns the sample rate in Hz.
     pub(crate) fn sample_rate(&self) -> usize {
         self.sample_rate
     }
 
-    /// Length in seconds.
+    /// Returns the length in seconds.
     pub(crate) fn seconds(&self) -> f64 {
         self.frames as f64 / self.sample_rate as f64
     }
 
-    /// Frames of animation at `frame_rate`, at least one.
+    /// Returns the number of animation frames at `frame_rate`, at least one.
     pub(crate) fn frames(&self, frame_rate: usize) -> Result<usize, Failure> {
         let frames = usize::try_from(self.frames as u128 * frame_rate as u128 / self.sample_rate as u128);
         match frames.map_err(Failure::input)? {
@@ -68,7 +68,7 @@ impl Speech {
         }
     }
 
-    /// Its samples, mono, at `rate`.
+    /// Returns a source of the recording's samples, mono, at `rate`.
     pub(crate) fn samples(&self, rate: usize) -> Result<Samples, Failure> {
         Ok(Samples {
             reader: Reader::open(&self.path).map_err(Failure::input)?,
@@ -79,7 +79,7 @@ impl Speech {
         })
     }
 
-    /// All samples, mono, at `rate`.
+    /// Reads all samples, mono, at `rate`.
     pub(crate) fn mono(&self, rate: usize) -> Result<Vec<f32>, Failure> {
         let (mut samples, mut all) = (self.samples(rate)?, Vec::new());
         while samples.pull(&mut all)? {}
@@ -87,13 +87,13 @@ impl Speech {
     }
 }
 
-/// A recording's samples as they are decoded.
+/// A source of a recording's samples, decoded on demand.
 pub(crate) struct Samples {
     reader: Reader,
     gains: Gains,
     resampler: Resampler,
     mono: Vec<f32>,
-    /// Rate and samples of each channel that were read before.
+    /// Sample rate, and samples per channel, found by the first pass.
     expected: (usize, usize),
 }
 

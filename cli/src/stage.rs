@@ -1,4 +1,4 @@
-//! `umo stage`: one stage alone on tensors from a file (SPEC 3.1).
+//! `umo stage`: runs a single stage on tensors from a file (SPEC 3.1).
 
 use std::io::Write;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::args::Stage;
 use crate::failure::Failure;
 use crate::{atomic_file, model};
 
-/// Runs a stage.
+/// Runs the stage.
 pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
     let stage = stage::Stage::from_name(&args.stage).ok_or_else(|| {
         let names: Vec<_> = stage::Stage::ALL.into_iter().map(stage::Stage::name).collect();

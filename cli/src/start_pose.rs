@@ -1,4 +1,4 @@
-//! `--start-pose`: the last keyframes of a real motion as the history.
+//! `--start-pose`: the last keyframes of a recorded motion as the history.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use umo_core::{Compute, Config, PerPart, Precision};
 use crate::failure::Failure;
 use crate::import::npz;
 
-/// Makes the keyframes that end with the file's last frame the history.
+/// Sets the history to the keyframes that end with the file's last frame.
 pub(crate) fn begin(cx: Compute, loader: &Loader, path: &Path, animation: &mut Animation) -> Result<(), Failure> {
     let config = loader.file().config();
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    // A choice among codes, like the tokenizer's, is made in full precision.
+    // The encoder chooses codes, so it runs in full precision, like the tokenizer.
     let loader = Loader::new(loader.file(), Precision::F32, loader.isa());
     let encoder = MotionEncoder::load(&loader)?
         .ok_or_else(|| Failure::input("this model cannot start from a pose: it has no `vq.*.encoder` tensors"))?;
@@ -38,7 +38,7 @@ pub(crate) fn begin(cx: Compute, loader: &Loader, path: &Path, animation: &mut A
     Ok(())
 }
 
-/// The motion in an SMPL-X `.npz` file, with the model's bones and face, at the model's rate.
+/// Reads the motion of an SMPL-X `.npz` file with the model's bones and face, resampled to the model's rate.
 fn read(path: &Path, config: &Config) -> Result<Clip, String> {
     let empty = Clip::new(config);
     let wanted = empty.frame_rate;

@@ -1,4 +1,4 @@
-//! `umo text`: a description to an animation, by the model or by the table of gestures.
+//! `umo text`: animates a description, by the model or by the table of gestures.
 
 use umo_core::animation::Animation;
 use umo_core::config::Config;
@@ -10,7 +10,7 @@ use crate::args::Text;
 use crate::failure::Failure;
 use crate::gestures;
 
-/// Longest animation: an hour.
+/// Upper bound on the length: an hour.
 const MAX_SECONDS: f64 = 3600.0;
 /// Seconds of the model's own motion before a gesture begins.
 const BEFORE: f64 = 0.3;
@@ -30,7 +30,7 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
         Action::Gesture(name) => {
             eprintln!("note: the gesture `{name}`; the model has no prompt for it");
             let mut animation = quiet(&job, frames)?;
-            // Room for all of it where the animation is short.
+            // In a short animation the lead is shorter, so that the whole gesture fits.
             let least = gestures.stroke(name).unwrap_or_default();
             let options = GestureOptions::default().at(least + BEFORE.min(0.25 * args.seconds));
             gestures::play(&mut animation, &gestures, name, &options)?;
@@ -41,7 +41,7 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
     job.finish(&mut animation, frames)
 }
 
-/// Who knows what a text says.
+/// The source of the motion for a text.
 #[derive(Debug, PartialEq, Eq)]
 enum Action<'a> {
     /// The model.
@@ -50,7 +50,7 @@ enum Action<'a> {
     Gesture(&'a str),
 }
 
-/// What to do for a text: the model's own prompts come first, then the gestures.
+/// Returns the source of the motion for a text: the model's own prompts come first, then the gestures.
 fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &str) -> Result<Action<'a>, Failure> {
     let takes_text = has_text && Template::new(config, TEXT).is_ok_and(|template| template.has_text());
     let strange = strange_prompt(config, text);
@@ -65,7 +65,7 @@ fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &st
     Err(Failure::Input(format!("`{text}` is no action that is known: {prompts}; the gestures are {gestures}")))
 }
 
-/// The model's prompts as a sentence, where it has a list of them and a text is none of them.
+/// Returns the model's prompts as a sentence if it has a list of them that lacks `text`.
 pub(crate) fn strange_prompt(config: &Config, text: &str) -> Option<String> {
     let prompts = config.prompts.as_ref()?;
     if prompts.iter().any(|known| known.eq_ignore_ascii_case(text.trim())) {
@@ -75,7 +75,7 @@ pub(crate) fn strange_prompt(config: &Config, text: &str) -> Option<String> {
     Some(format!("the model's prompts are {}", named.join(", ")))
 }
 
-/// The model without speech.
+/// Returns the model's animation of silence.
 fn quiet(job: &Job, frames: usize) -> Result<Animation, Failure> {
     let config = job.maker.model.config();
     let name = if config.templates.contains_key("audio_to_motion") { "audio_to_motion" } else { TEXT };

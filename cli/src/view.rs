@@ -1,14 +1,14 @@
-//! `umo view`: one HTML page with the avatar, its speech, and how each frame was made; or the same
-//! page served live.
+//! `umo view`: one HTML page with the avatar, its speech, and a record of how each frame was made; or the
+//! same page served live.
 //!
 //! | module | part |
 //! | --- | --- |
-//! | `scene` | what is shown: a motion, its speech, the record of how it was made |
-//! | `blocks` | that as numbers in base64, and the description beside them |
+//! | `scene` | contents: a motion, its speech, and the record of how it was made |
+//! | `blocks` | the contents as base64 numbers with a description |
 //! | `page` | the HTML file, from the sources in `page/` |
 //! | `live` | the page on loopback, and streams through a real engine |
-//! | `web` | the live page as a folder, whose engine runs in the browser |
-//! | `browser` | opening it |
+//! | `web` | the live page as a folder, with the engine in the browser |
+//! | `browser` | opening the page |
 
 mod blocks;
 mod browser;
@@ -27,7 +27,7 @@ use crate::retarget::is_character;
 pub(crate) use live::session_rate;
 use scene::Scene;
 
-/// Makes the page and opens it, or serves it.
+/// Writes and opens the page, or serves it.
 pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     if args.live {
         return live::run(args);
@@ -57,12 +57,12 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Where the page goes when nobody says so.
+/// Returns the default path of the page.
 fn beside(input: &Path) -> PathBuf {
     input.with_extension("html")
 }
 
-/// Whether the file was made before; anything else is taken for a recording.
+/// Whether the file is an animation; other files are treated as recordings.
 fn is_animation(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     is_character(path) || ["jsonl", "npz"].iter().any(|known| extension.eq_ignore_ascii_case(known))

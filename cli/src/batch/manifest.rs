@@ -18,7 +18,7 @@ use crate::failure::Failure;
 /// A recording to animate.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Line {
-    /// Its place in the manifest, from 0.
+    /// Index in the manifest, from 0.
     pub(super) number: usize,
     pub(super) file: PathBuf,
     pub(super) outputs: Vec<PathBuf>,
@@ -30,7 +30,7 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// What its files depend on, as a hash: contents, not names and dates.
+    /// Returns a hash of everything that the files depend on: contents, not names and dates.
     pub(super) fn key(&self, settings: &str) -> Result<String, Failure> {
         let mut hash = Sha256::new();
         let mut add = |field: &str| {
@@ -48,7 +48,7 @@ impl Line {
     }
 }
 
-/// A line as a manifest has it.
+/// A line as the manifest spells it.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Row {
@@ -67,7 +67,7 @@ struct Row {
     speaker: Option<String>,
 }
 
-/// One file, several, or in CSV several with semicolons between.
+/// One file or several; CSV separates several with semicolons.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Outputs {
@@ -81,7 +81,7 @@ impl Default for Outputs {
     }
 }
 
-/// The lines of a folder or a manifest, each with its outputs; checked before any work.
+/// Reads the lines of a folder or a manifest, with their outputs; checks them before any work.
 pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failure> {
     let input = &args.input;
     let wrong = |cause: std::io::Error| Failure::input(format!("{}: {cause}", input.display()));
@@ -118,7 +118,7 @@ pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failur
     Ok(lines)
 }
 
-/// The recordings of a folder and those in it, by name.
+/// Adds the recordings of a folder and its subfolders, sorted by name.
 fn folder(root: &Path, folder_path: &Path, rows: &mut Vec<Row>) -> std::io::Result<()> {
     let mut entries = std::fs::read_dir(folder_path)?.collect::<Result<Vec<_>, _>>()?;
     entries.sort_by_key(std::fs::DirEntry::file_name);
@@ -172,7 +172,7 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
     }
     let outputs: Vec<PathBuf> = if names.is_empty() {
         let own = Path::new(&row.file);
-        // A recording elsewhere goes by its name alone.
+        // For a recording outside the base folder, only the file name is kept.
         let is_inside = own.is_relative() && !own.components().any(|part| part == Component::ParentDir);
         let own = if is_inside { own } else { Path::new(own.file_name().unwrap_or_default()) };
         formats.iter().map(|format| out.join(own).with_extension(format.name())).collect()
@@ -196,7 +196,7 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
     })
 }
 
-/// Whether a path leads out of the folder that it begins at.
+/// Whether a path leaves the folder that it is relative to.
 fn leaves(path: &Path) -> bool {
     let mut depth = 0_usize;
     path.components().any(|part| match part {
@@ -213,13 +213,13 @@ fn leaves(path: &Path) -> bool {
     })
 }
 
-/// The seed of a speaker's lines that name none: the same habits in each of them.
+/// Returns the seed for a speaker's lines without one, so that the speaker keeps the same habits in all lines.
 fn seed_of(speaker: &str) -> u64 {
     let hash = Sha256::digest(speaker);
     hash[..8].iter().fold(0, |seed, &byte| seed << 8 | u64::from(byte))
 }
 
-/// `joy`, or `joy=0.5`.
+/// Parses `joy` or `joy=0.5`.
 fn mood(text: &str) -> Result<(Mood, f32), String> {
     let (name, strength) = text.split_once('=').map_or((text, "1"), |(name, strength)| (name.trim(), strength.trim()));
     let found = Mood::ALL.into_iter().find(|mood| mood.name().eq_ignore_ascii_case(name));

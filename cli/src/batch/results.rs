@@ -1,5 +1,5 @@
-//! What a batch has done: a file of JSON lines that grows as lines are done, so that a run that was
-//! ended goes on where it was.
+//! Results of a batch: a JSON lines file that grows as lines finish, so that an interrupted run
+//! resumes where it stopped.
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
@@ -14,31 +14,31 @@ use super::manifest::Line;
 use crate::atomic_file;
 use crate::failure::Failure;
 
-/// A line that was done, or failed.
+/// A finished or failed line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Done {
     /// The recording.
     pub(super) file: String,
-    /// Its place in the manifest, from 1.
+    /// Index in the manifest, from 1.
     line: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     speaker: Option<String>,
-    /// Hash of the recording's contents and of all that decides its motion.
+    /// Hash of the recording's contents and of everything else that determines its motion.
     key: String,
     pub(super) frames: usize,
-    /// Length of the motion.
+    /// Length of the motion, seconds.
     seconds: f64,
-    /// From the line's first chunk to its last, beside other lines.
+    /// Seconds from the line's first chunk to its last, computed along with other lines.
     took: f64,
     outputs: Vec<Written>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) error: Option<String>,
-    /// Whether an earlier run had done it.
+    /// Whether an earlier run made the files.
     #[serde(skip)]
     pub(super) is_kept: bool,
 }
 
-/// A file that was written.
+/// A written file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Written {
     file: PathBuf,
@@ -61,7 +61,7 @@ impl Done {
         }
     }
 
-    /// A line whose files were written.
+    /// Returns a line whose files were written.
     pub(super) fn made(line: &Line, key: &str, frames: usize, rate: usize, took: Duration) -> Result<Self, Failure> {
         let hashed = |path: &PathBuf| Ok(Written { file: path.clone(), sha256: file_hash(path)? });
         let outputs = line.outputs.iter().map(hashed).collect::<Result<_, Failure>>()?;
@@ -69,12 +69,12 @@ impl Done {
         Ok(Self { frames, seconds, took, outputs, ..Self::of(line, key) })
     }
 
-    /// A line that could not be done.
+    /// Returns a line that failed.
     pub(super) fn failed(line: &Line, key: &str, failure: &Failure) -> Self {
         Self { error: Some(failure.to_string()), ..Self::of(line, key) }
     }
 
-    /// Whether every file of the line is there as it was written.
+    /// Whether every file of the line still exists with its recorded contents.
     pub(super) fn is_there(&self, line: &Line) -> bool {
         let is_same = |(path, written): (&PathBuf, &Written)| {
             *path == written.file && file_hash(path).is_ok_and(|hash| hash == written.sha256)
@@ -84,14 +84,14 @@ impl Done {
             && line.outputs.iter().zip(&self.outputs).all(is_same)
     }
 
-    /// The same for a line of this run.
+    /// Returns this result as kept, with the names and number that the line has in this run.
     pub(super) fn kept(&self, line: &Line) -> Self {
         let own = Self::of(line, &self.key);
         Self { file: own.file, line: own.line, speaker: own.speaker, is_kept: true, ..self.clone() }
     }
 }
 
-/// SHA-256 of a file's contents.
+/// Returns the SHA-256 of a file's contents.
 pub(super) fn file_hash(path: &Path) -> Result<String, Failure> {
     let wrong = |cause: std::io::Error| Failure::input(format!("{}: {cause}", path.display()));
     let mut file = File::open(path).map_err(wrong)?;
@@ -105,7 +105,7 @@ pub(super) fn file_hash(path: &Path) -> Result<String, Failure> {
     }
 }
 
-/// The file of results.
+/// The results file.
 pub(super) struct Results {
     path: PathBuf,
     file: File,
@@ -114,8 +114,8 @@ pub(super) struct Results {
 }
 
 impl Results {
-    /// Opens the results of earlier runs, to be added to. What is no result, as the end of a line that
-    /// a run could not finish, is passed over.
+    /// Opens the results of earlier runs for appending. Skips anything that is not a result, such as a line
+    /// that an interrupted run left incomplete.
     pub(super) fn open(path: PathBuf) -> Result<Self, Failure> {
         let wrong = |cause: std::io::Error| Failure::input(format!("cannot write `{}`: {cause}", path.display()));
         if let Some(folder) = path.parent() {
@@ -138,12 +138,12 @@ impl Results {
         Ok(Self { path, file, before, done: Vec::new() })
     }
 
-    /// What earlier runs have done, by its key.
+    /// Returns the successful results of earlier runs by key.
     pub(super) fn known(&self) -> HashMap<String, Done> {
         self.before.iter().filter(|done| done.error.is_none()).map(|done| (done.key.clone(), done.clone())).collect()
     }
 
-    /// Adds a line at once.
+    /// Appends a line immediately.
     pub(super) fn add(&mut self, done: Done) -> Result<(), Failure> {
         if !done.is_kept {
             let mut text = serde_json::to_string(&done).map_err(Failure::environment)?;
@@ -155,7 +155,7 @@ impl Results {
         Ok(())
     }
 
-    /// Puts this run's lines in the manifest's order.
+    /// Replaces the file with this run's lines in manifest order.
     pub(super) fn finish(self, lines: &[Line]) -> Result<(), Failure> {
         let Self { path, file, mut done, .. } = self;
         // On Windows an open file cannot be replaced.

@@ -1,5 +1,5 @@
-//! Other programs that keep the machine busy while a model is measured: one that computes on every
-//! core, and one that wakes up 10,000 times a second.
+//! Other programs that keep the machine busy during a measurement: one per core that computes, and one
+//! that wakes up 10,000 times a second.
 
 use std::hint::spin_loop;
 use std::io::Read;
@@ -12,19 +12,19 @@ use crate::args::Neighbour;
 use crate::failure::Failure;
 
 const WAKES_PER_SECOND: u32 = 10_000;
-/// Times that one that computes does so before it looks whether it is still wanted.
+/// Iterations of a spinning program between checks whether it should stop.
 const SPINS: u32 = 100_000;
 
-/// They run until this is dropped, or its process ends.
+/// Child processes that run until this is dropped or the parent process ends.
 #[derive(Debug)]
 pub(super) struct Neighbours(Vec<Child>);
 
 impl Neighbours {
-    /// One that computes for every core, and one that wakes up.
+    /// Starts one spinning program per core, and one that wakes up.
     pub(super) fn start() -> Result<Self, Failure> {
         let program = std::env::current_exe().map_err(Failure::environment)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        // What has started is ended where one of the others does not.
+        // Built up in place, so that the started ones are ended if a later one fails to start.
         let mut all = Self(Vec::with_capacity(cores + 1));
         for kind in std::iter::repeat_n("spin", cores).chain(["wake"]) {
             let child = Command::new(&program)
@@ -42,19 +42,19 @@ impl Neighbours {
 impl Drop for Neighbours {
     fn drop(&mut self) {
         for child in &mut self.0 {
-            // One that has ended by itself cannot be killed.
+            // `kill` fails for one that has already ended.
             drop(child.kill());
             drop(child.wait());
         }
     }
 }
 
-/// Is such a program until standard input ends.
+/// Runs as such a program until standard input ends.
 pub(super) fn be(kind: Neighbour) {
     let ended = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&ended);
     std::thread::spawn(move || {
-        // An error of a pipe is its end as well.
+        // A pipe error also counts as its end.
         drop(std::io::stdin().read_to_end(&mut Vec::new()));
         seen.store(true, Ordering::Relaxed);
     });

@@ -1,4 +1,4 @@
-//! A picture of the chunks' times: a histogram, and a timeline.
+//! Plots the chunks' times: a histogram and a timeline.
 
 use std::error::Error;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What `umo bench` says.
+//! The report of `umo bench`.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use umo_self_test::speed::{Crowd, quantile};
 
 use super::Stage;
 
-/// Everything that was measured.
+/// Everything measured.
 #[derive(Debug)]
 pub(super) struct Report {
     pub(super) model: String,
@@ -19,25 +19,25 @@ pub(super) struct Report {
     /// Keyframes per chunk.
     pub(super) target: usize,
     pub(super) load: Duration,
-    /// Times to the first frame.
+    /// Time to first frame of each measured start.
     pub(super) first: Vec<Duration>,
-    /// Times of chunks.
+    /// Duration of each measured chunk.
     pub(super) chunks: Vec<Duration>,
-    /// Frames of these chunks.
+    /// Number of frames in these chunks.
     pub(super) frames: usize,
     pub(super) stages: Vec<Stage>,
-    /// Peaks that the stages' floors are of.
+    /// Peaks from which the stages' floors are computed.
     pub(super) machine: Machine,
     pub(super) memory: Option<u64>,
-    /// Processor time of all chunks together, of all threads.
+    /// Processor time of all threads over all chunks.
     pub(super) processor: Option<Duration>,
-    /// Other programs kept the machine busy.
+    /// Whether other programs kept the machine busy.
     pub(super) is_busy: bool,
-    /// That of the threads that compute.
+    /// Priority of the computing threads.
     pub(super) priority: Priority,
-    /// Several avatars in real time.
+    /// Measurement of several avatars in real time.
     pub(super) crowd: Option<Crowd>,
-    /// Processor time of all threads meanwhile.
+    /// Processor time of all threads during that measurement.
     pub(super) crowd_processor: Option<Duration>,
 }
 
@@ -45,7 +45,7 @@ fn ms(time: Duration) -> f64 {
     1e3 * time.as_secs_f64()
 }
 
-/// To the hundredth of a millisecond, which is finer than any run repeats.
+/// Rounds to a hundredth of a millisecond, which is finer than the variation between runs.
 fn rounded(time: Duration) -> f64 {
     (ms(time) * 100.0).round() / 100.0
 }
@@ -59,7 +59,7 @@ impl Report {
         self.frames as f64 / self.chunks.iter().sum::<Duration>().as_secs_f64()
     }
 
-    /// One line.
+    /// Returns the report as one line of JSON.
     pub(super) fn json(&self) -> String {
         let quantiles = |times: &[Duration]| {
             let of = |share| rounded(quantile(times, share));
@@ -104,7 +104,7 @@ impl Report {
     }
 }
 
-/// What the word for so many things ends with.
+/// Returns the plural suffix for a count.
 fn plural(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
 }

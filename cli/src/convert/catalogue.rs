@@ -1,4 +1,4 @@
-//! What the sources hold, under the names that a umo model would have if it were dense.
+//! Tensors of all sources, under the names that a dense umo model would give them.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,9 +9,9 @@ use super::source::Source;
 use crate::args::Convert;
 use crate::failure::Failure;
 
-/// Before the names of the one trained by Language of Motion, in a checkpoint of all its parts.
+/// Prefix of the language model trained by Language of Motion, in a checkpoint of all its parts.
 const LOM_T5: &str = "lm.language_model.";
-/// Before the names of a codec where one file has several: Language of Motion's, then EMAGE's.
+/// Prefixes of the codecs in files that hold several: Language of Motion's, then EMAGE's.
 const CODECS: [(&str, &str); 11] = [
     ("vae_face.", "face"),
     ("vae_hand.", "hands"),
@@ -25,8 +25,8 @@ const CODECS: [(&str, &str); 11] = [
     ("vq_model_lower.", "lower"),
     ("global_motion.", "root"),
 ];
-/// What else a checkpoint of Language of Motion has: the language model, bodies to measure with,
-/// and measures.
+/// Prefixes of the other contents of a Language of Motion checkpoint: the language model, bodies
+/// for measurements, and metrics.
 const OTHERS: [&str; 6] = ["lm.", "smplx.", "flame.", "_losses.", "metrics.", "Metrics."];
 const CODEBOOK: &str = "quantizer.embedding.weight";
 const CENTROIDS: &str = "audio.kmeans.centroids";
@@ -35,9 +35,9 @@ const CENTROIDS: &str = "audio.kmeans.centroids";
 #[derive(Debug)]
 pub(super) struct Entry {
     source: usize,
-    /// Its name there.
+    /// Name in the source.
     name: String,
-    /// Its shape.
+    /// Shape in the source.
     pub(super) shape: Vec<usize>,
 }
 
@@ -71,17 +71,17 @@ impl Catalogue {
         self.entries.get(name)
     }
 
-    /// All names.
+    /// Returns all names.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.keys().map(String::as_str)
     }
 
-    /// All values of a tensor.
+    /// Reads all values of a tensor.
     pub(super) fn read(&self, entry: &Entry) -> Result<Vec<f32>, Failure> {
         self.sources[entry.source].read(&entry.name)
     }
 
-    /// Where a tensor is and what it is called there, for messages.
+    /// Returns the location and name of a tensor in its source, for messages.
     pub(super) fn place(&self, entry: &Entry) -> String {
         format!("{}: tensor `{}`", self.sources[entry.source].path().display(), entry.name)
     }
@@ -124,7 +124,7 @@ impl Catalogue {
         self.add(source, |name| Some(format!("vq.{part}.{}", bare(name))))
     }
 
-    /// `depth.*` and `lm.frames.*` of any file.
+    /// Adds `depth.*` and `lm.frames.*` of a file.
     fn depth(&mut self, source: Source) -> Result<(), Failure> {
         let path = source.path().to_owned();
         let ours = |name: &str| ["depth.", "lm.frames."].iter().any(|prefix| name.starts_with(prefix));
@@ -144,7 +144,7 @@ impl Catalogue {
         })
     }
 
-    /// Adds the tensors of `source` to which `ours` gives a name.
+    /// Adds the tensors of `source` for which `ours` returns a name.
     fn add(&mut self, source: Source, ours: impl Fn(&str) -> Option<String>) -> Result<(), Failure> {
         let index = self.sources.len();
         let tensors = source.tensors();
@@ -167,13 +167,13 @@ fn open(paths: &[PathBuf]) -> Result<Vec<Source>, Failure> {
     Ok(all.into_iter().flatten().collect())
 }
 
-/// The codec that a name of a file of several belongs to, and its name in it.
+/// Returns the codec that a tensor name of a multi-codec file belongs to, and the rest of the name.
 fn codec(name: &str) -> Option<(&'static str, &str)> {
     CODECS.iter().find_map(|(prefix, part)| Some((*part, name.strip_prefix(prefix)?)))
 }
 
-/// A model's name of a tensor that is called by a part of the config's list, or by `root`, with or
-/// without `vq.` before it.
+/// Returns the model's name of a codec tensor whose name begins with a part of the config's list or with
+/// `root`, with or without a leading `vq.`.
 fn listed_codec(name: &str, config: &Config) -> Option<String> {
     let own = name.strip_prefix("vq.").unwrap_or(name);
     let (part, rest) = own.split_once('.')?;
@@ -182,13 +182,13 @@ fn listed_codec(name: &str, config: &Config) -> Option<String> {
     (is_codec && is_listed).then(|| format!("vq.{own}"))
 }
 
-/// A name without what PyTorch's `DataParallel` puts before it.
+/// Returns a name without the prefix that PyTorch's `DataParallel` adds.
 fn bare(name: &str) -> &str {
     name.strip_prefix("module.").unwrap_or(name)
 }
 
-/// The part of a file with one codec: by the channels of its last convolution, and the root
-/// network's lack of a codebook.
+/// Returns the part of a file with a single codec, identified by the channels of its last convolution; a
+/// codec without a codebook is the root network.
 fn only_codec(source: &Source, config: &Config) -> Result<String, Failure> {
     let tensors = source.tensors();
     let failure = |problem: String| Failure::input(format!("{}: {problem}", source.path().display()));

@@ -1,4 +1,4 @@
-//! How each tensor of the new model is made of those that the sources have.
+//! Derivation of each tensor of the new model from the tensors of the sources.
 
 use std::collections::BTreeSet;
 
@@ -13,21 +13,20 @@ use crate::args::{Convert, NewRows};
 use crate::failure::Failure;
 use crate::random::Random;
 
-/// Small beside a hidden state of order 1, so that every expert is tried when training starts.
+/// Small relative to a hidden state of order 1, so that every expert is tried when training starts.
 const ROUTER_DEVIATION: f32 = 0.02;
-/// Most problems that are listed.
+/// Upper bound on the problems listed.
 const MAX_LISTED: usize = 12;
 
 const POSITION: &str = "audio.hubert.encoder.pos_conv_embed.conv";
-/// Scale and direction of a weight norm, as Hugging Face named them at first and names them now.
+/// Scale and direction of a weight norm: Hugging Face's original names, then its current ones.
 const WEIGHT_NORM: [(&str, &str); 2] =
     [("weight_g", "weight_v"), ("parametrizations.weight.original0", "parametrizations.weight.original1")];
-/// What repeats the table of embeddings.
+/// Tensors that duplicate the embedding table.
 const TIED: [&str; 2] = ["lm.encoder.embed_tokens.weight", "lm.decoder.embed_tokens.weight"];
 const TABLE: &str = "lm.shared.weight";
 const HEAD: &str = "lm.lm_head.weight";
-/// What only training needs, what stands on features in other tasks, and a table of old T5 that no
-/// layer reads.
+/// Unused tensors: needed only for training, heads for other tasks, and a table of old T5 versions that no layer reads.
 const UNUSED: [&str; 8] = [
     "audio.hubert.masked_spec_embed",
     "audio.hubert.lm_head.*",
@@ -42,7 +41,7 @@ const UNUSED: [&str; 8] = [
 /// A tensor of the new model.
 #[derive(Debug)]
 pub(super) struct Plan<'a> {
-    /// What is asked for.
+    /// Name, shape and kind of the tensor.
     pub(super) spec: Spec,
     recipe: Recipe<'a>,
 }
@@ -50,29 +49,29 @@ pub(super) struct Plan<'a> {
 #[derive(Debug)]
 enum Recipe<'a> {
     Copy(&'a Entry),
-    /// Rows that the source lacks are the mean of those that it has.
+    /// Copies the source's rows; missing rows are the mean of the existing ones.
     Grow(&'a Entry),
-    /// A convolution of a direction and a scale per tap.
+    /// Folds a convolution's weight norm: a direction, and a scale per tap.
     WeightNorm {
         scale: &'a Entry,
         direction: &'a Entry,
     },
-    /// Drawn, from a stream of its own.
+    /// Draws random values from this stream of the generator.
     Router(u64),
 }
 
 impl Plan<'_> {
-    /// Whether rows are added.
+    /// Whether rows are added to the source's.
     pub(super) fn grows(&self) -> bool {
         matches!(self.recipe, Recipe::Grow(_))
     }
 
-    /// How it is stored, where `floats` is asked for.
+    /// Returns the storage of the tensor if `floats` was requested.
     pub(super) fn storage(&self, floats: Storage) -> Storage {
         if matches!(self.spec.kind, Kind::Product | Kind::Table) { floats } else { Storage::F32 }
     }
 
-    /// Its values.
+    /// Computes the values.
     pub(super) fn values(&self, catalogue: &Catalogue, seed: u64) -> Result<Vec<f32>, Failure> {
         match self.recipe {
             Recipe::Copy(entry) => catalogue.read(entry),
@@ -86,7 +85,7 @@ impl Plan<'_> {
     }
 }
 
-/// Refuses values that would not be numbers any more when stored.
+/// Refuses values that are not finite once stored.
 pub(super) fn check(plan: &Plan, storage: Storage, values: Vec<f32>) -> Result<Vec<f32>, Failure> {
     let large = |v: &&f32| !v.is_finite() || storage == Storage::F16 && !f16::from_f32(**v).is_finite();
     match values.iter().find(large) {
@@ -97,8 +96,8 @@ pub(super) fn check(plan: &Plan, storage: Storage, values: Vec<f32>) -> Result<V
     }
 }
 
-/// Every tensor that `config` asks for. What the sources lack, have too much, or have in another
-/// shape is refused.
+/// Returns a plan for every tensor that `config` requires. Missing tensors, superfluous ones and
+/// wrong shapes are refused.
 pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert) -> Result<Vec<Plan<'a>>, Failure> {
     let encoder = |name: &str| catalogue.get(&format!("vq.{name}.encoder.main.0.weight")).is_some();
     let encoders = config.part_list().iter().any(|part| encoder(&part.name));
@@ -120,7 +119,7 @@ pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert
             problems.push(format!("{}: the config asks for no such tensor", catalogue.place(entry)));
         }
     }
-    // Experts share what is missing.
+    // Experts of a layer report the same missing tensor.
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     if problems.is_empty() { Ok(plans) } else { Err(Failure::input(list(&problems))) }
@@ -134,7 +133,7 @@ fn list(problems: &[String]) -> String {
     text
 }
 
-/// Whether a tensor may be left behind.
+/// Whether a tensor may be ignored.
 fn unused(name: &str, layers: usize) -> bool {
     let layer = name.strip_prefix("audio.hubert.encoder.layers.").and_then(|rest| rest.split('.').next());
     layer.and_then(|i| i.parse::<usize>().ok()).is_some_and(|i| i >= layers)
@@ -164,7 +163,7 @@ fn recipe<'a>(
     weight_norm(catalogue, spec, used).unwrap_or_else(|| Err(format!("tensor `{name}`: missing from the sources")))
 }
 
-/// The name of the feed-forward that an expert is a copy of.
+/// Returns the name of the dense feed-forward tensor that an expert copies.
 fn dense(name: &str) -> String {
     let parts = name.split_once(".moe.experts.").and_then(|(block, rest)| Some((block, rest.split_once('.')?.1)));
     parts.map_or_else(|| name.to_owned(), |(block, rest)| format!("{block}.DenseReluDense.{rest}"))
@@ -192,7 +191,7 @@ fn grow<'a>(
     }
 }
 
-/// The position convolution, where the source has it as direction and scale.
+/// Returns the recipe of the position convolution if the source stores it as direction and scale.
 fn weight_norm<'a>(
     catalogue: &'a Catalogue,
     spec: &Spec,
@@ -212,14 +211,14 @@ fn weight_norm<'a>(
     })
 }
 
-/// What is wrong with a repetition of the table of embeddings.
+/// Returns the problem with a duplicate of the embedding table, if it differs.
 fn differs(catalogue: &Catalogue, name: &str) -> Result<Option<String>, Failure> {
     let (Some(entry), Some(table)) = (catalogue.get(name), catalogue.get(TABLE)) else { return Ok(None) };
     let same = entry.shape == table.shape && catalogue.read(entry)? == catalogue.read(table)?;
     Ok((!same).then(|| format!("{}: differs from the shared table, which it should repeat", catalogue.place(entry))))
 }
 
-/// `values` of `have` rows, with rows of their mean up to `want`.
+/// Extends `values` from `have` to `want` rows with the mean row.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_precision_loss,
@@ -236,7 +235,7 @@ fn grown(mut values: Vec<f32>, have: usize, want: usize) -> Vec<f32> {
     values
 }
 
-/// `scale * direction / |direction|`, the norm over all but the taps.
+/// Computes `scale * direction / |direction|`, with the norm over all axes except the taps.
 #[expect(clippy::cast_possible_truncation, reason = "computed in f64 to be rounded once")]
 fn folded(scale: &[f32], mut direction: Vec<f32>) -> Vec<f32> {
     let taps = scale.len();

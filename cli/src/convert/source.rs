@@ -1,4 +1,4 @@
-//! Tensors of a safetensors file that is no umo model, read one at a time.
+//! A safetensors file that is not a umo model; tensors are read one at a time.
 
 use std::cell::RefCell;
 use std::fmt;
@@ -12,21 +12,21 @@ use safetensors::tensor::{Metadata, TensorInfo};
 
 use crate::failure::Failure;
 
-/// The longest header that the format allows.
+/// Upper bound that the format sets on the header's length.
 const MAX_HEADER: u64 = 100_000_000;
 
-/// A file, and where each of its tensors lies.
+/// An open file and its tensors' locations.
 #[derive(Debug)]
 pub(super) struct Source {
     path: PathBuf,
-    /// Moved to each tensor's place before it is read.
+    /// File handle, seeked to each tensor before it is read.
     file: RefCell<File>,
     metadata: Metadata,
     data_start: u64,
 }
 
 impl Source {
-    /// Reads the header and checks that the file has what it says.
+    /// Reads the header and checks that the file has the announced length.
     fn open(path: &Path) -> Result<Self, Failure> {
         let failure = |problem: &dyn fmt::Display| Failure::input(format!("{}: {problem}", path.display()));
         let mut file = umo_core::file::open(path).map_err(|cause| failure(&cause))?;
@@ -42,7 +42,7 @@ impl Source {
         Ok(Self { path: path.to_owned(), file: RefCell::new(file), metadata, data_start })
     }
 
-    /// The files at `path`: itself, or all of a folder, which are shards of one checkpoint.
+    /// Opens the file at `path`, or all files of a folder, which are shards of one checkpoint.
     pub(super) fn open_all(path: &Path) -> Result<Vec<Self>, Failure> {
         if !path.is_dir() {
             return Ok(vec![Self::open(path)?]);
@@ -62,7 +62,7 @@ impl Source {
         &self.path
     }
 
-    /// Names and shapes, by name.
+    /// Returns names and shapes, sorted by name.
     pub(super) fn tensors(&self) -> Vec<(String, Vec<usize>)> {
         let tensors = self.metadata.tensors().into_iter();
         let mut list: Vec<_> = tensors.map(|(name, info)| (name, info.shape.clone())).collect();
@@ -70,7 +70,7 @@ impl Source {
         list
     }
 
-    /// All values of a tensor.
+    /// Reads all values of a tensor.
     pub(super) fn read(&self, name: &str) -> Result<Vec<f32>, Failure> {
         let failure =
             |problem: &dyn fmt::Display| Failure::input(format!("{}: tensor `{name}`: {problem}", self.path.display()));
@@ -80,7 +80,7 @@ impl Source {
             Dtype::F32 => bytes.as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect(),
             Dtype::F16 => bytes.as_chunks().0.iter().map(|v| f16::from_le_bytes(*v).to_f32()).collect(),
             Dtype::BF16 => bytes.as_chunks().0.iter().map(|v| bf16::from_le_bytes(*v).to_f32()).collect(),
-            // As a k-means may be.
+            // k-means centroids may be F64.
             #[expect(clippy::cast_possible_truncation, reason = "a value too large becomes infinite and is refused")]
             Dtype::F64 => bytes.as_chunks().0.iter().map(|v| f64::from_le_bytes(*v) as f32).collect(),
             other => return Err(failure(&format_args!("expected F32, F16, BF16 or F64, got {other}"))),
@@ -101,7 +101,7 @@ impl Source {
     }
 }
 
-/// The header's text, and the bytes of the whole file.
+/// Returns the header's text and the length of the file in bytes.
 fn header(file: &mut File) -> io::Result<(Vec<u8>, u64)> {
     let len = file.metadata()?.len();
     let mut size = [0; 8];

@@ -8,10 +8,10 @@ use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 const CM: f64 = 100.0;
 
 /// Writes hierarchy and motion. Rotation channels are Z, X, Y: a joint's matrix is `Z * X * Y`. The
-/// root's position channels hold its whole position, so its own offset is 0.
+/// root's position channels hold its whole position, so its offset is 0.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of `out`.
 pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     writeln!(out, "HIERARCHY")?;
     let mut order = Vec::with_capacity(JOINTS);
@@ -35,8 +35,7 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes a joint and all below it, and appends them to `order`: motion comes in the hierarchy's
-/// order.
+/// Writes a joint and its descendants, and appends them to `order`, the order in which their motion is written.
 fn write_joint<W: Write>(
     clip: &Clip,
     joint: usize,
@@ -73,8 +72,8 @@ fn write_offset<W: Write>(indent: &str, offset: [f32; 3], out: &mut W) -> io::Re
     writeln!(out, "{indent}\tOFFSET {x:.6} {y:.6} {z:.6}")
 }
 
-/// Of the angles that mean the same rotation, those nearest to the frame before: programs blend the
-/// numbers between frames, and a jump of a whole turn would spin the joint.
+/// Returns the angles of the same rotation that are nearest to the previous frame's. Programs interpolate
+/// the numbers between frames, so a jump of a full turn would spin the joint.
 pub(crate) fn continued(angles: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     let [first, middle, last] = angles;
     let candidates = [angles, [first + 180.0, 180.0 - middle, last + 180.0]].map(|candidate| {
@@ -83,6 +82,6 @@ pub(crate) fn continued(angles: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     });
     let distance = |c: &[f64; 3]| -> f64 { c.iter().zip(before).map(|(c, b)| (c - b).abs()).sum() };
     let [first, second] = candidates;
-    // Only a clear gain changes the branch, so that rounding never does.
+    // A threshold keeps rounding from changing the branch.
     if distance(&second) + 1e-6 < distance(&first) { second } else { first }
 }

@@ -1,4 +1,4 @@
-//! `.csv`: the face as the Live Link Face app records it.
+//! `.csv`: the face in the Live Link Face app's recording format.
 
 use super::{FaceError, rotation};
 use std::io::{self, Write};
@@ -6,7 +6,7 @@ use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
-/// The blendshape columns, in the app's order (which swaps some of Apple's left and right).
+/// Names of the blendshape columns, in the app's order (which swaps some of Apple's left and right).
 const COLUMNS: [&str; 52] = [
     "EyeBlinkLeft",
     "EyeLookDownLeft",
@@ -62,7 +62,7 @@ const COLUMNS: [&str; 52] = [
     "TongueOut",
 ];
 
-/// The columns after the blendshapes: angles in radians.
+/// Columns after the blendshapes: angles in radians.
 const ANGLES: [&str; 9] = [
     "HeadYaw",
     "HeadPitch",
@@ -75,18 +75,18 @@ const ANGLES: [&str; 9] = [
     "RightEyeRoll",
 ];
 
-/// For each blendshape column, its place among the face's channels.
+/// Returns the index of each blendshape column among the face's channels.
 ///
 /// # Errors
-/// As [`places`].
+/// See [`places`].
 pub(super) fn columns(face: &Face) -> Result<Vec<usize>, FaceError> {
     places(face, &COLUMNS)
 }
 
-/// For each of ARKit's `shapes`, in any case, its place among the face's channels.
+/// Returns the index of each of ARKit's `shapes`, in any case, among the face's channels.
 ///
 /// # Errors
-/// [`FaceError`] where the face is not ARKit's or lacks a blendshape.
+/// [`FaceError`] if the face is not ARKit's or lacks a blendshape.
 pub(crate) fn places(face: &Face, shapes: &[&'static str]) -> Result<Vec<usize>, FaceError> {
     if face.kind != FaceKind::Arkit {
         return Err(FaceError::NotArkit);
@@ -98,9 +98,9 @@ pub(crate) fn places(face: &Face, shapes: &[&'static str]) -> Result<Vec<usize>,
     shapes.iter().map(place).collect()
 }
 
-/// The angles of a pose, radians: yaw about Y, pitch about X and roll about Z of the head, the left
-/// and the right eye, each rotation being `yaw * pitch * roll`. The head's are those of neck and head
-/// together, relative to the chest.
+/// Returns a pose's angles in radians: yaw about Y, pitch about X and roll about Z of the head, the left
+/// eye and the right eye. Each rotation is `yaw * pitch * roll`. The head's rotation combines neck and head
+/// and is relative to the chest.
 pub(crate) fn angles(rotations: &[[f32; 4]; JOINTS]) -> [f64; 9] {
     let joint = |name| {
         let joint = JOINT_NAMES.iter().position(|&joint| joint == name).expect("a name of SMPL-X's joints");
@@ -111,10 +111,10 @@ pub(crate) fn angles(rotations: &[[f32; 4]; JOINTS]) -> [f64; 9] {
     std::array::from_fn(|i| turned[i / 3][i % 3])
 }
 
-/// Writes one row per frame, its angles as of [`angles`].
+/// Writes one row per frame, with the angles from [`angles`].
 ///
 /// # Errors
-/// Those of `out`; [`FaceError`] within one where the face does not suit.
+/// Errors of `out`, and an error wrapping [`FaceError`] if the face is unsuitable.
 pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     let places = columns(&clip.face)?;
     let mut rows = ::csv::Writer::from_writer(out);
@@ -136,7 +136,7 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     rows.flush()
 }
 
-/// `HH:MM:SS:FF.mmm`: frames within the second, then thousandths of a frame.
+/// Formats `HH:MM:SS:FF.mmm`: frames within the second, then thousandths of a frame.
 fn timecode(frame: usize, frame_rate: f32) -> String {
     let rate = f64::from(frame_rate);
     let seconds = (frame as f64 / rate + 1e-9).floor();

@@ -1,4 +1,4 @@
-//! `.jsonl`: everything, one JSON object a line; the first describes the others.
+//! `.jsonl`: the whole animation, one JSON object a line; the first describes the others.
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
@@ -51,10 +51,10 @@ struct Frame<'a> {
     face: &'a [f32],
 }
 
-/// Writes a header line and then a line per frame.
+/// Writes a header line, then a line per frame.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of `out`.
 pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     write_line(&header(clip), &mut out)?;
     for (frame, rotations) in clip.rotations.iter().enumerate() {
@@ -101,7 +101,7 @@ fn write_line<W: Write>(line: &impl Serialize, out: &mut W) -> io::Result<()> {
     out.write_all(b"\n")
 }
 
-/// What is read of a first line.
+/// The fields read from the first line.
 #[derive(Deserialize)]
 struct Start {
     format: String,
@@ -118,7 +118,7 @@ struct Names {
     names: Vec<String>,
 }
 
-/// What is read of the others.
+/// The fields read from the other lines.
 #[derive(Deserialize)]
 struct Row {
     translation: [f32; 3],
@@ -126,10 +126,10 @@ struct Row {
     face: Vec<f32>,
 }
 
-/// Reads back what [`write()`] wrote.
+/// Reads an animation written by [`write()`].
 ///
 /// # Errors
-/// The line and what is wrong with it, or what the animation contradicts itself in.
+/// The line and its problem, or a description of the animation's inconsistency.
 pub fn read(text: &str) -> Result<Clip, String> {
     let mut lines = text.lines().enumerate();
     let (_, first) = lines.next().ok_or("it is empty")?;

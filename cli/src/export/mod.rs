@@ -1,13 +1,13 @@
-//! Writing an animation to a file: one module per format; `.glb` and `.vrma` are crate `umo_gltf`'s.
+//! Writing an animation to a file: one module per format; `.glb` and `.vrma` are in crate `umo_gltf`.
 //!
 //! | module | file |
 //! | --- | --- |
-//! | `npz` | NumPy arrays as SMPL-X and BEAT2 tools read them |
+//! | `npz` | NumPy arrays for SMPL-X and BEAT2 tools |
 //! | `bvh` | skeleton motion for Blender, MotionBuilder and others |
-//! | `csv` | the face as the Live Link Face app records it |
-//! | `jsonl` | everything, one frame a line |
-//! | `output` | a file that appears whole or not at all |
-//! | `rotation` | quaternions to what the formats want |
+//! | `csv` | the face in the Live Link Face app's recording format |
+//! | `jsonl` | the whole animation, one frame a line |
+//! | `output` | an atomically written file |
+//! | `rotation` | conversion of quaternions to the formats' rotations |
 
 use std::fmt;
 use std::io;
@@ -45,10 +45,10 @@ pub enum Format {
 }
 
 impl Format {
-    /// Every format.
+    /// All formats.
     pub const ALL: [Self; 6] = [Self::Npz, Self::Bvh, Self::Glb, Self::Vrma, Self::Csv, Self::Jsonl];
 
-    /// Its name, which is also its extension.
+    /// Returns the name, which is also the file extension.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Npz => "npz",
@@ -60,7 +60,7 @@ impl Format {
         }
     }
 
-    /// The format of that name, in any case.
+    /// Returns the format named `name`, in any case.
     ///
     /// # Errors
     /// [`ExportError::UnknownFormat`].
@@ -71,7 +71,7 @@ impl Format {
             .ok_or_else(|| ExportError::UnknownFormat(name.to_owned()))
     }
 
-    /// The format that a path's extension names.
+    /// Returns the format that a path's extension names.
     ///
     /// # Errors
     /// [`ExportError::NoExtension`] or [`ExportError::UnknownFormat`].
@@ -80,10 +80,10 @@ impl Format {
         Self::parse(&extension.to_string_lossy())
     }
 
-    /// Whether a face can be written in this format; worth asking before the animation is made.
+    /// Checks whether a face can be written in this format; call it before a long run.
     ///
     /// # Errors
-    /// [`ExportError::Face`] saying what is missing.
+    /// [`ExportError::Face`] if the face lacks a channel that the format needs.
     pub fn check_face(self, face: &Face) -> Result<(), ExportError> {
         match self {
             Self::Csv => csv::columns(face).map(drop).map_err(ExportError::Face),
@@ -92,30 +92,30 @@ impl Format {
     }
 }
 
-/// Writes an animation, worn by the default figure; the format is the extension's where none is given.
+/// Writes an animation with the default figure; without a `format`, the extension determines it.
 ///
-/// The file appears whole or not at all.
+/// The file is written atomically.
 ///
 /// # Errors
-/// [`ExportError`] naming the path where there is one.
+/// [`ExportError`]; file system errors name the path.
 pub fn write(path: &Path, format: Option<Format>, clip: &Clip) -> Result<(), ExportError> {
     let format = format.map_or_else(|| Format::from_extension(path), Ok)?;
     format.check_face(&clip.face)?;
     Output::create(path, format)?.write(clip, Figure::default())
 }
 
-/// Why an animation could not be written.
+/// Error of writing an animation.
 #[derive(Debug)]
 pub enum ExportError {
-    /// A format's name that is not known.
+    /// Unknown format name.
     UnknownFormat(String),
-    /// A path without an extension, where the extension should name the format.
+    /// The path has no extension to determine the format.
     NoExtension(PathBuf),
-    /// The face has not the channels that the format needs.
+    /// The face lacks channels that the format needs.
     Face(FaceError),
-    /// The animation contradicts itself; the field and what is wrong with it.
+    /// The animation is inconsistent; names the field and its problem.
     Clip(&'static str),
-    /// The file system's answer.
+    /// Error of the file system, and the path.
     Io(PathBuf, io::Error),
 }
 
@@ -144,7 +144,7 @@ impl From<ExportError> for Failure {
 
 impl std::error::Error for ExportError {}
 
-/// What keeps a face out of Live Link Face files and packets.
+/// Reason why a face does not fit Live Link Face files and packets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FaceError {
     /// The face is not ARKit's.
@@ -174,8 +174,8 @@ impl From<FaceError> for io::Error {
     }
 }
 
-/// Where a bone without children ends, from its joint: half as long again as the bone that leads
-/// there.
+/// Returns the end of a childless joint's bone, relative to the joint: half the offset from its parent,
+/// or 2 cm forward if that is shorter than 1 mm.
 fn tip(clip: &Clip, joint: usize) -> [f32; 3] {
     let half = clip.skeleton.offsets_m[joint].map(|x| x * 0.5);
     let length = half.iter().map(|x| x * x).sum::<f32>().sqrt();

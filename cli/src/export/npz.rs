@@ -1,4 +1,4 @@
-//! `.npz`: NumPy arrays as SMPL-X and BEAT2 tools read them.
+//! `.npz`: NumPy arrays for SMPL-X and BEAT2 tools.
 
 use super::rotation;
 use npyz::{DType, WriteOptions, WriterBuilder};
@@ -9,17 +9,16 @@ use umo_core::motion::skeleton::JOINTS;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Shape coefficients, all 0: the neutral body.
+/// Number of shape coefficients, all 0: the neutral body.
 const BETAS: usize = 300;
-/// Expression coefficients per frame; a face with fewer is padded with 0, one with more is cut.
+/// Number of expression coefficients per frame; shorter faces are padded with 0, longer ones truncated.
 const EXPRESSIONS: usize = 100;
 
-/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`,
-/// `model`, `gender` and `mocap_frame_rate`; of an ARKit face also `arkit [T, 52]` and
-/// `arkit_names [52]`.
+/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`, `model`, `gender` and
+/// `mocap_frame_rate`; for an ARKit face also `arkit [T, 52]` and `arkit_names [52]`.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of `out`.
 pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     let frames = clip.rotations.len();
     let mut archive = Archive(ZipWriter::new(Cursor::default()));
@@ -53,8 +52,8 @@ fn poses(clip: &Clip) -> impl Iterator<Item = f32> {
     rotations.flat_map(|&q| rotation::axis_angle(q).map(|x| x as f32))
 }
 
-/// A zip file of `.npy` files, uncompressed as NumPy's `savez` leaves them. It is made in memory:
-/// on a failing file, `ZipWriter` would print a message of its own.
+/// A zip file of uncompressed `.npy` files, as NumPy's `savez` writes it. It is built in memory, because
+/// `ZipWriter` prints its own message if a file fails.
 struct Archive(ZipWriter<Cursor<Vec<u8>>>);
 
 impl Archive {
@@ -62,13 +61,13 @@ impl Archive {
         self.array(name, "<f4", shape, values)
     }
 
-    /// NumPy's fixed-width strings, as wide as the longest.
+    /// Writes NumPy's fixed-width strings, as wide as the longest.
     fn strings(&mut self, name: &str, shape: &[usize], values: &[&str]) -> io::Result<()> {
         let width = values.iter().map(|s| s.chars().count()).max().unwrap_or(0);
         self.array(name, &format!("<U{width}"), shape, values.iter().copied())
     }
 
-    /// A whole number, as tools expect it; a fraction where the rate is none.
+    /// Writes the frame rate as an integer, which tools expect, or as a float if it is fractional.
     fn frame_rate(&mut self, rate: f32) -> io::Result<()> {
         let name = "mocap_frame_rate";
         if rate.fract() == 0.0 && rate < 1e9 {
@@ -80,8 +79,7 @@ impl Archive {
         }
     }
 
-    /// One array of `dtype`, in NumPy's notation. `values` are as many as `shape` holds, in C
-    /// order.
+    /// Writes one array of `dtype`, in NumPy's notation. `values` fill `shape` exactly, in C order.
     fn array<T: Element>(
         &mut self,
         name: &str,
@@ -102,9 +100,9 @@ impl Archive {
     }
 }
 
-/// A value of an array, as `npyz` takes it.
+/// A value of an array, in the form that `npyz` accepts.
 trait Element {
-    /// The type that is written.
+    /// Type as written.
     type Stored: npyz::Serialize + ?Sized;
 
     fn stored(&self) -> &Self::Stored;

@@ -1,4 +1,4 @@
-//! An animation file that is to be written in one of the formats.
+//! An animation file to be written in one of the formats.
 
 use super::{ExportError, Format, bvh, csv, jsonl, npz};
 use std::io;
@@ -9,7 +9,7 @@ use umo_figure::Figure;
 use umo_gltf::glb::BuiltFigure;
 use umo_gltf::vrma;
 
-/// A figure, built when the first animation needs it, and again where one has another skeleton.
+/// A figure, built when the first animation needs it, and rebuilt for an animation with another skeleton.
 #[derive(Debug)]
 pub struct FigureCache {
     figure: Figure,
@@ -32,8 +32,8 @@ impl FigureCache {
     }
 }
 
-/// A file to be written. Made before a long run, it tells at once that the path cannot be written;
-/// dropped without [`Output::write`], it leaves nothing behind.
+/// A file to be written. Creating it before a long run reveals immediately whether the path is writable.
+/// If dropped without [`Output::write`], it leaves no file behind.
 #[derive(Debug)]
 pub struct Output {
     format: Format,
@@ -41,28 +41,28 @@ pub struct Output {
 }
 
 impl Output {
-    /// Makes an empty temporary file beside `path`.
+    /// Creates an empty temporary file beside `path`.
     ///
     /// # Errors
-    /// [`ExportError::Io`] where `path` is no place for a file.
+    /// [`ExportError::Io`] if no file can be created at `path`.
     pub fn create(path: &Path, format: Format) -> Result<Self, ExportError> {
         let file = AtomicFile::create(path).map_err(|cause| ExportError::Io(path.to_owned(), cause))?;
         Ok(Self { format, file })
     }
 
-    /// Writes the animation, worn by the figure where the format holds one, and puts the file in its place.
+    /// Writes the animation, with the figure if the format includes one, and moves the file into place.
     ///
     /// # Errors
-    /// [`ExportError`] where the animation contradicts itself or does not suit the format, or the
-    /// file system fails; then an earlier file of that name is as it was.
+    /// [`ExportError`] if the animation is inconsistent or does not fit the format, or if the file system
+    /// fails. An existing file at the path is then unchanged.
     pub fn write(self, clip: &Clip, figure: Figure) -> Result<(), ExportError> {
         self.write_with(clip, &mut FigureCache::from(figure))
     }
 
-    /// As [`Self::write`], with a figure that is kept for further animations.
+    /// Like [`Self::write`], with a figure cached for further animations.
     ///
     /// # Errors
-    /// As those of [`Self::write`].
+    /// See [`Self::write`].
     pub fn write_with(self, clip: &Clip, figure: &mut FigureCache) -> Result<(), ExportError> {
         clip.check().map_err(ExportError::Clip)?;
         self.format.check_face(&clip.face)?;

@@ -1,8 +1,8 @@
-//! Quaternions to what the formats want, in f64. Quaternions are `[x, y, z, w]`.
+//! Conversion of quaternions, `[x, y, z, w]`, to the formats' rotations, in f64.
 
 pub(crate) type Matrix = [[f64; 3]; 3];
 
-/// Below this cosine of the middle angle, the other two angles turn about one axis.
+/// Threshold on the middle angle's cosine; below it the two outer axes coincide (gimbal lock).
 const GIMBAL: f64 = 1e-9;
 
 fn normalized(q: [f32; 4]) -> [f64; 4] {
@@ -11,16 +11,16 @@ fn normalized(q: [f32; 4]) -> [f64; 4] {
     q.map(|x| x / length)
 }
 
-/// Rotation vector: the axis times the angle in radians, at most pi.
+/// Returns the rotation vector: the axis times the angle in radians, at most pi.
 pub(crate) fn axis_angle(q: [f32; 4]) -> [f64; 3] {
     let [x, y, z, w] = normalized(q);
     let sine = (x * x + y * y + z * z).sqrt();
-    // Near no rotation the angle is twice the vector part; the quotient would be 0 / 0.
+    // For tiny angles the rotation vector is twice the vector part; the quotient would be 0 / 0.
     let scale = if sine < 1e-12 { 2.0 * w.signum() } else { 2.0 * sine.atan2(w.abs()) * w.signum() / sine };
     [x * scale, y * scale, z * scale]
 }
 
-/// Rotation matrix, for column vectors.
+/// Returns the rotation matrix, for column vectors.
 pub(crate) fn matrix(q: [f32; 4]) -> Matrix {
     let [x, y, z, w] = normalized(q);
     [
@@ -30,15 +30,15 @@ pub(crate) fn matrix(q: [f32; 4]) -> Matrix {
     ]
 }
 
-/// `a * b`: first `b`, then `a`.
+/// Returns `a * b`: applies `b` first, then `a`.
 pub(crate) fn product(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-/// Angles in radians of a rotation about three different axes, the first the outermost:
+/// Returns the Euler angles in radians about three different axes, the first outermost:
 /// `m = A(a) * B(b) * C(c)`.
 pub(crate) fn euler(m: &Matrix, [i, j, k]: [usize; 3]) -> [f64; 3] {
-    // X Y Z and what goes round with it; the others are mirrored.
+    // Positive for X Y Z and its cyclic permutations, negative for the mirrored orders.
     let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };
     let cosine = m[i][i].hypot(m[i][j]);
     let middle = (sign * m[i][k]).atan2(cosine);
@@ -49,12 +49,12 @@ pub(crate) fn euler(m: &Matrix, [i, j, k]: [usize; 3]) -> [f64; 3] {
     }
 }
 
-/// Angles `[z, x, y]` in radians with `m = Z(z) * X(x) * Y(y)`.
+/// Returns angles `[z, x, y]` in radians with `m = Z(z) * X(x) * Y(y)`.
 pub(crate) fn euler_zxy(m: &Matrix) -> [f64; 3] {
     euler(m, [2, 0, 1])
 }
 
-/// Angles `[y, x, z]` in radians with `m = Y(y) * X(x) * Z(z)`.
+/// Returns angles `[y, x, z]` in radians with `m = Y(y) * X(x) * Z(z)`.
 pub(crate) fn euler_yxz(m: &Matrix) -> [f64; 3] {
     euler(m, [1, 0, 2])
 }

@@ -1,4 +1,4 @@
-//! Each format is read back by something that did not write it.
+//! Each format is read back by an independent reader.
 
 use super::*;
 use proptest::prelude::*;
@@ -23,7 +23,8 @@ fn bytes_of(write: impl Fn(&Clip, &mut Vec<u8>) -> io::Result<()>, clip: &Clip) 
     bytes
 }
 
-/// Quarter turns and their neighbours as often as any others: Euler angles are weakest there.
+/// Generates quaternions; components of quarter turns and values close to them, where Euler angles are weakest,
+/// occur as often as others.
 fn any_quaternion() -> impl Strategy<Value = [f32; 4]> {
     let corner = prop::sample::select(vec![-1.0_f32, 0.0, 1.0, 1e-4, 1e-7]);
     let even = -1.0_f32..1.0;
@@ -34,7 +35,7 @@ fn any_quaternion() -> impl Strategy<Value = [f32; 4]> {
     })
 }
 
-/// A sample clip of `frames` frames whose joints are turned any way.
+/// Generates a sample clip of `frames` frames with arbitrary joint rotations.
 fn any_clip(kind: FaceKind, frames: usize) -> impl Strategy<Value = Clip> {
     prop::collection::vec(any_quaternion(), frames * JOINTS).prop_map(move |rotations| {
         let mut clip = sample::clip(kind, frames, 1);
@@ -57,8 +58,7 @@ fn multiply([x, y, z, w]: [f64; 4], [a, b, c, d]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Joint positions of a frame from the quaternions, metres: the truth that skeleton formats must
-/// agree with.
+/// Returns the joint positions of a frame from the quaternions, metres: the reference for skeleton formats.
 fn positions(clip: &Clip, frame: usize) -> Vec<Point> {
     let mut turned: Vec<[f64; 4]> = Vec::new();
     let mut places: Vec<Point> = Vec::new();
@@ -107,7 +107,7 @@ fn a_writer_passes_on_a_failure_at_any_byte() {
                 continue;
             }
             let size = written(format, &clip, usize::MAX).unwrap();
-            // A glb's figure takes its time.
+            // Building a glb's figure is slow.
             let places = if format == Format::Glb { 5 } else { 50 };
             for room in (0..size).step_by(size / places).chain([size - 1]) {
                 let cause = written(format, &clip, room).unwrap_err();
@@ -117,7 +117,7 @@ fn a_writer_passes_on_a_failure_at_any_byte() {
     }
 }
 
-/// Writes to a disk with `room` bytes left; the number written.
+/// Writes to a disk with `room` bytes left; returns the number of bytes written.
 fn written(format: Format, clip: &Clip, room: usize) -> io::Result<usize> {
     let mut disk = Disk { used: 0, room };
     match format {

@@ -1,4 +1,4 @@
-//! `.bvh` as `umo` writes it: the 55 joints by name, centimetres.
+//! Reader of `.bvh` files written by `umo`: the 55 joints by name, centimetres.
 
 use umo_core::config::Skeleton;
 use umo_core::motion::clip::Clip;
@@ -38,14 +38,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     Ok(clip)
 }
 
-/// Frames a second; the whole number where the file's digits mean one.
+/// Returns frames per second; near-integer rates are rounded.
 #[expect(clippy::cast_possible_truncation, reason = "rates are kept in f32")]
 fn rate(frame_time: f64) -> f32 {
     let rate = 1.0 / frame_time;
     if (rate - rate.round()).abs() < 1e-3 { rate.round() as f32 } else { rate as f32 }
 }
 
-/// A joint's rotation from its channels, the first the outermost.
+/// Returns a joint's rotation from its channels, the first outermost.
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted")]
 fn rotation(joint: &Joint, values: &[f64]) -> Quat {
     joint.channels.iter().zip(values).fold(IDENTITY, |turned, (channel, &value)| match channel {

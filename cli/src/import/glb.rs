@@ -1,4 +1,4 @@
-//! `.glb` as `umo` writes it: the 55 joints by name, one animation, morph weights with names.
+//! Reader of `.glb` files written by `umo`: the 55 joints by name, one animation, named morph weights.
 
 use umo_core::config::Skeleton;
 use umo_core::motion::clip::Clip;
@@ -48,7 +48,7 @@ fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, S
     Ok(Skeleton { parents, offsets_m })
 }
 
-/// Names and values `[frames, names]` of the first shapes that have names and move.
+/// Returns names and values `[frames, names]` of the first animated mesh with named shapes.
 fn face(document: &Document, tracks: &Tracks<'_>) -> Result<(Vec<String>, Vec<f32>), String> {
     for (place, node) in document.nodes.iter().enumerate() {
         let Some(names) = node.mesh.and_then(|mesh| document.meshes.get(mesh)?.shape_names()) else { continue };
@@ -62,11 +62,11 @@ fn face(document: &Document, tracks: &Tracks<'_>) -> Result<(Vec<String>, Vec<f3
     Ok((Vec::new(), Vec::new()))
 }
 
-/// The first animation.
+/// The file's first animation.
 struct Tracks<'a> {
     animation: &'a Animation,
     bin: &'a [u8],
-    /// Seconds.
+    /// Frame times, seconds.
     times: Vec<f32>,
 }
 
@@ -89,7 +89,7 @@ impl<'a> Tracks<'a> {
         }
     }
 
-    /// Frames a second.
+    /// Returns frames per second.
     fn rate(&self) -> Result<f32, String> {
         let (first, last, steps) = (self.times[0], self.times[self.times.len() - 1], self.times.len() - 1);
         if steps == 0 {
@@ -105,14 +105,14 @@ impl<'a> Tracks<'a> {
         Ok(if (rate - rate.round()).abs() < 1e-3 { rate.round() as f32 } else { rate as f32 })
     }
 
-    /// The accessor of a node's values.
+    /// Returns the accessor of a node's values.
     fn output(&self, node: usize, path: &str) -> Option<usize> {
         let mut channels = self.animation.channels.iter();
         let channel = channels.find(|channel| channel.target.node == Some(node) && channel.target.path == path)?;
         Some(self.animation.samplers.get(channel.sampler)?.output)
     }
 
-    /// A node's values, one per frame.
+    /// Returns a node's values, one per frame.
     fn values(&self, document: &Document, node: usize, path: &str, kind: &str) -> Result<Option<Vec<f32>>, String> {
         let Some(output) = self.output(node, path) else { return Ok(None) };
         let values = floats(document, self.bin, output, kind)?;

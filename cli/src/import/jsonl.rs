@@ -1,4 +1,4 @@
-//! `.jsonl` as `umo` writes it: a line that describes, then a line per frame.
+//! Reader of `.jsonl` files written by `umo`: a header line, then a line per frame.
 
 use serde::Deserialize;
 use umo_core::config::{Face, FaceKind, Skeleton};

@@ -1,11 +1,11 @@
-//! Reading back what `umo` wrote: one module per format.
+//! Reading animations written by `umo`: one module per format.
 //!
 //! | module | file |
 //! | --- | --- |
-//! | `npz` | NumPy arrays, of other SMPL-X tools too |
+//! | `npz` | NumPy arrays, also from other SMPL-X tools |
 //! | `glb` | glTF 2.0, `.glb` or `.gltf` |
 //! | `bvh` | skeleton motion |
-//! | `jsonl` | everything, one frame a line |
+//! | `jsonl` | the whole animation, one frame a line |
 
 use std::path::Path;
 
@@ -21,17 +21,16 @@ mod glb;
 mod jsonl;
 pub(crate) mod npz;
 
-/// Longest motion that is read: an hour at 240 frames a second.
+/// Upper bound on the frames read: an hour at 240 frames a second.
 pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 
-/// The motion in a file that `umo` wrote: `.npz`, `.glb` (or `.gltf`), `.bvh` or `.jsonl`, by its
-/// extension. It has at least one frame, 55 joints whose parents come first, and finite numbers.
+/// Reads the motion of a file written by `umo`: `.npz`, `.glb` (or `.gltf`), `.bvh` or `.jsonl`, by its
+/// extension. The result has at least one frame, 55 joints with parents first, and only finite numbers.
 ///
-/// A `.npz` file has no skeleton: it gets the one of the model in the program. A `.bvh` file has no
-/// face.
+/// A `.npz` file has no skeleton: the motion gets the default model's. A `.bvh` file has no face.
 ///
 /// # Errors
-/// What is wrong with the file, with its name.
+/// A description of the problem, with the file's name.
 pub fn read(path: &Path) -> Result<Clip, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let is_gltf = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
@@ -58,13 +57,13 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
     Ok(clip)
 }
 
-/// A face of these channels: ARKit's where all of them are.
+/// Returns a face with these channels: ARKit's if all of them are ARKit blendshapes.
 fn face(names: Vec<String>) -> Face {
     let arkit = !names.is_empty() && names.iter().all(|name| ARKIT_NAMES.contains(&name.as_str()));
     Face { kind: if arkit { FaceKind::Arkit } else { FaceKind::SmplxExpression }, names }
 }
 
-/// Where each of the 55 joints is among `names`.
+/// Returns the index of each of the 55 joints among `names`.
 fn joints<'a>(names: impl Iterator<Item = Option<&'a str>>) -> Result<[usize; JOINTS], String> {
     let names: Vec<_> = names.collect();
     let mut places = [0; JOINTS];
@@ -75,8 +74,8 @@ fn joints<'a>(names: impl Iterator<Item = Option<&'a str>>) -> Result<[usize; JO
     Ok(places)
 }
 
-/// The parents of the 55 joints of which `places` says where they are among the `parents` of a
-/// file's.
+/// Returns the parents of the 55 joints; `places` holds their indices in the file, and `parents` the
+/// parents of all the file's joints.
 fn parents(places: &[usize; JOINTS], parents: &[Option<usize>]) -> Result<Vec<i32>, String> {
     let number = |joint: usize| i32::try_from(joint).expect("there are 55 joints");
     let parent = |(joint, &place): (usize, &usize)| match parents[place] {

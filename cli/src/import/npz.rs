@@ -1,4 +1,4 @@
-//! `.npz` as `umo` and other SMPL-X tools write it.
+//! Reader of `.npz` files written by `umo` and other SMPL-X tools.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -12,39 +12,38 @@ use umo_core::motion::rotation::{IDENTITY, axis_angle_to_quat, product, rotate};
 use umo_core::motion::skeleton::JOINTS;
 use zip::ZipArchive;
 
-/// Most values of one array: an hour of poses at 240 a second.
+/// Upper bound on the values of one array: an hour of poses at 240 a second.
 const MAX_VALUES: u64 = 240 * 3600 * 165;
-/// Joints of SMPL-H: SMPL-X's without jaw and eyes.
+/// Number of SMPL-H joints: SMPL-X's without jaw and eyes.
 const SMPL_H: usize = 52;
 const WAY_OUT: &str =
     "the axis-angles of SMPL-X's 55 joints are read, and SMPL-H's 52: AMASS offers its motions as SMPL-X";
-/// What files call their frame rate.
+/// Names of the frame rate in files.
 const RATES: [&str; 3] = ["mocap_frame_rate", "mocap_framerate", "fps"];
-/// A body's up is along an axis where its mean there is more than this.
+/// Threshold on the mean component of the body's up direction along an axis, above which that axis is up.
 const UPRIGHT: f32 = 0.7;
-/// Hips of somebody who does not lie are higher than this, metres.
+/// Minimum mean height of the hips of a body that is not lying down, metres.
 const LOWEST: f32 = 0.4;
-/// Coefficients of an SMPL-X face.
+/// Number of coefficients of an SMPL-X face.
 const EXPRESSIONS: usize = 100;
 
-/// An open file.
+/// An open `.npz` file.
 pub(crate) type Archive = ZipArchive<BufReader<File>>;
 
-/// Shape and values.
+/// Shape and values of an array.
 type Array = (Vec<usize>, Vec<f32>);
 
-/// Opens a file.
+/// Opens an `.npz` file.
 ///
 /// # Errors
-/// What the system says; that it is no such file.
+/// A description of the file system's error, or that the file is not a zip archive.
 pub(crate) fn open(path: &Path) -> Result<Archive, String> {
     let file = umo_core::file::open(path).map_err(|error| error.to_string())?;
     ZipArchive::new(BufReader::new(file)).map_err(|error| format!("not an npz file: {error}"))
 }
 
-/// The motion, on the skeleton of the model in the program: `poses` and, where there, `trans`,
-/// `arkit` or `expressions`, the frame rate. Also what of it was not said by the file, or was read in
-/// another way than it stands there.
+/// Reads the motion on the default model's skeleton: `poses` and, if present, `trans`, `arkit` or `expressions`, and
+/// the frame rate. Also returns notes about assumed values and about values that were converted.
 pub(super) fn read(path: &Path) -> Result<(Clip, Vec<String>), String> {
     let mut archive = open(path)?;
     let skeleton = crate::model::skeleton().map_err(|error| error.to_string())?;
@@ -59,8 +58,8 @@ pub(super) fn read(path: &Path) -> Result<(Clip, Vec<String>), String> {
     fill(&mut archive, Clip { frame_rate: 30.0, skeleton, face, rotations, translation, face_values })
 }
 
-/// The file's motion in a clip of no frames, whose bones and face it gets, and whose rate where the
-/// file says none; and notes.
+/// Appends the file's motion to `clip`, which has no frames and provides the skeleton, the face and the
+/// default frame rate. Also returns notes.
 pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<String>), String> {
     let mut notes = Vec::new();
     let (shape, poses) = array(archive, "poses")?.ok_or("it has no array `poses`")?;
@@ -82,7 +81,7 @@ pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<S
     for frame in 0..frames {
         let (pose, _) = poses[frame * 3 * joints..(frame + 1) * 3 * joints].as_chunks::<3>();
         let rotations = std::array::from_fn(|joint| match joint {
-            // Jaw and eyes come between the body and the hands.
+            // The jaw and the eyes precede the hands.
             22..25 if joints == SMPL_H => IDENTITY,
             25.. => axis_angle_to_quat(pose[joint + joints - JOINTS]),
             _ => axis_angle_to_quat(pose[joint]),
@@ -104,7 +103,7 @@ pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<S
     Ok((clip, notes))
 }
 
-/// Frames a second, where the file says so.
+/// Returns frames per second, if the file states them.
 fn rate(archive: &mut Archive) -> Result<Option<f32>, String> {
     for name in RATES {
         if let Some((_, rate)) = array(archive, name)? {
@@ -115,8 +114,8 @@ fn rate(archive: &mut Archive) -> Result<Option<f32>, String> {
     Ok(None)
 }
 
-/// Whether a motion is in axes whose Z is up: the body's up is along Z for most of it, and its hips
-/// are as high there as they are not along Y. Somebody who lies is not high along Z.
+/// Whether Z is the up axis of a motion: on average, the body's up direction is along Z more than along Y,
+/// and the hips are high along Z. The height excludes a body that lies down.
 fn is_z_up(clip: &Clip) -> bool {
     let count = clip.len() as f32;
     let mean = |of: &dyn Fn(usize) -> f32| (0..clip.len()).map(of).sum::<f32>() / count;
@@ -125,7 +124,7 @@ fn is_z_up(clip: &Clip) -> bool {
     up(2) > UPRIGHT && up(1).abs() < up(2) && hips > LOWEST
 }
 
-/// Turns a motion from axes whose Z is up, X staying as it is.
+/// Rotates a motion from Z up to Y up, keeping X.
 fn turn_upright(clip: &mut Clip) {
     let quarter = axis_angle_to_quat([-std::f32::consts::FRAC_PI_2, 0.0, 0.0]);
     let offset = clip.skeleton.offsets_m[0];
@@ -136,8 +135,7 @@ fn turn_upright(clip: &mut Clip) {
     }
 }
 
-/// `width` values per frame: those of an array, cut or padded with zeros; all zeros where it is
-/// missing.
+/// Returns `width` values per frame from an array, truncated or padded with zeros; all zeros if the array is missing.
 fn rows(archive: &mut Archive, name: &str, frames: usize, width: usize) -> Result<Vec<f32>, String> {
     let mut values = vec![0.0; frames * width];
     let Some((shape, array)) = array(archive, name)? else { return Ok(values) };
@@ -152,7 +150,7 @@ fn rows(archive: &mut Archive, name: &str, frames: usize, width: usize) -> Resul
     Ok(values)
 }
 
-/// Shape and values of an array of numbers.
+/// Reads shape and values of an array of numbers; `None` if it is missing.
 fn array(archive: &mut Archive, name: &str) -> Result<Option<Array>, String> {
     let wrong = |problem: String| format!("array `{name}`: {problem}");
     let Ok(entry) = archive.by_name(&format!("{name}.npy")) else { return Ok(None) };
@@ -172,7 +170,7 @@ fn array(archive: &mut Archive, name: &str) -> Result<Option<Array>, String> {
     }
 }
 
-/// Values of any number type as f32.
+/// Converts values of a number type to f32.
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted")]
 #[expect(clippy::cast_precision_loss, reason = "rounding to f32 is what is wanted")]
 fn numbers<R: Read>(npy: NpyFile<R>) -> Result<Vec<f32>, String> {
@@ -190,7 +188,7 @@ fn numbers<R: Read>(npy: NpyFile<R>) -> Result<Vec<f32>, String> {
     }
 }
 
-/// The texts of an array of them.
+/// Reads an array of strings; `None` if it is missing.
 fn names(archive: &mut Archive, name: &str) -> Result<Option<Vec<String>>, String> {
     let wrong = |problem: String| format!("array `{name}`: {problem}");
     let Ok(entry) = archive.by_name(&format!("{name}.npy")) else { return Ok(None) };

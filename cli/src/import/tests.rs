@@ -15,7 +15,7 @@ fn near(a: &[[f32; 3]], b: &[[f32; 3]]) -> bool {
     a.len() == b.len() && a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() < 2e-5)
 }
 
-/// The largest angle between rotations that should be the same, radians.
+/// Returns the largest angle between corresponding rotations of two clips, radians.
 fn largest_angle(a: &Clip, b: &Clip) -> f32 {
     let pairs = a.rotations.iter().flatten().zip(b.rotations.iter().flatten());
     let angle = pairs.map(|(&a, &b)| {
@@ -61,7 +61,7 @@ proptest! {
 fn jsonl_is_read_bit_for_bit() {
     let clip = sample::clip(FaceKind::Arkit, 3, 1);
     assert_eq!(back(&clip, Format::Jsonl), clip);
-    // With a byte order mark, as some editors put it.
+    // With a byte order mark, which some editors write.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.jsonl");
     crate::export::write(&path, None, &clip).unwrap();
@@ -70,7 +70,7 @@ fn jsonl_is_read_bit_for_bit() {
     assert_eq!(read(&path).unwrap(), clip);
 }
 
-/// An `.npz` file of these arrays of doubles.
+/// Writes an `.npz` file with these arrays of doubles.
 fn arrays(path: &Path, arrays: &[(&str, &[u64], &[f64])]) {
     use npyz::WriterBuilder;
     let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
@@ -115,7 +115,7 @@ fn poses_of_52_joints_are_read_and_others_refused_with_a_way_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.npz");
     let mut poses = vec![0.0; 2 * 156];
-    // The last of the body, and the first of the left hand.
+    // The body's last joint and the left hand's first.
     (poses[63], poses[66]) = (0.25, 0.5);
     arrays(&path, &[("poses", &[2, 156], &poses), ("fps", &[], &[30.0])]);
     let (clip, notes) = npz::read(&path).unwrap();
@@ -138,7 +138,7 @@ fn corrupt_input_does_not_panic() {
         for step in 0..60 {
             let at = whole.len() * step / 60;
             std::fs::write(&path, &whole[..at]).unwrap();
-            // Text that ends between two lines of frames is a shorter motion.
+            // Text cut between two frames is a valid shorter motion.
             if let Err(failure) = read(&path) {
                 assert!(failure.to_string().contains("motion."), "{failure}");
             } else {

@@ -1,15 +1,14 @@
-//! A face in the packets of the Live Link Face app, for Unreal's Live Link: version 6 of the format,
-//! numbers big endian.
+//! Faces as packets of the Live Link Face app, for Unreal's Live Link: version 6 of the format, big-endian numbers.
 //!
 //! | bytes | |
 //! |---|---|
 //! | 1 | version |
 //! | 4, 36 | length of the device's id, and the id, a UUID as text |
 //! | 4, n | length of the subject's name, and the name |
-//! | 4, 4 | number of the frame since the start, and the part of a frame after it, float |
+//! | 4, 4 | number of the frame since the start, and the subframe, float |
 //! | 4, 4 | frames a second: numerator and denominator |
 //! | 1 | number of values, 61 |
-//! | 4 × 61 | floats: ARKit's 52 shapes in Apple's order; yaw, pitch and roll of the head, the left and the right eye, radians |
+//! | 4 × 61 | floats: ARKit's 52 blendshapes in Apple's order; yaw, pitch, roll of head, left eye, right eye, radians |
 
 use umo_core::Config;
 use umo_core::motion::pose::Pose;
@@ -19,16 +18,16 @@ use crate::args::Live;
 use crate::export::csv;
 use crate::failure::Failure;
 
-/// Version of the packets.
+/// Packet version.
 const VERSION: u8 = 6;
-/// Most bytes of a subject's name.
+/// Upper bound on the bytes of a subject's name.
 const MAX_NAME: usize = 64;
 
-/// Makes datagrams of faces.
+/// Builder of face datagrams.
 pub(super) struct Sender {
-    /// The bytes before the frame's number: the same in every packet.
+    /// Bytes before the frame number, constant across packets.
     head: Vec<u8>,
-    /// For each of Apple's shapes, its place among the face's channels.
+    /// Index of each ARKit blendshape among the face's channels.
     places: Vec<usize>,
     frame_rate: u16,
     has_mouth_close: bool,
@@ -50,7 +49,7 @@ impl Sender {
         Ok(Self { head, places, frame_rate: args.fps, has_mouth_close: !args.no_mouth_close })
     }
 
-    /// The datagram of a face that is shown at `seconds`.
+    /// Returns the datagram of a face shown at `seconds`.
     pub(super) fn packet(&self, pose: &Pose, face: &[f32], seconds: f64) -> Vec<u8> {
         let mut packet = self.head.clone();
         let frame = seconds.max(0.0) * f64::from(self.frame_rate);
@@ -78,7 +77,7 @@ impl Sender {
     }
 }
 
-/// Opens the jaw by as much less as `mouthClose` closes the lips, and leaves the lips to the jaw.
+/// Subtracts `mouthClose` from `jawOpen` and sets it to 0.
 fn without_mouth_close(shapes: &mut [f32; ARKIT_NAMES.len()]) {
     let place = |name| ARKIT_NAMES.iter().position(|&shape| shape == name).expect("a shape of ARKit's");
     let close = std::mem::take(&mut shapes[place("mouthClose")]);
@@ -86,7 +85,7 @@ fn without_mouth_close(shapes: &mut [f32; ARKIT_NAMES.len()]) {
     *jaw = (*jaw - close).max(0.0);
 }
 
-/// A device's id, the same for a subject every time and another for another subject.
+/// Returns a device id, derived from the subject and stable across runs.
 fn device(subject: &str) -> String {
     // FNV-1a.
     let hash = subject

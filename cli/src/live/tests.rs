@@ -1,10 +1,10 @@
-//! What is heard arrives whole, and poses come as long as somebody speaks.
+//! All audio arrives, and poses come until the speech ends.
 
 use std::collections::VecDeque;
 
 use super::*;
 
-/// A reader that gives a few bytes at a time.
+/// A reader that returns a few bytes at a time.
 struct Trickle(VecDeque<u8>, usize);
 
 impl Read for Trickle {
@@ -37,7 +37,7 @@ fn samples_are_whole_however_their_bytes_come() {
         frames += session.pull_frames(usize::MAX, |_| {}).expect("frames");
         std::thread::sleep(RETRY);
     }
-    // 4,800 samples, and half of one that never came.
+    // 4,800 samples, and half a sample whose other byte never came.
     assert_eq!(frames, 9);
 }
 
@@ -58,7 +58,7 @@ fn poses_are_shown_until_the_speech_is_over() {
     .expect("shown");
     assert_eq!(sent, times.len() as u64);
     assert!(times.is_sorted());
-    // The last frame is at 0.47 s of the speech.
+    // The last frame is at 0.47 s of speech.
     assert!(*times.last().expect("poses") > 0.4);
 }
 

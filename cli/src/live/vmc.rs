@@ -1,6 +1,5 @@
-//! A pose in the words of the VMC protocol 2.7 (protocol.vmc.info), for VRM avatars: bones under
-//! Unity's names in Unity's axes, the face as ARKit's shapes ("perfect sync") and as VRM's vowels
-//! and blinks.
+//! Poses as messages of the VMC protocol 2.7 (protocol.vmc.info), for VRM avatars: bones under Unity's names in Unity's
+//! axes, the face as ARKit's blendshapes ("perfect sync") and as VRM's vowels and blinks.
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 use umo_core::Config;
@@ -12,22 +11,22 @@ use umo_core::retarget::face::FaceMap;
 use crate::failure::Failure;
 use umo_gltf::vrm::{EXPRESSIONS, UNITY_BONES, standing_height};
 
-/// Bytes of a datagram that no network cuts up.
+/// Size of a datagram that no network fragments, bytes.
 const MAX_BYTES: usize = 1400;
 
-/// Makes datagrams of poses.
+/// Builder of pose datagrams.
 pub(super) struct Sender {
-    /// Each joint's place at rest.
+    /// Each joint's offset from its parent in the rest pose.
     offsets: Vec<[f32; 3]>,
-    /// How much larger the avatar is than the model's skeleton.
+    /// Size of the avatar relative to the model's skeleton.
     scale: f32,
-    /// Names of the face's channels, where they are ARKit's.
+    /// Names of the face's channels, if they are ARKit's.
     channels: Vec<String>,
     vowels: Option<FaceMap>,
 }
 
 impl Sender {
-    /// For an avatar whose hips are `hips` metres above the floor; as the model's where not given.
+    /// For an avatar with hips `hips` metres above the floor; default: the model's height.
     pub(super) fn new(config: &Config, hips: Option<f32>) -> Result<Self, Failure> {
         let offsets = config.skeleton.offsets_m.clone();
         let own = standing_height(&offsets);
@@ -41,7 +40,7 @@ impl Sender {
         Ok(Self { offsets, scale, channels, vowels })
     }
 
-    /// Datagrams of a pose that is shown at `seconds`.
+    /// Returns the datagrams of a pose shown at `seconds`.
     pub(super) fn packets(&self, pose: &Pose, face: &[f32], seconds: f64) -> Result<Vec<Vec<u8>>, Failure> {
         let messages = self.messages(pose, face, seconds);
         let mut packets = Vec::new();
@@ -64,7 +63,7 @@ impl Sender {
     fn messages(&self, pose: &Pose, face: &[f32], seconds: f64) -> Vec<OscMessage> {
         let mut out = Vec::with_capacity(JOINTS + face.len() + EXPRESSIONS.len() + 4);
         let mut say = |addr: &str, args: Vec<OscType>| out.push(OscMessage { addr: addr.to_owned(), args });
-        // Loaded, calibrated, in the usual mode, tracking.
+        // Loaded, calibrated, normal mode, tracking.
         say("/VMC/Ext/OK", [1, 3, 0, 1].map(OscType::Int).to_vec());
         #[expect(clippy::cast_possible_truncation, reason = "the protocol's time is a float")]
         say("/VMC/Ext/T", vec![OscType::Float(seconds as f32)]);
@@ -91,16 +90,16 @@ impl Sender {
     }
 }
 
-/// Arguments of a bone or of the root: place in metres, then rotation, both against the parent.
+/// Returns the arguments of a bone or root message: position in metres, then rotation, relative to the parent.
 ///
-/// Ours are right-handed with X to the body's left, Unity's left-handed with X to its right.
+/// The model's axes are right-handed with X to the body's left, Unity's left-handed with X to its right.
 fn place(name: &str, [x, y, z]: [f32; 3], [qx, qy, qz, qw]: [f32; 4]) -> Vec<OscType> {
     let numbers = [-x, y, z, qx, -qy, -qz, qw].map(OscType::Float);
     std::iter::once(OscType::String(name.to_owned())).chain(numbers).collect()
 }
 
 fn bundled(content: Vec<OscPacket>) -> OscPacket {
-    // At once.
+    // The time tag that means "immediately".
     OscPacket::Bundle(OscBundle { timetag: OscTime { seconds: 0, fractional: 1 }, content })
 }
 

@@ -1,5 +1,5 @@
-//! Weights rounded to what their products read: the float model animates recordings, and the Gram matrices of
-//! every product's inputs say which errors may stand in for which.
+//! Rounding of weights, calibrated on recordings: the float model animates them, and the Gram matrices of every
+//! product's inputs determine how rounding errors can be compensated.
 
 use std::io;
 use std::path::PathBuf;
@@ -18,11 +18,10 @@ use super::compensate::{Compensation, DAMPING};
 use crate::failure::Failure;
 use crate::speech::Speech;
 
-/// Largest int8 step.
+/// Largest magnitude of an int8 code.
 const STEPS: f64 = 127.0;
 
-/// Animates `recordings` with the float model `file`, and records what the products of the tensors `wanted`
-/// read.
+/// Animates `recordings` with the float model `file` and records the inputs of the products of the tensors `wanted`.
 pub(super) fn run(file: &ModelFile, wanted: Vec<String>, recordings: &[PathBuf]) -> Result<Calibration, Failure> {
     let calibration = Calibration::new(wanted);
     let model = Model::load_recording(file, Isa::detect(), &calibration)?;
@@ -43,8 +42,8 @@ pub(super) fn run(file: &ModelFile, wanted: Vec<String>, recordings: &[PathBuf])
     Ok(calibration)
 }
 
-/// The codes of the tensor `name` of `shape`, whose float `values` are those that the calibration ran with;
-/// rows that nothing was recorded of are rounded alone.
+/// Returns the codes of the tensor `name` of `shape`; `values` are the float values used during calibration.
+/// Rows without recorded inputs are rounded to nearest.
 pub(super) fn codes(
     calibration: &Calibration,
     (name, shape): (&str, &[usize]),
@@ -56,7 +55,7 @@ pub(super) fn codes(
     let mut compensations = Vec::new();
     for (range, gram) in calibration.of(name) {
         let sum = gram.sum().map_err(io::Error::other)?;
-        // A convolution reads its inputs in another order, and is not recorded.
+        // A convolution reads its inputs in another order and is not recorded.
         if sum.len() == width * width
             && let Some(compensation) = Compensation::largest_first(&sum, width, DAMPING)
         {
@@ -90,8 +89,8 @@ pub(super) fn codes(
     Ok(all)
 }
 
-/// Adds the codes of one row: scales as plain rounding chooses them, for int4 by the errors that count, and codes
-/// as `compensation` does, if there is one.
+/// Appends the codes of one row. For int8 the scale is that of plain rounding; for int4 the scales minimise the
+/// weighted error. The codes are chosen by `compensation`, if present.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to a code")]
 fn round(row: &[f32], compensation: Option<&Compensation>, storage: Storage, to: &mut Codes) -> io::Result<()> {
     let mut codes = vec![0; row.len()];

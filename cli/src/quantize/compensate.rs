@@ -1,33 +1,34 @@
-//! Rounding that compensates: the error of one input's weight is taken off the weights of the inputs that are
-//! still to be rounded, as far as they can stand in for it.
+//! Rounding with error compensation: the rounding error of one input's weight is subtracted from the weights of
+//! the inputs not yet rounded, in proportion to their correlation with it.
 //!
-//! Which inputs can is in the Gram matrix `H` of the inputs that the product reads. With the upper triangular
+//! The correlations come from the Gram matrix `H` of the product's inputs. With the upper triangular
 //! `U` of `U^T U = (H + damping)^-1`, after input `i` of a row `w` is rounded to `q`,
 //! ```text
 //! w[j] -= (w[i] - q) / U[i, i] * U[i, j]        j > i
 //! ```
-//! makes the sum of the squares of the output's errors least (Frantar et al. 2023, "GPTQ: Accurate
+//! minimises the sum of the squared errors of the output (Frantar et al. 2023, "GPTQ: Accurate
 //! Post-Training Quantization for Generative Pre-trained Transformers", section 3.3). The scales are chosen
-//! before, so that the file and its products are those of plain rounding.
+//! beforehand, so the file and its products have the same format as with plain rounding.
 
-/// What is added to the diagonal, as a share of its mean: directions that the calibration has not seen do not
-/// take all errors.
+/// Damping added to the diagonal, as a share of its mean. It keeps directions absent from the calibration
+/// from absorbing all errors.
 pub(super) const DAMPING: f64 = 0.01;
 
-/// The inputs of a product in the order in which they are rounded, and the factor of their inverse Gram matrix.
+/// Rounding order of a product's inputs, and the factor of their inverse Gram matrix.
 #[derive(Debug)]
 pub(super) struct Compensation {
     order: Vec<usize>,
-    /// `[inputs, inputs]`, upper triangular, in that order.
+    /// `[inputs, inputs]`, upper triangular, in the rounding order.
     factor: Vec<f64>,
 }
 
 impl Compensation {
-    /// Of the Gram matrix `[order.len(), order.len()]`; none where it is all zeros: the product has read nothing.
+    /// Factors the Gram matrix `[order.len(), order.len()]`; `None` if it is all zeros because the product read
+    /// nothing, not finite, or not positive definite.
     pub(super) fn new(gram: &[f64], order: Vec<usize>, damping: f64) -> Option<Self> {
         let k = order.len();
         let mean = (0..k).map(|i| gram[i * k + i]).sum::<f64>() / k as f64;
-        // Also where it is no number.
+        // The negated comparison also catches NaN.
         if !(mean > 0.0 && mean.is_finite()) {
             return None;
         }
@@ -42,15 +43,15 @@ impl Compensation {
         Some(Self { order, factor })
     }
 
-    /// The same with the inputs of the largest values first, whose errors weigh most: more of the others are
-    /// left to compensate them.
+    /// Like [`Self::new`], in descending order of input energy: the errors of the largest inputs weigh most, so
+    /// more inputs remain to compensate them.
     pub(super) fn largest_first(gram: &[f64], inputs: usize, damping: f64) -> Option<Self> {
         let mut order: Vec<usize> = (0..inputs).collect();
         order.sort_by(|&a, &b| gram[b * inputs + b].total_cmp(&gram[a * inputs + a]));
         Self::new(gram, order, damping)
     }
 
-    /// What the square of each input's error costs, by input; their mean is 1.
+    /// Returns the cost of each input's squared error, normalised to a mean of 1.
     #[expect(clippy::cast_possible_truncation, reason = "a weight among others")]
     pub(super) fn importance(&self) -> Vec<f32> {
         let k = self.order.len();
@@ -61,8 +62,7 @@ impl Compensation {
         importance
     }
 
-    /// Rounds one row of weights: `round` is given each input and what its weight has become, and returns the
-    /// value that is stored.
+    /// Rounds one row of weights: `round` receives each input and its compensated weight, and returns the stored value.
     pub(super) fn round(&self, row: &[f32], mut round: impl FnMut(usize, f64) -> f64) {
         let k = self.order.len();
         let mut left: Vec<f64> = self.order.iter().map(|&i| f64::from(row[i])).collect();
@@ -73,8 +73,8 @@ impl Compensation {
     }
 }
 
-/// `R` of `R R^T = matrix`, upper triangular, in its place: Cholesky's decomposition from the last row up,
-/// whose inverse is the factor that is wanted. False where the matrix is not positive definite.
+/// Replaces `matrix` by the upper triangular `R` of `R R^T = matrix`: a Cholesky decomposition from the last
+/// row up. The inverse of `R` is the factor `U`. Returns false if the matrix is not positive definite.
 fn decompose(matrix: &mut [f64], k: usize) -> bool {
     for j in (0..k).rev() {
         let pivot = matrix[j * k + j];
@@ -82,13 +82,13 @@ fn decompose(matrix: &mut [f64], k: usize) -> bool {
             return false;
         }
         let root = pivot.sqrt();
-        // Column j of R, above the diagonal, is read from row j, to which the matrix is symmetric.
+        // Column j of R, above the diagonal, is read from row j of the symmetric matrix.
         let (above, rest) = matrix.split_at_mut(j * k);
         let column: Vec<f64> = rest[..j].iter().map(|v| v / root).collect();
         rest[j] = root;
         rest[..j].fill(0.0);
         for (i, row) in above.chunks_exact_mut(k).enumerate() {
-            // The lower triangle alone is kept up to date, as the rows of what is left.
+            // Only the lower triangle of the remaining rows is kept up to date.
             row[..=i].iter_mut().zip(&column).for_each(|(v, other)| *v -= column[i] * other);
             row[j] = column[i];
         }
@@ -96,13 +96,13 @@ fn decompose(matrix: &mut [f64], k: usize) -> bool {
     true
 }
 
-/// The inverse of an upper triangular matrix, in its place.
+/// Inverts an upper triangular matrix in place.
 fn invert(matrix: &mut [f64], k: usize) {
     let mut sum = vec![0.0; k];
     for i in (0..k).rev() {
         let (above, below) = matrix.split_at_mut((i + 1) * k);
         let row = &mut above[i * k..];
-        // Row i of the inverse is what the rows of the inverse below are multiplied with.
+        // Row i of the inverse is a combination of the inverse's rows below.
         sum[i..].fill(0.0);
         for (j, other) in (i + 1..k).zip(below.chunks_exact(k)) {
             let factor = row[j];
@@ -120,7 +120,7 @@ mod tests {
 
     use super::*;
 
-    /// What `training/golden/compensation.py` computes by the paper's formulas in PyTorch.
+    /// Results of `training/golden/compensation.py`, which computes the paper's formulas in PyTorch.
     #[derive(Deserialize)]
     struct Golden {
         inputs: usize,
@@ -177,7 +177,7 @@ mod tests {
         assert!(differ > k, "plain rounding would pass: {differ} codes differ");
     }
 
-    /// Of correlated inputs, the outputs' error is well below plain rounding's.
+    /// For correlated inputs, the output error is well below plain rounding's.
     #[test]
     fn errors_of_outputs_shrink() {
         let golden = golden();

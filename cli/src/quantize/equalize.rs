@@ -1,29 +1,28 @@
-//! Evening out the channels between two products, so that one loud channel does not take the int8
-//! steps of all others.
+//! Equalization of the channels between two products, so that one channel with a large range does not coarsen
+//! the int8 codes of all others.
 //!
-//! Where a channel passes from the rows of one weight to the columns of the next through nothing
-//! but products and sums (T5's `wi_1` to `wo`, and values to the attention's output), its rows may
-//! be divided and its columns multiplied by any factor: the function stays. The factor that makes
-//! both ranges equal costs both the same (Nagel et al. 2019, "Data-Free Quantization Through Weight
-//! Equalization and Bias Correction", section 4.1); powers of two change no bit of a float weight's
-//! mantissa.
+//! If a channel passes from the rows of one weight to the columns of the next through nothing but products and sums
+//! (T5's `wi_1` to `wo`, and values to the attention's output), its rows may be divided and its columns multiplied by
+//! any factor without changing the function. The factor that makes both ranges equal balances their errors (Nagel et
+//! al. 2019, "Data-Free Quantization Through Weight Equalization and Bias Correction", section 4.1). Powers of two
+//! leave the mantissas of float weights unchanged.
 
 use umo_core::LoadError;
 
-/// Reads a tensor by its name and shape.
+/// Reads a tensor by name and shape.
 type Read<'a> = &'a dyn Fn(&str, &[usize]) -> Result<Vec<f32>, LoadError>;
 
-/// Factors lie within `2^-LIMIT..=2^LIMIT`: a channel that is never loud is not made so.
+/// Limit of the factors, `2^-LIMIT..=2^LIMIT`, so that nearly unused channels are not amplified.
 const LIMIT: i32 = 12;
 
-/// Networks whose layers have such pairs.
+/// Prefixes of the networks whose layers have such pairs.
 const NETWORKS: [&str; 2] = ["lm.", "depth."];
 
-/// The weight that makes the channels, and the one that takes them.
+/// Suffixes of the weight that produces the channels and of the one that consumes them.
 const PAIRS: [(&str, &str); 2] = [(".wi_1.weight", ".wo.weight"), (".v.weight", ".o.weight")];
 
-/// Evens out `values`, the tensor `name`, where it is one of a pair whose second will be int8; `read`
-/// reads the other.
+/// Equalizes `values`, the tensor `name`, if it belongs to a pair whose second weight will be int8; `read`
+/// reads the other weight.
 pub(super) fn apply(
     read: Read<'_>,
     name: &str,
@@ -53,8 +52,7 @@ pub(super) fn apply(
     Ok(())
 }
 
-/// What the rows of `made [channels, _]` are multiplied by, and the columns of
-/// `taken [_, channels]` divided by.
+/// Returns the factors that multiply the rows of `made [channels, _]` and divide the columns of `taken [_, channels]`.
 fn factors(made: &[f32], taken: &[f32], channels: usize) -> Vec<f32> {
     let mut ranges = vec![0.0_f32; channels];
     for row in taken.chunks_exact(channels) {
@@ -65,7 +63,7 @@ fn factors(made: &[f32], taken: &[f32], channels: usize) -> Vec<f32> {
     rows.zip(ranges).map(|(row, taken)| factor(range(row), taken)).collect()
 }
 
-/// The power of two nearest to `sqrt(taken / made)`.
+/// Returns the power of two nearest to `sqrt(taken / made)`.
 #[expect(clippy::cast_possible_truncation, reason = "an exponent of a float")]
 fn factor(made: f32, taken: f32) -> f32 {
     if made == 0.0 || taken == 0.0 {
@@ -86,7 +84,7 @@ mod tests {
         assert_eq!(factor(1.0, 1.3), 1.0);
         assert_eq!(factor(0.0, 3.0), 1.0);
         assert_eq!(factor(1e-30, 1e30), 4096.0);
-        // Three channels: made by rows of two, taken by columns of two.
+        // Three channels: produced by rows of two, consumed by columns of two.
         assert_eq!(factors(&[1.0, -4.0, 0.5, 0.0, 0.0, 2.0], &[1.0, 8.0, 0.0, -0.5, 4.0, 0.0], 3), [0.5, 4.0, 1.0]);
     }
 }

@@ -1,39 +1,39 @@
 //! Rotation of the residual streams and of attention's values, so that no channel is an outlier.
 //!
 //! The residual stream of a stack may be rotated by any orthogonal matrix: tables and matrices that write
-//! to the stream rotate it, matrices that read it rotate it back, and an RMS norm without gain does not
-//! notice. The gains are folded into the matrices that read the norm's output first. The values of a
+//! to the stream apply the rotation, matrices that read it undo it, and an RMS norm without gain is
+//! invariant. The gains are first folded into the matrices that read the norm's output. The values of a
 //! head, which attention only sums, are rotated likewise. A Hadamard matrix with random signs spreads an
-//! outlier channel, such as the marks that tell tokens' places, over all channels, so that int8 steps are
+//! outlier channel, such as the marks of token positions, over all channels, which makes the int8 scales
 //! smaller (Ashkboos et al. 2024, "QuaRot: Outlier-Free 4-Bit Inference in Rotated LLMs", section 4). The
-//! function stays the same, no data is needed, and running the model costs nothing more.
+//! function is unchanged, no data is needed, and inference costs nothing extra.
 
 use umo_core::config::Config;
 use umo_core::{LoadError, ModelFile};
 
 use crate::failure::Failure;
 
-/// The stream of the language model, whose tables its encoder and its decoder share.
+/// Seed of the language model's stream; its encoder and decoder share their tables.
 const LM: u64 = 1;
-/// The stream of the depth network of layout `frames`.
+/// Seed of the stream of layout `frames`' depth network.
 const DEPTH: u64 = 2;
-/// The values of each head.
+/// Seed of the values of each head.
 const VALUES: u64 = 3;
 
-/// What a tensor has to do with the streams.
+/// Role of a tensor in the rotated streams.
 #[derive(Debug, Default, PartialEq)]
 struct Role {
-    /// A matrix that reads a stream behind a norm: the stream and the norm's name.
+    /// For a matrix that reads a stream after a norm: the stream and the norm's name.
     reads: Option<(u64, String)>,
-    /// A matrix whose outputs are added to a stream.
+    /// For a matrix whose outputs are added to a stream: the stream.
     writes: Option<u64>,
-    /// A table whose rows are added to a stream.
+    /// For a table whose rows are added to a stream: the stream.
     table: Option<u64>,
-    /// A norm whose gain is folded into the matrices that read it.
+    /// Whether this is a norm whose gain is folded into the matrices that read its output.
     norm: bool,
-    /// A matrix whose rows are the values of so many heads.
+    /// For a matrix whose rows produce attention values: the number of heads.
     makes_values: Option<usize>,
-    /// A matrix whose columns are the values of so many heads.
+    /// For a matrix whose columns consume attention values: the number of heads.
     takes_values: Option<usize>,
 }
 
@@ -48,7 +48,7 @@ pub(super) fn check(config: &Config) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Rotates `values`, the tensor `name`.
+/// Rotates `values` of the tensor `name`.
 pub(super) fn apply(file: &ModelFile, name: &str, shape: &[usize], values: &mut [f32]) -> Result<(), LoadError> {
     let role = role(file.config(), name);
     if role == Role::default() {
@@ -98,7 +98,7 @@ fn role(config: &Config, name: &str) -> Role {
         role.reads = read(LM, decoded.to_owned());
     } else if stem.starts_with("lm.") {
         role.norm = stem.ends_with("layer_norm");
-        // `lm.STACK.block.I.layer.J` and what follows.
+        // `lm.STACK.block.I.layer.J` and the rest of the name.
         let layer: String = stem.splitn(7, '.').take(6).collect::<Vec<_>>().join(".");
         let own = format!("{layer}.layer_norm.weight");
         match last {
@@ -120,7 +120,7 @@ fn role(config: &Config, name: &str) -> Role {
             "head" => role.reads = read(DEPTH, "depth.norm.weight".to_owned()),
             _ => role.norm = last == "norm" || last.ends_with("_norm"),
         }
-        // `depth.layers.I` and what follows.
+        // `depth.layers.I` and the rest of the name.
         let layer: String = stem.splitn(4, '.').take(3).collect::<Vec<_>>().join(".");
         if first == "layers" {
             match last {
@@ -137,7 +137,7 @@ fn role(config: &Config, name: &str) -> Role {
 }
 
 /// An orthogonal matrix: random signs, then a Hadamard matrix of the largest power of two that divides
-/// the width, times a cosine transform of the odd number that is left.
+/// the width, times a cosine transform over the remaining odd factor.
 struct Rotation {
     signs: Vec<f64>,
     power: usize,
@@ -145,7 +145,7 @@ struct Rotation {
 }
 
 impl Rotation {
-    /// Of `width` channels; `seed` draws the signs.
+    /// Creates a rotation of `width` channels; `seed` determines the signs.
     fn new(width: usize, seed: u64) -> Self {
         let power = 1 << width.trailing_zeros();
         let odd = width / power;
@@ -169,7 +169,7 @@ impl Rotation {
         matrix.chunks_exact_mut(self.signs.len()).for_each(|row| self.vector(row, &mut mixed));
     }
 
-    /// Rotates each run of `width` values of every column.
+    /// Rotates each run of `width` values in every column.
     fn columns(&self, matrix: &mut [f64], columns: usize) {
         let width = self.signs.len();
         let (mut column, mut mixed) = (vec![0.0; width], vec![0.0; width]);
@@ -212,7 +212,7 @@ impl Rotation {
     }
 }
 
-/// The next number of Vigna's SplitMix64.
+/// Returns the next output of Vigna's SplitMix64.
 fn splitmix(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;
@@ -225,8 +225,8 @@ fn splitmix(state: &mut u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// Lengths and angles stay, rows and columns are rotated alike, and one outlier becomes many values
-    /// of equal size.
+    /// Rotation preserves lengths and angles, rows and columns are rotated alike, and one outlier becomes many
+    /// values of equal size.
     #[test]
     fn a_rotation_is_orthogonal_and_spreads_one_channel() {
         for width in [1, 2, 3, 8, 12, 56, 192, 256] {

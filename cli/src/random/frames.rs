@@ -1,4 +1,4 @@
-//! The dimensions of random models of layout `frames`: those of [`sizes`](super::sizes) with more
+//! Dimensions of random models of layout `frames`: like [`sizes`](super::sizes), with more
 //! parts and levels, and a depth network.
 
 use umo_core::config::{Codec, Depth, Layout, Modality, PartSpec, TemplateItem, channel_names};
@@ -7,10 +7,10 @@ use umo_core::{Config, Part, PerPart};
 use super::sizes;
 use crate::args::Size;
 
-/// Keyframes of audio behind the chunk.
+/// Keyframes of audio after the chunk.
 const AHEAD: usize = 3;
 
-/// The config of a random model.
+/// Returns the config of a random model.
 pub(super) fn config(size: Size) -> Config {
     let mut config = sizes::config(size);
     let parts = match size {
@@ -22,7 +22,7 @@ pub(super) fn config(size: Size) -> Config {
     config.layout = Layout::Frames;
     config.depth = Some(depth(size));
     config.audio.ahead = AHEAD;
-    // Ids of parts are only needed where the language model writes codes as tokens.
+    // Ids of parts are needed only if the language model writes codes as tokens.
     let audio = config.vocab.face.first;
     let shift = config.vocab.audio.first - audio;
     let moved = |id: usize| id - shift;
@@ -57,7 +57,7 @@ fn depth(size: Size) -> Depth {
     Depth { d_model, num_heads, d_ff, num_layers, layer_norm_epsilon: 1e-6, before: true, heard, body_heard }
 }
 
-/// Names of a body part's channels that `wanted` holds for.
+/// Returns the names of a body part's channels that satisfy `wanted`.
 fn named(config: &Config, part: Part, wanted: impl Fn(&str) -> bool) -> Vec<String> {
     let names = channel_names(part, &config.face).into_iter();
     names.filter(|(name, _)| wanted(name)).map(|(name, _)| name.to_owned()).collect()
@@ -73,7 +73,7 @@ fn part(
     PartSpec { name: name.to_owned(), channels, codes, levels, width, layers, rest, sampling: None }
 }
 
-/// Seven parts: the face, each hand, the torso with the head, each arm, and the lower body.
+/// Returns seven parts: the face, each hand, the torso with the head, each arm, and the lower body.
 fn body(config: &Config, levels: usize, width: usize, layers: usize) -> Vec<PartSpec> {
     let limb = |name: &str, side: &str| {
         name.starts_with(side) && ["shoulder", "elbow", "wrist"].iter().any(|joint| name.ends_with(joint))
@@ -91,7 +91,7 @@ fn body(config: &Config, levels: usize, width: usize, layers: usize) -> Vec<Part
     ]
 }
 
-/// Five parts of 1 to 4 levels and an annotation, no two of one shape, in no order of the body.
+/// Returns five parts of 1 to 4 levels and an annotation, all of different shapes and not in body order.
 fn tiny(config: &Config) -> Vec<PartSpec> {
     let of = |part: Part, wanted: &dyn Fn(&str) -> bool| named(config, part, wanted);
     vec![

@@ -1,4 +1,4 @@
-//! The dimensions of random models, a mel filter bank, and a plausible skeleton.
+//! Dimensions of random models, a mel filter bank, and a plausible skeleton.
 
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
@@ -12,13 +12,13 @@ use umo_core::{Config, PerPart};
 
 use crate::args::Size;
 
-/// What every run with such a model says.
+/// Notice that every run with such a model prints.
 const NOTICE: &str = "untrained model: structure only";
 
-/// Pieces of the small text vocabulary; see `models/umo-small/README.md`.
+/// Number of pieces of the small text vocabulary; see `models/umo-small/README.md`.
 const PIECES: usize = 180;
 
-/// The config of a random model.
+/// Returns the config of a random model.
 pub(super) fn config(size: Size) -> Config {
     let (name, audio, text_ids) = match size {
         Size::Base => ("umo-base-random", hubert(), 32_100),
@@ -95,8 +95,8 @@ fn mel(bands: usize, units: usize) -> Audio {
     }
 }
 
-/// Text ids, three ids of `motion`, the parts' codes with three markers each, then `audio_ids` of
-/// audio.
+/// Lays out the vocabulary: text ids, three ids of `motion`, each part's codes with three markers,
+/// then `audio_ids` of audio.
 fn vocab(text_ids: usize, codes: usize, units: usize, audio_ids: usize) -> Vocab {
     let block = |first: usize, codes: usize, ids: usize| {
         let marker = first + ids - 3;
@@ -176,7 +176,7 @@ fn face(size: Size) -> Face {
     }
 }
 
-/// Random weights do not care about the words, so a few ids stand for them.
+/// Returns the templates. Random weights ignore the words, so a few ids stand for them.
 fn templates() -> BTreeMap<String, Vec<TemplateItem>> {
     let id = TemplateItem::Id;
     let name = |name: &str| TemplateItem::Name(name.to_owned());
@@ -191,7 +191,7 @@ fn templates() -> BTreeMap<String, Vec<TemplateItem>> {
     ])
 }
 
-/// Window, triangular filters, mean and scale of a mel tokenizer.
+/// Returns the window, triangular filters, mean or scale of a mel tokenizer.
 #[expect(clippy::cast_precision_loss, reason = "window lengths are far below 2^24")]
 pub(super) fn mel_values(config: &Config, name: &str) -> Vec<f32> {
     let Some(mel) = &config.audio.mel else { return Vec::new() };
@@ -205,7 +205,7 @@ pub(super) fn mel_values(config: &Config, name: &str) -> Vec<f32> {
     }
 }
 
-/// Triangles whose corners are equally far apart on the mel scale `2595 log10(1 + hz / 700)`.
+/// Returns triangular filters with corners equally spaced on the mel scale `2595 log10(1 + hz / 700)`.
 #[expect(clippy::cast_precision_loss, reason = "band and bin numbers are far below 2^24")]
 fn filters(mel: &Mel, sample_rate: f32) -> Vec<f32> {
     let to_mel = |hz: f32| 2595.0 * (1.0 + hz / 700.0).log10();
@@ -226,7 +226,7 @@ fn filters(mel: &Mel, sample_rate: f32) -> Vec<f32> {
     weights
 }
 
-/// A person of 1.7 m by eye: parents as SMPL-X has them, round offsets.
+/// Returns an estimated skeleton of a person of 1.7 m: SMPL-X's parents, rounded offsets.
 #[rustfmt::skip]
 fn skeleton() -> Skeleton {
     let parents = vec![
@@ -241,8 +241,7 @@ fn skeleton() -> Skeleton {
         [0.0, 0.09, 0.03], [0.10, 0.04, -0.01], [-0.10, 0.04, -0.01], [0.26, -0.01, -0.02], [-0.26, -0.01, -0.02],
         [0.25, 0.01, 0.0], [-0.25, 0.01, 0.0], [0.0, 0.0, 0.02], [0.03, 0.06, 0.06], [-0.03, 0.06, 0.06],
     ];
-    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the
-    // finger.
+    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the finger.
     let fingers: [([f32; 3], f32); 5] = [
         ([0.10, -0.01, 0.02], 0.033), ([0.11, 0.0, 0.0], 0.034), ([0.09, -0.02, -0.04], 0.022),
         ([0.10, -0.01, -0.02], 0.030), ([0.04, -0.02, 0.03], 0.031),

@@ -1,4 +1,4 @@
-//! A character's surfaces: what of a file pictures and measures need.
+//! A character's surfaces, read for pictures and measurements.
 
 use glam::{Mat3, Mat4, Quat, Vec3};
 use serde::Deserialize;
@@ -9,10 +9,10 @@ use umo_core::retarget::Mapping;
 
 use super::Character;
 
-/// Joints that feet hang on.
+/// Joints at the ankles.
 const ANKLES: [usize; 2] = [7, 8];
 
-/// What of a file's JSON only pictures need.
+/// The parts of a file's JSON that only surfaces need.
 #[derive(Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Looks {
@@ -104,7 +104,7 @@ pub(super) struct Image {
     pub(super) buffer_view: Option<usize>,
 }
 
-/// A node's place and rotation, where they are not as at rest.
+/// A node's translation and rotation; `None` if as at rest.
 pub(super) type Moved = (Option<[f32; 3]>, Option<[f32; 4]>);
 
 /// A part of the character's surface at rest.
@@ -114,10 +114,10 @@ pub(super) struct Part {
     positions: Vec<Vec3>,
     normals: Vec<Vec3>,
     pub(super) uv: Vec<[f32; 2]>,
-    /// Four joints of the skin, and their shares; empty where the node alone moves it.
+    /// Four joints of the skin and their weights per vertex; empty if the node alone moves the part.
     bones: Vec<([usize; 4], [f32; 4])>,
     pub(super) indices: Vec<u32>,
-    /// What each shape moves positions and normals by.
+    /// Offsets of positions and normals per shape.
     shapes: Vec<(Vec<Vec3>, Vec<Vec3>)>,
     pub(super) rest: Vec<f32>,
     pub(super) material: Material,
@@ -126,18 +126,18 @@ pub(super) struct Part {
 /// A character's surfaces at rest.
 pub(super) struct Body {
     parts: Vec<Part>,
-    /// Each skin's joints, and what brings the mesh's space to theirs.
+    /// Joints of each skin, with the inverse bind matrices.
     skins: Vec<Vec<(usize, Mat4)>>,
-    /// Nodes that are shown.
+    /// Whether each node is shown.
     shown: Vec<bool>,
     pub(super) looks: Looks,
 }
 
 impl Body {
-    /// Reads the surfaces of a character, with their shapes where `shapes`.
+    /// Reads the surfaces of a character; includes blendshapes if `shapes`.
     ///
     /// # Errors
-    /// What of them is not as the format has it, or is compressed; no surface at all.
+    /// If a surface violates the format or is compressed, or if the file has no surface.
     pub(super) fn read(character: &Character, shapes: bool) -> Result<Self, String> {
         let file = Glb::split(character.bytes())?;
         let mut looks: Looks = serde_json::from_str(file.json).map_err(|error| error.to_string())?;
@@ -161,7 +161,7 @@ impl Body {
         if parts.is_empty() {
             return Err("it has bones and no body: there is no mesh".to_owned());
         }
-        // What lets light through is drawn over what does not.
+        // Translucent parts are drawn after opaque ones.
         parts.sort_by_key(|part| part.material.alpha_mode.as_deref() == Some("BLEND"));
         let skins = document.skins.iter().map(|skin| {
             let matrices = skin.inverse_bind_matrices.map(|at| floats(document, file.bin, at, "MAT4")).transpose()?;
@@ -174,12 +174,12 @@ impl Body {
         Ok(Self { parts, skins, shown: shown(document, &looks), looks })
     }
 
-    /// The surfaces that are shown.
+    /// Returns the surfaces that are shown.
     pub(super) fn parts(&self) -> impl Iterator<Item = &Part> {
         self.parts.iter().filter(|part| self.shown[part.node])
     }
 
-    /// The lowest and the highest of it at rest; none where it has no height.
+    /// Returns the lowest and highest Y of the surfaces at rest; `None` if their height is zero.
     pub(super) fn extent(&self, character: &Character) -> Option<[f32; 2]> {
         let rest = places(character, &|_| (None, None));
         let heights = self.parts().flat_map(|part| self.posed(part, &rest, &part.rest).0.into_iter().map(|at| at.y));
@@ -187,7 +187,7 @@ impl Body {
         (high > low && (high - low).is_finite()).then_some([low, high])
     }
 
-    /// The lowest of what moves with the feet, at rest, along Y; none where nothing does.
+    /// Returns the lowest Y of the vertices that move with the feet, at rest; `None` if there are none.
     pub(super) fn soles(&self, character: &Character, mapping: &Mapping) -> Option<f32> {
         let rig = character.rig();
         let ankles: Vec<usize> = ANKLES.into_iter().filter_map(|joint| mapping.bone(joint)).collect();
@@ -212,7 +212,7 @@ impl Body {
         lowest.filter(|lowest| lowest.is_finite())
     }
 
-    /// A part's positions and normals.
+    /// Returns a part's posed positions and normals.
     pub(super) fn posed(&self, part: &Part, world: &[Mat4], weights: &[f32]) -> (Vec<Vec3>, Vec<Vec3>) {
         let (mut positions, mut normals) = (part.positions.clone(), part.normals.clone());
         for ((moved, turned), &weight) in part.shapes.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
@@ -242,7 +242,7 @@ impl Body {
     }
 }
 
-/// Where every node is: its rest, and what of it is elsewhere.
+/// Returns every node's world matrix, from its rest transform with the overrides of `moved`.
 pub(super) fn places(character: &Character, moved: &dyn Fn(usize) -> Moved) -> Vec<Mat4> {
     let bones = character.rig().bones();
     let mut world: Vec<Option<Mat4>> = vec![None; bones.len()];
@@ -270,7 +270,7 @@ pub(super) fn places(character: &Character, moved: &dyn Fn(usize) -> Moved) -> V
 }
 
 impl Part {
-    /// None where it has no positions.
+    /// Reads a part; `None` if it has no positions.
     fn read(
         document: &Document,
         bin: &[u8],
@@ -323,7 +323,7 @@ impl Part {
     }
 }
 
-/// Normals of a surface that brings none.
+/// Computes vertex normals of a surface that has none.
 fn flat(positions: &[Vec3], indices: &[u32]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::ZERO; positions.len()];
     for triangle in indices.as_chunks::<3>().0 {
@@ -334,7 +334,7 @@ fn flat(positions: &[Vec3], indices: &[u32]) -> Vec<Vec3> {
     normals.into_iter().map(Vec3::normalize_or_zero).collect()
 }
 
-/// Nodes of the scene that a viewer shows: all where there is none.
+/// Returns whether each node belongs to the scene; true for all if the file has no scene.
 fn shown(document: &Document, looks: &Looks) -> Vec<bool> {
     let Some(scene) = looks.scenes.get(looks.scene) else { return vec![true; document.nodes.len()] };
     let mut shown = vec![false; document.nodes.len()];

@@ -1,5 +1,4 @@
-//! A skeleton in a `.bvh` file, and the animation on it: the file's hierarchy as it was, then new
-//! frames.
+//! A skeleton in a `.bvh` file, and the animation on it: the file's original hierarchy with new frames.
 
 use std::fmt::Write;
 
@@ -10,7 +9,7 @@ use crate::bvh::{Bvh, Channel, Joint};
 use crate::export::bvh::continued;
 use crate::export::rotation;
 
-/// A `.bvh` file with a skeleton to move.
+/// A `.bvh` file whose skeleton is to be moved.
 pub(super) struct Target {
     text: String,
     bvh: Bvh,
@@ -18,16 +17,16 @@ pub(super) struct Target {
 }
 
 impl Target {
-    /// Reads a file.
+    /// Reads a `.bvh` file.
     ///
     /// # Errors
-    /// What of it is not as the format has it.
+    /// A description of the first violation of the format.
     pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
         let text = String::from_utf8(bytes).map_err(|_| "it is not UTF-8")?;
         let bvh = Bvh::parse(&text)?;
         let mut bones: Vec<_> =
             bvh.joints.iter().map(|joint| Bone::new(joint.name.clone(), joint.parent, joint.offset)).collect();
-        // Where bones end counts as bones without names: it shows where the last of a limb points.
+        // Bone ends count as bones without names: they show the direction of a limb's last bone.
         for (at, joint) in bvh.joints.iter().enumerate() {
             bones.extend(joint.end.map(|end| Bone::new("", Some(at), end)));
         }
@@ -39,10 +38,10 @@ impl Target {
         &self.rig
     }
 
-    /// The file with this motion in place of its own.
+    /// Returns the file with `motion` in place of its original frames.
     ///
     /// # Errors
-    /// A joint that moves and has not three rotation channels; hips without places.
+    /// If a driven joint lacks three rotation channels, or the hips lack three position channels.
     pub(super) fn animated(&self, retarget: &Retarget, motion: &Motion) -> Result<Vec<u8>, String> {
         let joints = &self.bvh.joints;
         for (at, joint) in joints.iter().enumerate().filter(|(at, _)| retarget.is_driven(*at)) {
@@ -54,7 +53,7 @@ impl Target {
             }
         }
         let mut out = self.text[..self.bvh.hierarchy].to_owned();
-        // Writing to a text cannot fail.
+        // Writing to a `String` cannot fail.
         let _ = write!(
             out,
             "MOTION\nFrames: {}\nFrame Time: {:.9}\n",
@@ -62,7 +61,7 @@ impl Target {
             1.0 / f64::from(motion.frame_rate)
         );
         let replaces = self.bvh.replaces();
-        // The channels that put a joint at a place in its parent's frame.
+        // Values of the position channels that place a joint at a position in its parent's frame.
         let channels = |at: usize, place: [f64; 3]| match replaces[at] {
             true => place,
             false => std::array::from_fn(|i| place[i] - f64::from(joints[at].offset[i])),
@@ -95,7 +94,7 @@ impl Target {
     }
 }
 
-/// The axes of a joint's rotation channels, where there are three different ones.
+/// Returns the axes of a joint's rotation channels, if there are exactly three.
 fn axes(joint: &Joint) -> Option<[usize; 3]> {
     let turns = joint.channels.iter().filter_map(|channel| match channel {
         Channel::Rotation(axis) => Some(*axis),
@@ -104,7 +103,7 @@ fn axes(joint: &Joint) -> Option<[usize; 3]> {
     turns.collect::<Vec<_>>().try_into().ok()
 }
 
-/// Number of a joint's position channels.
+/// Returns the number of a joint's position channels.
 fn places(joint: &Joint) -> usize {
     joint.channels.iter().filter(|channel| matches!(channel, Channel::Position(_))).count()
 }

@@ -1,5 +1,4 @@
-//! A character in a `.glb` file, and the animation in it. Everything that the file held stays as it
-//! was.
+//! A character in a `.glb` file, and the animation added to it. All other contents of the file stay unchanged.
 
 use serde_json::json;
 use serde_json::value::RawValue;
@@ -14,12 +13,12 @@ use umo_core::retarget::{Floor, Mapping, Retarget};
 use super::Motion;
 use super::body::Body;
 
-/// Soles that are deeper than this share of the way from hips to head are where they should be.
+/// Limit of the lift of sunken soles, as a share of the height from hips to head; deeper soles are intended.
 const SUNK: f32 = 0.35;
-/// glTF's number for 32-bit floats.
+/// glTF's component type of 32-bit floats.
 const FLOAT: u32 = 5126;
 
-/// A `.glb` file with nodes to move.
+/// A `.glb` file whose nodes are to be moved.
 pub(super) struct Character {
     bytes: Vec<u8>,
     read: glb::Character,
@@ -34,27 +33,27 @@ impl std::ops::Deref for Character {
 }
 
 impl Character {
-    /// Reads a file.
+    /// Reads a `.glb` file.
     ///
     /// # Errors
-    /// What of it is not as the format has it, or cannot be moved.
+    /// If the file violates the format or cannot be moved.
     pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
         Ok(Self { read: glb::Character::read(&bytes)?, bytes })
     }
 
-    /// Where the floor is under it: soles that reach a little below the file's are lifted onto it, as
-    /// shoes put on a bare foot do.
+    /// Returns the floor's position. Soles slightly below the file's floor are lifted onto it, such as shoes
+    /// added to a bare foot.
     pub(super) fn floor(&self, mapping: &Mapping) -> Floor {
         let place = |joint: usize| mapping.bone(joint).map(|bone| self.rig().place(bone));
         let Some((low, high)) = place(0).zip(place(15)) else { return Floor::AtRest };
         let [x, y, z]: [f32; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
-        // Hips to head is a third of a body and more.
+        // The distance from hips to head is more than a third of a body.
         let is_near = |soles: &f32| *soles < 0.0 && -soles < SUNK * y;
         let soles = (y > x.abs() + z.abs()).then(|| Body::read(self, false).ok()?.soles(self, mapping)).flatten();
         soles.filter(is_near).map_or(Floor::AtRest, Floor::Soles)
     }
 
-    /// What the file says of who made it and how it may be used: a field and its value.
+    /// Returns the file's statements on authorship and licence: field and value.
     pub(super) fn rights(&self) -> Vec<(&'static str, String)> {
         let document = self.document();
         let at = |value: &serde_json::Value, path: &str| match value.pointer(path) {
@@ -89,22 +88,21 @@ impl Character {
         asset.chain(others).collect()
     }
 
-    /// The file as it was read.
+    /// Returns the file as it was read.
     pub(super) fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// The file as it was read.
+    /// Returns the file as it was read.
     pub(super) fn into_bytes(self) -> Vec<u8> {
         self.bytes
     }
 
-    /// The file with one animation more, as its first: what plays a file plays that. Nodes that the
-    /// bind pose has elsewhere than the file, and that the motion does not drive, are in the bind
-    /// pose in it.
+    /// Returns the file with a new animation, placed first so that players choose it by default. The animation also
+    /// puts nodes in the bind pose if the file places them elsewhere and the motion does not drive them.
     ///
     /// # Errors
-    /// A file that would be larger than the format allows; JSON that is not as the format has it.
+    /// If the result would exceed the format's size limit, or the JSON violates the format.
     pub(super) fn animated(
         &self,
         retarget: &Retarget,
@@ -154,7 +152,7 @@ impl Character {
         container(members.text().into_bytes(), &bin, file.more)
     }
 
-    /// `speech`, or where an animation has that name, with a number.
+    /// Returns `speech`, with a number if an animation already has that name.
     fn new_name(&self) -> String {
         let taken = |name: &str| self.document().animations.iter().any(|known| known.name.as_deref() == Some(name));
         let numbered = (2..).map(|number| format!("speech {number}"));
@@ -162,12 +160,12 @@ impl Character {
     }
 }
 
-/// An animation in the making.
+/// An animation under construction.
 #[derive(Default)]
 struct Tracks {
-    /// Number of the first new accessor.
+    /// Index of the first new accessor.
     first: usize,
-    /// Number of the new view.
+    /// Index of the new buffer view.
     view: usize,
     bytes: Vec<u8>,
     accessors: Vec<serde_json::Value>,
@@ -176,7 +174,7 @@ struct Tracks {
 }
 
 impl Tracks {
-    /// A list of values of `width` numbers; `more` of its accessor. Its number.
+    /// Adds values of `width` numbers, with `more` members in the accessor; returns the accessor's index.
     fn add(&mut self, values: &[f32], width: usize, more: serde_json::Value) -> usize {
         let kind = ["SCALAR", "", "VEC3", "VEC4"][width - 1];
         let mut accessor = json!({
@@ -198,8 +196,8 @@ impl Tracks {
     }
 }
 
-/// Each rotation on the side of the one before: not every program takes the shorter way between two
-/// quaternions.
+/// Flips the signs of quaternions so that each is nearest to its predecessor: not every program interpolates
+/// along the shorter way.
 fn continued(rotations: impl Iterator<Item = Quat>) -> Vec<Quat> {
     let mut before = [0.0, 0.0, 0.0, 1.0];
     let rotations = rotations.map(|q| {
@@ -215,7 +213,7 @@ fn add(members: &mut Members, name: &str, mut elements: Vec<Box<RawValue>>, new:
     members.set_list(name, &elements);
 }
 
-/// Makes the first buffer as long as the file's binary chunk.
+/// Sets the first buffer's length to that of the binary chunk.
 fn set_length(members: &mut Members, length: usize) -> Result<(), String> {
     let mut buffers = members.list("buffers")?;
     let mut first = match buffers.first() {
@@ -232,8 +230,7 @@ fn set_length(members: &mut Members, length: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Writes the matrices of nodes that move as translation, rotation and scale: the format wants it
-/// so.
+/// Rewrites the matrices of animated nodes as translation, rotation and scale, which the format requires.
 fn decompose(members: &mut Members, document: &Document, driven: impl Iterator<Item = usize>) -> Result<(), String> {
     let matrices: Vec<_> = driven.filter(|&node| document.nodes[node].matrix.is_some()).collect();
     if matrices.is_empty() {

@@ -1,4 +1,4 @@
-//! Meshes that `KHR_draco_mesh_compression` compressed, as plain ones.
+//! Decompression of meshes with `KHR_draco_mesh_compression`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,16 +11,16 @@ use umo_core::glb::splice::{Members, raw};
 use umo_core::glb::{Glb, container};
 
 const NAME: &str = "KHR_draco_mesh_compression";
-/// Most points, faces and bytes of one mesh.
+/// Upper bounds of one mesh: points and faces, and decoded bytes.
 const MAX_POINTS: u64 = 1 << 24;
 const MAX_BYTES: u64 = 1 << 30;
-/// glTF's number for 32-bit floats.
+/// glTF's component type of 32-bit floats.
 const FLOAT: u32 = 5126;
-/// What a view holds, as glTF numbers it.
+/// glTF's buffer view targets.
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
 
-/// What of the JSON says which meshes are compressed.
+/// The part of the JSON that lists the compressed meshes.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Meshes {
@@ -52,14 +52,14 @@ struct Extensions {
 #[serde(rename_all = "camelCase")]
 struct Draco {
     buffer_view: usize,
-    /// Attributes, and the numbers that the compressed mesh has for them.
+    /// Attributes, with their ids in the compressed mesh.
     attributes: BTreeMap<String, u32>,
 }
 
-/// A `.glb` file without compressed meshes; as it was where it has none.
+/// Returns a `.glb` file with its meshes decompressed; unchanged if none is compressed.
 ///
 /// # Errors
-/// What of a mesh is not as the formats have it.
+/// If a mesh violates one of the formats.
 pub(super) fn decompressed(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     let file = Glb::split(&bytes)?;
     if !file.json.contains(NAME) {
@@ -104,17 +104,17 @@ pub(super) fn decompressed(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     container(members.text().into_bytes(), &made.bin, file.more)
 }
 
-/// A file in the making.
+/// A file under construction.
 struct Made {
     accessors: Vec<Members>,
     views: Vec<Box<serde_json::value::RawValue>>,
     bin: Vec<u8>,
-    /// Accessors that have their data: primitives may share them.
+    /// Accessors that already have their data; primitives may share accessors.
     done: BTreeSet<usize>,
 }
 
 impl Made {
-    /// Gives a primitive's accessors their data.
+    /// Decodes a primitive and fills its accessors.
     fn decode(&mut self, document: &Document, bin: &[u8], primitive: &Primitive, draco: &Draco) -> Result<(), String> {
         let limits = DecodeLimits::default().with_max_points(MAX_POINTS).with_max_faces(MAX_POINTS);
         let limits = limits.with_max_decoded_bytes(MAX_BYTES);
@@ -136,8 +136,8 @@ impl Made {
         Ok(())
     }
 
-    /// Gives an accessor of `count` values its data: of so many bytes a number, rows of a multiple of 4
-    /// bytes where they are vertices.
+    /// Fills an accessor of `count` values. `data` receives the bytes per number; its rows of vertex data are
+    /// padded to a multiple of 4 bytes.
     fn put(
         &mut self,
         document: &Document,
@@ -177,8 +177,8 @@ impl Made {
     }
 }
 
-/// The least and the most of each component of floats: compressed ones are not those that were
-/// announced.
+/// Returns minimum and maximum of each component of floats; lossy compression makes them differ
+/// from the announced bounds.
 fn bounds(bytes: &[u8], count: usize) -> [(&'static str, Vec<f32>); 2] {
     let values: Vec<f32> = bytes.as_chunks().0.iter().map(|&value| f32::from_le_bytes(value)).collect();
     let width = values.len() / count.max(1);
@@ -189,7 +189,7 @@ fn bounds(bytes: &[u8], count: usize) -> [(&'static str, Vec<f32>); 2] {
     [("min", of(f32::min)), ("max", of(f32::max))]
 }
 
-/// Bytes of a number, as glTF numbers their types.
+/// Returns the bytes per number of a glTF component type.
 fn width(component_type: u32) -> Option<usize> {
     match component_type {
         5120 | 5121 => Some(1),
@@ -199,7 +199,7 @@ fn width(component_type: u32) -> Option<usize> {
     }
 }
 
-/// Bytes of a vertex's value, where accessor and attribute have the same.
+/// Returns the bytes of a vertex's value, if accessor and attribute have the same type.
 fn row(accessor: &Accessor, attribute: &PointAttribute) -> Option<usize> {
     let components = ["SCALAR", "VEC2", "VEC3", "VEC4"].iter().position(|kind| *kind == accessor.kind)? + 1;
     let same = width(accessor.component_type)? == attribute.data_type().byte_length();
@@ -207,7 +207,7 @@ fn row(accessor: &Accessor, attribute: &PointAttribute) -> Option<usize> {
         .then(|| components * attribute.data_type().byte_length())
 }
 
-/// Each point's value, `row` bytes padded to a multiple of 4.
+/// Returns each point's value: `row` bytes padded to a multiple of 4.
 fn values(attribute: &PointAttribute, count: usize, row: usize) -> Option<Vec<u8>> {
     let stride = usize::try_from(attribute.byte_stride()).ok()?;
     let mut out = Vec::with_capacity(count * row.next_multiple_of(4));
@@ -219,7 +219,7 @@ fn values(attribute: &PointAttribute, count: usize, row: usize) -> Option<Vec<u8
     Some(out)
 }
 
-/// The faces' corners, `width` bytes each.
+/// Returns the faces' corners as indices of `width` bytes; `None` if one does not fit.
 fn indices(mesh: &Mesh, width: usize) -> Option<Vec<u8>> {
     let corners = (0..u32::try_from(mesh.num_faces()).ok()?).flat_map(|face| mesh.face(FaceIndex(face)));
     let mut out = Vec::with_capacity(3 * width * mesh.num_faces());

@@ -1,4 +1,4 @@
-//! `umo inspect CHARACTER`: what is found of a character, what is missing, and what to do about it.
+//! `umo inspect CHARACTER`: reports what a character has, what it lacks, and how to fix it.
 
 use std::path::Path;
 
@@ -10,16 +10,16 @@ use super::body::Body;
 use super::{Character, Target, arkit, is_character, read};
 use crate::failure::Failure;
 
-/// Upper arms of a T-pose are less than this below the level, degrees, and of an A-pose this.
+/// Upper bounds on the slope of the upper arms below horizontal in a T-pose and an A-pose, degrees.
 const LEVEL: f32 = 20.0;
 const SLOPING: f32 = 70.0;
 
-/// Whether a file is a character or a skeleton, by its name.
+/// Whether a file name has the extension of a character or a skeleton.
 pub(crate) fn is_inspected(path: &Path) -> bool {
     is_character(path) || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"))
 }
 
-/// Prints what a file holds.
+/// Prints a report on a file.
 pub(crate) fn inspect(path: &Path) -> Result<(), Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let target = Target::read(path, read(path)?).map_err(wrong)?;
@@ -27,7 +27,7 @@ pub(crate) fn inspect(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The lines: a field and its value in each.
+/// Returns the report's lines, each with a field and its value.
 pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
     let (given, face) = (Given::default(), arkit());
     let (mapping, convention) = target.mapping(&given)?;
@@ -58,7 +58,7 @@ pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
     Ok(lines)
 }
 
-/// How tall its surfaces are, or else its bones.
+/// Returns the height of the surfaces, or of the bones if there are no surfaces.
 fn height(character: &Character, mapping: &Mapping) -> String {
     let surface = Body::read(character, false).map(|body| body.extent(character));
     match surface {
@@ -73,7 +73,7 @@ fn height(character: &Character, mapping: &Mapping) -> String {
     }
 }
 
-/// How the arms are held at rest, and where that is from.
+/// Returns the pose of the arms at rest, and its source.
 fn rest_pose(target: &Target, mapping: &Mapping) -> String {
     let held = arms(target.rig(), mapping).map_or("unknown: no arms".to_owned(), |below| {
         let kind = match below {
@@ -81,7 +81,7 @@ fn rest_pose(target: &Target, mapping: &Mapping) -> String {
             below if below < SLOPING => "A-pose",
             _ => "arms hang",
         };
-        // No -0.
+        // Avoids -0.
         format!("{kind}, upper arms {:.0}° below the level", below.round() + 0.0)
     });
     match target {
@@ -92,7 +92,7 @@ fn rest_pose(target: &Target, mapping: &Mapping) -> String {
     }
 }
 
-/// How far the upper arms point down, degrees.
+/// Returns the angle of the upper arms below horizontal, degrees; the steeper one of both.
 fn arms(rig: &Rig, mapping: &Mapping) -> Option<f32> {
     let place = |joint: usize| mapping.bone(joint).map(|bone| rig.place(bone));
     let [low, high] = [place(0)?, place(15)?];
@@ -114,7 +114,7 @@ fn bones(mapping: &Mapping, convention: &str) -> String {
     format!("{found} by {convention}, for {joints} of {} joints", entries.len())
 }
 
-/// Which of the sets of shapes that are known it has, a line each.
+/// Returns a line per known set of shapes: how many the character has, and which are missing.
 fn shapes(character: &Character, faces: &Faces) -> Vec<String> {
     let face = arkit();
     let plain = |name: &str| name.chars().filter(|c| c.is_alphanumeric()).collect::<String>().to_lowercase();

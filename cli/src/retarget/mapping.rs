@@ -1,4 +1,4 @@
-//! Mapping files, TOML or JSON.
+//! Reader of mapping files, TOML or JSON.
 
 use std::path::Path;
 
@@ -6,10 +6,10 @@ use umo_core::glb::Given;
 
 use crate::failure::Failure;
 
-/// Reads a file.
+/// Reads a mapping file.
 ///
 /// # Errors
-/// Where in it something is not as it should be.
+/// The position and description of the first error.
 pub(crate) fn read(path: &Path) -> Result<Given, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let text = umo_core::file::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
@@ -17,7 +17,7 @@ pub(crate) fn read(path: &Path) -> Result<Given, Failure> {
     parse(&text, json).map_err(wrong)
 }
 
-/// Reads a file's text.
+/// Parses a mapping file's text.
 pub(crate) fn parse(text: &str, json: bool) -> Result<Given, String> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     match json {

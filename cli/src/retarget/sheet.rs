@@ -1,4 +1,4 @@
-//! A picture of a motion on the figure and on a character: some moments beside one another.
+//! A picture of a motion on the figure and on a character: several moments side by side.
 
 use glam::{Mat4, Vec3};
 use umo_core::config::FaceKind;
@@ -14,9 +14,9 @@ use umo_figure::picture::{Camera, Frame, Picture};
 use super::body::{Body, Image, Part, places};
 use super::{Character, Faces, Motion};
 
-/// Moments of the motion, spread over it.
+/// Number of moments, evenly spread over the motion.
 const MOMENTS: usize = 6;
-/// Pixels of a body and of a head.
+/// Sizes of the pictures of a body and of a head, pixels.
 const BODY: [usize; 2] = [220, 330];
 const HEAD: [usize; 2] = [220, 220];
 
@@ -25,7 +25,7 @@ const HEAD_JOINT: usize = 15;
 /// Draws the sheet: for each moment the figure, the character, and the character's head.
 ///
 /// # Errors
-/// What of the character's surfaces is not as the format has it, or is compressed.
+/// If a surface of the character violates the format or is compressed.
 pub(super) fn draw(
     character: &Character,
     mapping: &Mapping,
@@ -53,7 +53,7 @@ pub(super) fn draw(
     Ok(picture)
 }
 
-/// The motion as it was made, on the figure.
+/// Draws the original motion on the figure.
 fn draw_figure(picture: &mut Picture, mesh: &umo_figure::Mesh, clip: &Clip, frame: usize, place: Frame) {
     let value = |name: &&str| clip.face.names.iter().position(|known| known == name);
     let face = clip.face(frame);
@@ -65,17 +65,17 @@ fn draw_figure(picture: &mut Picture, mesh: &umo_figure::Mesh, clip: &Clip, fram
     picture.draw(mesh, &posed, camera, place);
 }
 
-/// A character before the camera.
+/// A character prepared for drawing.
 struct Stage {
     body: Body,
-    /// By image.
+    /// Decoded textures, by image.
     textures: Vec<Option<Texture>>,
-    /// By texture, the image.
+    /// Image of each texture.
     sources: Vec<Option<usize>>,
-    /// Where it looks, level, and where its head is; at rest.
+    /// Horizontal facing direction at rest.
     ahead: Vec3,
     head: Option<usize>,
-    /// The lowest and the highest of it at rest.
+    /// Lowest and highest Y at rest.
     extent: [f32; 2],
 }
 
@@ -95,7 +95,7 @@ impl Stage {
         })
     }
 
-    /// Where every node is in a frame.
+    /// Returns the world matrix of every node in a frame.
     fn world(&self, character: &Character, retarget: &Retarget, motion: &Motion, frame: usize) -> Vec<Mat4> {
         let moved = |node: usize| {
             let place = motion.hips.get(frame).filter(|_| node == retarget.hips()).copied();
@@ -105,7 +105,7 @@ impl Stage {
         places(character, &moved)
     }
 
-    /// The surfaces where they are in a frame.
+    /// Returns the posed surfaces of a frame.
     fn surfaces(&self, world: &[Mat4], faces: &Faces, clip: &Clip, frame: usize) -> Vec<Surface<'_>> {
         let tracks = faces.tracks();
         let surface = |part: &'_ Part| {
@@ -136,7 +136,7 @@ impl Stage {
         drawn.collect()
     }
 
-    /// The whole body, and the head, where they are now.
+    /// Returns cameras for the whole body and for the head in their current positions.
     fn cameras(&self, world: &[Mat4], surfaces: &[Surface]) -> (Camera, Camera) {
         let [low, high] = self.extent;
         let (mut least, mut most) = (Vec3::MAX, Vec3::MIN);
@@ -147,7 +147,7 @@ impl Stage {
         let size = 1.1 * (high - low);
         let middle = 0.5 * (least + most);
         let body = Vec3::new(middle.x, 0.5 * (low + high), middle.z);
-        // Somewhat from its left, as the figure is seen.
+        // Slightly from its left, like the figure's camera.
         let side = Vec3::Y.cross(self.ahead);
         let from = (0.3 * side + self.ahead + 0.06 * Vec3::Y).normalize();
         let camera = |target: Vec3, height: f32| Camera {
@@ -161,7 +161,7 @@ impl Stage {
     }
 }
 
-/// Where the character looks at rest, level; ahead of the file where it has no sides.
+/// Returns the horizontal facing direction at rest; +Z if no pair of joints shows the sides.
 fn ahead(character: &Character, mapping: &Mapping) -> Vec3 {
     let place = |joint: usize| mapping.bone(joint).map(|bone| Vec3::from_array(character.rig().place(bone)));
     let pairs = [(16, 17), (1, 2), (23, 24)].into_iter();
@@ -170,7 +170,7 @@ fn ahead(character: &Character, mapping: &Mapping) -> Vec3 {
     ahead.unwrap_or(Vec3::Z)
 }
 
-/// A PNG or JPEG picture; none where it is of another kind or damaged.
+/// Decodes a PNG or JPEG picture; `None` for other formats and damaged files.
 fn decoded(bytes: &[u8]) -> Option<Texture> {
     if bytes.starts_with(b"\x89PNG") { png_texture(bytes) } else { jpeg_texture(bytes) }
 }

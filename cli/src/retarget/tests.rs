@@ -1,4 +1,4 @@
-//! Characters made here, moved, and read back.
+//! Characters built in code, animated, and read back.
 
 mod character;
 mod files;
@@ -21,7 +21,7 @@ use umo_figure::sample;
 
 pub(super) type Vector = [f32; 3];
 
-/// Radians.
+/// Tolerance of directions, radians.
 const TOLERANCE: f64 = 1e-4;
 
 pub(super) fn angle_between(a: Vector, b: Vector) -> f64 {
@@ -35,7 +35,7 @@ pub(super) fn less(a: Vector, b: Vector) -> Vector {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
-/// Brings a clip to a character, and reads the file that comes out.
+/// Retargets a clip to a character and reads the resulting file.
 fn moved(made: &Made, clip: &Clip) -> Moved {
     moved_by(&made.bytes(), clip, &Given::default())
 }
@@ -50,7 +50,7 @@ fn moved_by(bytes: &[u8], clip: &Clip, given: &Given) -> Moved {
     Moved::read(target.animated(&retarget, &motion, &faces, clip).unwrap())
 }
 
-/// A file that came out.
+/// A resulting file.
 struct Moved {
     bytes: Vec<u8>,
     document: Document,
@@ -68,7 +68,7 @@ impl Moved {
         self.document.nodes.iter().position(|node| node.name.as_deref() == Some(name)).unwrap()
     }
 
-    /// The values of a node in the first animation.
+    /// Returns the values of a node in the first animation.
     fn values(&self, node: usize, path: &str, kind: &str) -> Option<Vec<f32>> {
         let animation = self.document.animations.first()?;
         let channel = animation.channels.iter().find(|c| c.target.node == Some(node) && c.target.path == path)?;
@@ -76,7 +76,7 @@ impl Moved {
         Some(floats(&self.document, Glb::split(&self.bytes).unwrap().bin, output, kind).unwrap())
     }
 
-    /// Where a node is in the world in a frame, without regard to scales but the first's.
+    /// Returns a node's world position in a frame; ignores all scales except the first.
     fn place(&self, node: usize, frame: usize) -> Vector {
         self.world(node, frame).0
     }
@@ -85,7 +85,7 @@ impl Moved {
         let parents = self.document.parents().unwrap();
         let (from, turned, size) = parents[node].map_or(([0.0; 3], IDENTITY, 1.0), |parent| self.world(parent, frame));
         let of = &self.document.nodes[node];
-        // A track of one key holds it.
+        // A track with a single key is constant.
         fn at<T: Copy>(values: &[T], frame: usize) -> T {
             values[frame.min(values.len() - 1)]
         }
@@ -121,7 +121,7 @@ fn joint(name: &str) -> usize {
     JOINT_NAMES.iter().position(|&known| known == name).unwrap()
 }
 
-/// Demands that limbs point where the clip's do; `ahead` turns the clip's axes to the character's.
+/// Asserts that limbs point in the clip's directions; `ahead` rotates the clip's axes to the character's.
 fn check_limbs(moved: &Moved, made: &Made, clip: &Clip, ahead: Quat) {
     check_limbs_turned(moved, made, clip, ahead, &limbs());
 }
@@ -138,7 +138,7 @@ fn check_limbs_turned(moved: &Moved, made: &Made, clip: &Clip, ahead: Quat, limb
     }
 }
 
-/// [`check_limbs`] but for the one that ends in `joint`.
+/// Like [`check_limbs`], without the limb that ends in `joint`.
 fn check_limbs_but(moved: &Moved, made: &Made, clip: &Clip, joint: &str) {
     let limbs: Vec<_> = limbs().into_iter().filter(|(_, to)| *to != joint).collect();
     check_limbs_turned(moved, made, clip, IDENTITY, &limbs);
@@ -150,7 +150,7 @@ fn a_mixamo_character_in_centimetres_moves_as_the_clip_does() {
     let made = mixamo();
     let moved = moved(&made, &clip);
     check_limbs(&moved, &made, &clip, IDENTITY);
-    // Shapes that are ARKit's follow their channels, the others keep their weights.
+    // ARKit shapes follow their channels; other shapes keep their weights.
     let node = moved.node("Face");
     let weights = moved.values(node, "weights", "SCALAR").unwrap();
     let jaw = clip.face.names.iter().position(|name| name == "jawOpen").unwrap();
@@ -165,7 +165,7 @@ fn vrm_files_of_both_versions_move_by_their_own_tables() {
     for version in [0, 1] {
         let made = vrm(version);
         let moved = moved(&made, &clip);
-        // VRM 0.x characters look along -Z.
+        // VRM 0.x characters face -Z.
         let half = if version == 0 { [0.0, 1.0, 0.0, 0.0] } else { IDENTITY };
         check_limbs(&moved, &made, &clip, half);
         let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
@@ -187,7 +187,7 @@ fn a_face_without_bones_moves_by_its_shapes_alone() {
     let face = made.index("Face");
     let mut node = made.json["nodes"][face].clone();
     node.as_object_mut().unwrap().remove("skin");
-    // As a program that writes matrices has it.
+    // The node's transform as a matrix, which some programs write.
     node["matrix"] = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 1]);
     made.json["nodes"] = json!([node]);
     made.json["scenes"] = json!([{ "nodes": [0] }]);
@@ -207,7 +207,7 @@ fn a_face_without_bones_moves_by_its_shapes_alone() {
         let wanted = [of(frame, "browDownLeft"), open, smile];
         assert!(weights[3 * frame..][..3].iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "frame {frame}");
     }
-    // A file without bones and without shapes is no character.
+    // A file with neither bones nor shapes is refused as a character.
     made.json["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("targets");
     let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
@@ -219,7 +219,7 @@ fn a_sheet_shows_the_character_as_it_moves() {
     let clip = sample::clip(FaceKind::Arkit, 13, 1);
     let mut made = mixamo();
     made.bind(DMat4::IDENTITY);
-    // A triangle as large as a body, on the head.
+    // A body-sized triangle on the head.
     let place = usize::try_from(made.json["bufferViews"][0]["byteOffset"].as_u64().unwrap()).unwrap();
     let corners: [f32; 9] = [-0.5, 0.2, 0.2, 0.5, 0.2, 0.2, 0.0, 1.7, 0.2];
     corners
@@ -240,7 +240,7 @@ fn a_sheet_shows_the_character_as_it_moves() {
     let info = reader.next_frame(&mut pixels).unwrap();
     let [width, height] = [info.width, info.height].map(|side| side as usize);
     assert_eq!([width, height], [1320, 880]);
-    // Something is drawn in every cell, and the character is not the same in all.
+    // Every cell has a drawing, and the character's drawings differ.
     let cell = |column: usize, rows: std::ops::Range<usize>| {
         let row = |y: usize| &pixels[3 * (y * width + 220 * column)..][..3 * 220];
         rows.flat_map(row).copied().collect::<Vec<u8>>()
@@ -255,7 +255,7 @@ fn a_sheet_shows_the_character_as_it_moves() {
     assert_ne!(cell(0, 330..660), cell(3, 330..660));
 }
 
-/// A mesh made in the scene's space, in the armature's, and in one whose z axis is up.
+/// Returns frames for a mesh built in the scene's space, in the armature's, and in one with Z up.
 fn frames() -> [(&'static str, DMat4); 3] {
     let turned = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
     [
@@ -269,7 +269,7 @@ fn frames() -> [(&'static str, DMat4); 3] {
 fn a_character_exported_in_mid_animation_moves_from_its_bind_pose() {
     let clip = sample::clip(FaceKind::Arkit, 3, 5);
     let mut made = mixamo();
-    // Bones that nothing drives are in the bind pose too.
+    // Undriven bones take the bind pose too.
     for node in made.json["nodes"].as_array_mut().unwrap() {
         let name = node["name"].as_str().unwrap().replace("LeftHand", "Odd");
         node["name"] = name.into();
@@ -283,7 +283,7 @@ fn a_character_exported_in_mid_animation_moves_from_its_bind_pose() {
         }
         let want = moved(&bound, &clip);
         check_limbs_but(&want, &bound, &clip, "left_wrist");
-        // The whole pose, and a root alone that is far away.
+        // A changed pose of all joints, and a distant root alone.
         for (turn, step) in [(0.5, [430.0, -20.0, 100.0]), (0.0, [430.0, 0.0, 0.0])] {
             let mut posed = bound.clone();
             posed.pose(turn, step);
@@ -306,7 +306,7 @@ fn a_character_whose_nodes_are_in_the_bind_pose_stays_where_it_was_placed() {
     placed.bind(DMat4::IDENTITY);
     let want = moved(&mixamo(), &clip);
     for step in [[0.0; 3], [0.0, 0.4, 0.0]] {
-        // Somewhere else in the scene, as a whole.
+        // The character as a whole at another position in the scene.
         placed.json["nodes"][0]["translation"] = json!(step);
         let found = moved(&placed, &clip);
         let channels = |file: &Moved| file.document.animations[0].channels.len();
@@ -343,7 +343,7 @@ fn all_else_in_the_file_stays_as_it_was() {
         for (name, value) in &old.0 {
             let now = &new.0.iter().find(|(known, _)| known == name).unwrap().1;
             match name.as_str() {
-                // The new animation is the first, what else is new is at the end.
+                // The new animation comes first; other new elements come last.
                 "accessors" | "bufferViews" | "animations" => {
                     let (old, mut new) = (old.list(name).unwrap(), new.list(name).unwrap());
                     let added = new.len() - old.len();
@@ -358,8 +358,8 @@ fn all_else_in_the_file_stays_as_it_was() {
     }
 }
 
-/// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what
-/// comes out. Not on Windows: under Wine, Linux's validator would get Windows paths.
+/// Validates results with the Khronos validator if `scripts/validate-glb` has installed it. Not on Windows: under
+/// Wine, Linux's validator would get Windows paths.
 #[cfg(not(windows))]
 #[test]
 fn the_validator_finds_nothing_wrong() {
@@ -371,7 +371,7 @@ fn the_validator_finds_nothing_wrong() {
     let folder = tempfile::tempdir().unwrap();
     let clip = sample::clip(FaceKind::Arkit, 4, 1);
     let mut command = std::process::Command::new(root.join("scripts/validate-glb"));
-    // Not VRM 0.x: the name of its extension is no name that the validator allows.
+    // Not VRM 0.x, because the validator rejects its extension's name.
     let mut posed = mixamo();
     posed.bind(DMat4::IDENTITY);
     posed.pose(0.3, [430.0, 0.0, 0.0]);
@@ -460,7 +460,7 @@ fn a_jaw_that_a_shape_opens_is_not_turned_as_well() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever is changed in a file, it is refused or taken, and never worse.
+    /// Corrupt files are accepted or refused, without a panic.
     #[test]
     fn corrupt_files_do_not_panic(at in 0.0_f64..1.0, byte in any::<u8>(), cut in any::<bool>()) {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a small file")]
@@ -509,7 +509,7 @@ fn files_that_cannot_be_moved_are_refused_with_a_reason() {
     assert!(refused(&|json| json["nodes"] = json!([])).contains("there is no node"));
     let missing = Target::read("a.txt".as_ref(), Vec::new()).err().unwrap();
     assert!(missing.contains(".glb"));
-    // A file without a skin, a mesh or a buffer still has nodes to move.
+    // A file without skins, meshes and buffers still has nodes to move.
     let mut bare = mixamo();
     bare.json = json!({ "asset": { "version": "2.0" }, "nodes": bare.json["nodes"] });
     for node in bare.json["nodes"].as_array_mut().unwrap() {
@@ -540,7 +540,7 @@ fn a_page_has_what_the_command_writes() {
     for (joint, name) in JOINT_NAMES.iter().enumerate().filter(|(_, name)| **name != "jaw") {
         assert_eq!(worn.nodes[joint], Some(made.index(&made.name(joint))), "{name}");
     }
-    // A stream's frames bring the same values, in the channels' order.
+    // A stream's frames give the same values, in the channels' order.
     let mut still = sample::clip(FaceKind::Arkit, 1, 1);
     still.rotations[0] = [IDENTITY; JOINTS];
     let (streamed, follower) = Wearer::read(&path, None).unwrap().follow(&still).unwrap();

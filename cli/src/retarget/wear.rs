@@ -1,4 +1,4 @@
-//! A character and its motion for a page.
+//! A character and its motion for the viewer page.
 
 use std::path::{Path, PathBuf};
 
@@ -13,26 +13,26 @@ use umo_core::retarget::Mapping;
 use super::{Character, is_character, mapping, motion, read};
 use crate::failure::Failure;
 
-/// Largest file that a page holds: browsers open it as text, a third longer.
+/// Upper bound on a file embedded in a page; browsers load it as base64, which is a third longer.
 const MAX_BYTES: usize = 256 << 20;
 
-/// What a file may demand of who shows it, and the page does not read.
+/// Extension that the page does not support, although a file may require it.
 const UNREAD: &str = "KHR_texture_basisu";
 
 /// A character with an animation, and the node of each of the 55 joints.
 pub(crate) struct Worn {
-    /// A `.glb` file; its first animation is the motion.
+    /// A `.glb` file whose first animation is the motion.
     pub(crate) file: Vec<u8>,
     pub(crate) nodes: [Option<usize>; JOINTS],
     /// Length of the animation.
     pub(crate) seconds: f64,
-    /// Of one that follows a stream, the first channel of the animation whose values come with the frames.
+    /// For a streamed motion, the first animation channel whose values come with the frames.
     pub(crate) streamed: Option<usize>,
-    /// The mapping, where the page itself makes those values of the frames.
+    /// The mapping, if the page computes those values from the frames.
     pub(crate) given: Option<Given>,
 }
 
-/// Who is to wear a motion: a character that was read, and which bone of it is what.
+/// A character that can wear a motion, with the mapping of its bones.
 pub(crate) struct Wearer {
     path: PathBuf,
     character: Character,
@@ -41,10 +41,10 @@ pub(crate) struct Wearer {
 }
 
 impl Wearer {
-    /// Reads a `.glb`, `.gltf` or `.vrm` file, and a mapping file that goes with it.
+    /// Reads a `.glb`, `.gltf` or `.vrm` file and an optional mapping file.
     ///
     /// # Errors
-    /// A file that is no character, or that a page cannot show; in words, with its name.
+    /// If the file is not a character or the page cannot show it; the message names the file.
     pub(crate) fn read(path: &Path, mapping: Option<&Path>) -> Result<Self, Failure> {
         let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
         let given = mapping.map(mapping::read).transpose()?.unwrap_or_default();
@@ -56,10 +56,10 @@ impl Wearer {
         Self::of(path, read(path)?, given)
     }
 
-    /// The character of a `.glb` or `.vrm` file's bytes.
+    /// Reads a character from the bytes of a `.glb` or `.vrm` file.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// See [`read`](Self::read).
     pub(crate) fn dropped(file: Vec<u8>) -> Result<Self, Failure> {
         Self::of(Path::new("the character"), file, Given::default())
     }
@@ -79,18 +79,18 @@ impl Wearer {
         Failure::input(format!("{}: {problem}", self.path.display()))
     }
 
-    /// Puts a motion on the character, as `umo retarget` does.
+    /// Retargets a motion to the character, as `umo retarget` does.
     ///
     /// # Errors
-    /// What of the character cannot be moved.
+    /// If the character cannot be moved.
     pub(crate) fn wear(self, clip: &Clip) -> Result<Worn, Failure> {
         Ok(self.put_on(clip)?.0)
     }
 
-    /// Makes the character ready for a stream: it stands as `rest`, which is one frame, until frames come.
+    /// Prepares the character for a stream: it holds the single frame `rest` until frames come.
     ///
     /// # Errors
-    /// As [`wear`](Self::wear).
+    /// See [`wear`](Self::wear).
     pub(crate) fn follow(self, rest: &Clip) -> Result<(Worn, Follower), Failure> {
         let (worn, follower) = self.put_on(rest)?;
         let streamed = Some(self.character.placed(follower.retarget()).count());
@@ -111,10 +111,10 @@ impl Wearer {
         Ok((Worn { file, nodes: nodes(mapping), seconds, streamed: None, given: None }, follower))
     }
 
-    /// The character with the animation that its file has, such as `umo retarget` writes.
+    /// Returns the character with its own animation, such as one written by `umo retarget`.
     ///
     /// # Errors
-    /// A file that has none.
+    /// If the file has no animation.
     pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
         let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
         Ok(Worn {
@@ -127,7 +127,7 @@ impl Wearer {
     }
 }
 
-/// Refuses what the page cannot show.
+/// Refuses files that the page cannot show.
 fn shown(file: &[u8]) -> Result<(), String> {
     #[derive(Default, Deserialize)]
     #[serde(rename_all = "camelCase", default)]
@@ -151,7 +151,7 @@ fn shown(file: &[u8]) -> Result<(), String> {
     }
 }
 
-/// Seconds of a file's first animation.
+/// Returns the length of a file's first animation, seconds.
 fn length(file: &[u8]) -> Result<f64, String> {
     let glb = Glb::split(file)?;
     let document = Document::parse(glb.json)?;

@@ -1,4 +1,4 @@
-//! A scene as a page holds it: a description in JSON, numbers in base64.
+//! Serialization of a scene for a page: a description in JSON, numbers in base64.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ use super::scene::{self, PageEngine, Record, Scene};
 use umo_figure::Mesh;
 use umo_figure::detail::Detail;
 
-/// The description. Sizes are counts of vertices and frames.
+/// Description of the scene. Sizes count vertices and frames.
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
 struct Description<'a> {
@@ -46,25 +46,25 @@ struct Model<'a> {
 
 #[derive(Serialize)]
 struct MeshInfo {
-    /// Vertices that a morph target moves: the first ones.
+    /// Number of vertices that a morph target moves; they come first.
     moving: usize,
-    /// Vertices with a place on a relief's map: the next ones.
+    /// Number of vertices with a position on a relief map; they come next.
     detailed: usize,
     details: Vec<DetailInfo>,
     morphs: Vec<MorphInfo>,
     helpers: Vec<HelperInfo>,
 }
 
-/// A relief, and corners of triangles that have it. Those of the first come first.
+/// A relief, and the number of triangle corners with it. The corners are sorted by relief.
 #[derive(Serialize)]
 struct DetailInfo {
     name: &'static str,
     corners: usize,
-    /// Across and down its map.
+    /// Threads across and down its map.
     threads: [f32; 2],
 }
 
-/// A joint that takes shares of another one's turn.
+/// A helper joint that takes shares of another joint's rotation.
 #[derive(Serialize)]
 struct HelperInfo {
     of: usize,
@@ -79,13 +79,13 @@ struct MorphInfo {
     count: usize,
 }
 
-/// Who wears the motion in place of the mesh.
+/// The character that wears the motion in place of the mesh.
 #[derive(Serialize)]
 struct Character<'a> {
-    /// The node of each joint of the 55; none where it has none.
+    /// Node of each of the 55 joints; `None` if the character lacks it.
     nodes: Vec<Option<usize>>,
     seconds: f64,
-    /// The first channel of its animation whose values come with a stream's frames.
+    /// First channel of its animation whose values come with a stream's frames.
     streamed: Option<usize>,
     given: Option<&'a Given>,
 }
@@ -135,10 +135,10 @@ struct Rest<'a> {
     face: &'a [f32],
 }
 
-/// The elements of the page that hold the scene.
+/// Returns the page elements that hold the scene.
 ///
 /// # Errors
-/// What the JSON writer says, as of numbers that are not finite.
+/// Errors of the JSON writer.
 pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
     let order = Order::moving_first(&scene.mesh);
     let mut page = Elements(String::new());
@@ -221,7 +221,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
     }
 }
 
-/// Rotations, the root's place and face values of one frame after the other.
+/// Returns each frame's rotations, root translation and face values in sequence.
 fn frames(clip: &Clip) -> impl Iterator<Item = u8> {
     (0..clip.len()).flat_map(|frame| {
         let rotations = clip.rotations[frame].as_flattened().iter();
@@ -229,19 +229,18 @@ fn frames(clip: &Clip) -> impl Iterator<Item = u8> {
     })
 }
 
-/// The reliefs of a mesh, in order.
+/// Returns the reliefs of a mesh, sorted.
 fn details(mesh: &Mesh) -> BTreeSet<Detail> {
     mesh.details.iter().copied().collect()
 }
 
-/// Corners of the triangles with a relief.
+/// Returns the corners of the triangles with a relief.
 fn corners(mesh: &Mesh, detail: Detail) -> impl Iterator<Item = u32> + '_ {
     let (triangles, _) = mesh.indices.as_chunks::<3>();
     triangles.iter().filter(move |corners| mesh.details[corners[0] as usize] == detail).flatten().copied()
 }
 
-/// An order of vertices in which those that a morph target moves come first, and those with a relief
-/// next.
+/// A vertex order: vertices moved by a morph target come first, then other vertices with a relief.
 struct Order {
     /// Old index of every vertex.
     old: Vec<u32>,
@@ -272,7 +271,7 @@ impl Order {
         Self { moving, detailed, old, new }
     }
 
-    /// `values` in the new order.
+    /// Returns `values` in the new order.
     fn sort<'a, T: Copy>(&'a self, values: &'a [T]) -> impl Iterator<Item = T> + 'a {
         self.old.iter().map(|&vertex| values[vertex as usize])
     }
@@ -282,14 +281,14 @@ impl Order {
     }
 }
 
-/// Elements of a page.
+/// HTML elements of a page.
 struct Elements(String);
 
 impl Elements {
     fn description(&mut self, description: &Description) -> serde_json::Result<()> {
         let json = serde_json::to_string(description)?;
         self.0 += "<script type=\"application/json\" id=\"scene\">";
-        // In JSON, `<` stands only in strings; nothing in one may end the element.
+        // In JSON, `<` occurs only in strings; escaping it keeps a string from closing the element.
         self.0 += &json.replace('<', "\\u003c");
         self.0 += "</script>\n";
         Ok(())
@@ -328,7 +327,7 @@ impl Elements {
     }
 }
 
-/// A weight from 0 to 1 in 16 bits.
+/// Quantizes a weight from 0 to 1 to 16 bits.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
 fn share(weight: f32) -> u16 {
     (weight.clamp(0.0, 1.0) * 65535.0).round() as u16

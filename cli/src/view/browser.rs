@@ -1,27 +1,27 @@
-//! Opening a page where a desktop is there.
+//! Opening a page on a desktop.
 
 use std::path::Path;
 #[cfg(not(windows))]
 use std::process::{Command, Stdio};
 
-/// The address of a file.
+/// Returns the address of a file.
 pub(super) fn address(path: &Path) -> String {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
 }
 
-/// Opens a file or an address in the browser of the desktop; where there is none, nothing happens.
+/// Opens a file or an address in the desktop's browser; a no-op without one.
 #[cfg(windows)]
 pub(super) fn open(address: &str) {
-    // Whoever has no browser has the address on the screen. The library takes an address as one
-    // word whatever is in it, and shows no console.
+    // On failure, the address is still printed on the terminal. The library passes the address as a single
+    // argument regardless of its contents, and shows no console.
     let _ = open::that_detached(address);
 }
 
-/// Opens a file or an address in the browser of the desktop; where there is none, nothing happens.
+/// Opens a file or an address in the desktop's browser; a no-op without one.
 #[cfg(not(windows))]
 pub(super) fn open(address: &str) {
     if let Some(mut command) = opener(address) {
-        // Whoever has no browser has the address on the screen.
+        // On failure, the address is still printed on the terminal.
         let _ = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
     }
 }

@@ -1,11 +1,10 @@
-//! `umo view --live`: the page on loopback, and streams of a recording or of a browser's microphone
-//! through an engine.
+//! `umo view --live`: serves the page on loopback and streams a recording or a browser's microphone through an engine.
 //!
 //! | module | part |
 //! | --- | --- |
-//! | `http` | requests: which are answered, and how |
+//! | `http` | request handling |
 //! | `visitor` | one page's stream |
-//! | `message` | what page and program say to each other |
+//! | `message` | messages between page and program |
 
 mod http;
 mod message;
@@ -33,24 +32,24 @@ use crate::speech::Speech;
 use crate::{animate, interrupt, model};
 use http::{Answer, Request};
 
-/// Streams at once.
+/// Upper bound on simultaneous streams.
 const MAX_STREAMS: usize = 4;
-/// Connections at once, those included that only fetch the page.
+/// Upper bound on simultaneous connections, including those that only fetch the page.
 const MAX_CONNECTIONS: usize = 16;
-/// How often the door is looked at.
+/// Interval between polls for connections.
 const LOOK: Duration = Duration::from_millis(20);
-/// Rate that a recording is brought to whose own no session takes.
+/// Resampling target for recordings with a rate that sessions do not accept.
 const OTHER_RATE: usize = 48_000;
 
-/// What all visitors share.
+/// State shared by all visitors.
 pub(super) struct Host<'a> {
     engine: Engine,
     session: SessionConfig,
-    /// When the mouth moves, where that was asked for.
+    /// Requested timing of the mouth, if any.
     voice: Option<VoiceArg>,
     args: &'a Page,
     audio: Option<Audio>,
-    /// Samples a second, and mono samples.
+    /// Sample rate, and mono samples.
     recording: Option<(usize, Vec<f32>)>,
     shown: Mutex<Shown>,
     port: u16,
@@ -123,7 +122,7 @@ impl<'a> Host<'a> {
         self.shown.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Shows a character that a page gives; why not, where it cannot be shown.
+    /// Shows a character sent by a page; returns the reason if it cannot be shown.
     fn put_on(&self, file: Vec<u8>) -> Result<(), Failure> {
         let wearer = Wearer::dropped(file)?;
         let shown = Shown::new(self.args, (&self.engine, &self.session), self.audio.as_ref(), Some(wearer))?;
@@ -131,7 +130,7 @@ impl<'a> Host<'a> {
         Ok(())
     }
 
-    /// Accepts connections, one thread each, until it is stopped.
+    /// Accepts connections, one thread each, until stopped.
     fn serve(&self, listener: &TcpListener) -> io::Result<()> {
         listener.set_nonblocking(true)?;
         let connections = AtomicUsize::new(0);
@@ -139,7 +138,7 @@ impl<'a> Host<'a> {
             while !self.is_over() {
                 let stream = match listener.accept() {
                     Ok((stream, _)) => stream,
-                    // No connection, or one that was closed again.
+                    // No connection, or one that was closed immediately.
                     Err(_) => {
                         std::thread::sleep(LOOK);
                         continue;
@@ -151,7 +150,7 @@ impl<'a> Host<'a> {
                 }
                 let connections = &connections;
                 scope.spawn(move || {
-                    // A visitor who breaks off is no trouble of the others'.
+                    // A dropped connection does not affect other visitors.
                     let _ = self.answer(stream);
                     connections.fetch_sub(1, Ordering::SeqCst);
                 });
@@ -160,13 +159,13 @@ impl<'a> Host<'a> {
         Ok(())
     }
 
-    /// When the mouth moves in a stream of the microphone or of the recording.
+    /// Returns the timing of the mouth in a stream from the microphone or a recording.
     fn voice(&self, is_microphone: bool) -> Voice {
         let is_live = self.voice.map_or(is_microphone, |voice| voice == VoiceArg::Live);
         if is_live && self.engine.model().mouth().is_some() { Voice::Live } else { Voice::Delayed }
     }
 
-    /// Whether it is time to stop.
+    /// Whether the server is to stop.
     fn is_over(&self) -> bool {
         self.stop.load(Ordering::SeqCst)
     }
@@ -219,12 +218,12 @@ impl Shown {
     }
 }
 
-/// The rate at which a session takes a recording.
+/// Returns the rate at which a recording is pushed to a session.
 pub(crate) fn session_rate(rate: usize) -> usize {
     if (MIN_RATE..=MAX_RATE).contains(&rate) { rate } else { OTHER_RATE }
 }
 
-/// Refuses a mouth of its own of a model that has none.
+/// Refuses `--voice live` for a model without a mouth network.
 pub(super) fn check_voice(args: &Page, model: &Model) -> Result<(), Failure> {
     match args.voice {
         Some(VoiceArg::Live) if model.mouth().is_none() => {
@@ -234,8 +233,8 @@ pub(super) fn check_voice(args: &Page, model: &Model) -> Result<(), Failure> {
     }
 }
 
-/// Keyframes per chunk of a live stream: the least latency at which the model's own lookahead keeps
-/// the seams smooth.
+/// Default keyframes per chunk of a live stream: the lowest latency at which the model's own lookahead
+/// keeps the seams smooth.
 const LIVE_TARGET: usize = 1;
 
 pub(super) fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {
@@ -244,7 +243,7 @@ pub(super) fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig
     SessionConfig { avatar, ..SessionConfig::new(config) }
 }
 
-/// What a page shows before its stream begins, and how long that will take.
+/// Returns the pose that a page shows before its stream begins, and the stream's algorithmic latency.
 pub(super) fn rest(engine: &Engine, config: &SessionConfig) -> Result<LiveInfo, Failure> {
     let session = engine.session(config).map_err(Failure::input)?;
     let algorithmic = session.latency().algorithmic_samples as f64 / config.sample_rate as f64;

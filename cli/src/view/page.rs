@@ -1,31 +1,30 @@
-//! The HTML file: the sources in `page/`, put into one that opens from disk and asks no network for
-//! anything.
+//! The HTML file: the sources in `page/` combined into one file that opens from disk and makes no network requests.
 
 use super::blocks;
 use super::scene::Scene;
 use crate::failure::Failure;
 
-/// The page's own parts; what is in braces is filled in.
+/// The page's template; names in braces are placeholders.
 const TEMPLATE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-/// Makes the modules known to each other, and starts `main.js`.
+/// Script that resolves the modules' imports and starts `main.js`.
 const BOOT: &str = include_str!("page/boot.js");
 
 macro_rules! modules {
     ($($name:literal)*) => { [$(($name, include_str!(concat!("page/", $name)))),*] };
 }
 
-/// The modules, each by its name.
+/// The modules: name and source.
 const MODULES: [(&str, &str); 28] = modules!(
     "body.js" "bones.js" "camera.js" "character.js" "clock.js" "drop.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
     "lanes.js" "light.js" "live.js" "local.js" "main.js" "math.js" "microphone.js" "motion.js" "inspect.js" "keys.js"
     "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js" "video.js"
 );
 
-/// A page that shows a scene.
+/// Returns a page that shows a scene.
 pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
     let data = blocks::elements(scene).map_err(Failure::environment)?;
-    // What the page may load: a program's streams, or the files beside it.
+    // Sources that the page may load from: a program's streams, or the files beside it.
     let (connect, files) = match &scene.live {
         None => ("'none'", ""),
         Some(live) if live.engine.is_some() => ("'self'", " 'self'"),
@@ -50,7 +49,7 @@ pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
     ))
 }
 
-/// The modules as elements that wait for `boot.js`.
+/// Returns the modules as script elements that `boot.js` starts.
 fn modules() -> String {
     let element = |(name, source): &(&str, &str)| {
         format!("<script type=\"text/umo-module\" data-name=\"{name}\">\n{source}</script>\n")
@@ -58,7 +57,7 @@ fn modules() -> String {
     MODULES.iter().map(element).collect()
 }
 
-/// Puts values in the place of their names; what a value holds is not looked at again.
+/// Replaces placeholders by their values; values are not searched for placeholders.
 fn fill(template: &str, values: &[(&str, &str)]) -> String {
     let (mut page, mut rest) = (String::new(), template);
     let next = |rest: &str| values.iter().filter_map(|(name, value)| Some((rest.find(name)?, *name, *value))).min();
@@ -70,7 +69,7 @@ fn fill(template: &str, values: &[(&str, &str)]) -> String {
     page + rest
 }
 
-/// Text that nothing in a page takes for more than text.
+/// Escapes text for HTML content and attributes.
 fn escaped(text: &str) -> String {
     let escape = |c: char| match c {
         '&' => "&amp;".to_owned(),

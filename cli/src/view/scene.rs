@@ -1,4 +1,4 @@
-//! What a page shows.
+//! The contents of a page.
 
 use std::path::Path;
 
@@ -19,20 +19,20 @@ use crate::speech::Speech;
 use crate::{import, model};
 use umo_figure::{Figure, Mesh};
 
-/// Longest motion of a page: what browsers open without trouble, at a few MB a minute.
+/// Upper bound on the motion of a page, which browsers open without trouble at a few MB a minute.
 const MAX_SECONDS: f64 = 1800.0;
-/// Highest rate of a page's audio: beyond it nobody hears more.
+/// Upper bound on the sample rate of a page's audio; higher rates are inaudible.
 const MAX_RATE: usize = 48_000;
 
-/// What a page shows.
+/// The contents of a page.
 pub(super) struct Scene {
     pub(super) title: String,
     pub(super) notice: String,
-    /// A few words on how it was made.
+    /// Short description of how it was made.
     pub(super) about: String,
     pub(super) clip: Clip,
     pub(super) mesh: Mesh,
-    /// Who wears the motion in place of the mesh.
+    /// Character that wears the motion in place of the mesh.
     pub(super) character: Option<Worn>,
     pub(super) audio: Option<Audio>,
     pub(super) model: Option<ModelInfo>,
@@ -40,7 +40,7 @@ pub(super) struct Scene {
     pub(super) live: Option<LiveInfo>,
 }
 
-/// Speech, as browsers play it.
+/// Speech in a format that browsers play.
 #[derive(Clone)]
 pub(super) struct Audio {
     pub(super) sample_rate: u32,
@@ -48,28 +48,28 @@ pub(super) struct Audio {
     pub(super) samples: Vec<i16>,
 }
 
-/// What made the motion.
+/// The model that made the motion.
 pub(super) struct ModelInfo {
     pub(super) name: String,
     /// Frames from one keyframe to the next.
     pub(super) stride: usize,
 }
 
-/// How every frame was made.
+/// A record of how every frame was made.
 #[derive(Default)]
 pub(super) struct Record {
-    /// What codes are of, in order.
+    /// Parts of the codes, in order.
     pub(super) parts: Vec<CodedPart>,
     /// Names of the kinds of tokens.
     pub(super) kinds: &'static [&'static str],
-    /// Frames from one that has codes to the next.
+    /// Frames from one frame with codes to the next.
     pub(super) every: usize,
     pub(super) experts: usize,
     pub(super) encoder_layers: usize,
     pub(super) decoder_layers: usize,
-    /// First frame of each chunk, and how many of them it made known.
+    /// First frame of each chunk, and the number of frames that it completed.
     pub(super) chunks: Vec<(usize, usize)>,
-    /// Each code of a keyframe, levels ascending within a part, of all frames that have codes.
+    /// One list per code of a keyframe, levels ascending within a part; each holds all frames with codes.
     pub(super) codes: Vec<Vec<u16>>,
     /// `[chunks, layers, kinds, experts]`.
     pub(super) routed: Vec<u32>,
@@ -79,38 +79,38 @@ pub(super) struct Record {
 pub(super) struct CodedPart {
     pub(super) name: String,
     pub(super) levels: usize,
-    /// Codes of each level.
+    /// Number of codes in each level.
     pub(super) codes: usize,
 }
 
-/// What a live page knows before its stream begins.
+/// Properties of a live page that are known before its stream begins.
 pub(super) struct LiveInfo {
-    /// Future audio that a frame needs at most.
+    /// Upper bound on the future audio that a frame needs.
     pub(super) algorithmic_seconds: f64,
-    /// Shown before the first frame.
+    /// Pose shown before the first frame.
     pub(super) rest: Pose,
     pub(super) rest_face: Vec<f32>,
-    /// What computes in the page itself; a program beside it where there is none.
+    /// Engine in the page itself; `None` if a program serves the streams.
     pub(super) engine: Option<PageEngine>,
 }
 
-/// An engine in the browser: addresses are relative to the page.
+/// An engine in the browser; its addresses are relative to the page.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct PageEngine {
-    /// The module of the package `umo-web`.
+    /// Module of the package `umo-web`.
     pub(super) package: &'static str,
     pub(super) model: &'static str,
     pub(super) precision: &'static str,
-    /// When the mouth moves, where that was asked for.
+    /// Requested timing of the mouth, if any.
     pub(super) voice: Option<&'static str>,
-    /// Options of the package's sessions.
+    /// Options for the package's sessions.
     pub(super) session: serde_json::Value,
-    /// Numbers of `umo_parameter`, and their values.
+    /// Ids of `umo_parameter`, with values.
     pub(super) parameters: Vec<(u32, f32)>,
 }
 
 impl Scene {
-    /// A recording, animated.
+    /// Animates a recording.
     pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
         let speech = Speech::open(path, args.repair)?;
         check_length(path, speech.seconds())?;
@@ -130,9 +130,9 @@ impl Scene {
         Ok(scene)
     }
 
-    /// An animation that was made before.
+    /// Reads a finished animation.
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
-        // A file that umo did not write may be a character that moves, with umo's names of joints or others.
+        // A file not written by umo may be a character with an animation, with umo's joint names or others.
         let is_own = || umo_core::glb::read(path).is_ok_and(|bytes| is_written_here(&bytes));
         let mut scene = match import::read(path) {
             Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
@@ -149,7 +149,7 @@ impl Scene {
         Ok(scene)
     }
 
-    /// A page of which the frames are still to come.
+    /// Returns a page whose frames come later, from a stream.
     pub(super) fn of_stream(
         title: &str,
         config: &Config,
@@ -167,7 +167,7 @@ impl Scene {
         Ok(scene)
     }
 
-    /// A character's file with its animation.
+    /// Reads a character's file with its animation.
     fn of_character(path: &Path, args: &Page) -> Result<Self, Failure> {
         let worn = Wearer::read(path, args.mapping.as_deref())?.own_motion()?;
         check_length(path, worn.seconds)?;
@@ -176,7 +176,7 @@ impl Scene {
         Ok(scene)
     }
 
-    /// A motion on a character, or else on the figure.
+    /// Returns a motion on a character, or on the figure.
     fn worn_by(path: &Path, clip: Clip, wearer: Option<Wearer>, figure: Figure) -> Result<Self, Failure> {
         match wearer {
             Some(wearer) => Ok(Self { character: Some(wearer.wear(&clip)?), ..Self::plain(path, clip) }),
@@ -190,7 +190,7 @@ impl Scene {
         Ok(Self { mesh, ..Self::plain(path, clip) })
     }
 
-    /// A motion that nobody wears.
+    /// Returns a scene with neither figure nor character.
     fn plain(path: &Path, clip: Clip) -> Self {
         Self {
             title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
@@ -206,7 +206,7 @@ impl Scene {
         }
     }
 
-    /// Frames that the page shows.
+    /// Returns the number of frames that the page shows.
     pub(super) fn frames(&self) -> usize {
         let rate = f64::from(self.clip.frame_rate);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a length that was checked")]
@@ -226,13 +226,13 @@ impl Scene {
     }
 }
 
-/// Who is to wear the motion, where that was said.
+/// Returns the character that is to wear the motion, if requested.
 pub(super) fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
     args.onto.as_deref().map(|onto| Wearer::read(onto, args.mapping.as_deref())).transpose()
 }
 
-/// Whether umo made a `.glb` file, and did not only put an animation in it; or it has nothing to show
-/// but the motion.
+/// Whether a `.glb` file was generated by umo, as opposed to a character with an added animation; also true if
+/// the file has no meshes.
 fn is_written_here(bytes: &[u8]) -> bool {
     #[derive(Default, serde::Deserialize)]
     #[serde(default)]
@@ -249,7 +249,7 @@ fn is_written_here(bytes: &[u8]) -> bool {
     made.is_some_and(|made| made.asset.generator.starts_with("umo ") || made.meshes.is_empty())
 }
 
-/// No frames: what moves is in the character's own file.
+/// Returns a clip without frames, for a character whose motion is in its own file.
 fn still() -> Clip {
     Clip {
         frame_rate: 30.0,
@@ -270,13 +270,13 @@ fn check_length(path: &Path, seconds: f64) -> Result<(), Failure> {
 }
 
 impl Audio {
-    /// A recording's channels mixed, in 16 bits.
+    /// Mixes a recording's channels to mono, in 16 bits.
     pub(super) fn new(speech: &Speech) -> Result<Self, Failure> {
         let sample_rate = speech.sample_rate().min(MAX_RATE);
         Ok(Self::of(sample_rate, &speech.mono(sample_rate)?))
     }
 
-    /// Mono samples in 16 bits.
+    /// Converts mono samples to 16 bits.
     #[expect(clippy::cast_possible_truncation, reason = "clamped to the range of 16 bits; a rate is at most 48,000")]
     pub(super) fn of(sample_rate: usize, samples: &[f32]) -> Self {
         let whole = |&sample: &f32| (sample * 32768.0).round().clamp(-32768.0, 32767.0) as i16;
@@ -290,7 +290,7 @@ impl Record {
         Self {
             parts: config.part_list().into_iter().map(part).collect(),
             kinds: kind_names(config),
-            // Layout `frames` has vectors between keyframes.
+            // In layout `frames`, only keyframes have codes.
             every: if config.is_frames() { config.keyframe_stride } else { 1 },
             codes: vec![Vec::new(); config.codes_per_keyframe()],
             experts: config.lm.experts,
@@ -314,7 +314,7 @@ impl Record {
         self.routed.extend_from_slice(chunk.tally.counts());
     }
 
-    /// Leaves out the codes beyond the end.
+    /// Drops the codes after the end.
     fn cut(&mut self, frames: usize) {
         for codes in &mut self.codes {
             codes.truncate(frames.div_ceil(self.every));

@@ -1,5 +1,5 @@
-//! `umo view --web`: the live page as a folder that any web server can serve as it is. The model runs
-//! in the browser, by the npm package `umo-web`, whose files are put beside the page.
+//! `umo view --web`: the live page as a static folder for any web server. The model runs in the browser with the
+//! npm package `umo-web`, whose files are copied beside the page.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -24,15 +24,15 @@ use crate::retarget::Wearer;
 use crate::speech::Speech;
 use crate::{atomic_file, model};
 
-/// Where the package goes in the folder, and its module and the model, as the page names them.
+/// The package's folder, and the addresses of its module and of the model relative to the page.
 const PLACE: &str = "umo";
 const MODULE: &str = "umo/src/index.js";
 const MODEL: &str = "model.safetensors.gz";
-/// Where the package is looked for.
+/// Default locations of the package.
 const PACKAGES: [&str; 2] = ["node_modules/umo-web", "bindings/web"];
-/// What of the package goes along: its licences, where it has them.
+/// Licence files of the package that are copied if present.
 const LICENCES: [&str; 3] = ["LICENSE-MIT", "LICENSE-APACHE", "third-party.txt"];
-/// Numbers of `umo_parameter`: the temperature, and the first of the layers'.
+/// Ids of `umo_parameter`: the temperature, and the first layer's gain.
 const TEMPERATURE: u32 = 1;
 const FIRST_LAYER: u32 = 32;
 
@@ -52,7 +52,7 @@ pub(super) fn run(args: &Page, folder: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses options that a browser's engine does not take.
+/// Refuses options that the browser's engine does not support.
 fn check(args: &Page) -> Result<(), Failure> {
     let generate = &args.generate;
     let given = [
@@ -71,7 +71,7 @@ fn check(args: &Page) -> Result<(), Failure> {
     }
 }
 
-/// The folder of the npm package.
+/// Returns the folder of the npm package.
 fn package(named: Option<&Path>) -> Result<PathBuf, Failure> {
     let is_one = |folder: &Path| folder.join("dist/umo.wasm").is_file() && folder.join("src/index.js").is_file();
     let found = match named {
@@ -95,7 +95,7 @@ fn compressed(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
     gzip.write_all(bytes).and_then(|()| gzip.finish()).map_err(Failure::environment)
 }
 
-/// The page before its stream begins, and what its engine is to be told.
+/// Returns the page's contents before its stream begins, with the options for its engine.
 fn scene(args: &Page, wearer: Option<Wearer>) -> Result<Scene, Failure> {
     let generate = &args.generate;
     let file = model::open(generate.model.as_deref())?;
@@ -148,14 +148,14 @@ fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {
             "horizon": avatar.horizon,
             "smoothing": avatar.smoothing,
             "guidance": avatar.guidance,
-            // JavaScript's numbers have 53 bits.
+            // A string, because JavaScript's numbers have 53 bits.
             "seed": generate.seed.to_string(),
         }),
         parameters,
     }
 }
 
-/// What of the package a browser needs, and its licences.
+/// Copies the package's files that a browser needs, and its licences.
 fn put_package(package: &Path, place: &Path) -> Result<(), Failure> {
     let read = |path: &Path| fs::read(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())));
     let listed = fs::read_dir(package.join("src")).and_then(|entries| entries.collect::<Result<Vec<_>, _>>());
@@ -170,7 +170,7 @@ fn put_package(package: &Path, place: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes a file, and the folders to it.
+/// Writes a file and creates its parent folders.
 fn put(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)

@@ -1,7 +1,7 @@
 use super::*;
 use std::str::{FromStr, SplitWhitespace};
 
-/// One joint as a BVH file describes it.
+/// A joint as a BVH file describes it.
 #[derive(Default)]
 struct Joint {
     name: String,
@@ -10,7 +10,7 @@ struct Joint {
     channels: Vec<String>,
 }
 
-/// A reader of BVH text that takes nothing for granted but the grammar.
+/// A BVH reader that relies only on the grammar.
 struct Bvh {
     joints: Vec<Joint>,
     seconds: f64,
@@ -79,7 +79,7 @@ impl Bvh {
         assert!(below > 0, "a joint without children ends somewhere");
     }
 
-    /// Positions of a frame by joint name, in the file's unit.
+    /// Returns the positions of a frame by joint name, in the file's unit.
     fn positions(&self, frame: usize) -> Vec<(&str, Point)> {
         let mut numbers = self.motion[frame].iter();
         let mut turned: Vec<[f64; 4]> = Vec::new();
@@ -146,7 +146,7 @@ fn bvh_keeps_the_frame_rate() {
 
 #[test]
 fn bvh_angles_do_not_jump_between_frames() {
-    // A joint that turns about one axis, over and over, at 20 degrees a frame.
+    // A joint that keeps rotating about one axis, at 20 degrees a frame.
     let mut clip = sample::clip(FaceKind::Arkit, 60, 0);
     for axis in 0..3 {
         for (frame, rotations) in clip.rotations.iter_mut().enumerate() {

@@ -34,7 +34,7 @@ fn csv_has_the_columns_of_live_link_face() {
 #[test]
 fn csv_puts_each_blendshape_under_its_name() {
     let mut clip = sample::clip(FaceKind::Arkit, 2, 1);
-    // An order of its own, as a model's file may have.
+    // Another channel order, as a model's file may have.
     clip.face.names.reverse();
     for (i, value) in clip.face_values.iter_mut().enumerate() {
         *value = i as f32 / 1000.0;
@@ -83,7 +83,7 @@ fn csv_counts_frames_within_the_second() {
     assert_eq!(code(30), "00:00:01:00.000");
     assert_eq!(code(1811), "00:01:00:11.000");
     let mut long = sample::clip(FaceKind::Arkit, 3, 1);
-    // A rate that f32 holds exactly, so that frames fall on whole seconds.
+    // f32 represents this rate exactly, so frames fall on whole seconds.
     long.frame_rate = 1.0 / 2048.0;
     assert_eq!(self::rows(&long)[2]["Timecode"], "01:08:16:00.000");
 }

@@ -3,7 +3,7 @@ use super::*;
 
 const NONE: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// The rotation about one axis, written out.
+/// Returns the rotation matrix about one axis, by definition.
 fn about(axis: usize, angle: f64) -> Matrix {
     let (sin, cos) = angle.sin_cos();
     let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);

@@ -1,4 +1,4 @@
-//! Packets are read back by the format's description, and compared with the bytes that PyPI's
+//! Packets are parsed by the format's description, and compared with bytes that PyPI's
 //! `pylivelinkface` 0.1 decodes (`packet.hex`).
 
 use clap::Parser as _;
@@ -44,7 +44,7 @@ fn read(packet: &[u8]) -> Read {
     Read { device, subject, frame, part: f32::from_bits(part), rate: [numerator, denominator], values }
 }
 
-/// A pose that looks to its left and down, and a face of which every shape has a weight of its own.
+/// Returns a pose looking left and down, and a face with a distinct weight for every blendshape.
 fn pose() -> (Pose, Vec<f32>) {
     let mut pose = Pose::REST;
     let (half, quarter) = (0.1_f32, 0.05_f32);
@@ -63,14 +63,14 @@ fn a_face_is_sent_as_the_app_sends_it() {
     assert_eq!((read.device.len(), &*read.subject), (36, "umo"));
     assert_eq!((read.frame, read.rate), (150, [60, 1]));
     assert!((read.part - 0.6).abs() < 1e-4, "{}", read.part);
-    // The default model's channels are in Apple's order.
+    // The default model's channels are in ARKit's order.
     assert_eq!(read.values[..52], face);
     let angles = [0.2, 0.1, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0];
     let differences = read.values[52..].iter().zip(angles).map(|(got, wanted)| (got - wanted).abs());
     assert!(read.values.len() == 61 && differences.fold(0.0, f32::max) < 1e-6, "{:?}", &read.values[52..]);
     let golden: String = include_str!("packet.hex").split_whitespace().collect();
     let hex: String = packet.iter().map(|byte| format!("{byte:02x}")).collect();
-    // Without the angles, whose last bits are the system's.
+    // Except the angles, whose last bits depend on the system's math library.
     let same = hex.len() - 2 * 4 * angles.len();
     assert_eq!((hex.len(), &hex[..same]), (golden.len(), &golden[..same]));
 }

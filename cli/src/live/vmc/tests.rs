@@ -1,4 +1,4 @@
-//! Datagrams are read back by the library's own decoder.
+//! Datagrams are decoded by the library's own decoder.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ fn config() -> Config {
     crate::model::open(None).expect("the default model").config().clone()
 }
 
-/// What all datagrams say, by address and first word.
+/// Returns the numbers of all messages, by address and first string.
 fn read(packets: &[Vec<u8>]) -> BTreeMap<(String, String), Vec<f32>> {
     let mut said = BTreeMap::new();
     for bytes in packets {
@@ -42,7 +42,7 @@ fn get(said: &BTreeMap<(String, String), Vec<f32>>, address: &str, name: &str) -
 fn a_pose_is_sent_in_unitys_axes() {
     let config = config();
     let mut pose = Pose { translation: [0.1, 0.9, 0.2], ..Pose::REST };
-    // The left upper arm turns down: about Z, to the body's left.
+    // The left upper arm rotates down about Z, which is forward.
     let half = 0.5_f32.sqrt();
     pose.rotations[16] = [0.0, 0.0, -half, half];
     let face = vec![0.0; config.face.names.len()];
@@ -51,7 +51,7 @@ fn a_pose_is_sent_in_unitys_axes() {
     assert_eq!(get(&said, "/VMC/Ext/T", ""), [1.5]);
     assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "Hips")[..3], [-0.1, 0.9, 0.2]);
     assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "LeftUpperArm")[3..], [0.0, -0.0, half, half]);
-    // Its left is at Unity's negative X.
+    // The body's left is at Unity's negative X.
     assert!(get(&said, "/VMC/Ext/Bone/Pos", "LeftUpperArm")[0] < 0.0);
     let bones = said.keys().filter(|(address, _)| address == "/VMC/Ext/Bone/Pos").count();
     assert_eq!(bones, JOINTS);

@@ -1,5 +1,4 @@
-//! Characters made in code: a skinned triangle with three shapes, a picture and an animation of its
-//! own.
+//! Characters built in code: a skinned triangle with three shapes, a texture and an animation.
 
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
@@ -10,7 +9,7 @@ use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 use super::Vector;
 use umo_figure::sample;
 
-/// One pixel.
+/// A PNG of one pixel.
 #[rustfmt::skip]
 const PNG: [u8; 69] = [
     0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52, 0x00, 0x00, 0x00, 0x01,
@@ -19,7 +18,7 @@ const PNG: [u8; 69] = [
     0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
 ];
 
-/// A file in parts, so that tests may change them.
+/// A file's contents, which tests may change.
 #[derive(Clone)]
 pub(super) struct Made {
     pub(super) json: Value,
@@ -28,28 +27,27 @@ pub(super) struct Made {
 }
 
 impl Made {
-    /// The name of a joint's node.
+    /// Returns the name of a joint's node.
     pub(super) fn name(&self, joint: usize) -> String {
         self.names[joint].clone()
     }
 
-    /// The node of a name.
+    /// Returns the node with a name.
     pub(super) fn index(&self, name: &str) -> usize {
         let mut nodes = self.json["nodes"].as_array().unwrap().iter();
         nodes.position(|node| node["name"] == name).unwrap()
     }
 
-    /// A node's place in its parent's frame.
+    /// Returns a node's translation relative to its parent.
     pub(super) fn translation(&self, node: usize) -> [f64; 3] {
         serde_json::from_value(self.json["nodes"][node]["translation"].clone()).unwrap()
     }
 
-    /// Inverse bind matrices of the nodes as they are, for a mesh in a space that `frame` brings to
-    /// the scene.
+    /// Adds inverse bind matrices of the nodes' current pose, for a mesh in a space that `frame` maps to the scene.
     pub(super) fn bind(&mut self, frame: DMat4) {
         let nodes = self.json["nodes"].as_array().unwrap();
         let mut global = vec![DMat4::IDENTITY; nodes.len()];
-        // Parents come first in files made here.
+        // Files built here have parents first.
         for (at, node) in nodes.iter().enumerate() {
             global[at] *= local(node);
             for child in node["children"].as_array().into_iter().flatten() {
@@ -72,7 +70,7 @@ impl Made {
         self.json["buffers"][0]["byteLength"] = self.bin.len().into();
     }
 
-    /// Turns every joint and moves the first one: the pose of some moment of an animation.
+    /// Rotates every joint and moves the first one, like some moment of an animation.
     pub(super) fn pose(&mut self, turn: f64, step: [f64; 3]) {
         let joints: Vec<usize> = serde_json::from_value(self.json["skins"][0]["joints"].clone()).unwrap();
         for &joint in &joints {
@@ -88,7 +86,7 @@ impl Made {
         }
     }
 
-    /// The file.
+    /// Returns the `.glb` file.
     pub(super) fn bytes(&self) -> Vec<u8> {
         let mut text = serde_json::to_vec(&self.json).unwrap();
         text.resize(text.len().next_multiple_of(4), b' ');
@@ -109,7 +107,7 @@ impl Made {
     }
 }
 
-/// A node's transform.
+/// Returns a node's local transform.
 fn local(node: &Value) -> DMat4 {
     let read = |name: &str, other: &[f64]| serde_json::from_value(node[name].clone()).unwrap_or(other.to_vec());
     let vector = |name: &str, other: &[f64]| DVec3::from_slice(&read(name, other));
@@ -117,7 +115,7 @@ fn local(node: &Value) -> DMat4 {
     DMat4::from_scale_rotation_translation(vector("scale", &[1.0; 3]), rotation, vector("translation", &[0.0; 3]))
 }
 
-/// A buffer in the making: each piece a view and an accessor.
+/// A buffer under construction: each piece has a view and an accessor.
 #[derive(Default)]
 struct Buffer {
     bin: Vec<u8>,
@@ -164,17 +162,17 @@ impl Buffer {
     }
 }
 
-/// How a body is made.
+/// Construction parameters of a body.
 struct BodySpec {
     names: Vec<String>,
     shapes: [&'static str; 3],
-    /// Which way the body faces.
+    /// Facing direction of the body.
     world: Quat,
-    /// Units to a metre, below a first node that is scaled back.
+    /// Units per metre, below a first node that scales them back.
     unit: f32,
-    /// How far arms hang below a T.
+    /// Angle of the arms below a T-pose.
     droop: f32,
-    /// How far the bones' axes are turned.
+    /// Rotation of the bones' axes.
     twist: f32,
 }
 
@@ -224,7 +222,7 @@ impl BodySpec {
     }
 }
 
-/// The file around the nodes.
+/// Returns the file's JSON around the nodes.
 fn file(buffer: &mut Buffer, nodes: Vec<Value>, shapes: &[&str; 3]) -> Value {
     let triangle = [0.0, 1.0, 0.0, 0.1, 1.0, 0.0, 0.0, 1.1, 0.0];
     let moved = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -264,7 +262,7 @@ fn file(buffer: &mut Buffer, nodes: Vec<Value>, shapes: &[&str; 3]) -> Value {
     })
 }
 
-/// Mixamo's names in centimetres, arms that hang, bones with axes of their own; ARKit's shapes.
+/// Builds a character with Mixamo's names in centimetres, hanging arms and rotated bone axes, and ARKit's shapes.
 pub(super) fn mixamo() -> Made {
     let limb = |text: &str| match text {
         "hip" => "UpLeg".to_owned(),
@@ -292,8 +290,7 @@ pub(super) fn mixamo() -> Made {
     BodySpec { names, shapes, world: IDENTITY, unit: 100.0, droop: 0.8, twist: 1.0 }.made()
 }
 
-/// A VRM file whose nodes' names say nothing: bones and expressions are in its tables. Version 0
-/// faces backwards.
+/// Builds a VRM file with meaningless node names: bones and expressions are in its tables. Version 0 faces backwards.
 pub(super) fn vrm(version: u8) -> Made {
     let names = (0..JOINTS).map(|joint| if joint == 22 { "jaw".to_owned() } else { format!("b{joint}") }).collect();
     let world = if version == 0 { [0.0, 1.0, 0.0, 0.0] } else { IDENTITY };
@@ -319,7 +316,7 @@ pub(super) fn vrm(version: u8) -> Made {
     made
 }
 
-/// VRM's name for each joint's node.
+/// Returns VRM's name for each joint's node.
 fn vrm_bones(version: u8) -> Vec<(String, usize)> {
     let thumb =
         if version == 0 { ["Proximal", "Intermediate", "Distal"] } else { ["Metacarpal", "Proximal", "Distal"] };

@@ -8,8 +8,7 @@ use umo_core::motion::rotation::axis_angle_to_quat;
 use super::*;
 use crate::bvh::{Bvh, Channel};
 
-/// Joints in another order than umo's, a spine of one bone, arms that hang, no fingers; where they
-/// are, centimetres.
+/// Joints in another order than umo's, with a spine of one bone, hanging arms and no fingers; offsets in centimetres.
 const JOINTS: [(&str, Option<usize>, [f32; 3], &str); 16] = [
     ("Hips", None, [0.0, 0.0, 0.0], "pelvis"),
     ("Chest", Some(0), [0.0, 22.0, 0.0], ""),
@@ -29,7 +28,7 @@ const JOINTS: [(&str, Option<usize>, [f32; 3], &str); 16] = [
     ("RightAnkle", Some(14), [0.0, -40.0, -3.0], "right_ankle"),
 ];
 
-/// The file's text: rotations in `order`, for all joints position channels where `places` says so.
+/// Returns the file's text: rotations in `order`, and position channels for all joints if `places`.
 fn text(order: &str, places: bool, frames: &str) -> String {
     let mut text = "HIERARCHY\n".to_owned();
     write_joint(&mut text, 0, order, places);
@@ -53,7 +52,7 @@ fn write_joint(out: &mut String, at: usize, order: &str, places: bool) {
     out.push_str("}\n");
 }
 
-/// Brings a clip to a file's skeleton: its size, and the file that comes out.
+/// Retargets a clip to a file's skeleton; returns its scale and the resulting file.
 fn on_skeleton(text: &str, clip: &Clip) -> (f32, Bvh, String) {
     let target = Target::read("a.BVH".as_ref(), text.as_bytes().to_vec()).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
@@ -64,8 +63,7 @@ fn on_skeleton(text: &str, clip: &Clip) -> (f32, Bvh, String) {
     (retarget.scale(), Bvh::parse(&text).unwrap(), text)
 }
 
-/// Where joints are in a frame; a place in a channel stands in place of the offset where
-/// `replaces`.
+/// Returns the joints' positions in a frame; position channels replace the offset if `replaces`.
 fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
     let mut numbers = bvh.motion[frame * bvh.channels()..].iter();
     let mut world: Vec<(Vector, Quat)> = Vec::new();
@@ -91,8 +89,7 @@ fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
 }
 
 fn check(bvh: &Bvh, clip: &Clip, scale: f32, replaces: bool) {
-    // Ankles are all that the file has of feet: they stand as thick above the floor as the source's
-    // soles.
+    // The file's feet have only ankles. They stand as high above the floor as the source's ankles above its soles.
     let rest = joint_places(&clip.skeleton, &umo_core::motion::Pose::REST);
     let sole = [7, 8, 10, 11].map(|joint| rest[joint][1]).into_iter().fold(f32::MAX, f32::min) - 0.02;
     let standing = rest[7][1] - sole;
@@ -103,7 +100,7 @@ fn check(bvh: &Bvh, clip: &Clip, scale: f32, replaces: bool) {
             let joint = JOINTS.iter().find(|(.., joint)| *joint == name).unwrap().0;
             found[bvh.joints.iter().position(|known| known.name == joint).unwrap()]
         };
-        // Legs of other proportions are bent until the feet are where they belong.
+        // Legs of other proportions bend until the feet are in position.
         for (from, to) in limbs().into_iter().filter(|(from, _)| !from.ends_with("hip") && !from.ends_with("knee")) {
             let angle = angle_between(less(place(to), place(from)), less(want[joint(to)], want[joint(from)]));
             assert!(angle < TOLERANCE, "{from} to {to}: {angle} rad");
@@ -154,7 +151,7 @@ fn umos_own_files_come_back_as_they_were() {
     let (_, bvh, _) = on_skeleton(std::str::from_utf8(&bytes).unwrap(), &clip);
     let first = Bvh::parse(std::str::from_utf8(&bytes).unwrap()).unwrap();
     for (at, (a, b)) in bvh.motion.iter().zip(&first.motion).enumerate() {
-        // Angles may be a whole turn, or both a half turn, apart: places tell.
+        // Equivalent angles may differ by a full turn, or by half a turn each; positions decide.
         assert!((a - b).abs() < 2e-3 || at % bvh.channels() > 2, "{at}: {a} {b}");
     }
     for frame in 0..clip.len() {

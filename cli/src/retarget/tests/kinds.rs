@@ -1,5 +1,5 @@
 //! Characters and skeletons as other programs write them: `tests/characters` has a figure of boxes
-//! with Mixamo's bones and a face, and its kinds.
+//! with Mixamo's bones and a face, and variants of it.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ fn path(name: &str) -> PathBuf {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters")).join(name)
 }
 
-/// A file's JSON and buffer.
+/// Returns a file's JSON and buffer.
 fn parts(name: &str) -> (Value, Vec<u8>) {
     let bytes = std::fs::read(path(name)).unwrap();
     let file = Glb::split(&bytes).unwrap();
@@ -23,7 +23,7 @@ fn whole(json: &Value, bin: &[u8]) -> Vec<u8> {
     container(json.to_string().into_bytes(), bin, &[]).unwrap()
 }
 
-/// A clip on a character: how many shapes move, the notes, the file that comes out.
+/// Retargets a clip to a character; returns the number of moving shapes, the notes, and the resulting file.
 fn retargeted(bytes: &[u8], clip: &Clip) -> (usize, Vec<String>, Moved) {
     let target = Target::read("a.glb".as_ref(), bytes.to_vec()).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
@@ -73,7 +73,7 @@ fn a_character_that_meshopt_compressed_moves_as_the_plain_one() {
 fn a_character_that_draco_compressed_moves_as_the_plain_one() {
     let bytes = read(&path("draco.glb")).unwrap();
     same_motion("draco.glb", &clip());
-    // Its surface stands where the plain one's does, corner by corner of what it draws.
+    // Its surface matches the plain one's, corner by corner.
     let corners = |bytes: &[u8]| -> Vec<[f32; 3]> {
         let file = gltf::Gltf::from_slice(bytes).unwrap();
         let bin = Glb::split(bytes).unwrap().bin;
@@ -86,7 +86,7 @@ fn a_character_that_draco_compressed_moves_as_the_plain_one() {
         meshes.flat_map(of).collect()
     };
     let sorted = |bytes: &[u8]| {
-        // Draco may draw the triangles in another order.
+        // Draco may reorder the triangles.
         let sum = |three: &[[f32; 3]]| three.iter().flatten().sum::<f32>();
         let mut triangles: Vec<_> = corners(bytes).chunks(3).map(sum).collect();
         triangles.sort_by(f32::total_cmp);
@@ -95,7 +95,7 @@ fn a_character_that_draco_compressed_moves_as_the_plain_one() {
     let [found, wanted] = [&bytes, &std::fs::read(path("character.glb")).unwrap()].map(|bytes| sorted(bytes));
     assert_eq!(found.len(), wanted.len());
     assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 0.01), "triangles are elsewhere");
-    // What an accessor announces is so, as validators look at it.
+    // An accessor's announced bounds are correct, which validators check.
     let json: Value = serde_json::from_str(Glb::split(&bytes).unwrap().json).unwrap();
     let announced = &json["accessors"][1]["max"];
     let places: Vec<[f32; 3]> = corners(&bytes);
@@ -103,7 +103,7 @@ fn a_character_that_draco_compressed_moves_as_the_plain_one() {
     for axis in 0..3 {
         assert!((announced[axis].as_f64().unwrap() - f64::from(most(axis))).abs() < 1e-7, "{announced}");
     }
-    // No byte makes it panic.
+    // No changed byte causes a panic.
     let plain = std::fs::read(path("draco.glb")).unwrap();
     for at in (0..plain.len()).step_by(11) {
         let mut changed = plain.clone();
@@ -112,7 +112,7 @@ fn a_character_that_draco_compressed_moves_as_the_plain_one() {
     }
 }
 
-/// Demands that a kind of the character moves as the plain one.
+/// Asserts that a variant of the character moves like the plain one.
 fn same_motion(name: &str, clip: &Clip) {
     let (shapes, notes, found) = retargeted(&read(&path(name)).unwrap(), clip);
     let (wanted_shapes, wanted_notes, wanted) = retargeted(&read(&path("character.glb")).unwrap(), clip);
@@ -181,7 +181,7 @@ fn a_mouth_that_says_little_is_said() {
     let (notes, _) = named(&["viseme_sil", "viseme_aa"]);
     assert!(notes.len() == 1 && has(&notes, "its mouth moves by viseme_aa alone"), "{notes:?}");
     assert!(named(&["aa", "ih", "ou", "ee", "oh"]).0.is_empty());
-    // A mouth of one shape speaks, and not by a third of what vowels would.
+    // A single mouth shape is driven at full strength, not at the third that the vowels would give it.
     let (notes, moved) = named(&["mouthOpen"]);
     assert!(notes.len() == 1 && has(&notes, "its mouth moves by mouthOpen alone"), "{notes:?}");
     let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
@@ -192,7 +192,7 @@ fn a_mouth_that_says_little_is_said() {
     }
 }
 
-/// A second copy of the character beside the first: nodes, and skins that follow them.
+/// Returns a second copy of the character beside the first: nodes, and skins that follow them.
 fn doubled() -> (Value, Vec<u8>, usize) {
     let (mut json, bin) = parts("character.glb");
     let count = json["nodes"].as_array().unwrap().len();
@@ -206,7 +206,7 @@ fn doubled() -> (Value, Vec<u8>, usize) {
             *skin = (skin.as_u64().unwrap() + skins as u64).into();
         }
         if node["name"] == "mixamorig:Neck" {
-            // Only the second has one.
+            // Only the second copy has such a bone.
             node["name"] = "mixamorig:Neck1".into();
         }
     }
@@ -240,7 +240,7 @@ fn of_two_characters_one_moves_and_it_is_said_which() {
     assert!(channels.len() > 15 && channels.iter().all(|channel| channel.target.node.unwrap() < count));
 }
 
-/// Soles of thick shoes, metres.
+/// Height of the soles of thick shoes, metres.
 const DEEP: f32 = -0.06;
 
 #[test]
@@ -254,7 +254,7 @@ fn soles_that_reach_below_the_floor_stand_on_it() {
     let accessor = &json["accessors"][index(&body["primitives"][0]["attributes"]["POSITION"])];
     let start = view(index(&accessor["bufferView"])) + accessor.get("byteOffset").map_or(0, index);
     let mut deep = bin.clone();
-    // The lowest of the boxes' corners, some centimetres lower: shoes of thick soles.
+    // The boxes' lowest corners are moved some centimetres down, like thick-soled shoes.
     let height = |bin: &[u8], at: usize| f32::from_le_bytes(bin[start + 12 * at + 4..][..4].try_into().unwrap());
     let corners = 0..index(&accessor["count"]);
     let lowest = corners.clone().map(|at| height(&bin, at)).fold(f32::MAX, f32::min);
@@ -266,7 +266,7 @@ fn soles_that_reach_below_the_floor_stand_on_it() {
         moved.place(moved.node("mixamorig:LeftFoot"), 1)[1]
     };
     let lifted = at(&whole(&json, &deep)) - at(&whole(&json, &bin));
-    // The boxes' own reach below the floor, too.
+    // The original boxes also reach below the floor.
     assert!(lowest < 0.0 && (lifted - (lowest - DEEP)).abs() < 1e-3, "lifted by {lifted} m, the lowest was {lowest}");
 }
 
@@ -280,7 +280,7 @@ fn a_file_without_a_skeleton_is_not_told_of_mappings() {
     let (mapping, _) = target.mapping(&Given::default()).unwrap();
     let problem = target.check(&mapping, "help").unwrap_err();
     assert!(problem.contains("no skeleton") && !problem.contains("--mapping"), "{problem}");
-    // Bones of a skeleton alone may be named.
+    // A mapping may name the bones of a skeleton without meshes.
     let bare = "HIERARCHY ROOT x { OFFSET 0 0 0 CHANNELS 0 } MOTION Frames: 0 Frame Time: 1";
     let target = Target::read("a.bvh".as_ref(), bare.into()).unwrap();
     let (mapping, _) = target.mapping(&Given::default()).unwrap();

@@ -6,7 +6,7 @@ use umo_figure::detail::Detail;
 use umo_figure::sample;
 use umo_figure::{Finish, Helper, Morph};
 
-/// Three vertices, of which the last and the first are moved.
+/// Returns a mesh of three vertices; the last and the first are moved.
 fn mesh() -> Mesh {
     Mesh {
         positions: vec![[0.0; 3], [1.0; 3], [2.0; 3]],
@@ -86,7 +86,7 @@ fn weights_fill_sixteen_bits() {
     assert_eq!([-1.0, 0.0, 0.5, 1.0, 2.0].map(share), [0, 0, 32768, 65535, 65535]);
 }
 
-/// The page draws triangles by relief, one picture after the other.
+/// The page draws triangles grouped by relief, one texture after the other.
 #[test]
 fn triangles_come_by_relief() {
     let scene = scene(sample::clip(FaceKind::Arkit, 1, 1));

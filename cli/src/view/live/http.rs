@@ -1,35 +1,35 @@
-//! Requests from browsers of this machine. Other web pages that a browser has open must not get in:
-//! what they send says where it comes from.
+//! Requests from browsers on this machine. Other web pages open in a browser must not get access; they
+//! are recognised by their `Host` and `Origin` headers.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// Most bytes of a request's head.
+/// Upper bound on the bytes of a request's head.
 const MAX_HEAD: usize = 8 << 10;
-/// Most headers of a request. Browsers send some twenty.
+/// Upper bound on the headers of a request. Browsers send about twenty.
 const MAX_HEADERS: usize = 64;
-/// Most bytes of a character.
+/// Upper bound on the bytes of a character.
 const MAX_BYTES: usize = 256 << 20;
 /// Time limit for receiving a request, and for sending an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How often an unfinished head is looked at.
+/// Interval between polls of an unfinished head.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// What becomes of a request.
+/// Response to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
     /// The page.
     Page,
-    /// A stream, after a WebSocket's handshake.
+    /// A stream, after a WebSocket handshake.
     Stream,
-    /// A character of so many bytes, which follow the head.
+    /// Acceptance of a character; its size in bytes, which follow the head.
     Character(usize),
-    /// A status, and nothing else.
+    /// A status only.
     Refuse(&'static str),
 }
 
-/// The parts of a request that matter here.
+/// The relevant parts of a request.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
     method: &'a str,
@@ -41,8 +41,7 @@ pub(super) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// The request whose head this is, up to its empty line. `None` where it is not a complete
-    /// HTTP/1.1 head.
+    /// Parses a request's head, up to its empty line. `None` if it is not a complete HTTP/1.1 head.
     pub(super) fn parse(head: &'a str) -> Option<Self> {
         let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
@@ -65,10 +64,10 @@ impl<'a> Request<'a> {
         Some(request)
     }
 
-    /// What becomes of it, at this port.
+    /// Returns the response to the request on this port.
     ///
-    /// The host's name keeps out pages whose name was made to lead here; the origin keeps all other
-    /// pages from the stream and from giving a character.
+    /// The host check rejects pages whose domain name resolves to this machine (DNS rebinding). The origin check
+    /// keeps all other pages from the stream and from sending a character.
     pub(super) fn answer(&self, port: u16) -> Answer {
         let names = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
         let [host] = self.host[..] else { return Answer::Refuse("400 Bad Request") };
@@ -92,11 +91,11 @@ impl<'a> Request<'a> {
     }
 }
 
-/// The head of the request that waits, which is left to be read, and its length; none where it is
-/// too long, is no text, or does not come in time.
+/// Peeks the head of the pending request and returns it with its length, leaving it unread; `None` if it is
+/// too long, not UTF-8, or incomplete at the time limit.
 ///
-/// An error where nothing comes at all: browsers open connections in advance, and would take a
-/// refusal for the answer to the request that they then send.
+/// Returns an error if nothing arrives at all: browsers open connections in advance and would take a
+/// refusal for the answer to their next request.
 pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::Result<Option<(String, usize)>> {
     stream.set_read_timeout(Some(Duration::from_millis(200)))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -121,22 +120,22 @@ pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::R
     if is_begun { Ok(None) } else { Err(io::ErrorKind::TimedOut.into()) }
 }
 
-/// Whether the error is only that nothing was received.
+/// Whether the error only means that nothing was received.
 pub(super) fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted)
 }
 
-/// Sends the page in answer to a request whose head is `length` bytes.
+/// Sends the page in response to a request with a head of `length` bytes.
 pub(super) fn send_page(stream: &mut TcpStream, length: usize, page: &str) -> io::Result<()> {
     send(stream, length, "200 OK", "text/html; charset=utf-8", page.as_bytes())
 }
 
-/// Sends a status in answer to a request whose head is `length` bytes.
+/// Sends a status in response to a request with a head of `length` bytes.
 pub(super) fn refuse(stream: &mut TcpStream, length: usize, status: &str) -> io::Result<()> {
     tell(stream, length, status, status)
 }
 
-/// The `size` bytes after a request's head of `length` bytes.
+/// Reads the `size` bytes after a request's head of `length` bytes.
 pub(super) fn body(stream: &mut TcpStream, length: usize, size: usize) -> io::Result<Vec<u8>> {
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.read_exact(&mut vec![0; length])?;
@@ -147,14 +146,13 @@ pub(super) fn body(stream: &mut TcpStream, length: usize, size: usize) -> io::Re
     }
 }
 
-/// Sends a status and a line in answer to a request of which `length` bytes are unread.
+/// Sends a status and a line in response to a request with `length` unread bytes.
 pub(super) fn tell(stream: &mut TcpStream, length: usize, status: &str, line: &str) -> io::Result<()> {
     send(stream, length, status, "text/plain; charset=utf-8", format!("{line}\n").as_bytes())
 }
 
 fn send(stream: &mut TcpStream, length: usize, status: &str, kind: &str, body: &[u8]) -> io::Result<()> {
-    // Bytes that are left unread would make the system reset the connection before the answer is
-    // read.
+    // Unread bytes would make the system reset the connection before the answer is read.
     stream.read_exact(&mut vec![0; length])?;
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\

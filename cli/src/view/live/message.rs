@@ -1,26 +1,26 @@
-//! What page and program say to each other: commands, news, samples and frames.
+//! Messages between page and program: commands, news, samples and frames.
 
 use serde::{Deserialize, Serialize};
 use umo_core::audio::MAX_AMPLITUDE;
 use umo_core::session::{Frame, Latency, MAX_RATE, MIN_RATE, Stats};
 
-/// Most samples of one message.
+/// Upper bound on the samples of one message.
 pub(super) const MAX_SAMPLES: usize = 1 << 16;
-/// Most bytes of one message.
+/// Upper bound on the bytes of one message.
 pub(super) const MAX_BYTES: usize = 4 * MAX_SAMPLES;
 
-/// What a page asks for.
+/// A command from a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum Command {
-    /// A new stream.
+    /// Starts a stream.
     Start {
         /// Source of the audio.
         source: Source,
-        /// Samples a second of what the page sends.
+        /// Sample rate of the page's audio.
         rate: Option<u32>,
     },
-    /// No more sound.
+    /// Ends the audio.
     Finish,
 }
 
@@ -28,9 +28,9 @@ pub(super) enum Command {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Source {
-    /// The recording that the program was given.
+    /// The program's own recording.
     Recording,
-    /// A recording that the page sends as it is spoken.
+    /// A recording that the page sends in real time.
     Page,
     /// The page's microphone.
     Microphone,
@@ -40,38 +40,38 @@ pub(super) enum Source {
 #[derive(Debug, PartialEq, Serialize)]
 #[serde(tag = "type", rename_all = "camelCase", rename_all_fields = "camelCase")]
 pub(super) enum News<'a> {
-    /// Audio is taken from now on.
+    /// The stream accepts audio from now on.
     Started {
         /// Whether the mouth moves with the sound.
         live: bool,
-        /// Future audio that a mouth needs at most.
+        /// Upper bound on the future audio that a mouth needs.
         mouth_seconds: f64,
-        /// Future audio that a body needs at most.
+        /// Upper bound on the future audio that a body needs.
         body_seconds: f64,
     },
-    /// How the stream goes.
+    /// Statistics of the stream.
     Status {
-        /// Median time of computing a chunk.
+        /// Median time to compute a chunk.
         compute_p50: f64,
-        /// Its 99th percentile.
+        /// 99th percentile of that time.
         compute_p99: f64,
-        /// Its largest.
+        /// Maximum of that time.
         compute_max: f64,
-        /// Chunks so far.
+        /// Number of chunks so far.
         chunks: u64,
-        /// Frames that were computed later than real time needs them.
+        /// Number of frames computed too late for real time.
         late_frames: u64,
-        /// Samples that found no room.
+        /// Number of samples that found no room.
         overruns: u64,
     },
     /// Every frame was sent.
     Done {
-        /// How many.
+        /// Number of frames.
         frames: u64,
     },
-    /// The stream ends because of this.
+    /// The stream ended with an error.
     Error {
-        /// In words.
+        /// Description.
         reason: &'a str,
     },
 }
@@ -93,7 +93,7 @@ impl News<'_> {
     }
 }
 
-/// A command, or what is wrong with it.
+/// Parses a command, or returns its problem.
 pub(super) fn command(text: &str) -> Result<Command, String> {
     let command = serde_json::from_str(text).map_err(|error| format!("not a command: {error}"))?;
     if let Command::Start { source, rate } = command {
@@ -105,7 +105,7 @@ pub(super) fn command(text: &str) -> Result<Command, String> {
     Ok(command)
 }
 
-/// The samples of a message, 32-bit floats, or what is wrong with them.
+/// Parses the samples of a message, 32-bit floats, or returns their problem.
 pub(super) fn samples(bytes: &[u8]) -> Result<Vec<f32>, String> {
     let (samples, []) = bytes.as_chunks::<4>() else {
         return Err("samples are 32-bit floats: a message has four bytes for each".to_owned());
@@ -117,12 +117,12 @@ pub(super) fn samples(bytes: &[u8]) -> Result<Vec<f32>, String> {
     }
 }
 
-/// Frames in a row for one message: the number of the first, then the values of each.
+/// Consecutive frames for one message: the index of the first, then the values of each.
 #[derive(Debug, Default)]
 pub(super) struct Frames(Vec<u8>);
 
 impl Frames {
-    /// Adds a frame, and what a character's channels have in it.
+    /// Adds a frame, and the values of a character's channels in it.
     #[expect(clippy::cast_possible_truncation, reason = "2^32 frames are four years")]
     pub(super) fn add(&mut self, frame: Frame, worn: &[f32]) {
         if self.0.is_empty() {
@@ -133,7 +133,7 @@ impl Frames {
         self.0.extend(values.flat_map(|value| value.to_le_bytes()));
     }
 
-    /// The message; none without a frame.
+    /// Returns the message; `None` if there are no frames.
     pub(super) fn message(self) -> Option<Vec<u8>> {
         (!self.0.is_empty()).then_some(self.0)
     }

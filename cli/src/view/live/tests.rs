@@ -115,7 +115,7 @@ fn samples_are_whole_and_finite() {
     assert!(samples(&[0; 7]).is_err());
 }
 
-/// A connection to this program, from both sides.
+/// Returns both ends of a connection to this program.
 fn connection() -> (TcpStream, TcpStream) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let theirs = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
@@ -125,12 +125,12 @@ fn connection() -> (TcpStream, TcpStream) {
 #[test]
 fn a_connection_opened_in_advance_gets_no_answer() {
     let (theirs, ours) = connection();
-    // Nothing comes, until it is time to stop: no refusal, which a browser would take for an answer
-    // to what it asks later.
+    // Nothing arrives until it is time to stop: no refusal, which a browser would take for the answer
+    // to a later request.
     let looks = Cell::new(0);
     let is_over = || looks.replace(looks.get() + 1) >= 2;
     assert_eq!(http::peek_head(&ours, is_over).unwrap_err().kind(), io::ErrorKind::TimedOut);
-    // It is left.
+    // The browser disconnects.
     drop(theirs);
     assert!(http::peek_head(&ours, || false).is_err());
 }

@@ -1,4 +1,4 @@
-//! One page's stream: sound in, frames out, in real time.
+//! One page's stream: audio in, frames out, in real time.
 
 use std::io::Read;
 use std::net::TcpStream;
@@ -15,24 +15,24 @@ use super::Host;
 use super::http::is_wait;
 use super::message::{self, Command, Frames, MAX_BYTES, MAX_SAMPLES, News, Source};
 
-/// How long the page's next message is waited for before frames are looked for.
+/// Time limit for a read from the page, after which frames are checked.
 const LOOK: Duration = Duration::from_millis(4);
 /// Interval of status messages to the page.
 const NEWS: Duration = Duration::from_millis(250);
-/// How long a page may take to say goodbye.
+/// Time limit for the closing handshake.
 const GOODBYE: Duration = Duration::from_secs(1);
-/// Most bytes of a reason.
+/// Upper bound on the bytes of a close reason.
 const MAX_REASON: usize = 120;
 
-/// Why a stream ends.
+/// Reason why a stream ends.
 enum End {
-    /// The page has left.
+    /// The page has disconnected.
     Left,
-    /// All was sent.
+    /// Everything was sent.
     Done,
-    /// The program stops.
+    /// The program is stopping.
     Over,
-    /// The page asks for what cannot be.
+    /// The page's request is invalid.
     Refused(String),
     /// The engine has failed.
     Failed(String),
@@ -55,14 +55,14 @@ impl From<SessionError> for End {
     }
 }
 
-/// A stream in work.
+/// A running stream.
 struct Stream<'a> {
     session: Session,
-    /// What the character needs of each frame, and room to compute it.
+    /// Computes the character's channels of each frame, with scratch memory.
     follower: Option<(Arc<Follower>, FollowScratch)>,
     voice: Voice,
     source: Source,
-    /// Rest of the recording.
+    /// Remaining samples of the recording.
     rest: &'a [f32],
     rate: usize,
     pushed: usize,
@@ -92,7 +92,7 @@ pub(super) fn run(host: &Host<'_>, stream: TcpStream) {
     part(&mut socket, code, &reason);
 }
 
-/// Says goodbye, and waits for the page's.
+/// Closes the connection and waits for the page's close.
 fn part(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &str) {
     if !reason.is_empty() {
         let _ = socket.send(Message::text(News::Error { reason }.json()));
@@ -111,8 +111,8 @@ fn part(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &str) {
     }
 }
 
-/// Takes what is left of a message that was refused: unread, it would make the system reset the
-/// connection before the page has read why.
+/// Discards the rest of a refused message: unread bytes would make the system reset the
+/// connection before the page has read the reason.
 fn drain(stream: &mut TcpStream, start: Instant) {
     let mut unread = [0; 1 << 12];
     while start.elapsed() < GOODBYE {
@@ -143,7 +143,7 @@ fn talk(host: &Host<'_>, socket: &mut WebSocket<TcpStream>) -> End {
     }
 }
 
-/// Does what the page says.
+/// Executes a message of the page.
 fn handle<'a>(
     host: &'a Host<'_>,
     socket: &mut WebSocket<TcpStream>,
@@ -217,7 +217,7 @@ impl<'a> Stream<'a> {
         Ok(self.session.finish()?)
     }
 
-    /// Hears what of the recording has been spoken by now, and sends what there is.
+    /// Pushes the recording up to the current time and sends the available frames.
     fn step(&mut self, socket: &mut WebSocket<TcpStream>) -> Result<(), End> {
         if self.source == Source::Recording && !self.finished {
             self.hear_recording()?;

@@ -3,7 +3,7 @@ use umo_core::motion::clip::Clip;
 
 use super::*;
 
-/// A page of a clip and nothing else.
+/// Returns a scene with only a clip.
 pub(crate) fn scene(clip: Clip) -> Scene {
     Scene::new(Path::new("clip.glb"), clip, Figure::default()).unwrap()
 }
