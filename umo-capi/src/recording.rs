@@ -6,10 +6,11 @@ use umo_core::audio::resample::{MAX_RATE, MIN_RATE};
 use crate::ffi::{self, guard, wanted};
 use crate::status::{Failure, UmoStatus};
 
-/// The gain of each channel at which a whole recording's speech is heard, `count` interleaved samples at
-/// `sample_rate` per second. Ones for a plain recording; others are far from the level of speech, have
-/// channels that cancel each other, or speech in the channel in front alone (of five channels and more, the
-/// third). Multiply each channel with its gain before the samples are pushed into a session; `gains` has
+/// Computes the gain of each channel that brings the speech of a whole recording to its normal level, for
+/// `count` interleaved samples at `sample_rate` Hz. The gains are 1 for a plain recording. Others are far
+/// from the level of speech, have channels that cancel each other, or have speech in the centre channel
+/// alone (with five channels or more, the third). Multiply each channel by its gain before you push the
+/// samples into a session; `gains` has room for `channels` values, 1 to 64.
 /// room for `channels` values, 1 to 64.
 ///
 /// Threads: any but the audio thread. Allocates.
