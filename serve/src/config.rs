@@ -7,7 +7,7 @@ use umo_core::{MAX_BATCH, MAX_SESSIONS, MAX_THREADS, Priority};
 use crate::door;
 use crate::tokens::Tokens;
 
-/// Upper bound on every configured duration except [`Config::gather`], which the engine checks.
+/// Upper bound on all configured durations except [`Config::gather`], which is not checked.
 const LONGEST: Duration = Duration::from_secs(24 * 3600);
 
 /// Limits and timeouts of a server.

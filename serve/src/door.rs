@@ -18,8 +18,8 @@ pub(crate) type Refused = (StatusCode, &'static str, String);
 /// Admits or refuses a request by its headers: in a browser's request, `Origin` is the page that sent it and
 /// `Host` the name it used for the server.
 ///
-/// Pages from `origins` are accepted in addition to the server's own. A server that listens on loopback only
-/// knows its own names. Any other name in `Host` is DNS rebinding, and is refused.
+/// Pages from `origins` are accepted in addition to the server's own. If only this machine can reach the server,
+/// its names are known, and any other name in `Host` is refused, against DNS rebinding.
 pub(crate) fn check(headers: &HeaderMap, origins: &[String], is_loopback: bool) -> Result<(), Refused> {
     let host = one(headers, &header::HOST)?;
     let origin = one(headers, &header::ORIGIN)?;

@@ -9,8 +9,8 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::{Registry, Unit};
 
-/// Label for why a session ended or was refused: a word of [`Code`](crate::protocol::Code), `closed`, or a
-/// word of the request's check.
+/// Label for why a session ended or a client was refused: a word of [`Code`](crate::protocol::Code), `closed`,
+/// or the word of a refused connection or request.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct Reason {
     reason: &'static str,

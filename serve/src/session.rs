@@ -516,7 +516,7 @@ impl Live {
         Ok(())
     }
 
-    /// Sends the state; returns `false` if the engine is computing this session just now.
+    /// Sends the state; returns `false` if another call on the session is in progress.
     async fn save(&self, writer: &Writer) -> Result<bool, End> {
         let mut bytes = vec![0; self.session.state_size()];
         let length = match self.session.save(&mut bytes) {

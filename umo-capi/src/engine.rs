@@ -340,8 +340,8 @@ pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
 /// Sets the overload policy: while chunks start more than `seconds` behind real time, a growing share of
 /// them skips the language model, at a quarter of the cost. In these chunks the body holds its pose, and
 /// the mouth comes from the model's mouth network, if it has one; sessions take turns. The share shrinks
-/// again once chunks are in time; `umo_stats.held_chunks` counts them. While the engine keeps up, the
-/// setting does not change a bit of any frame.
+/// again once chunks are in time; `umo_stats.held_chunks` counts them. While the engine keeps up, frames
+/// are bit-identical to those without a limit.
 ///
 /// A negative number, the default, never holds the body: frames then come later and later, up to the ten
 /// seconds of audio that a session queues. Keep the default if audio is pushed faster than real time.

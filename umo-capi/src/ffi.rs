@@ -151,7 +151,7 @@ pub(crate) unsafe trait Sized32: Copy {
 pub(crate) unsafe fn read<T: Sized32>(from: *const T, what: &str) -> Result<T, Failure> {
     // SAFETY: guaranteed by the caller (see # Safety).
     let size = unsafe { struct_size(from, what)? };
-    // SAFETY: every bit pattern is valid, also zeros.
+    // SAFETY: every bit pattern is valid, including zeros.
     let mut value: T = unsafe { std::mem::zeroed() };
     let known = size.min(size_of::<T>());
     // SAFETY: `size` bytes are readable, and `value` has room for the bytes that are copied.

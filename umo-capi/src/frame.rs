@@ -22,7 +22,7 @@ pub const UMO_ABSENT: u32 = 0xffff_ffff;
 ///
 /// Offsets and strides are multiples of the values' alignment in C: 4, and for `index` and `sample` that
 /// of `uint64_t`, which then also applies to `frame_stride`. Values must not overlap, not even in one
-/// byte; values of one kind may lie between those of another. A layout that breaks this is
+/// byte, but values of different kinds may be interleaved. A layout that breaks this is
 /// `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,7 +141,7 @@ impl Run {
     }
 }
 
-/// Alignment of a `float` and of a `uint64_t` in the host's structures, bytes.
+/// Alignment of a `float` and of a `uint64_t` in the host's structures, in bytes.
 const FLOAT_ALIGN: usize = align_of::<f32>();
 const COUNT_ALIGN: usize = align_of::<u64>();
 

@@ -1,4 +1,4 @@
-//! Whole recordings.
+//! Level of whole recordings.
 
 use umo_core::audio::level::{MAX_CHANNELS, Meter};
 use umo_core::audio::resample::{MAX_RATE, MIN_RATE};
@@ -7,11 +7,10 @@ use crate::ffi::{self, guard, wanted};
 use crate::status::{Failure, UmoStatus};
 
 /// Computes the gain of each channel that brings the speech of a whole recording to its normal level, for
-/// `count` interleaved samples at `sample_rate` Hz. The gains are 1 for a plain recording. Others are far
-/// from the level of speech, have channels that cancel each other, or have speech in the centre channel
-/// alone (with five channels or more, the third). Multiply each channel by its gain before you push the
-/// samples into a session; `gains` has room for `channels` values, 1 to 64.
-/// room for `channels` values, 1 to 64.
+/// `count` interleaved samples at `sample_rate` Hz. The gains are 1 for a plain recording. They differ if
+/// its level is far from that of speech, if its channels cancel each other, or if only the centre channel
+/// (the third, with five channels or more) has speech. Multiply each channel by its gain before you push
+/// the samples into a session; `gains` has room for `channels` values, 1 to 64.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_ARGUMENT` (a rate or a number of channels out of range, or not a

@@ -545,9 +545,9 @@ mod tests {
     fn a_panic_becomes_a_status_and_poisons_that_session_alone() {
         let (mut model, mut engine, mut first, mut second) = (null_mut(), null_mut(), null_mut(), null_mut());
         let (abi, data) = (crate::UMO_ABI_VERSION, MODEL.as_ptr().cast());
-        // SAFETY: the bytes are what they say, and the pointer is to a value of this function.
+        // SAFETY: the length is that of the bytes, and the pointer is to a value of this function.
         assert_eq!(unsafe { umo_model_load_memory(abi, data, MODEL.len(), null(), &raw mut model) }, UMO_STATUS_OK);
-        // SAFETY: integers and pointers, zero in each of which is a value.
+        // SAFETY: integers and pointers, for which zero is valid.
         let mut config: UmoEngineConfig = unsafe { std::mem::zeroed() };
         // SAFETY: the size is the value's.
         assert_eq!(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) }, UMO_STATUS_OK);
@@ -563,7 +563,7 @@ mod tests {
         assert_eq!(on(first, |_| panic!("planned")), UMO_STATUS_PANIC);
         assert_eq!(stream::umo_session_finish(first), UMO_STATUS_PANIC);
         let (mut text, mut length) = ([0_u8; 512], 0);
-        // SAFETY: the buffer is as long as it says.
+        // SAFETY: the size is the buffer's.
         let asked = unsafe { umo_session_last_error(first, text.as_mut_ptr().cast(), text.len(), &raw mut length) };
         assert_eq!(asked, UMO_STATUS_OK);
         let text = String::from_utf8_lossy(&text[..length]).into_owned();
@@ -571,7 +571,7 @@ mod tests {
         assert_eq!(stream::umo_session_finish(second), UMO_STATUS_OK);
 
         assert_eq!(guard(|| panic!("planned")), UMO_STATUS_PANIC);
-        // SAFETY: never NULL, and it ends.
+        // SAFETY: never NULL, and zero-terminated.
         let last = unsafe { std::ffi::CStr::from_ptr(crate::status::umo_last_error()) };
         let last = last.to_string_lossy();
         assert!(last.contains("defect") && last.contains("session.rs:") && last.contains("planned"), "{last}");

@@ -87,7 +87,7 @@ pub unsafe extern "C" fn umo_web_character_new(
 
 /// Applies a pose to a character: `pose` has the rotations of the 55 joints, the root translation and the
 /// face channels. `values` gets the rotations of the moved nodes, the translation of the hips, the weights
-/// of each node's morph targets, and those of the expressions; `count` must be their number.
+/// of each node's morph targets, and the weights of the expressions; `count` must be their number.
 ///
 /// # Safety
 /// `pose` has 223 readable floats plus one for each face channel; `values` has `count` writable floats.

@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn packets_decode_to_what_libopus_makes_of_them() {
-        // The decoder here computes with floats, libopus with integers. The stereo file holds the mean of two decoded
+        // The decoder here computes with integers, the reference with floats. The stereo file holds the mean of two decoded
         // channels, which differs by 22.3 dB from libopus' own decoding to mono.
         for (name, least) in [("voice", 70.0), ("narrow", 70.0), ("stereo", 20.0)] {
             let mut wav = hound::WavReader::open(file(&format!("{name}.wav"))).unwrap();

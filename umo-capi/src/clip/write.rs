@@ -84,7 +84,7 @@ fn refused(cause: &io::Error) -> Failure {
 
 impl Content {
     /// # Safety
-    /// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described.
+    /// `clip` is NULL or as long as its `struct_size` says, and its pointers are as described.
     unsafe fn read(clip: *const UmoClip, format: u32) -> Result<Self, Failure> {
         // SAFETY: guaranteed by the caller (see # Safety).
         let given = unsafe { ffi::read(clip, "clip")? };
@@ -125,7 +125,7 @@ unsafe fn figure(given: &UmoClip) -> Result<Option<Figure>, Failure> {
 }
 
 /// # Safety
-/// What the clip points to is as described.
+/// The clip's pointers are as described.
 unsafe fn read(given: &UmoClip) -> Result<Clip, Failure> {
     let kind = match given.is_arkit {
         0 => FaceKind::SmplxExpression,
