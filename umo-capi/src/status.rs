@@ -256,8 +256,8 @@ thread_local! {
 /// Stores a failure's detail for `umo_last_error`.
 pub(crate) fn remember(detail: &Text) {
     LAST.with(|last| {
-        // SAFETY: the cell is this thread's, and nothing called here calls back, so there is no other
-        // reference to it.
+        // SAFETY: the cell is this thread's, and nothing called here calls back, so no other
+        // reference to it exists.
         unsafe { *last.get() = *detail };
     });
 }

@@ -139,8 +139,8 @@ mod tests {
 
     #[test]
     fn packets_decode_to_what_libopus_makes_of_them() {
-        // The decoder here computes with integers, the reference with floats. The stereo file holds the mean of two decoded
-        // channels, which differs by 22.3 dB from libopus' own decoding to mono.
+        // The decoder here computes with integers, the reference with floats. The stereo file holds the mean of the
+        // two decoded channels, from which libopus' own decoding to mono is 22.3 dB away.
         for (name, least) in [("voice", 70.0), ("narrow", 70.0), ("stereo", 20.0)] {
             let mut wav = hound::WavReader::open(file(&format!("{name}.wav"))).unwrap();
             let expected: Vec<i16> = wav.samples().map(Result::unwrap).collect();
