@@ -7,46 +7,45 @@ use umo_core::{MAX_BATCH, MAX_SESSIONS, MAX_THREADS, Priority};
 use crate::door;
 use crate::tokens::Tokens;
 
-/// Most seconds of any time but [`Config::ahead`].
+/// Upper bound on all configured durations except [`Config::gather`], which is not checked.
 const LONGEST: Duration = Duration::from_secs(24 * 3600);
 
-/// What a server allows.
+/// Limits and timeouts of a server.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Most sessions at once.
+    /// Maximum number of sessions at once.
     pub sessions: usize,
-    /// Most sessions of one client at once: of one token, or of one address where there are no
-    /// tokens.
+    /// Maximum number of sessions per client at once. A client is a token, or an address if there are no tokens.
     pub per_client: usize,
-    /// Threads that compute.
+    /// Number of compute threads.
     pub threads: usize,
-    /// Their priority.
+    /// Scheduling priority of the compute threads.
     pub priority: Priority,
-    /// The longest that a chunk waits for others, to be computed together.
+    /// Batching window: the longest delay of a chunk so that it can be computed with others.
     pub gather: Duration,
-    /// Most sessions that are computed together.
+    /// Maximum number of sessions in a batch.
     pub max_batch: usize,
-    /// Who may come in; everybody where there are no tokens.
+    /// Accepted bearer tokens; without any, every client is accepted.
     pub tokens: Tokens,
-    /// Origins of web pages that may come in beside the server's own, as browsers write them:
+    /// Origins of web pages that are accepted besides the server's own, as browsers write them:
     /// `https://avatar.example.com`.
     pub origins: Vec<String>,
-    /// Whether a proxy names the clients' addresses in `X-Forwarded-For`.
+    /// Whether a proxy reports the clients' addresses in `X-Forwarded-For`.
     pub is_behind_proxy: bool,
-    /// Audio that is computed before its time has come, so that a client that sends a recording at
-    /// once takes no time from those that speak; zero for no limit.
+    /// Upper bound on audio computed ahead of real time, so that a client that sends a whole recording
+    /// does not starve live speakers; zero for no limit.
     pub ahead: Duration,
-    /// Audio of a session that waits, before no more is read from its socket.
+    /// Audio that a session buffers before the server stops reading from its socket.
     pub buffer: Duration,
-    /// Time for the request and the hello.
+    /// Time limit for the request and the hello.
     pub hello_within: Duration,
-    /// Time without audio and commands after which a session ends.
+    /// Time without audio or commands after which a session ends.
     pub idle: Duration,
-    /// Time between pings; a client that is silent for twice as long has gone.
+    /// Interval between pings; a client that is silent for two of them counts as gone.
     pub heartbeat: Duration,
-    /// Time that one message may take to be written.
+    /// Time limit for writing one message.
     pub stall: Duration,
-    /// Time that running sessions have to end in, once the server was told to stop.
+    /// Time that running sessions have to finish after the server was told to stop.
     pub drain: Duration,
 }
 
@@ -75,10 +74,10 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Refuses numbers that no server can have, by the name of the option.
+    /// Checks that every value is in range; errors use the name of the command-line option.
     ///
     /// # Errors
-    /// A sentence that says what was expected.
+    /// A message that names the option and its valid range.
     pub fn check(&self) -> Result<(), String> {
         let count = |name: &str, got: usize, most: usize| {
             if (1..=most).contains(&got) { Ok(()) } else { Err(format!("{name} {got}: expected 1 to {most}")) }
@@ -105,8 +104,8 @@ impl Config {
         Ok(())
     }
 
-    /// Most connections at once: sessions, those that end, and those that did not come to one, which
-    /// include who asks for health and metrics.
+    /// Maximum number of connections: running sessions, sessions that are closing, and connections without a
+    /// session, which include requests for health and metrics.
     pub(crate) fn connections(&self) -> usize {
         2 * self.sessions + door::WAITING
     }

@@ -1,5 +1,5 @@
-//! Who may come in: no page of another site that a browser has open, and not one client's idle connections
-//! in all the others' stead.
+//! Admission of connections: rejects web pages from foreign origins, and keeps one client's idle connections
+//! from crowding out all others.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -7,19 +7,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 
-/// Most connections that wait with their hello.
+/// Maximum number of connections that have not sent a hello.
 pub(crate) const WAITING: usize = 256;
-/// Most of them from one address.
+/// Maximum number of these from one address.
 pub(crate) const WAITING_OF_ONE: usize = 32;
 
-/// Why a request is refused: its status, a word for the metrics, and a sentence.
+/// Reason for refusing a request: status, label for the metrics, and message.
 pub(crate) type Refused = (StatusCode, &'static str, String);
 
-/// Whether the request may come in by its headers: a browser says in `Origin` from which page it comes, and in
-/// `Host` by which name.
+/// Admits or refuses a request by its headers: in a browser's request, `Origin` is the page that sent it and
+/// `Host` the name it used for the server.
 ///
-/// `origins` are those whose pages may come in beside the server's own. A server that only its own machine
-/// reaches knows its names: a page whose name was made to lead to this machine has another one.
+/// Pages from `origins` are accepted in addition to the server's own. If only this machine can reach the server,
+/// its names are known, and any other name in `Host` is refused, against DNS rebinding.
 pub(crate) fn check(headers: &HeaderMap, origins: &[String], is_loopback: bool) -> Result<(), Refused> {
     let host = one(headers, &header::HOST)?;
     let origin = one(headers, &header::ORIGIN)?;
@@ -38,7 +38,7 @@ pub(crate) fn check(headers: &HeaderMap, origins: &[String], is_loopback: bool) 
     }
 }
 
-/// Refuses what is no origin as browsers write it.
+/// Checks that `origin` has the form that browsers send.
 pub(crate) fn check_origin(origin: &str) -> Result<(), String> {
     let is_known = authority(origin).is_some_and(|host| !host.is_empty() && !host.contains(['/', '@', '?', '#', ' ']));
     if origin == "null" || is_known && !origin.contains(|letter: char| letter.is_ascii_uppercase()) {
@@ -47,7 +47,7 @@ pub(crate) fn check_origin(origin: &str) -> Result<(), String> {
     Err(format!("origin {origin}: expected as https://avatar.example.com or http://localhost:8000, without a path"))
 }
 
-/// The only value of a header, if it is there.
+/// Value of a header that may occur once at most.
 fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, Refused> {
     let mut values = headers.get_all(name).iter();
     let value = values.next().map(|value| value.to_str()).transpose();
@@ -57,12 +57,12 @@ fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>,
     }
 }
 
-/// The host and port of an origin.
+/// Host and port of an origin.
 fn authority(origin: &str) -> Option<&str> {
     origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"))
 }
 
-/// Whether a host, with or without a port, is this machine for everybody.
+/// Whether a host, with or without a port, is a loopback name or address.
 fn is_loopback_name(host: &str) -> bool {
     let is_port = |port: &str| !port.is_empty() && port.bytes().all(|digit| digit.is_ascii_digit());
     let name = host.rsplit_once(':').filter(|(_, port)| is_port(port)).map_or(host, |(name, _)| name);
@@ -70,13 +70,13 @@ fn is_loopback_name(host: &str) -> bool {
     name.eq_ignore_ascii_case("localhost") || bare.parse().is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
-/// The connections that have not come to a session, by address.
+/// Number of connections without a session, by address.
 #[derive(Debug, Default)]
 pub(crate) struct Lobby {
     waiting: Mutex<HashMap<String, usize>>,
 }
 
-/// A connection's place in the lobby; free again when it is dropped.
+/// Seat of a connection in the lobby, freed on drop.
 #[derive(Debug)]
 pub(crate) struct Seat {
     lobby: Arc<Lobby>,
@@ -88,7 +88,7 @@ impl Lobby {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A seat for a connection from this address, if there is one.
+    /// Takes a seat for a connection from this address; `None` if a limit is reached.
     pub(crate) fn enter(self: &Arc<Self>, address: &str) -> Option<Seat> {
         let mut waiting = self.waiting();
         let of_one = waiting.get(address).copied().unwrap_or(0);
@@ -145,7 +145,7 @@ mod tests {
             ("avatar.example.com", Some(SITE), &[SITE], 200),
             ("avatar.example.com", None, &[SITE], 200),
             ("evil.example:8765", None, &[SITE], 421),
-            // Its name was made to lead here.
+            // DNS rebinding: the name resolves to this machine.
             ("evil.example:8765", Some("http://evil.example:8765"), &[], 421),
             ("localhost.evil.example", None, &[], 421),
             ("127.0.0.1.evil.example:80", None, &[], 421),
@@ -156,7 +156,7 @@ mod tests {
             headers.extend(origin.map(|origin| (header::ORIGIN, origin)));
             assert_eq!(status(&headers, origins, true), expected, "{host} {origin:?} {origins:?}");
         }
-        // A server for other machines does not know by which names they reach it.
+        // A server that other machines can reach does not know the names they use for it.
         let host = (header::HOST, "10.0.0.7:8765");
         assert_eq!(status(std::slice::from_ref(&host), &[], false), 200);
         assert_eq!(status(&[], &[], false), 200);

@@ -1,4 +1,4 @@
-//! Places: how many sessions there are, how many of one client, and whether new ones may come.
+//! Session slots: the number of sessions, in all and by client, and whether new ones are accepted.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -6,16 +6,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-/// Whether the server goes on.
+/// State of the server: running or shutting down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
-    /// It takes clients.
+    /// Accepts clients.
     Open,
-    /// It takes none; those that are there have until then.
+    /// Accepts no clients; running sessions end at this deadline.
     Draining(Instant),
 }
 
-/// Why a client got no place.
+/// Reason why a client got no slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refusal {
     Full { places: usize },
@@ -26,23 +26,23 @@ pub(crate) enum Refusal {
 #[derive(Debug, Default)]
 struct Taken {
     all: usize,
-    /// Clients with one place at least.
+    /// Slots by client; every entry is at least 1.
     by_client: HashMap<String, usize>,
     is_closed: bool,
 }
 
-/// The places of a server.
+/// Slots of a server.
 #[derive(Debug)]
 pub(crate) struct Hub {
     most: usize,
     per_client: usize,
     taken: Mutex<Taken>,
-    /// The number of `taken`, for who waits until it is 0.
+    /// Copy of `taken.all`, for waiting until it is 0.
     count: watch::Sender<usize>,
     phase: watch::Sender<Phase>,
 }
 
-/// A place; free again when it is dropped.
+/// A slot, freed on drop.
 #[derive(Debug)]
 pub(crate) struct Place {
     hub: Arc<Hub>,
@@ -59,8 +59,8 @@ impl Hub {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a place. Limits are checked under the lock that takes it, so that two clients never get
-    /// the last one.
+    /// Takes a slot. The limits are checked under the lock that takes it, so two clients never get the last
+    /// one.
     pub(crate) fn take(self: &Arc<Self>, client: &str) -> Result<Place, Refusal> {
         let mut taken = self.taken();
         if taken.is_closed {
@@ -79,13 +79,13 @@ impl Hub {
         Ok(Place { hub: Arc::clone(self), client: client.to_owned() })
     }
 
-    /// No more clients; those that are there have until `deadline`.
+    /// Stops accepting clients; running sessions end at `deadline`.
     pub(crate) fn drain(&self, deadline: Instant) {
         self.taken().is_closed = true;
         self.phase.send_replace(Phase::Draining(deadline));
     }
 
-    /// Tells of the end.
+    /// Subscribes to changes of the phase.
     pub(crate) fn phase(&self) -> watch::Receiver<Phase> {
         self.phase.subscribe()
     }
@@ -98,9 +98,9 @@ impl Hub {
         self.most
     }
 
-    /// Waits until nobody has a place.
+    /// Waits until all slots are free.
     pub(crate) async fn empty(&self) {
-        // The sender is this hub's: it does not go away.
+        // `wait_for` fails only without a sender, and this hub owns it.
         let _ = self.count.subscribe().wait_for(|&count| count == 0).await;
     }
 }

@@ -2,14 +2,14 @@
 //!
 //! | module | part |
 //! |---|---|
-//! | [`config`] | limits and times, and what they may be |
-//! | [`tokens`] | the clients' names and secrets |
-//! | `door` | which pages of browsers may come in, and how many connections wait |
-//! | `hub` | places: how many sessions there are, how many of one client, and whether new ones may come |
+//! | [`config`] | limits, timeouts and their ranges |
+//! | [`tokens`] | names and secrets of clients |
+//! | `door` | accepted origins, and limits on connections without a session |
+//! | `hub` | session slots, in all and by client, and whether new sessions are accepted |
 //! | [`protocol`] | the messages |
 //! | `session` | one client: audio to the engine, frames to the client |
-//! | `metrics` | what Prometheus reads |
-//! | `server` | sockets, routes, the end |
+//! | `metrics` | metrics for Prometheus |
+//! | `server` | sockets, routes, shutdown |
 //!
 //! ```text
 //! socket ──► session: hello, audio, commands ──► umo_core::Session ──► engine: batches of chunks
@@ -17,9 +17,9 @@
 //!    └──── writer ◄── bounded queue ◄── frames, packets, states ◄───────────────┘
 //! ```
 //!
-//! A session never waits for another. What a client sends or does not read is bounded: audio waits in
-//! a buffer of [`Config::buffer`], then in the client; frames wait in the queue, then in the engine,
-//! which stops computing for that client alone.
+//! Sessions never wait for each other. Memory per client is bounded: audio waits in a buffer of
+//! [`Config::buffer`], then in the client; frames wait in the queue, then in the engine, which pauses that
+//! client's session alone.
 #![forbid(unsafe_code)]
 
 pub mod config;

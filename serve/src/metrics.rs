@@ -1,4 +1,4 @@
-//! What Prometheus reads.
+//! Metrics for Prometheus.
 
 use std::sync::atomic::AtomicU64;
 
@@ -9,13 +9,14 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::{Registry, Unit};
 
-/// Why something ended: a word of [`Code`](crate::protocol::Code), or `closed`.
+/// Label for why a session ended or a client was refused: a word of [`Code`](crate::protocol::Code), `closed`,
+/// or the word of a refused connection or request.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct Reason {
     reason: &'static str,
 }
 
-/// The numbers of a server.
+/// Counters and gauges of a server.
 #[derive(Debug)]
 pub(crate) struct Metrics {
     registry: Registry,
@@ -89,7 +90,7 @@ impl Metrics {
         self.sent.inc_by(bytes as u64);
     }
 
-    /// Everything, in Prometheus' text format.
+    /// Returns all metrics in the OpenMetrics text format.
     pub(crate) fn text(&self, sessions: usize, places: usize, is_draining: bool) -> String {
         let number = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
         self.sessions.set(number(sessions));
@@ -98,7 +99,7 @@ impl Metrics {
         let mut text = String::new();
         match encode(&mut text, &self.registry) {
             Ok(()) => text,
-            // A string takes every text.
+            // Writing to a `String` cannot fail.
             Err(std::fmt::Error) => String::new(),
         }
     }

@@ -1,86 +1,86 @@
-//! The messages: JSON texts both ways, samples in, frames, packets and states out.
+//! The messages: JSON text both ways; binary samples in; binary frames, packets and states out.
 //!
-//! A binary message of a client is 16-bit little-endian mono samples, one packet of Opus, or a piece of
-//! the state that its hello announced. The first byte of a binary message of the server says what it is:
+//! A client's binary message is 16-bit little-endian mono samples, one Opus packet, or a piece of the state
+//! that its hello announced. The first byte of a server's binary message is its kind:
 //!
-//! | byte | what follows |
+//! | byte | content |
 //! |---|---|
-//! | 1 | frames: a byte of 0, `u16` count, `u32` floats of each; then for each `u64` index, `u64` sample, floats |
+//! | 1 | frames: a zero byte, `u16` count, `u32` floats per frame; then for each `u64` index, `u64` sample, floats |
 //! | 2 | one packet |
-//! | 3 | a piece of a state; the text before its first one says how many bytes the state has |
+//! | 3 | a piece of a state; the text message before the first piece gives the length of the state |
 //!
-//! All numbers are little-endian. The floats of a frame are 55 rotations x y z w, the root's place, and
-//! the face.
+//! All numbers are little-endian. The floats of a frame are 55 rotations x y z w, the root translation, and
+//! the face channels.
 
 use serde::{Deserialize, Serialize};
 use umo_core::{Frame, GestureOptions, JOINTS, Mood, Side};
 
-/// The version of the protocol that this server speaks.
+/// Version of the protocol.
 pub const VERSION: u32 = 1;
-/// Longest message of either side, bytes.
+/// Maximum length of a message in either direction, in bytes.
 pub const MOST_BYTES: usize = 64 << 10;
 
-/// First byte of a message with frames.
+/// First byte of a message that holds frames.
 pub const FRAMES: u8 = 1;
-/// First byte of a message with a packet.
+/// First byte of a message that holds a packet.
 pub const PACKET: u8 = 2;
-/// First byte of a message with a piece of a state.
+/// First byte of a message that holds a piece of a state.
 pub const STATE: u8 = 3;
 
-/// Bytes of a message with frames before the first frame.
+/// Length in bytes of a frame message's header.
 const HEAD: usize = 8;
 
-/// What a client asks for first.
+/// First message of a client: settings of its session.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hello {
-    /// [`VERSION`].
+    /// Protocol version, [`VERSION`].
     #[serde(default = "version")]
     pub version: u32,
-    /// Its token, where the request had none.
+    /// Bearer token, if the request had none.
     #[serde(default)]
     pub token: Option<String>,
-    /// What its audio is.
+    /// Format of the client's audio.
     #[serde(default)]
     pub audio: AudioKind,
-    /// Samples a second of its audio; of Opus, those that it is decoded to.
+    /// Sample rate in Hz; for Opus, the rate that packets are decoded to.
     #[serde(default = "rate", deserialize_with = "whole")]
     pub rate: usize,
-    /// What it wants to have.
+    /// Requested output.
     #[serde(default)]
     pub output: Output,
-    /// When the mouth moves.
+    /// Timing of the mouth.
     #[serde(default)]
     pub voice: VoiceKind,
-    /// Free text, for models that take one.
+    /// Free-text prompt, for models that accept one.
     #[serde(default)]
     pub prompt: Option<String>,
-    /// A mood of the start.
+    /// Initial mood.
     #[serde(default)]
     pub mood: Option<MoodName>,
-    /// The mood's strength, 0 to 1.
+    /// Strength of the mood, 0 to 1.
     #[serde(default = "one")]
     pub mood_strength: f32,
-    /// Seed of the draws.
+    /// Seed of the sampling.
     #[serde(default)]
     pub seed: u64,
-    /// Keyframes of a chunk; the model's own number where not given.
+    /// Keyframes in a chunk; the model's default if absent.
     #[serde(default)]
     pub target: Option<usize>,
-    /// Keyframes of audio behind a chunk that it waits for.
+    /// Audio behind a chunk that the chunk waits for, in keyframes.
     #[serde(default)]
     pub horizon: usize,
-    /// Strength of the layers over the model's motion, 0 to 1.
+    /// Strength of the procedural layers over the model's motion, 0 to 1.
     #[serde(default = "one")]
     pub layers: f32,
-    /// Whether it takes the session's state where the server stops.
+    /// Whether the client takes the session's state when the server stops.
     #[serde(default)]
     pub handover: bool,
-    /// Bytes of a state that follow, in binary messages: the session goes on where that one was.
+    /// Length in bytes of a state that follows in binary messages and that the session resumes from.
     #[serde(default)]
     pub restore: Option<usize>,
-    /// Samples at the start of its audio that are dropped: what of a packet the state knows already, and
-    /// packets before it, from which the decoder finds its way.
+    /// Number of leading samples to drop: the part of a packet that the state already covers, and the
+    /// earlier packets that let the decoder converge.
     #[serde(default)]
     pub skip: usize,
 }
@@ -93,7 +93,7 @@ const fn rate() -> usize {
     16_000
 }
 
-/// Reads a whole number, also one that is written as a float: `44100.0`.
+/// Deserializes a whole number, also if written as a float: `44100.0`.
 #[expect(clippy::cast_possible_truncation, reason = "whole and in range")]
 fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<usize, D::Error> {
     let number = f64::deserialize(from)?;
@@ -111,40 +111,40 @@ const fn one() -> f32 {
     1.0
 }
 
-/// What the audio of a client is.
+/// Format of a client's audio.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AudioKind {
     /// 16-bit little-endian mono samples.
     #[default]
     Pcm,
-    /// A packet of RFC 6716 a message, mono or stereo.
+    /// One packet of RFC 6716 per message, mono or stereo.
     Opus,
 }
 
-/// What a session gives.
+/// Output of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Output {
     /// Poses.
     #[default]
     Frames,
-    /// Codes, for decoders elsewhere.
+    /// Codes, to be decoded elsewhere.
     Packets,
 }
 
-/// When the mouth moves.
+/// Timing of the mouth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VoiceKind {
     /// With the body.
     #[default]
     Delayed,
-    /// As the sound is heard.
+    /// With the audio, as it is heard.
     Live,
 }
 
-/// A mood by its name.
+/// Mood, given by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub struct MoodName(pub Mood);
@@ -159,7 +159,7 @@ impl TryFrom<String> for MoodName {
     }
 }
 
-/// A hand by its name.
+/// Hand for a gesture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[expect(missing_docs, reason = "the names say it")]
@@ -171,77 +171,77 @@ pub enum SideName {
     Both,
 }
 
-/// A text message of a client.
+/// Text message of a client.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
-    /// The first message.
+    /// The first message of a connection.
     Hello(Hello),
-    /// The speech is over: its last frames come, then `done`. The next `interrupt` begins another.
+    /// Ends the speech: its last frames follow, then `done`. The next `interrupt` begins another speech.
     Finish,
-    /// Packets of Opus before the next one did not come: they are concealed.
+    /// Reports Opus packets lost before the next one, which are concealed.
     Lost {
-        /// How many.
+        /// Number of lost packets.
         #[serde(default = "one_packet")]
         packets: u32,
     },
-    /// Drops what was not sent yet, and eases to rest; what is pushed from now on is a new speech.
+    /// Drops everything unsent and eases to rest; later audio is a new speech.
     Interrupt {
-        /// Seconds of the ease.
+        /// Duration of the ease, in seconds.
         #[serde(default)]
         ease: f64,
     },
-    /// Another mood.
+    /// Changes the mood.
     Mood {
-        /// Its name.
+        /// Name of the mood.
         mood: MoodName,
-        /// Its strength, 0 to 1.
+        /// Strength, 0 to 1.
         #[serde(default = "one")]
         strength: f32,
     },
-    /// A gesture over the motion.
+    /// Plays a gesture over the motion.
     Gesture {
-        /// Its name.
+        /// Name of the gesture.
         name: String,
-        /// The time of its stroke, seconds of the motion; as soon as may be where not given.
+        /// Time of the stroke, in seconds of the motion; as soon as possible if absent.
         #[serde(default)]
         at: Option<f64>,
-        /// 0.5 to 2.
+        /// Playback speed, 0.5 to 2.
         #[serde(default = "one")]
         speed: f32,
-        /// 0 to 1.
+        /// Strength, 0 to 1.
         #[serde(default = "one")]
         strength: f32,
-        /// Which hand.
+        /// The hand that gestures.
         #[serde(default)]
         side: SideName,
-        /// A place to point at, metres.
+        /// Point to point at, in metres.
         #[serde(default)]
         target: Option<[f32; 3]>,
     },
-    /// A point to look at.
+    /// Looks at a point.
     LookAt {
-        /// The point, metres.
+        /// The point, in metres.
         point: [f32; 3],
-        /// 0 to 1.
+        /// Strength, 0 to 1.
         #[serde(default = "one")]
         strength: f32,
     },
-    /// The session's state is wanted; the session goes on.
+    /// Requests a copy of the session's state; the session continues.
     Save,
 }
 
 impl Request {
-    /// Reads a text message.
+    /// Parses a text message.
     ///
     /// # Errors
-    /// A sentence for the client.
+    /// A message for the client.
     pub fn parse(text: &str) -> Result<Self, String> {
         serde_json::from_str(text).map_err(|error| format!("this message is not understood: {error}"))
     }
 }
 
-/// The options of a gesture.
+/// Builds the options of a gesture.
 pub(crate) fn gesture_options(
     at: Option<f64>,
     (speed, strength): (f32, f32),
@@ -257,34 +257,34 @@ pub(crate) fn gesture_options(
     GestureOptions { at, speed, strength, side, target }
 }
 
-/// A text message of the server.
+/// Text message of the server.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum Reply<'a> {
-    /// The session is there.
+    /// The session has begun.
     Ready(Ready<'a>),
-    /// All of a speech was sent.
+    /// All frames of a speech were sent.
     Done {
         /// Frames since the session began.
         frames: u64,
-        /// Frames whose chunk was done later than real time needs it.
+        /// Frames whose chunk was computed too late for real time.
         late_frames: u64,
     },
-    /// The binary messages that follow are the session's state.
+    /// Announces the session's state, in the binary messages that follow.
     State {
-        /// Samples of this connection that the state knows of: those after them are to be sent again
-        /// to whoever restores it.
+        /// Samples of this connection that the state covers; the client sends later ones again when it
+        /// restores the state.
         samples: u64,
-        /// Bytes of the state.
+        /// Length of the state in bytes.
         bytes: usize,
-        /// Whether the server ends the session now.
+        /// Whether the server now ends the session.
         is_handover: bool,
     },
-    /// The session ends, or does not begin.
+    /// The session ends, or was refused.
     Error {
-        /// A word for programs.
+        /// Machine-readable code.
         code: &'static str,
-        /// A sentence for people.
+        /// Human-readable message.
         reason: &'a str,
     },
 }
@@ -295,7 +295,7 @@ impl Reply<'_> {
     }
 }
 
-/// What a client needs to know of its session.
+/// Properties of a session that has begun.
 #[derive(Clone, Debug, Serialize)]
 #[expect(missing_docs, reason = "docs/serve.md has them in a table")]
 pub struct Ready<'a> {
@@ -314,7 +314,7 @@ pub struct Ready<'a> {
     pub state_bytes: usize,
 }
 
-/// Why a session ends or does not begin, as programs know it.
+/// Machine-readable reason why a session ended or was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "docs/serve.md has them in a table")]
 pub enum Code {
@@ -330,7 +330,7 @@ pub enum Code {
 }
 
 impl Code {
-    /// Its word.
+    /// Code in text messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::BadRequest => "bad_request",
@@ -345,8 +345,8 @@ impl Code {
         }
     }
 
-    /// Its number in the frame that closes the WebSocket: of the protocol where it has one, otherwise
-    /// 4000 and the number that HTTP has for it.
+    /// Code in the WebSocket close frame: the protocol's own if it has one, otherwise 4000 plus a number like
+    /// HTTP's status.
     pub const fn number(self) -> u16 {
         match self {
             Self::BadRequest => 4400,
@@ -362,17 +362,17 @@ impl Code {
     }
 }
 
-/// Floats of a frame.
+/// Number of floats in a frame.
 pub(crate) const fn floats(face: usize) -> usize {
     4 * JOINTS + 3 + face
 }
 
-/// A state as messages, none longer than a client's own may be.
+/// Splits a state into messages of at most [`MOST_BYTES`].
 pub(crate) fn state_messages(state: &[u8]) -> impl Iterator<Item = Vec<u8>> {
     state.chunks(MOST_BYTES - 1).map(|piece| [&[STATE], piece].concat())
 }
 
-/// A message of frames under way.
+/// A frame message being built.
 #[derive(Debug)]
 pub(crate) struct FrameMessage {
     bytes: Vec<u8>,

@@ -1,4 +1,4 @@
-//! Sockets, routes, and the end.
+//! Sockets, routes and shutdown.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -27,23 +27,23 @@ use crate::metrics::Metrics;
 use crate::protocol::MOST_BYTES;
 use crate::session::{self, Client, Shared};
 
-/// Bytes that are read from a socket at a time.
+/// Size of a socket's read buffer, in bytes.
 const READ: usize = 8 << 10;
-/// Time after the last session for the last words.
+/// Time limit for closing connections after the last session.
 const FAREWELL: Duration = Duration::from_secs(3);
-/// Time until a connection is tried again that the system refused.
+/// Delay before accepting again after an error.
 const RETRY: Duration = Duration::from_millis(50);
-/// Threads for the sockets: they wait, and copy frames.
+/// Number of threads for the sockets; they wait and copy frames.
 const SOCKET_THREADS: usize = 2;
 
-/// Why a server does not start, or stops.
+/// Reason why a server cannot start or has stopped.
 #[derive(Debug)]
 pub enum ServerError {
     /// An option is out of its range.
     Config(String),
-    /// There is no engine.
+    /// The engine could not be created.
     Engine(EngineError),
-    /// The address cannot be used, or the system gives no threads.
+    /// The address cannot be used, or the system provides no threads or signals.
     System(String, io::Error),
 }
 
@@ -67,7 +67,7 @@ impl std::error::Error for ServerError {
     }
 }
 
-/// A server that listens.
+/// A listening server.
 #[derive(Debug)]
 pub struct Server {
     listener: TcpListener,
@@ -75,11 +75,11 @@ pub struct Server {
     shared: Arc<Shared>,
 }
 
-/// A connection, as long as anything of it is left.
+/// Resources of a connection, held until its last clone is dropped.
 #[derive(Clone, Debug)]
 struct Connection {
     peer: SocketAddr,
-    /// Until it has a session.
+    /// Lobby seat, held until the connection has a session.
     seat: Arc<Mutex<Option<Seat>>>,
     _permit: Arc<OwnedSemaphorePermit>,
 }
@@ -91,16 +91,16 @@ impl Connection {
 }
 
 impl Server {
-    /// Listens at `address`, with an engine for `model`.
+    /// Binds to `address` and creates an engine for `model`.
     ///
     /// # Errors
-    /// [`ServerError`] where an option is out of its range, the address cannot be used, or the engine
-    /// gets no threads, memory or priority.
+    /// [`ServerError`] if an option is out of range, the address cannot be used, or the engine cannot get its
+    /// threads, memory or priority.
     pub async fn bind(address: impl ToSocketAddrs, config: Config, model: Arc<Model>) -> Result<Self, ServerError> {
         config.check().map_err(ServerError::Config)?;
         let engine = EngineConfig {
             threads: Threads::Own(config.threads),
-            // A session that has gone is in the engine for the rest of its batch.
+            // The engine keeps a closed session until the end of its batch.
             max_sessions: (config.sessions + config.max_batch).min(MAX_SESSIONS),
             max_batch: config.max_batch,
             priority: config.priority,
@@ -122,12 +122,12 @@ impl Server {
         Ok(Self { listener, address, shared })
     }
 
-    /// Where it listens.
+    /// The address that the server listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Serves until `stop` is done, then lets those that are there finish within [`Config::drain`].
+    /// Serves until `stop` completes, then lets running sessions finish within [`Config::drain`].
     pub async fn run(self, stop: impl Future<Output = ()>) {
         let Self { listener, shared, .. } = self;
         let connections = shared.config.connections();
@@ -139,7 +139,7 @@ impl Server {
             () = &mut accepting => {}
         }
         shared.hub.drain(Instant::now() + shared.config.drain);
-        // Whoever comes now is told why it is refused.
+        // New clients are still accepted, to be told why they are refused.
         tokio::select! {
             () = shared.hub.empty() => {}
             () = &mut accepting => {}
@@ -160,12 +160,12 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
         let (socket, peer) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(_) => {
-                // No file is left for it, or the client has gone already.
+                // Out of file descriptors, or the client has already gone.
                 sleep(RETRY).await;
                 continue;
             }
         };
-        // A proxy's connections are all from one address: they are counted once their client is known.
+        // All connections of a proxy share its address: they are counted once the client is known.
         let is_behind_proxy = shared.config.is_behind_proxy;
         let seat = (!is_behind_proxy).then(|| shared.lobby.enter(&peer.ip().to_string()));
         let (Ok(permit), None | Some(Some(_))) = (Arc::clone(permits).try_acquire_owned(), &seat) else {
@@ -180,16 +180,16 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
     }
 }
 
-/// One connection, until it is a WebSocket or closed.
+/// Serves one connection until it closes or becomes a WebSocket.
 async fn connected(socket: TcpStream, routes: Router, within: Duration) {
     let service = TowerToHyperService::new(routes);
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(within);
-    // What a client does wrong ends its own connection.
+    // A client's protocol error ends only its own connection.
     let _ = http.serve_connection(TokioIo::new(socket), service).with_upgrades().await;
 }
 
-/// Refuses requests of pages that may not come in.
+/// Refuses requests by their origin and host.
 async fn knock(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     match door::check(request.headers(), &shared.config.origins, shared.is_loopback) {
         Ok(()) => next.run(request).await,
@@ -228,13 +228,14 @@ async fn upgrade(
     )
 }
 
-/// The token of `Authorization: Bearer TOKEN`.
+/// Token in `Authorization: Bearer TOKEN`.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// The client's address: the last that a proxy wrote, as those before it are the client's own words.
+/// Address of the client. Behind a proxy, this is the last address in the header: the client can forge the
+/// earlier ones.
 fn address(headers: &HeaderMap, connection: &Connection, is_behind_proxy: bool) -> String {
     let written = headers.get_all("x-forwarded-for").iter().next_back().and_then(|value| value.to_str().ok());
     let last = written.and_then(|list| list.rsplit(',').next()).map(str::trim).filter(|_| is_behind_proxy);
@@ -262,10 +263,10 @@ fn is_draining(shared: &Shared) -> bool {
     *shared.hub.phase().borrow() != Phase::Open
 }
 
-/// Serves at `address` until the process is told to stop (SIGTERM, or Ctrl-C): what `umo serve` does.
+/// Serves at `address` until SIGTERM or Ctrl-C, for `umo serve`.
 ///
 /// # Errors
-/// As [`Server::bind`], and where the system gives no threads or signals.
+/// The errors of [`Server::bind`], and [`ServerError::System`] if the system provides no threads or signals.
 pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), ServerError> {
     let system = |what: &str| {
         let what = what.to_owned();
@@ -288,12 +289,12 @@ pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), Serve
     })
 }
 
-/// A line on standard error, which may be closed.
+/// Writes a line to standard error; ignores errors, as it may be closed.
 fn note(line: fmt::Arguments<'_>) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// Done when the process is told to stop.
+/// Returns a future that completes when the process is told to stop.
 #[cfg(unix)]
 fn told_to_stop() -> io::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
@@ -306,11 +307,11 @@ fn told_to_stop() -> io::Result<impl Future<Output = ()>> {
     })
 }
 
-/// Done when the process is told to stop.
+/// Returns a future that completes when the process is told to stop.
 #[cfg(not(unix))]
 fn told_to_stop() -> io::Result<impl Future<Output = ()>> {
     Ok(async {
-        // Without signals it serves until it is ended.
+        // Without signals the server runs until the process is killed.
         if tokio::signal::ctrl_c().await.is_err() {
             std::future::pending::<()>().await;
         }

@@ -1,10 +1,10 @@
-//! One client, from its hello to its end.
+//! One client's session, from hello to close.
 //!
 //! | module | part |
 //! |---|---|
-//! | `settings` | what a hello asks for, as settings of a session |
-//! | `audio` | samples that wait, and how soon they may be computed |
-//! | `opus` | packets of Opus to samples |
+//! | `settings` | session settings from a hello |
+//! | `audio` | buffered samples and their pacing |
+//! | `opus` | decoder of Opus packets |
 //! | `writer` | the writing half of the socket |
 
 mod audio;
@@ -32,39 +32,39 @@ use audio::Audio;
 use opus::Packets;
 use writer::{Writer, Written};
 
-/// How often the engine is asked for what is ready.
+/// Interval at which the engine is polled for output.
 const TICK: Duration = Duration::from_millis(10);
-/// Most frames of a message.
+/// Maximum number of frames in a message.
 const FRAMES_AT_ONCE: usize = 32;
-/// Time for the client's half of the closing.
+/// Time limit for the client's close frame.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// What all sessions of a server share.
+/// State shared by all sessions of a server.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) config: Config,
     pub(crate) engine: Engine,
     pub(crate) hub: Arc<Hub>,
     pub(crate) lobby: Arc<Lobby>,
-    /// Whether only this machine reaches the server.
+    /// Whether the server listens on loopback only.
     pub(crate) is_loopback: bool,
     pub(crate) metrics: Metrics,
 }
 
-/// Who asks.
+/// Identity of a client.
 #[derive(Debug)]
 pub(crate) struct Client {
-    /// The name of the token in its request, if there was one.
+    /// Name of the token in the request, if it had one.
     pub(crate) name: Option<String>,
     pub(crate) address: String,
 }
 
-/// Why a session is over.
+/// Reason why a session ended.
 #[derive(Debug, PartialEq, Eq)]
 enum End {
     /// The client closed, or its connection broke.
     Left,
-    /// The server ends it.
+    /// The server ends the session.
     Because(Code, String),
 }
 
@@ -101,7 +101,7 @@ impl From<Refusal> for End {
     }
 }
 
-/// Serves one client; `admitted` is called when it has a place.
+/// Serves one client; calls `admitted` once it has a slot.
 pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, admitted: impl FnOnce()) {
     let (sink, mut stream) = socket.split();
     let writer = Writer::new(sink, shared.config.stall);
@@ -109,7 +109,7 @@ pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, 
         Ok((hello, place)) => {
             admitted();
             let end = with_place(&hello, &mut stream, &writer, &shared).await;
-            // Another client may come while this one is told why it goes.
+            // The slot is free for another client while this one is told why it is disconnected.
             drop(place);
             end
         }
@@ -128,12 +128,12 @@ pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, 
     if let End::Because(code, reason) = end {
         closing.close(code, &reason).await;
     }
-    // Reading answers the client's close. What was sent and not read here would reset the connection, and
-    // the reason with it.
+    // Reading answers the client's close frame. Unread input would reset the connection, and the client would
+    // lose the reason.
     let _ = timeout(FAREWELL, async { while let Some(Ok(_)) = stream.next().await {} }).await;
 }
 
-/// The hello, and a place for who may have one.
+/// Reads the hello and takes a slot.
 async fn admit(stream: &mut SplitStream<WebSocket>, client: &Client, shared: &Shared) -> Result<(Hello, Place), End> {
     let within = shared.config.hello_within;
     let late = |_| End::bad(format!("no hello within {} seconds", within.as_secs_f64()));
@@ -153,7 +153,7 @@ async fn admit(stream: &mut SplitStream<WebSocket>, client: &Client, shared: &Sh
     Ok((hello, place))
 }
 
-/// The first message that is no ping.
+/// Reads the hello, which must be the first message except for pings.
 async fn first(stream: &mut SplitStream<WebSocket>) -> Result<Hello, End> {
     loop {
         match next(stream).await? {
@@ -170,7 +170,7 @@ async fn first(stream: &mut SplitStream<WebSocket>) -> Result<Hello, End> {
     }
 }
 
-/// The next message; what is no WebSocket ends the session with a reason.
+/// Reads the next message; a protocol violation ends the session with a reason.
 async fn next(stream: &mut SplitStream<WebSocket>) -> Result<Message, End> {
     match stream.next().await {
         Some(Ok(message)) => Ok(message),
@@ -179,7 +179,7 @@ async fn next(stream: &mut SplitStream<WebSocket>) -> Result<Message, End> {
     }
 }
 
-/// A connection that broke, or bytes that are no message: the client is told how.
+/// Classifies a read error: a lost connection, or a protocol violation that the client is told about.
 fn broken(error: &axum::Error) -> End {
     use tungstenite::Error::{AlreadyClosed, ConnectionClosed, Io, Protocol};
     use tungstenite::error::ProtocolError::ResetWithoutClosingHandshake;
@@ -189,7 +189,7 @@ fn broken(error: &axum::Error) -> End {
     }
 }
 
-/// A session for a hello, to its end; whether it began.
+/// Runs a session for a hello to its end; also returns whether it began.
 async fn with_place(
     hello: &Hello,
     stream: &mut SplitStream<WebSocket>,
@@ -219,7 +219,7 @@ async fn with_place(
         speech: Speech::Open,
         saving: Saving::No,
         frames: 0,
-        // A restored session has the statistics of its first server.
+        // A restored session includes the statistics of its previous server.
         late_frames: session.stats().late_frames,
         session,
         packet: Vec::new(),
@@ -234,7 +234,7 @@ async fn with_place(
     (end, true)
 }
 
-/// Makes the session, with the state that the client sends where it said so.
+/// Creates the session, and restores a state if the hello announces one.
 async fn begin(hello: &Hello, stream: &mut SplitStream<WebSocket>, shared: &Arc<Shared>) -> Result<Session, End> {
     let settings = settings::of(hello, shared.engine.model()).map_err(End::bad)?;
     let maker = Arc::clone(shared);
@@ -256,7 +256,7 @@ async fn begin(hello: &Hello, stream: &mut SplitStream<WebSocket>, shared: &Arc<
     Ok(session)
 }
 
-/// A state of so many bytes, in binary messages.
+/// Receives a state of `bytes` bytes in binary messages.
 async fn state(stream: &mut SplitStream<WebSocket>, bytes: usize, most: usize) -> Result<Vec<u8>, End> {
     if bytes > most {
         return Err(End::bad(format!("restore {bytes}: a state of such a session has {most} bytes at most")));
@@ -274,20 +274,20 @@ async fn state(stream: &mut SplitStream<WebSocket>, bytes: usize, most: usize) -
     Ok(state)
 }
 
-/// How far a speech is.
+/// Progress of a speech.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Speech {
-    /// Audio may come.
+    /// Audio may follow.
     Open,
-    /// The client said that no more comes.
+    /// The client sent `finish`.
     Ending,
-    /// The engine knows it, too.
+    /// The engine was told as well.
     Ended,
-    /// Everything was sent.
+    /// All frames were sent.
     Done,
 }
 
-/// Whether the session's state is wanted.
+/// Whether a save of the state is pending, and for what purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Saving {
     No,
@@ -295,7 +295,7 @@ enum Saving {
     Handover,
 }
 
-/// A session under way.
+/// A running session.
 #[derive(Debug)]
 struct Live {
     session: Session,
@@ -308,13 +308,13 @@ struct Live {
     saving: Saving,
     /// Frames sent.
     frames: u64,
-    /// Late frames that the metrics know of.
+    /// Late frames already counted in the metrics.
     late_frames: u64,
-    /// Room for a packet.
+    /// Buffer for a packet.
     packet: Vec<u8>,
-    /// When anything came.
+    /// Time of the last message of any kind.
     heard: Instant,
-    /// When audio or a command came, or there was something to compute.
+    /// Time of the last audio, command or computation.
     active: Instant,
 }
 
@@ -361,7 +361,7 @@ impl Live {
                     }
                     if now >= ping {
                         ping = now + heartbeat;
-                        // Where there is no room, what is queued shows whether the client lives.
+                        // With a full queue, its messages show whether the client still reads.
                         if let Some(place) = writer.place() {
                             place.send(Message::Ping(Vec::new().into()));
                         }
@@ -372,7 +372,7 @@ impl Live {
         }
     }
 
-    /// A message of the client.
+    /// Handles a message of the client.
     fn message(&mut self, message: Message) -> Result<(), End> {
         self.heard = Instant::now();
         match message {
@@ -426,7 +426,7 @@ impl Live {
         Ok(())
     }
 
-    /// What there is to do now; says whether the session is over.
+    /// Does one tick's work; returns the reason if the session is over.
     async fn turn(
         &mut self,
         now: Instant,
@@ -463,7 +463,7 @@ impl Live {
         Ok(self.overdue(now))
     }
 
-    /// Gives the engine what it may compute by now.
+    /// Pushes the audio that the pacing allows to the engine.
     fn push(&mut self, now: Instant) -> Result<(), End> {
         let Self { audio, session, .. } = self;
         let taken = audio.push(now, |samples| match session.push_audio_i16(samples) {
@@ -483,7 +483,7 @@ impl Live {
         Ok(())
     }
 
-    /// Queues what is ready, as long as the queue has places.
+    /// Queues available output while the queue has room.
     fn pull(&mut self, writer: &Writer) -> Result<(), End> {
         let metrics = &self.shared.metrics;
         while let Some(place) = writer.place() {
@@ -516,7 +516,7 @@ impl Live {
         Ok(())
     }
 
-    /// Sends the state, unless the engine computes for this session at this moment.
+    /// Sends the state; returns `false` if another call on the session is in progress.
     async fn save(&self, writer: &Writer) -> Result<bool, End> {
         let mut bytes = vec![0; self.session.state_size()];
         let length = match self.session.save(&mut bytes) {
@@ -540,11 +540,11 @@ impl Live {
         self.late_frames = late_frames;
     }
 
-    /// Whether the client has gone, or does nothing.
+    /// Returns the reason to end the session if the client is silent or idle.
     fn overdue(&mut self, now: Instant) -> Option<End> {
         let Config { heartbeat, idle, .. } = self.shared.config;
         if !self.audio.has_room() {
-            // Nothing is read at present.
+            // Reading is paused.
             (self.heard, self.active) = (now, now);
         } else if now - self.heard > 2 * heartbeat {
             let reason = format!("nothing came for {} seconds, no answer to a ping either", 2 * heartbeat.as_secs());
@@ -557,7 +557,7 @@ impl Live {
     }
 }
 
-/// A call that is to be made again takes nothing; every other error ends the session.
+/// Maps a busy error to `nothing`, so that the call is repeated later; other errors end the session.
 fn later<T>(nothing: T) -> impl FnOnce(SessionError) -> Result<T, End> {
     move |error| match error {
         SessionError::Busy(_) => Ok(nothing),
@@ -565,7 +565,7 @@ fn later<T>(nothing: T) -> impl FnOnce(SessionError) -> Result<T, End> {
     }
 }
 
-/// Whose fault it is.
+/// Attributes an error to the client or to the server.
 fn of_session(error: SessionError) -> End {
     match error {
         SessionError::Range(_)

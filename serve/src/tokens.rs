@@ -1,19 +1,19 @@
-//! Bearer tokens: who may come in, and by which name the server counts them.
+//! Bearer tokens: admission of clients, and the names by which they are counted.
 
 use sha2::{Digest, Sha256};
 use subtle::{Choice, ConditionallySelectable, ConstantTimeEq};
 
-/// Least characters of a token, so that none is guessed.
+/// Minimum length of a token in bytes, against guessing.
 pub const LEAST: usize = 16;
 
-/// A client's name, and the SHA-256 of its token: all that the server keeps of it.
+/// Name of a client and the SHA-256 of its token, which itself is not kept.
 #[derive(Clone)]
 struct Entry {
     name: String,
     digest: [u8; 32],
 }
 
-/// The tokens that are accepted.
+/// Accepted tokens.
 #[derive(Clone, Default)]
 pub struct Tokens {
     entries: Vec<Entry>,
@@ -27,10 +27,10 @@ impl std::fmt::Debug for Tokens {
 }
 
 impl Tokens {
-    /// Reads lines of `NAME TOKEN`; empty lines and those that begin with `#` count for nothing.
+    /// Parses lines of `NAME TOKEN`; empty lines and lines that begin with `#` are ignored.
     ///
     /// # Errors
-    /// A sentence with the line's number, never with the token.
+    /// A message with the line number, never with the token.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut entries: Vec<Entry> = Vec::new();
         for (number, line) in text.lines().enumerate() {
@@ -58,13 +58,13 @@ impl Tokens {
         Ok(Self { entries })
     }
 
-    /// Whether everybody may come in.
+    /// Whether no tokens are configured, so that every client is accepted.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// The name of the client whose token this is. Takes as long for every token: digests are
-    /// compared, all of them, and in constant time.
+    /// Returns the name of the client that owns this token. The time does not depend on the token: all digests
+    /// are compared, in constant time.
     pub fn name(&self, token: &str) -> Option<&str> {
         let given = digest(token);
         let (mut found, mut is_known) = (0, Choice::from(0));

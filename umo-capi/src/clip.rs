@@ -1,4 +1,4 @@
-//! Frames as a file: glTF, with or without a figure, and VRM Animation.
+//! Export of frames to files: glTF, with or without a figure, and VRM Animation.
 
 use std::ffi::{c_char, c_void};
 
@@ -14,42 +14,42 @@ use crate::status::UmoStatus;
 #[cfg(feature = "gltf")]
 mod write;
 
-/// Binary glTF 2.0, `.glb`: the skeleton with a figure, or the bones alone.
+/// Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 pub const UMO_FORMAT_GLB: u32 = 1;
 /// VRM Animation 1.0, `.vrma`, for any VRM avatar.
 pub const UMO_FORMAT_VRMA: u32 = 2;
 
-/// Frames that become a file, and whose they are. `umo_clip_init` fills in what is a model's;
-/// `layout`, `frames` and `frame_count` are the host's. What it points to is read during the call that
-/// is given it.
+/// Frames to export, with their skeleton and channels. `umo_clip_init` fills in the model's fields; the
+/// host sets `layout`, `frames` and `frame_count`. The memory that it points to is read only during the
+/// call that takes the clip.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoClip {
     /// `sizeof(umo_clip)`.
     pub struct_size: u32,
-    /// As `umo_model_info.is_arkit`.
+    /// Same as `umo_model_info.is_arkit`.
     pub is_arkit: u32,
-    /// Face channels, at most 1,024.
+    /// Number of face channels, at most 1,024.
     pub channel_count: u32,
-    /// Frames in `frames`.
+    /// Number of frames in `frames`.
     pub frame_count: u32,
-    /// Frames a second.
+    /// Frames per second.
     pub rate: f32,
     /// Zero.
     pub reserved: u32,
-    /// Names of the face channels, UTF-8, as of `umo_model_get_channel_name`. `[channel_count]`
+    /// Names of the face channels, UTF-8, as from `umo_model_get_channel_name`. `[channel_count]`
     pub channels: *const *const c_char,
-    /// `int32_t[UMO_JOINT_COUNT]`: each joint's parent, as of `umo_model_get_skeleton`.
+    /// `int32_t[UMO_JOINT_COUNT]`: index of each joint's parent, as from `umo_model_get_skeleton`.
     pub parents: *const i32,
-    /// `float[UMO_JOINT_COUNT][3]`: where each joint is in its parent's frame at rest, metres in
-    /// `UMO_AXES_GLTF`, whatever the axes of the frames are.
+    /// `float[UMO_JOINT_COUNT][3]`: rest position of each joint in its parent's frame, metres in
+    /// `UMO_AXES_GLTF`, whatever the axes of the frames.
     pub offsets: *const f32,
-    /// How the frames lie, and in which axes. It must have translation, rotations and channels.
+    /// Layout and axes of the frames. It must have translation, rotations and channels.
     pub layout: *const UmoFrameLayout,
-    /// The first frame; it is at second 0 of the file.
+    /// The first frame, at second 0 of the file.
     pub frames: *const c_void,
-    /// Who wears the motion in `UMO_FORMAT_GLB`: one of `umo_figure_name`. NULL: nobody, the file has
-    /// the bones alone, and no face.
+    /// Figure to skin in `UMO_FORMAT_GLB`: a name from `umo_figure_name`. NULL: the skeleton alone, without
+    /// a face.
     pub figure: *const c_char,
 }
 
@@ -58,18 +58,18 @@ unsafe impl Sized32 for UmoClip {
     const FIRST: usize = 24 + 6 * size_of::<*const c_void>();
 }
 
-/// Where a file's bytes go.
+/// Destination of a file's bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoOutput {
-    /// Given to `write`.
+    /// Passed to `write`.
     pub userdata: *mut c_void,
-    /// Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
-    /// them, any other number to stop. Called by the thread that called `umo_clip_write`. Must not throw.
+    /// Takes the next bytes of the file, at least one; they are valid until it returns. Returns 0 to go on,
+    /// any other number to stop. Called on the thread that called `umo_clip_write`. Must not throw.
     pub write: Option<unsafe extern "C" fn(userdata: *mut c_void, bytes: *const c_void, size: usize) -> i32>,
 }
 
-/// The figures' names with their ends.
+/// Zero-terminated names of the figures.
 #[cfg(feature = "gltf")]
 static FIGURES: [model::inspect::Name; umo_figure::Figure::ALL.len()] = {
     let mut names = [""; umo_figure::Figure::ALL.len()];
@@ -81,8 +81,8 @@ static FIGURES: [model::inspect::Name; umo_figure::Figure::ALL.len()] = {
     model::inspect::names(names)
 };
 
-/// The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
-/// NULL in a library that was built without the writer of glTF.
+/// Returns the name of a figure, such as `alex`: static, or NULL if `index` is past the last one. The
+/// first is the default. Always NULL in a library built without the glTF writer.
 ///
 /// Threads: any. Never allocates, never waits.
 #[unsafe(no_mangle)]
@@ -94,8 +94,8 @@ pub extern "C" fn umo_figure_name(index: u32) -> *const c_char {
     name.unwrap_or(std::ptr::null())
 }
 
-/// Fills a clip with what is a model's: skeleton, face channels, frame rate, and with the default
-/// figure. What it points to is good until the model is freed. `size` is `sizeof *clip`.
+/// Fills a clip with the model's skeleton, face channels and frame rate, and the default figure. Its
+/// pointers are valid until the model is freed. `size` is `sizeof *clip`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -129,17 +129,17 @@ pub unsafe extern "C" fn umo_clip_init(clip: *mut UmoClip, size: usize, model: *
 }
 
 /// Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
-/// `umo animate` writes. `umo_clip_write_file` writes one on disk.
+/// `umo animate` writes. `umo_clip_write_file` writes to disk.
 ///
 /// Threads: any but the audio thread. Allocates up to six times the frames' size and 16 MB; a figure
-/// takes some 0.7 s of a core, half of it on a second thread where the system starts one.
-/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
-/// is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
-/// without the writer of glTF).
+/// takes some 0.7 s of a core, half of it on a second thread if the system can start one.
+/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says which part of the
+/// clip is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
+/// without the glTF writer).
 ///
 /// # Safety
-/// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described; `output`
-/// is NULL or readable, with a `write` that is NULL or as described.
+/// `clip` is NULL or as long as its `struct_size` says, and its pointers are as described; `output` is
+/// NULL or readable, and its `write` is NULL or as described.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_clip_write(clip: *const UmoClip, format: u32, output: *const UmoOutput) -> UmoStatus {
@@ -147,12 +147,12 @@ pub unsafe extern "C" fn umo_clip_write(clip: *const UmoClip, format: u32, outpu
     guard(|| unsafe { to_output(clip, format, output) })
 }
 
-/// The same into a file, which appears whole or not at all: on an error, one of that name stays as it
-/// was. `path` is UTF-8, on every system.
+/// Writes frames to a file, as `umo_clip_write` does. The file appears complete or not at all: after an
+/// error, an existing file of that name is unchanged. `path` is UTF-8 on every system.
 ///
 /// Threads: any but the audio thread. Allocates, writes the file, and waits until it is on the disk.
-/// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and what the system says),
-/// `UNSUPPORTED` also where the library was built without files.
+/// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and the system's message),
+/// `UNSUPPORTED` also if the library was built without files.
 ///
 /// # Safety
 /// As `umo_clip_write`; `path` is NULL or ends with a zero byte.

@@ -1,4 +1,4 @@
-//! Engines: one model, its threads or the host's, and places for sessions.
+//! Engines: one model, compute threads of the engine or the host, and slots for sessions.
 
 use std::ffi::c_void;
 use std::mem::ManuallyDrop;
@@ -21,35 +21,34 @@ pub struct UmoEngine {
     _opaque: [u8; 0],
 }
 
-/// The engine has threads of its own.
+/// The engine computes on its own threads.
 pub const UMO_ENGINE_THREADS: u32 = 0;
-/// The host computes by `umo_engine_poll`.
+/// The host computes by calling `umo_engine_poll`.
 pub const UMO_ENGINE_POLLED: u32 = 1;
 
-/// Threads have the priority of any new thread of the process.
+/// Default priority of the process's new threads.
 pub const UMO_PRIORITY_NORMAL: u32 = 0;
-/// Threads run before those of normal priority: frames are nearly as fast beside a program that
-/// keeps every core busy. Linux refuses it to most users; Windows, Android and Apple's systems
-/// grant it.
+/// Priority above normal: frames are nearly as fast beside a program that keeps every core busy. Linux
+/// refuses it to most users; Windows, Android and Apple's systems grant it.
 pub const UMO_PRIORITY_HIGH: u32 = 1;
-/// Threads run behind those of normal priority, in the time that they leave.
+/// Priority below normal: threads use the time that others leave.
 pub const UMO_PRIORITY_LOW: u32 = 2;
 
-/// Most cores that threads can be bound to.
+/// Maximum number of cores that threads can be pinned to.
 const MAX_CORES: usize = 64;
 
-/// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
-/// `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
-/// it can, which computes until the poll is over and returns. It needs 1 MiB of stack. A job that
-/// is run late, or never, costs speed and nothing else; one that is run after the engine was freed,
-/// or by `submit` itself, returns at once.
+/// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` calls `submit` once
+/// for every compute thread except its own; the host then runs `job(context)` on another thread as soon
+/// as it can. The job computes until the poll is over and needs 1 MiB of stack. A job that runs late, or
+/// never, costs only speed. A job that runs after the engine was freed, or inside `submit`, returns at
+/// once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoJobs {
-    /// Given to `submit`.
+    /// Passed to `submit`.
     pub userdata: *mut c_void,
-    /// Hands a job over. Called by the thread that polls; must not wait for a job that another thread
-    /// runs, and must not throw.
+    /// Submits a job. Called on the polling thread; must not wait for a job that runs on another thread,
+    /// and must not throw.
     pub submit: Option<
         unsafe extern "C" fn(
             userdata: *mut c_void,
@@ -59,7 +58,7 @@ pub struct UmoJobs {
     >,
 }
 
-/// Configuration of an engine. Start it with `umo_engine_config_init`.
+/// Configuration of an engine. Initialise it with `umo_engine_config_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoEngineConfig {
@@ -67,30 +66,31 @@ pub struct UmoEngineConfig {
     pub struct_size: u32,
     /// `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
     pub mode: u32,
-    /// Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling
-    /// thread and as many more of the engine's own as make up the number.
+    /// Number of compute threads, 1 to 64. With `UMO_ENGINE_POLLED` the polling thread is one of them, and
+    /// the engine starts the others unless `jobs` lends them.
     pub threads: u32,
-    /// Most sessions at once, 1 to 4,096.
+    /// Maximum number of sessions at once, 1 to 4,096.
     pub max_sessions: u32,
-    /// Most sessions that are computed together, 1 to 64: more read the weights less often and need
-    /// memory.
+    /// Maximum number of sessions in a batch, 1 to 64: larger batches read the weights less often and need
+    /// more memory.
     pub max_batch: u32,
-    /// How many `cores` there are, 0 to 64.
+    /// Number of `cores`, 0 to 64.
     pub core_count: u32,
-    /// Processor numbers that the engine's own threads are bound to, one each, as far as they go;
-    /// NULL leaves that to the system.
+    /// Processor numbers to pin the engine's own threads to, one thread each; threads beyond `core_count`
+    /// are not pinned. NULL pins none.
     pub cores: *const u32,
-    /// The host's threads, where they are to compute in place of the engine's own, or NULL. Only
-    /// with `UMO_ENGINE_POLLED`.
+    /// Lends the host's threads, which compute in place of the engine's own; or NULL. Only with
+    /// `UMO_ENGINE_POLLED`.
     pub jobs: *const UmoJobs,
     /// Log callback for this engine and its sessions, or NULL.
     pub log: *const UmoLog,
-    /// `UMO_PRIORITY_…` of the engine's own threads. Where the system refuses it they are
-    /// `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what it takes.
+    /// `UMO_PRIORITY_…` of the engine's own threads. If the system refuses it, they run at
+    /// `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what would permit it.
     pub priority: u32,
-    /// The longest that a chunk which is due waits for others, to be computed together, milliseconds: with 50, 32 avatars
-    /// take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a
-    /// stream, once half of its length or less is left until it would be late, or where all sessions are due. 0: none waits.
+    /// Batching window, milliseconds: the longest that a due chunk waits for others to be computed with. With 50, 32
+    /// avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
+    /// start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
+    /// 0: no chunk waits.
     pub gather_ms: u32,
 }
 
@@ -99,18 +99,18 @@ unsafe impl Sized32 for UmoEngineConfig {
     const FIRST: usize = 24 + 3 * size_of::<*const u32>();
 }
 
-/// What an engine's handle stands for.
+/// Object of an engine's handle.
 pub(crate) struct EngineHandle {
-    /// Dropped by hand: not in a process that was forked from the engine's.
+    /// Dropped by hand, and never in a forked child of the engine's process.
     engine: ManuallyDrop<Engine>,
     pub(crate) model: Arc<ModelHandle>,
     pub(crate) log: Log,
-    /// What sessions that are made from now on know.
+    /// Gestures for sessions that are created later.
     pub(crate) gestures: Known,
     process: u32,
 }
 
-/// Most engines at once.
+/// Maximum number of engines at once.
 const MAX_ENGINES: usize = 1024;
 static ENGINES: Table<EngineHandle, MAX_ENGINES> = Table::new(2, "engine");
 
@@ -127,7 +127,7 @@ impl EngineHandle {
     }
 }
 
-/// The process, of which only threads ask; WebAssembly in a browser has one.
+/// Id of this process. Only engines with threads need it; WebAssembly in a browser has one process.
 fn process() -> u32 {
     #[cfg(all(feature = "threads", not(all(target_family = "wasm", target_os = "unknown"))))]
     return std::process::id();
@@ -137,7 +137,7 @@ fn process() -> u32 {
 
 impl Drop for EngineHandle {
     fn drop(&mut self) {
-        // A forked process has the engine's memory, but not its threads: there is none to wait for.
+        // A forked child has the engine's memory but not its threads, so it must not wait for them.
         if self.process == process() {
             // SAFETY: it is dropped once, here.
             unsafe { ManuallyDrop::drop(&mut self.engine) };
@@ -221,11 +221,11 @@ impl UmoEngineConfig {
     }
 }
 
-/// A host's job system.
+/// Job system of a host.
 #[derive(Clone, Copy)]
 struct Jobs(UmoJobs);
 
-// SAFETY: `UmoJobs` says which thread calls it; the host's pointer is only handed back.
+// SAFETY: `UmoJobs` says which thread calls it; the host's pointer is only passed back.
 unsafe impl Send for Jobs {}
 // SAFETY: as above.
 unsafe impl Sync for Jobs {}
@@ -234,14 +234,14 @@ impl Jobs {
     /// Submits one job, which refers to its engine by handle: a late job finds it freed and returns.
     fn submit(&self, engine: usize) {
         let UmoJobs { userdata, submit: Some(submit) } = self.0 else { return };
-        // SAFETY: the host's own function, called as its description says.
+        // SAFETY: the host's function, called as documented.
         unsafe { submit(userdata, Some(work), std::ptr::without_provenance_mut(engine)) };
     }
 }
 
-/// One of the host's threads, for as long as the poll lasts.
+/// Job for one of the host's threads; computes until the poll is over.
 unsafe extern "C" fn work(context: *mut c_void) {
-    // What goes wrong in a piece of work is the poll's to tell.
+    // Errors of the work are reported by the poll.
     guard(|| {
         if let Ok(engine) = ENGINES.get(context.addr()) {
             engine.engine().lend();
@@ -250,9 +250,9 @@ unsafe extern "C" fn work(context: *mut c_void) {
     });
 }
 
-/// Fills an engine configuration with its defaults: two threads of its own (one where there is one
-/// core), 64 sessions, 8 of them together. A library that was built without threads has one that the
-/// host polls. `size` is `sizeof *config`.
+/// Fills an engine configuration with its defaults: two threads of its own (one on a single core), 64
+/// sessions, batches of up to 8. In a library built without threads: one thread, polled by the host.
+/// `size` is `sizeof *config`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -266,14 +266,13 @@ pub unsafe extern "C" fn umo_engine_config_init(config: *mut UmoEngineConfig, si
     guard(|| unsafe { ffi::initialise(config, size, "config", &UmoEngineConfig::defaults()) })
 }
 
-/// Creates an engine for a model, which may be freed before it. `config` may be NULL.
+/// Creates an engine for a model. The model may be freed before the engine. `config` may be NULL.
 ///
 /// Threads: any but the audio thread. Allocates everything that computing will need, and starts the
 /// engine's threads.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 /// number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
-/// engines), `OUT_OF_MEMORY`, `UNSUPPORTED` (threads of its own, in a library that was built without
-/// them).
+/// engines), `OUT_OF_MEMORY`, `UNSUPPORTED` (threads of its own, in a library built without threads).
 ///
 /// # Safety
 /// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
@@ -317,12 +316,12 @@ pub unsafe extern "C" fn umo_engine_new(
     })
 }
 
-/// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready
-/// can be pulled, then they say `CLOSED`. NULL is fine.
+/// Stops an engine's threads and frees it. Its sessions remain: frames that were ready can still be
+/// pulled, then calls return `CLOSED`. NULL is fine.
 ///
 /// Threads: any but the audio thread. Waits for the layer that is being computed, a few
 /// milliseconds at most.
-/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, such as `umo_engine_poll`, or a job
 /// that it gave to `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that
 /// have not begun return at once; free it again when those in progress have returned:
 /// `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
@@ -338,14 +337,14 @@ pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
     })
 }
 
-/// What happens when there is more to compute than time: while chunks begin later than `seconds` behind
-/// real time, a growing share of them is computed without the language model, at a quarter of the cost.
-/// In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
-/// sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
-/// them. While the engine keeps up, every frame has the same bits.
+/// Sets the overload policy: while chunks start more than `seconds` behind real time, a growing share of
+/// them skips the language model, at a quarter of the cost. In these chunks the body holds its pose, and
+/// the mouth comes from the model's mouth network, if it has one; sessions take turns. The share shrinks
+/// again once chunks are in time; `umo_stats.held_chunks` counts them. While the engine keeps up, frames
+/// are bit-identical to those without a limit.
 ///
-/// A negative number, as an engine begins, holds no body: frames come later and later, up to the ten
-/// seconds of audio that a session queues. Leave it so where audio is pushed faster than it is heard.
+/// A negative number, the default, never holds the body: frames then come later and later, up to the ten
+/// seconds of audio that a session queues. Keep the default if audio is pushed faster than real time.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (not finite).
@@ -365,14 +364,14 @@ pub extern "C" fn umo_engine_set_late_limit(engine: *mut UmoEngine, seconds: f64
     })
 }
 
-/// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
-/// the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer
-/// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where the budget left something that is due,
-/// else 0: a session is due when the audio of its next chunk was pushed and its queue of frames has room, so that one whose
-/// queue is full is due again once frames are pulled.
+/// Computes on the calling thread, for an engine made with `UMO_ENGINE_POLLED`: until nothing is due, or until the next
+/// layer would exceed `budget` microseconds, judged by the last one of its kind. It computes at least one layer; with
+/// a budget of 0, exactly one. `more`, which may be NULL, becomes 1 if the budget left due work, else 0. A session is
+/// due when the audio of its next chunk was pushed and its queue of frames has room. A session with a full queue is due
+/// again once frames are pulled.
 ///
 /// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
-/// waits only for the engine's own threads and for work that lent ones have begun.
+/// waits only for the engine's own threads and for work that lent threads have begun.
 /// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads
 /// of its own).
 ///

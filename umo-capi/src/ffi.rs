@@ -1,5 +1,5 @@
-//! What stands between C and Rust: pointers checked, structures of any age read and written, panics
-//! kept in.
+//! The boundary between C and Rust: checks pointers, reads and writes structures of any version, and catches
+//! panics.
 
 use std::ffi::{CStr, c_char};
 
@@ -9,18 +9,18 @@ use crate::status::{
     Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_OK, UMO_STATUS_STRUCT_SIZE, UmoStatus, remember,
 };
 
-/// Longest text that is taken from C, bytes.
+/// Maximum length of a text from C, in bytes.
 pub(crate) const MAX_TEXT: usize = 1 << 16;
-/// Largest `struct_size` that is believed.
+/// Largest `struct_size` that is accepted.
 const MAX_STRUCT: usize = 1 << 12;
-/// Largest length in bytes that a slice may have.
+/// Maximum length of a slice, in bytes.
 const MAX_BYTES: usize = isize::MAX as usize;
 
-/// Runs a call that names no session; its failure's detail is kept for `umo_last_error`.
+/// Runs a call without a session; the detail of a failure is kept for `umo_last_error`.
 pub(crate) fn guard(call: impl FnOnce() -> Result<(), Failure>) -> UmoStatus {
     keep_quiet(&[file!()]);
-    // What a caught panic leaves behind is behind a handle: a session is poisoned, an engine and a
-    // model are not changed.
+    // State that a caught panic may leave inconsistent is behind a handle: a session is poisoned, and engines
+    // and models are not changed.
     let result = contain_quietly(call).unwrap_or_else(|defect| Err(Failure::defect(&defect)));
     match result {
         Ok(()) => UMO_STATUS_OK,
@@ -45,7 +45,7 @@ pub(crate) unsafe fn put<T>(out: *mut T, what: &str, value: T) -> Result<(), Fai
     Ok(())
 }
 
-/// Writes a result where the host wants it.
+/// Writes a result if the host passed a pointer for it.
 ///
 /// # Safety
 /// `out` is NULL or writable.
@@ -57,7 +57,7 @@ pub(crate) unsafe fn put_if_wanted<T>(out: *mut T, what: &str, value: T) -> Resu
     unsafe { put(out, what, value) }
 }
 
-/// Whether something can be written there, before anything else is done.
+/// Checks that a result can be written, before any other work.
 pub(crate) fn wanted<T>(out: *mut T, what: &str) -> Result<(), Failure> {
     if out.is_null() {
         return Err(Failure::null(what));
@@ -72,7 +72,7 @@ fn check_alignment<T>(pointer: *const T, what: &str) -> Result<(), Failure> {
     Err(Failure::argument(format_args!("`{what}` is not aligned to {} bytes", align_of::<T>())))
 }
 
-/// `len` values.
+/// Returns a slice of `len` values.
 ///
 /// # Safety
 /// `values` is NULL or has `len` readable values that no thread writes while the slice lives.
@@ -81,12 +81,12 @@ pub(crate) unsafe fn slice<'a, T>(values: *const T, len: usize, what: &str) -> R
         return Ok(&[]);
     }
     check_len::<T>(values, len, what)?;
-    // SAFETY: not NULL, aligned, of a length that a slice may have, and readable: guaranteed by
-    // the caller (see # Safety).
+    // SAFETY: not NULL, aligned, and short enough for a slice; readable as guaranteed by the caller (see
+    // # Safety).
     Ok(unsafe { std::slice::from_raw_parts(values, len) })
 }
 
-/// `len` values that can be written.
+/// Returns a mutable slice of `len` values.
 ///
 /// # Safety
 /// `values` is NULL or has `len` writable values that no other thread accesses while the slice lives.
@@ -95,8 +95,8 @@ pub(crate) unsafe fn slice_mut<'a, T>(values: *mut T, len: usize, what: &str) ->
         return Ok(&mut []);
     }
     check_len::<T>(values, len, what)?;
-    // SAFETY: not NULL, aligned, of a length that a slice may have, and writable: guaranteed by
-    // the caller (see # Safety).
+    // SAFETY: not NULL, aligned, and short enough for a slice; writable as guaranteed by the caller (see
+    // # Safety).
     Ok(unsafe { std::slice::from_raw_parts_mut(values, len) })
 }
 
@@ -112,7 +112,7 @@ fn check_len<T>(values: *const T, len: usize, what: &str) -> Result<(), Failure>
     Ok(())
 }
 
-/// A text that ends with a zero byte.
+/// Returns a zero-terminated text as UTF-8.
 ///
 /// # Safety
 /// `text` is NULL or readable up to its zero byte.
@@ -121,12 +121,12 @@ pub(crate) unsafe fn string<'a>(text: *const c_char, what: &str) -> Result<&'a s
         return Err(Failure::null(what));
     }
     for len in 0..MAX_TEXT {
-        // SAFETY: no byte before this one was zero, so the text, readable by this function's own
-        // clause, reaches here.
+        // SAFETY: no byte before this one was zero, so the caller guarantees that it is readable (see
+        // # Safety).
         let byte = unsafe { text.add(len) };
         // SAFETY: as above.
         if unsafe { *byte } == 0 {
-            // SAFETY: the loop saw each of these bytes.
+            // SAFETY: the loop found the terminating zero.
             let bytes = unsafe { CStr::from_ptr(text) };
             return bytes.to_str().map_err(|_| Failure::argument(format_args!("`{what}` is not UTF-8")));
         }
@@ -134,14 +134,13 @@ pub(crate) unsafe fn string<'a>(text: *const c_char, what: &str) -> Result<&'a s
     Err(Failure::argument(format_args!("`{what}` has more than {MAX_TEXT} bytes")))
 }
 
-/// A structure whose first field is its size, a `u32`, so that it can grow: every field that an
-/// older or a newer program does not have counts as zero.
+/// A structure whose first field is its size, a `u32`, so that it can grow: a field that an older or
+/// newer program does not have counts as zero.
 ///
 /// # Safety
-/// The type is `repr(C)`, starts with `struct_size: u32`, and every pattern of bits is a value of
-/// it.
+/// The type is `repr(C)`, starts with `struct_size: u32`, and every bit pattern is a valid value.
 pub(crate) unsafe trait Sized32: Copy {
-    /// Bytes of the structure in the first release that had it.
+    /// Size in bytes of the structure in its first release.
     const FIRST: usize;
 }
 
@@ -152,10 +151,10 @@ pub(crate) unsafe trait Sized32: Copy {
 pub(crate) unsafe fn read<T: Sized32>(from: *const T, what: &str) -> Result<T, Failure> {
     // SAFETY: guaranteed by the caller (see # Safety).
     let size = unsafe { struct_size(from, what)? };
-    // SAFETY: every pattern of bits is a value, zeros among them.
+    // SAFETY: every bit pattern is valid, including zeros.
     let mut value: T = unsafe { std::mem::zeroed() };
     let known = size.min(size_of::<T>());
-    // SAFETY: `size` bytes are readable, and `value` has as many bytes as are copied.
+    // SAFETY: `size` bytes are readable, and `value` has room for the bytes that are copied.
     unsafe { std::ptr::copy_nonoverlapping(from.cast::<u8>(), (&raw mut value).cast(), known) };
     // SAFETY: the bytes from `known` to `size` are readable.
     let unknown = unsafe { from.cast::<u8>().add(known) };
@@ -168,7 +167,7 @@ pub(crate) unsafe fn read<T: Sized32>(from: *const T, what: &str) -> Result<T, F
     Ok(value)
 }
 
-/// Writes as much of a structure as the host has room for; its `struct_size` stays.
+/// Writes the fields that the host's structure has room for; its `struct_size` is unchanged.
 ///
 /// # Safety
 /// `to` is NULL or has as many writable bytes as its `struct_size` says.
@@ -176,16 +175,16 @@ pub(crate) unsafe fn write<T: Sized32>(to: *mut T, what: &str, value: &T) -> Res
     // SAFETY: guaranteed by the caller (see # Safety).
     let size = unsafe { struct_size(to.cast_const(), what)? };
     let (head, known) = (size_of::<u32>(), size.min(size_of::<T>()));
-    // SAFETY: at least `FIRST` bytes are there, which are more than the head.
+    // SAFETY: `value` has more bytes than the head, and so has the host's structure, of at least `FIRST`.
     let from = unsafe { (&raw const *value).cast::<u8>().add(head) };
     // SAFETY: as above.
     let to = unsafe { to.cast::<u8>().add(head) };
-    // SAFETY: both have `known` bytes, and `value` is this library's own.
+    // SAFETY: both have `known` bytes, and `value` belongs to this library.
     unsafe { std::ptr::copy_nonoverlapping(from, to, known - head) };
     Ok(())
 }
 
-/// The size that a structure says it has.
+/// Returns the size that a structure declares.
 ///
 /// # Safety
 /// `from` is NULL or starts with a readable `u32`.
@@ -203,7 +202,7 @@ unsafe fn struct_size<T: Sized32>(from: *const T, what: &str) -> Result<usize, F
     Ok(size)
 }
 
-/// Starts a structure of the host's: zeros but for its size, then `value` as far as there is room.
+/// Initialises a structure of the host's: zeros, its size, then the fields of `value` that fit.
 ///
 /// # Safety
 /// `to` is NULL or has `size` writable bytes.
@@ -221,11 +220,11 @@ pub(crate) unsafe fn initialise<T: Sized32>(to: *mut T, size: usize, what: &str,
     let size = u32::try_from(size).map_err(|_| Failure::argument("a structure's size"))?;
     // SAFETY: not NULL, aligned, and at least `FIRST` bytes are writable.
     unsafe { to.cast::<u32>().write(size) };
-    // SAFETY: as many bytes are writable as the `struct_size` just written says.
+    // SAFETY: as many bytes are writable as the `struct_size` written above says.
     unsafe { write(to, what, value) }
 }
 
-/// Copies a text and its end to a buffer of the host's, and says its length without the end.
+/// Copies a text and its terminating zero to a buffer of the host's; writes its length without the zero.
 ///
 /// # Safety
 /// `buffer` is NULL or has `size` writable bytes; `length` is NULL or writable.
@@ -265,7 +264,7 @@ mod tests {
     use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
     use std::mem::offset_of;
 
-    /// The same numbers as in `tests/capi/layout.c` and in the bindings.
+    /// These numbers are also in `tests/capi/layout.c` and in the bindings.
     #[test]
     fn structures_have_the_layout_that_c_has() {
         fn sized<T: Sized32>(bytes: usize) {

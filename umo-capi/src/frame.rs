@@ -1,4 +1,4 @@
-//! Frames into the host's memory: where it wants which values, in its engine's axes.
+//! Layout of frames in the host's memory, in its engine's axes.
 
 use std::ffi::c_void;
 
@@ -13,16 +13,16 @@ use crate::ffi::{self, Sized32, guard};
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
-/// Offset of a value that is not wanted.
+/// Offset meaning: do not write this field.
 pub const UMO_ABSENT: u32 = 0xffff_ffff;
 
-/// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value
-/// whose offset is `UMO_ABSENT` is not written; bytes between values are left alone, so that frames
-/// can be the host's own structures. Start it with `umo_frame_layout_init`.
+/// Layout of a frame in the host's memory: offsets in bytes from the frame's start. A value whose offset
+/// is `UMO_ABSENT` is not written, and bytes between values are left alone, so that frames can be the
+/// host's own structures. Initialise it with `umo_frame_layout_init`.
 ///
-/// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index`
-/// and `sample` that of `uint64_t`, which `frame_stride` then has too. No two values overlap, not
-/// in one byte; values of one kind may lie between those of another. A layout that breaks this is
+/// Offsets and strides are multiples of the values' alignment in C: 4, and for `index` and `sample` that
+/// of `uint64_t`, which then also applies to `frame_stride`. Values must not overlap, not even in one
+/// byte, but values of different kinds may be interleaved. A layout that breaks this is
 /// `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,18 +31,17 @@ pub struct UmoFrameLayout {
     pub struct_size: u32,
     /// One of `UMO_AXES_…`.
     pub axes: u32,
-    /// Bytes from one frame to the next, at least the end of the last value.
+    /// Bytes from one frame to the next, at least up to the end of the last value.
     pub frame_stride: u32,
-    /// `uint64_t`: the frame's number since the start or the last reset,
-    /// `umo_model_info.frame_rate` a second.
+    /// `uint64_t`: number of the frame since the start or the last reset; there are
+    /// `umo_model_info.frame_rate` frames per second.
     pub index: u32,
-    /// `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
+    /// `uint64_t`: sample of the pushed audio, counted per channel, that the frame belongs to.
     pub sample: u32,
-    /// `float[3]`: where the root is, to be added to the first joint's offset in
-    /// `umo_model_get_skeleton`. The floor is at 0 where the model's is.
+    /// `float[3]`: translation of the root, to be added to the first joint's offset in
+    /// `umo_model_get_skeleton`. The floor is at 0 as in the model.
     pub translation: u32,
-    /// `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y,
-    /// z, w.
+    /// `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
     pub rotations: u32,
     /// Bytes from one joint's rotation to the next, at least 16.
     pub rotation_stride: u32,
@@ -50,7 +49,7 @@ pub struct UmoFrameLayout {
     pub channels: u32,
     /// Bytes from one channel to the next, at least 4.
     pub channel_stride: u32,
-    /// `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
+    /// `float[UMO_VISEME_COUNT]`: weights of the visemes; they sum to 1.
     pub visemes: u32,
     /// Zero, as `umo_frame_layout_init` sets it: anything else is `INVALID_ARGUMENT`.
     pub reserved: u32,
@@ -61,21 +60,20 @@ unsafe impl Sized32 for UmoFrameLayout {
     const FIRST: usize = 48;
 }
 
-/// Largest stride or offset, bytes.
+/// Largest stride or offset, in bytes.
 const MAX_OFFSET: u32 = 1 << 24;
 
-/// A layout that was checked for a model.
+/// A layout checked against a model.
 #[derive(Clone, Copy)]
 pub(crate) struct Layout<'a> {
     given: UmoFrameLayout,
     axes: Axes,
     model: &'a ModelHandle,
-    /// Bytes of a frame up to its last value.
+    /// End of a frame's last value, in bytes.
     extent: usize,
 }
 
-/// A run of values: where it starts, how far apart they are, how many, how large each is, and its
-/// alignment.
+/// A run of equally spaced values, with the size and alignment of each.
 struct Run {
     name: &'static str,
     offset: u32,
@@ -86,22 +84,22 @@ struct Run {
 }
 
 impl Run {
-    /// Whether anything of it is written.
+    /// Whether the run has values and is written.
     const fn is_written(&self) -> bool {
         self.offset != UMO_ABSENT && self.count > 0
     }
 
-    /// Where value number `index` starts.
+    /// Start of value number `index`, in bytes.
     const fn start(&self, index: usize) -> usize {
         self.offset as usize + index * self.stride as usize
     }
 
-    /// Where its last value ends.
+    /// End of the last value, in bytes.
     const fn end(&self) -> usize {
         self.start(self.count - 1) + self.size as usize
     }
 
-    /// Checks the run by itself: its place and stride.
+    /// Checks the run's offset and stride.
     fn check(&self) -> Result<(), Failure> {
         let Self { name, offset, stride, size, align, .. } = *self;
         if offset > MAX_OFFSET || stride > MAX_OFFSET {
@@ -122,8 +120,8 @@ impl Run {
         Ok(())
     }
 
-    /// The first byte that two runs share. Each is in order and has no overlaps of its own, so one
-    /// pass along both tells.
+    /// Returns the first byte that two runs share. Both are sorted and do not overlap themselves, so one pass
+    /// along both suffices.
     fn overlap(&self, other: &Self) -> Option<usize> {
         if self.end() <= other.start(0) || other.end() <= self.start(0) {
             return None;
@@ -143,7 +141,7 @@ impl Run {
     }
 }
 
-/// Alignment of a `float` and of a `uint64_t` in the host's structures, bytes.
+/// Alignment of a `float` and of a `uint64_t` in the host's structures, in bytes.
 const FLOAT_ALIGN: usize = align_of::<f32>();
 const COUNT_ALIGN: usize = align_of::<u64>();
 
@@ -161,8 +159,8 @@ impl UmoFrameLayout {
         ]
     }
 
-    /// Frames without gaps: index, sample, translation, rotations, channels, and visemes where the
-    /// model has them.
+    /// Layout without gaps: index, sample, translation, rotations, channels, and visemes if the model has
+    /// them.
     #[expect(clippy::cast_possible_truncation, reason = "a frame has a few thousand bytes")]
     fn packed(model: &ModelHandle) -> Self {
         let rotations = 8 + 8 + 12;
@@ -188,8 +186,8 @@ impl UmoFrameLayout {
         }
     }
 
-    /// Checks everything but the axes, for a face of so many channels; the bytes of a frame up to its last
-    /// value.
+    /// Checks everything except the axes, for a face of `channels` channels; returns the end of the last
+    /// value in bytes.
     fn check(&self, channels: usize, has_visemes: bool) -> Result<usize, Failure> {
         if self.reserved != 0 {
             let what = format_args!(
@@ -239,24 +237,23 @@ impl UmoFrameLayout {
 }
 
 impl<'a> Layout<'a> {
-    /// Checks a layout, so that no value of a frame is written outside of it, over another one, or
-    /// unaligned in it.
+    /// Checks a layout: no value may be written outside its frame, over another value, or unaligned.
     pub(crate) fn new(given: UmoFrameLayout, model: &'a ModelHandle) -> Result<Self, Failure> {
         let axes = crate::axes(given.axes)?;
         let extent = given.check(model.model.config().face.names.len(), model.visemes.is_some())?;
         Ok(Self { given, axes, model, extent })
     }
 
-    /// Frames that `size` bytes have room for.
+    /// Number of frames that fit in `size` bytes.
     pub(crate) fn room(&self, size: usize) -> usize {
         match self.given.frame_stride as usize {
-            // A layout without values: nothing is written, however many there are.
+            // A layout without values: nothing is written, so any number of frames fits.
             0 => usize::MAX,
             stride => size.checked_sub(self.extent).map_or(0, |rest| rest / stride + 1),
         }
     }
 
-    /// Whether one frame fits.
+    /// Checks that at least one frame fits.
     pub(crate) fn check_room(&self, size: usize) -> Result<(), Failure> {
         if self.room(size) > 0 {
             return Ok(());
@@ -265,11 +262,11 @@ impl<'a> Layout<'a> {
         Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what))
     }
 
-    /// Writes frame number `number` of those in `bytes`.
+    /// Writes frame number `number` to `bytes`.
     ///
     /// # Safety
-    /// `bytes` has as many writable bytes as [`Self::room`] was asked about, `number` is below what
-    /// it said, and nobody else touches them.
+    /// `bytes` has as many writable bytes as were passed to [`Self::room`], `number` is less than its
+    /// result, and no other thread accesses them.
     pub(crate) unsafe fn write(&self, bytes: *mut u8, number: usize, frame: Frame) {
         let given = &self.given;
         let stride = given.frame_stride as usize;
@@ -279,7 +276,7 @@ impl<'a> Layout<'a> {
             if offset == UMO_ABSENT {
                 return;
             }
-            // SAFETY: `new` has checked that every value lies within the frame, and the caller that
+            // SAFETY: `new` has checked that every value lies within the frame, and the caller guarantees that
             // the frame lies within the bytes.
             let place = unsafe { start.add(offset as usize + index * stride as usize) };
             // SAFETY: as above; bytes need no alignment, and the value is this library's own.
@@ -303,7 +300,7 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// Frames that a host has, to be read.
+/// Frames of the host's, to be read.
 #[cfg(feature = "gltf")]
 pub(crate) struct Given<'a> {
     layout: UmoFrameLayout,
@@ -314,10 +311,10 @@ pub(crate) struct Given<'a> {
 
 #[cfg(feature = "gltf")]
 impl<'a> Given<'a> {
-    /// `count` frames, at least one, with a face of so many channels.
+    /// Reads `count` frames, at least one, with a face of `channels` channels.
     ///
     /// # Safety
-    /// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has as many readable
+    /// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `count` readable
     /// frames of that layout.
     pub(crate) unsafe fn read(
         layout: *const UmoFrameLayout,
@@ -345,7 +342,7 @@ impl<'a> Given<'a> {
         Ok(Self { layout, axes, channels, bytes })
     }
 
-    /// The pose of frame `number`, in umo's own axes, and its face values added to `face`.
+    /// Returns the pose of frame `number` in umo's own axes, and appends its face values to `face`.
     pub(crate) fn frame(&self, number: usize, face: &mut Vec<f32>) -> Pose {
         let start = number * self.layout.frame_stride as usize;
         let float = |offset: usize| {
@@ -375,8 +372,8 @@ pub(crate) unsafe fn read<'a>(layout: *const UmoFrameLayout, model: &'a ModelHan
     Layout::new(unsafe { ffi::read(layout, "layout")? }, model)
 }
 
-/// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation,
-/// rotations, channels, and visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+/// Fills a layout for frames without gaps, in glTF's axes: index, sample, translation, rotations,
+/// channels, and visemes if the model has ARKit channels. `size` is `sizeof *layout`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
@@ -397,11 +394,11 @@ pub unsafe extern "C" fn umo_frame_layout_init(
     })
 }
 
-/// Checks a layout against a model, and computes how many frames `size` bytes have room for.
+/// Checks a layout against a model, and computes the number of frames that fit in `size` bytes.
 ///
 /// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`:
-/// `umo_last_error` says what.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`
+/// (`umo_last_error` has the reason).
 ///
 /// # Safety
 /// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
@@ -422,7 +419,7 @@ pub unsafe extern "C" fn umo_frame_layout_check(
     })
 }
 
-/// The host's memory for one frame.
+/// Checks the host's memory for one frame.
 pub(crate) fn one(frame: *mut c_void) -> Result<*mut u8, Failure> {
     if frame.is_null() { Err(Failure::null("frame")) } else { Ok(frame.cast()) }
 }

@@ -1,4 +1,4 @@
-//! Gestures on command: which there are, those of the host's own, and how one is played.
+//! Gestures on command: built-in ones, the host's own, and playback options.
 
 use std::ffi::{CString, c_char, c_void};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -12,44 +12,44 @@ use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put};
 use crate::status::{Failure, UmoStatus};
 
-/// The right hand; for a place to point at, the hand that is nearer to it.
+/// The right hand; for a gesture with a target, the hand nearer to it.
 pub const UMO_SIDE_AUTO: u32 = 0;
-/// The left hand; the whole gesture is mirrored.
+/// The left hand: the whole gesture is mirrored.
 pub const UMO_SIDE_LEFT: u32 = 1;
 /// The right hand.
 pub const UMO_SIDE_RIGHT: u32 = 2;
-/// Both hands, where a gesture of one hand can be done by both; else as `UMO_SIDE_AUTO`.
+/// Both hands if the gesture supports it, otherwise as `UMO_SIDE_AUTO`.
 pub const UMO_SIDE_BOTH: u32 = 3;
 
 /// Neck and head.
 pub const UMO_GESTURE_HEAD: u32 = 1;
 /// Spine.
 pub const UMO_GESTURE_TRUNK: u32 = 2;
-/// From the left collar to the fingers.
+/// Left arm, from collar to fingers.
 pub const UMO_GESTURE_LEFT_ARM: u32 = 4;
-/// From the right collar to the fingers.
+/// Right arm, from collar to fingers.
 pub const UMO_GESTURE_RIGHT_ARM: u32 = 8;
 
-/// How a gesture is played. Start it with `umo_gesture_options_init`.
+/// Playback options of a gesture. Initialise them with `umo_gesture_options_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoGestureOptions {
     /// `sizeof(umo_gesture_options)`.
     pub struct_size: u32,
-    /// Which hand: one of `UMO_SIDE_…`.
+    /// The hand: one of `UMO_SIDE_…`.
     pub side: u32,
     /// Axes and units of `target`: one of `UMO_AXES_…`.
     pub axes: u32,
-    /// 1 where there is a `target`, else 0.
+    /// 1 if `target` is set, else 0.
     pub has_target: u32,
-    /// Seconds of the motion at which the stroke falls; the preparation begins that much earlier.
-    /// Negative: as soon as no other gesture has its parts.
+    /// Time of the stroke, in seconds of the motion; the preparation begins correspondingly earlier.
+    /// Negative: as soon as no other gesture uses its parts.
     pub at: f64,
-    /// How fast, 0.5 to 2.
+    /// Playback speed, 0.5 to 2.
     pub speed: f32,
-    /// How much of it, 0 to 1: less is nearer to what the model does.
+    /// Strength, 0 to 1: lower values stay closer to the model's motion.
     pub strength: f32,
-    /// A place in the avatar's space, for gestures that point; without one they point ahead.
+    /// Point in the avatar's space, for pointing gestures; without one they point ahead.
     pub target: [f32; 3],
     /// Zero.
     pub reserved: u32,
@@ -60,7 +60,7 @@ unsafe impl Sized32 for UmoGestureOptions {
     const FIRST: usize = 48;
 }
 
-/// A clip of the host's own that becomes a gesture. Start it with `umo_gesture_clip_init`.
+/// A clip of the host's to make a gesture from. Initialise it with `umo_gesture_clip_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoGestureClip {
@@ -68,17 +68,17 @@ pub struct UmoGestureClip {
     pub struct_size: u32,
     /// Axes of the rotations: one of `UMO_AXES_…`.
     pub axes: u32,
-    /// Parts that it moves: a sum of `UMO_GESTURE_…`. Where the body stands and goes stays the
-    /// model's.
+    /// Parts of the body that it moves: a sum of `UMO_GESTURE_…`. The position and walking of the body stay
+    /// the model's.
     pub parts: u32,
-    /// Frames, 2 to 3,600.
+    /// Number of frames, 2 to 3,600.
     pub frame_count: u32,
-    /// Frames a second, 1 to 240.
+    /// Frames per second, 1 to 240.
     pub rate: f32,
     /// Seconds from the first frame to the stroke.
     pub stroke: f32,
-    /// `float[frame_count][UMO_JOINT_COUNT][4]`: each joint's rotation in its parent's frame, a
-    /// quaternion x, y, z, w; all joints at rest are a T-pose. Read during the call.
+    /// `float[frame_count][UMO_JOINT_COUNT][4]`: rotation of each joint in its parent's frame, a quaternion
+    /// x, y, z, w; identity in all joints is a T-pose. Read during the call.
     pub rotations: *const f32,
 }
 
@@ -87,12 +87,12 @@ unsafe impl Sized32 for UmoGestureClip {
     const FIRST: usize = 24 + size_of::<*const f32>();
 }
 
-/// The gestures that an engine's next sessions will know.
+/// Gestures for an engine's new sessions.
 pub(crate) struct Known(Mutex<Set>);
 
 struct Set {
     gestures: Gestures,
-    /// Their names with their ends. Texts that were handed out stay where they are.
+    /// Names with their zero bytes. A string that was handed out is never moved.
     names: Vec<CString>,
 }
 
@@ -103,11 +103,11 @@ impl Known {
         Self(Mutex::new(Set { gestures, names }))
     }
 
-    /// Adds one; a name that there is stays where it is.
+    /// Adds or replaces a gesture; a replaced one keeps its index.
     fn add(&self, gesture: Gesture) -> Result<(), Failure> {
         let mut set = self.lock();
         let Set { gestures, names } = &mut *set;
-        // All memory is there before anything is changed.
+        // All memory is allocated before anything changes.
         let (changed, new) = memory::watch(|| {
             let mut changed = gestures.clone();
             changed.add(gesture).map_err(refused)?;
@@ -122,17 +122,17 @@ impl Known {
     }
 
     fn lock(&self) -> MutexGuard<'_, Set> {
-        // Whoever panicked with it changed nothing, or all.
+        // A panic while it was locked left the set unchanged or fully updated.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A share of them.
+    /// Clones the gestures, which share their data.
     pub(crate) fn gestures(&self) -> Gestures {
         self.lock().gestures.clone()
     }
 }
 
-/// Why there is no such gesture.
+/// Converts the error of a gesture that could not be made.
 fn refused(error: LoadError) -> Failure {
     match error {
         LoadError::Memory(missing) => missing.into(),
@@ -162,7 +162,7 @@ impl UmoGestureOptions {
         let unknown = || Failure::argument(format_args!("side {side} is none of UMO_SIDE_…"));
         let side = Side::ALL.get(side as usize).copied().ok_or_else(unknown)?;
         let mut options = GestureOptions { speed, strength, side, ..GestureOptions::default() };
-        // What is no number stays, and is refused.
+        // A NaN stays, and is refused later.
         options.at = if at < 0.0 { None } else { Some(at) };
         options.target = match has_target {
             0 => None,
@@ -176,7 +176,7 @@ impl UmoGestureOptions {
     }
 }
 
-/// The options of a call, or the defaults.
+/// Reads the options of a call; the defaults for NULL.
 ///
 /// # Safety
 /// `options` is NULL or as long as its `struct_size` says.
@@ -188,7 +188,7 @@ pub(crate) unsafe fn options(options: *const UmoGestureOptions) -> Result<Gestur
     unsafe { ffi::read(options, "options")? }.read()
 }
 
-/// Fills the options of a gesture with their defaults: as soon as possible, at its own speed, whole.
+/// Fills gesture options with their defaults: as soon as possible, at normal speed and full strength.
 /// `size` is `sizeof *options`.
 ///
 /// Threads: any. Never allocates, never waits.
@@ -203,8 +203,7 @@ pub unsafe extern "C" fn umo_gesture_options_init(options: *mut UmoGestureOption
     guard(|| unsafe { ffi::initialise(options, size, "options", &UmoGestureOptions::defaults()) })
 }
 
-/// Fills a clip with its defaults: every part, 30 frames a second, no frames yet. `size` is
-/// `sizeof *clip`.
+/// Fills a clip with its defaults: all parts, 30 frames per second, no frames. `size` is `sizeof *clip`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -227,10 +226,10 @@ pub unsafe extern "C" fn umo_gesture_clip_init(clip: *mut UmoGestureClip, size: 
     guard(|| unsafe { ffi::initialise(clip, size, "clip", &defaults) })
 }
 
-/// Adds a gesture of the host's own to those that sessions of an engine know which are made from now
-/// on; one of the same name is replaced. `name` is 1 to 64 letters, digits, `_`, `-` and spaces.
-/// The clip comes in over its first 0.4 seconds, or up to its stroke if that is earlier, and goes
-/// out over its last 0.55 seconds. An engine takes 256.
+/// Adds a gesture of the host's to an engine, for sessions that are created later; a gesture of the same
+/// name is replaced. `name` is 1 to 64 letters, digits, `_`, `-` and spaces. The clip fades in over its
+/// first 0.4 seconds, or up to its stroke if that is earlier, and fades out over its last 0.55 seconds. An
+/// engine holds 256 added gestures.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
@@ -282,18 +281,18 @@ fn read(path: &str) -> Result<Vec<u8>, Failure> {
     Err(Failure::no_files(path, "umo_engine_add_gesture_memory"))
 }
 
-/// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb`, `.gltf` or `.vrm` file
-/// of any character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
-/// `umo animate`'s names are known. Files that a `.gltf` names are read from its folder. The motion is
-/// brought to the model's skeleton.
+/// Adds a gesture, as `umo_engine_add_gesture` does, from the animation in a `.glb`, `.gltf` or `.vrm`
+/// file of any humanoid character: bone names of Mixamo, VRM, Unreal, Unity, Godot and `umo animate` are
+/// recognised. Files that a `.gltf` names are read from its folder. The motion is retargeted to the
+/// model's skeleton.
 ///
-/// `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
-/// minutes. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is seconds from its start to the stroke;
-/// negative: its middle.
+/// `path` is UTF-8. `animation` is the name of an animation in the file, or NULL for the first; it may
+/// last two minutes at most. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is the time of the stroke in
+/// seconds from the start; if negative, the middle.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
-/// (`umo_last_error` says what of the file is wrong, which bones were not found, or which
+/// (`umo_last_error` says which part of the file is wrong, which bones were not found, or which
 /// argument), `UNSUPPORTED` (the library was built without files, or without umo-capi's feature
 /// `retarget`).
 ///
@@ -320,11 +319,11 @@ pub unsafe extern "C" fn umo_engine_add_gesture_file(
     })
 }
 
-/// The same for a file's `size` bytes in memory, read during the call. A `.gltf` has its data in its
-/// text then.
+/// Adds a gesture, as `umo_engine_add_gesture_file` does, from a file's `size` bytes in memory, read
+/// during the call. A `.gltf` must then embed its data.
 ///
 /// Threads: any but the audio thread. Allocates.
-/// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
+/// Errors: as `umo_engine_add_gesture_file`, except `IO`.
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
@@ -351,7 +350,7 @@ pub unsafe extern "C" fn umo_engine_add_gesture_memory(
     })
 }
 
-/// What a gesture is made of a file with.
+/// Arguments for making a gesture from a file.
 #[cfg_attr(not(feature = "retarget"), expect(dead_code, reason = "files are refused"))]
 struct File<'a> {
     name: &'a str,
@@ -371,7 +370,7 @@ impl<'a> File<'a> {
             // SAFETY: guaranteed by the caller (see # Safety).
             false => Some(unsafe { ffi::string(animation, "animation")? }),
         };
-        // What is no number stays, and is refused.
+        // A NaN stays, and is refused later.
         let stroke = if stroke < 0.0 { None } else { Some(stroke) };
         Ok(File { name, animation, parts: parts(bits)?, stroke })
     }
@@ -403,8 +402,8 @@ fn parts(bits: u32) -> Result<GestureParts, Failure> {
     GestureParts::from_bits(bits).ok_or_else(none)
 }
 
-/// The name of a gesture that sessions of an engine know: built-in ones first, in a fixed order,
-/// then the host's. Good until the engine is freed. To list them, count `index` up from 0 until
+/// Gets the name of a gesture that an engine's sessions know: built-in ones first, in a fixed order, then
+/// the host's. Valid until the engine is freed. To list all, count `index` up from 0 until
 /// `INVALID_ARGUMENT`.
 ///
 /// Threads: any but the audio thread. Waits for another thread's `umo_engine_add_gesture`.

@@ -1,6 +1,6 @@
-//! Handles: what a host holds instead of pointers. Each is a slot of a table and the slot's
-//! generation, so that freed handles, handles of another kind and invalid values are detected, and
-//! no object is freed while a thread uses it.
+//! Handles, which the host holds instead of pointers. A handle is a slot of a table and the slot's
+//! generation: freed handles, handles of another kind and invalid values are detected, and no object is
+//! freed while a thread uses it.
 
 use std::ops::Deref;
 use std::ptr::NonNull;
@@ -11,32 +11,31 @@ use umo_core::memory::{self, Arena, Boxed};
 
 use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALID_HANDLE};
 
-/// Bits of a slot's word that count the threads in it.
+/// Bits of a slot's state that count the threads using it.
 const USERS: u32 = 22;
 const USER: u64 = 1;
 const LIVE: u64 = 1 << USERS;
-/// The object is being freed: no further call gets it.
+/// The object is being freed, and no new call gets it.
 const CLOSING: u64 = LIVE << 1;
-/// One use of the slot.
+/// Increment of the slot's generation.
 const GENERATION: u64 = CLOSING << 1;
 const USERS_MASK: u64 = LIVE - 1;
 
-/// Bits of a handle: its kind, its slot; the rest counts uses.
+/// Width in bits of a handle's kind and slot index; the remaining bits are the generation.
 const KIND_BITS: u32 = 4;
 const INDEX_BITS: u32 = 16;
 
-/// Most sessions at once, of all engines.
+/// Maximum number of sessions at once, across all engines.
 pub(crate) const MAX_SESSIONS: usize = 16_384;
 
-/// Times that a free checks whether the calls in progress have returned: first spinning, then
-/// yielding.
+/// Number of times that a free checks whether the calls in progress have returned: first it spins, then
+/// it yields.
 const CHECKS: usize = 1000;
 const SPINS: usize = 100;
 
 /// A slot for one object.
 pub(crate) struct Slot<T> {
-    /// Uses so far, whether it is being freed, whether it is in use, and how many threads are in
-    /// it.
+    /// Generation, whether it is being freed, whether it is in use, and number of threads using it.
     state: AtomicU64,
     object: AtomicPtr<T>,
 }
@@ -47,23 +46,23 @@ impl<T> Slot<T> {
     }
 }
 
-/// All objects of one kind.
+/// Table of all objects of one kind.
 pub(crate) struct Table<T: 'static, const N: usize> {
     slots: [Slot<T>; N],
-    /// Tells the kinds' handles apart, `1..16`.
+    /// Number of the kind in its handles, `1..16`.
     kind: usize,
-    /// What the objects are called in errors.
+    /// Name of the kind in errors.
     name: &'static str,
-    /// The slot to try first.
+    /// Slot to try first.
     next: Mutex<usize>,
 }
 
-/// `object` in memory of the system's, for [`Table::insert`].
+/// Moves `object` to memory of the system's, for [`Table::insert`].
 pub(crate) fn boxed<T>(object: T) -> Result<Boxed<T>, Failure> {
     Ok(memory::catch(|| Arena::system().boxed(object))?)
 }
 
-/// An object that is in use by this thread, so that it is not freed.
+/// Guard of an object that this thread uses, so that it is not freed.
 pub(crate) struct Held<'a, T> {
     slot: &'a Slot<T>,
     object: &'a T,
@@ -89,7 +88,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         Self { slots: [const { Slot::new() }; N], kind, name, next: Mutex::new(0) }
     }
 
-    /// The handle of a new object.
+    /// Stores an object and returns its handle.
     pub(crate) fn insert(&self, object: Boxed<T>) -> Result<usize, Failure> {
         let mut next = self.next.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let free = |&index: &usize| self.slots[index].state.load(Ordering::Acquire) & LIVE == 0;
@@ -122,15 +121,15 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         (handle & ((1 << KIND_BITS) - 1) == self.kind).then_some((index, slot))
     }
 
-    /// The object of a handle, held until the result is dropped. Wait-free.
+    /// Returns the object of a handle, held until the guard is dropped. Wait-free.
     pub(crate) fn get(&self, handle: usize) -> Result<Held<'_, T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
-        // Callers of a freed handle, or of one that is being freed, do not touch the count: they would
-        // keep the free waiting.
+        // Calls with a freed handle, or one that is being freed, do not touch the count: they would keep the free
+        // waiting.
         if !self.is_open(index, slot.state.load(Ordering::Acquire), handle) {
             return Err(self.invalid());
         }
-        // From here on it is not freed, if it still exists.
+        // From here on the object, if it still exists, is not freed.
         let state = slot.state.fetch_add(USER, Ordering::Acquire);
         if !self.is_open(index, state, handle) {
             slot.state.fetch_sub(USER, Ordering::Release);
@@ -142,13 +141,13 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         Ok(Held { slot, object: unsafe { &*object } })
     }
 
-    /// Whether a slot in this state holds the handle's object, and takes callers.
+    /// Whether a slot in this state holds the handle's object and accepts calls.
     fn is_open(&self, index: usize, state: u64, handle: usize) -> bool {
         state & (LIVE | CLOSING) == LIVE && self.handle(index, state) == handle
     }
 
-    /// Takes an object out. From the first call on no other call gets it; `BUSY` if a call that
-    /// had it before is still in progress after a millisecond or so: then `remove` again.
+    /// Takes an object out. No call that starts later gets it. `BUSY` if an earlier call is still in progress
+    /// after a millisecond or so: then `remove` again.
     pub(crate) fn remove(&self, handle: usize) -> Result<Boxed<T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
         for look in 0..CHECKS {
@@ -157,8 +156,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
                 return Err(self.invalid());
             }
             if state & CLOSING == 0 {
-                // Another object may have come into the slot since: marked only if nothing has
-                // changed.
+                // The slot may hold another object by now: the exchange fails if anything has changed.
                 let marked = slot.state.compare_exchange(state, state | CLOSING, Ordering::AcqRel, Ordering::Relaxed);
                 if marked.is_err() {
                     continue;
@@ -227,7 +225,7 @@ mod tests {
             assert_eq!(COUNTED.get(stale).err().unwrap().status, UMO_STATUS_INVALID_HANDLE, "{stale:x}");
             assert_eq!(COUNTED.remove(stale).err().unwrap().status, UMO_STATUS_INVALID_HANDLE, "{stale:x}");
         }
-        // A slot that is used again has other handles.
+        // A reused slot has other handles.
         for round in 0..50 {
             let handle = COUNTED.insert(Counted::boxed(round)).ok().unwrap();
             assert_ne!(handle, first);
@@ -258,8 +256,7 @@ mod tests {
         }
     }
 
-    /// Callers that never pause, before and after: the free marks the object first, and needs
-    /// a pause of the callers.
+    /// Calls that always overlap: a free first marks the object, which keeps new calls out.
     #[test]
     fn callers_that_never_pause_do_not_keep_an_object() {
         use std::sync::atomic::AtomicBool;
@@ -271,8 +268,7 @@ mod tests {
                 for _ in 0..3 {
                     scope.spawn(|| {
                         while !is_over.load(Ordering::Relaxed) {
-                            // One call is always in progress, or about to be: the next begins
-                            // before the last has ended.
+                            // A call is always in progress or about to be: the next begins before the last has ended.
                             let first = HAMMERED.get(handle);
                             let second = HAMMERED.get(handle);
                             drop(first);
@@ -283,8 +279,7 @@ mod tests {
                 while calls.load(Ordering::Relaxed) < 1000 {
                     std::thread::yield_now();
                 }
-                // A caller that the system has put aside in the middle of its call may need a look
-                // or two.
+                // A caller that was preempted in the middle of its call may take a few attempts.
                 let freed = (0..100).any(|_| HAMMERED.remove(handle).is_ok());
                 is_over.store(true, Ordering::Relaxed);
                 assert!(freed, "a hundred times busy");

@@ -1,20 +1,20 @@
-//! The C interface of umo: what `include/umo.h` declares.
+//! The C interface of umo, declared in `include/umo.h`.
 //!
-//! | module | what it holds |
+//! | module | part |
 //! |---|---|
-//! | [`model`] | models: loading, what they have |
-//! | [`engine`] | engines: who computes |
+//! | [`model`] | models: loading and properties |
+//! | [`engine`] | engines: threads and scheduling |
 //! | [`session`] | sessions: audio in, frames out |
-//! | [`recording`] | whole recordings: their level |
-//! | [`frame`] | where a frame's values go in the host's memory |
-//! | [`clip`] | frames as a file |
+//! | [`recording`] | level of whole recordings |
+//! | [`frame`] | layout of frames in the host's memory |
+//! | [`clip`] | export of frames to files |
 //! | [`gesture`] | gestures on command |
-//! | [`parameter`] | what can be set while a session runs |
-//! | [`self_test`] | whether this machine computes rightly |
-//! | [`status`], [`log`] | what went wrong, and who is told |
-//! | [`memory`] | one block of memory for each session; the host's allocator |
-//! | `reserve` | the library's own allocator: memory for small pieces where the system has none |
-//! | `web` | memory for a page, in WebAssembly alone |
+//! | [`parameter`] | parameters of a running session |
+//! | [`self_test`] | test of this machine's results and speed |
+//! | [`status`], [`log`] | errors and log messages |
+//! | [`memory`] | the host's allocator, for one block of memory per session |
+//! | `reserve` | the library's own allocator, with a reserve for small pieces when the system has no memory |
+//! | `web` | additional functions for WebAssembly |
 //! | `handle`, `ffi` | handles; pointers, structures and panics at the boundary |
 #![expect(clippy::result_large_err, reason = "an audio thread's failure may not allocate its detail")]
 
@@ -36,7 +36,7 @@ pub mod status;
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 pub mod web;
 
-// After what it names: umo.h has this order.
+// Last, so that umo.h declares it after the types it uses.
 pub mod clip;
 
 use std::ffi::c_char;
@@ -45,17 +45,15 @@ use umo_core::motion::axes::Axes;
 
 use status::Failure;
 
-/// The version of this interface: its major number in the upper 16 bits, its minor number in the
-/// lower. A library serves programs of the same major number and no larger minor one.
+/// Version of this interface: major number in the upper 16 bits, minor number in the lower. A library
+/// serves programs with the same major number and at most its own minor number.
 pub const UMO_ABI_VERSION: u32 = 1;
 
-/// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and
-/// Godot's.
+/// glTF and Godot: Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X.
 pub const UMO_AXES_GLTF: u32 = 0;
-/// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y.
-/// Unreal's.
+/// Unreal: Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y.
 pub const UMO_AXES_UNREAL: u32 = 1;
-/// Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X. Unity's.
+/// Unity: Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X.
 pub const UMO_AXES_UNITY: u32 = 2;
 
 pub(crate) fn axes(which: u32) -> Result<Axes, Failure> {
@@ -67,7 +65,7 @@ pub(crate) fn axes(which: u32) -> Result<Axes, Failure> {
     }
 }
 
-/// A plain structure of the host's, where there is one.
+/// Reads an optional plain structure of the host's; `None` for NULL.
 ///
 /// # Safety
 /// `from` is NULL or readable.
@@ -79,7 +77,7 @@ pub(crate) unsafe fn read_if_given<T: Copy>(from: *const T, what: &str) -> Resul
     Ok(unsafe { ffi::slice(from, 1, what)? }.first().copied())
 }
 
-/// `UMO_ABI_VERSION` of the library, for programs that look it up while they run.
+/// Returns the library's `UMO_ABI_VERSION`, for programs that load the library at run time.
 ///
 /// Threads: any. Never allocates, never waits.
 #[unsafe(no_mangle)]
@@ -87,7 +85,7 @@ pub extern "C" fn umo_abi_version() -> u32 {
     UMO_ABI_VERSION
 }
 
-/// The library's version, as `0.1.0`: static.
+/// Returns the library's version, such as `0.1.0`, as a static string.
 ///
 /// Threads: any. Never allocates, never waits.
 #[unsafe(no_mangle)]

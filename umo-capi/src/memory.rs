@@ -1,4 +1,4 @@
-//! Where a session's memory comes from: one block, from the host or the system.
+//! Memory of a session: one block, from the host or the system.
 
 use std::ffi::c_void;
 
@@ -6,27 +6,27 @@ use umo_core::memory::{BlockError, HostMemory};
 
 use crate::status::Failure;
 
-/// Where a session's memory comes from. Both functions are needed. They are called by
-/// `umo_session_new`, `umo_session_free` and, where a session was freed while a chunk of it was
-/// computed, by the next of these or `umo_engine_free`; never by another thread than the one in
-/// that call. They must not throw, nor call functions of this library.
+/// Allocator for a session's memory. Both functions are required. They are called by `umo_session_new`,
+/// by `umo_session_free` and, if a session was freed while a chunk of it was being computed, by the next
+/// call of either or `umo_engine_free`; always on the thread of that call. They must not throw, nor call
+/// functions of this library.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoAllocator {
-    /// Given to both.
+    /// Passed to both functions.
     pub userdata: *mut c_void,
-    /// Gives `size` bytes aligned to `alignment`, a power of two, or NULL.
+    /// Returns `size` bytes aligned to `alignment`, a power of two, or NULL.
     pub allocate: Option<unsafe extern "C" fn(userdata: *mut c_void, size: usize, alignment: usize) -> *mut c_void>,
-    /// Takes back what `allocate` gave.
+    /// Releases memory from `allocate`.
     pub release:
         Option<unsafe extern "C" fn(userdata: *mut c_void, memory: *mut c_void, size: usize, alignment: usize)>,
 }
 
 impl UmoAllocator {
-    /// Both functions.
+    /// Checks that both functions are given.
     ///
     /// # Safety
-    /// They do what their descriptions say, as long as a session whose memory is theirs lives.
+    /// They behave as documented, for as long as a session with memory from them exists.
     pub(crate) unsafe fn host_memory(self) -> Result<HostMemory, Failure> {
         let (Some(allocate), Some(release)) = (self.allocate, self.release) else {
             return Err(Failure::null("allocator's functions"));

@@ -1,4 +1,4 @@
-//! Models: loaded once, never changed, shared by any number of engines.
+//! Models: loaded once, immutable, shared by any number of engines.
 
 pub mod inspect;
 
@@ -27,7 +27,7 @@ pub struct UmoModel {
     _opaque: [u8; 0],
 }
 
-/// Weights as the file has them.
+/// Weights as stored in the file.
 pub const UMO_PRECISION_STORED: u32 = 0;
 /// All products in f32.
 pub const UMO_PRECISION_F32: u32 = 1;
@@ -36,7 +36,7 @@ pub const UMO_PRECISION_BF16: u32 = 2;
 /// Weights rounded to int8.
 pub const UMO_PRECISION_INT8: u32 = 3;
 
-/// The fastest instructions that the processor has.
+/// The fastest instruction set of the processor.
 pub const UMO_ISA_BEST: u32 = 0;
 /// Portable code.
 pub const UMO_ISA_SCALAR: u32 = 1;
@@ -57,7 +57,7 @@ pub const UMO_ISA_NEON_DOTPROD: u32 = 8;
 /// At most NEON with dot products and matrix products of int8.
 pub const UMO_ISA_NEON_I8MM: u32 = 9;
 
-/// How a model is loaded. Start it with `umo_model_config_init`.
+/// Options for loading a model. Initialise them with `umo_model_config_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoModelConfig {
@@ -65,13 +65,12 @@ pub struct UmoModelConfig {
     pub struct_size: u32,
     /// One of `UMO_PRECISION_…`.
     pub precision: u32,
-    /// The fastest instructions that may be used: one of `UMO_ISA_…`. Float products round
-    /// differently on some of them, so that a session can give other frames: docs/spec.md, section 2.9, says which give
-    /// the same.
+    /// Upper bound on the instruction set: one of `UMO_ISA_…`. Float products round differently on some of
+    /// them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
     pub isa: u32,
     /// Zero.
     pub reserved: u32,
-    /// Log callback for this model, or NULL. Read while the model is loaded.
+    /// Log callback for this model, or NULL. The structure is copied while the model is loaded.
     pub log: *const UmoLog,
 }
 
@@ -80,7 +79,7 @@ unsafe impl Sized32 for UmoModelConfig {
     const FIRST: usize = 16 + size_of::<*const UmoLog>();
 }
 
-/// What a model has. Set `struct_size`, the rest is written by `umo_model_get_info`.
+/// Properties of a model. Set `struct_size`; `umo_model_get_info` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoModelInfo {
@@ -88,39 +87,37 @@ pub struct UmoModelInfo {
     pub struct_size: u32,
     /// Frames per second: 30.
     pub frame_rate: u32,
-    /// Samples per second of the model's input; sessions take any rate and resample.
+    /// Sample rate of the model's input in Hz; sessions take any rate and resample.
     pub sample_rate: u32,
-    /// Joints of the body: 55, as SMPL-X has them.
+    /// Joints of the body: the 55 of SMPL-X.
     pub joints: u32,
     /// Face channels.
     pub channels: u32,
-    /// 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X
-    /// expression coefficients.
+    /// 1 if face channels are the 52 ARKit blendshapes, 0 to 1; 0 if they are SMPL-X expression
+    /// coefficients.
     pub is_arkit: u32,
     /// Frames from one keyframe to the next.
     pub keyframe_stride: u32,
     /// Keyframes predicted per chunk by default.
     pub target: u32,
-    /// Most keyframes per chunk.
+    /// Maximum number of keyframes per chunk.
     pub max_target: u32,
     /// Frames held back by default.
     pub lookahead: u32,
-    /// Frames of future speech that a frame needs at most, by default.
+    /// Frames of future speech that a frame needs at most, with the default configuration.
     pub latency_frames: u32,
-    /// Most ids of a prompt.
+    /// Maximum number of ids in a prompt.
     pub max_prompt: u32,
-    /// 1 where texts can be prompts, so that `umo_session_set_prompt` works.
+    /// 1 if texts can be prompts, so that `umo_session_set_prompt` works.
     pub has_text: u32,
-    /// 1 if `UMO_MODEL_NOTICE` must be shown to users: that the model was never trained,
-    /// say.
+    /// 1 if `UMO_MODEL_NOTICE` must be shown to users: for example, that the model was never trained.
     pub has_notice: u32,
-    /// Bytes of the model file.
+    /// Size of the model file in bytes.
     pub file_size: u64,
-    /// 1 where the model has a mouth network, so that sessions may have `UMO_VOICE_LIVE`.
+    /// 1 if the model has a mouth network, so that sessions can use `UMO_VOICE_LIVE`.
     pub has_mouth: u32,
-    /// Most keyframes of audio behind a chunk that a session can wait for
-    /// (`umo_session_config.horizon`): worth it where the whole recording is there. 0 where the
-    /// model does not hear ahead.
+    /// Upper bound on `umo_session_config.horizon`: keyframes of audio behind a chunk that a session can
+    /// wait for. Useful if the whole recording is available. 0 if the model does not hear ahead.
     pub max_horizon: u32,
 }
 
@@ -135,7 +132,7 @@ pub const UMO_MODEL_NAME: u32 = 1;
 pub const UMO_MODEL_LICENSE: u32 = 2;
 /// Notice that must be shown to users; may be empty.
 pub const UMO_MODEL_NOTICE: u32 = 3;
-/// The instructions that it was packed for, as `avx512vnni`.
+/// Instruction set that the model was packed for, such as `avx512vnni`.
 pub const UMO_MODEL_ISA: u32 = 4;
 
 /// Visemes per frame.
@@ -145,7 +142,7 @@ pub const UMO_JOINT_COUNT: u32 = 55;
 
 const _: () = assert!(VISEMES == UMO_VISEME_COUNT as usize && JOINTS == UMO_JOINT_COUNT as usize);
 
-/// What a model's handle stands for.
+/// Object of a model's handle.
 pub(crate) struct ModelHandle {
     pub(crate) model: Arc<Model>,
     pub(crate) visemes: Option<Visemes>,
@@ -156,17 +153,17 @@ pub(crate) struct ModelHandle {
     pub(crate) log: Log,
 }
 
-/// Where texts are that live as long and never change, for C.
+/// C strings that live as long and never change.
 pub(crate) struct Texts(pub(crate) Box<[*const c_char]>);
 
-// SAFETY: nobody writes the texts, which lie beside them in the same `ModelHandle`.
+// SAFETY: the strings, which are in the same `ModelHandle`, are never written.
 unsafe impl Send for Texts {}
 // SAFETY: as above.
 unsafe impl Sync for Texts {}
 
-/// Most models at once.
+/// Maximum number of models at once.
 const MAX_MODELS: usize = 1024;
-/// Models that are shared by their engines and their handle.
+/// Models, each shared by its handle and its engines.
 pub(crate) static MODELS: Table<Arc<ModelHandle>, MAX_MODELS> = Table::new(1, "model");
 
 pub(crate) fn get(model: *const UmoModel) -> Result<Held<'static, Arc<ModelHandle>>, Failure> {
@@ -176,8 +173,8 @@ pub(crate) fn get(model: *const UmoModel) -> Result<Held<'static, Arc<ModelHandl
     MODELS.get(model.addr())
 }
 
-/// Whether a program that was compiled with `abi` can use this library: the same major version, and
-/// no newer minor one.
+/// Checks that a program compiled with `abi` can use this library: equal major version, and at most this
+/// minor version.
 pub(crate) fn check_abi(abi: u32) -> Result<(), Failure> {
     if abi >> 16 == UMO_ABI_VERSION >> 16 && abi & 0xffff <= UMO_ABI_VERSION & 0xffff {
         return Ok(());
@@ -203,7 +200,7 @@ fn precision(number: u32) -> Result<Precision, Failure> {
     }
 }
 
-/// The fastest back-end up to a cap; one of another architecture leaves portable code.
+/// Returns the fastest back-end up to a cap; a cap of another architecture gives portable code.
 fn isa(number: u32) -> Result<Isa, Failure> {
     let allowed: &[&str] = match number {
         UMO_ISA_BEST => return Ok(Isa::detect()),
@@ -239,7 +236,7 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
     Ok((precision(config.precision)?, isa(config.isa)?, log))
 }
 
-/// Loads with threads that end with it, so that the library can be unloaded.
+/// Loads on threads that end before it returns, so that the library can be unloaded.
 #[cfg(all(feature = "threads", not(target_family = "wasm")))]
 fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
     use std::sync::{Mutex, PoisonError};
@@ -254,7 +251,7 @@ fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model,
         threads.lock().unwrap_or_else(PoisonError::into_inner).push(started);
         Ok(())
     });
-    // A system that has no memory for a thread says only that it did not start it.
+    // Without memory for a thread, the system says only that it did not start it.
     let no_thread = |error| match memory::check_thread() {
         Ok(()) => Failure::new(crate::status::UMO_STATUS_THREAD, error),
         Err(missing) => missing.into(),
@@ -262,14 +259,14 @@ fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model,
     let pool = pool.build().map_err(no_thread)?;
     let model = pool.install(|| Model::load(file, precision, isa));
     drop(pool);
-    // Their last instructions, too, are the library's.
+    // Their last instructions are also in this library.
     for thread in threads.into_inner().unwrap_or_else(PoisonError::into_inner) {
         drop(thread.join());
     }
     Ok(model?)
 }
 
-/// Loads on the calling thread: there are no others.
+/// Loads on the calling thread, the only one.
 #[cfg(not(all(feature = "threads", not(target_family = "wasm"))))]
 fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
     Ok(Model::load(file, precision, isa)?)
@@ -285,7 +282,7 @@ fn open(path: &str) -> Result<ModelFile, Failure> {
     Err(Failure::no_files(path, "umo_model_load_memory"))
 }
 
-/// The handle of a model of the file that `open` gives.
+/// Loads a model from the file that `open` returns; returns its handle.
 fn load(
     open: impl FnOnce() -> Result<ModelFile, Failure>,
     (precision, isa, log): (Precision, Isa, Log),
@@ -366,8 +363,8 @@ pub unsafe extern "C" fn umo_model_config_init(config: *mut UmoModelConfig, size
 
 /// Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
 ///
-/// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it
-/// takes, and waits for them: a base-size int8 model takes some 0.3 s.
+/// Threads: any but the audio thread. Allocates, reads the file, starts threads for the duration of the
+/// call, and waits for them: a base-size int8 model takes some 0.3 s.
 /// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key),
 /// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`,
 /// `UNSUPPORTED` (the library was built without files: docs/platforms.md, "Consoles").
@@ -396,10 +393,10 @@ pub unsafe extern "C" fn umo_model_load(
     })
 }
 
-/// Loads a model from memory, which is not copied and not needed any more when the call returns:
-/// weights are repacked for the processor.
+/// Loads a model from memory, which is not copied and no longer needed when the call returns: weights are
+/// repacked for the processor.
 ///
-/// Threads, errors: as `umo_model_load`, but for `IO` and `UNSUPPORTED`.
+/// Threads, errors: as `umo_model_load`, except `IO` and `UNSUPPORTED`.
 ///
 /// # Safety
 /// As `umo_model_load`; `data` is NULL or has `size` readable bytes.
@@ -415,9 +412,9 @@ pub unsafe extern "C" fn umo_model_load_memory(
     guard(|| {
         check_abi(abi)?;
         wanted(model, "model")?;
-        // SAFETY: the bytes are readable while this call lasts, guaranteed by the caller (see #
-        // Safety), and the file that borrows them as static is dropped before it returns; a `Model`
-        // keeps nothing of its file.
+        // SAFETY: the bytes are readable during this call, guaranteed by the caller (see # Safety), and the
+        // file that borrows them as static is dropped before it returns; a `Model` keeps nothing of its
+        // file.
         let bytes: &'static [u8] = unsafe { ffi::slice(data.cast::<u8>(), size, "data")? };
         // SAFETY: guaranteed by the caller (see # Safety).
         let config = unsafe { read_config(config)? };
@@ -427,7 +424,7 @@ pub unsafe extern "C" fn umo_model_load_memory(
     })
 }
 
-/// Frees a model. Its engines keep what they need of it. NULL is fine.
+/// Frees a model. Its engines keep the parts that they need. NULL is fine.
 ///
 /// Threads: any but the audio thread. Texts and names of the model are freed with it.
 /// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free`
@@ -448,7 +445,7 @@ pub extern "C" fn umo_model_free(model: *mut UmoModel) -> UmoStatus {
 mod tests {
     use super::*;
 
-    /// No cap lets through what it does not name, and the highest lets everything through.
+    /// A cap allows only the back-ends that it names, and the highest allows all.
     #[test]
     fn a_cap_is_the_fastest_that_is_allowed() {
         let name = |number| isa(number).map(Isa::name).expect("a cap");

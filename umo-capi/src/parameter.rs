@@ -1,4 +1,4 @@
-//! What can be set while a session runs, by number.
+//! Parameters of a running session, by number.
 
 use std::ffi::{CStr, c_char};
 
@@ -10,52 +10,52 @@ use umo_core::session::{Idle, MAX_GAIN, MAX_OUTPUT_DELAY, Session};
 use crate::ffi::{self, Sized32, guard};
 use crate::status::{Failure, UmoStatus};
 
-/// Sampling temperature: 0 always takes the likeliest code; the model says what it was tuned for.
+/// Sampling temperature: 0 always takes the likeliest code; the model's default is the value it was tuned for.
 pub const UMO_PARAMETER_TEMPERATURE: u32 = 1;
-/// Top-k sampling: from this many of the likeliest codes; 0 is all.
+/// Top-k sampling: number of the likeliest codes to sample from; 0 for all.
 pub const UMO_PARAMETER_TOP_K: u32 = 2;
-/// Top-p sampling: from the likeliest codes that together reach this probability.
+/// Top-p sampling: samples from the likeliest codes that together reach this probability.
 pub const UMO_PARAMETER_TOP_P: u32 = 3;
-/// What is shown while no audio comes: one of `UMO_IDLE_…`.
+/// Idle mode, while no audio comes: one of `UMO_IDLE_…`.
 pub const UMO_PARAMETER_IDLE: u32 = 4;
-/// How much the face moves, jaw and eyes included: 0 at rest, 1 as computed, 2 exaggerated.
+/// Gain of the face's motion, jaw and eyes included: 0 is at rest, 1 as computed, 2 exaggerated.
 pub const UMO_PARAMETER_GAIN_FACE: u32 = 16;
-/// How much the fingers move.
+/// Gain of the fingers' motion.
 pub const UMO_PARAMETER_GAIN_HANDS: u32 = 17;
-/// How much spine, neck, head and arms move.
+/// Gain of the motion of spine, neck, head and arms.
 pub const UMO_PARAMETER_GAIN_UPPER: u32 = 18;
-/// How much pelvis and legs move, and the body through the world.
+/// Gain of the motion of pelvis and legs, and of the body through the world.
 pub const UMO_PARAMETER_GAIN_LOWER: u32 = 19;
 
-/// What the avatar attends to: one of `UMO_ATTENTION_…`.
+/// Attention of the avatar: one of `UMO_ATTENTION_…`.
 pub const UMO_PARAMETER_ATTENTION: u32 = 5;
-/// The output device's own delay, seconds from the sound that is played to the sound that is heard:
-/// `umo_session_sample_pose` shows the pose of so much earlier. 0 to 2; some 0.2 by Bluetooth.
+/// Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
+/// shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 pub const UMO_PARAMETER_OUTPUT_DELAY: u32 = 6;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub const UMO_PARAMETER_LAYER_GAZE: u32 = 32;
 /// Strength of breath, sway, weight shifts and fingers.
 pub const UMO_PARAMETER_LAYER_IDLE: u32 = 33;
-/// Strength of the differences between the face's left and right.
+/// Strength of the asymmetry between the face's left and right.
 pub const UMO_PARAMETER_LAYER_ASYMMETRY: u32 = 34;
 /// Strength of nods on accents, and while listening.
 pub const UMO_PARAMETER_LAYER_NODS: u32 = 35;
-/// Strength of the mood's face and posture; without a mood, of what takes away a frown that nothing
-/// asked for.
+/// Strength of the mood's face and posture; without a mood, strength of removing a frown that no mood asked
+/// for.
 pub const UMO_PARAMETER_LAYER_MOOD: u32 = 36;
-/// Strength of planted feet, steps, and the root's way back to where it stood.
+/// Strength of planted feet, steps, and the root's return to where it stood.
 pub const UMO_PARAMETER_LAYER_FEET: u32 = 37;
 
-/// Speaking while its own audio is heard, listening while `umo_session_push_other_audio`'s is, else
-/// idle.
+/// Speaking while its own audio is heard, listening while audio of `umo_session_push_other_audio` is
+/// heard, otherwise idle.
 pub const UMO_ATTENTION_AUTO: u32 = 0;
 /// Nothing in particular.
 pub const UMO_ATTENTION_IDLE: u32 = 1;
-/// Who speaks to it: it looks there, nods and raises its brows at pauses.
+/// The interlocutor: the avatar looks there, nods, and raises its brows at pauses.
 pub const UMO_ATTENTION_LISTENING: u32 = 2;
-/// An answer: it looks away.
+/// An answer to give: the avatar looks away.
 pub const UMO_ATTENTION_THINKING: u32 = 3;
-/// What it says.
+/// Its own speech.
 pub const UMO_ATTENTION_SPEAKING: u32 = 4;
 
 /// No mood: the model's face without its frown.
@@ -87,26 +87,26 @@ pub const UMO_IDLE_REST: u32 = 1;
 /// The model runs on silence.
 pub const UMO_IDLE_LIVE: u32 = 2;
 
-/// Only whole numbers are allowed.
+/// The parameter takes only whole numbers.
 pub const UMO_PARAMETER_WHOLE: u32 = 1;
 
-/// What a parameter is. Set `struct_size`, the rest is written by `umo_parameter_get_info`.
+/// Description of a parameter. Set `struct_size`; `umo_parameter_get_info` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoParameterInfo {
     /// `sizeof(umo_parameter_info)`.
     pub struct_size: u32,
-    /// `UMO_PARAMETER_…`.
+    /// Number of the parameter, `UMO_PARAMETER_…`.
     pub id: u32,
     /// `UMO_PARAMETER_WHOLE` or 0.
     pub flags: u32,
     /// Zero.
     pub reserved: u32,
-    /// Least value.
+    /// Smallest value.
     pub minimum: f64,
     /// Largest value.
     pub maximum: f64,
-    /// Its name: static.
+    /// Name of the parameter: static.
     pub name: *const c_char,
 }
 
@@ -122,7 +122,7 @@ struct Parameter {
     flags: u32,
 }
 
-/// Every parameter, in the order of their numbers; the ranges of all begin at 0.
+/// All parameters; every range begins at 0.
 #[rustfmt::skip]
 const PARAMETERS: [Parameter; 16] = [
     Parameter { id: UMO_PARAMETER_TEMPERATURE, name: c"temperature", maximum: 100.0, flags: 0 },
@@ -148,7 +148,7 @@ fn find(id: u32) -> Result<&'static Parameter, Failure> {
     PARAMETERS.iter().find(|parameter| parameter.id == id).ok_or_else(unknown)
 }
 
-/// The idle mode of a number.
+/// Converts a number to an idle mode.
 pub(crate) fn idle(number: u32) -> Result<Idle, Failure> {
     match number {
         UMO_IDLE_HOLD => Ok(Idle::Hold),
@@ -158,25 +158,25 @@ pub(crate) fn idle(number: u32) -> Result<Idle, Failure> {
     }
 }
 
-/// What is attended to, by its number.
+/// Converts a number to an attention.
 fn attention(number: u32) -> Result<Attention, Failure> {
     let unknown = || Failure::argument(format_args!("attention {number} is none of UMO_ATTENTION_…"));
     Attention::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 
-/// The mood of a number.
+/// Converts a number to a mood.
 pub(crate) fn mood(number: u32) -> Result<Mood, Failure> {
     let unknown = || Failure::argument(format_args!("mood {number} is none of UMO_MOOD_…"));
     Mood::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 
-/// The shape of lips of a number.
+/// Converts a number to a shape of the lips.
 pub(crate) fn lips(number: u32) -> Result<LipShape, Failure> {
     let unknown = || Failure::argument(format_args!("shape {number} is none of UMO_LIPS_…"));
     LipShape::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 
-/// The layer that a parameter is the strength of.
+/// Returns the layer whose strength a parameter sets.
 fn layer(id: u32) -> Option<Layer> {
     let number = id.checked_sub(UMO_PARAMETER_LAYER_GAZE)?;
     Layer::ALL.get(number as usize).copied()
@@ -235,7 +235,7 @@ pub(crate) fn get(session: &Session, id: u32) -> Result<f64, Failure> {
     })
 }
 
-/// What the parameter at `index` is, from 0 on: `INVALID_ARGUMENT` says that there are no more.
+/// Gets the description of the parameter at `index`, from 0; `INVALID_ARGUMENT` past the last one.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT`.

@@ -1,4 +1,4 @@
-//! Whole recordings.
+//! Level of whole recordings.
 
 use umo_core::audio::level::{MAX_CHANNELS, Meter};
 use umo_core::audio::resample::{MAX_RATE, MIN_RATE};
@@ -6,11 +6,11 @@ use umo_core::audio::resample::{MAX_RATE, MIN_RATE};
 use crate::ffi::{self, guard, wanted};
 use crate::status::{Failure, UmoStatus};
 
-/// The gain of each channel at which a whole recording's speech is heard, `count` interleaved samples at
-/// `sample_rate` per second. Ones for a plain recording; others are far from the level of speech, have
-/// channels that cancel each other, or speech in the channel in front alone (of five channels and more, the
-/// third). Multiply each channel with its gain before the samples are pushed into a session; `gains` has
-/// room for `channels` values, 1 to 64.
+/// Computes the gain of each channel that brings the speech of a whole recording to its normal level, for
+/// `count` interleaved samples at `sample_rate` Hz. The gains are 1 for a plain recording. They differ if
+/// its level is far from that of speech, if its channels cancel each other, or if only the centre channel
+/// (the third, with five channels or more) has speech. Multiply each channel by its gain before you push
+/// the samples into a session; `gains` has room for `channels` values, 1 to 64.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_ARGUMENT` (a rate or a number of channels out of range, or not a

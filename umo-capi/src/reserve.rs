@@ -1,9 +1,9 @@
-//! The allocator of the shared and the static library: the system's, with a reserve for pieces that the system refuses.
+//! Allocator of the shared and the static library: the system's, with a reserve for pieces that the system refuses.
 //!
-//! The standard library and other crates end the process where they get no memory for a name or a map. Here such a piece
-//! comes out of the reserve, the work goes on to the end of its [`memory::watch`], and the call fails with
-//! `UMO_STATUS_OUT_OF_MEMORY`; what it made is dropped, and the reserve is whole again. Pieces that a model file or a
-//! configuration makes large are refused, and handled by [`umo_core::memory`].
+//! The standard library and other crates abort the process if they get no memory for a name or a map. Here such a piece
+//! comes from the reserve, the work continues to the end of its [`memory::watch`], and the call fails with
+//! `UMO_STATUS_OUT_OF_MEMORY`. The result is dropped, and the reserve is whole again. Pieces that are large because of
+//! a model file or a configuration are refused, and handled by [`umo_core::memory`].
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::UnsafeCell;
@@ -12,27 +12,27 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use umo_core::memory;
 
-/// Bytes of a unit, in which the reserve is given out.
+/// Size of a unit of the reserve, in bytes.
 const UNIT: usize = 16;
-/// Largest alignment of a piece: two cache lines, which are as far apart as threads' own data is kept.
+/// Largest alignment of a piece: two cache lines, the distance that keeps threads' data apart.
 const ALIGNMENT: usize = 128;
-/// Units of the reserve: 512 KiB. A figure's largest list takes 1.2 MB.
+/// Number of units in the reserve: 512 KiB, or 3 MiB with glTF, as a figure's largest list takes 1.2 MB.
 const UNITS: usize = if cfg!(feature = "gltf") { 3 << 20 } else { 512 << 10 } / UNIT;
-/// Part of the free units that one piece may take: large pieces leave room for small ones.
+/// Divisor of the free units for the largest piece: large pieces leave room for small ones.
 const SHARE: usize = 2;
 
 #[global_allocator]
 static ALLOCATOR: Reserving = Reserving::new();
 
-/// The system's allocator and a reserve. All zeros as the library begins, so that the reserve takes pages of memory only
-/// once it is used.
+/// The system's allocator and a reserve. Initially all zeros, so that the reserve takes no pages of memory before it is
+/// used.
 struct Reserving {
     room: Room,
     /// Whether each unit is taken.
     taken: [AtomicBool; UNITS],
-    /// Number of units that are taken.
+    /// Number of taken units.
     used: AtomicUsize,
-    /// Where a free piece is looked for first.
+    /// Unit at which the search for a free piece starts.
     next: AtomicUsize,
 }
 
@@ -49,7 +49,7 @@ impl Reserving {
         Self { room, taken: [const { AtomicBool::new(false) }; UNITS], used, next }
     }
 
-    /// A piece of the reserve, or NULL. Waits for no other thread.
+    /// Takes a piece of the reserve; NULL if there is none. Never waits for another thread.
     #[cold]
     fn take(&self, layout: Layout) -> *mut u8 {
         let wanted = units(layout);
@@ -68,7 +68,7 @@ impl Reserving {
         self.start().wrapping_add(start * UNIT)
     }
 
-    /// Takes the first free units from `from` on, and says where they start.
+    /// Takes the first `wanted` free units from `from` on; returns the index of the first one.
     fn claim(&self, from: usize, wanted: usize, alignment: usize) -> Option<usize> {
         let step = alignment.div_ceil(UNIT);
         let mut start = from.next_multiple_of(step);
@@ -85,7 +85,7 @@ impl Reserving {
         self.taken[unit].load(Ordering::Relaxed)
     }
 
-    /// Marks a unit as taken; whether it was.
+    /// Marks a unit as taken; returns whether it already was.
     fn mark(&self, unit: usize) -> bool {
         self.taken[unit].swap(true, Ordering::Acquire)
     }
@@ -98,14 +98,14 @@ impl Reserving {
         self.room.0.get().cast()
     }
 
-    /// The first unit of a piece of the reserve; none for the system's.
+    /// Returns the first unit of a piece of the reserve, `None` for a piece of the system's.
     fn unit(&self, piece: *mut u8) -> Option<usize> {
         let offset = piece.addr().wrapping_sub(self.start().addr());
         (offset < UNITS * UNIT).then_some(offset / UNIT)
     }
 }
 
-/// Units that a piece takes.
+/// Number of units for a piece.
 fn units(layout: Layout) -> usize {
     layout.size().div_ceil(UNIT)
 }
@@ -113,20 +113,20 @@ fn units(layout: Layout) -> usize {
 // SAFETY: a piece is the system's, or units of the reserve that nobody else has until it is freed. Nothing unwinds.
 unsafe impl GlobalAlloc for Reserving {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: by the caller's clause.
+        // SAFETY: guaranteed by the caller.
         let piece = unsafe { System.alloc(layout) };
         if piece.is_null() { self.take(layout) } else { piece }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: by the caller's clause.
+        // SAFETY: guaranteed by the caller.
         let piece = unsafe { System.alloc_zeroed(layout) };
         if !piece.is_null() {
             return piece;
         }
         let piece = self.take(layout);
         if !piece.is_null() {
-            // SAFETY: the piece has as many bytes.
+            // SAFETY: the piece has at least `layout.size()` bytes.
             unsafe { piece.write_bytes(0, layout.size()) };
         }
         piece
@@ -134,7 +134,7 @@ unsafe impl GlobalAlloc for Reserving {
 
     unsafe fn dealloc(&self, piece: *mut u8, layout: Layout) {
         let Some(first) = self.unit(piece) else {
-            // SAFETY: by the caller's clause: it is not of the reserve, so the system gave it.
+            // SAFETY: guaranteed by the caller; the piece is not in the reserve, so it is the system's.
             return unsafe { System.dealloc(piece, layout) };
         };
         let count = units(layout);
@@ -144,20 +144,20 @@ unsafe impl GlobalAlloc for Reserving {
 
     unsafe fn realloc(&self, piece: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         if self.unit(piece).is_none() {
-            // SAFETY: by the caller's clause: it is not of the reserve, so the system gave it.
+            // SAFETY: guaranteed by the caller; the piece is not in the reserve, so it is the system's.
             let moved = unsafe { System.realloc(piece, layout, size) };
             if !moved.is_null() {
                 return moved;
             }
         }
-        // SAFETY: the caller's clause says that the size is not 0, and no larger than a layout can be.
+        // SAFETY: the caller guarantees that the size is not 0, and not larger than a layout allows.
         let wanted = unsafe { Layout::from_size_align_unchecked(size, layout.align()) };
         // SAFETY: the size is not 0.
         let moved = unsafe { self.alloc(wanted) };
         if !moved.is_null() {
-            // SAFETY: both have as many bytes, and they are two pieces.
+            // SAFETY: both have at least that many bytes, and they are distinct pieces.
             unsafe { moved.copy_from_nonoverlapping(piece, size.min(layout.size())) };
-            // SAFETY: by the caller's clause.
+            // SAFETY: guaranteed by the caller.
             unsafe { self.dealloc(piece, layout) };
         }
         moved
@@ -208,12 +208,12 @@ mod tests {
     fn a_piece_grows_out_of_the_reserve() {
         static RESERVE: Reserving = Reserving::new();
         let piece = RESERVE.take(layout(3));
-        // SAFETY: three bytes that were taken above.
+        // SAFETY: the three bytes were taken above.
         unsafe { piece.copy_from_nonoverlapping([1, 2, 3].as_ptr(), 3) };
         // SAFETY: it was taken with this layout.
         let grown = unsafe { RESERVE.realloc(piece, layout(3), 5000) };
         assert!(RESERVE.unit(grown).is_none() && RESERVE.used.load(Ordering::Relaxed) == 0);
-        // SAFETY: it has 5,000 bytes, of which the first three were copied.
+        // SAFETY: it has 5,000 bytes, and the first three were copied.
         assert_eq!(unsafe { std::slice::from_raw_parts(grown, 3) }, [1, 2, 3]);
         // SAFETY: it has this layout now.
         unsafe { RESERVE.dealloc(grown, layout(5000)) };
@@ -228,7 +228,7 @@ mod tests {
                     for size in (1..2000).rev() {
                         let piece = RESERVE.take(layout(size));
                         assert!(!piece.is_null());
-                        // SAFETY: it has as many bytes.
+                        // SAFETY: it has `size` bytes.
                         unsafe { piece.write_bytes(byte, size) };
                         // SAFETY: they were written above.
                         let bytes = unsafe { std::slice::from_raw_parts(piece, size) };

@@ -1,4 +1,4 @@
-//! The self-test, on the machine that the library is installed on.
+//! Self-test of the machine that the library is installed on.
 
 use std::ffi::c_char;
 
@@ -9,21 +9,21 @@ use crate::ffi::{self, guard, put, wanted};
 use crate::model::{UmoModel, get};
 use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
 
-/// Bytes that a self-test's report may have, its end included.
+/// Maximum length in bytes of a self-test's report, including its terminating zero.
 pub const UMO_SELF_TEST_SIZE: usize = 8192;
 
-/// Memory that the small allocations of a self-test need: operands, texts, a voice. An engine checks its own.
+/// Memory for the self-test's small allocations: operands, texts, a voice. An engine checks its own.
 const MEMORY: usize = 32 << 20;
 
-/// Tests this machine with a model, for about 10 seconds or less: every kernel of every back-end that the processor has is
-/// compared with its scalar reference, the model's motion with recorded motion (a model without a record with a second
-/// run), and the model's speed is measured if the library has threads and a clock. `passed` is 1 if nothing is wrong.
-/// `report` is a text of several lines: processor, comparisons, faults, speed, and changes that would make it faster. It
-/// names no path, host or user. `size` is at least `UMO_SELF_TEST_SIZE`.
+/// Tests this machine with a model, for about 10 seconds or less. Every kernel of every back-end that the processor
+/// supports is compared with its scalar reference. The model's motion is compared with recorded motion, or for a model
+/// without a record with a second run. The model's speed is measured if the library has threads and a clock. `passed`
+/// is 1 if no fault was found. `report` is a text of several lines: processor, comparisons, faults, speed, and changes
+/// that would make it faster. It contains no path, host name or user name. `size` is at least `UMO_SELF_TEST_SIZE`.
 ///
 /// Threads: any but the audio thread. Allocates, starts threads, and waits for them.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. Faults that
-/// the test finds are not errors of the call.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. Faults found by
+/// the test are not errors of the call.
 ///
 /// # Safety
 /// `passed` is NULL or writable; `report` is NULL or has `size` writable bytes.

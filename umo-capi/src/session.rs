@@ -1,6 +1,6 @@
 //! Sessions: one avatar each, audio in and frames out.
 
-// In the order of umo.h.
+// The order of the modules is that of umo.h.
 pub mod stream;
 
 pub mod settings;
@@ -33,16 +33,16 @@ use crate::status::{
 
 /// The mouth moves with the body, later than the sound by the session's latency.
 pub const UMO_VOICE_DELAYED: u32 = 0;
-/// The mouth moves as the sound is heard, later by `umo_latency.mouth_samples`: with the default model
-/// 56 ms at 16 kHz, 63 ms at 48 kHz. The body follows by the session's latency, and the stream has as
-/// many more frames at its end. For a microphone, or a voice that is played as it comes.
+/// The mouth follows the sound after `umo_latency.mouth_samples`: with the default model 56 ms at 16 kHz,
+/// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
+/// frames at its end. For a microphone, or a voice that is played as it arrives.
 pub const UMO_VOICE_LIVE: u32 = 1;
 
-/// Chunks are given as frames alone.
+/// Chunks are output as frames only.
 pub const UMO_PACKETS_NONE: u32 = 0;
-/// Chunks are given as frames and as packets: both are to be pulled.
+/// Chunks are output as frames and as packets: pull both.
 pub const UMO_PACKETS_BESIDE_FRAMES: u32 = 1;
-/// Chunks are given as packets alone: for a server whose avatars are seen elsewhere.
+/// Chunks are output as packets only, for a server whose avatars are shown elsewhere.
 pub const UMO_PACKETS_ONLY: u32 = 2;
 
 /// A session: one avatar. A handle, never a pointer to memory.
@@ -50,55 +50,55 @@ pub struct UmoSession {
     _opaque: [u8; 0],
 }
 
-/// Configuration of a session. Start it with `umo_session_config_init`.
+/// Configuration of a session. Initialise it with `umo_session_config_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoSessionConfig {
     /// `sizeof(umo_session_config)`.
     pub struct_size: u32,
-    /// Samples per second of the audio that is pushed, 8,000 to 192,000.
+    /// Sample rate of the pushed audio in Hz, 8,000 to 192,000.
     pub sample_rate: u32,
-    /// Interleaved channels of that audio, 1 to 64; they are mixed.
+    /// Interleaved channels of the pushed audio, 1 to 64; they are mixed.
     pub channels: u32,
-    /// Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more
-    /// see more at once.
+    /// Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer respond sooner, more give each
+    /// chunk more context.
     pub target: u32,
-    /// Frames held back until the next chunk, for smoother seams: that much later, too.
+    /// Frames held back until the next chunk, for smoother seams; they add to the latency.
     pub lookahead: u32,
-    /// What is shown during silence: one of `UMO_IDLE_…`.
+    /// Behaviour during silence: one of `UMO_IDLE_…`.
     pub idle: u32,
-    /// Milliseconds without audio after which that begins.
+    /// Milliseconds without audio after which `idle` begins.
     pub idle_after_ms: u32,
-    /// Milliseconds that an ease to rest takes, and the way back.
+    /// Duration in milliseconds of the ease to rest, and of the way back.
     pub ease_ms: u32,
-    /// Frames that wait for the host before the engine stops computing: at least two chunks' worth.
+    /// Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.
     pub queue_frames: u32,
-    /// When the mouth moves: one of `UMO_VOICE_…`.
+    /// Timing of the mouth: one of `UMO_VOICE_…`.
     pub voice: u32,
-    /// Seed of all draws: the same seed and audio give the same frames.
+    /// Seed of all sampling: equal seeds and audio give equal frames.
     pub seed: u64,
-    /// Which of the model's templates: NULL for `audio_to_motion`; `text_to_motion` needs no audio. For
-    /// it, `umo text` takes a `guidance` of 2.5 and a temperature of 0.7 at most
-    /// (`UMO_PARAMETER_TEMPERATURE`): the defaults here are those of speech.
+    /// Template of the model: NULL for `audio_to_motion`; `text_to_motion` needs no audio. For the latter,
+    /// `umo text` uses a `guidance` of 2.5 and a temperature of at most 0.7 (`UMO_PARAMETER_TEMPERATURE`);
+    /// the defaults here are for speech.
     pub template_name: *const c_char,
-    /// Where the session's memory comes from, or NULL for the system's. Read while the session is
-    /// made; what it names must live until the engine is freed.
+    /// Allocator of the session's memory, or NULL for the system's. Read while the session is made; its
+    /// functions and `userdata` must stay valid until the engine is freed.
     pub allocator: *const UmoAllocator,
-    /// Standard deviation of the low-pass of the body's motion, frames, 0 to 1.5: 0 for the model's own
-    /// motion. It looks two standard deviations ahead, 3 frames at most, where `lookahead` is less.
+    /// Standard deviation, in frames, of a low-pass over the body's motion, 0 to 1.5; 0 for none. If
+    /// `lookahead` is less, it looks two standard deviations ahead, 3 frames at most.
     pub smoothing: f32,
-    /// How strongly the prompt steers, 1 to 3, with models of layout `frames`: 1 is the prompt alone,
-    /// at half the cost of other values. Else 1.
+    /// Strength of the prompt's guidance, 1 to 3, for models of layout `frames`: 1 uses the prompt alone, at
+    /// half the cost of other values. Other models: 1.
     pub guidance: f32,
-    /// Keyframes of audio behind a chunk that it waits for, where the model was made to hear ahead:
-    /// that much later, too. Else 0.
+    /// Keyframes of audio behind a chunk that the chunk waits for, if the model was trained to hear ahead;
+    /// they add to the latency. Otherwise 0.
     pub horizon: u32,
-    /// Whether chunks are given as packets: one of `UMO_PACKETS_…`.
+    /// Output of chunks as packets: one of `UMO_PACKETS_…`.
     pub packets: u32,
-    /// Keyframes before those of its chunk that a packet says again: one that is lost changes nothing
-    /// where these are a chunk's. As many as fit the model's history.
+    /// Keyframes before its chunk that a packet repeats, as many as fit the model's history. With a chunk's
+    /// worth of them, the loss of one packet changes nothing.
     pub packet_history: u32,
-    /// Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4.
+    /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub patience: u32,
 }
 
@@ -107,14 +107,13 @@ unsafe impl Sized32 for UmoSessionConfig {
     const FIRST: usize = 48 + 2 * size_of::<*const c_char>();
 }
 
-/// Bytes of a configuration that has `smoothing`, `guidance` and `horizon`; a shorter one has their
+/// Size of a configuration up to `smoothing`, `guidance` and `horizon`; a shorter one gets their
 /// defaults.
 const WITH_SMOOTHING: usize = UmoSessionConfig::FIRST + 16;
-/// The same for `packet_history` and `patience`.
+/// Size of a configuration up to `packet_history` and `patience`; a shorter one gets their defaults.
 const WITH_PACKETS: usize = WITH_SMOOTHING + 8;
 
-/// How far motion is behind speech. Set `struct_size`, the rest is written by
-/// `umo_session_latency`.
+/// Delay of motion behind speech. Set `struct_size`; `umo_session_latency` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoLatency {
@@ -122,25 +121,25 @@ pub struct UmoLatency {
     pub struct_size: u32,
     /// Zero.
     pub reserved: u32,
-    /// Samples of future audio, at the session's rate, that a frame needs at most: what no
-    /// processor can shorten. The configuration's `target`, `lookahead`, `smoothing`, `horizon` and
-    /// `sample_rate` make it.
+    /// Upper bound on the future audio that a frame needs, in samples at the session's rate: no processor
+    /// can shorten it. It follows from the configuration's `target`, `lookahead`, `smoothing`, `horizon`
+    /// and `sample_rate`.
     pub algorithmic_samples: u64,
-    /// Seconds from a chunk's last sample, or the end of the chunk before where that is later, to
-    /// its frames: median.
+    /// Median computing time in seconds: from a chunk's last sample, or from the end of the previous chunk
+    /// if that is later, to the chunk's frames.
     pub compute_p50: f64,
-    /// Its 99th percentile.
+    /// 99th percentile of the computing time.
     pub compute_p99: f64,
-    /// Its 99.9th percentile.
+    /// 99.9th percentile of the computing time.
     pub compute_p999: f64,
-    /// Its largest.
+    /// Largest computing time.
     pub compute_max: f64,
-    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now,
-    /// beyond `algorithmic_samples`: 0 while the engine keeps up.
+    /// Current delay of the newest frame behind the newest audio, beyond `algorithmic_samples`, in samples
+    /// at the session's rate: 0 while the engine keeps up.
     pub backlog_samples: u64,
     /// The largest backlog since the session was made.
     pub backlog_max_samples: u64,
-    /// Samples of future audio, at the session's rate, that a frame's mouth needs at most:
+    /// Upper bound on the future audio that a frame's mouth needs, in samples at the session's rate:
     /// `algorithmic_samples`, or less with `UMO_VOICE_LIVE`.
     pub mouth_samples: u64,
 }
@@ -150,7 +149,7 @@ unsafe impl Sized32 for UmoLatency {
     const FIRST: usize = 48;
 }
 
-/// Statistics of a session. Set `struct_size`, the rest is written by `umo_session_stats`.
+/// Statistics of a session. Set `struct_size`; `umo_session_stats` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoStats {
@@ -162,13 +161,13 @@ pub struct UmoStats {
     pub chunks: u64,
     /// Frames computed.
     pub frames: u64,
-    /// Frames whose chunk was done later than real time needs it.
+    /// Frames whose chunk was computed too late for real time.
     pub late_frames: u64,
     /// Frames that an interrupt or a reset dropped before they were shown.
     pub dropped_frames: u64,
-    /// Samples of each channel that were not taken because there was no room.
+    /// Samples per channel that were not taken because there was no room.
     pub overruns: u64,
-    /// Samples that were NaN, infinite or beyond 1e6, and became silence.
+    /// Samples that were NaN, infinite or beyond 1e6, and were replaced by silence.
     pub silenced: u64,
     /// Chunks whose body was held because the engine did not keep up (`umo_engine_set_late_limit`).
     pub held_chunks: u64,
@@ -179,17 +178,17 @@ unsafe impl Sized32 for UmoStats {
     const FIRST: usize = 56;
 }
 
-/// The range of times that `umo_session_sample_pose` could sample. Set `struct_size`, the rest is written.
+/// Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoSampled {
     /// `sizeof(umo_sampled)`.
     pub struct_size: u32,
-    /// 1 where the time asked for was later than the newest frame.
+    /// 1 if the requested time was later than the newest frame.
     pub is_ahead: u32,
-    /// Seconds of the oldest frame that is still there.
+    /// Time in seconds of the oldest frame that is still available.
     pub oldest: f64,
-    /// Seconds of the newest frame that is ready.
+    /// Time in seconds of the newest frame that is ready.
     pub newest: f64,
 }
 
@@ -200,18 +199,17 @@ unsafe impl Sized32 for UmoSampled {
 
 static SESSIONS: Table<SessionHandle, MAX_SESSIONS> = Table::new(3, "session");
 
-/// What a session's handle stands for.
+/// Object of a session's handle.
 struct SessionHandle {
     session: Session,
     model: Arc<ModelHandle>,
     log: Log,
-    /// A panic was caught in a call on it.
+    /// Whether a panic was caught in a call on it.
     poisoned: AtomicBool,
     detail: Detail,
 }
 
-/// The detail of a session's last failure, kept without waiting: of two that fail at once, one is
-/// kept.
+/// Detail of a session's last failure, kept without waiting: of two failures at once, one is kept.
 struct Detail {
     taken: AtomicBool,
     text: UnsafeCell<Text>,
@@ -239,9 +237,8 @@ fn get(session: *const UmoSession) -> Result<Held<'static, SessionHandle>, UmoSt
     SESSIONS.get(session.addr()).map_err(|failure| failure.status)
 }
 
-/// Runs a call on a session; its failure's detail is kept with the session. Touches nothing that
-/// belongs to a thread, so that the first call on an audio thread makes the system allocate
-/// nothing.
+/// Runs a call on a session; the detail of a failure is kept with the session. Uses no thread-local
+/// storage, so that the first call on an audio thread does not make the system allocate.
 fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<(), Failure>) -> UmoStatus {
     let handle = match get(session) {
         Ok(handle) => handle,
@@ -252,7 +249,7 @@ fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<()
     }
     let failure = match contain(|| call(&handle)) {
         Ok(Ok(())) => return UMO_STATUS_OK,
-        // The engine's thread knows what it panicked with.
+        // The panic was on the engine's thread, and the session has its details.
         Ok(Err(failure)) if failure.status == UMO_STATUS_PANIC => {
             handle.session.defect().map_or(failure, Failure::defect)
         }
@@ -306,6 +303,8 @@ impl UmoSessionConfig {
     }
 }
 
+/// Reads a configuration; the defaults for NULL.
+///
 /// # Safety
 /// `config` is NULL or as long as its `struct_size` says; its template ends with a zero byte, its
 /// allocator is readable.
@@ -358,7 +357,7 @@ unsafe fn read_config(
     Ok((wanted, allocator))
 }
 
-/// The block that a session needs.
+/// Computes the memory block that a session needs.
 fn plan(engine: &EngineHandle, config: &SessionConfig) -> Result<Layout, Failure> {
     let plan = Arena::plan();
     engine.engine().plan_session(config, &plan)?;
@@ -366,7 +365,7 @@ fn plan(engine: &EngineHandle, config: &SessionConfig) -> Result<Layout, Failure
     Ok(plan.layout()?)
 }
 
-/// A session in a block of its own.
+/// Creates a session in its own block.
 fn make(
     engine: &EngineHandle,
     config: &SessionConfig,
@@ -386,7 +385,7 @@ fn make(
     }))
 }
 
-/// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size`
+/// Fills a session configuration with the model's defaults, for mono audio at the model's rate. `size`
 /// is `sizeof *config`.
 ///
 /// Threads: any. Allocates for a moment.
@@ -410,8 +409,8 @@ pub unsafe extern "C" fn umo_session_config_init(
     })
 }
 
-/// How much memory `umo_session_new` takes from the allocator for such a session, in one piece:
-/// bytes and alignment. Either may be NULL.
+/// Gets the size and alignment, in bytes, of the single block that `umo_session_new` takes from the
+/// allocator for this configuration. Either may be NULL.
 ///
 /// Threads: any but the audio thread. Allocates what `umo_session_new` takes from the system.
 /// Errors: as `umo_session_new`.
@@ -444,12 +443,12 @@ pub unsafe extern "C" fn umo_session_memory(
 /// Creates a session: one avatar at the start of its stream. `config` may be NULL.
 ///
 /// Threads: any but the audio thread. Allocates everything that the session will ever need, in one
-/// piece from the configuration's allocator, of the size that `umo_session_memory` gives. The system
-/// gives less than 1 KiB for the time of the call, and for the first session of a `sample_rate` that
-/// is not the model's the filter that converts it, which the engine keeps: to 16,000 samples per
+/// piece from the configuration's allocator, of the size that `umo_session_memory` gives. From the system
+/// it takes less than 1 KiB for the duration of the call. The first session of a `sample_rate` that is
+/// not the model's also takes the filter that converts it, which the engine keeps: to 16,000 samples per
 /// second 3 KiB from 48,000, 390 KiB from 44,100, and at most 1 MiB from any rate.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
-/// number), `STRUCT_SIZE`, `FULL` (the engine's places, or 16,384 sessions in all),
+/// number), `STRUCT_SIZE`, `FULL` (the engine's `max_sessions`, or 16,384 sessions in all),
 /// `OUT_OF_MEMORY`.
 ///
 /// # Safety
@@ -482,11 +481,11 @@ pub unsafe extern "C" fn umo_session_new(
 }
 
 /// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that
-/// threads that never pause do not keep it.
+/// threads that call it without a pause cannot keep it alive.
 ///
-/// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a
-/// chunk of it is just computed, its memory goes back with the next session that is made or freed,
-/// or with the engine.
+/// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. If a chunk of it
+/// is being computed, its memory is released when the next session is made or freed, or with the
+/// engine.
 /// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free`
 /// again; nothing was freed).
 #[unsafe(no_mangle)]
@@ -503,12 +502,12 @@ pub extern "C" fn umo_session_free(session: *mut UmoSession) -> UmoStatus {
     })
 }
 
-/// The detail of the last failed call on the session, from any thread: a copy in
-/// `buffer`, which has `size` bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets
-/// its length without the end.
+/// Copies the detail of the last failed call on the session, from any thread, to `buffer`, which has
+/// `size` bytes; `UMO_ERROR_SIZE` is enough. `length`, which may be NULL, gets its length without the
+/// terminating zero.
 ///
 /// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is just failing).
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is failing at this moment).
 ///
 /// # Safety
 /// `buffer` is NULL or has `size` writable bytes; `length` is NULL or writable.
@@ -546,9 +545,9 @@ mod tests {
     fn a_panic_becomes_a_status_and_poisons_that_session_alone() {
         let (mut model, mut engine, mut first, mut second) = (null_mut(), null_mut(), null_mut(), null_mut());
         let (abi, data) = (crate::UMO_ABI_VERSION, MODEL.as_ptr().cast());
-        // SAFETY: the bytes are what they say, and the pointer is to a value of this function.
+        // SAFETY: the length is that of the bytes, and the pointer is to a value of this function.
         assert_eq!(unsafe { umo_model_load_memory(abi, data, MODEL.len(), null(), &raw mut model) }, UMO_STATUS_OK);
-        // SAFETY: integers and pointers, zero in each of which is a value.
+        // SAFETY: integers and pointers, for which zero is valid.
         let mut config: UmoEngineConfig = unsafe { std::mem::zeroed() };
         // SAFETY: the size is the value's.
         assert_eq!(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) }, UMO_STATUS_OK);
@@ -564,7 +563,7 @@ mod tests {
         assert_eq!(on(first, |_| panic!("planned")), UMO_STATUS_PANIC);
         assert_eq!(stream::umo_session_finish(first), UMO_STATUS_PANIC);
         let (mut text, mut length) = ([0_u8; 512], 0);
-        // SAFETY: the buffer is as long as it says.
+        // SAFETY: the size is the buffer's.
         let asked = unsafe { umo_session_last_error(first, text.as_mut_ptr().cast(), text.len(), &raw mut length) };
         assert_eq!(asked, UMO_STATUS_OK);
         let text = String::from_utf8_lossy(&text[..length]).into_owned();
@@ -572,7 +571,7 @@ mod tests {
         assert_eq!(stream::umo_session_finish(second), UMO_STATUS_OK);
 
         assert_eq!(guard(|| panic!("planned")), UMO_STATUS_PANIC);
-        // SAFETY: never NULL, and it ends.
+        // SAFETY: never NULL, and zero-terminated.
         let last = unsafe { std::ffi::CStr::from_ptr(crate::status::umo_last_error()) };
         let last = last.to_string_lossy();
         assert!(last.contains("defect") && last.contains("session.rs:") && last.contains("planned"), "{last}");

@@ -1,4 +1,4 @@
-//! Status codes, what each says, and where the detail of the last failure is kept.
+//! Status codes, their messages, and storage for the detail of the last failure.
 
 use std::cell::UnsafeCell;
 use std::ffi::{CStr, c_char};
@@ -9,15 +9,14 @@ use umo_core::memory::OutOfMemory;
 use umo_core::session::SessionError;
 use umo_core::{Defect, LoadError, PacketError};
 
-/// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never used
-/// again for anything else.
+/// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never reused.
 pub type UmoStatus = i32;
 
 /// Success.
 pub const UMO_STATUS_OK: UmoStatus = 0;
 /// A required pointer is NULL.
 pub const UMO_STATUS_NULL_POINTER: UmoStatus = -1;
-/// An unknown or freed handle, or one of another kind.
+/// A handle is unknown, freed, or of another kind.
 pub const UMO_STATUS_INVALID_HANDLE: UmoStatus = -2;
 /// An argument is out of range.
 pub const UMO_STATUS_INVALID_ARGUMENT: UmoStatus = -3;
@@ -25,13 +24,13 @@ pub const UMO_STATUS_INVALID_ARGUMENT: UmoStatus = -3;
 pub const UMO_STATUS_STRUCT_SIZE: UmoStatus = -4;
 /// A buffer is too small for the output.
 pub const UMO_STATUS_BUFFER_TOO_SMALL: UmoStatus = -5;
-/// The program was compiled with the header of another, incompatible version.
+/// The program was compiled with the header of an incompatible version.
 pub const UMO_STATUS_VERSION: UmoStatus = -6;
 /// A file cannot be read or written.
 pub const UMO_STATUS_IO: UmoStatus = -7;
-/// Not a usable model file.
+/// The file is not a usable model.
 pub const UMO_STATUS_MODEL: UmoStatus = -8;
-/// There is not enough memory, or the host's allocator gave none.
+/// There is not enough memory, or the host's allocator returned NULL.
 pub const UMO_STATUS_OUT_OF_MEMORY: UmoStatus = -9;
 /// No free slot: free a model, an engine or a session first.
 pub const UMO_STATUS_FULL: UmoStatus = -10;
@@ -43,20 +42,20 @@ pub const UMO_STATUS_FINISHED: UmoStatus = -12;
 pub const UMO_STATUS_FAILED: UmoStatus = -13;
 /// The session's engine was freed: it gives no more frames. Free it.
 pub const UMO_STATUS_CLOSED: UmoStatus = -14;
-/// A panic of this library was caught, without output; the session concerned can not be used any
-/// more. Free it, and report the defect: `umo_session_last_error` (or `umo_last_error`) has
-/// the panic's text and its place in the source.
+/// A panic of this library was caught, without output; the session concerned cannot be used any more.
+/// Free it, and report the defect: `umo_session_last_error` (or `umo_last_error`) has the panic's
+/// message and its place in the source.
 pub const UMO_STATUS_PANIC: UmoStatus = -15;
 /// This model, processor or engine cannot do that.
 pub const UMO_STATUS_UNSUPPORTED: UmoStatus = -16;
-/// Not a state of such a session. Nothing was changed.
+/// The bytes are not a state of such a session. Nothing was changed.
 pub const UMO_STATUS_STATE: UmoStatus = -17;
 /// A worker thread could not be created or pinned.
 pub const UMO_STATUS_THREAD: UmoStatus = -18;
-/// Not a packet for such a decoder. Nothing was changed.
+/// The bytes are not a packet for such a decoder. Nothing was changed.
 pub const UMO_STATUS_PACKET: UmoStatus = -19;
 
-/// What a status says, and what to do about it.
+/// Message of a status, with a remedy.
 fn text(status: UmoStatus) -> &'static CStr {
     match status {
         UMO_STATUS_OK => c"no error",
@@ -85,10 +84,10 @@ fn text(status: UmoStatus) -> &'static CStr {
     }
 }
 
-/// Bytes that an error's detail may have, its end included.
+/// Maximum length in bytes of an error's detail, including its terminating zero.
 pub const UMO_ERROR_SIZE: usize = 512;
 
-/// A failure on its way out.
+/// A failed call's status and detail.
 #[derive(Debug)]
 pub(crate) struct Failure {
     pub(crate) status: UmoStatus,
@@ -96,7 +95,7 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    /// A failure that its status says all about.
+    /// A failure whose detail is the status's message.
     pub(crate) fn plain(status: UmoStatus) -> Self {
         Self { status, detail: Text::from(format_args!("{}", text(status).to_str().unwrap_or_default())) }
     }
@@ -105,21 +104,21 @@ impl Failure {
         Self { status, detail: Text::from(format_args!("{detail}")) }
     }
 
-    /// A file, in a library that opens none: what takes its bytes.
+    /// A path given to a library built without files; names the function that takes the file's bytes.
     #[cfg(not(feature = "files"))]
     pub(crate) fn no_files(path: &str, memory: &str) -> Self {
         let what = format_args!("{path}: this library was built without files: read it yourself and call {memory}");
         Self::new(UMO_STATUS_UNSUPPORTED, what)
     }
 
-    /// A file that cannot be read or written.
+    /// A failure to read or write a file.
     #[cfg(any(feature = "files", feature = "gltf"))]
     pub(crate) fn io(cause: &std::io::Error, detail: impl fmt::Display) -> Self {
         let is_memory = cause.kind() == std::io::ErrorKind::OutOfMemory;
         Self::new(if is_memory { UMO_STATUS_OUT_OF_MEMORY } else { UMO_STATUS_IO }, detail)
     }
 
-    /// A panic that was caught.
+    /// A caught panic.
     pub(crate) fn defect(defect: &Defect) -> Self {
         let place = if defect.place().is_empty() { "an unknown place" } else { defect.place() };
         let what = format_args!(
@@ -198,8 +197,8 @@ impl From<PollError> for Failure {
     }
 }
 
-/// A text of fixed storage that ends with a zero byte. Writing one allocates nothing; what does not
-/// fit is cut.
+/// A zero-terminated text in fixed storage. Writing does not allocate; text that does not fit is
+/// truncated.
 #[derive(Clone, Copy)]
 pub(crate) struct Text {
     bytes: [u8; UMO_ERROR_SIZE],
@@ -211,7 +210,7 @@ impl Text {
 
     fn from(arguments: fmt::Arguments) -> Self {
         let mut text = Self::EMPTY;
-        // Only what does not fit is an error, and that is cut.
+        // Only text that does not fit is an error; it is truncated.
         let _ = text.write_fmt(arguments);
         text
     }
@@ -220,7 +219,7 @@ impl Text {
         &self.bytes[..self.len]
     }
 
-    /// The same with its end.
+    /// Returns the text with its terminating zero.
     pub(crate) fn as_c_str(&self) -> &CStr {
         CStr::from_bytes_until_nul(&self.bytes).unwrap_or_default()
     }
@@ -249,21 +248,21 @@ impl fmt::Write for Text {
 }
 
 thread_local! {
-    /// The detail of the thread's last failure. Without a destructor, so that it costs threads
-    /// nothing that never fail.
+    /// Detail of the thread's last failure. It has no destructor, so that threads that never fail pay
+    /// nothing.
     static LAST: UnsafeCell<Text> = const { UnsafeCell::new(Text::EMPTY) };
 }
 
-/// Keeps a failure's detail for `umo_last_error`.
+/// Stores a failure's detail for `umo_last_error`.
 pub(crate) fn remember(detail: &Text) {
     LAST.with(|last| {
-        // SAFETY: the cell is this thread's own, and nothing called here calls back, so no other
-        // reference to it lives.
+        // SAFETY: the cell is this thread's, and nothing called here calls back, so no other
+        // reference to it exists.
         unsafe { *last.get() = *detail };
     });
 }
 
-/// What a status says, and what to do about it: static, never NULL, in English.
+/// Returns the message of a status, with a remedy: static, never NULL, in English.
 ///
 /// Threads: any. Never allocates, never waits.
 #[unsafe(no_mangle)]
@@ -271,9 +270,9 @@ pub extern "C" fn umo_status_message(status: UmoStatus) -> *const c_char {
     text(status).as_ptr()
 }
 
-/// The detail of this thread's last failed call of a function that names no session; with it, which
-/// key, file, tensor or argument. Never NULL; in fixed storage of the thread's own, which the
-/// thread's next failure overwrites.
+/// Returns the detail of this thread's last failed call of a function without a session, such as the key,
+/// file, tensor or argument. Never NULL; the storage belongs to the thread, and its next failure
+/// overwrites it.
 ///
 /// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
 /// session: `umo_session_last_error`.
@@ -301,7 +300,7 @@ mod tests {
         assert_eq!(text.chars().count(), (UMO_ERROR_SIZE - 1) / 2);
         assert_eq!(failure.detail.as_c_str().to_bytes(), text.as_bytes());
         remember(&failure.detail);
-        // SAFETY: never NULL, and it ends.
+        // SAFETY: never NULL, and zero-terminated.
         let seen = unsafe { CStr::from_ptr(umo_last_error()) };
         assert_eq!(seen.to_bytes(), text.as_bytes());
     }

@@ -1,5 +1,5 @@
-//! Functions that WebAssembly needs beside `umo.h`: memory for a program outside of the module, which
-//! has no allocator of its own there, and characters that follow poses.
+//! Additional functions for WebAssembly: memory for the program outside of the module, which has no other
+//! allocator there, and characters that follow poses.
 
 use std::alloc::{Layout, alloc, dealloc};
 use std::ffi::{CString, c_char};
@@ -13,13 +13,13 @@ use crate::ffi::{self, guard};
 use crate::handle::{self, Table};
 use crate::status::{Failure, UmoStatus};
 
-/// Most characters at once.
+/// Maximum number of characters at once.
 const MAX_CHARACTERS: usize = 1024;
 
-/// Alignment of what [`umo_web_allocate`] gives.
+/// Alignment of memory from [`umo_web_allocate`].
 const ALIGNMENT: usize = 16;
 
-/// `size` bytes aligned to 16, or NULL.
+/// Returns `size` bytes aligned to 16, or NULL.
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_web_allocate(size: usize) -> *mut u8 {
     match Layout::from_size_align(size.max(1), ALIGNMENT) {
@@ -29,7 +29,7 @@ pub extern "C" fn umo_web_allocate(size: usize) -> *mut u8 {
     }
 }
 
-/// Takes back what [`umo_web_allocate`] gave. NULL is fine.
+/// Releases memory from [`umo_web_allocate`]. NULL is fine.
 ///
 /// # Safety
 /// `memory` is NULL, or from [`umo_web_allocate`] with the same size, and not freed yet.
@@ -41,10 +41,10 @@ pub unsafe extern "C" fn umo_web_free(memory: *mut u8, size: usize) {
     }
 }
 
-/// A character that follows poses, and room for a frame.
+/// A character that follows poses, and a buffer for its values.
 struct Character {
     follower: Follower,
-    /// Ends with a zero byte.
+    /// JSON text, zero-terminated.
     description: CString,
     channels: usize,
     room: Mutex<(FollowScratch, Vec<f32>)>,
@@ -52,8 +52,8 @@ struct Character {
 
 static CHARACTERS: Table<Character, MAX_CHARACTERS> = Table::new(4, "character");
 
-/// Reads a character of a `.glb` file of `size` bytes, to follow poses as `source` says
-/// (`umo_core::glb::Follower::read`). Both are read during the call. `description` is JSON, good
+/// Reads a character from a `.glb` file of `size` bytes, to follow poses of the kind that `source` describes
+/// (`umo_core::glb::Follower::read`). Both are read during the call. `description` is JSON, valid
 /// until the character is freed.
 ///
 /// # Safety
@@ -85,12 +85,12 @@ pub unsafe extern "C" fn umo_web_character_new(
     })
 }
 
-/// Puts a character in a pose: `pose` has the 55 joints' rotations, the root's place and the face
-/// channels. `values` gets the rotations of the nodes that turn, the place of the hips, the weights
-/// of each node's shapes, and those of the expressions; `count` must be their number.
+/// Applies a pose to a character: `pose` has the rotations of the 55 joints, the root translation and the
+/// face channels. `values` gets the rotations of the moved nodes, the translation of the hips, the weights
+/// of each node's morph targets, and the weights of the expressions; `count` must be their number.
 ///
 /// # Safety
-/// `pose` has 223 readable floats and one for each face channel; `values` has `count` writable ones.
+/// `pose` has 223 readable floats plus one for each face channel; `values` has `count` writable floats.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn umo_web_character_apply(
     character: usize,

@@ -1,4 +1,4 @@
-//! Audio of a client that waits for the engine, and how soon it may be computed.
+//! A client's audio that waits for the engine, and its pacing.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -7,34 +7,34 @@ use tokio::time::Instant;
 
 use super::opus::Packets;
 
-/// What the bytes of a client are.
+/// Format of a client's binary messages.
 #[derive(Debug)]
 enum Input {
-    /// Samples, in whatever pieces they come.
+    /// Samples, split at any byte.
     Pcm {
-        /// The first byte of a sample whose second has not come.
+        /// First byte of a sample whose second byte has not arrived.
         half: Option<u8>,
     },
-    /// A packet a message.
+    /// One packet per message.
     Opus(Box<Packets>),
 }
 
-/// Samples out of a client's messages.
+/// Buffer of samples from a client's messages.
 #[derive(Debug)]
 pub(super) struct Audio {
     input: Input,
     waiting: VecDeque<i16>,
-    /// Samples at the start that a restored session knows already.
+    /// Leading samples still to drop, as a restored session already has them.
     skip: usize,
-    /// Samples that may wait before no more is read.
+    /// Number of buffered samples at which reading stops.
     room: usize,
     pace: Option<Pace>,
-    /// Samples that the session took, that an interrupt dropped, or that were skipped.
+    /// Number of samples that the session took, that an interrupt dropped, or that were skipped.
     pub(super) used: u64,
 }
 
 impl Audio {
-    /// Audio of so many samples a second: of Opus where there is a decoder for it.
+    /// Creates a buffer for audio of `rate` Hz: Opus if a decoder is given, otherwise PCM.
     pub(super) fn new((rate, opus): (usize, Option<Packets>), buffer: Duration, ahead: Duration, now: Instant) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day at most, and positive")]
         let room = (buffer.as_secs_f64() * rate as f64) as usize;
@@ -43,13 +43,13 @@ impl Audio {
         Self { input, waiting: VecDeque::new(), skip: 0, room, pace, used: 0 }
     }
 
-    /// Drops the first samples.
+    /// Sets the number of leading samples to drop.
     pub(super) fn skip(mut self, samples: usize) -> Self {
         self.skip = samples;
         self
     }
 
-    /// Takes the bytes of a message.
+    /// Adds the bytes of a message.
     pub(super) fn extend(&mut self, bytes: &[u8]) -> Result<(), String> {
         let waiting = &mut self.waiting;
         match &mut self.input {
@@ -69,7 +69,7 @@ impl Audio {
         Ok(())
     }
 
-    /// So many packets were lost before the next one.
+    /// Conceals `packets` lost before the next one.
     pub(super) fn lose(&mut self, packets: u32) -> Result<(), String> {
         let waiting = &mut self.waiting;
         match &mut self.input {
@@ -80,7 +80,7 @@ impl Audio {
         Ok(())
     }
 
-    /// No more comes.
+    /// Marks the end of the audio.
     pub(super) fn finish(&mut self) -> Result<(), String> {
         let waiting = &mut self.waiting;
         if let Input::Opus(packets) = &mut self.input {
@@ -97,7 +97,7 @@ impl Audio {
         self.used += dropped as u64;
     }
 
-    /// Whether more may come.
+    /// Whether there is room for more audio.
     pub(super) fn has_room(&self) -> bool {
         self.waiting.len() < self.room
     }
@@ -106,7 +106,7 @@ impl Audio {
         self.waiting.is_empty()
     }
 
-    /// Drops what waits.
+    /// Drops all buffered samples.
     pub(super) fn clear(&mut self) {
         self.used += self.waiting.len() as u64;
         self.waiting.clear();
@@ -116,8 +116,8 @@ impl Audio {
         }
     }
 
-    /// Gives what may be computed by now to `push`, which says how many samples it took; says how many
-    /// those were in all.
+    /// Passes the samples that may be computed now to `push`, which returns the number it took. Returns their
+    /// total.
     pub(super) fn push<E>(
         &mut self,
         now: Instant,
@@ -144,7 +144,7 @@ impl Audio {
     }
 }
 
-/// Samples that may be computed: as many a second as are heard in one, and some ahead.
+/// Rate limit of computing: real time, with an allowance ahead.
 #[derive(Debug)]
 struct Pace {
     rate: f64,
@@ -212,7 +212,7 @@ mod tests {
         assert_eq!(take_all(&mut audio, now).len(), 16_000);
         assert_eq!(take_all(&mut audio, now).len(), 0);
         assert_eq!(take_all(&mut audio, now + SECOND / 2).len(), 4_000);
-        // A pause saves no more than what may be ahead.
+        // A pause earns no more credit than the allowance ahead.
         assert_eq!(take_all(&mut audio, now + 60 * SECOND).len(), 16_000);
         assert!(!audio.is_empty());
         audio.clear();

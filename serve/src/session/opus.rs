@@ -1,43 +1,43 @@
-//! Opus: a packet a message, and packets that were lost on their way to the client.
+//! Opus: one packet per message, and concealment of packets that the client did not receive.
 
 use std::fmt;
 
 use ropus::{Channels, DecodeMode, Decoder};
 use umo_core::defect;
 
-/// Rates that Opus decodes to, samples a second.
+/// Sample rates that Opus decodes to, in Hz.
 const RATES: [usize; 5] = [8_000, 12_000, 16_000, 24_000, 48_000];
-/// Most packets that one message may call lost: a second of packets of 20 ms.
+/// Maximum number of packets that one message may report lost: one second of 20 ms packets.
 const MOST_LOST: u32 = 50;
 
-/// Packets to mono samples.
+/// Decoder from packets to mono samples.
 pub(super) struct Packets {
     decoder: Decoder,
-    /// Room for the longest packet, 120 ms.
+    /// Buffer for the longest packet, 120 ms.
     room: Box<[i16]>,
-    /// Samples of the last packet; 20 ms before the first.
+    /// Number of samples in the last packet; 20 ms before the first.
     last: usize,
-    /// Whether the packet before the next one is missing: a copy of it may lie in the next one.
+    /// Whether the packet before the next one is missing; the next one may hold a redundant copy of it.
     is_one_lost: bool,
 }
 
 impl Packets {
-    /// A decoder that gives so many samples a second, one of [`RATES`].
+    /// Creates a decoder for a sample rate, one of [`RATES`].
     pub(super) fn new(rate: usize) -> Result<Self, String> {
         let wrong = || format!("rate {rate}: Opus decodes to 8000, 12000, 16000, 24000 and 48000");
         let hertz = u32::try_from(rate).ok().filter(|_| RATES.contains(&rate)).ok_or_else(wrong)?;
-        // Packets in stereo are folded by the decoder.
+        // The decoder downmixes stereo packets.
         let decoder = Decoder::new(hertz, Channels::Mono).map_err(|error| format!("rate {rate}: {error}"))?;
         Ok(Self { decoder, room: vec![0; rate * 12 / 100].into(), last: rate / 50, is_one_lost: false })
     }
 
-    /// Gives `take` the samples of packets that were lost before this one, and its own.
+    /// Passes the samples of a pending lost packet, then of this packet, to `take`.
     pub(super) fn packet(&mut self, packet: &[u8], mut take: impl FnMut(&[i16])) -> Result<(), String> {
         if packet.is_empty() {
             return Err("an empty message is no Opus packet: `lost` says that one is missing".to_owned());
         }
         if self.is_one_lost {
-            // Where the packet has no second copy of the one before it, this conceals too.
+            // If the packet has no redundant copy of the one before it, this conceals it.
             let copied = self.decode(packet, self.last, DecodeMode::Fec)?;
             take(&self.room[..copied]);
             self.is_one_lost = false;
@@ -47,24 +47,24 @@ impl Packets {
         Ok(())
     }
 
-    /// So many packets are missing before the next one.
+    /// Conceals `packets` lost before the next one.
     pub(super) fn lose(&mut self, packets: u32, mut take: impl FnMut(&[i16])) -> Result<(), String> {
         if !(1..=MOST_LOST).contains(&packets) {
             return Err(format!("lost {packets}: expected 1 to {MOST_LOST} packets; a longer gap is a pause"));
         }
-        // The last of them waits for the next packet.
+        // The last lost packet waits for the next one, which may hold a copy.
         self.conceal(u32::from(self.is_one_lost) + packets - 1, &mut take)?;
         self.is_one_lost = true;
         Ok(())
     }
 
-    /// No packet follows in which a lost one may lie.
+    /// Conceals a pending lost packet: no packet follows that may hold a copy.
     pub(super) fn finish(&mut self, mut take: impl FnMut(&[i16])) -> Result<(), String> {
         let is_one_lost = std::mem::take(&mut self.is_one_lost);
         self.conceal(is_one_lost.into(), &mut take)
     }
 
-    /// Forgets what was lost.
+    /// Forgets a pending lost packet.
     pub(super) fn clear(&mut self) {
         self.is_one_lost = false;
     }
@@ -77,10 +77,10 @@ impl Packets {
         Ok(())
     }
 
-    /// Decodes into the first `most` samples of the room; says how many there are.
+    /// Decodes into the first `most` samples of `room`; returns the number of samples.
     fn decode(&mut self, packet: &[u8], most: usize, mode: DecodeMode) -> Result<usize, String> {
         let Self { decoder, room, .. } = self;
-        // Other people's decoder on anybody's bytes: a panic is damage of the packet.
+        // A third-party decoder on untrusted bytes: a panic counts as a damaged packet.
         match defect::contain_quietly(|| decoder.decode(packet, &mut room[..most], mode)) {
             Ok(Ok(samples)) => Ok(samples),
             Ok(Err(error)) => Err(format!("this is no Opus packet: {error}")),
@@ -129,7 +129,7 @@ mod tests {
         samples
     }
 
-    /// Decibels of the first over its difference to the second.
+    /// Signal-to-difference ratio in dB.
     fn ratio(of: &[i16], to: &[i16]) -> f64 {
         assert_eq!(of.len(), to.len());
         let power = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
@@ -139,8 +139,8 @@ mod tests {
 
     #[test]
     fn packets_decode_to_what_libopus_makes_of_them() {
-        // With integers here, with floats there. The file has the mean of two decoded channels, from which
-        // what libopus itself decodes to mono is 22.3 dB away.
+        // The decoder here computes with integers, the reference with floats. The stereo file holds the mean of the
+        // two decoded channels, from which libopus' own decoding to mono is 22.3 dB away.
         for (name, least) in [("voice", 70.0), ("narrow", 70.0), ("stereo", 20.0)] {
             let mut wav = hound::WavReader::open(file(&format!("{name}.wav"))).unwrap();
             let expected: Vec<i16> = wav.samples().map(Result::unwrap).collect();
@@ -163,7 +163,7 @@ mod tests {
     fn lost_packets_keep_their_time_and_copies_in_the_next_ones_are_used() {
         let (all, size) = (packets("voice"), 320);
         let whole = decoded(16_000, &all);
-        // One of ten, then three together at the end.
+        // One packet in ten, then the last three.
         let is_lost = |index: usize| index % 10 == 4 || index >= all.len() - 3;
         let (mut decoder, mut plain) = (Packets::new(16_000).unwrap(), Packets::new(16_000).unwrap());
         let (mut healed, mut concealed) = (Vec::new(), Vec::new());
@@ -185,7 +185,7 @@ mod tests {
         let (with, without) =
             (ratio(&of_lost(&whole), &of_lost(&healed)), ratio(&of_lost(&whole), &of_lost(&concealed)));
         assert!(with > without + 3.0, "{with:.1} dB with copies, {without:.1} without");
-        // The gap at the end fades.
+        // The concealed gap at the end fades.
         let loudest = |samples: &[i16]| samples.iter().map(|sample| sample.unsigned_abs()).max();
         assert!(loudest(&healed[healed.len() - size / 2..]) <= loudest(&healed[healed.len() - 4 * size..]));
     }
@@ -195,7 +195,7 @@ mod tests {
         let all = packets("voice");
         let mut decoder = Packets::new(16_000).unwrap();
         let mut count = 0;
-        // Before any packet is known: 20 ms each. The last one waits.
+        // Before the first packet, a lost one counts as 20 ms. The last one stays pending.
         decoder.lose(3, |more| count += more.len()).unwrap();
         assert_eq!(count, 2 * 320);
         decoder.packet(&all[0], |more| count += more.len()).unwrap();
@@ -240,7 +240,7 @@ mod tests {
                     let mut longest = 0;
                     let result = decoder.packet(&packet, |more| longest = longest.max(more.len()));
                     prop_assert!(longest <= most);
-                    // What it refuses, a client is told; the decoder goes on.
+                    // The client is told of an error, and the decoder continues.
                     prop_assert!(result.is_ok() || kind != 0, "{:?}", result);
                     if let Err(reason) = result {
                         prop_assert!(reason.contains("is no Opus packet"), "{}", reason);

@@ -1,4 +1,4 @@
-//! What a hello asks for, as settings of a session.
+//! Session settings from a hello.
 
 use umo_core::lm::layout::Template;
 use umo_core::{AvatarConfig, Layer};
@@ -6,10 +6,10 @@ use umo_core::{LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfi
 
 use crate::protocol::{Hello, Output, VoiceKind};
 
-/// Why a client of packets sets no mood.
+/// Message for a packet client that sends a mood, gesture or look-at.
 pub(super) const NOT_IN_PACKETS: &str = "packets know no mood, gestures and look-at: the decoders of the viewers do";
 
-/// The settings, or what is wrong with the hello.
+/// Returns the settings, or an error message for the client.
 pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> {
     let config = model.config();
     if !(MIN_RATE..=MAX_RATE).contains(&hello.rate) {
@@ -44,7 +44,7 @@ pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> 
     Ok(settings)
 }
 
-/// The prompt's tokens, and the variant of the template that has room for them.
+/// Sets the prompt's tokens, and the variant of the template that has room for them.
 fn with_prompt(avatar: &mut AvatarConfig, text: &str, model: &Model) -> Result<(), String> {
     let none = || "prompt: this model takes no text".to_owned();
     avatar.text = model.text().ok_or_else(none)?.encode(text).map_err(|error| format!("prompt: {error}"))?;

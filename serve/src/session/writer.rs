@@ -1,4 +1,4 @@
-//! The writing half of a socket: a bounded queue, and a task that takes from it.
+//! The writing half of a socket: a bounded queue, and the task that drains it.
 
 use std::time::Duration;
 
@@ -11,17 +11,17 @@ use tokio::time::timeout;
 
 use crate::protocol::{Code, Reply};
 
-/// Messages that wait for the socket.
+/// Capacity of the queue, in messages.
 const QUEUE: usize = 16;
-/// Bytes that the reason in a frame that closes may have.
+/// Maximum length of the reason in a close frame, in bytes.
 const REASON: usize = 123;
 
 type Sink = SplitSink<WebSocket, Message>;
 
-/// How the writing ended.
+/// Result of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Written {
-    /// All that was queued.
+    /// All queued messages were written.
     All,
     /// The client has gone.
     Gone,
@@ -29,7 +29,7 @@ pub(super) enum Written {
     Stalled,
 }
 
-/// The queue, and who empties it.
+/// The queue and its task.
 #[derive(Debug)]
 pub(super) struct Writer {
     queue: mpsc::Sender<Message>,
@@ -43,22 +43,23 @@ impl Writer {
         Self { queue, task: tokio::spawn(write(sink, waiting, stall)), stall }
     }
 
-    /// A place in the queue, if there is one.
+    /// Reserves a slot in the queue; `None` if it is full.
     pub(super) fn place(&self) -> Option<mpsc::Permit<'_, Message>> {
         self.queue.try_reserve().ok()
     }
 
-    /// Queues a message as soon as there is a place. A client that does not read ends this, too.
+    /// Queues a message once there is room; returns `false` if the writing has ended, as for a client that does not
+    /// read.
     pub(super) async fn send(&self, message: Message) -> bool {
         self.queue.send(message).await.is_ok()
     }
 
-    /// Waits until the writing has ended by itself.
+    /// Waits until the writing task has ended.
     pub(super) async fn ended(&self) {
         self.queue.closed().await;
     }
 
-    /// Writes what is queued and says how that went.
+    /// Closes the queue, waits until it is written, and returns the result.
     pub(super) async fn finish(self) -> Closing {
         let Self { queue, mut task, stall } = self;
         drop(queue);
@@ -73,7 +74,7 @@ impl Writer {
     }
 }
 
-/// A socket that nothing is queued for any more.
+/// A socket whose queue is closed.
 #[derive(Debug)]
 pub(super) struct Closing {
     pub(super) written: Written,
@@ -82,7 +83,7 @@ pub(super) struct Closing {
 }
 
 impl Closing {
-    /// Says why and closes.
+    /// Sends the reason and closes the socket.
     pub(super) async fn close(self, code: Code, reason: &str) {
         let Some(mut sink) = self.sink else { return };
         let closing = async {
@@ -90,7 +91,7 @@ impl Closing {
             let frame = CloseFrame { code: code.number(), reason: shortened(reason).into() };
             sink.send(Message::Close(Some(frame))).await
         };
-        // Who does not take it has gone, or never reads it.
+        // A client that does not take the message in time has gone, or never reads.
         let _ = timeout(self.stall, closing).await;
     }
 }
@@ -106,7 +107,7 @@ async fn write(mut sink: Sink, mut waiting: mpsc::Receiver<Message>, stall: Dura
     (Written::All, sink)
 }
 
-/// As much of a reason as a frame that closes has room for.
+/// Truncates a reason to the room in a close frame.
 fn shortened(reason: &str) -> &str {
     &reason[..reason.floor_char_boundary(REASON)]
 }

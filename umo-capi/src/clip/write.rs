@@ -1,4 +1,4 @@
-//! A clip of the host's as the writers take it, and its bytes on their way out.
+//! Conversion of a host's clip for the writers, and output of the file's bytes.
 
 use std::ffi::c_void;
 use std::io::{self, Write};
@@ -15,15 +15,15 @@ use crate::ffi;
 use crate::frame::Given;
 use crate::status::{Failure, UMO_STATUS_IO};
 
-/// Most face channels.
+/// Maximum number of face channels.
 const MAX_CHANNELS: usize = 1024;
-/// Most frames: more rotations and places than these a file of 4 GiB, glTF's limit, does not hold.
+/// Maximum number of frames: a file of 4 GiB, glTF's limit, holds no more rotations and translations.
 const MAX_FRAMES: usize = u32::MAX as usize / (size_of::<f32>() * (4 * JOINTS + 3));
 
-/// Bytes that a figure takes while it is made and written: 13 MB were measured.
+/// Memory in bytes for making and writing a figure: 13 MB were measured.
 const FIGURE: usize = 16 << 20;
 
-/// What a file is made of.
+/// A clip and the format to write it in.
 struct Content {
     clip: Clip,
     format: Format,
@@ -74,7 +74,7 @@ pub(super) unsafe fn to_file(_: *const UmoClip, _: u32, path: &str) -> Result<()
     Err(Failure::no_files(path, "umo_clip_write"))
 }
 
-/// What of a clip no file can hold, or that there is no memory to write it.
+/// Converts a writer's error: the clip cannot be stored in the format, or there is not enough memory.
 fn refused(cause: &io::Error) -> Failure {
     match cause.kind() {
         io::ErrorKind::OutOfMemory => Failure::io(cause, cause),
@@ -84,7 +84,7 @@ fn refused(cause: &io::Error) -> Failure {
 
 impl Content {
     /// # Safety
-    /// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described.
+    /// `clip` is NULL or as long as its `struct_size` says, and its pointers are as described.
     unsafe fn read(clip: *const UmoClip, format: u32) -> Result<Self, Failure> {
         // SAFETY: guaranteed by the caller (see # Safety).
         let given = unsafe { ffi::read(clip, "clip")? };
@@ -104,7 +104,7 @@ impl Content {
         match self.format {
             Format::Glb(None) => glb::write(&self.clip, None, out),
             Format::Glb(figure) => {
-                // Many pieces, each of which is small.
+                // Many pieces, each of them small.
                 memory::require(FIGURE);
                 glb::write(&self.clip, figure, out)
             }
@@ -125,7 +125,7 @@ unsafe fn figure(given: &UmoClip) -> Result<Option<Figure>, Failure> {
 }
 
 /// # Safety
-/// What the clip points to is as described.
+/// The clip's pointers are as described.
 unsafe fn read(given: &UmoClip) -> Result<Clip, Failure> {
     let kind = match given.is_arkit {
         0 => FaceKind::SmplxExpression,
@@ -174,7 +174,7 @@ unsafe fn read(given: &UmoClip) -> Result<Clip, Failure> {
 struct Host {
     userdata: *mut c_void,
     write: unsafe extern "C" fn(userdata: *mut c_void, bytes: *const c_void, size: usize) -> i32,
-    /// What it returned last.
+    /// Last value that it returned.
     answer: i32,
 }
 
@@ -183,7 +183,7 @@ impl Write for Host {
         if bytes.is_empty() {
             return Ok(0);
         }
-        // SAFETY: the host's own function, called as its description says.
+        // SAFETY: the host's function, called as documented.
         self.answer = unsafe { (self.write)(self.userdata, bytes.as_ptr().cast(), bytes.len()) };
         if self.answer == 0 { Ok(bytes.len()) } else { Err(io::Error::other("stopped")) }
     }

@@ -1,4 +1,4 @@
-//! What a model has: numbers, texts, bones; the ids of prompts.
+//! Properties of a model: numbers, texts, skeleton; ids of prompts.
 
 use std::ffi::c_char;
 
@@ -13,12 +13,12 @@ use crate::axes;
 use crate::ffi::{self, guard, put, wanted};
 use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
-/// Every joint's name with its end.
+/// Zero-terminated names of the joints.
 static JOINT_TEXTS: [Name; JOINTS] = names(JOINT_NAMES);
-/// Every viseme's name with its end.
+/// Zero-terminated names of the visemes.
 static VISEME_TEXTS: [Name; VISEMES] = names(VISEME_NAMES);
 
-/// A short text that ends with a zero byte.
+/// A short zero-terminated text.
 pub(crate) type Name = [u8; 24];
 
 pub(crate) const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
@@ -36,7 +36,7 @@ pub(crate) const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
     names
 }
 
-/// What a model has.
+/// Gets the properties of a model.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
@@ -50,7 +50,7 @@ pub unsafe extern "C" fn umo_model_get_info(model: *const UmoModel, info: *mut U
     guard(|| unsafe { ffi::write(info, "info", &get(model)?.info) })
 }
 
-/// One of the model's texts, UTF-8, good until the model is freed. `which` is one of `UMO_MODEL_…`.
+/// Gets one of the model's texts, UTF-8, valid until the model is freed. `which` is one of `UMO_MODEL_…`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
@@ -69,7 +69,7 @@ pub unsafe extern "C" fn umo_model_get_text(model: *const UmoModel, which: u32, 
     })
 }
 
-/// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below
+/// Gets the name of a face channel, such as `jawOpen`, valid until the model is freed. `index` is below
 /// `umo_model_info.channels`.
 ///
 /// Threads: any. Never allocates, never waits.
@@ -93,7 +93,8 @@ pub unsafe extern "C" fn umo_model_get_channel_name(
     })
 }
 
-/// The name of a joint, as `left_elbow`: static, NULL where `index` is not below `UMO_JOINT_COUNT`.
+/// Returns the name of a joint, such as `left_elbow`: static, or NULL if `index` is not below
+/// `UMO_JOINT_COUNT`.
 ///
 /// Threads: any. Never allocates, never waits.
 #[unsafe(no_mangle)]
@@ -101,7 +102,7 @@ pub extern "C" fn umo_joint_name(index: u32) -> *const c_char {
     JOINT_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
 }
 
-/// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below
+/// Returns the name of a viseme of the Oculus set, such as `PP`: static, or NULL if `index` is not below
 /// `UMO_VISEME_COUNT`.
 ///
 /// Threads: any. Never allocates, never waits.
@@ -110,10 +111,10 @@ pub extern "C" fn umo_viseme_name(index: u32) -> *const c_char {
     VISEME_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
 }
 
-/// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's
-/// frame at rest, x y z, in `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL;
-/// `joints` is how many there is room for, at least `UMO_JOINT_COUNT`. With rotations all identity
-/// the body stands in a T-pose.
+/// Gets the skeleton: for each joint its parent's index, -1 for the first, and its rest position in its
+/// parent's frame, x y z, in the axes and units of `which` (one of `UMO_AXES_…`). Either array may be
+/// NULL; `joints` is their capacity in joints, at least `UMO_JOINT_COUNT`. If all rotations are the
+/// identity, the body stands in a T-pose.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
@@ -152,8 +153,8 @@ pub unsafe extern "C" fn umo_model_get_skeleton(
     })
 }
 
-/// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of
-/// them. `count` is written even where there is no room for them all.
+/// Encodes a prompt as ids for `umo_session_set_prompt_ids`, at most `umo_model_info.max_prompt` of
+/// them. `count` is written even if `capacity` is too small.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
@@ -184,13 +185,13 @@ pub unsafe extern "C" fn umo_model_encode_text(
             let what = format_args!("the text has {} ids, there is room for {capacity}", found.len());
             return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
         }
-        // SAFETY: guaranteed by the caller (see # Safety), for a part of the room.
+        // SAFETY: guaranteed by the caller (see # Safety), as there are at most `capacity` ids.
         unsafe { ffi::slice_mut(ids, found.len(), "ids")? }.copy_from_slice(&found);
         Ok(())
     })
 }
 
-/// The ids of a text, which is UTF-8 or an error.
+/// Encodes a text as ids; refuses bytes that are not UTF-8.
 pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
     if text.len() > ffi::MAX_TEXT {
         return Err(Failure::argument(format_args!("`text` has more than {} bytes", ffi::MAX_TEXT)));
@@ -200,7 +201,7 @@ pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
         return Ok(Vec::new());
     }
     let none = || Failure::new(UMO_STATUS_UNSUPPORTED, "this model takes no texts");
-    // Its normalised form, and a step of the search for each byte of it.
+    // The encoder allocates the normalised text, and a step of its search for each byte of it.
     memory::check(128 * text.len() + memory::SPARE)?;
     model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)
 }

@@ -1,4 +1,4 @@
-//! Packets: chunks out of a session on one side, into a decoder on another.
+//! Packets: chunks from a session on one side to a decoder on the other.
 
 use std::cell::UnsafeCell;
 use std::ffi::c_void;
@@ -15,7 +15,7 @@ use crate::log::UMO_LOG_ERROR;
 use crate::model::{self, UmoModel};
 use crate::status::{Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
 
-/// What came of a decoder's packets. Set `struct_size`, the rest is written by `umo_decoder_stats`.
+/// Statistics of a decoder's packets. Set `struct_size`; `umo_decoder_stats` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoReceived {
@@ -23,13 +23,13 @@ pub struct UmoReceived {
     pub struct_size: u32,
     /// Zero.
     pub reserved: u32,
-    /// Packets that were taken.
+    /// Packets accepted.
     pub packets: u64,
-    /// Packets that came after their time or a second time: they changed nothing.
+    /// Packets that arrived too late or a second time and were ignored.
     pub late: u64,
-    /// Chunks whose packet did not come in time.
+    /// Chunks whose packet did not arrive in time.
     pub lost: u64,
-    /// Keyframes of these that no other packet said: the last one was held.
+    /// Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
     pub held: u64,
 }
 
@@ -38,7 +38,7 @@ unsafe impl Sized32 for UmoReceived {
     const FIRST: usize = 40;
 }
 
-/// Bytes of the longest packet of the session; 0 where it was made without packets.
+/// Gets the maximum size of a packet of the session, in bytes; 0 for a session made without packets.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
@@ -54,16 +54,15 @@ pub unsafe extern "C" fn umo_session_packet_size(session: *const UmoSession, siz
     })
 }
 
-/// Takes packets that are ready, in order, each once, of a session whose configuration has `packets`:
-/// as many as there are, as `bytes` has room for and at most `most`, back to back. `lengths[i]` gets
-/// the bytes of each, `count` how many there were. `size` is at least what `umo_session_packet_size`
-/// says. Each packet is to be sent to the decoders as it is; what of it is lost, doubled or out of
-/// order they make good.
+/// Takes ready packets in order, each once, of a session whose configuration has `packets`: at most
+/// `most`, and as many as fit in `bytes`, back to back. `lengths[i]` gets the length of each in bytes,
+/// `count` their number. `size` is at least `umo_session_packet_size`. Send each packet to the decoders
+/// unchanged; they tolerate loss, duplicates and reordering.
 ///
-/// Threads: one at a time, beside any other call. Never allocates, never waits.
+/// Threads: one at a time, concurrently with any other call. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (a session without packets),
-/// `BUFFER_TOO_SMALL`, `BUSY` (another thread pulls packets); `FAILED`, `CLOSED`, `PANIC` when all
-/// that was ready has been pulled.
+/// `BUFFER_TOO_SMALL`, `BUSY` (another thread pulls packets); `FAILED`, `CLOSED`, `PANIC` once all
+/// ready packets have been pulled.
 ///
 /// # Safety
 /// `bytes` is NULL or has `size` writable bytes; `lengths` is NULL or has `most` writable values;
@@ -95,12 +94,12 @@ pub unsafe extern "C" fn umo_session_pull_packets(
     })
 }
 
-/// Creates a decoder: a session whose frames come of packets, on the side where an avatar is seen. It
-/// needs no engine. Every `umo_session_…` call works on it but those that take audio, texts or a
-/// state, and `umo_session_interrupt`: these are for its sender. `umo_session_free` frees it. Of
-/// `config`, which may be NULL, `target`, `lookahead` and `smoothing` are the sender's, and the model is
-/// the same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are its own.
-/// `allocator` is NULL: its memory comes from the system.
+/// Creates a decoder: a session that gets its frames from packets, where the avatar is shown. It needs no
+/// engine. All `umo_session_…` calls work on it except those that take audio, texts or a state, and
+/// `umo_session_interrupt`: these are for the sender. Free it with `umo_session_free`. In `config`, which
+/// may be NULL, `target`, `lookahead` and `smoothing` must equal the sender's, and the model must be the
+/// same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are the decoder's
+/// own. `allocator` must be NULL: its memory comes from the system.
 ///
 /// Threads: any but the audio thread. Allocates everything that the decoder will ever need.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
@@ -142,15 +141,16 @@ pub unsafe extern "C" fn umo_decoder_new(
     })
 }
 
-/// Takes a packet of `size` bytes, and computes the frames that it makes final. Packets may be lost,
-/// come twice, late and in any order: what is missing when a later one has come, and `patience` more,
-/// is made up for, and the next packet leads back. A refused packet changes nothing.
+/// Decodes a packet of `size` bytes, and computes the frames that become final. Packets may be lost,
+/// duplicated, late and in any order. A packet that is missing after a later one and `patience` more have
+/// arrived is concealed, and the next packet leads back to the sender's motion. A refused packet changes
+/// nothing.
 ///
-/// Threads: one at a time, beside any other call; meant for the thread that receives. Never
+/// Threads: one at a time, concurrently with any other call; meant for the receiving thread. Never
 /// allocates, never waits; takes the time of a chunk's motion decoders.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PACKET` (`umo_session_last_error` says what is wrong
-/// with it), `INVALID_ARGUMENT` (a session that is no decoder), `BUSY` (another thread pushes, or
-/// the queue of frames is full: take some, then push it again), `FAILED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PACKET` (`umo_session_last_error` has the reason),
+/// `INVALID_ARGUMENT` (the session is not a decoder), `BUSY` (another thread pushes, or the queue of
+/// frames is full: pull some, then push the packet again), `FAILED`, `PANIC`.
 ///
 /// # Safety
 /// `packet` is NULL or has `size` readable bytes.
@@ -168,10 +168,10 @@ pub unsafe extern "C" fn umo_decoder_push_packet(
     })
 }
 
-/// What came of a decoder's packets.
+/// Gets statistics of a decoder's packets.
 ///
-/// Threads: any; not beside a push. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (a session that is no
+/// Threads: any; not during a push. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the session is not a
 /// decoder), `BUSY` (another thread pushes), `PANIC`.
 ///
 /// # Safety

@@ -1,4 +1,4 @@
-//! What is set and asked while a session runs.
+//! Settings and statistics of a running session.
 
 use std::ffi::c_char;
 
@@ -11,12 +11,12 @@ use crate::gesture::{self, UmoGestureOptions};
 use crate::status::{Failure, UmoStatus};
 use crate::{model, parameter};
 
-/// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids'
-/// worth. No bytes end it.
+/// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. An empty text
+/// removes the prompt.
 ///
 /// Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
-/// `INVALID_ARGUMENT` (no UTF-8, too long), `OUT_OF_MEMORY`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+/// `INVALID_ARGUMENT` (not UTF-8, too long), `OUT_OF_MEMORY`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `text` is NULL or has `length` readable bytes.
@@ -35,7 +35,7 @@ pub unsafe extern "C" fn umo_session_set_prompt(
     })
 }
 
-/// The same as ids, as `umo_model_encode_text` gives them.
+/// Sets the prompt from the next chunk on, as ids from `umo_model_encode_text`.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model
@@ -61,7 +61,7 @@ pub unsafe extern "C" fn umo_session_set_prompt_ids(
     })
 }
 
-/// The seed of sampling from the next chunk on.
+/// Sets the seed of sampling from the next chunk on.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
@@ -71,9 +71,8 @@ pub extern "C" fn umo_session_set_seed(session: *mut UmoSession, seed: u64) -> U
     on(session, |handle| Ok(handle.session.set_seed(seed)?))
 }
 
-/// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says.
-/// Sampling changes with the next chunk, the idle mode and gains with the next frame that is handed
-/// out.
+/// Sets a parameter, one of `UMO_PARAMETER_…`, within its range from `umo_parameter_get_info`. Sampling
+/// changes with the next chunk, the idle mode and gains with the next frame that is handed out.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`,
@@ -84,7 +83,7 @@ pub extern "C" fn umo_session_set_parameter(session: *mut UmoSession, parameter:
     on(session, |handle| parameter::set(&handle.session, parameter, value))
 }
 
-/// A parameter's value.
+/// Gets a parameter's value.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `PANIC`.
@@ -107,8 +106,8 @@ pub unsafe extern "C" fn umo_session_get_parameter(
 
 /// Looks at a point from the next frame on: `point` is three coordinates in the avatar's space, in
 /// the axes and units of `axes` (`UMO_AXES_…`), `strength` 0 to 1. The eyes turn first, then the
-/// head, then the trunk, as far as a body turns. A strength of 0 ends it. The point may be set anew
-/// for every frame.
+/// head, then the trunk, within the limits of the body. A strength of 0 ends it. The point may be set
+/// again for every frame.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (unknown axes, a coordinate that is
@@ -144,33 +143,33 @@ pub extern "C" fn umo_session_set_mood(session: *mut UmoSession, mood: u32, stre
     on(session, |handle| Ok(handle.session.set_mood(parameter::mood(mood)?, strength)?))
 }
 
-/// Says that a sound is heard that one sees on the lips: `shape` is one of `UMO_LIPS_…`, `start` and
-/// `duration` are seconds of the audio that was pushed since the session began or was reset. The lips
-/// are in the shape then, and reach and leave it within 60 ms, whatever the model does; models without
-/// ARKit's shapes show nothing of it. Sounds may come in any order, before their audio or after it; one
-/// whose frames were pulled already shows no more. `umo_session_interrupt` drops those that wait.
+/// Schedules a viseme hint, for a sound that is visible on the lips (bilabial, labiodental, rounded):
+/// `shape` is one of `UMO_LIPS_…`, `start` and `duration` are seconds of the audio pushed since the
+/// session began or was reset. The lips are in the shape during that time, and reach and leave it within
+/// 60 ms, whatever the model does. Models without ARKit blendshapes ignore hints. Hints may come in any
+/// order, before or after their audio; a hint whose frames were pulled already has no effect.
+/// `umo_session_interrupt` drops pending hints.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (an unknown shape, a time that is no
-/// number of seconds from 0 on, or a duration outside 0 to 2), `BUSY` (64 sounds wait already: call
-/// again when the time of one has passed; or another thread is in a setter), `FAILED`, `CLOSED`,
-/// `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (an unknown shape, a start that is
+/// negative or not a number, or a duration outside 0 to 2), `BUSY` (64 hints are pending: call again
+/// when the time of one has passed; or another thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
 #[unsafe(no_mangle)]
 #[must_use]
 pub extern "C" fn umo_session_hint_lips(session: *mut UmoSession, shape: u32, start: f64, duration: f64) -> UmoStatus {
     on(session, |handle| Ok(handle.session.hint_lips(parameter::lips(shape)?, start, duration)?))
 }
 
-/// Plays a gesture over what the model does: its parts of the body ease to it and back, the others
-/// go on. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower case,
-/// and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order
-/// of the calls; one with a time takes their place. `umo_session_interrupt` lets go of what plays
-/// and waits. `options` may be NULL.
+/// Plays a gesture over the model's motion: the parts of the body that it moves ease to it and back, the
+/// others continue. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower
+/// case, and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order
+/// of the calls; one with a time takes their place. `umo_session_interrupt` releases the playing gesture
+/// and drops pending ones. `options` may be NULL.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (no gesture has the
-/// name, or an option is out of its range), `BUSY` (eight gestures wait already: call again when
-/// one has begun; or another thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (unknown name, or an
+/// option out of range), `BUSY` (eight gestures are pending: call again when one has begun; or another
+/// thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; `options` is NULL or as long as its `struct_size` says.
@@ -195,7 +194,7 @@ pub unsafe extern "C" fn umo_session_play_gesture(
     })
 }
 
-/// How far motion is behind speech.
+/// Gets the delay of motion behind speech.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
@@ -224,7 +223,7 @@ pub unsafe extern "C" fn umo_session_latency(session: *const UmoSession, latency
     })
 }
 
-/// Statistics of the session.
+/// Gets statistics of the session.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.

@@ -1,4 +1,4 @@
-//! A session as bytes, and back.
+//! Saving and restoring a session.
 
 use std::ffi::c_void;
 
@@ -6,7 +6,7 @@ use super::{UmoSession, on};
 use crate::ffi::{self, put, wanted};
 use crate::status::UmoStatus;
 
-/// Most bytes that a state of the session can have: the same for as long as it lives.
+/// Gets the maximum size of a state of the session, in bytes; it is constant for the session's lifetime.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
@@ -22,13 +22,13 @@ pub unsafe extern "C" fn umo_session_state_size(session: *const UmoSession, size
     })
 }
 
-/// Writes everything that the session is to `state`, which has `size` bytes, at least
-/// `umo_session_state_size`: audio that waits, frames that wait, history, settings. `written` gets
-/// how many bytes that took. They hold no address: they can be kept in a file, sent, and restored
-/// in another process. The session goes on as if nothing had happened. A chunk that is just computed is
-/// computed again by the session that is restored, which gives the frames that the state does not have.
+/// Saves the session's whole state to `state`, which has `size` bytes, at least `umo_session_state_size`:
+/// queued audio, queued frames, history, settings. `written` gets the number of bytes used. They hold no
+/// addresses: they can be kept in a file, sent, and restored in another process. The session continues
+/// as if nothing had happened. A chunk that is being computed is computed again by the restored session,
+/// which then gives the frames that the state does not have.
 ///
-/// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits for a chunk.
+/// Threads: one at a time; not during a push, a pull or a setter. Never allocates, never waits for a chunk.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (another
 /// thread is in a call on the session: save again later), `FAILED`, `CLOSED`, `PANIC`.
 ///
@@ -52,15 +52,15 @@ pub unsafe extern "C" fn umo_session_save(
     })
 }
 
-/// Makes the session what it, or another one of the same model and configuration, was when it was
-/// saved: the same calls then give the same frames, bit for bit, on any number of threads, whatever
-/// seed the session was made with. `size` is what `umo_session_save` wrote.
+/// Restores a state that was saved from this session or from another one of the same model and
+/// configuration: equal calls then give equal frames, bit for bit, on any number of threads, whatever seed
+/// the session was made with. `size` is the length that `umo_session_save` wrote.
 ///
-/// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits for a chunk.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session:
+/// Threads: one at a time; not during a push, a pull or a setter. Never allocates, never waits for a chunk.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (not a state of such a session:
 /// `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`, or a chunk of this
-/// session is just computed: restore again later, or into a session to which no audio was pushed), `FAILED`,
-/// `CLOSED`, `PANIC`.
+/// session is being computed: restore again later, or into a session to which no audio was pushed),
+/// `FAILED`, `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `state` is NULL or has `size` readable bytes.

@@ -10,9 +10,9 @@ use crate::ffi::{self, put, put_if_wanted, wanted};
 use crate::frame::{self, UmoFrameLayout};
 use crate::status::UmoStatus;
 
-/// Takes audio for the avatar to speak: `count` interleaved samples, full scale 1, a multiple
-/// of the session's channel count. `taken`, which may be NULL, gets how many of them there was room for:
-/// the rest is to be pushed again later. Samples that are NaN, or beyond 1e6, become silence.
+/// Pushes audio for the avatar to speak: `count` interleaved samples, full scale 1, a multiple of the
+/// session's channel count. `taken`, which may be NULL, gets the number of samples that there was room
+/// for: push the rest again later. Samples that are NaN, infinite or beyond 1e6 become silence.
 ///
 /// Threads: one at a time, meant for the audio thread. Never allocates, never waits; at most one
 /// system call, to wake the engine.
@@ -33,7 +33,7 @@ pub unsafe extern "C" fn umo_session_push_audio(
     unsafe { push(session, samples, count, taken, Session::push_audio) }
 }
 
-/// `umo_session_push_audio` for 16-bit samples, whose full scale is 32,768.
+/// Pushes 16-bit samples, with a full scale of 32,768, as `umo_session_push_audio` does.
 ///
 /// Threads, errors: as `umo_session_push_audio`.
 ///
@@ -69,11 +69,11 @@ unsafe fn push<T>(
     })
 }
 
-/// Takes audio of who speaks to the avatar, so that it listens: `count` interleaved samples at the
-/// session's rate and channels, full scale 1. Only their loudness is used; samples that are no
-/// number count as silence.
+/// Feeds the interlocutor's audio, so that the avatar listens: `count` interleaved samples at the
+/// session's rate and channels, full scale 1. Only their loudness is used; NaN and infinite samples count
+/// as silence.
 ///
-/// Threads: one at a time, beside any other call; meant for the thread that records. Never
+/// Threads: one at a time, concurrently with any other call; meant for the recording thread. Never
 /// allocates, never waits, makes no system call.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not a multiple of the channel
 /// count), `BUSY` (another thread is in this call), `FAILED`, `CLOSED`, `PANIC`.
@@ -94,10 +94,10 @@ pub unsafe extern "C" fn umo_session_push_other_audio(
     })
 }
 
-/// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second
-/// call changes nothing.
+/// Ends the audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second
+/// call is a no-op.
 ///
-/// Threads: any; not beside a push. Never allocates, never waits.
+/// Threads: any; not during a push. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pushes), `FAILED`, `CLOSED`,
 /// `PANIC`.
 #[unsafe(no_mangle)]
@@ -106,14 +106,13 @@ pub extern "C" fn umo_session_finish(session: *mut UmoSession) -> UmoStatus {
     on(session, |handle| Ok(handle.session.finish()?))
 }
 
-/// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds,
-/// at most 10,000: barge-in. Audio pushed from now on starts a new
-/// stream, whose frames follow the ease; the frame index goes on, and the avatar stays where it
-/// stands: the new stream's first frame is number `last + 1 + ease`, where `last` is the last frame
-/// that was handed out, by a pull or by a sample, and the ease takes
-/// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
-/// As many frames of the new stream, at most the session's `ease_ms`, come out of the rest pose, the face
-/// in a quarter of them.
+/// Barge-in: drops everything not shown yet and eases to the rest pose within `ease_ms` milliseconds, at
+/// most 10,000. Audio pushed from now on starts a new stream, whose frames follow the ease. The frame
+/// index continues, and the avatar stays where it stands. The new stream's first frame is number
+/// `last + 1 + ease`: `last` is the last frame handed out by a pull or a sample, and the ease takes
+/// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see the stream from its start.
+/// The new stream blends out of the rest pose over the same number of frames, limited by the session's
+/// `ease_ms`; the face takes a quarter of them.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.
@@ -123,8 +122,8 @@ pub extern "C" fn umo_session_interrupt(session: *mut UmoSession, ease_ms: u32) 
     on(session, |handle| Ok(handle.session.interrupt(Duration::from_millis(ease_ms.into()))?))
 }
 
-/// Back to the start: everything that was pushed and not shown is dropped, the frame index starts
-/// at 0, and what follows is what a new session with the same settings gives.
+/// Resets the session to its start: everything pushed and not shown is dropped, the frame index starts
+/// at 0, and the output is that of a new session with the same settings.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `FAILED`, `CLOSED`, `PANIC`.
@@ -134,14 +133,14 @@ pub extern "C" fn umo_session_reset(session: *mut UmoSession) -> UmoStatus {
     on(session, |handle| Ok(handle.session.reset()?))
 }
 
-/// Takes frames that are ready, in order, each once: as many as there are and as `size` bytes have
-/// room for in `layout`. `count` gets how many there were, 0 where none is ready.
+/// Takes ready frames in order, each once, up to the number that fit in `size` bytes in `layout`. `count`
+/// gets the number of frames, 0 if none is ready.
 ///
-/// Threads: one at a time, beside any other call. Never allocates, never waits.
+/// Threads: one at a time, concurrently with any other call. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the layout),
-/// `UNSUPPORTED` (the layout wants visemes that the model does not have), `BUFFER_TOO_SMALL` (not
-/// one frame fits), `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` when all that was
-/// ready has been pulled.
+/// `UNSUPPORTED` (the layout has visemes, but the model does not), `BUFFER_TOO_SMALL` (not one frame
+/// fits), `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` once all ready frames have been
+/// pulled.
 ///
 /// # Safety
 /// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `size` writable
@@ -164,7 +163,7 @@ pub unsafe extern "C" fn umo_session_pull_frames(
         let mut written = 0;
         let pulled = handle.session.pull_frames(layout.room(size), |frame| {
             // SAFETY: `frames` has `size` writable bytes guaranteed by the caller (see # Safety),
-            // and no more frames are given than they have room for.
+            // and at most as many frames are given as fit.
             unsafe { layout.write(frames, written, frame) };
             written += 1;
         })?;
@@ -173,9 +172,9 @@ pub unsafe extern "C" fn umo_session_pull_frames(
     })
 }
 
-/// How many frames `umo_session_pull_frames` would give.
+/// Gets the number of frames that `umo_session_pull_frames` would give.
 ///
-/// Threads: any; not beside a pull. Never allocates, never waits.
+/// Threads: any; not during a pull. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
 ///
 /// # Safety
@@ -190,13 +189,13 @@ pub unsafe extern "C" fn umo_session_ready_frames(session: *mut UmoSession, coun
     })
 }
 
-/// Whether the stream has ended: `done` becomes 1 when `umo_session_finish` was called and every
-/// frame was handed out, by pulls or by samples; before that 0. A session whose frames are only
-/// sampled learns here that no more will come.
+/// Whether the stream has ended: `done` becomes 1 once `umo_session_finish` was called and all frames
+/// were handed out by pulls or samples; before that it is 0. This is how a host that only samples learns
+/// that no more frames will come.
 ///
-/// Threads: any; not beside a pull. Never allocates, never waits.
+/// Threads: any; not during a pull. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls); `FAILED`, `CLOSED`,
-/// `PANIC` where the rest will never come.
+/// `PANIC` if the remaining frames will never come.
 ///
 /// # Safety
 /// `done` is NULL or writable.
@@ -210,14 +209,14 @@ pub unsafe extern "C" fn umo_session_is_done(session: *mut UmoSession, done: *mu
     })
 }
 
-/// What time it is for the host, in seconds from any moment on, 0 to 1e9: from the first call on, what
-/// moves while no frames come, eases to it and back, and `idle_after_ms` go by this time, and no
-/// longer by the system's clock. For hosts that render slower or faster than real time, pause, or
-/// replay: call it with every picture, before `umo_session_sample_pose`. Times that go back are
-/// held; `umo_session_restore` goes back to the state's.
+/// Sets the host's time, in seconds from any origin, 0 to 1e9. From the first call on, motion while no
+/// frames come, eases to it and back, and `idle_after_ms` follow this time instead of the system's clock.
+/// For hosts that render slower or faster than real time, pause, or replay: call it for every picture,
+/// before `umo_session_sample_pose`. The time never goes back: an earlier value counts as the latest so
+/// far. Only `umo_session_restore` goes back, to the state's time.
 ///
-/// Threads: one at a time, beside any other call but a pull or a sample. Never allocates, never
-/// waits.
+/// Threads: one at a time, concurrently with any other call except a pull or a sample. Never allocates,
+/// never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not in 0 to 1e9), `BUSY` (another
 /// thread pulls), `PANIC`.
 #[unsafe(no_mangle)]
@@ -226,16 +225,16 @@ pub extern "C" fn umo_session_set_clock(session: *mut UmoSession, seconds: f64) 
     on(session, |handle| Ok(handle.session.set_clock(seconds)?))
 }
 
-/// The pose at `seconds` of the motion (frame index / 30), less `UMO_PARAMETER_OUTPUT_DELAY`, for a
-/// renderer at a rate of its own: rotations turn the shorter way, all else is linear. Frames before
-/// that time are taken as `umo_session_pull_frames` takes them. A time that is earlier than the oldest
-/// frame gives the oldest; one that is later than the newest gives what the idle mode says; times that
-/// go back are held. `sampled` may be NULL.
+/// Interpolates the pose at `seconds` of the motion (frame index / 30), less `UMO_PARAMETER_OUTPUT_DELAY`,
+/// for renderers at any rate: rotations take the shorter way, all other values are linear. Frames before
+/// that time are consumed, as by `umo_session_pull_frames`. A time before the oldest frame gives the
+/// oldest frame; a time after the newest frame gives the pose of the idle mode. The time never goes back:
+/// an earlier value counts as the latest so far. `sampled` may be NULL.
 ///
-/// Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
-/// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite;
-/// but a session that failed, or whose engine is gone, goes on to give its last pose:
-/// `umo_session_is_done` says so.
+/// Threads: one at a time, concurrently with any other call except a pull. Never allocates, never waits.
+/// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite.
+/// However, a session that failed, or whose engine was freed, continues to give its last pose, and
+/// `umo_session_is_done` returns the error.
 ///
 /// # Safety
 /// `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable
