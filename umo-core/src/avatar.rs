@@ -34,7 +34,7 @@ const MAX_FRAMES: u64 = 1 << 50;
 pub struct AvatarConfig {
     /// Keyframes per chunk, `1..=max_target`.
     pub target: usize,
-    /// Frames held back until the next chunk (SPEC 2.8); at least the look-ahead of [`Self::smoothing`].
+    /// Frames held back until the next chunk (SPEC 2.8); more if [`Self::smoothing`] looks further ahead.
     pub lookahead: usize,
     /// Standard deviation of the low-pass over the body's motion, frames, 0 to 1.5. 0 leaves the decoders' motion
     /// unchanged, bit for bit. The filter looks two standard deviations ahead, 3 frames at most. The face is not
