@@ -133,7 +133,7 @@ pub struct Depth {
     pub num_layers: usize,
     /// Epsilon added to mean squares.
     pub layer_norm_epsilon: f32,
-    /// Whether each code sees the same code of the previous keyframe.
+    /// Whether each code sees the code at its position in the previous keyframe.
     #[serde(default, skip_serializing_if = "is_false")]
     pub before: bool,
     /// Audio token of the keyframe whose encoder state the network reads, if it reads any.

@@ -69,7 +69,7 @@ impl Parking {
     }
 }
 
-/// The same with loom's primitives: loom reports a lost wake-up as a deadlock.
+/// [`Parking`] with loom's primitives: loom reports a lost wake-up as a deadlock.
 #[cfg(loom)]
 #[derive(Debug, Default)]
 pub(crate) struct Parking {

@@ -250,9 +250,10 @@ impl Team {
         if self.threads == 1 { 1 } else { self.threads + DYNAMIC_CHUNKS }
     }
 
-    /// Runs `job(i)` for every `i` below the number of threads, each on its own thread, and waits for all.
+    /// Runs `job(i)` for every `i` below the number of threads, and waits for all. Each worker runs its own index;
+    /// the caller runs 0, and the indices that no worker has started.
     ///
-    /// If another call is running, all pieces run on the calling thread. Panics if `job` panicked.
+    /// If another call is running, all indices run on the calling thread. Panics if `job` panicked.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn run(&self, job: &Job) {
         let alone = self.threads == 1 || self.shared.busy.swap(true, Ordering::Acquire);

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crate::memory::filled;
 
-/// Upper bound of the shared time, as a part of the time alone, for sharing to pay.
+/// Largest ratio of the shared to the unshared time at which sharing pays.
 const WORTH_IT: f32 = 0.9;
 /// Number of times per alternative that a decision is based on; their median, so odd.
 const SAMPLES: usize = 5;

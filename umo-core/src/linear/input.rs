@@ -120,7 +120,7 @@ impl QuantScratch {
     /// number of its multiply-adds. The second part of `room` is the number of scratch values per column.
     ///
     /// # Errors
-    /// [`StepError`] if there is no room, or as returned by `f`.
+    /// [`StepError`] if the scratch space is too small, or as returned by `f`.
     #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
     pub fn computed<'a>(
         &'a mut self,
@@ -185,7 +185,7 @@ impl QuantScratch {
     /// `values`. `work` is the number of `f`'s multiply-adds for all rows.
     ///
     /// # Errors
-    /// [`StepError`] if there is no room, or as returned by `f`.
+    /// [`StepError`] if the scratch space is too small, or as returned by `f`.
     pub fn computed_rows<'a>(
         &'a mut self,
         cx: Compute,
@@ -227,7 +227,7 @@ impl QuantScratch {
     /// Quantizes the rows of `x`.
     ///
     /// # Errors
-    /// [`StepError`] if there is no room for them.
+    /// [`StepError`] if the scratch space is too small.
     pub(super) fn quantize(&mut self, cx: Compute, x: Mat<f32>) -> Result<Ready<'_>, StepError> {
         let (rows, width) = (x.rows(), x.cols());
         let (steps, scale) = self.room(rows, width)?;
@@ -241,7 +241,7 @@ impl QuantScratch {
     /// are in its cache. `work` is the number of `f`'s multiply-adds for all rows.
     ///
     /// # Errors
-    /// [`StepError`] if there is no room for them, or as returned by `f`.
+    /// [`StepError`] if the scratch space is too small, or as returned by `f`.
     pub(super) fn quantized_rows(
         &mut self,
         cx: Compute,
@@ -264,7 +264,7 @@ impl QuantScratch {
     /// Rounds `values` to bf16.
     ///
     /// # Errors
-    /// [`StepError`] if there is no room for them.
+    /// [`StepError`] if the scratch space is too small.
     pub(super) fn round(&mut self, cx: Compute, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
         let first = &mut self.parts[0];
         // One value per row, so that threads share them in any proportion.
@@ -279,7 +279,7 @@ impl QuantScratch {
     /// Splits `values` into high and low parts.
     ///
     /// # Errors
-    /// [`StepError`] if there is no room for them.
+    /// [`StepError`] if the scratch space is too small.
     pub(super) fn split(&mut self, cx: Compute, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
         let [first, rest] = &mut self.parts;
         let (high, low) = (MatMut::new(first, values.len(), 1)?, MatMut::new(rest, values.len(), 1)?);

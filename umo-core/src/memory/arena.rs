@@ -203,7 +203,7 @@ impl Arena {
     /// One block from the host for all allocations.
     ///
     /// # Errors
-    /// [`BlockError`] if there is no memory, or it is misaligned.
+    /// [`BlockError`] if the host gives no memory, or misaligned memory.
     pub fn host_block(layout: Layout, host: HostMemory) -> Result<Self, BlockError> {
         Self::block_of(layout, Some(host))
     }

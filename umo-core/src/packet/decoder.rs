@@ -143,7 +143,7 @@ impl Place {
         };
     }
 
-    /// Emits the frame with the root corrected; bit-identical to the decoded frame if there is no correction.
+    /// Emits the frame with the root corrected. Without a correction it is bit-identical to the decoded frame.
     fn put(&mut self, frame: FrameRef, level: f32, out: &mut dyn PacketSink) {
         self.own = [frame.pose.translation[0], frame.pose.translation[2]];
         self.done = (self.done + 1).min(self.frames);

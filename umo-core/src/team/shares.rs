@@ -87,7 +87,7 @@ mod tests {
             }
             assert!((shares[0] - want).abs() < 0.01, "{shares:?}");
         }
-        // An interruption, however long, costs a 32nd, and a share never vanishes.
+        // An interruption, however long, costs at most a 32nd before normalization, and a share never vanishes.
         learn(&mut shares, &[Duration::from_micros(10), Duration::from_secs(10)]);
         assert!(shares[1] > 0.9, "{shares:?}");
         for _ in 0..400 {
