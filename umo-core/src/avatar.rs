@@ -46,8 +46,8 @@ pub struct AvatarConfig {
     pub template: String,
     /// Token ids of a free text, for templates that take one.
     pub text: Vec<u32>,
-    /// Keyframes of audio behind a chunk that must arrive first, `0..=audio.ahead`: the motion anticipates speech,
-    /// and latency grows by the same amount (SPEC 2.15).
+    /// Keyframes of audio after a chunk that must have arrived before it, `0..=audio.ahead`: the motion anticipates
+    /// speech, and latency grows by the same amount (SPEC 2.15).
     pub horizon: usize,
     /// Strength of classifier-free guidance by the text, 1 to 3: logits are extrapolated from those without the text
     /// towards and beyond those with it. 1 uses the logits with the text only, at half the cost of other values (SPEC
@@ -176,7 +176,7 @@ pub struct Avatar {
     pub(crate) target: usize,
     /// Frames held back, including those that smoothing needs.
     pub(crate) lookahead: usize,
-    /// Keyframes of audio behind the chunk.
+    /// Keyframes of audio after the chunk.
     horizon: usize,
     pub(crate) guidance: f32,
     /// Standard deviation of the low-pass, frames.
@@ -200,7 +200,7 @@ pub struct Avatar {
     keyframe_samples: usize,
     /// Units of the window, `[(P + N + horizon) * tokens_per_keyframe]`.
     pub(crate) units: Slice<u32>,
-    /// Tokens of the window that lie behind the horizon.
+    /// Tokens of the window that lie after the horizon.
     hidden_units: usize,
     whole: Option<WholeFile>,
     pub(crate) history: Window,
@@ -599,7 +599,7 @@ impl Avatar {
 
 impl WholeFile {
     /// Replaces the window's units, and counts how many of its `new` last ones differ from the stream's; the window
-    /// ends `ahead` units behind the chunk.
+    /// ends `ahead` units after the chunk.
     fn replace(&mut self, units: &mut [u32], chunk: u64, new: usize, ahead: usize) {
         let end = (usize::try_from(chunk).unwrap_or(usize::MAX)).saturating_add(1).saturating_mul(new);
         let end = end.saturating_add(ahead);

@@ -14,8 +14,8 @@ use crate::memory::filled;
 
 /// Rows per matrix product.
 const ROWS: usize = 128;
-/// Unit of thinning: from twice as many rows on every second one is used, from three times every fourth, and so on:
-/// one in `rows / ALL`, rounded up to a power of two.
+/// Unit of thinning: after `r` rows one row in `r / ALL`, rounded up to a power of two, is used; below `2 * ALL`
+/// rows, all.
 const ALL: usize = 8192;
 
 /// Gram matrices of a model's products. A model loaded with a calibration adds the input rows of every product that

@@ -127,7 +127,7 @@ pub struct Depth {
     pub d_model: usize,
     /// Heads of each attention.
     pub num_heads: usize,
-    /// Width inside a feed-forward.
+    /// Inner width of a feed-forward.
     pub d_ff: usize,
     /// Layers.
     pub num_layers: usize,
@@ -178,7 +178,7 @@ pub struct Audio {
     pub token_rate: usize,
     /// Number of distinct audio tokens.
     pub units: usize,
-    /// Maximum horizon: keyframes of audio behind the chunk that the encoder has positions for (SPEC 2.15).
+    /// Maximum horizon: keyframes of audio after the chunk that the encoder has positions for (SPEC 2.15).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ahead: usize,
     /// Units that mark accents, if the tokenizer was trained to (SPEC 2.19).
@@ -225,7 +225,7 @@ pub enum AudioKind {
 pub struct Hubert {
     /// Channels of each convolution.
     pub conv_dim: Vec<usize>,
-    /// Window of each convolution.
+    /// Kernel of each convolution.
     pub conv_kernel: Vec<usize>,
     /// Stride of each convolution.
     pub conv_stride: Vec<usize>,
@@ -243,7 +243,7 @@ pub struct Hubert {
     pub num_conv_pos_embedding_groups: usize,
     /// Epsilon added to variances.
     pub layer_norm_eps: f32,
-    /// Whether samples are normalised to mean 0 and variance 1.
+    /// Whether samples are normalized to mean 0 and variance 1.
     pub do_normalize: bool,
 }
 
@@ -623,8 +623,8 @@ impl Config {
     }
 
     /// Maximum number of frames of future speech that a frame needs, with this number of keyframes per chunk and of
-    /// frames held back: the rest of its chunk, the next chunk if the frame is behind its chunk's last keyframe, and
-    /// the frames held back. For an avatar's settings, see
+    /// frames held back: the rest of its chunk, the next chunk if the frame comes after its chunk's last keyframe,
+    /// and the frames held back. For an avatar's settings, see
     /// [`AvatarConfig::latency_frames`](crate::avatar::AvatarConfig::latency_frames).
     pub fn latency_frames(&self, target: usize, lookahead: usize) -> usize {
         (target + 1) * self.keyframe_stride - 1 + lookahead

@@ -7,7 +7,7 @@ use umo_kernels::ShapeError;
 
 use crate::memory::OutOfMemory;
 
-/// Reason for which a model could not be loaded.
+/// Error from loading a model.
 #[derive(Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum LoadError {
@@ -76,7 +76,7 @@ impl std::error::Error for LoadError {
     }
 }
 
-/// Reason for which a step failed. `Copy`: reporting one does not allocate.
+/// Error from a step. `Copy`: reporting one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum StepError {

@@ -1,4 +1,4 @@
-//! Floor of each stage of a chunk: the work it cannot avoid, and the time of that at the processor's measured peaks.
+//! Floor of each stage of a chunk: its least work, and the time of that at the processor's measured peaks.
 //!
 //! A floor is the greater of two times. One is the bytes that must be read (weights, keys and values) over the
 //! bandwidth, a cache's for weights that are read repeatedly. The other is the multiply-adds of the products over the

@@ -287,7 +287,7 @@ impl Linear {
         self.apply(cx, input, None, range, end, y)
     }
 
-    /// Number of bf16 parts per activation: 0 if the weights are not bf16 or the back-end does not multiply bf16.
+    /// Number of bf16 parts that each activation is converted to; 0 if it stays a float.
     pub fn parts(&self, isa: Isa) -> usize {
         match (self.activations, &self.weight) {
             (Activations::Split, Weight::Bf16(_)) if isa.has_tiles() => 2,

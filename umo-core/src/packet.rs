@@ -2,7 +2,6 @@
 //!
 //! The sender runs the language model; [`Decoder`] runs the stages after it, interpolation and motion decoders, at a
 //! fraction of the cost. Without packet loss, its frames are bit-identical to the sender's.
-//! decoders, at a small part of the cost. Where no packet is lost its frames have the sender's bits.
 
 mod decoder;
 mod room;
@@ -27,7 +26,7 @@ const MAX_PLACE: f32 = 1e7;
 /// Bytes of the frame count, in the last packet.
 const TOTAL: usize = 4;
 
-/// Reason for which a packet was rejected. The decoder is unchanged, except after [`Self::Step`].
+/// Error from pushing a packet. The decoder is unchanged, except after [`Self::Step`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum PacketError {
@@ -140,7 +139,6 @@ impl PacketLayout {
     /// # Errors
     /// [`StepError`] if `out` is too small, the numbers of keyframes disagree or exceed the model's `prefix`, or a
     /// code is out of range.
-    /// than the model's `prefix`, or a code is out of range.
     pub fn encode(&self, head: &PacketHead, levels: &[u8], codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
         let keyframes = head.history + head.keyframes;
         let limit = self.prefix.min(u8::MAX.into());

@@ -92,7 +92,7 @@ pub struct Options {
     pub sampler: Sampler,
 }
 
-/// Reason for which a stage could not be run.
+/// Error from running a stage.
 #[derive(Debug)]
 pub enum StageError {
     /// The model cannot be loaded.

@@ -29,7 +29,7 @@ const HEADER: usize = 24;
 /// Largest distance of a time from now that a state can represent, nanoseconds: 36 years.
 const FURTHEST: u64 = 1 << 60;
 
-/// Reason for which a state cannot be restored. `Copy`: reporting one does not allocate.
+/// Error from restoring a state. `Copy`: reporting one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum StateError {

@@ -154,8 +154,8 @@ impl Team {
     /// Creates a team whose threads are bound to cores and have a priority.
     ///
     /// # Errors
-    /// As in [`Self::new`], and if the system refuses to bind a thread. Whether it granted the priority is
-    /// [`Self::has_priority`].
+    /// As in [`Self::new`], and if the system refuses to bind a thread. If it refuses the priority,
+    /// [`Self::has_priority`] is false.
     pub fn placed(threads: usize, placement: Placement) -> std::io::Result<Self> {
         let Placement { caller, cores, priority } = placement;
         // Queried before the calling thread is bound to a single core.

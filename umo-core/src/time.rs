@@ -4,7 +4,7 @@
 pub use std::time::Instant;
 
 /// Instant on systems without a clock, such as WebAssembly in a browser, or without the feature `clock`. All instants
-/// are equal: no time is measured, and the only budget that is ever used up is a poll's zero.
+/// are equal: no time is measured, and only a poll's budget of zero is ever exhausted.
 #[cfg(any(not(feature = "clock"), all(target_family = "wasm", target_os = "unknown")))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Instant(());

@@ -55,7 +55,7 @@ impl ModelFile {
         Self::from_source(Source::open(path)?)
     }
 
-    /// Like [`Self::open`], for bytes in memory.
+    /// Reads a model file from memory.
     ///
     /// # Errors
     /// [`LoadError`] naming the key or tensor.
@@ -63,7 +63,7 @@ impl ModelFile {
         Self::from_source(Source::Owned(bytes))
     }
 
-    /// Like [`Self::open`], for static bytes, which are not copied.
+    /// Reads a model file from static bytes, without copying them.
     ///
     /// # Errors
     /// [`LoadError`] naming the key or tensor.

@@ -23,7 +23,7 @@ pub(super) fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
 
 impl Batch {
     /// Collects the encoder's states at the tokens of the decoder pass's keyframe, for every sequence of the pass. A
-    /// place behind the last audible token reads that token; without audio the states are zeros.
+    /// place after the last audible token reads that token; without audio the states are zeros.
     pub(super) fn list_heard(&mut self, config: &Config, avatars: &[Avatar]) {
         let (tokens, d) = (config.heard_tokens(), config.lm.d_model);
         let BetweenScratch::Vectors { heard, keyframe, .. } = &mut self.between else { return };

@@ -163,7 +163,7 @@ mod tests {
         shared_of(&mut sharing, 1000, 0, 55, 100);
         // Another program occupies a core: the other threads are late.
         assert!(shared_of(&mut sharing, 100, 80, 400, 100) <= 1);
-        // It ends.
+        // The other program ends.
         assert!(shared_of(&mut sharing, 600, 256, 55, 100) >= 250);
     }
 

@@ -59,7 +59,7 @@ impl HostMemory {
     }
 }
 
-/// Reason for which a block could not be allocated.
+/// Error from allocating a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockError {
     /// The system or the host has no memory.
@@ -345,12 +345,12 @@ impl Arena {
         self.collect(values.iter().copied())
     }
 
-    /// Returns `value` on the heap.
+    /// Moves `value` into its own allocation.
     pub fn boxed<T>(&self, value: T) -> Boxed<T> {
         Boxed(self.counted(value))
     }
 
-    /// Returns `value` on the heap, for several owners.
+    /// Moves `value` into its own allocation, for several owners.
     pub fn counted<T>(&self, value: T) -> Counted<T> {
         let keep = |home| Kept { value, owners: AtomicUsize::new(1), home };
         if let Some((memory, home)) = self.take(Layout::new::<Kept<T>>()) {

@@ -90,7 +90,7 @@ pub struct Decoder {
     rest: Box<[u16]>,
     /// Whether no chunk has been computed since the motion began.
     is_first: bool,
-    /// Frames before the motion's first one.
+    /// Number of frames before the motion's first.
     base: usize,
     place: Place,
     received: Received,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Shortest job whose times show the threads' speed: shorter ones are below the clock's resolution.
+/// Shortest time of a piece that shows a thread's speed: shorter ones are below the clock's resolution.
 const MIN_MEASURABLE: Duration = Duration::from_micros(5);
 /// Step of one job from a thread's share towards the one that would have ended all pieces at once; small, because a
 /// job may have been interrupted.

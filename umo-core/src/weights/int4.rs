@@ -5,7 +5,6 @@
 //! ```
 //! The product of multiplier and code is an int8 value: products compute with these, whether weights are stored as
 //! int4 or int8.
-//! are stored as int4 or int8.
 
 use umo_kernels::pack::{CODES_I4, GROUP, MAX_MULTIPLIER, NIBBLE_OFFSET};
 
