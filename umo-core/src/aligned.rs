@@ -1,6 +1,5 @@
-//! Memory for weights, caches and scratch: zeroed, aligned to cache lines, in huge pages where
-//! there is enough of it. With the memory map and the arena, one of the places outside the kernels
-//! that hold `unsafe`.
+//! Memory for weights, caches and scratch: zeroed, aligned to cache lines, in huge pages if large enough. With the
+//! memory map and the arena, one of the places outside the kernels that contain `unsafe`.
 #![expect(unsafe_code, reason = "the standard library's boxes take no alignment, and pages need advice before use")]
 
 use std::alloc::{Layout, alloc_zeroed, dealloc};
@@ -15,16 +14,16 @@ use umo_kernels::Bf16;
 
 use crate::memory::{refuse, spare};
 
-/// A cache line, and the widest vector register.
+/// A cache line, and the width of the widest vector register.
 const LINE: usize = 64;
-/// The larger pages of x86-64 and of most ARM systems: a thousandth of the address translations.
+/// Larger page size of x86-64 and most ARM systems: a thousandth of the address translations.
 #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 const HUGE_PAGE: usize = 2 << 20;
-/// First and largest regions of a pool; each is four times the one before.
+/// Sizes of the first and the largest region of a pool; each is four times the one before.
 const FIRST_REGION: usize = 64 << 10;
 const LARGEST_REGION: usize = 64 << 20;
 
-/// Numbers that boxes may hold.
+/// Number types that boxes may hold.
 ///
 /// # Safety
 /// All-zero bytes must be a value of the type, and its alignment at most 64.
@@ -32,7 +31,7 @@ pub unsafe trait Plain: Copy + Send + Sync + 'static {}
 
 // SAFETY: zero bytes are the number 0; aligned to 1.
 unsafe impl Plain for i8 {}
-// SAFETY: the same.
+// SAFETY: as above.
 unsafe impl Plain for u8 {}
 // SAFETY: zero bytes are the number 0; aligned to 4.
 unsafe impl Plain for f32 {}
@@ -41,21 +40,20 @@ unsafe impl Plain for Bf16 {}
 
 /// A boxed slice of numbers, aligned to 64 bytes.
 pub struct AlignedBox<T: Plain> {
-    /// `len` numbers inside `region`, which no other box has.
+    /// `len` numbers inside `region`; no other box has them.
     data: NonNull<T>,
     len: usize,
-    /// Keeps the memory.
+    /// Keeps the memory alive.
     _region: Arc<Region>,
 }
 
-// SAFETY: a box is the only way to its numbers, which are `Send`; the region behind it is only
-// kept.
+// SAFETY: a box is the only way to its numbers, which are `Send`; the region is only kept alive.
 unsafe impl<T: Plain> Send for AlignedBox<T> {}
-// SAFETY: a shared box gives out shared references alone, to numbers that are `Sync`.
+// SAFETY: a shared box gives out shared references only, to numbers that are `Sync`.
 unsafe impl<T: Plain> Sync for AlignedBox<T> {}
 
 impl<T: Plain> AlignedBox<T> {
-    /// `len` zeros in memory of their own.
+    /// Allocates `len` zeros.
     pub fn zeroed(len: usize) -> Self {
         let region = Arc::new(Region::new(len * size_of::<T>()));
         Self { data: region.start.cast(), len, _region: region }
@@ -66,16 +64,15 @@ impl<T: Plain> Deref for AlignedBox<T> {
     type Target = [T];
 
     fn deref(&self) -> &[T] {
-        // SAFETY: `data` is the aligned start of `len` numbers that were zeros when the region was
-        // made, that only this box refers to, and that live as long as the region, which this box
-        // keeps.
+        // SAFETY: `data` is the aligned start of `len` numbers, zeroed when the region was made. Only this box refers
+        // to them, and they live as long as the region, which this box keeps alive.
         unsafe { std::slice::from_raw_parts(self.data.as_ptr(), self.len) }
     }
 }
 
 impl<T: Plain> DerefMut for AlignedBox<T> {
     fn deref_mut(&mut self) -> &mut [T] {
-        // SAFETY: as in `deref`; `self` is borrowed for writing as long as the slice is.
+        // SAFETY: as in `deref`; `self` is mutably borrowed as long as the slice is.
         unsafe { std::slice::from_raw_parts_mut(self.data.as_ptr(), self.len) }
     }
 }
@@ -86,7 +83,7 @@ impl<T: Plain> fmt::Debug for AlignedBox<T> {
     }
 }
 
-/// Boxes side by side in large regions, so that weights much smaller than a huge page share them.
+/// Packs boxes into large regions, so that weights much smaller than a huge page share one.
 #[derive(Debug, Default)]
 pub(super) struct Pool(Mutex<Option<Open>>);
 
@@ -98,7 +95,7 @@ struct Open {
 }
 
 impl Pool {
-    /// `len` zeros.
+    /// Allocates `len` zeros.
     pub(super) fn zeroed<T: Plain>(&self, len: usize) -> AlignedBox<T> {
         let bytes = (len * size_of::<T>()).next_multiple_of(LINE);
         let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -113,8 +110,7 @@ impl Pool {
         open.used += bytes;
         // SAFETY: `first + bytes` is at most the region's length.
         let data = unsafe { open.region.start.add(first) };
-        // Nobody else is given the bytes `first..first + bytes`, whose start is a multiple of
-        // `LINE` after the region's.
+        // No other box is given the bytes `first..first + bytes`; `first` is a multiple of `LINE`.
         AlignedBox { data: data.cast(), len, _region: Arc::clone(&open.region) }
     }
 }
@@ -122,7 +118,7 @@ impl Pool {
 /// Zeroed memory.
 #[derive(Debug)]
 struct Region {
-    /// Aligned to `LINE`, or to `HUGE_PAGE` where it is mapped.
+    /// Aligned to `LINE`, or to `HUGE_PAGE` if mapped.
     start: NonNull<u8>,
     len: usize,
     memory: Memory,
@@ -130,24 +126,24 @@ struct Region {
 
 #[derive(Debug)]
 enum Memory {
-    /// Pages of the system, zeroed when they are first touched; unmapped when dropped.
+    /// Pages of the system, zeroed on first touch; unmapped when dropped.
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     Mapped { _map: MmapMut },
     /// From the allocator.
     Heap(Layout),
 }
 
-// SAFETY: a region is only memory; who may read and write which part of it is the boxes' business.
+// SAFETY: a region is only memory; the boxes determine who may read and write which part of it.
 unsafe impl Send for Region {}
 // SAFETY: as above; the region itself never reads or writes its memory.
 unsafe impl Sync for Region {}
 
 impl Region {
-    /// Unwinds to [`memory::catch`](crate::memory::catch) where there is no memory, or too little left for small
-    /// pieces.
+    /// Unwinds to [`memory::catch`](crate::memory::catch) if out of memory, or if too little is left for small
+    /// allocations.
     fn new(len: usize) -> Self {
         let region = Self::huge(len).unwrap_or_else(|| Self::allocated(len));
-        // Also after pages are mapped: a limit of the address space counts them, touched or not.
+        // Also checked after mapping pages: a limit of the address space counts them, touched or not.
         if spare().is_err() {
             drop(region);
             refuse(len);
@@ -167,7 +163,7 @@ impl Region {
         None
     }
 
-    /// Pages of the system, huge ones where it has them, for regions that fill one; untouched pages take no memory.
+    /// Pages of the system, huge if available, for regions that fill one; untouched pages take no memory.
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     fn huge(len: usize) -> Option<Self> {
         if len < HUGE_PAGE {
@@ -175,7 +171,7 @@ impl Region {
         }
         let mut map = MmapOptions::new().len(len + HUGE_PAGE).map_anon().ok()?;
         let skipped = map.as_ptr().align_offset(HUGE_PAGE);
-        // Advice is only advice: a system without huge pages gives small ones.
+        // Only a hint: a system without huge pages gives small ones.
         #[cfg(target_os = "linux")]
         drop(map.advise_range(memmap2::Advice::HugePage, skipped, len));
         let start = NonNull::from(map.get_mut(skipped..)?).cast();
@@ -190,8 +186,8 @@ impl Drop for Region {
             expect(irrefutable_let_patterns, reason = "all memory is the allocator's")
         )]
         if let Memory::Heap(layout) = self.memory {
-            // SAFETY: `start` came from the allocator with this layout; the boxes in it are gone,
-            // for they keep the region.
+            // SAFETY: `start` came from the allocator with this layout; its boxes are gone, since each keeps the
+            // region alive.
             unsafe { dealloc(self.start.as_ptr(), layout) }
         }
     }

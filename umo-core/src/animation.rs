@@ -1,5 +1,5 @@
-//! One avatar computed where and when the caller wants it: recordings, tests. The stream of a game
-//! is an [`Engine`](crate::engine::Engine).
+//! One avatar computed on demand by the caller, for recordings and tests. For the stream of a game use an
+//! [`Engine`](crate::engine::Engine).
 
 use std::fmt;
 
@@ -21,39 +21,39 @@ use crate::retime::{self, TimeMap};
 use crate::session::SessionError;
 use crate::stream::OwnedFrame;
 
-/// Audio that an animation takes as it needs it.
+/// Audio source that an animation reads on demand.
 pub trait AudioSource: Send {
-    /// Appends the next samples, mono at the model's rate, to `samples`. Returns false at the end.
+    /// Appends the next samples, mono at the model's rate, to `samples`. Returns `false` at the end.
     ///
     /// # Errors
-    /// [`StepError`] where there is no more although more was promised.
+    /// [`StepError`] if the audio ends earlier than announced.
     fn pull(&mut self, samples: &mut Vec<f32>) -> Result<bool, StepError>;
 }
 
-/// One avatar, its audio, and room to compute its chunks.
+/// One avatar, its audio, and buffers to compute its chunks.
 #[derive(Debug)]
 pub struct Animation {
     avatar: Avatar,
     track: Track,
     batch: Batch,
-    /// What the last step computed.
+    /// Work done by the last step.
     stepped: Due,
-    /// Room for a packet's levels and codes.
+    /// Buffers for a packet's levels and codes.
     said: PacketRoom,
 }
 
-/// What an avatar hears and what is put over its frames.
+/// Audio of an avatar, and the layers over its frames.
 struct Track {
-    /// More samples, where they are taken as they are needed.
+    /// Source of further samples, if they are read on demand.
     source: Option<Box<dyn AudioSource>>,
-    /// Samples that no chunk has used yet.
+    /// Samples that no chunk has used.
     pending: Vec<f32>,
-    /// Samples pushed in all.
+    /// Total number of samples pushed.
     samples: usize,
     layers: Boxed<Layers>,
     gestures: Gestures,
     frame_rate: usize,
-    /// What waits for the end of the recording, to be retimed.
+    /// Frames that wait for the end of the recording, to be retimed.
     retiming: Option<Retiming>,
 }
 
@@ -66,7 +66,7 @@ impl fmt::Debug for Track {
     }
 }
 
-/// A recording whose strokes are to be moved onto its accents.
+/// A recording whose strokes are moved onto its accents.
 #[derive(Debug)]
 struct Retiming {
     said: Accents,
@@ -76,10 +76,10 @@ struct Retiming {
     frames: Vec<OwnedFrame>,
 }
 
-/// Parts of a frame's time in which hints of lips are placed.
+/// Time units per frame for placing lip hints.
 const HINT_UNITS: usize = 1000;
 
-/// The layers over the decoders' frames, and the frame that they change.
+/// Layers over the decoders' frames, and the frame that they modify.
 #[derive(Debug)]
 struct Layers {
     levels: Levels,
@@ -101,13 +101,13 @@ impl Layers {
         })
     }
 
-    /// The decoders' next frame with its layers.
+    /// Applies the layers to the decoders' next frame.
     fn apply<'a>(&'a mut self, frame: FrameRef<'a>) -> FrameRef<'a> {
         let cue = self.levels.cue(&frame);
         self.apply_to(frame, cue)
     }
 
-    /// The same of a frame whose cue is known.
+    /// Applies the layers to a frame whose cue is known.
     fn apply_to<'a>(&'a mut self, frame: FrameRef<'a>, cue: Cue) -> FrameRef<'a> {
         let Self { life, controls, frame: shown, frame_rate, .. } = self;
         if life.is_off(controls) {
@@ -124,10 +124,10 @@ impl Layers {
 }
 
 impl Animation {
-    /// An animation at its start.
+    /// Creates an animation at its start.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the template is missing or a number is out of range.
+    /// [`LoadError::Config`] if the template is missing or a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         let avatar = Avatar::new(model, config)?;
         Ok(Self {
@@ -145,27 +145,26 @@ impl Animation {
         &self.avatar
     }
 
-    /// The avatar, to be set up.
+    /// The avatar, mutable for setup.
     #[cfg(feature = "internals")]
     pub fn avatar_mut(&mut self) -> &mut Avatar {
         &mut self.avatar
     }
 
-    /// Keeps from now on what each chunk was made of, for [`Self::chunk`]. Nothing else changes.
+    /// Records each chunk's codes and experts from now on, for [`Self::chunk`]. Has no other effect.
     #[cfg(feature = "internals")]
     pub fn keep_record(&mut self, config: &Config) {
         self.batch.keep_record(config);
     }
 
-    /// Units and codes of the last [`Self::step`]'s chunk; none if it had no chunk or no record is
-    /// kept.
+    /// Record of the last [`Self::step`]'s chunk; `None` if it had no chunk or records are off.
     #[cfg(feature = "internals")]
     pub fn chunk(&self) -> Option<Chunk<'_>> {
         self.batch.chunk()
     }
 
-    /// Takes mono samples at the model's rate. Returns how many became silence because they were NaN,
-    /// infinite or beyond [`MAX_AMPLITUDE`](crate::MAX_AMPLITUDE).
+    /// Appends mono samples at the model's rate. Returns the number of samples that were replaced by silence because
+    /// they were NaN, infinite or beyond [`MAX_AMPLITUDE`](crate::MAX_AMPLITUDE).
     ///
     /// # Errors
     /// [`StepError::Order`] after [`Self::finish`].
@@ -176,48 +175,45 @@ impl Animation {
         Ok(self.track.push_audio(samples))
     }
 
-    /// Takes all further audio from `source`, no earlier than a chunk needs it; the stream ends after `frames`
-    /// frames.
+    /// Reads all further audio from `source`, only when a chunk needs it; the stream ends after `frames` frames.
     pub fn hear(&mut self, source: Box<dyn AudioSource>, frames: usize) {
         self.track.source = Some(source);
         self.finish(frames);
     }
 
-    /// No more audio: the stream ends after `frames` frames.
+    /// Ends the audio: the stream ends after `frames` frames.
     pub fn finish(&mut self, frames: usize) {
         self.avatar.finish(frames);
     }
 
-    /// Plays a gesture over what the model does, as
-    /// [`Session::play_gesture`](crate::Session::play_gesture): from the next frame on or at a time
-    /// of the motion.
+    /// Plays a gesture over the model's motion, like [`Session::play_gesture`](crate::Session::play_gesture): from
+    /// the next frame on, or at a given time of the motion.
     ///
     /// # Errors
-    /// [`SessionError::UnknownGesture`], [`SessionError::GesturesFull`] where
-    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) wait, [`SessionError::Range`] where an
-    /// option is out of its range.
+    /// [`SessionError::UnknownGesture`]; [`SessionError::GesturesFull`] if
+    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) are pending; [`SessionError::Range`] if an option is out
+    /// of range.
     pub fn play_gesture(&mut self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
         let request = Request::new(&self.track.gestures, name, options, self.track.frame_rate, 0)?;
         let Layers { life, controls, .. } = &mut *self.track.layers;
         controls.gestures.push(request, life.begun_gestures())
     }
 
-    /// Says that a sound is heard that one sees on the lips, as
-    /// [`Session::hint_lips`](crate::Session::hint_lips).
+    /// Schedules a viseme hint, like [`Session::hint_lips`](crate::Session::hint_lips).
     ///
     /// # Errors
-    /// [`SessionError::Range`] where a time is out of its range, [`SessionError::HintsFull`] where
-    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) wait.
+    /// [`SessionError::Range`] if a time is out of range; [`SessionError::HintsFull`] if
+    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) are pending.
     pub fn hint_lips(&mut self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
         let Layers { life, controls, frame_rate, .. } = &mut *self.track.layers;
         controls.hints.push((start, duration), shape, HINT_UNITS * *frame_rate, (0, life.passed_hints()))
     }
 
-    /// The mood of face and posture from the next frame on, with a strength of 0 to 1, as
+    /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1, like
     /// [`Session::set_mood`](crate::Session::set_mood).
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the strength is not in 0 to 1.
+    /// [`SessionError::Range`] if the strength is not in 0 to 1.
     pub fn set_mood(&mut self, mood: Mood, strength: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&strength) {
             return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
@@ -227,14 +223,14 @@ impl Animation {
         Ok(())
     }
 
-    /// Moves strokes of arms, hands, trunk and head onto the accents that the audio units say, before
-    /// layers are put over them (SPEC 2.19). Every frame then waits for the end of the recording, with
-    /// a kilobyte and more each, and comes with the last [`Self::step`]; its
-    /// [`channels`](FrameRef::channels) are empty, as the pose is not theirs any more.
+    /// Moves strokes of arms, hands, trunk and head onto the accents in the audio units, before layers are applied
+    /// (SPEC 2.19). All frames then wait for the end of the recording, at a kilobyte or more each, and are emitted by
+    /// the last [`Self::step`]. Their [`channels`](FrameRef::channels) are empty, because the pose no longer matches
+    /// them.
     ///
     /// # Errors
-    /// [`StepError::Missing`] where the model does not say which units are accents or is moved by no
-    /// audio, [`StepError::Order`] after the first chunk.
+    /// [`StepError::Missing`] if the model does not mark accents or reads no audio; [`StepError::Order`] after the
+    /// first chunk.
     pub fn retime(&mut self, model: &Model) -> Result<(), StepError> {
         let said = model.config.audio.accents.filter(|_| self.avatar.has_audio());
         let said = said.ok_or(StepError::Missing("audio units that say accents (`audio.accents` of its config)"))?;
@@ -245,24 +241,24 @@ impl Animation {
         Ok(())
     }
 
-    /// Frames that wait to be retimed.
+    /// Number of frames that wait to be retimed.
     #[cfg(feature = "internals")]
     pub fn waiting(&self) -> usize {
         self.track.retiming.as_ref().map_or(0, |retiming| retiming.frames.len())
     }
 
-    /// Frames of the audio pushed so far.
+    /// Number of frames of the audio pushed so far.
     pub fn frames_of_audio(&self, config: &Config) -> usize {
         self.track.samples * config.frame_rate / config.audio.sample_rate
     }
 
-    /// Writes the packet of the last [`Self::step`] into `out`, with up to `history` keyframes before
-    /// its own said again; its length, or none where the last step computed nothing. `layout` is
-    /// [`Model::packets`] of its model, `stream` a number that tells streams apart. Never allocates.
+    /// Writes the packet of the last [`Self::step`] into `out`, repeating up to `history` earlier keyframes; returns
+    /// its length, or `None` if the step computed nothing. `layout` is [`Model::packets`] of its model, `stream` the
+    /// number of the stream. Never allocates.
     ///
     /// # Errors
-    /// [`StepError`] where `out` is shorter than the packet, or where the motion is retimed, which no
-    /// packet says.
+    /// [`StepError`] if `out` is shorter than the packet, or if the motion is retimed, which packets cannot
+    /// represent.
     pub fn packet(
         &mut self,
         model: &Model,
@@ -282,12 +278,12 @@ impl Animation {
         self.batch.stage_times()
     }
 
-    /// Computes the next chunk if its audio is there, and gives every frame that became final to
-    /// `frame`, in order. Returns whether there was one, or frames that were held back at the end.
-    /// A stream without audio has chunks only once its end is known.
+    /// Computes the next chunk if its audio has arrived, and passes every frame that became final to `frame`, in
+    /// order. Returns whether there was a chunk, or frames held back at the end. Without audio, chunks are computed
+    /// only after [`Self::finish`].
     ///
     /// # Errors
-    /// [`StepError`], after which the animation wants a new start.
+    /// [`StepError`]; the animation must then be created anew.
     pub fn step(&mut self, model: &Model, cx: Compute, frame: &mut dyn FnMut(FrameRef)) -> Result<bool, StepError> {
         let Self { avatar, batch, track, .. } = self;
         track.fill(avatar)?;
@@ -328,7 +324,7 @@ impl Track {
         })
     }
 
-    /// Takes samples; how many of them became silence.
+    /// Appends samples; returns how many were replaced by silence.
     fn push_audio(&mut self, samples: &[f32]) -> usize {
         let start = self.pending.len();
         self.pending.extend_from_slice(samples);
@@ -336,7 +332,7 @@ impl Track {
         silence_unusable(&mut self.pending[start..])
     }
 
-    /// Takes what the next chunk needs from the source.
+    /// Reads the samples of the next chunk from the source.
     fn fill(&mut self, avatar: &Avatar) -> Result<(), StepError> {
         while self.pending.len() < avatar.chunk_samples()
             && let Some(source) = &mut self.source
@@ -351,14 +347,14 @@ impl Track {
         Ok(())
     }
 
-    /// What can be computed now.
+    /// Work that can be done now.
     fn due(&self, model: &Model, avatar: &Avatar) -> Due {
         let due = avatar.due(&model.config, self.pending.len());
         let endless = avatar.total.is_none() && !avatar.has_audio();
         if endless || !matches!(due, Due::Chunk | Due::Flush) { Due::Nothing } else { due }
     }
 
-    /// Hands the next chunk's samples over.
+    /// Passes the next chunk's samples to the avatar.
     fn begin(&mut self, avatar: &mut Avatar, due: Due) {
         if due == Due::Chunk {
             let count = avatar.chunk_samples().min(self.pending.len());
@@ -370,7 +366,7 @@ impl Track {
         }
     }
 
-    /// Gives the decoders' next frame with its layers, or keeps it to be retimed.
+    /// Emits the decoders' next frame with its layers, or keeps it to be retimed.
     fn take(&mut self, raw: FrameRef, frame: &mut dyn FnMut(FrameRef)) {
         let Some(retiming) = &mut self.retiming else { return frame(self.layers.apply(raw)) };
         let mut kept = OwnedFrame::new(*raw.pose, raw.face);
@@ -378,7 +374,7 @@ impl Track {
         retiming.frames.push(kept);
     }
 
-    /// After a step: hears what it heard, and gives what waited for the end where this was the last.
+    /// Ends a step: collects its audio units, and after the last step retimes and emits the waiting frames.
     fn end(&mut self, model: &Model, avatar: &Avatar, stepped: Due, frame: &mut dyn FnMut(FrameRef)) {
         let is_over = self.due(model, avatar) == Due::Nothing && avatar.total.is_some();
         let Some(retiming) = &mut self.retiming else { return };
@@ -402,8 +398,7 @@ impl Track {
     }
 }
 
-/// Animations that are computed together, so that weights are read once for all of them. Each has the
-/// bits that it has alone (SPEC 2.9).
+/// Animations computed together, so that weights are read once for all. Each gives the same bits as alone (SPEC 2.9).
 #[cfg(feature = "internals")]
 #[derive(Debug)]
 pub struct Group {
@@ -413,7 +408,7 @@ pub struct Group {
     due: Vec<Due>,
 }
 
-/// Frames of a group go through their own layers.
+/// Sink that applies each animation's own layers.
 #[cfg(feature = "internals")]
 struct Layered<'a> {
     tracks: &'a mut [Track],
@@ -430,44 +425,44 @@ impl crate::batch::FrameSink for Layered<'_> {
 
 #[cfg(feature = "internals")]
 impl Group {
-    /// An empty group with room for `width` animations.
+    /// Creates an empty group with room for `width` animations.
     ///
     /// # Panics
-    /// Where `width` is 0.
+    /// If `width` is 0.
     pub fn new(model: &Model, width: usize) -> Self {
         Self { batch: Batch::new(model, width), avatars: Vec::new(), tracks: Vec::new(), due: Vec::new() }
     }
 
-    /// Animations in it.
+    /// Number of animations.
     pub fn len(&self) -> usize {
         self.avatars.len()
     }
 
-    /// Whether there is none.
+    /// Whether the group has no animations.
     pub fn is_empty(&self) -> bool {
         self.avatars.is_empty()
     }
 
-    /// Whether there is room for no more.
+    /// Whether the group has reached its width.
     pub fn is_full(&self) -> bool {
         self.len() == self.batch.width()
     }
 
-    /// Adds an animation that has its audio and its end, as the last one.
+    /// Appends an animation whose audio and end are complete.
     ///
     /// # Panics
-    /// Where the group is full.
+    /// If the group is full.
     pub fn add(&mut self, animation: Animation) {
         assert!(!self.is_full(), "a group has room for no more than its width");
         self.avatars.push(animation.avatar);
         self.tracks.push(animation.track);
     }
 
-    /// Computes the next chunk of all, and gives the frames that became final with the number of the
-    /// animation. Returns the numbers of those that failed, ascending, which are to be removed.
+    /// Computes the next chunk of all, and passes the frames that became final with their animation's index. Returns
+    /// the indices of those that failed, ascending; the caller must remove them.
     ///
     /// # Errors
-    /// [`StepError`] where the batch cannot begin.
+    /// [`StepError`] if the batch cannot begin.
     pub fn step(
         &mut self,
         model: &Model,
@@ -508,12 +503,12 @@ impl Group {
         }
     }
 
-    /// Whether every frame of an animation was given.
+    /// Whether all frames of an animation were emitted.
     pub fn is_done(&self, model: &Model, index: usize) -> bool {
         self.tracks[index].due(model, &self.avatars[index]) == Due::Nothing
     }
 
-    /// Removes an animation; the last one takes its number.
+    /// Removes an animation; the last one takes its index.
     pub fn remove(&mut self, index: usize) {
         self.avatars.swap_remove(index);
         self.tracks.swap_remove(index);
@@ -547,7 +542,7 @@ mod tests {
             }
             assert!(indices.into_iter().eq(0..75), "target {target}");
             let heard = &animation.track.retiming.as_ref().unwrap().units;
-            // Behind the recording there is silence.
+            // The recording is followed by silence.
             let count = whole.len().min(heard.len());
             assert!(count >= 120 && heard[..count] == whole[..count], "target {target}, horizon {horizon}");
             assert!(matches!(animation.retime(&model), Err(StepError::Order(_))));

@@ -1,5 +1,5 @@
-//! One avatar's state between two chunks: windows, history, motion (paper section 3.1; SPEC 2, 2.8).
-//! A [`Batch`](crate::batch::Batch) computes its chunks.
+//! State that one avatar keeps between two chunks: windows, history, motion (paper section 3.1; SPEC 2, 2.8). A
+//! [`Batch`](crate::batch::Batch) computes its chunks.
 
 mod history;
 mod keyframes;
@@ -23,49 +23,47 @@ use crate::state::{Fingerprint, StateError, StatePass};
 use history::History;
 use keyframes::Keyframes;
 
-/// Upper bound of a stream's chunks: 6,900 years at five a second.
+/// Upper bound on a stream's chunks: 6,900 years at five a second.
 const MAX_CHUNKS: u64 = 1 << 40;
-/// Upper bound of a stream's frames.
+/// Upper bound on a stream's frames.
 const MAX_FRAMES: u64 = 1 << 50;
 
-/// What an avatar is made with.
+/// Settings of an avatar.
 #[derive(Clone, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct AvatarConfig {
     /// Keyframes per chunk, `1..=max_target`.
     pub target: usize,
-    /// Frames held back until the next chunk (SPEC 2.8); as many at least as [`Self::smoothing`]
-    /// looks ahead.
+    /// Frames held back until the next chunk (SPEC 2.8); more if [`Self::smoothing`] looks further ahead.
     pub lookahead: usize,
-    /// Standard deviation of the low-pass of the body's motion, frames, 0 to 1.5: 0 for the
-    /// decoders' own motion, bit for bit. It looks two standard deviations ahead, 3 frames at most.
-    /// The face is not smoothed.
+    /// Standard deviation of the low-pass over the body's motion, frames, 0 to 1.5. 0 leaves the decoders' motion
+    /// unchanged, bit for bit. The filter looks two standard deviations ahead, 3 frames at most. The face is not
+    /// smoothed.
     pub smoothing: f32,
-    /// How codes are drawn.
+    /// Sampling of codes.
     pub sampler: Sampler,
     /// Name of the encoder's template.
     pub template: String,
-    /// Ids of a free text, for templates that have room for one.
+    /// Token ids of a free text, for templates that take one.
     pub text: Vec<u32>,
-    /// Keyframes of audio behind a chunk that it waits for, `0..=audio.ahead`: the motion knows
-    /// what is about to be said, and is later by as much (SPEC 2.15).
+    /// Keyframes of audio after a chunk that must have arrived before it, `0..=audio.ahead`: the motion anticipates
+    /// speech, and latency grows by the same amount (SPEC 2.15).
     pub horizon: usize,
-    /// How strongly the text steers, 1 to 3: logits are moved from those without the text towards
-    /// and beyond those with it. 1 is the logits with the text alone, at half the cost of other
-    /// values (SPEC 2.16).
+    /// Strength of classifier-free guidance by the text, 1 to 3: logits are extrapolated from those without the text
+    /// towards and beyond those with it. 1 uses the logits with the text only, at half the cost of other values (SPEC
+    /// 2.16).
     pub guidance: f32,
-    /// How strong each layer over the decoders' frames is.
+    /// Strength of each layer over the decoders' frames.
     pub life: LifeConfig,
-    /// The gestures that it knows.
+    /// Available gestures.
     pub gestures: Gestures,
 }
 
-/// The largest [`AvatarConfig::guidance`].
+/// Upper bound of [`AvatarConfig::guidance`].
 pub const MAX_GUIDANCE: f32 = 3.0;
 
 impl AvatarConfig {
-    /// The model's own defaults, speech to motion: the decoders' motion without smoothing and
-    /// layers.
+    /// The model's own defaults, speech to motion: the decoders' motion without smoothing and layers.
     pub fn new(config: &Config) -> Self {
         Self {
             target: config.target,
@@ -81,19 +79,18 @@ impl AvatarConfig {
         }
     }
 
-    /// Frames of future speech that a frame needs at most, with these settings: those of
-    /// [`Config::latency_frames`], where smoothing may hold back more frames than `lookahead`, and
-    /// those of the horizon.
+    /// Maximum number of frames of future speech that a frame needs with these settings: [`Config::latency_frames`],
+    /// with frames held back for smoothing, plus the horizon.
     pub fn latency_frames(&self, config: &Config) -> usize {
         config.latency_frames(self.target, self.held_back()) + self.horizon * config.keyframe_stride
     }
 
-    /// Frames held back until the next chunk, those that smoothing needs included.
+    /// Frames held back until the next chunk, including those that smoothing needs.
     pub(crate) fn held_back(&self) -> usize {
         self.lookahead.max(Smoothing::new(self.smoothing).map_or(0, |smoothing| smoothing.radius()))
     }
 
-    /// Refuses a target or a lookahead that the model does not allow, and a smoothing that is none.
+    /// Checks the settings against the model's ranges.
     pub(crate) fn check(&self, config: &Config) -> Result<(), LoadError> {
         if !(1..=config.max_target).contains(&self.target) {
             return Err(LoadError::config(
@@ -125,7 +122,7 @@ pub struct StageTimes {
     pub tokenizer: Duration,
     /// T5 encoder.
     pub encoder: Duration,
-    /// T5 decoder, with the cross-attention's keys and values.
+    /// T5 decoder, including the cross-attention's keys and values.
     pub decoder: Duration,
     /// Interpolation network.
     pub interp: Duration,
@@ -133,19 +130,19 @@ pub struct StageTimes {
     pub motion: Duration,
     /// Depth network, in layout `frames`.
     pub depth: Duration,
-    /// Layers of the encoder; part of `encoder`.
+    /// Layers of the encoder; included in `encoder`.
     pub encoder_layers: LayerTimes,
-    /// Layers of the decoder; part of `decoder`.
+    /// Layers of the decoder; included in `decoder`.
     pub decoder_layers: LayerTimes,
 }
 
 impl StageTimes {
-    /// All stages together.
+    /// Sum over all stages.
     pub fn total(&self) -> Duration {
         self.tokenizer + self.encoder + self.decoder + self.depth + self.interp + self.motion
     }
 
-    /// What was added since `before`.
+    /// Time added since `before`.
     #[must_use]
     pub fn since(&self, before: Self) -> Self {
         Self {
@@ -160,7 +157,7 @@ impl StageTimes {
         }
     }
 
-    /// Adds those of another thread.
+    /// Adds the times of another thread.
     pub(crate) fn add(&mut self, more: Self) {
         self.tokenizer += more.tokenizer;
         self.encoder += more.encoder;
@@ -173,37 +170,37 @@ impl StageTimes {
     }
 }
 
-/// One avatar: everything that a chunk leaves behind for the next.
+/// One avatar: all state that a chunk leaves for the next.
 #[derive(Debug)]
 pub struct Avatar {
     pub(crate) target: usize,
-    /// Frames held back, those that smoothing needs included.
+    /// Frames held back, including those that smoothing needs.
     pub(crate) lookahead: usize,
-    /// Keyframes of audio behind the chunk.
+    /// Keyframes of audio after the chunk.
     horizon: usize,
     pub(crate) guidance: f32,
     /// Standard deviation of the low-pass, frames.
     smoothing: f32,
     pub(crate) sampler: Sampler,
     template: Template,
-    /// Tells the template's name from others.
+    /// Hash of the template's name.
     template_name: u64,
-    /// `[MAX_PROMPT_TOKENS]`, of which `text_len` count.
+    /// `[MAX_PROMPT_TOKENS]`; the first `text_len` are in use.
     text: Slice<u32>,
     text_len: usize,
     /// Chunks done.
     pub(crate) chunk: u64,
-    /// Frames in all, once the end is known.
+    /// Frames of the whole stream, once the end is known.
     pub(crate) total: Option<usize>,
     pub(crate) audio: Option<AudioStream>,
-    /// Audio of the next chunk, silence where the stream has ended: room for that of the first,
-    /// which begins with the keyframes up to the horizon.
+    /// Audio of the next chunk, silence after the end of the stream. Sized for the first chunk, which also takes the
+    /// keyframes up to the horizon.
     samples: Slice<f32>,
-    /// Samples between two keyframes, 0 without audio.
+    /// Samples per keyframe, 0 without audio.
     keyframe_samples: usize,
     /// Units of the window, `[(P + N + horizon) * tokens_per_keyframe]`.
     pub(crate) units: Slice<u32>,
-    /// Tokens of the window that are behind the horizon.
+    /// Tokens of the window that lie after the horizon.
     hidden_units: usize,
     whole: Option<WholeFile>,
     pub(crate) history: Window,
@@ -212,17 +209,17 @@ pub struct Avatar {
     pub(crate) plant: Option<crate::batch::Plant>,
 }
 
-/// The codes of the window.
+/// Codes of the window.
 #[derive(Debug)]
 pub(crate) enum Window {
-    /// Of four parts, frame by frame.
+    /// Layout `parts`: codes of four parts, frame by frame.
     Codes(History),
-    /// Of keyframes, with vectors between them.
+    /// Layout `frames`: codes of keyframes, and vectors of all frames.
     Keyframes(Keyframes),
 }
 
 impl Window {
-    /// A window of `target` new keyframes, with a history of rest codes.
+    /// Creates a window of `target` new keyframes, with a history of rest codes.
     pub(crate) fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
         match config.is_frames() {
             true => Self::Keyframes(Keyframes::new_in(config, target, arena)),
@@ -230,7 +227,7 @@ impl Window {
         }
     }
 
-    /// Rest codes again.
+    /// Resets the history to rest codes.
     pub(crate) fn rest(&mut self) {
         match self {
             Self::Codes(history) => history.rest(),
@@ -238,7 +235,7 @@ impl Window {
         }
     }
 
-    /// Keyframes of the history.
+    /// Number of keyframes in the history.
     fn prefix(&self) -> usize {
         match self {
             Self::Codes(history) => history.prefix().face.len(),
@@ -246,7 +243,7 @@ impl Window {
         }
     }
 
-    /// Writes `codes [keyframes, codes of a keyframe]`, from keyframe `first` of the window on.
+    /// Writes `codes [keyframes, codes of a keyframe]`, starting at keyframe `first` of the window.
     fn put(&mut self, first: usize, codes: &[u16]) {
         match self {
             Self::Codes(history) => history.put(first, codes),
@@ -259,12 +256,12 @@ impl Window {
         self.put(self.prefix(), codes);
     }
 
-    /// Writes the codes of the last `keyframes` of the history.
+    /// Overwrites the codes of the last `keyframes` of the history.
     pub(crate) fn correct(&mut self, codes: &[u16], keyframes: usize) {
         self.put(self.prefix() - keyframes, codes);
     }
 
-    /// The new keyframes are as the last one before them.
+    /// Sets the new keyframes to the last one of the history.
     pub(crate) fn hold(&mut self) {
         match self {
             Self::Codes(history) => history.hold(),
@@ -272,7 +269,7 @@ impl Window {
         }
     }
 
-    /// Reads the codes of the last keyframes of the history, as many as `codes` has room for.
+    /// Reads the codes of the last `keyframes` of the history.
     pub(crate) fn last(&self, keyframes: usize, codes: &mut [u16]) {
         let first = self.prefix() - keyframes;
         match self {
@@ -282,45 +279,45 @@ impl Window {
     }
 }
 
-/// Units of a whole recording, used in place of the stream's.
+/// Audio units of a whole recording, used instead of the stream's.
 #[derive(Debug)]
 struct WholeFile {
     units: Vec<u32>,
-    /// Unit of silence, before and after.
+    /// Unit of silence, used before and after the recording.
     silence: u32,
-    /// Units of the stream that were compared, and how many differed.
+    /// Number of the stream's units that were compared, and number that differed.
     compared: usize,
     differed: usize,
 }
 
-/// What an avatar waits for.
+/// Next work of an avatar.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Due {
     /// A chunk can be computed.
     Chunk,
-    /// A chunk whose body holds its pose can be computed: without the language model.
+    /// A chunk can be computed without the language model: the body holds its pose.
     Held,
-    /// All chunks are done; frames that were held back at the end can be given.
+    /// All chunks are done; the frames held back at the end are due.
     Flush,
-    /// More audio.
+    /// More audio is needed.
     Audio,
-    /// Nothing: every frame was given.
+    /// None: all frames were emitted.
     Nothing,
 }
 
 impl Avatar {
-    /// An avatar at the start of its stream; everything that it will need is allocated here.
+    /// Creates an avatar at the start of its stream and allocates everything it will need.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where the template is missing or a number is out of range.
+    /// [`LoadError::Config`] if the template is missing or a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         Self::new_in(model, config, &Arena::system())
     }
 
-    /// The same in memory of `arena`.
+    /// Creates an avatar in memory of `arena`.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// As in [`Self::new`].
     pub fn new_in(model: &Model, config: &AvatarConfig, arena: &Arena) -> Result<Self, LoadError> {
         let c = &model.config;
         config.check(c)?;
@@ -371,8 +368,7 @@ impl Avatar {
         })
     }
 
-    /// Back to the start of a stream, with rest codes as history; texts and draws stay as they are
-    /// set. Never allocates.
+    /// Returns to the start of a stream, with rest codes as history; text and sampler are kept. Never allocates.
     pub fn reset(&mut self) {
         (self.chunk, self.total, self.whole) = (0, None, None);
         if let Some(audio) = &mut self.audio {
@@ -382,13 +378,13 @@ impl Avatar {
         self.motion.reset();
     }
 
-    /// What a state must have in common with this avatar, beside the model.
+    /// Properties that a saved state must share with this avatar, besides the model.
     pub(crate) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.same("target", self.target as u64)?;
         pass.same("lookahead", self.lookahead as u64)?;
         pass.same("smoothing", self.smoothing.to_bits().into())?;
         pass.same("template", self.template_name)?;
-        // Sessions of layout `parts` have neither.
+        // Only layout `frames` has these.
         if let Window::Keyframes(_) = &self.history {
             pass.same("horizon", self.horizon as u64)?;
             pass.same("guidance", self.guidance.to_bits().into())?;
@@ -396,9 +392,9 @@ impl Avatar {
         Ok(())
     }
 
-    /// Describes everything that the last chunk leaves behind for the next; samples of audio so
-    /// far. Units are written by each chunk before they are read, and those of a whole recording no
-    /// session has.
+    /// Describes all state that the last chunk leaves for the next; returns the samples of audio consumed so far.
+    /// Units are omitted, because each chunk writes them before it reads them, and so are whole-recording units,
+    /// which sessions never have.
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
     pub(crate) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<u64, StateError> {
         let config = &model.config;
@@ -419,17 +415,17 @@ impl Avatar {
             Window::Codes(history) => history.state(pass)?,
             Window::Keyframes(keyframes) => keyframes.state(pass)?,
         }
-        // The state's chunks, which are not this avatar's while the state is checked.
+        // The chunk count of the state, not of this avatar: they differ while the state is checked.
         self.motion.state(pass, &model.motion, self.known_frames(config, chunk))?;
         Ok(consumed)
     }
 
-    /// Whether speech moves it.
+    /// Whether it reads audio.
     pub fn has_audio(&self) -> bool {
         self.audio.is_some()
     }
 
-    /// The ids of the free text from the next chunk on.
+    /// Sets the free text's token ids from the next chunk on.
     ///
     /// # Errors
     /// [`StepError::TooLong`] for more than [`MAX_PROMPT_TOKENS`] ids.
@@ -441,16 +437,16 @@ impl Avatar {
         Ok(())
     }
 
-    /// How codes are drawn from the next chunk on.
+    /// Sets the sampler from the next chunk on.
     pub fn set_sampler(&mut self, sampler: Sampler) {
         self.sampler = sampler;
     }
 
-    /// The last codes before the stream starts, oldest first, in place of the rest codes; of more
-    /// than `P` codes the last `P` count, of fewer the first is repeated in front.
+    /// Sets the codes before the start of the stream, oldest first, instead of rest codes. Only the last `P` are
+    /// used; if there are fewer, the first is repeated in front.
     ///
     /// # Errors
-    /// [`StepError`] after the first chunk, where there is no code, or one out of range.
+    /// [`StepError`] after the first chunk, if `codes` is empty, or if a code is out of range.
     pub fn set_history(&mut self, codes: PerPart<&[u16]>) -> Result<(), StepError> {
         if self.chunk > 0 {
             return Err(StepError::Order("history can only be set before the first chunk"));
@@ -461,10 +457,10 @@ impl Avatar {
         }
     }
 
-    /// The same in layout `frames`: `codes [T, codes of a keyframe]` of the last keyframes.
+    /// Sets the history in layout `frames`: `codes [T, codes of a keyframe]` of the last keyframes.
     ///
     /// # Errors
-    /// As [`Self::set_history`].
+    /// As in [`Self::set_history`].
     pub fn set_keyframes(&mut self, codes: &[u16]) -> Result<(), StepError> {
         if self.chunk > 0 {
             return Err(StepError::Order("history can only be set before the first chunk"));
@@ -475,63 +471,61 @@ impl Avatar {
         }
     }
 
-    /// Takes the units of a whole recording instead of the stream's: the paper's offline setting.
-    /// The stream's are still computed, to be compared ([`Self::unit_disagreement`]).
+    /// Uses the units of a whole recording instead of the stream's: the paper's offline setting. The stream's are
+    /// still computed, for comparison ([`Self::unit_disagreement`]).
     pub fn use_whole_file_units(&mut self, units: Vec<u32>, silence: u32) {
         self.whole = Some(WholeFile { units, silence, compared: 0, differed: 0 });
     }
 
-    /// Units of the stream that were compared with those of the whole recording, and how many
-    /// differed.
+    /// Number of the stream's units that were compared with the whole recording's, and number that differed.
     pub fn unit_disagreement(&self) -> Option<(usize, usize)> {
         self.whole.as_ref().map(|whole| (whole.compared, whole.differed))
     }
 
-    /// No more audio: the stream ends after `frames` frames.
+    /// Ends the audio: the stream ends after `frames` frames.
     pub fn finish(&mut self, frames: usize) {
         self.total = Some(frames);
     }
 
-    /// Samples that the next chunk takes; none without audio.
+    /// Samples that the next chunk takes; 0 without audio.
     pub fn chunk_samples(&self) -> usize {
         (self.target + if self.chunk == 0 { self.horizon } else { 0 }) * self.keyframe_samples
     }
 
-    /// Most samples that a chunk takes; none without audio.
+    /// Maximum number of samples that a chunk takes; 0 without audio.
     pub(crate) fn most_samples(&self) -> usize {
         if self.has_audio() { (self.target + self.horizon) * self.keyframe_samples } else { 0 }
     }
 
-    /// Room for them.
+    /// Buffer for the next chunk's samples.
     pub(crate) fn samples_mut(&mut self) -> &mut [f32] {
         let count = self.chunk_samples();
         &mut self.samples[..count]
     }
 
-    /// The audio stream, the next chunk's samples and the units of its window.
+    /// Returns the audio stream, the next chunk's samples and the units of its window.
     pub(crate) fn audio_parts(&mut self) -> Option<(&mut AudioStream, &[f32], &mut [u32])> {
         let count = self.chunk_samples();
         self.audio.as_mut().map(|audio| (audio, &self.samples[..count], &mut *self.units))
     }
 
-    /// Samples that so many chunks have taken.
+    /// Samples consumed by this number of chunks.
     pub(crate) fn consumed(&self, chunks: u64) -> u64 {
         let ahead = if chunks == 0 { 0 } else { self.horizon as u64 };
         (chunks * self.target as u64 + ahead) * self.keyframe_samples as u64
     }
 
-    /// Most frames that one chunk makes final.
+    /// Maximum number of frames that one chunk makes final.
     pub fn chunk_frames(&self, config: &Config) -> usize {
         self.target * config.keyframe_stride + self.lookahead
     }
 
-    /// Frames of the audio behind a chunk that it waits for.
+    /// Frames of the horizon.
     pub(crate) fn horizon_frames(&self, config: &Config) -> usize {
         self.horizon * config.keyframe_stride
     }
 
-    /// Chunks in all, once the end is known: as many as it takes to reach the keyframe at or after
-    /// the last frame.
+    /// Number of chunks of the whole stream, once the end is known: up to the keyframe at or after the last frame.
     pub fn chunks(&self, config: &Config) -> Option<u64> {
         let last = match self.total? {
             0 => return Some(0),
@@ -540,7 +534,7 @@ impl Avatar {
         Some((last / self.target + 1) as u64)
     }
 
-    /// What it waits for, with `available` samples that no chunk has used.
+    /// Next work, given `available` samples that no chunk has used.
     pub fn due(&self, config: &Config, available: usize) -> Due {
         match (self.total, self.chunks(config)) {
             (Some(_), Some(chunks)) if self.chunk < chunks => Due::Chunk,
@@ -551,16 +545,15 @@ impl Avatar {
         }
     }
 
-    /// Frames whose codes so many chunks have made known: up to the last keyframe of the last
-    /// chunk.
+    /// Number of frames whose codes are known after this number of chunks: up to the last keyframe.
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
     pub(crate) fn known_frames(&self, config: &Config, chunks: u64) -> usize {
         let frames = chunks as usize * self.target * config.keyframe_stride;
         if chunks == 0 { 0 } else { frames + 1 - config.keyframe_stride }
     }
 
-    /// Writes the encoder's ids of the present window, with the text where it is `prompted`; in
-    /// layout `frames` the ids from `keyframes` on are those of the history.
+    /// Writes the encoder's ids of the current window, including the text if `prompted`. In layout `frames` the ids
+    /// of the history start at `keyframes`.
     pub(crate) fn prompt(&self, prompted: bool, keyframes: usize, ids: &mut [u32]) -> Result<usize, StepError> {
         let text = if prompted { &self.text[..self.text_len] } else { &[] };
         match &self.history {
@@ -577,7 +570,7 @@ impl Avatar {
         }
     }
 
-    /// Whether its logits are combined with those without the text.
+    /// Whether its logits are combined with logits without the text.
     pub(crate) fn is_guided(&self) -> bool {
         self.guidance > 1.0 && self.text_len > 0 && self.template.has_text()
     }
@@ -586,7 +579,7 @@ impl Avatar {
         ChunkSampling { sampler: self.sampler, chunk: self.chunk, target: self.target }
     }
 
-    /// Adds the units that the last chunk heard to those before them.
+    /// Appends the units of the last chunk's audio.
     pub(crate) fn append_units(&self, config: &Config, units: &mut Vec<u32>) {
         let tokens = config.tokens_per_keyframe();
         let chunks = usize::try_from(self.chunk).unwrap_or(usize::MAX);
@@ -595,7 +588,7 @@ impl Avatar {
         units.extend_from_slice(&self.units[self.units.len() - new..]);
     }
 
-    /// Puts the whole recording's units in the place of the window's, where there are any.
+    /// Replaces the window's units by the whole recording's, if set.
     pub(crate) fn replace_units(&mut self, config: &Config) {
         if let Some(whole) = &mut self.whole {
             let new = self.target * config.tokens_per_keyframe();
@@ -605,8 +598,8 @@ impl Avatar {
 }
 
 impl WholeFile {
-    /// Replaces the window's units, counting how many of its `new` last ones differ from the
-    /// stream's; the window ends `ahead` units behind the chunk.
+    /// Replaces the window's units, and counts how many of its `new` last ones differ from the stream's; the window
+    /// ends `ahead` units after the chunk.
     fn replace(&mut self, units: &mut [u32], chunk: u64, new: usize, ahead: usize) {
         let end = (usize::try_from(chunk).unwrap_or(usize::MAX)).saturating_add(1).saturating_mul(new);
         let end = end.saturating_add(ahead);

@@ -1,18 +1,16 @@
-//! The next chunk of one or many avatars, computed together, a layer at a time (paper section 3.1;
-//! SPEC 2).
+//! The next chunk of one or several avatars, computed together one layer at a time (paper section 3.1; SPEC 2).
 //!
 //! ```text
 //! avatar 0: tokenize ─┐                                              ┌─ interpolate, decode motion
 //! avatar 1: tokenize ─┼─ encode (all rows) ─ attend ─ decode (N x 4) ─┼─ interpolate, decode motion
 //! avatar 2: tokenize ─┘                                              └─ interpolate, decode motion
 //! ```
-//! Encoder and decoder read their weights once for all avatars. Every step in the picture is cut
-//! into layers, and between two layers the work can be put down and taken up again on another
-//! thread. What is computed does not depend on who is in the batch, or on where the work was cut
-//! (SPEC 2.9).
+//! Encoder and decoder read their weights once for all avatars. Every stage in the picture is divided into layers;
+//! between two layers, work can pause and continue on another thread. The result depends neither on the other avatars
+//! of the batch nor on where the work was divided (SPEC 2.9).
 //!
-//! In layout `frames` a decoder pass is one keyframe, and the depth network writes its codes before
-//! the next (SPEC 2.13); a guided avatar has two sequences, with its text and without (SPEC 2.16).
+//! In layout `frames` a decoder pass computes one keyframe, and the depth network samples its codes before the next
+//! (SPEC 2.13). A guided avatar has two sequences, with and without its text (SPEC 2.16).
 
 mod keyframe;
 mod phase;
@@ -51,9 +49,9 @@ use phase::Phase;
 pub(crate) use plant::{Plant, Step};
 use sharing::Sharing;
 
-/// What takes the frames of a batch's avatars, each avatar's in order.
+/// Receiver of the frames of a batch's avatars; each avatar's arrive in order.
 pub trait FrameSink {
-    /// Takes the next frame of the avatar that is number `member` in the batch.
+    /// Receives the next frame of the batch's avatar `member`.
     fn frame(&mut self, member: usize, frame: FrameRef);
 }
 
@@ -63,47 +61,47 @@ impl<F: FnMut(FrameRef)> FrameSink for F {
     }
 }
 
-/// Room for the chunks of at most `width` avatars of one model, and the state of the batch in work.
+/// Buffers for chunks of at most `width` avatars of one model, and the state of the current batch.
 #[derive(Debug)]
 pub struct Batch {
     audio: AudioScratch,
-    /// The tokenizer's work for the member that is tokenized, where that has begun.
+    /// Tokenizer call in progress.
     call: Option<Call>,
-    /// The interpolation of the member that is interpolated, where that has begun.
+    /// Interpolation in progress.
     filling: Option<Filling>,
-    /// The motion of the member whose motion is decoded, where that has begun.
+    /// Motion decoding in progress.
     pushing: Option<Pushing>,
     lm: LmScratch,
     between: BetweenScratch,
     motion: MotionScratch,
-    /// Encoder ids of all sequences, one behind the other.
+    /// Encoder ids of all sequences, concatenated.
     ids: Box<[u32]>,
     /// Encoder states of all sequences, `[rows, d_model]`.
     states: Box<[f32]>,
-    /// Encoder rows of each sequence; none for one that has no chunk to compute.
+    /// Encoder rows of each sequence; 0 if it has no chunk to compute.
     lengths: Box<[usize]>,
-    /// `per_member` of each member: with its text, and where it is guided without.
+    /// `per_member` of each member: with its text, and if guided, without.
     sequences: Box<[Sequence]>,
     per_member: usize,
     positions: Box<[Position]>,
     due: Box<[Due]>,
     members: usize,
     phase: Phase,
-    /// The member whose chunk the language model computes alone, after a step for several failed.
+    /// Member whose chunk the language model computes alone, after a step for several members failed.
     single: Option<usize>,
     times: StageTimes,
     sharing: Sharing,
-    /// Whether steps are cut at members where that costs little.
+    /// Whether steps are divided by member where that costs little.
     bounded: bool,
-    /// Whether steps are not shared with the team's other threads.
+    /// Whether steps run without the team's other threads.
     alone: bool,
-    /// How long the last step of each kind took.
+    /// Duration of the last step of each kind.
     last: [Duration; Phase::KINDS],
-    /// Codes of the last chunk, if a record is kept; for batches of one.
+    /// Codes of the last chunk, if they are recorded; for batches of one.
     codes: Option<Codes>,
 }
 
-/// Room for what follows the language model.
+/// Buffers of the stages after the language model.
 #[derive(Debug)]
 enum BetweenScratch {
     Codes {
@@ -117,36 +115,34 @@ enum BetweenScratch {
         tasks: Vec<Task>,
         /// `[tasks, codes of a keyframe]`: the keyframe before each task's.
         before: Vec<u16>,
-        /// `[rows of the decoder pass, places, d_model]`: the encoder's states where the keyframes are
-        /// heard, where the depth network has them.
+        /// `[rows of the decoder pass, places, d_model]`: encoder states at the tokens of the keyframe, if the depth
+        /// network reads them.
         heard: Vec<f32>,
-        /// Keyframe that the decoder pass is of.
+        /// Keyframe of the decoder pass.
         keyframe: usize,
     },
 }
 
-/// Weights of an encoder layer that stay in a core's caches while one member after the other needs
-/// them.
+/// Largest encoder layer, in weights, that stays in a core's caches from one member to the next.
 const CACHED_WEIGHTS: usize = 4 << 20;
 
-/// Whether the layers of a model of these dimensions stay in a core's caches.
+/// Whether a layer of a model of these dimensions stays in a core's caches.
 pub(crate) fn is_cached(config: &Config) -> bool {
     Lm::encoder_layer_weights(config) <= CACHED_WEIGHTS
 }
 
-/// Sequences of one step of a decoder pass where steps are cut: as many as share a reading of the weights
-/// and still take a few hundred microseconds.
+/// Sequences in one bounded step of a decoder pass: enough to share a reading of the weights, within a few hundred
+/// microseconds.
 const BOUNDED_SEQUENCES: usize = 8;
 
-/// A model was taken up with room for one of the other layout.
+/// The batch was allocated for a model of the other layout.
 const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
 
 impl Batch {
-    /// Room for `width` avatars with at most the model's `max_target`; everything that is needed is
-    /// allocated here.
+    /// Creates a batch for `width` avatars with at most the model's `max_target`; allocates all that is needed.
     ///
     /// # Panics
-    /// Where `width` is 0.
+    /// If `width` is 0.
     pub fn new(model: &Model, width: usize) -> Self {
         assert!(width > 0, "a batch has at least one member");
         let config = &model.config;
@@ -201,63 +197,61 @@ impl Batch {
         }
     }
 
-    /// Makes steps short from now on, for a host that lends little time at once: a few heads, rows or
-    /// slots of experts of one member in an encoder layer, few sequences of a decoder layer, few of a
-    /// keyframe's codes, a layer or few frames of an interpolation, and one motion decoder. Only for a
-    /// model whose layers stay in cache, as what is cut reads its weights again.
+    /// Makes all further steps short, for a host that lends little time per call: a few heads, rows or expert slots
+    /// of one member in an encoder layer, a few sequences of a decoder layer, a few codes of a keyframe, a layer or a
+    /// few frames of an interpolation, or one motion decoder. Only for models whose layers stay in cache, because
+    /// each part reads its weights again.
     pub(crate) fn bound(&mut self, config: &Config) {
         self.bounded = is_cached(config);
     }
 
-    /// Whether the next steps leave out the team's other threads, which have something else to do.
+    /// Sets whether the next steps run without the team's other threads, which are busy elsewhere.
     pub(crate) fn set_alone(&mut self, alone: bool) {
         self.alone = alone;
     }
 
-    /// Keeps from now on what each chunk was made of. Allocates, once.
+    /// Records the codes of each chunk from now on. Allocates once.
     pub(crate) fn keep_record(&mut self, config: &Config) {
         self.lm.keep_tally(config);
         self.codes = Some(Codes::new(config));
     }
 
-    /// What the last chunk was made of, where that is kept and there was one.
+    /// The record of the last chunk, if there is one.
     pub(crate) fn chunk(&self) -> Option<Chunk<'_>> {
         self.codes.as_ref()?.chunk(self.lm.tally.as_ref()?)
     }
 
-    /// Most members.
+    /// Maximum number of members.
     pub fn width(&self) -> usize {
         self.due.len()
     }
 
-    /// Whether a batch is under way.
+    /// Whether a batch is in progress.
     pub fn is_busy(&self) -> bool {
         self.phase != Phase::Idle
     }
 
-    /// How long the next step will take, if it takes as long as the last of its kind; zero where that is
-    /// not known.
+    /// Expected duration of the next step: that of the last one of its kind, or zero if there was none.
     pub(crate) fn expected(&self) -> Duration {
         self.last[self.phase.kind()]
     }
 
-    /// What the next step is called; "begin" where none is under way.
+    /// Name of the next step; "begin" if no batch is in progress.
     #[cfg(feature = "internals")]
     pub(crate) fn next_step(&self) -> &'static str {
         self.phase.name()
     }
 
-    /// Time spent in each stage since the batch was made.
+    /// Time spent in each stage since the batch was created.
     pub fn stage_times(&self) -> StageTimes {
         self.times
     }
 
-    /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]):
-    /// the ones with [`Due::Flush`] only get their last frames, and the bodies of those with
-    /// [`Due::Held`] hold their pose.
+    /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]). Members with
+    /// [`Due::Flush`] only emit their last frames; the bodies of those with [`Due::Held`] hold their pose.
     ///
     /// # Errors
-    /// [`StepError`] where another batch is under way, or there are too many members.
+    /// [`StepError`] if a batch is in progress, or there are too many members.
     pub fn begin(&mut self, due: impl ExactSizeIterator<Item = Due>) -> Result<(), StepError> {
         let (got, limit) = (due.len(), self.width());
         if self.is_busy() {
@@ -276,10 +270,9 @@ impl Batch {
         Ok(())
     }
 
-    /// After a failed step: removes the member that failed and returns its number; the others
-    /// continue, and [`Self::is_busy`] says whether any work is left. None if the step was for several
-    /// members: the language model then computes their chunks one by one, and the step that fails
-    /// again is of one member.
+    /// After a failed step, removes the member that failed and returns its number; the others continue, and
+    /// [`Self::is_busy`] tells whether any work is left. `None` if the step was for several members: the language
+    /// model then computes their chunks one by one, so that the step that fails again belongs to one member.
     pub fn exclude(&mut self) -> Option<usize> {
         (self.call, self.filling, self.pushing) = (None, None, None);
         let member = match self.phase {
@@ -304,24 +297,23 @@ impl Batch {
         Some(member)
     }
 
-    /// Before the first step: removes a member; the others continue.
+    /// Removes a member before the first step; the others continue.
     pub(crate) fn remove(&mut self, member: usize) {
         self.due[member] = Due::Nothing;
         self.phase = self.tokenize_from(0);
     }
 
-    /// Puts the batch down for good; its members are in no defined state and want
-    /// [`Avatar::reset`].
+    /// Aborts the batch; the state of its members is undefined until [`Avatar::reset`].
     pub fn abandon(&mut self) {
         (self.phase, self.call, self.filling, self.pushing, self.single) = (Phase::Idle, None, None, None, None);
     }
 
-    /// Computes one more layer, and says whether there is more to do. `avatars` are those that the
-    /// batch was started with, in the same order, each with the audio of its chunk in
-    /// `Avatar::samples`; frames go to `sink` as they become final. Never allocates.
+    /// Computes one more layer; returns whether there is more to do. `avatars` are the members that the batch was
+    /// started with, in the same order, each with its chunk's audio in `Avatar::samples`. `sink` receives frames as
+    /// they become final. Never allocates.
     ///
     /// # Errors
-    /// [`StepError`], after which the batch wants [`Self::exclude`] or [`Self::abandon`].
+    /// [`StepError`]; call [`Self::exclude`] or [`Self::abandon`] next.
     pub fn step(
         &mut self,
         model: &Model,
@@ -370,7 +362,7 @@ impl Batch {
         Ok(self.is_busy())
     }
 
-    /// The members from `first` on that have a chunk to compute, be its body held or not.
+    /// The next member from `first` on that has a chunk to compute, held or not.
     fn next_chunk(&self, first: usize) -> Option<usize> {
         (first..self.members).find(|&member| matches!(self.due[member], Due::Chunk | Due::Held))
     }
@@ -380,13 +372,13 @@ impl Batch {
         self.due[member] == Due::Chunk && self.single.is_none_or(|single| single == member)
     }
 
-    /// The first such member from `first` on.
+    /// The first member from `first` on whose chunk the language model computes now.
     fn next_coded(&self, first: usize) -> Option<usize> {
         (first..self.members).find(|&member| self.is_coded(member))
     }
 
-    /// The phase after the last keyframe of the language model: the next member, where each is computed
-    /// alone, or interpolation.
+    /// The phase after the language model's last keyframe: the next member, if they are computed one by one, or
+    /// interpolation.
     fn end_codes(&mut self) -> Phase {
         if let Some(done) = self.single.take() {
             self.single = self.next_coded(done + 1);
@@ -394,8 +386,7 @@ impl Batch {
         if self.single.is_some() { Phase::ENCODE } else { self.interpolate_from(0) }
     }
 
-    /// Tokenizing of the first member from `first` on that has a chunk, or what follows when there
-    /// is none.
+    /// Tokenizing of the first member from `first` on that has a chunk, or the following phase.
     fn tokenize_from(&self, first: usize) -> Phase {
         match self.next_chunk(first) {
             Some(member) => Phase::Tokenize { member },
@@ -408,7 +399,7 @@ impl Batch {
         if member < self.members { Phase::DecodeMotion { member } } else { Phase::Idle }
     }
 
-    /// One more piece of turning a member's next samples into the units of its window.
+    /// Runs one more step of tokenizing a member's next samples into the units of its window.
     fn tokenize(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar, member: usize) -> Result<Phase, StepError> {
         if let Some((audio, samples, units)) = avatar.audio_parts() {
             let mut call = match self.call.take() {
@@ -429,7 +420,7 @@ impl Batch {
         Ok(self.tokenize_from(member + 1))
     }
 
-    /// Writes the encoder's ids of a member's sequences behind those of the members before it.
+    /// Appends the encoder's ids of a member's sequences.
     fn write_prompt(&mut self, model: &Model, avatar: &Avatar, member: usize) -> Result<(), StepError> {
         let (first, prefix) = (member * self.per_member, model.config.prefix);
         if let (Some(frames), Window::Keyframes(history)) = (model.lm.frames(), &avatar.history) {
@@ -447,7 +438,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Encoder rows of the sequences before `sequence` whose members' chunks are computed.
+    /// Encoder rows of the sequences before `sequence` that are computed.
     fn rows(&self, sequence: usize) -> usize {
         (0..sequence).filter(|&s| self.is_coded(s / self.per_member)).map(|s| self.lengths[s]).sum()
     }
@@ -505,8 +496,7 @@ impl Batch {
         Ok(self.attend_from(0))
     }
 
-    /// Keys and values of the first sequence from `first` on that has encoder states, or decoding
-    /// where there is none.
+    /// Keys and values of the first sequence from `first` on that has encoder states, or else decoding.
     fn attend_from(&self, first: usize) -> Phase {
         let next = (first..self.members * self.per_member).find(|&sequence| self.lengths[sequence] > 0);
         next.map_or(Phase::DECODE, |sequence| Phase::Attend { sequence, layer: 0, row: 0 })
@@ -593,8 +583,7 @@ impl Batch {
         Ok(if more { Phase::DECODE } else { self.end_codes() })
     }
 
-    /// Interpolation for the first member from `first` on that has a chunk, or what follows when
-    /// there is none.
+    /// Interpolation of the first member from `first` on that has a chunk, or the following phase.
     fn interpolate_from(&self, first: usize) -> Phase {
         self.next_chunk(first).map_or_else(|| self.decode_motion_from(0), |member| Phase::Interpolate { member })
     }
@@ -617,7 +606,7 @@ impl Batch {
         }
     }
 
-    /// Begins with a member's interpolation or goes on with it; whether there is more to do.
+    /// Starts or continues a member's interpolation; returns whether there is more to do.
     fn interpolate_step(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar) -> Result<bool, StepError> {
         let first = avatar.chunk == 0;
         let piece = |parts| if self.bounded { Filling::short_piece(parts) } else { usize::MAX };
@@ -665,7 +654,7 @@ impl Batch {
         Ok(self.decode_motion_from(member + 1))
     }
 
-    /// Begins with a member's motion or goes on with it; whether there is more to do.
+    /// Starts or continues a member's motion; returns whether there is more to do.
     fn decode_motion_step(
         &mut self,
         model: &Model,
@@ -739,7 +728,7 @@ impl Batch {
         self.begin_end(model, avatar)
     }
 
-    /// Begins with the frames that an avatar's last chunk held back, where that is done.
+    /// Starts on the frames that the last chunk held back, if it was the last.
     fn begin_end(&mut self, model: &Model, avatar: &Avatar) -> Result<bool, StepError> {
         let Some(total) = avatar.total.filter(|_| Some(avatar.chunk) >= avatar.chunks(&model.config)) else {
             return Ok(false);
@@ -749,10 +738,10 @@ impl Batch {
     }
 }
 
-/// Frames of a member that are decoded.
+/// Frames of a member that are being decoded.
 #[derive(Debug)]
 struct Pushing {
     push: Push,
-    /// Whether they are those that the last chunk held back.
+    /// Whether they are the frames that the last chunk held back.
     is_end: bool,
 }

@@ -1,5 +1,5 @@
-//! What products read while a model runs: for each the Gram matrix of its inputs, which says what an error of
-//! its weights does to its outputs. `umo quantize` rounds weights by it.
+//! Calibration for quantization: the Gram matrix of each product's inputs, which tells how an error of its weights
+//! changes its outputs. `umo quantize` rounds weights by it.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,27 +12,28 @@ use umo_kernels::{Isa, Mat, MatMut, PackedF32};
 use crate::error::StepError;
 use crate::memory::filled;
 
-/// Rows that are multiplied together.
+/// Rows per matrix product.
 const ROWS: usize = 128;
-/// Rows after which every second is enough, then every fourth after twice as many, and so on.
+/// Unit of thinning: after `r` rows one row in `r / ALL`, rounded up to a power of two, is used; below `2 * ALL`
+/// rows, all.
 const ALL: usize = 8192;
 
-/// The Gram matrices of a model's products. A model that is loaded with one adds the rows of inputs of every
-/// product it computes, on any number of threads.
+/// Gram matrices of a model's products. A model loaded with a calibration adds the input rows of every product that
+/// it computes, on any number of threads.
 #[derive(Debug, Default)]
 pub struct Calibration {
-    /// Names of the tensors to be recorded; all others cost nothing.
+    /// Names of the tensors to record; all others cost nothing.
     wanted: Vec<String>,
     products: Mutex<Vec<Arc<Gram>>>,
 }
 
 impl Calibration {
-    /// Of the tensors `wanted`, which a model's file names.
+    /// Records the tensors `wanted`, named as in the model file.
     pub fn new(wanted: Vec<String>) -> Self {
         Self { wanted, products: Mutex::default() }
     }
 
-    /// What was recorded of the tensor `name`: a matrix for each range of its rows.
+    /// Records of the tensor `name`: one matrix per range of its rows.
     pub fn of(&self, name: &str) -> Vec<(Range<usize>, Arc<Gram>)> {
         let named = |gram: &Arc<Gram>| {
             let mine = gram.tensors.iter().filter(|(tensor, _)| tensor == name);
@@ -41,7 +42,7 @@ impl Calibration {
         locked(&self.products).iter().flat_map(named).collect()
     }
 
-    /// The record of a product with rows of some tensors, unless nobody wants them.
+    /// Creates the record of a product with rows of some tensors, if any of them is wanted.
     pub(crate) fn product(&self, tensors: Vec<(String, Range<usize>)>, inputs: usize, isa: Isa) -> Option<Arc<Gram>> {
         if !tensors.iter().any(|(name, _)| self.wanted.contains(name)) {
             return None;
@@ -52,10 +53,10 @@ impl Calibration {
     }
 }
 
-/// The sum of `x x^T` over the rows `x` that a product has read.
+/// Sum of `x x^T` over the rows `x` that a product has read.
 #[derive(Debug)]
 pub struct Gram {
-    /// Tensors, and their rows, that the product multiplies them with.
+    /// Tensors, and ranges of their rows, that make up the product's weights.
     tensors: Vec<(String, Range<usize>)>,
     inputs: usize,
     isa: Isa,
@@ -65,7 +66,7 @@ pub struct Gram {
 #[derive(Debug, Default)]
 struct State {
     rows: usize,
-    /// `[inputs, ROWS]`, so many of them filled.
+    /// `[inputs, ROWS]`; the first `filled` columns are in use.
     pending: Vec<f32>,
     filled: usize,
     /// `[inputs, inputs]`
@@ -73,7 +74,7 @@ struct State {
 }
 
 impl Gram {
-    /// Rows that the product has read.
+    /// Number of rows that the product has read.
     pub fn rows(&self) -> usize {
         locked(&self.state).rows
     }
@@ -81,7 +82,7 @@ impl Gram {
     /// The sum over all rows so far, `[inputs, inputs]`.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees: a defect of this library.
+    /// [`StepError`] if a length disagrees: a defect of this library.
     pub fn sum(&self) -> Result<Vec<f64>, StepError> {
         let mut state = locked(&self.state);
         self.multiply(&mut state)?;
@@ -89,11 +90,11 @@ impl Gram {
         Ok(if none { filled(0.0, self.inputs * self.inputs) } else { state.sum.clone() })
     }
 
-    /// Adds the rows of `x` that `index` names, or all.
+    /// Adds the rows of `x` in `index`, or all.
     pub(crate) fn add(&self, x: Mat<f32>, index: Option<&[u32]>) -> Result<(), StepError> {
         let mut state = locked(&self.state);
         for t in 0..index.map_or(x.rows(), <[u32]>::len) {
-            // One of so many rows, drawn: rows come in patterns. It counts for all of them.
+            // One row in `each`, chosen by hash because rows come in patterns, and weighted to represent all of them.
             let each = (state.rows / ALL).next_power_of_two();
             state.rows += 1;
             if !drawn(state.rows, each) {
@@ -140,12 +141,12 @@ impl Gram {
     }
 }
 
-/// Whether row `row` is the one of `each` (a power of two) that is taken: by a multiplicative hash.
+/// Whether row `row` is the one in `each` (a power of two) to use: by a multiplicative hash.
 fn drawn(row: usize, each: usize) -> bool {
     (row as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32 & (each as u64 - 1) == 0
 }
 
-/// Nothing panics with a lock held.
+/// Locks a mutex; poisoning is ignored, since nothing panics while holding it.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -154,12 +155,12 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    /// Of many rows some count for all.
+    /// Beyond a number of rows, a sample represents all.
     #[test]
     fn of_many_rows_some_count_for_all() {
         let gram =
             Calibration::new(vec!["a".to_owned()]).product(vec![("a".to_owned(), 0..1)], 1, Isa::SCALAR).unwrap();
-        // Every fourth row is another.
+        // Every fourth row differs.
         let values: Vec<f32> = (0..8 * ALL).map(|i| if i % 4 == 1 { 2.0 } else { 1.0 }).collect();
         gram.add(Mat::new(&values, 8 * ALL, 1).unwrap(), None).unwrap();
         let wanted = values.iter().map(|v| f64::from(v * v)).sum::<f64>();
@@ -168,7 +169,7 @@ mod tests {
         assert_eq!(gram.rows(), 8 * ALL);
     }
 
-    /// Rows by index and all of them, more than are multiplied together, against sums in f64.
+    /// Indexed rows and all rows, more than one matrix product takes, against sums in f64.
     #[test]
     fn sums_are_those_of_all_rows() {
         let (rows, inputs) = (ROWS + 37, 19);

@@ -1,4 +1,4 @@
-//! What time it is, for deadlines and delays: the system's, or one that a simulation turns.
+//! Clock for deadlines and delays: the system's, or one set by a simulation.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,22 +6,22 @@ use std::time::Duration;
 
 use crate::time::Instant;
 
-/// What [`Clock::nanos`] counts from: a moment before the clock's start, which a restored session
-/// may remember, has a number too.
+/// Offset of [`Clock::nanos`], so that times before the clock's start, which a restored session may contain, are
+/// representable.
 const START: u64 = 1 << 62;
 
-/// A clock that never goes back.
+/// A monotonic clock.
 #[derive(Clone, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Clock {
-    /// The system's, counted from the moment given.
+    /// The system's clock, counted from this instant.
     System(Instant),
-    /// Nanoseconds that a simulation sets.
+    /// Nanoseconds, set by a simulation.
     Manual(Arc<AtomicU64>),
 }
 
 impl Clock {
-    /// The system's clock, from now on.
+    /// The system's clock, starting now.
     pub fn system() -> Self {
         Self::System(Instant::now())
     }

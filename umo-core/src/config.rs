@@ -1,4 +1,4 @@
-//! Every dimension of a model, read from its file and checked once.
+//! A model's config: every dimension, parsed from its file and checked once.
 
 mod body;
 mod check;
@@ -12,8 +12,7 @@ use crate::part::PerPart;
 pub use body::{Channels, channel_names};
 pub(crate) use check::MAX_PARTS;
 
-/// The `config` text of a model file (SPEC 3). [`Config::parse`] is the only way to one that code
-/// may rely on.
+/// The `config` text of a model file (SPEC 3). Only [`Config::parse`] returns a checked one.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
@@ -22,7 +21,7 @@ pub struct Config {
     pub name: String,
     /// Licence of the weights.
     pub license: String,
-    /// One line that the program prints on every run, as for a model that was never trained.
+    /// One line that the program prints on every run, for example that a model was never trained.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub notice: Option<String>,
     /// Poses per second.
@@ -33,15 +32,15 @@ pub struct Config {
     pub prefix: usize,
     /// Keyframes predicted per chunk by default, `N`.
     pub target: usize,
-    /// The largest `N` that a session may choose.
+    /// Upper bound of `N` for a session.
     pub max_target: usize,
     /// Frames held back by default until the next chunk (SPEC 2.8).
     pub lookahead: usize,
-    /// What one position of the decoder stands for.
+    /// Meaning of one position of the decoder.
     #[serde(default, skip_serializing_if = "Layout::is_parts")]
     pub layout: Layout,
-    /// Parts with codes of their own, in order; absent for the paper's four parts of one level,
-    /// which are the only ones of layout `parts`.
+    /// Parts with their own codes, in order. Absent for the paper's four parts of one level, the only ones of layout
+    /// `parts`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parts: Option<Vec<PartSpec>>,
     /// Audio tokenizer.
@@ -59,17 +58,16 @@ pub struct Config {
     pub vq: Vq,
     /// Face channels.
     pub face: Face,
-    /// The live mouth, where the model has one.
+    /// The live mouth, if the model has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mouth: Option<Mouth>,
     /// Encoder inputs by name: `audio_to_motion`, `text_to_motion`.
     pub templates: BTreeMap<String, Vec<TemplateItem>>,
-    /// The texts that the model was trained with, where it knows no others; absent where it takes
-    /// any text, or none.
+    /// Texts that the model was trained with, if it knows no others; absent if it takes any text, or none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompts: Option<Vec<String>>,
-    /// Codes that stand for the time before the first frame; with [`parts`](Self::parts) each
-    /// part's are its `rest` instead.
+    /// Codes that stand for the time before the first frame. Models with [`parts`](Self::parts) use each part's
+    /// `rest` instead.
     #[serde(default = "no_rest", skip_serializing_if = "is_no_rest")]
     pub rest: PerPart<usize>,
     /// Default sampling.
@@ -78,14 +76,14 @@ pub struct Config {
     pub skeleton: Skeleton,
 }
 
-/// What one position of the decoder stands for (SPEC 2.5, 2.13).
+/// Meaning of one position of the decoder (SPEC 2.5, 2.13).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
     /// A code of one part: the paper's layout.
     #[default]
     Parts,
-    /// A keyframe, whose codes a depth network writes.
+    /// A keyframe, whose codes a depth network samples.
     Frames,
 }
 
@@ -96,13 +94,13 @@ impl Layout {
     }
 }
 
-/// A part with codes of its own (SPEC 2.12).
+/// A part with its own codes (SPEC 2.12).
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartSpec {
-    /// Its name in tensors: lowercase letters, digits and `_`.
+    /// Name in tensors: lowercase letters, digits and `_`.
     pub name: String,
-    /// Names of its channels, all of one of the four body parts; an annotation has none.
+    /// Names of its channels, all of one of the four body parts; empty for an annotation.
     pub channels: Vec<String>,
     /// Codes of each level, 1 to 256.
     pub codes: usize,
@@ -116,7 +114,7 @@ pub struct PartSpec {
     pub layers: usize,
     /// Codes that stand for the time before the first frame, one per level.
     pub rest: Vec<usize>,
-    /// How its codes are drawn, where that differs from the session's sampling.
+    /// Sampling of its codes, if it differs from the session's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sampling: Option<Sampling>,
 }
@@ -129,21 +127,20 @@ pub struct Depth {
     pub d_model: usize,
     /// Heads of each attention.
     pub num_heads: usize,
-    /// Width inside a feed-forward.
+    /// Inner width of a feed-forward.
     pub d_ff: usize,
     /// Layers.
     pub num_layers: usize,
-    /// Added to mean squares.
+    /// Epsilon added to mean squares.
     pub layer_norm_epsilon: f32,
-    /// Whether each code knows the one in its place at the keyframe before.
+    /// Whether each code sees the code at its position in the previous keyframe.
     #[serde(default, skip_serializing_if = "is_false")]
     pub before: bool,
-    /// Where the network has the encoder's state of each keyframe: which of the keyframe's audio tokens
-    /// that is of.
+    /// Audio token of the keyframe whose encoder state the network reads, if it reads any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heard: Option<usize>,
-    /// The same for annotations and the parts of the body, where it is another token than the face's. It may
-    /// be one of the keyframes behind, as far as the model hears ahead.
+    /// Same for annotations and the parts of the body, if it is another token than the face's. It may belong to a
+    /// later keyframe, up to the model's horizon.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub body_heard: Option<usize>,
 }
@@ -158,7 +155,7 @@ fn is_zero(value: &usize) -> bool {
     *value == 0
 }
 
-/// Stands for an absent `rest`: no code has this number.
+/// Placeholder for an absent `rest`: no code has this number.
 const NO_CODE: usize = usize::MAX;
 
 fn no_rest() -> PerPart<usize> {
@@ -173,46 +170,46 @@ fn is_no_rest(rest: &PerPart<usize>) -> bool {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Audio {
-    /// Which tokenizer.
+    /// Kind of tokenizer.
     pub kind: AudioKind,
-    /// Samples per second that the tokenizer takes.
+    /// Sample rate of the tokenizer's input.
     pub sample_rate: usize,
     /// Audio tokens per second.
     pub token_rate: usize,
-    /// Number of different audio tokens.
+    /// Number of distinct audio tokens.
     pub units: usize,
-    /// Keyframes of audio behind the chunk that the encoder has places for (SPEC 2.15).
+    /// Maximum horizon: keyframes of audio after the chunk that the encoder has positions for (SPEC 2.15).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ahead: usize,
-    /// Which units say accents, where the tokenizer was made to (SPEC 2.19).
+    /// Units that mark accents, if the tokenizer was trained to (SPEC 2.19).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accents: Option<Accents>,
-    /// Dimensions of the HuBERT tokenizer, where that is the kind.
+    /// Dimensions of the HuBERT tokenizer, if `kind` is that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hubert: Option<Hubert>,
-    /// Dimensions of the mel tokenizer, where that is the kind.
+    /// Dimensions of the mel tokenizer, if `kind` is that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mel: Option<Mel>,
 }
 
-/// Units that say the onset of an accented vowel.
+/// Units that mark the onset of an accented vowel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Accents {
-    /// Units from this one on say it.
+    /// First such unit; all higher ones are, too.
     pub first: usize,
-    /// How late they say it, audio tokens.
+    /// Delay of the mark, audio tokens.
     pub delay: usize,
 }
 
 impl Accents {
-    /// Whether a unit says an accent.
+    /// Whether a unit marks an accent.
     pub(crate) fn marks(self, unit: u32) -> bool {
         unit as usize >= self.first
     }
 }
 
-/// The kinds of audio tokenizer.
+/// Kind of audio tokenizer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AudioKind {
@@ -222,31 +219,31 @@ pub enum AudioKind {
     Mel,
 }
 
-/// HuBERT, with Hugging Face's names.
+/// HuBERT, with Hugging Face's field names.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hubert {
     /// Channels of each convolution.
     pub conv_dim: Vec<usize>,
-    /// Window of each convolution.
+    /// Kernel of each convolution.
     pub conv_kernel: Vec<usize>,
-    /// Step of each convolution.
+    /// Stride of each convolution.
     pub conv_stride: Vec<usize>,
     /// Width of the transformer.
     pub hidden_size: usize,
-    /// Width inside a feed-forward.
+    /// Inner width of a feed-forward.
     pub intermediate_size: usize,
     /// Heads of each layer.
     pub num_attention_heads: usize,
-    /// Layers that are stored and run.
+    /// Layers that are stored and computed.
     pub num_hidden_layers: usize,
-    /// Window of the position convolution.
+    /// Kernel of the position convolution.
     pub num_conv_pos_embeddings: usize,
     /// Groups of the position convolution.
     pub num_conv_pos_embedding_groups: usize,
-    /// Added to variances.
+    /// Epsilon added to variances.
     pub layer_norm_eps: f32,
-    /// Whether samples are normalised to mean 0 and variance 1.
+    /// Whether samples are normalized to mean 0 and variance 1.
     pub do_normalize: bool,
 }
 
@@ -260,22 +257,22 @@ pub struct Mel {
     pub fft: usize,
     /// Mel bands.
     pub bands: usize,
-    /// Least energy of a band before the logarithm.
+    /// Lower bound of a band's energy before the logarithm.
     pub floor: f32,
-    /// Orders of differences that follow the logarithms.
+    /// Orders of differences appended to the log-mel bands.
     pub deltas: usize,
-    /// A network on these features, whose outputs are the features that units are of.
+    /// Network on these features, whose outputs are quantized to units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network: Option<MelNetwork>,
 }
 
 impl Mel {
-    /// Values per log-mel feature: the bands and each order of their differences.
+    /// Values per log-mel feature: the bands and all orders of differences.
     pub fn bands_width(&self) -> usize {
         self.bands * (1 + self.deltas)
     }
 
-    /// Values per feature that units are of.
+    /// Values per quantized feature.
     pub fn width(&self) -> usize {
         self.network.as_ref().and_then(|network| network.widths.last()).copied().unwrap_or(self.bands_width())
     }
@@ -285,11 +282,11 @@ impl Mel {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MelNetwork {
-    /// Features that go in: a token's own and those before it.
+    /// Number of input features: a token's own and those before it.
     pub taps: usize,
     /// Outputs of each layer.
     pub widths: Vec<usize>,
-    /// Residual blocks behind the first layer.
+    /// Residual blocks after the first layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blocks: Option<MelBlocks>,
 }
@@ -305,7 +302,7 @@ pub struct MelBlocks {
 }
 
 impl MelNetwork {
-    /// Outputs of the first layer and of every block.
+    /// Width of the first layer and of every block.
     pub fn width(&self) -> usize {
         self.widths.first().copied().unwrap_or_default()
     }
@@ -315,7 +312,7 @@ impl MelNetwork {
         self.blocks.map_or(0, |blocks| blocks.count * (blocks.kernel + 1) * self.width() * self.width())
     }
 
-    /// Outputs and inputs of each layer, above log-mel features of `width` values.
+    /// Outputs and inputs of each layer, on log-mel features of `width` values.
     pub fn layers(&self, width: usize) -> impl Iterator<Item = (usize, usize)> {
         let inputs = std::iter::once(self.taps * width).chain(self.widths.iter().copied());
         self.widths.iter().copied().zip(inputs)
@@ -332,7 +329,7 @@ pub struct Vocab {
     pub pad: usize,
     /// End of sequence.
     pub eos: usize,
-    /// First id that the decoder is given.
+    /// First input id of the decoder.
     pub decoder_start: usize,
     /// Codes of the face.
     #[serde(default, skip_serializing_if = "Modality::is_absent")]
@@ -363,7 +360,7 @@ impl std::ops::Index<crate::part::Part> for Vocab {
     }
 }
 
-/// The ids of one kind of token. The parts have none in layout `frames`.
+/// Ids of one kind of token. Absent for the parts in layout `frames`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Modality {
@@ -385,7 +382,7 @@ impl Modality {
     }
 }
 
-/// T5 with expert feed-forwards (SPEC 2.4), with Hugging Face's names.
+/// T5 with expert feed-forwards (SPEC 2.4), with Hugging Face's field names.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lm {
@@ -393,7 +390,7 @@ pub struct Lm {
     pub d_model: usize,
     /// Width of a head.
     pub d_kv: usize,
-    /// Width inside an expert.
+    /// Inner width of an expert.
     pub d_ff: usize,
     /// Heads of each attention.
     pub num_heads: usize,
@@ -405,7 +402,7 @@ pub struct Lm {
     pub relative_attention_num_buckets: usize,
     /// Distance from which all positions share the last bucket.
     pub relative_attention_max_distance: usize,
-    /// Added to mean squares.
+    /// Epsilon added to mean squares.
     pub layer_norm_epsilon: f32,
     /// Feed-forward form: `gated-gelu`.
     pub feed_forward_proj: String,
@@ -413,7 +410,7 @@ pub struct Lm {
     pub tie_word_embeddings: bool,
     /// Experts of each feed-forward.
     pub experts: usize,
-    /// Experts that a row is sent to.
+    /// Experts per row.
     pub top_k: usize,
 }
 
@@ -425,7 +422,7 @@ pub struct Interp {
     pub d_model: usize,
     /// Heads of each attention.
     pub num_heads: usize,
-    /// Width inside a feed-forward.
+    /// Inner width of a feed-forward.
     pub d_ff: usize,
     /// Layers over time.
     pub temporal_layers: usize,
@@ -439,11 +436,11 @@ pub struct Interp {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Vq {
-    /// Codes of each part; absent where [`Config::parts`] is given.
+    /// Codes of each part; absent if [`Config::parts`] is given.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub codes: usize,
-    /// Width of a code's vector and of the hidden convolutions; where [`Config::parts`] is given,
-    /// of the root network alone.
+    /// Width of a code's vector and of the hidden convolutions; if [`Config::parts`] is given, of the root network
+    /// only.
     pub width: usize,
     /// Jaw and expression.
     #[serde(default, skip_serializing_if = "Codec::is_absent")]
@@ -474,7 +471,7 @@ impl std::ops::Index<crate::part::Part> for Vq {
     }
 }
 
-/// One motion codec. The four parts have none where [`Config::parts`] is given.
+/// One motion codec. Absent for the four parts if [`Config::parts`] is given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Codec {
@@ -489,14 +486,13 @@ impl Codec {
         *self == Self::default()
     }
 
-    /// Frames on each side that a decoded frame depends on: two residual blocks of two
-    /// convolutions, `layers`, and one.
+    /// Frames on each side that a decoded frame depends on: two residual blocks of two convolutions, `layers`, and
+    /// one more.
     pub fn decoder_reach(&self) -> usize {
         4 + self.layers + 1
     }
 
-    /// Frames on each side that an encoded frame depends on: per layer one convolution and a
-    /// residual block of two.
+    /// Frames on each side that an encoded frame depends on: one convolution and a residual block of two per layer.
     pub fn encoder_reach(&self) -> usize {
         3 * self.layers
     }
@@ -507,9 +503,9 @@ impl Codec {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Face {
-    /// What the channels after the jaw's six are.
+    /// Kind of the channels after the jaw's six.
     pub kind: FaceKind,
-    /// Their names.
+    /// Names of those channels.
     pub names: Vec<String>,
 }
 
@@ -523,21 +519,21 @@ pub struct Mouth {
     pub fft: usize,
     /// Mel bands.
     pub bands: usize,
-    /// Least energy of a band before the logarithm.
+    /// Lower bound of a band's energy before the logarithm.
     pub floor: f32,
     /// Rows of features per frame.
     pub rows: usize,
-    /// Rows after a frame's time that the frame is computed from: its latency.
+    /// Rows after a frame's time that the frame depends on: its latency.
     pub ahead: usize,
-    /// Rows that the first layer takes, of which the last is the newest.
+    /// Rows that the first layer reads, up to the newest.
     pub taps: usize,
-    /// Outputs of every layer but the last.
+    /// Width of every layer except the last.
     pub width: usize,
-    /// Frames that a dilated convolution takes.
+    /// Kernel of the dilated convolutions, frames.
     pub kernel: usize,
-    /// Frames from one of these to the next, of each block.
+    /// Dilation of each block, frames.
     pub dilations: Vec<usize>,
-    /// Face channels that it gives, by their names in `face.names`.
+    /// Face channels that it outputs, by their names in `face.names`.
     pub channels: Vec<String>,
 }
 
@@ -553,7 +549,7 @@ impl Mouth {
     }
 }
 
-/// The kinds of face channels.
+/// Kind of face channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
@@ -564,13 +560,13 @@ pub enum FaceKind {
     Arkit,
 }
 
-/// One item of a template: a token id, or the name of what goes there.
+/// One item of a template: a token id, or the name of an input.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(untagged)]
 pub enum TemplateItem {
     /// A token id.
     Id(usize),
-    /// `audio`, `text`, or a part; in layout `frames` `history` in the place of the parts.
+    /// `audio`, `text`, or a part; in layout `frames` `history` instead of the parts.
     Name(String),
 }
 
@@ -578,11 +574,11 @@ pub enum TemplateItem {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sampling {
-    /// Logits are divided by it; 0 is greedy.
+    /// Divisor of the logits; 0 is greedy.
     pub temperature: f32,
-    /// Only this many of the likeliest codes; 0 is all.
+    /// Number of likeliest codes to sample from; 0 is all.
     pub top_k: usize,
-    /// Only the likeliest codes that together reach this probability.
+    /// Cumulative probability of the likeliest codes to sample from.
     pub top_p: f32,
 }
 
@@ -593,15 +589,15 @@ pub struct Sampling {
 pub struct Skeleton {
     /// Parent of each joint; -1 for the first.
     pub parents: Vec<i32>,
-    /// Each joint's place in its parent's frame at rest, metres, Y up.
+    /// Position of each joint in its parent's frame in the rest pose, metres, Y up.
     pub offsets_m: Vec<[f32; 3]>,
 }
 
 impl Config {
-    /// Reads and checks a config.
+    /// Parses and checks a config.
     ///
     /// # Errors
-    /// [`LoadError::Config`] naming the key, what was found and what was wanted.
+    /// [`LoadError::Config`] with the key, the value found and the value expected.
     pub fn parse(text: &str) -> Result<Self, LoadError> {
         let mut json = serde_json::Deserializer::from_str(text);
         let config: Self = serde_path_to_error::deserialize(&mut json)
@@ -611,30 +607,30 @@ impl Config {
         Ok(config)
     }
 
-    /// Samples between two audio tokens.
+    /// Samples per audio token.
     pub fn hop(&self) -> usize {
         self.audio.sample_rate / self.audio.token_rate
     }
 
-    /// Audio tokens between two keyframes.
+    /// Audio tokens per keyframe.
     pub fn tokens_per_keyframe(&self) -> usize {
         self.keyframe_stride * self.audio.token_rate / self.frame_rate
     }
 
-    /// Samples between two keyframes.
+    /// Samples per keyframe.
     pub fn samples_per_keyframe(&self) -> usize {
         self.tokens_per_keyframe() * self.hop()
     }
 
-    /// Frames of future speech that a frame needs at most, with so many keyframes per chunk and
-    /// frames held back: the rest of its chunk, the next chunk where the frame is behind the last
-    /// keyframe of its own, and the frames held back. Of an avatar's settings that is
+    /// Maximum number of frames of future speech that a frame needs, with this number of keyframes per chunk and of
+    /// frames held back: the rest of its chunk, the next chunk if the frame comes after its chunk's last keyframe,
+    /// and the frames held back. For an avatar's settings, see
     /// [`AvatarConfig::latency_frames`](crate::avatar::AvatarConfig::latency_frames).
     pub fn latency_frames(&self, target: usize, lookahead: usize) -> usize {
         (target + 1) * self.keyframe_stride - 1 + lookahead
     }
 
-    /// Samples before `hop * j` that feature `j` of a stream covers.
+    /// Number of samples before `hop * j` that feature `j` of a stream covers.
     pub fn feature_reach_back(&self) -> usize {
         let window = match (&self.audio.hubert, &self.audio.mel) {
             (Some(hubert), _) if self.audio.kind == AudioKind::Hubert => hubert.receptive_field(),
@@ -646,7 +642,7 @@ impl Config {
 }
 
 impl Hubert {
-    /// Samples that one feature covers.
+    /// Number of samples that one feature covers.
     pub fn receptive_field(&self) -> usize {
         let (mut field, mut step) = (1, 1);
         for (kernel, stride) in self.conv_kernel.iter().zip(&self.conv_stride) {

@@ -1,8 +1,7 @@
-//! Panics of this library that were caught: what they said and where, kept for the caller instead
-//! of printed.
+//! Caught panics of this library: message and place, kept for the caller instead of printed.
 //!
-//! A panic is a defect of this library. [`contain`] keeps it from its caller; [`keep_quiet`] keeps
-//! it from the process's standard error, where a host's users would see it.
+//! A panic is a defect of this library. [`contain`] keeps it from propagating to the caller; [`keep_quiet`] keeps it
+//! off the process's standard error, where a host's users would see it.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -12,7 +11,7 @@ use std::sync::{Mutex, Once, PoisonError};
 
 use umo_kernels::environment::in_default;
 
-/// A panic that was caught.
+/// A caught panic.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Defect {
     place: String,
@@ -30,13 +29,12 @@ impl Defect {
         Self { place, message: message.to_owned() }
     }
 
-    /// The file and line that panicked; empty where that is not known, because the process's own
-    /// panic hook reported it.
+    /// File and line of the panic; empty if unknown, because the process's own panic hook reported it.
     pub fn place(&self) -> &str {
         &self.place
     }
 
-    /// What the panic said.
+    /// Message of the panic.
     pub fn message(&self) -> &str {
         &self.message
     }
@@ -57,12 +55,12 @@ impl fmt::Debug for Defect {
     }
 }
 
-/// The last panics that the hook saw: what was caught has no place of its own.
+/// Most recent panics seen by the hook: a caught panic's payload does not carry its place.
 static LAST: Mutex<Last> = Mutex::new(Last { defects: [const { None }; 8], next: 0 });
 
 struct Last {
     defects: [Option<Defect>; 8],
-    /// Where the next one is kept.
+    /// Index for the next defect.
     next: usize,
 }
 
@@ -78,15 +76,15 @@ impl Last {
 }
 
 thread_local! {
-    /// How many calls of [`contain_quietly`] the thread is in. Without a destructor.
+    /// Nesting depth of [`contain_quietly`] on this thread. Has no destructor.
     static DEPTH: Cell<u32> = const { Cell::new(0) };
 }
 
-/// Runs `work` in the default floating-point environment, whatever the caller's is, and gives its
-/// panic as a value. The caller's environment is restored.
+/// Runs `work` in the default floating-point environment, whatever the caller's is, and returns a panic as an error.
+/// The caller's environment is restored.
 ///
 /// # Errors
-/// [`Defect`] where `work` panicked.
+/// [`Defect`] if `work` panicked.
 pub fn contain<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
     catch_unwind(AssertUnwindSafe(|| in_default(work))).map_err(|payload| {
         let payload = match payload.downcast::<Defect>() {
@@ -98,12 +96,11 @@ pub fn contain<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
     })
 }
 
-/// As [`contain`], and nothing that panics in it on this thread is printed, wherever in other
-/// libraries that is, once [`keep_quiet`] was called. Touches the thread's own storage, which the
-/// system may allocate at the thread's first call.
+/// Like [`contain`]; after [`keep_quiet`], panics of `work` on this thread are not printed either, in whichever
+/// library they occur. Uses thread-local storage, which the system may allocate on a thread's first call.
 ///
 /// # Errors
-/// As [`contain`].
+/// As in [`contain`].
 pub fn contain_quietly<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
     DEPTH.set(DEPTH.get() + 1);
     let result = contain(work);
@@ -111,18 +108,15 @@ pub fn contain_quietly<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
     result
 }
 
-/// Goes on with a panic that was caught on another thread, for [`contain`] to catch again. Prints
-/// nothing.
+/// Continues a panic that was caught on another thread, for [`contain`] to catch again. Prints nothing.
 pub(crate) fn resume(defect: Defect) -> ! {
     std::panic::resume_unwind(Box::new(defect))
 }
 
-/// From now on, panics of this library are not printed: panics in its source files and in
-/// [`contain_quietly`]. All others go to the panic hook that was set before. Source files in the
-/// folders of `files` count as this library's too.
+/// Stops printing panics of this library from now on: panics in its source files and in [`contain_quietly`]. All
+/// others go to the previous panic hook. Source files in the directories of `files` count as this library's, too.
 ///
-/// Only the first call does anything. It is meant for libraries that hide this one behind another
-/// interface.
+/// Only the first call has an effect. For libraries that hide this one behind another interface.
 pub fn keep_quiet(files: &'static [&'static str]) {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -141,17 +135,17 @@ pub fn keep_quiet(files: &'static [&'static str]) {
 fn is_own(info: &PanicHookInfo, files: &[&str]) -> bool {
     let file = info.location().map_or("", Location::file);
     let own = [crate::SOURCE, umo_kernels::SOURCE];
-    // At a thread's end its storage may be gone; nothing of this library runs then.
+    // At a thread's end its storage may be gone; no code of this library runs then.
     DEPTH.try_with(Cell::get).is_ok_and(|depth| depth > 0)
         || own.iter().chain(files).any(|own| file.starts_with(folder(own)))
 }
 
-/// A source file without the `./` that its place in the tree of modules gives it.
+/// Path of a source file without the `./` that nested modules may give it.
 fn plain(file: &str) -> String {
     file.replace("/./", "/").replace(r"\.\", r"\")
 }
 
-/// The folder of a source file, its separator included.
+/// Directory of a source file, with its trailing separator.
 fn folder(file: &str) -> &str {
     &file[..file.rfind(['/', '\\']).map_or(0, |at| at + 1)]
 }

@@ -1,4 +1,4 @@
-//! What can go wrong: [`LoadError`] while a model is read, [`StepError`] while it runs.
+//! Errors: [`LoadError`] on reading a model, [`StepError`] on running it.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use umo_kernels::ShapeError;
 
 use crate::memory::OutOfMemory;
 
-/// A model file that cannot be used, and what in it is wrong.
+/// Error from loading a model.
 #[derive(Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum LoadError {
@@ -15,25 +15,25 @@ pub enum LoadError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         cause: std::io::Error,
     },
-    /// There is no memory for the model.
+    /// Out of memory.
     Memory(OutOfMemory),
-    /// The file is not a safetensors file, is cut short, or is not a umo model of a known version.
+    /// The file is not a safetensors file, is truncated, or is not a umo model of a known version.
     File(String),
-    /// A number or name of the config is missing, out of range, or disagrees with another.
+    /// A number or name in the config is missing, out of range, or disagrees with another.
     Config {
-        /// Where in the config, as `lm.d_model`.
+        /// Path in the config, such as `lm.d_model`.
         key: String,
-        /// What was found and what was wanted.
+        /// Value found and value expected.
         problem: String,
     },
     /// A tensor is missing, has another shape or type, or holds a value that is NaN or infinite.
     Tensor {
         /// The tensor's name in the file.
         name: String,
-        /// What was found and what was wanted.
+        /// Value found and value expected.
         problem: String,
     },
 }
@@ -76,52 +76,50 @@ impl std::error::Error for LoadError {
     }
 }
 
-/// A step that could not be taken. `Copy`: reporting one allocates nothing.
+/// Error from a step. `Copy`: reporting one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum StepError {
     /// A kernel was called with lengths that disagree: a defect of this library.
     Shape(ShapeError),
-    /// More input than the model or session was made for.
+    /// More input than the model or session was created for.
     TooLong {
-        /// What is too long.
+        /// Name of the input.
         what: &'static str,
-        /// How many were given.
+        /// Number given.
         got: usize,
-        /// How many there may be.
+        /// Upper bound.
         limit: usize,
     },
-    /// Nothing was given where at least one is needed.
+    /// Nothing was given, but at least one is needed.
     Empty(&'static str),
     /// An id, code or unit outside its range.
     OutOfRange {
-        /// What is out of range.
+        /// Name of the value.
         what: &'static str,
         /// The value.
         got: usize,
-        /// One more than the largest that is allowed.
+        /// Exclusive upper bound.
         limit: usize,
     },
     /// Inputs that must agree with each other do not.
     Disagree(&'static str),
-    /// The model file does not hold what the call needs.
+    /// The model file lacks data that the call needs.
     Missing(&'static str),
-    /// A call in the wrong order, as audio after the end.
+    /// A call in the wrong order, such as audio after the end.
     Order(&'static str),
-    /// A stage of the model gave infinite or NaN values: its weights are damaged or were never
-    /// trained to an end.
+    /// A stage of the model produced infinite or NaN values: its weights are damaged or not fully trained.
     NotFinite(&'static str),
-    /// A stage of the model gave values that no body has: its weights are damaged or were never
-    /// trained to an end.
+    /// A stage of the model produced values that no body can have: its weights are damaged or not fully trained.
     Implausible(&'static str),
 }
 
-/// That all values are finite; `what` names them.
+/// Checks that all values are finite; `what` names them.
 ///
 /// # Errors
 /// [`StepError::NotFinite`].
 pub(crate) fn check_finite(values: &[f32], what: &'static str) -> Result<(), StepError> {
-    // Without an early end, so that many values are compared at once.
+    // No early exit, so that it vectorizes.
     if values.iter().fold(true, |finite, v| finite & v.is_finite()) { Ok(()) } else { Err(StepError::NotFinite(what)) }
 }
 

@@ -1,8 +1,8 @@
-//! Opening files that callers name: regular ones only. [`AtomicFile`] writes one.
+//! Opens files named by callers: regular files only. [`AtomicFile`] writes one.
 //!
-//! Opening a FIFO waits until somebody writes to it, and a device may never end. A caller who names
-//! one by mistake gets an error at once. On Windows a name such as `NUL` or `COM1` is a device in
-//! every folder, and `\\.\pipe\…` a pipe.
+//! Opening a FIFO blocks until there is a writer, and reading a device may never end. Naming one by mistake is an
+//! immediate error instead. On Windows, a name such as `NUL` or `COM1` is a device in every directory, and
+//! `\\.\pipe\…` is a pipe.
 
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, Read};
@@ -12,18 +12,17 @@ mod atomic;
 
 pub use atomic::{AtomicFile, TemporaryFile, remove_parts};
 
-/// Opens a regular file for reading.
+/// Opens a regular file for reading. Never waits for another program.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::InvalidInput`], with a text that says what it is, where
-/// the path names a directory, a FIFO, a socket or a device. Never waits for another program.
+/// The system's error; [`io::ErrorKind::InvalidInput`], with a description, if the path names a directory, a FIFO, a
+/// socket or a device.
 pub fn open(path: &Path) -> io::Result<File> {
     open_with(path, OpenOptions::new().read(true))
 }
 
-/// As [`open`]; on Windows nobody can write to the file while it is open, and opening it fails while
-/// somebody may write to it. It can be renamed, so that another takes its place. Other systems know
-/// no such thing.
+/// Like [`open`], but on Windows nobody can write to the file while it is open, and opening fails while somebody has
+/// it open for writing. It can still be renamed and replaced. Other systems have no such locks.
 #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 pub(crate) fn open_unchanging(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
@@ -33,16 +32,15 @@ pub(crate) fn open_unchanging(path: &Path) -> io::Result<File> {
 }
 
 fn open_with(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
-    // A FIFO that nobody writes to is opened, and seen to be one, instead of waited for. Regular
-    // files are read as ever.
+    // Opens a FIFO without a writer instead of blocking, so that it can be rejected. Regular files are not affected.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, libc::O_NONBLOCK);
-    // Whoever serves a pipe must not act in the name of a caller who only named it.
+    // The server of a pipe must not impersonate a caller who only named it.
     #[cfg(windows)]
     std::os::windows::fs::OpenOptionsExt::security_qos_flags(options, system::ANONYMOUS);
     let file = match options.open(path) {
         Ok(file) => file,
-        // What cannot be opened may still say what it is: a socket, a directory on Windows.
+        // Files that cannot be opened may still have a type: a socket, a directory on Windows.
         Err(error) => return Err(path.metadata().ok().and_then(|found| refused(found.file_type())).unwrap_or(error)),
     };
     #[cfg(windows)]
@@ -69,11 +67,11 @@ mod system {
     };
 
     pub(super) const ANONYMOUS: u32 = SECURITY_ANONYMOUS;
-    /// Others may read a file and rename it.
+    /// Allows others to read and rename the file.
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     pub(super) const READERS: u32 = FILE_SHARE_READ | FILE_SHARE_DELETE;
 
-    /// What an open handle is where it is no file or directory.
+    /// Kind of an open handle that is neither file nor directory.
     pub(super) fn not_a_file(file: &File) -> Option<&'static str> {
         // SAFETY: the handle is open: `file` owns it.
         match unsafe { GetFileType(file.as_raw_handle()) } {
@@ -85,27 +83,27 @@ mod system {
     }
 }
 
-/// The bytes of a regular file.
+/// Reads a regular file.
 ///
 /// # Errors
-/// As [`open`].
+/// As in [`open`].
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 
-/// The text of a regular file.
+/// Reads a regular file as text.
 ///
 /// # Errors
-/// As [`open`], and where the file is not UTF-8.
+/// As in [`open`], and if the file is not UTF-8.
 pub fn read_to_string(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     open(path)?.read_to_string(&mut text)?;
     Ok(text)
 }
 
-/// Why a file of this type is not read.
+/// Error for a file of this type, if it is rejected.
 fn refused(kind: FileType) -> Option<io::Error> {
     let what = match kind {
         _ if kind.is_file() => return None,
@@ -150,7 +148,7 @@ mod tests {
         {
             let fifo = folder.join("fifo");
             assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
-            // Without a writer: an ordinary open would wait for one for ever.
+            // No writer: an ordinary open would wait forever.
             assert!(wrong(&fifo).contains("a FIFO"));
             assert!(wrong(Path::new("/dev/zero")).contains("a character device"));
             let socket = folder.join("socket");
@@ -174,7 +172,7 @@ mod tests {
         let file = folder.join("модель.safetensors");
         std::fs::write(&file, "text").unwrap();
         assert_eq!(read(&file).unwrap(), b"text");
-        // The same by the name that has no limit.
+        // The same file by its extended-length path.
         assert_eq!(read(Path::new(&format!(r"\\?\{}", file.display()))).unwrap(), b"text");
         std::fs::remove_dir_all(&base).unwrap();
     }

@@ -1,12 +1,10 @@
-//! What each stage of a chunk must do at least, and how long this processor takes for it at its
-//! measured peaks.
+//! Floor of each stage of a chunk: its least work, and the time of that at the processor's measured peaks.
 //!
-//! A floor is the greater of two times: the bytes that must be read (weights, keys and values),
-//! over the bandwidth, that of a cache for weights that are read again and again; and the
-//! multiply-adds of the products, over the peak of the back-end's instructions. Norms, activations,
-//! drawing, quantising and moving data count nothing, and every token is taken to choose the same
-//! expert in the decoder: nothing can be faster, and what is as fast as its floor has nothing left
-//! to gain.
+//! A floor is the greater of two times. One is the bytes that must be read (weights, keys and values) over the
+//! bandwidth, a cache's for weights that are read repeatedly. The other is the multiply-adds of the products over the
+//! peak of the back-end's instructions. Norms, activations, sampling, quantizing and copying count as nothing, and in
+//! the decoder all tokens are assumed to choose the same expert. So nothing can be faster than its floor, and code at
+//! its floor cannot be improved.
 
 use std::fmt;
 use std::ops::{Add, Mul};
@@ -21,16 +19,14 @@ use crate::lm::layout::window_tokens;
 use crate::part::Part;
 use crate::time::Instant;
 
-/// What one call must do at least.
+/// Least work of one call.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Floor {
-    /// Weights, keys and values that are read once.
+    /// Weights, keys and values that are read once, bytes.
     pub bytes: usize,
-    /// Weights that are read again, from a cache, since each time needs the result of the one
-    /// before.
+    /// Weights that are read repeatedly from a cache, because each use depends on the previous result.
     pub cache_bytes: usize,
-    /// Multiply-adds of products with int8 weights, and of attention: as fast as int8 products at
-    /// best.
+    /// Multiply-adds of products with int8 weights, and of attention: at best as fast as int8 products.
     pub macs: usize,
     /// Multiply-adds of products with float weights.
     pub float_macs: usize,
@@ -63,17 +59,17 @@ impl Mul<usize> for Floor {
 }
 
 impl Floor {
-    /// The same of so many times as many rows, which share what is read.
+    /// Work for `times` as many rows, which share what is read.
     #[must_use]
     pub fn rows(self, times: usize) -> Self {
         Self { macs: self.macs * times, float_macs: self.float_macs * times, ..self }
     }
 }
 
-/// How the weights of products are stored while they are computed with.
+/// Storage of weights during computation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stored {
-    /// Four bits, and eight for each 32 of them.
+    /// Four bits, and one eight-bit multiplier per 32 weights.
     Int4,
     /// One byte.
     Int8,
@@ -84,7 +80,7 @@ pub enum Stored {
 }
 
 impl Stored {
-    /// Bytes of so many weights.
+    /// Bytes of this number of weights.
     pub const fn bytes(self, weights: usize) -> usize {
         match self {
             Self::Int4 => weights / 2 + weights / 32,
@@ -94,12 +90,12 @@ impl Stored {
         }
     }
 
-    /// Whether activations are quantized too.
+    /// Whether activations are quantized, too.
     const fn is_quantized(self) -> bool {
         matches!(self, Self::Int4 | Self::Int8)
     }
 
-    /// The product of `rows` with so many weights.
+    /// Product of `rows` rows with this number of weights.
     fn product(self, rows: usize, weights: usize) -> Floor {
         let (bytes, macs) = (self.bytes(weights), rows * weights);
         if self.is_quantized() {
@@ -110,22 +106,22 @@ impl Stored {
     }
 }
 
-/// The floors of a chunk's stages, named as `StageTimes` names their times.
+/// Floors of a chunk's stages, named like the times in `StageTimes`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stages {
     /// Audio tokenizer.
     pub tokenizer: Floor,
-    /// Attention of the encoder, with its projections.
+    /// Attention of the encoder, including its projections.
     pub encoder_attention: Floor,
     /// Experts of the encoder.
     pub encoder_experts: Floor,
-    /// Keys and values of the encoder's states: one product of many rows, before the first step.
+    /// Keys and values of the encoder's states: one product of many rows, before the first decoder step.
     pub cross: Floor,
-    /// Both attentions of the decoder, with their other projections, and the heads.
+    /// Both attentions of the decoder, including their other projections, and the heads.
     pub decoder_attention: Floor,
     /// Experts of the decoder.
     pub decoder_experts: Floor,
-    /// Depth network, in layout `frames`: its layers are read for every code, from a cache.
+    /// Depth network, in layout `frames`: its layers are read from a cache for every code.
     pub depth: Floor,
     /// Interpolation network.
     pub interp: Floor,
@@ -134,13 +130,12 @@ pub struct Stages {
 }
 
 impl Stages {
-    /// Of a chunk of one avatar that speaks, `target` keyframes.
+    /// Floors of a chunk of `target` keyframes, for one speaking avatar.
     pub fn of(config: &Config, stored: Stored, target: usize) -> Self {
         let tokens = encoder_tokens(config, target);
         let steps = if config.is_frames() { target } else { 4 * target };
         let (encoder_attention, encoder_experts) = encoder(config, stored, tokens);
-        // Two ids start a chunk, two markers come between parts, and the last code is not decoded
-        // any more. A keyframe is one row.
+        // Two ids start a chunk, two markers separate parts, and the last code is not decoded. A keyframe is one row.
         let rows = if config.is_frames() { steps } else { steps + 7 };
         let (attention, experts) = step(config, stored, tokens);
         let more_rows = |floor: Floor| Floor {
@@ -162,7 +157,7 @@ impl Stages {
     }
 }
 
-/// Tokens that the encoder reads of an avatar that speaks.
+/// Encoder tokens of a speaking avatar.
 pub fn encoder_tokens(config: &Config, target: usize) -> usize {
     let items = config.templates.get("audio_to_motion").map_or(&[][..], Vec::as_slice);
     let len = |item: &TemplateItem| match item {
@@ -185,7 +180,7 @@ fn expert(config: &Config) -> usize {
     3 * config.lm.d_model * config.lm.d_ff
 }
 
-/// The encoder's attention and its experts, for `tokens`, among which every expert is chosen.
+/// The encoder's attention and experts for `tokens` tokens, which choose every expert between them.
 pub fn encoder(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
     let lm = &config.lm;
     let pairs = Floor { macs: 2 * tokens * tokens * lm.num_heads * lm.d_kv, ..Floor::default() };
@@ -194,26 +189,24 @@ pub fn encoder(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor)
     ((stored.product(tokens, projections(config)) + pairs) * lm.num_layers, experts * lm.num_layers)
 }
 
-/// The keys and values that the decoder takes from the encoder's states.
+/// The decoder's keys and values of the encoder's states.
 pub fn cross(config: &Config, stored: Stored, tokens: usize) -> Floor {
     stored.product(tokens, projections(config) / 2) * config.lm.num_decoder_layers
 }
 
-/// The decoder's attention and its experts in a step of one row; keys and values of the encoder's
-/// states are read as bfloat16 by int8 models and as f32 by others, the few of the decoder's own
-/// rows are not counted.
+/// The decoder's attention and experts in a step of one row. Keys and values of the encoder's states are read as
+/// bfloat16 by int8 models and as f32 by others; the few of the decoder's own rows are not counted.
 pub fn step(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
     let lm = &config.lm;
     let cached = 2 * tokens * lm.num_heads * lm.d_kv;
     let bytes = if stored.is_quantized() { 2 } else { 4 };
     let cached = Floor { bytes: bytes * cached, macs: cached, ..Floor::default() };
-    // Own queries, keys, values and outputs; queries and outputs of the cross-attention.
+    // Queries, keys, values and outputs of self-attention; queries and outputs of cross-attention.
     let attention = stored.product(1, projections(config) / 2 * 3) + cached;
     (attention * lm.num_decoder_layers, stored.product(1, lm.top_k * expert(config)) * lm.num_decoder_layers)
 }
 
-/// The depth network of every keyframe of a chunk: each code goes through all layers and its head,
-/// and needs the code before it.
+/// The depth network for all keyframes of a chunk: each code passes all layers and its head, after the previous code.
 pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     let Some(sizes) = &config.depth else { return Floor::default() };
     let (d, codes) = (sizes.d_model, config.codes_per_keyframe());
@@ -226,13 +219,13 @@ pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     Floor { cache_bytes: (target * codes - 1) * each, ..layers + rest }
 }
 
-/// Bytes of the depth network's layers, 0 where there is none.
+/// Bytes of the depth network's layers, 0 if there is none.
 pub fn depth_layers(config: &Config, stored: Stored) -> usize {
     let Some(sizes) = &config.depth else { return 0 };
     sizes.num_layers * stored.bytes(4 * sizes.d_model.pow(2) + 3 * sizes.d_model * sizes.d_ff)
 }
 
-/// The scores of one part's codes, whose weights are brain floats always; none in layout `frames`.
+/// Output head of one part's codes, whose weights are always bfloat16; zero in layout `frames`.
 pub fn head(config: &Config) -> Floor {
     if config.is_frames() {
         return Floor::default();
@@ -240,15 +233,15 @@ pub fn head(config: &Config) -> Floor {
     Stored::Bf16.product(1, config.part_codes() * config.lm.d_model)
 }
 
-/// Encoding `tokens` and generating `codes` in as many steps: the encoder, keys and values of its
-/// states, and the steps, each of which begins when the one before has ended.
+/// Encoding `tokens` tokens and generating `codes` codes in as many steps: the encoder, keys and values of its
+/// states, and the steps, which are sequential.
 pub fn chunk(config: &Config, stored: Stored, tokens: usize, codes: usize) -> [Floor; 3] {
     let (encoder, step) = (encoder(config, stored, tokens), step(config, stored, tokens));
     [encoder.0 + encoder.1, cross(config, stored, tokens), (step.0 + step.1 + head(config)) * codes]
 }
 
-/// HuBERT on `samples`, its transformer over `window` features; all of it at the speed of the
-/// products, which its convolutions do not have to have.
+/// HuBERT on `samples` samples, its transformer over `window` features; all at the speed of products, although its
+/// convolutions may be slower.
 pub fn hubert(config: &Config, stored: Stored, samples: usize, window: Option<usize>) -> Floor {
     let Some(h) = &config.audio.hubert else { return Floor::default() };
     let (mut rows, mut channels, mut all) = (samples, 1, Floor::default());
@@ -265,8 +258,7 @@ pub fn hubert(config: &Config, stored: Stored, samples: usize, window: Option<us
     all + (stored.product(rows, 4 * d * d + 2 * d * h.intermediate_size) + pairs) * h.num_hidden_layers
 }
 
-/// The audio of a chunk: HuBERT, or mel bands without the Fourier transform; and the nearest
-/// centroids.
+/// Audio tokenizer for a chunk: HuBERT, or mel bands without the Fourier transform; then the nearest centroids.
 fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
     let new = target * config.tokens_per_keyframe();
     let window = window_tokens(config, target);
@@ -282,8 +274,7 @@ fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
     Stored::F32.product(new, mel.bands * (mel.fft / 2 + 1) + network + config.audio.units * mel.width())
 }
 
-/// The interpolation network: over time for the whole window, over parts and to codes for the
-/// frames that are filled.
+/// Interpolation network: over time for the whole window; over parts, and output codes, for the filled frames.
 fn interp(config: &Config, stored: Stored, target: usize) -> Floor {
     let (sizes, stride) = (&config.interp, config.keyframe_stride);
     let frames = (config.prefix + target - 1) * stride + 1;
@@ -301,19 +292,17 @@ fn interp(config: &Config, stored: Stored, target: usize) -> Floor {
     layer(frames, frames) * sizes.temporal_layers + layer(new * parts, parts) * sizes.part_layers + heads
 }
 
-/// Weights of a stack that encodes: per layer a convolution over three frames and a residual block
-/// of two.
+/// Weights of an encoder stack: per layer a convolution over three frames and a residual block of two.
 fn encoder_stack(codec: Codec, width: usize) -> usize {
     3 * width * (codec.channels + (codec.layers - 1) * width + 2 * codec.layers * width)
 }
 
-/// Weights of a stack that decodes: two residual blocks, convolutions of which the last widens, and
-/// one more.
+/// Weights of a decoder stack: two residual blocks, convolutions of which the last widens, and one more.
 fn decoder_stack(codec: Codec, width: usize) -> usize {
     3 * (width * ((4 + codec.layers - 1) * width + codec.channels) + codec.channels * codec.channels)
 }
 
-/// The motion decoders: the new frames, and those before whose future has become known.
+/// Motion decoders: for the new frames, and for earlier ones whose future has become known.
 fn motion(config: &Config, stored: Stored, target: usize) -> Floor {
     let (vq, new) = (&config.vq, target * config.keyframe_stride);
     let list = config.part_list();
@@ -327,26 +316,26 @@ fn motion(config: &Config, stored: Stored, target: usize) -> Floor {
     parts.fold(root, Add::add)
 }
 
-/// What the processor can do with some threads.
+/// Measured peaks of the processor with some number of threads.
 #[derive(Clone, Copy, Debug)]
 pub struct Machine {
-    /// Threads that computed and read together.
+    /// Number of threads.
     pub threads: usize,
     /// Bytes read per second.
     pub bytes_per_second: f64,
-    /// The same from a cache; none where it was not measured.
+    /// Bytes read per second from a cache; `None` if not measured.
     pub cache_per_second: Option<f64>,
-    /// Int8 multiply-adds per second, where the back-end has instructions for them.
+    /// Int8 multiply-adds per second, if the back-end has instructions for them.
     pub int8_per_second: Option<f64>,
-    /// Single-precision multiply-adds per second, likewise.
+    /// Single-precision multiply-adds per second, if the back-end has instructions for them.
     pub f32_per_second: Option<f64>,
     isa: Isa,
 }
 
 impl Machine {
-    /// Measures, in a few tenths of a second, with so many threads. Reading is measured over
-    /// `bytes` of memory, as much as the weights take: small ones are read from the processor's
-    /// caches. `cache_bytes` are what each thread reads again and again, 0 for nothing.
+    /// Measures with this number of threads, in a few tenths of a second. Reads `bytes` of memory, the size of the
+    /// weights: small weights are read from caches. `cache_bytes` is what each thread reads repeatedly, 0 to skip
+    /// that.
     pub fn measure(threads: usize, isa: Isa, bytes: usize, cache_bytes: usize) -> Self {
         Self {
             threads,
@@ -358,8 +347,8 @@ impl Machine {
         }
     }
 
-    /// The better of two measurements with as many threads: on a shared machine peaks move, and
-    /// floors are below all of them.
+    /// The better of two measurements with the same number of threads: peaks vary on a shared machine, and floors
+    /// must be below all of them.
     #[must_use]
     pub fn best(self, other: Self) -> Self {
         let better = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
@@ -372,12 +361,12 @@ impl Machine {
         }
     }
 
-    /// What each of `floors` takes, one after the other.
+    /// Time of `floors` one after another.
     pub fn time_in_turn(&self, floors: &[Floor]) -> Duration {
         floors.iter().map(|floor| self.time(floor)).sum()
     }
 
-    /// The greater of reading and multiplying.
+    /// Time of a floor: the greater of reading and multiplying.
     pub fn time(&self, floor: &Floor) -> Duration {
         let at = |count: usize, peak: Option<f64>| peak.map_or(0.0, |peak| count as f64 / peak);
         let reading = floor.bytes as f64 / self.bytes_per_second + at(floor.cache_bytes, self.cache_per_second);
@@ -406,31 +395,29 @@ impl fmt::Display for Machine {
     }
 }
 
-/// Int8 multiply-adds per second of `threads` threads, where the back-end has instructions for
-/// them.
+/// Int8 multiply-adds per second of `threads` threads; `None` if the back-end has no instructions for them.
 pub fn int8(threads: usize, isa: Isa) -> Option<f64> {
-    // Some hundred microseconds, whatever the back-end does in a round.
+    // Some hundred microseconds, independent of the work in one round.
     let rounds = 300_000_000 / peak::int8(isa, 1)?;
     Some(best(threads, |_| peak::int8(isa, rounds).unwrap_or(0)))
 }
 
-/// Single-precision multiply-adds per second of `threads` threads, where the back-end has
-/// instructions for them.
+/// Single-precision multiply-adds per second of `threads` threads; `None` if the back-end has no instructions for
+/// them.
 pub fn f32(threads: usize, isa: Isa) -> Option<f64> {
     let rounds = 100_000_000 / peak::f32(isa, 1)?;
     Some(best(threads, |_| peak::f32(isa, rounds).unwrap_or(0)))
 }
 
-/// Bytes per second that `threads` threads read together from `bytes` of memory in huge pages, in
-/// whichever order is faster.
+/// Bytes per second that `threads` threads together read from `bytes` of memory in huge pages, in the faster order.
 pub fn read(threads: usize, isa: Isa, bytes: usize) -> f64 {
     faster_order(threads, isa, bytes).1
 }
 
-/// The order in which `threads` threads together read `bytes` of memory in huge pages faster, and
-/// how many per second.
+/// The order in which `threads` threads together read `bytes` of memory in huge pages faster, and the bytes per
+/// second.
 pub fn faster_order(threads: usize, isa: Isa, bytes: usize) -> (peak::Order, f64) {
-    /// Less would be read within the time that starting together takes.
+    /// Smaller sizes would be read within the time that the common start takes.
     const MIN_BYTES: usize = 64 << 20;
     let mut memory = AlignedBox::<i8>::zeroed(bytes);
     memory.fill(1);
@@ -445,15 +432,14 @@ pub fn faster_order(threads: usize, isa: Isa, bytes: usize) -> (peak::Order, f64
     if speeds[0] > speeds[1] { (streams, speeds[0]) } else { (whole, speeds[1]) }
 }
 
-/// The best of many rounds: work that all threads together have done per second, from the first
-/// start to the last end. A thread that works while others do not has their share of the memory
-/// too.
+/// Best of many rounds: work per second of all threads together, from the first start to the last end. A thread that
+/// runs while others do not also has their share of the memory bandwidth.
 fn best(threads: usize, work: impl Fn(usize) -> usize + Sync) -> f64 {
     let round = || {
         let ready = AtomicUsize::new(0);
         let (work, ready) = (&work, &ready);
         let run = move |thread: usize| {
-            // Waking takes as long as some of the work, so nobody sleeps.
+            // Waking takes as long as part of the work, so threads spin.
             ready.fetch_add(1, Ordering::Relaxed);
             while ready.load(Ordering::Relaxed) < threads {
                 std::thread::yield_now();
@@ -492,7 +478,7 @@ mod tests {
         assert_eq!(seconds(50, 0, 100, 20), 5.0);
         assert_eq!(seconds(10, 0, 300, 20), 4.0);
         assert_eq!(seconds(10, 120, 300, 0), 4.0);
-        // Reading does not go on while something else waits for its end.
+        // Sequential floors do not overlap.
         let floors = [(50, 100), (10, 300)].map(|(bytes, macs)| Floor { bytes, macs, ..Floor::default() });
         assert_eq!(machine.time_in_turn(&floors).as_secs_f64(), 8.0);
         let blind = Machine { int8_per_second: None, f32_per_second: None, ..machine };
@@ -510,7 +496,7 @@ mod tests {
                 assert_eq!(peak.is_none(), isa == Isa::SCALAR, "{machine}");
                 assert!(peak.is_none_or(|peak| peak.is_finite() && peak > 0.0), "{machine}");
             }
-            // What is counted, apart from the time that it takes: as much again in each round.
+            // The returned count is proportional to the rounds, whatever their duration.
             for count in [peak::int8, peak::f32] {
                 let one = count(isa, 1);
                 assert_eq!(count(isa, 7), one.map(|one| 7 * one), "{}", isa.name());

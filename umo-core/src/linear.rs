@@ -1,4 +1,4 @@
-//! A product with packed weights at the precision that the model was loaded at.
+//! A product with packed weights, at the precision that the model was loaded with.
 
 mod input;
 
@@ -20,19 +20,18 @@ use crate::error::StepError;
 use crate::team::Team;
 pub use input::{Bf16Values, Columns, QuantScratch, Quantized, Ready};
 
-/// How products are computed.
+/// Precision of products.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Precision {
-    /// Weights as the file has them, f32 activations and sums.
+    /// Weights as stored in the file, f32 activations and sums.
     F32,
     /// Weights rounded to bfloat16, f32 sums, and activations with at least 16 bits of f32's 24.
     Bf16,
     /// Int8 weights per output row, activations quantized per row, int32 sums.
     Int8,
-    /// Each product as the file has its weights: as [`Precision::Int8`] where they are int8 or int4, as
-    /// [`Precision::Bf16`] where they are BF16, otherwise as [`Precision::F32`]. Around int8
-    /// products less may do.
+    /// Each product as its weights are stored: int8 and int4 as [`Precision::Int8`], BF16 as [`Precision::Bf16`], all
+    /// others as [`Precision::F32`]. Among int8 products, float activations may be rounded to bf16.
     Stored,
 }
 
@@ -48,7 +47,7 @@ impl Precision {
     }
 }
 
-/// What every network computes with: the processor and the threads.
+/// Back-end and threads, passed to every network.
 #[derive(Clone, Copy, Debug)]
 pub struct Compute<'a> {
     /// Back-end of every kernel.
@@ -66,18 +65,18 @@ pub enum Weight {
     Bf16(AlignedBox<Bf16>),
     /// int8 panels of quads.
     I8 {
-        /// Packed steps.
+        /// Packed quantized values.
         steps: AlignedBox<i8>,
-        /// Real value of one step, per output.
+        /// Scale of the quantized values, per output.
         scale: Box<[f32]>,
-        /// Sum of the steps, per output.
+        /// Sum of the quantized values, per output.
         sum: Box<[i32]>,
     },
     /// int4 panels of blocks, with the multipliers of their groups.
     I4 {
         /// Packed codes.
         codes: AlignedBox<u8>,
-        /// Real value of one unit, per output.
+        /// Scale of the codes, per output.
         scale: Box<[f32]>,
     },
 }
@@ -90,19 +89,19 @@ pub struct Linear {
     outputs: usize,
     inputs: usize,
     activations: Activations,
-    /// Where its inputs are recorded, if a calibration wants them.
+    /// Recorder of its inputs, for calibration.
     #[cfg(feature = "internals")]
     recorded: Option<Arc<Gram>>,
 }
 
-/// What products of bf16 take of float activations; those of f32 take all.
+/// Bits of float activations that bf16 products use; f32 products use all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Activations {
-    /// All bits, so that none is used.
+    /// All bits: bf16 products are not used.
     Exact,
-    /// A high and a low part: tiles alone are fast enough for both.
+    /// A high and a low part: only tiles are fast enough for both.
     Split,
-    /// Their bf16.
+    /// Rounded to bf16.
     Rounded,
 }
 
@@ -120,15 +119,15 @@ impl Linear {
         }
     }
 
-    /// The same with its inputs recorded where they are floats.
+    /// Records its float inputs.
     #[cfg(feature = "internals")]
     #[must_use]
     pub(crate) fn recorded(self, recorded: Option<Arc<Gram>>) -> Self {
         Self { recorded, ..self }
     }
 
-    /// Records the rows of a product with the outputs `range`: of those that threads share, the first is
-    /// enough.
+    /// Records the rows of a product of the outputs `range`. If threads share a product, the one with the first
+    /// output records it.
     #[cfg(feature = "internals")]
     fn record(&self, x: Ready, index: Option<&[u32]>, range: &Range<usize>) -> Result<(), StepError> {
         match (&self.recorded, x) {
@@ -137,26 +136,26 @@ impl Linear {
         }
     }
 
-    /// Nothing is recorded without `internals`.
+    /// Does nothing without `internals`.
     #[cfg(not(feature = "internals"))]
     fn record(&self, _: Ready, _: Option<&[u32]>, _: &Range<usize>) -> Result<(), StepError> {
         Ok(())
     }
 
-    /// The same with a bias `[outputs]`.
+    /// Adds a bias `[outputs]`.
     #[must_use]
     pub fn with_bias(self, bias: Box<[f32]>) -> Self {
         Self { bias: Some(bias), ..self }
     }
 
-    /// The same with all bits of float activations.
+    /// Uses all bits of float activations.
     #[must_use]
     pub fn exact(self) -> Self {
         Self { activations: Activations::Exact, ..self }
     }
 
-    /// The same with float activations rounded to bf16 where the back-end multiplies them, unless
-    /// it is exact: for networks whose other products are int8, which leaves no more digits.
+    /// Rounds float activations to bf16 if the back-end multiplies bf16, unless [`Self::exact`] was set. For networks
+    /// whose other products are int8, which are no more precise.
     #[must_use]
     pub fn rounded(self) -> Self {
         match self.activations {
@@ -169,22 +168,22 @@ impl Linear {
         if self.activations == Activations::Exact { isa.without_tiles() } else { isa }
     }
 
-    /// Outputs.
+    /// Number of outputs.
     pub fn outputs(&self) -> usize {
         self.outputs
     }
 
-    /// Inputs.
+    /// Number of inputs.
     pub fn inputs(&self) -> usize {
         self.inputs
     }
 
-    /// Whether activations are quantized for it.
+    /// Whether its activations are quantized.
     pub fn is_quantized(&self) -> bool {
         matches!(self.weight, Weight::I8 { .. } | Weight::I4 { .. })
     }
 
-    /// What a product with few rows reads first for the outputs `range`: eight panels.
+    /// Prefetch hint for a product of few rows with the outputs `range`: its first eight panels.
     pub fn ahead(&self, range: Range<usize>) -> PrefetchHint<'_> {
         fn of<T>(data: &[T], outputs: usize, range: Range<usize>) -> PrefetchHint<'_> {
             let first = first_panels(data, outputs, range, PANELS_AHEAD);
@@ -199,7 +198,7 @@ impl Linear {
         }
     }
 
-    /// The same of a gated product: as many panels of both together.
+    /// Prefetch hint for a gated product: the same number of panels, from both weights together.
     fn ahead_gated<'a>(&'a self, up: &'a Self, range: Range<usize>) -> PrefetchHint<'a> {
         fn of<'a, T>(gate: &'a [T], up: &'a [T], outputs: usize, range: Range<usize>) -> PrefetchHint<'a> {
             let first = |data| first_panels(data, outputs, range.clone(), PANELS_AHEAD / 2);
@@ -214,19 +213,17 @@ impl Linear {
         }
     }
 
-    /// Hints that the gated product with all outputs follows the next job, so that idle threads
-    /// prefetch it.
+    /// Announces that the gated product with all outputs follows the next job, so that idle threads prefetch it.
     pub fn expect_gated(&self, up: &Self, cx: Compute) {
         cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range).tuned_for(cx.isa));
     }
 
-    /// Hints that the product with all outputs follows the next job, so that idle threads prefetch
-    /// it.
+    /// Announces that the product with all outputs follows the next job, so that idle threads prefetch it.
     pub fn expect(&self, cx: Compute) {
         cx.team.expect(self.outputs, PANEL, |range| self.ahead(range).tuned_for(cx.isa));
     }
 
-    /// Bytes that one product reads.
+    /// Bytes of weights that one product reads.
     pub fn bytes(&self) -> usize {
         match &self.weight {
             Weight::F32(data) => size_of_val(&**data),
@@ -241,7 +238,7 @@ impl Linear {
     /// Shapes: `x [rows, inputs]`, `y [rows, outputs]`.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn forward(
         &self,
         cx: Compute,
@@ -253,11 +250,11 @@ impl Linear {
         self.forward_outputs(cx, quant, x, 0..self.outputs, end, y)
     }
 
-    /// The outputs `range` alone, which starts at a multiple of [`PANEL`]: as the rows of one part
-    /// in the output head.
+    /// Computes the outputs `range` only, which starts at a multiple of [`PANEL`]: for example one part's rows of the
+    /// output head.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn forward_outputs(
         &self,
         cx: Compute,
@@ -290,7 +287,7 @@ impl Linear {
         self.apply(cx, input, None, range, end, y)
     }
 
-    /// Parts of a value that products of bf16 take, 0 where there are none or they do not serve.
+    /// Number of bf16 parts that each activation is converted to; 0 if it stays a float.
     pub fn parts(&self, isa: Isa) -> usize {
         match (self.activations, &self.weight) {
             (Activations::Split, Weight::Bf16(_)) if isa.has_tiles() => 2,
@@ -299,9 +296,9 @@ impl Linear {
         }
     }
 
-    /// Whether `rows` rows, of `values` values in all, are made bf16 before the product: always
-    /// where that rounds them, so that a row is the same among others; where it cuts them in two,
-    /// only for many rows, since few would gain nothing.
+    /// Whether `rows` rows, `values` values in all, are converted to bf16 before the product. Always if they are
+    /// rounded, so that a row's result does not depend on the other rows. If they are split, only for many rows: few
+    /// would gain nothing.
     fn goes_as_bf16(&self, isa: Isa, rows: usize, values: usize, quant: &QuantScratch) -> bool {
         match self.parts(isa) {
             0 => false,
@@ -310,10 +307,10 @@ impl Linear {
         }
     }
 
-    /// Values as products of bf16 take them, once for all threads and all rows that share a value.
+    /// Converts activations for bf16 products, once for all threads and all rows that share a value.
     ///
     /// # Errors
-    /// [`StepError`] where `quant` has no room for them.
+    /// [`StepError`] if `quant` has no room for them.
     pub fn to_bf16<'a>(
         &self,
         cx: Compute,
@@ -323,10 +320,10 @@ impl Linear {
         if self.parts(cx.isa) == 1 { quant.round(cx, values) } else { quant.split(cx, values) }
     }
 
-    /// The product of rows that are bf16 already, on this thread alone.
+    /// Multiplies rows that are bf16 already, on this thread only.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees, or the weights are no bf16.
+    /// [`StepError`] if a length disagrees, or the weights are not bf16.
     pub fn apply_bf16(
         &self,
         cx: Compute,
@@ -339,10 +336,10 @@ impl Linear {
         Ok(matmul_bf16_rows(cx.isa, x, self.bf16(range)?, end, y)?)
     }
 
-    /// The product of input that is ready, over the rows that `index` names (or all).
+    /// Multiplies prepared input, over the rows in `index` (or all).
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn apply(
         &self,
         cx: Compute,
@@ -359,10 +356,10 @@ impl Linear {
         })
     }
 
-    /// The same for the outputs `range` on this thread alone; `end.bias` is set by this call.
+    /// Computes the outputs `range` on this thread only; `end.bias` is set by this call.
     ///
     /// # Errors
-    /// As [`Self::apply`].
+    /// As in [`Self::apply`].
     pub fn apply_here(
         &self,
         cx: Compute,
@@ -386,11 +383,10 @@ impl Linear {
         Ok(())
     }
 
-    /// The product of float rows with all outputs on the calling thread, which needs no team;
-    /// `end.bias` is set by this call.
+    /// Multiplies float rows by all weights on the calling thread, without a team; `end.bias` is set by this call.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees, or the weights are quantized.
+    /// [`StepError`] if a length disagrees, or the weights are quantized.
     pub(crate) fn apply_alone(&self, isa: Isa, x: Mat<f32>, end: Epilogue, y: MatMut<f32>) -> Result<(), StepError> {
         let (x, all, end) = (Input::all(x), 0..self.outputs, Epilogue { bias: self.bias.as_deref(), ..end });
         match &self.weight {
@@ -401,11 +397,11 @@ impl Linear {
         Ok(())
     }
 
-    /// `y = gelu_tanh(x . self^T) * (x . up^T)` for the outputs `range`, over the rows that `index`
-    /// names (or all), on this thread alone.
+    /// `y = gelu_tanh(x . self^T) * (x . up^T)` for the outputs `range`, over the rows in `index` (or all), on this
+    /// thread only.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees.
+    /// [`StepError`] if a length disagrees.
     pub fn apply_gated_here(
         &self,
         up: &Self,
@@ -436,11 +432,11 @@ impl Linear {
         Ok(())
     }
 
-    /// Makes `x` ready for this product and all others of the same precision: quantises it where
-    /// they are quantized.
+    /// Prepares `x` for this product and others of the same precision: quantizes it if their activations are
+    /// quantized.
     ///
     /// # Errors
-    /// [`StepError`] where `quant` is too small.
+    /// [`StepError`] if `quant` is too small.
     pub fn input<'a>(&self, cx: Compute, quant: &'a mut QuantScratch, x: Mat<'a, f32>) -> Result<Ready<'a>, StepError> {
         if self.is_quantized() { quant.quantize(cx, x) } else { Ok(Ready::Float(x)) }
     }
@@ -466,22 +462,22 @@ impl Linear {
     }
 }
 
-/// Panels that a product with few rows reads beside each other.
+/// Panels prefetched for a product of few rows, which reads them side by side.
 const PANELS_AHEAD: usize = 8;
 
-/// The first `most` panels of the outputs `range`.
+/// The first panels of the outputs `range`, at most `most`.
 fn first_panels<T>(data: &[T], outputs: usize, range: Range<usize>, most: usize) -> &[T] {
     let panel = data.len() / outputs.div_ceil(PANEL).max(1);
     let all = &data[range.start / PANEL * panel..range.end.div_ceil(PANEL) * panel];
     &all[..all.len().min(most * panel)]
 }
 
-/// Weights of one precision and input of another: a defect of this library.
+/// Weights of one precision with input of another: a defect of this library.
 const MISMATCH: StepError = StepError::Disagree("weights and input of different precisions");
 
-/// Whether threads share the rows of a product, not its outputs, as suits HuBERT's convolutions:
-/// with half as many rows as outputs or more, a thread had better read all weights than rows that
-/// another has computed. Tiles were measured with outputs shared.
+/// Whether threads share a product's rows and not its outputs. That suits HuBERT's convolutions: with at least half
+/// as many rows as outputs, it is cheaper for each thread to read all weights than rows that another thread computed.
+/// Tiles were measured with outputs shared.
 fn shares_rows(cx: Compute, rows: usize, outputs: usize, end: Epilogue) -> bool {
     2 * rows > outputs && end.scatter.is_none() && !cx.isa.has_tiles()
 }

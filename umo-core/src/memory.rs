@@ -1,14 +1,12 @@
-//! Memory that may not be there: what a model file or a configuration can make large is allocated
-//! fallibly.
+//! Fallible allocation, for everything whose size a model file or a configuration determines.
 //!
-//! The standard library aborts the process where it gets no memory. So what grows with the sizes in
-//! a file or a configuration is allocated here: [`filled`] and [`with_capacity`] unwind to the
-//! [`catch`] around the call instead, which frees what was made so far and gives [`OutOfMemory`].
-//! They also leave [`SPARE`] bytes free, enough for the small pieces that the standard library and
-//! other crates allocate in between. Outside of [`catch`] they end the process, as the standard
-//! library does.
+//! The standard library aborts the process if an allocation fails. So data that grows with the sizes in a file or a
+//! configuration is allocated here: [`filled`] and [`with_capacity`] unwind to the enclosing [`catch`] instead, which
+//! frees everything made so far and returns [`OutOfMemory`]. They also leave [`SPARE`] bytes free, enough for the
+//! small allocations that the standard library and other crates make in between. Outside of [`catch`] they end the
+//! process, as the standard library does.
 //!
-//! What a session has comes out of one block, an [`Arena`]'s.
+//! All memory of a session comes from one block of an [`Arena`].
 
 mod arena;
 
@@ -23,20 +21,19 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub use arena::{Arena, BlockError, Boxed, Counted, HostMemory, Slice};
 
-/// Bytes that are free after each large piece, for the small ones before the next. More than they
-/// take: glibc's allocator asks the system for at least a megabyte where its heap cannot grow in
-/// place.
+/// Bytes left free after each large allocation, for the small ones before the next. More than those take: glibc's
+/// allocator asks the system for at least a megabyte if its heap cannot grow in place.
 pub const SPARE: usize = (1 << 20) + (128 << 10);
-/// Bytes that a new thread needs while it starts: the standard library's stack, and what else the
-/// system sets up, without which it ends the process.
+/// Bytes that starting a thread needs: the standard library's stack and the system's own structures. Without them the
+/// system ends the process.
 pub const THREAD: usize = 3 << 20;
-/// A large piece, in bytes: after these, that [`SPARE`] is left is looked at.
+/// Size in bytes from which an allocation is large: after it, [`SPARE`] is checked.
 const LARGE: usize = 4 << 10;
 
-/// The system or the host has no memory for a piece of this size.
+/// The system or the host could not allocate memory of this size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfMemory {
-    /// Bytes that were asked for.
+    /// Bytes requested.
     pub bytes: usize,
 }
 
@@ -48,30 +45,31 @@ impl fmt::Display for OutOfMemory {
 
 impl std::error::Error for OutOfMemory {}
 
-/// What unwinding allocates comes out of these bytes, which [`refuse`] frees.
+/// Size of the reserve that [`refuse`] frees, so that unwinding can allocate.
 const RESERVED: usize = 32 << 10;
 
 thread_local! {
-    /// The reserve of the innermost [`catch`] that the thread is in. Not dropped with the thread, for which the
-    /// standard library would have to allocate: [`catch`] takes it back.
+    /// The reserve of the thread's innermost [`catch`]. `ManuallyDrop`, because a thread-local destructor would make
+    /// the standard library allocate: [`catch`] takes the reserve back.
     static RESERVE: Cell<Option<ManuallyDrop<Vec<u8>>>> = const { Cell::new(None) };
 }
 
-/// Pieces so far that the system refused and the reserve of the process's allocator gave, and the bytes of the last.
+/// Number of allocations that the system refused and the process's allocator served from its reserve; size of the
+/// last.
 static RESCUED: AtomicUsize = AtomicUsize::new(0);
 static LAST_RESCUED: AtomicUsize = AtomicUsize::new(0);
 
-/// Says that the process's allocator has given a piece out of a reserve of its own, which the system refused.
+/// Reports that the process's allocator served an allocation from its reserve because the system refused it.
 pub fn rescued(bytes: usize) {
     LAST_RESCUED.store(bytes, Ordering::Relaxed);
     RESCUED.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Runs `make`, whose result counts only where the system refused no piece meanwhile, on any thread: where the
-/// process's allocator has a reserve ([`rescued`]), work goes on to the end of this.
+/// Runs `make`, whose result counts only if the system refused no allocation meanwhile, on any thread. An allocator
+/// with a reserve ([`rescued`]) lets `make` run to its end.
 ///
 /// # Errors
-/// [`OutOfMemory`] where the reserve gave a piece.
+/// [`OutOfMemory`] if the reserve served an allocation.
 pub fn watch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
     let before = RESCUED.load(Ordering::Relaxed);
     let made = make();
@@ -81,13 +79,13 @@ pub fn watch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
     Err(OutOfMemory { bytes: LAST_RESCUED.load(Ordering::Relaxed) })
 }
 
-/// Runs `make`, and gives a piece of memory that it did not get as a value; panics go on.
+/// Runs `make` and returns a failed allocation as an error; other panics propagate.
 ///
-/// Calls may be nested. Work that `make` hands to other threads needs a call of its own on each: [`refuse`] ends the
-/// process on a thread that is in none.
+/// Calls may be nested. Work that `make` hands to other threads needs a call on each of them: outside of a `catch`,
+/// [`refuse`] ends the process.
 ///
 /// # Errors
-/// [`OutOfMemory`] where a function of this module got no memory on this thread, and as [`watch`].
+/// [`OutOfMemory`] if a function of this module could not allocate on this thread, or as in [`watch`].
 pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
     let mut reserve = Vec::new();
     reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
@@ -100,7 +98,7 @@ pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
     })
 }
 
-/// Unwinds to [`catch`]. Prints nothing. Ends the process where the thread is in no [`catch`].
+/// Unwinds to [`catch`], without printing. Outside of a [`catch`], ends the process.
 pub fn refuse(bytes: usize) -> ! {
     match RESERVE.take() {
         Some(reserve) => drop(ManuallyDrop::into_inner(reserve)),
@@ -109,30 +107,30 @@ pub fn refuse(bytes: usize) -> ! {
     resume_unwind(Box::new(OutOfMemory { bytes }))
 }
 
-/// Whether `bytes` more can be allocated now; they are given back at once.
+/// Checks that `bytes` more can be allocated now, and frees them at once.
 ///
 /// # Errors
 /// [`OutOfMemory`].
 pub fn check(bytes: usize) -> Result<(), OutOfMemory> {
     let mut piece = Vec::<u8>::new();
     let is_there = has(|| piece.try_reserve_exact(bytes));
-    // Otherwise the compiler may leave the allocation out.
+    // Otherwise the compiler may remove the allocation.
     std::hint::black_box(&mut piece);
     if is_there { Ok(()) } else { Err(OutOfMemory { bytes }) }
 }
 
-/// Whether an allocation is made, and by the system: what can fail is not to use up a reserve.
+/// Whether the system itself can serve an allocation. Fallible allocations must not use up the reserve.
 fn has(allocate: impl FnOnce() -> Result<(), TryReserveError>) -> bool {
     watch(allocate).is_ok_and(|got| got.is_ok())
 }
 
-/// Whether [`SPARE`] is left for small pieces.
+/// Checks that [`SPARE`] bytes are left for small allocations.
 pub(crate) fn spare() -> Result<(), OutOfMemory> {
     check(SPARE)
 }
 
-/// Whether the system has [`THREAD`] bytes for one more thread. The allocator may have as many left in its
-/// heap, of which a thread's stack gets none: they are asked of the system, where it can be asked.
+/// Checks that the system has [`THREAD`] bytes for one more thread. Free memory in the allocator's heap does not
+/// count, because thread stacks do not come from it: the system is asked, if it can be.
 ///
 /// # Errors
 /// [`OutOfMemory`].
@@ -144,50 +142,50 @@ pub fn check_thread() -> Result<(), OutOfMemory> {
     check(THREAD)
 }
 
-/// That there is memory for one more thread.
+/// Requires memory for one more thread.
 ///
-/// Unwinds to [`catch`] where there is not.
+/// Unwinds to [`catch`] if there is too little.
 pub(crate) fn require_thread() {
     if check_thread().is_err() {
         refuse(THREAD);
     }
 }
 
-/// That `bytes` more can be allocated now, by code that would end the process otherwise.
+/// Requires that `bytes` more can be allocated now, by code that would otherwise end the process.
 ///
-/// Unwinds to [`catch`] where they cannot.
+/// Unwinds to [`catch`] if they cannot.
 pub fn require(bytes: usize) {
     if check(bytes).is_err() {
         refuse(bytes);
     }
 }
 
-/// An empty vector with room for `len` values.
+/// Returns an empty vector with room for `len` values.
 ///
-/// Unwinds to [`catch`] where there is no memory.
+/// Unwinds to [`catch`] if out of memory.
 pub fn with_capacity<T>(len: usize) -> Vec<T> {
     let bytes = len.saturating_mul(size_of::<T>());
     let mut values = Vec::new();
     if !has(|| values.try_reserve_exact(len)) || (bytes >= LARGE && spare().is_err()) {
-        // What is freed here is what unwinding needs.
+        // Unwinding needs the memory that is freed here.
         drop(values);
         refuse(bytes);
     }
     values
 }
 
-/// What `values` gives.
+/// Collects `values` into a vector.
 ///
-/// Unwinds to [`catch`] where there is no memory.
+/// Unwinds to [`catch`] if out of memory.
 pub fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Vec<T> {
     let mut all = with_capacity(values.len());
     all.extend(values);
     all
 }
 
-/// Adds `values` at the end of `all`.
+/// Appends `values` to `all`.
 ///
-/// Unwinds to [`catch`] where there is no memory.
+/// Unwinds to [`catch`] if out of memory.
 pub fn append<T: Copy>(all: &mut Vec<T>, values: &[T]) {
     if !has(|| all.try_reserve(values.len())) {
         refuse(size_of_val(values));
@@ -195,18 +193,18 @@ pub fn append<T: Copy>(all: &mut Vec<T>, values: &[T]) {
     all.extend_from_slice(values);
 }
 
-/// A copy of `values`.
+/// Returns a copy of `values`.
 ///
-/// Unwinds to [`catch`] where there is no memory.
+/// Unwinds to [`catch`] if out of memory.
 pub fn copied<T: Copy>(values: &[T]) -> Vec<T> {
     let mut copy = with_capacity(values.len());
     copy.extend_from_slice(values);
     copy
 }
 
-/// `len` copies of `value`.
+/// Returns `len` copies of `value`.
 ///
-/// Unwinds to [`catch`] where there is no memory.
+/// Unwinds to [`catch`] if out of memory.
 pub fn filled<T: Copy>(value: T, len: usize) -> Vec<T> {
     let mut values = with_capacity(len);
     values.resize(len, value);

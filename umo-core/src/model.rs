@@ -25,7 +25,7 @@ use crate::stream::OwnedFrame;
 use crate::team::Team;
 use crate::weights::{Loader, ModelFile};
 
-/// Every network of a model, packed for one processor at one precision.
+/// All networks of a model, packed for one instruction set at one precision.
 #[derive(Debug)]
 pub struct Model {
     pub(crate) config: Config,
@@ -36,48 +36,48 @@ pub struct Model {
     pub(crate) motion: MotionDecoder,
     pub(crate) mouth: Option<Mouth>,
     text: Option<TextTokenizer>,
-    /// Tells it from other models, and from itself at other precisions.
+    /// Identifies the model at its precision.
     pub(crate) fingerprint: u64,
 }
 
-/// What follows the language model, up to the frames between keyframes.
+/// The stages between the language model and the motion decoders.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "one per model")]
 pub(crate) enum Between {
-    /// Layout `parts`: codes of the frames between.
+    /// Layout `parts`: interpolates the codes of the frames between keyframes.
     Codes(Interp),
-    /// Layout `frames`: the codes of a keyframe, and vectors of the frames between.
+    /// Layout `frames`: samples the codes of a keyframe, and interpolates the vectors of the frames between.
     Vectors {
-        /// What says the codes.
+        /// Samples the codes.
         depth: Box<DepthNet>,
-        /// What fills the frames between.
+        /// Interpolates the vectors.
         interp: VectorInterp,
     },
 }
 
 impl Model {
-    /// Loads a model file at its stored precision for this processor: [`ModelFile::open`] and
-    /// [`Self::load`] in one.
+    /// Loads a model file at its stored precision for this processor: [`ModelFile::open`] and [`Self::load`] in one
+    /// call.
     ///
     /// # Errors
-    /// As those.
+    /// As in [`ModelFile::open`] and [`Self::load`].
     #[cfg(feature = "files")]
     pub fn open(path: &Path) -> Result<Self, LoadError> {
         Self::load(&ModelFile::open(path)?, Precision::Stored, Isa::detect())
     }
 
-    /// Loads and packs every tensor that the config asks for.
+    /// Loads and packs every tensor that the config requires.
     ///
     /// # Errors
-    /// [`LoadError`] naming the tensor or key, or where there is too little memory.
+    /// [`LoadError`] naming the tensor or key, or [`LoadError::Memory`] if out of memory.
     pub fn load(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Self, LoadError> {
         memory::catch(|| Self::load_all(file, precision, || Loader::new(file, precision, isa)))?
     }
 
-    /// The same in f32, with the inputs of products recorded in `calibration`.
+    /// Loads a model in f32, and records the inputs of products in `calibration`.
     ///
     /// # Errors
-    /// As [`Self::load`].
+    /// As in [`Self::load`].
     #[cfg(feature = "internals")]
     pub fn load_recording(file: &ModelFile, isa: Isa, calibration: &Calibration) -> Result<Self, LoadError> {
         let loader = || Loader::new(file, Precision::F32, isa).recording(calibration);
@@ -89,7 +89,7 @@ impl Model {
         precision: Precision,
         loader: impl FnOnce() -> Loader<'a>,
     ) -> Result<Self, LoadError> {
-        // The config's text, and the layers' own structures.
+        // For the config's text, and the layers' own structures.
         memory::require(memory::SPARE);
         let loader = loader();
         Ok(Self {
@@ -107,14 +107,14 @@ impl Model {
             motion: MotionDecoder::load(&loader)?,
             mouth: Mouth::load(&loader)?,
             text: {
-                // Its pieces are many, and each is small.
+                // It makes many small allocations.
                 memory::require(memory::SPARE);
                 TextTokenizer::load(file)?
             },
         })
     }
 
-    /// The pose that the model's codes of rest decode to, away from a clip's ends.
+    /// The pose that the rest codes decode to, away from a clip's ends.
     pub(crate) fn rest(&self) -> Result<OwnedFrame, StepError> {
         let motion = &self.motion;
         let team = Team::new(1).map_err(|_| StepError::Missing("thread"))?;
@@ -133,23 +133,23 @@ impl Model {
         Ok(OwnedFrame::new(pose, &face))
     }
 
-    /// How packets of its avatars are laid out (SPEC 2.18).
+    /// Layout of its avatars' packets (SPEC 2.18).
     pub fn packets(&self) -> PacketLayout {
         PacketLayout::new(&self.config, self.fingerprint)
     }
 
-    /// Tells it from other models, and from itself at other precisions.
+    /// Identifies the model at its precision.
     #[cfg(feature = "internals")]
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
 
-    /// Every dimension.
+    /// The model's config.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// The back-end that it was packed for.
+    /// Instruction set that it was packed for.
     pub fn isa(&self) -> Isa {
         self.isa
     }
@@ -166,13 +166,13 @@ impl Model {
         &self.motion
     }
 
-    /// The live mouth, where the model has one.
+    /// The live mouth, if the model has one.
     #[cfg(feature = "internals")]
     pub fn mouth(&self) -> Option<&Mouth> {
         self.mouth.as_ref()
     }
 
-    /// The text tokenizer, where the model has one.
+    /// The text tokenizer, if the model has one.
     pub fn text(&self) -> Option<&TextTokenizer> {
         self.text.as_ref()
     }

@@ -1,4 +1,4 @@
-//! Names of the joints and blendshapes that the format fixes (SPEC 2.7).
+//! Joint and blendshape names fixed by the format (SPEC 2.7).
 
 /// Number of joints.
 pub const JOINTS: usize = 55;

@@ -1,8 +1,7 @@
-//! Codes as a network format: what one side says of a chunk, and what the other makes of it
-//! (SPEC 2.18).
+//! Network format for chunk codes: encoder and decoder (SPEC 2.18).
 //!
-//! The sender runs the language model; [`Decoder`] runs what follows it, interpolation and motion
-//! decoders, at a small part of the cost. Where no packet is lost its frames have the sender's bits.
+//! The sender runs the language model; [`Decoder`] runs the stages after it, interpolation and motion decoders, at a
+//! fraction of the cost. Without packet loss, its frames are bit-identical to the sender's.
 
 mod decoder;
 mod room;
@@ -18,26 +17,26 @@ use crate::error::StepError;
 
 /// The version of packets that this library writes and reads.
 const VERSION: u8 = 1;
-/// In the first byte beside the version: the stream ends with this packet.
+/// Flag in the first byte, beside the version: this is the last packet of the stream.
 const LAST: u8 = 0x10;
-/// Bytes before the codes of a packet that is not the last one.
+/// Size of the head, bytes, in packets before the last.
 const HEAD: usize = 26;
-/// Farthest place of a root from the origin, metres: sums of places stay finite.
+/// Upper bound of a root coordinate, metres, so that sums of positions stay finite.
 const MAX_PLACE: f32 = 1e7;
-/// Bytes of the number of frames, in the last one.
+/// Bytes of the frame count, in the last packet.
 const TOTAL: usize = 4;
 
-/// Why a packet was not taken. The decoder is then as it was before, but for [`Self::Step`].
+/// Error from pushing a packet. The decoder is unchanged, except after [`Self::Step`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum PacketError {
-    /// It is no packet of this version; what is wrong with it.
+    /// Not a packet of this version; names the problem.
     Malformed(&'static str),
-    /// It was made with another model, or for another number of keyframes a chunk.
+    /// Made with another model, or for another target; names the difference.
     Other(&'static str),
-    /// There is no room for its frames: it may be pushed again when some were taken.
+    /// No room for its frames: it may be pushed again after some were taken.
     Full,
-    /// Its frames could not be computed; the decoder wants [`Decoder::reset`].
+    /// Its frames could not be computed; the decoder needs [`Decoder::reset`].
     Step(StepError),
 }
 
@@ -60,40 +59,40 @@ impl From<StepError> for PacketError {
     }
 }
 
-/// What a packet says beside codes.
+/// Contents of a packet other than its codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PacketHead {
-    /// Number of the stream, modulo 256: it goes up with every reset and interrupt of the sender.
+    /// Number of the stream, modulo 256; incremented by every reset and interrupt of the sender.
     pub stream: u8,
-    /// Number of the packet in its stream: that of its chunk.
+    /// Number of the packet in its stream, which is its chunk's number.
     pub sequence: u32,
-    /// Sample of the stream at the model's rate that the first new keyframe belongs to.
+    /// Position in the stream of the first new keyframe, samples at the model's rate.
     pub sample: u64,
-    /// Where the root is in the last frame that the chunk makes final: x and z, metres.
+    /// Position of the root in the last frame that the chunk makes final: x and z, metres.
     pub root: [f32; 2],
-    /// New keyframes: the target, or none where the stream ended after its last chunk was sent.
+    /// Number of new keyframes: the target, or 0 if the stream ended after its last chunk was sent.
     pub keyframes: usize,
-    /// Keyframes before these that are said again.
+    /// Number of earlier keyframes repeated before the new ones.
     pub history: usize,
-    /// Frames of the whole stream, in its last packet.
+    /// Frames of the whole stream, in its last packet only.
     pub total: Option<u32>,
 }
 
-/// How a model's packets are laid out.
+/// Packet layout of a model.
 #[derive(Clone, Debug)]
 pub struct PacketLayout {
-    /// Lower bits of the model's fingerprint.
+    /// Low bits of the model's fingerprint.
     model: u16,
-    /// Numbers of codes, by their place in a keyframe.
+    /// Number of values of each code of a keyframe.
     limits: Box<[u16]>,
-    /// Bits of each.
+    /// Bits of each code.
     bits: Box<[u8]>,
     keyframe_bits: usize,
     prefix: usize,
 }
 
 impl PacketLayout {
-    /// That of a config's packets, where `model` tells the model from others.
+    /// Layout for a config; `model` identifies the model.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "codes fit 16 bits by the config's checks; a tell-tale is short"
@@ -105,7 +104,7 @@ impl PacketLayout {
         Self::of(places.collect(), config.prefix, model as u16)
     }
 
-    /// That of keyframes with so many codes in each place.
+    /// Layout for keyframes with these numbers of values per code.
     #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
     fn of(limits: Box<[u16]>, prefix: usize, model: u16) -> Self {
         let bits: Box<[u8]> = limits.iter().map(|&codes| (u16::BITS - (codes - 1).leading_zeros()) as u8).collect();
@@ -113,34 +112,33 @@ impl PacketLayout {
         Self { model, limits, bits, keyframe_bits, prefix }
     }
 
-    /// Bytes of the longest packet.
+    /// Size of the longest packet, bytes.
     pub fn most_bytes(&self) -> usize {
         HEAD + TOTAL + self.prefix + (self.prefix * self.keyframe_bits).div_ceil(8)
     }
 
-    /// Codes of a keyframe.
+    /// Codes per keyframe.
     pub fn codes(&self) -> usize {
         self.limits.len()
     }
 
-    /// Most keyframes of a packet.
+    /// Maximum number of keyframes in a packet.
     pub fn max_keyframes(&self) -> usize {
         self.prefix
     }
 
-    /// Bytes of a packet of so many new keyframes, and so many that are said again.
+    /// Size of a packet with this number of new and of repeated keyframes, bytes.
     pub fn bytes(&self, keyframes: usize, history: usize, is_last: bool) -> usize {
         let total = if is_last { TOTAL } else { 0 };
         HEAD + total + keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
     }
 
-    /// Writes a packet with the `levels` of the new keyframes' sound, as SPEC 2.18 has them, and
-    /// `codes [history + keyframes, codes of a keyframe]`, oldest first; returns its length. Never
-    /// allocates.
+    /// Writes a packet with the audio `levels` of the new keyframes, as SPEC 2.18 defines them, and `codes [history +
+    /// keyframes, codes of a keyframe]`, oldest first; returns its length. Never allocates.
     ///
     /// # Errors
-    /// [`StepError`] where there is too little room, the numbers of keyframes disagree or are more
-    /// than the model's `prefix`, or a code is out of range.
+    /// [`StepError`] if `out` is too small, the numbers of keyframes disagree or exceed the model's `prefix`, or a
+    /// code is out of range.
     pub fn encode(&self, head: &PacketHead, levels: &[u8], codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
         let keyframes = head.history + head.keyframes;
         let limit = self.prefix.min(u8::MAX.into());
@@ -184,12 +182,12 @@ impl PacketLayout {
         Ok(want)
     }
 
-    /// Reads a packet; its levels and codes go to the start of `levels` and `codes`, which have room
-    /// for [`Self::max_keyframes`]. Never allocates.
+    /// Reads a packet. Writes its levels and codes to the start of `levels` and `codes`, which have room for
+    /// [`Self::max_keyframes`]. Never allocates.
     ///
     /// # Errors
-    /// [`PacketError`] where it is no packet of this version and model; what was written has no
-    /// meaning then.
+    /// [`PacketError`] if it is not a packet of this version and model; the contents of `levels` and `codes` are then
+    /// unspecified.
     pub fn decode(&self, bytes: &[u8], levels: &mut [u8], codes: &mut [u16]) -> Result<PacketHead, PacketError> {
         let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
             return Err(PacketError::Malformed("it is too short"));
@@ -253,27 +251,26 @@ impl PacketLayout {
     }
 }
 
-/// Steps of a level's byte in a factor of ten.
+/// Steps of a level byte per factor of ten.
 const LEVEL_STEPS: f32 = 50.0;
 
-/// Whether a sound packet is its stream's last.
+/// Whether a well-formed packet is the last of its stream.
 pub(crate) fn is_last(packet: &[u8]) -> bool {
     packet.first().is_some_and(|first| first & LAST != 0)
 }
 
-/// A sound's level in a packet: 255 for a root mean square of full scale, 0.4 dB a step, 0 for
-/// silence.
+/// Encodes an audio level as a byte: 255 for a root mean square of full scale, 0.4 dB a step, 0 for silence.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
 pub fn level_byte(level: f32) -> u8 {
     if level > 0.0 { (255.0 + LEVEL_STEPS * level.log10()).round().clamp(0.0, 255.0) as u8 } else { 0 }
 }
 
-/// The root mean square that a packet's byte stands for.
+/// Decodes a level byte to the root mean square.
 pub fn byte_level(byte: u8) -> f32 {
     if byte == 0 { 0.0 } else { 10.0_f32.powf((f32::from(byte) - 255.0) / LEVEL_STEPS) }
 }
 
-/// `N` bytes from `at` on, which are there.
+/// Reads `N` bytes at `at`; the caller has checked the length.
 fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     *bytes[at..].first_chunk().expect("lengths were checked")
 }

@@ -1,10 +1,10 @@
-//! The four parts of a body, always in this order.
+//! The four parts of the body, in fixed order.
 
 use std::ops::{Index, IndexMut};
 
 use serde::{Deserialize, Serialize};
 
-/// One part of the body with a code stream of its own (paper section 3; SPEC 1).
+/// One part of the body, with its own code stream (paper section 3; SPEC 1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Part {
@@ -22,7 +22,7 @@ impl Part {
     /// All parts, in order.
     pub const ALL: [Self; 4] = [Self::Face, Self::Hands, Self::Upper, Self::Lower];
 
-    /// The name used in files.
+    /// Name used in files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Face => "face",
@@ -48,15 +48,15 @@ pub struct PerPart<T> {
 }
 
 impl<T> PerPart<T> {
-    /// The value of every part.
+    /// Builds a value for every part.
     pub fn from_fn(mut f: impl FnMut(Part) -> T) -> Self {
         Self { face: f(Part::Face), hands: f(Part::Hands), upper: f(Part::Upper), lower: f(Part::Lower) }
     }
 
-    /// The value of every part, or the first error.
+    /// Builds a value for every part, or returns the first error.
     ///
     /// # Errors
-    /// Whatever `f` returns.
+    /// As returned by `f`.
     pub fn try_from_fn<E>(mut f: impl FnMut(Part) -> Result<T, E>) -> Result<Self, E> {
         Ok(Self { face: f(Part::Face)?, hands: f(Part::Hands)?, upper: f(Part::Upper)?, lower: f(Part::Lower)? })
     }

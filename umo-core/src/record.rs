@@ -1,45 +1,44 @@
-//! What a chunk was made of, for those who want to look inside: its codes, and which experts its
-//! tokens were sent to.
+//! Records of chunks for inspection: codes, and the experts that their tokens were sent to.
 
 use crate::config::Config;
 use crate::lm::tally::Tally;
 use crate::part::{Part, PerPart};
 
-/// What the last chunk of an [`Animation`](crate::animation::Animation) was made of.
+/// Record of the last chunk of an [`Animation`](crate::animation::Animation).
 #[derive(Clone, Copy, Debug)]
 pub struct Chunk<'a> {
-    /// Its number in the stream.
+    /// Number of the chunk in the stream.
     pub index: u64,
-    /// The first frame that the chunk made known.
+    /// First frame whose codes the chunk made known.
     pub first_frame: usize,
-    /// Frames that the chunk made known; the last chunk's may go beyond the end of the stream.
+    /// Number of frames whose codes the chunk made known; in the last chunk they may extend beyond the end of the
+    /// stream.
     pub frames: usize,
-    /// Codes of the frames that the chunk made known, every `keyframe_stride`-th of them from the
-    /// language model and the others from the interpolation network: a frame is a keyframe where
-    /// its number is a multiple of the stride. Empty in layout `frames`, which has vectors between
-    /// keyframes.
+    /// Codes of these frames. Every `keyframe_stride`-th is from the language model, the others are from the
+    /// interpolation network: a frame is a keyframe if its number is a multiple of the stride. Empty in layout
+    /// `frames`, which interpolates vectors.
     pub codes: PerPart<&'a [u16]>,
-    /// Codes `[keyframes, codes of a keyframe]` of the chunk's keyframes, the first of which is the
-    /// first among its frames. Empty in layout `parts`.
+    /// Codes `[keyframes, codes of a keyframe]` of the chunk's keyframes; the first is the first keyframe among its
+    /// frames. Empty in layout `parts`.
     pub keyframes: &'a [u16],
-    /// Rows of the chunk's encoder and decoder passes by layer, kind of token and expert.
+    /// Number of rows in the chunk's encoder and decoder passes, by layer, kind of token and expert.
     pub tally: &'a Tally,
 }
 
-/// Codes of the frames that the last chunk made known; one avatar's.
+/// Codes of the frames that one avatar's last chunk made known.
 #[derive(Debug)]
 pub(crate) struct Codes {
     index: u64,
     first_frame: usize,
-    /// None before the first chunk, and after a step that had none.
+    /// 0 before the first chunk, and after a step without one.
     frames: usize,
-    /// Empty before the first chunk, and after a step that had none.
+    /// Empty before the first chunk, and after a step without one.
     codes: PerPart<Vec<u16>>,
     keyframes: Vec<u16>,
 }
 
 impl Codes {
-    /// Room for the chunks of any target.
+    /// Buffers for chunks of any target.
     pub(crate) fn new(config: &Config) -> Self {
         let most = if config.is_frames() { 0 } else { config.max_target * config.keyframe_stride };
         let keyframes = if config.is_frames() { config.max_target * config.codes_per_keyframe() } else { 0 };

@@ -1,4 +1,4 @@
-//! Strokes moved onto the accents of the voice, where a whole recording is known (SPEC 2.19).
+//! Moves gesture strokes onto the accents of the voice, for complete recordings (SPEC 2.19).
 //!
 //! ```text
 //! audio units ─► accents ──────┐
@@ -6,8 +6,7 @@
 //! poses ─► turning points ─────┘
 //! ```
 //!
-//! Not part of a stream: that has shown its frames by the time a later accent is known. Memory is
-//! allocated as needed.
+//! Not for streams, which have shown their frames by the time a later accent is known. Allocates as needed.
 
 use crate::config::{Accents, Config, Skeleton};
 use crate::memory::with_capacity;
@@ -16,20 +15,19 @@ use crate::motion::rotation::{Quat, slerp};
 use crate::motion::skeleton::{UPPER_JOINTS, joint_places, joints_of};
 use crate::part::Part;
 
-/// Most that a stroke is moved, seconds: 8 frames of 30 a second.
+/// Largest shift of a stroke, seconds: 8 frames at 30 a second.
 pub const MAX_SHIFT: f64 = 8.0 / 30.0;
-/// Most that the shift changes per unit of time from one accent to the next.
+/// Largest mean change of the shift per unit of time between two accents.
 pub const MAX_SLOPE: f64 = 0.3;
-/// Bounds of the motion's speed: the shift is steepest between two accents, by half more there than
-/// on average.
+/// Bounds of playback speed: between two accents the shift's steepest slope is one and a half times the mean.
 pub const SPEED: [f64; 2] = [1.0 - 1.5 * MAX_SLOPE, 1.0 + 1.5 * MAX_SLOPE];
-/// Time on each side within which the speed is least at a turning point, seconds.
+/// Time on each side within which the speed is lowest at a turning point, seconds.
 const TURN: f64 = 7.0 / 30.0;
 /// Shorter runs of accented units are noise.
 const MIN_RUN: usize = 2;
 
-/// The accents that a whole recording's units say, in frames, ascending: the middle of each run of
-/// accented units, less the delay.
+/// Accents marked by a complete recording's units, in frames, ascending: the middle of each run of accented units,
+/// minus the delay.
 pub fn accents(config: &Config, said: Accents, units: &[u32]) -> Vec<f64> {
     let frames = config.frame_rate as f64 / config.audio.token_rate as f64;
     let (mut accents, mut first) = (Vec::new(), 0);
@@ -43,7 +41,7 @@ pub fn accents(config: &Config, said: Accents, units: &[u32]) -> Vec<f64> {
     accents
 }
 
-/// Mean speed of the joints of the upper body relative to the root, in each frame.
+/// Mean speed of the upper body's joints relative to the root, per frame.
 fn speeds(skeleton: &Skeleton, poses: &[Pose]) -> Vec<f64> {
     let mut places: Vec<[[f64; 3]; UPPER_JOINTS.len()]> = with_capacity(poses.len());
     places.extend(poses.iter().map(|pose| {
@@ -63,7 +61,7 @@ fn speeds(skeleton: &Skeleton, poses: &[Pose]) -> Vec<f64> {
     speeds
 }
 
-/// Frames at which a motion turns: its speed is less than in every other frame within 7/30 s.
+/// Frames at which a motion turns: their speed is lower than in all other frames within 7/30 s.
 pub fn turning_points(config: &Config, poses: &[Pose]) -> Vec<usize> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most some 60 frames")]
     let near = ((TURN * config.frame_rate as f64).round() as usize).max(1);
@@ -75,13 +73,13 @@ pub fn turning_points(config: &Config, poses: &[Pose]) -> Vec<usize> {
     (1..speeds.len().saturating_sub(1)).filter(|&frame| is_least(frame)).collect()
 }
 
-/// Which moment of a motion is shown in each frame: `t + shift(t)`.
+/// Map from each frame to the moment of the motion that it shows: `t + shift(t)`.
 ///
-/// The shift is a cubic between knots, which neither leaves the values of the knots beside it nor has
-/// a kink (Fritsch and Butland 1984), so the map is smooth and never goes back.
+/// The shift is a monotone cubic between knots: it stays between the values of adjacent knots and its derivative is
+/// continuous (Fritsch and Butland 1984). So the map is smooth and never decreases.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeMap {
-    /// Ascending; the first and the last frame are not moved.
+    /// Ascending; the first and last frame are not shifted.
     knots: Vec<Knot>,
 }
 
@@ -90,14 +88,14 @@ struct Knot {
     /// Frame.
     at: f64,
     shift: f64,
-    /// The shift's derivative.
+    /// Derivative of the shift.
     slope: f64,
 }
 
 impl TimeMap {
-    /// The map of a motion of `frames` frames that brings its `turns` onto `accents`, both ascending
-    /// frames: of the two turns nearest to an accent the nearer one that the bounds allow, after those
-    /// of the accents before it.
+    /// Creates the map for a motion of `frames` frames that moves its `turns` onto `accents`, both ascending, in
+    /// frames. For each accent in order, of the two nearest turns it takes the nearer one that the bounds allow after
+    /// the earlier accents.
     pub fn new(frames: usize, frame_rate: usize, accents: &[f64], turns: &[usize]) -> Self {
         let most = MAX_SHIFT * frame_rate as f64;
         let end = frames.saturating_sub(1) as f64;
@@ -134,12 +132,12 @@ impl TimeMap {
         self.knots.iter().all(|knot| knot.shift == 0.0)
     }
 
-    /// How many accents are met.
+    /// Number of accents that a stroke was moved onto.
     pub fn met(&self) -> usize {
         self.knots.len().saturating_sub(2)
     }
 
-    /// How much later the moment is that is shown at frame `t`.
+    /// Shift at frame `t`: how much later the moment is that it shows.
     pub fn shift(&self, t: f64) -> f64 {
         let next = self.knots.partition_point(|knot| knot.at <= t);
         let (Some(a), Some(b)) = (next.checked_sub(1).map(|i| self.knots[i]), self.knots.get(next)) else {
@@ -152,8 +150,8 @@ impl TimeMap {
     }
 }
 
-/// The shift's derivative at the middle one of three knots: the weighted harmonic mean of those of the
-/// two lines, 0 where these rise and fall.
+/// Derivative of the shift at the middle of three knots: the weighted harmonic mean of the slopes of the two
+/// segments, 0 if one rises and the other falls.
 fn slope(knots: &[Knot]) -> f64 {
     let line = |a: Knot, b: Knot| (b.at - a.at, (b.shift - a.shift) / (b.at - a.at));
     let ((before, fall), (after, rise)) = (line(knots[0], knots[1]), line(knots[1], knots[2]));
@@ -164,8 +162,8 @@ fn slope(knots: &[Knot]) -> f64 {
     (w_fall + w_rise) / (w_fall / fall + w_rise / rise)
 }
 
-/// The poses with arms, hands, trunk and head of the moments that `map` says. Legs, pelvis, root, jaw
-/// and eyes stay: feet keep their ground and lips their sounds.
+/// Poses with arms, hands, trunk and head taken from the moments that `map` gives. Legs, pelvis, root, jaw and eyes
+/// are unchanged, which keeps feet on the ground and lips in sync.
 pub fn retimed(poses: &[Pose], map: &TimeMap) -> Vec<Pose> {
     let mut retimed = with_capacity(poses.len());
     retimed.extend_from_slice(poses);
@@ -184,7 +182,7 @@ pub fn retimed(poses: &[Pose], map: &TimeMap) -> Vec<Pose> {
     retimed
 }
 
-/// A joint's rotation between frames: the shorter way.
+/// A joint's rotation between frames, interpolated along the shorter arc.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a frame number, and a share")]
 fn turned(poses: &[Pose], joint: usize, at: f64) -> Quat {
     let (low, share) = (at.floor() as usize, at.fract() as f32);
@@ -228,7 +226,7 @@ mod tests {
                 prop_assert!((SPEED[0] - 1e-9..=SPEED[1] + 1e-9).contains(&speed), "{} at {:?}", speed, pair);
             }
             for knot in &map.knots {
-                // Without a kink, also beside an accent that another follows closely.
+                // The derivative is continuous, even if another accent follows closely.
                 let (before, after) = (map.shift(knot.at - 1e-6), map.shift(knot.at + 1e-6));
                 if knot.at > 0.0 && knot.at < end {
                     prop_assert!((1e6 * (after - knot.shift) - knot.slope).abs() < 1e-3);
@@ -251,7 +249,7 @@ mod tests {
             turns in proptest::collection::vec((proptest::array::uniform3(-0.2_f32..0.2), any::<bool>()), 60),
             accents in proptest::collection::vec(0.0_f64..60.0, 1..8),
         ) {
-            // Steps of at most 0.35 radians, some said by the quaternion of the other sign.
+            // Steps of at most 0.35 radians, some represented by the negated quaternion.
             let mut angle = [0.0; 3];
             let poses: Vec<Pose> = turns.iter().map(|&(step, is_other)| {
                 angle = std::array::from_fn(|axis| angle[axis] + step[axis]);
@@ -275,7 +273,7 @@ mod tests {
                     if moving.contains(&joint) {
                         let length: f32 = q.iter().map(|v| v * v).sum();
                         prop_assert!((length - 1.0).abs() < 1e-5);
-                        // No farther from either neighbour than these are from each other.
+                        // No further from either neighbour than these are from each other.
                         let apart = |a: Quat, b: Quat| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs().min(1.0).acos();
                         let (a, b) = (poses[low].rotations[joint], poses[high].rotations[joint]);
                         prop_assert!(apart(q, a) <= apart(a, b) + 2e-3 && apart(q, b) <= apart(a, b) + 2e-3);
@@ -298,12 +296,12 @@ mod tests {
         let said = config.audio.accents.unwrap();
         assert_eq!(said, Accents { first: 512, delay: 14 });
         let mut units = vec![7; 200];
-        // A run at the start, one of a unit alone, one of three, and one at the end.
+        // A run at the start, a single unit, a run of three, and one at the end.
         for token in [0, 1, 60, 113, 114, 115, 196, 197, 198, 199] {
             units[token] = 600;
         }
         let accents = accents(&config, said, &units);
-        // Tokens of 1/50 s, frames of 1/30.
+        // Tokens of 1/50 s, frames of 1/30 s.
         assert_eq!(accents, [-13.0 * 0.6, 100.5 * 0.6, 184.0 * 0.6]);
         assert!(super::accents(&config, said, &[]).is_empty());
     }
@@ -321,7 +319,7 @@ mod tests {
         }
     }
 
-    /// Arms that swing, and turn every `half` frames.
+    /// Swinging arms that turn every `half` frames.
     fn swinging(frames: usize, half: f32) -> Vec<Pose> {
         let angle = |frame: usize| 0.6 * (std::f32::consts::PI * frame as f32 / half).cos();
         let pose = |frame: usize| {
@@ -341,7 +339,7 @@ mod tests {
         let poses = swinging(200, 20.0);
         let turns = turning_points(&config, &poses);
         assert_eq!(turns, [20, 40, 60, 80, 100, 120, 140, 160, 180]);
-        // A little early, late, on it; two for one stroke; one too far from any; one near the end.
+        // Slightly early, late, exact; two for one stroke; one too far from any; one near the end.
         let wanted = [17, 63, 100, 103, 130, 155];
         let accents: Vec<f64> = wanted.map(f64::from).into();
         let map = TimeMap::new(poses.len(), RATE, &accents, &turns);
@@ -352,7 +350,7 @@ mod tests {
             assert!(now.iter().any(|&turn: &usize| turn.abs_diff(accent) <= 1), "{accent}: {now:?}");
         }
         assert_eq!(now.len(), turns.len());
-        // Where nothing is asked for nothing moves: legs, the root, and the ends.
+        // Legs, the root and the ends do not move.
         assert!(
             moved.iter().zip(&poses).all(|(a, b)| a.rotations[4] == b.rotations[4] && a.translation == b.translation)
         );

@@ -1,5 +1,5 @@
-//! One stage alone, tensors in and tensors out: what whoever ports a checkpoint compares with the
-//! framework that it came from (SPEC 3.1).
+//! Runs a single stage, tensors in and tensors out, to compare a ported checkpoint with its source framework (SPEC
+//! 3.1).
 
 mod frames;
 mod tensors;
@@ -25,7 +25,7 @@ use crate::team::Team;
 use crate::weights::Loader;
 pub use tensors::{Inputs, Output, Values, serialize};
 
-/// The stages, by the names of SPEC 3.1.
+/// Stages, named as in SPEC 3.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// HuBERT: samples to features and units.
@@ -62,7 +62,7 @@ impl Stage {
         Self::Mouth,
     ];
 
-    /// The name used on the command line.
+    /// Name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Hubert => "hubert",
@@ -77,33 +77,33 @@ impl Stage {
         }
     }
 
-    /// The stage of this name.
+    /// The stage with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|stage| stage.name() == name)
     }
 }
 
-/// What `generate` is told beside its input.
+/// Settings of `generate`.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Codes per part; the model's default where not given.
+    /// Codes per part; defaults to the model's.
     pub target: Option<usize>,
-    /// How codes are drawn.
+    /// Sampling of codes.
     pub sampler: Sampler,
 }
 
-/// A stage that could not be run.
+/// Error from running a stage.
 #[derive(Debug)]
 pub enum StageError {
-    /// The model cannot be used.
+    /// The model cannot be loaded.
     Load(LoadError),
     /// The stage failed on its input.
     Step(StepError),
-    /// An input tensor is missing or of another type or shape.
+    /// An input tensor is missing or has another type or shape.
     Input {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
-        /// What was found and what was wanted.
+        /// Value found and value expected.
         problem: String,
     },
 }
@@ -121,7 +121,7 @@ impl fmt::Display for StageError {
 impl std::error::Error for StageError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
-            // Their own texts are this error's: what is behind them is its source.
+            // Their texts are already this error's text, so the source is what caused them.
             Self::Load(error) => error.source(),
             Self::Step(error) => error.source(),
             Self::Input { .. } => None,
@@ -150,7 +150,7 @@ impl From<umo_kernels::ShapeError> for StageError {
 /// Runs `stage` on `inputs` and returns its outputs.
 ///
 /// # Errors
-/// [`StageError`] naming the tensor, key or input that is wrong.
+/// [`StageError`] naming the faulty tensor, key or input.
 pub fn run(
     stage: Stage,
     loader: &Loader,
@@ -188,7 +188,7 @@ fn audio(cx: Compute, loader: &Loader, inputs: &Inputs, kind: AudioKind) -> Resu
     Ok(vec![Output::floats("features", &[units.len(), width], features), Output::integers("units", units)])
 }
 
-/// Encoder states of `input_ids`, with the model loaded for them and for `decoder` decoder tokens.
+/// Encoder states of `input_ids`; loads the model for them and for `decoder` decoder tokens.
 fn encode(
     cx: Compute,
     loader: &Loader,
@@ -246,7 +246,7 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &codes[part])).collect())
 }
 
-/// Codes of every part, each of its own length.
+/// Codes of every part, which may differ in length.
 fn codes(inputs: &Inputs) -> Result<PerPart<Vec<u16>>, StageError> {
     PerPart::try_from_fn(|part| inputs.codes(part))
 }
@@ -273,7 +273,7 @@ fn motion(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, 
     Ok(poses(&decoder, &decoded))
 }
 
-/// The outputs of decoded motion.
+/// Output tensors of decoded motion.
 fn poses(decoder: &MotionDecoder, decoded: &Decoded) -> Vec<Output> {
     let frames = decoded.translation.len();
     let channels = |part: Part| {

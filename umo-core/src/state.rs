@@ -1,71 +1,68 @@
-//! How a session becomes bytes and bytes a session: each part describes its fields once, to a
-//! [`StatePass`] that measures, writes, checks or reads them, so that saving and restoring cannot
-//! drift apart.
+//! Serialization of a session. Each component describes its fields once, to a [`StatePass`] that measures, writes,
+//! checks or reads them, so that saving and restoring cannot diverge.
 //!
 //! ```text
 //! bytes   0  magic "umostate"       12  CRC-32 of all from byte 16 on
 //!         8  format version         16  length of the whole           24  model, config of the session, fields
 //! ```
-//! Everything is little-endian. No field is an address or a moment of a clock: moments are written
-//! as times from now.
+//! All values are little-endian. No field is an address or a clock reading: times are written relative to now.
 
 use std::fmt;
 use std::ops::RangeInclusive;
 
-/// What every state begins with.
+/// First bytes of every state.
 const MAGIC: [u8; 8] = *b"umostate";
 /// The version of the format that this library reads and writes.
 const VERSION: u32 = 5;
-/// Upper bound of numbers in a state that are checked again where they are used: larger than any field, and
-/// sums and products of two of them stay finite. Comparisons with it are false for NaN.
+/// Upper bound of numbers that are checked again where they are used. Larger than any field; sums and products of two
+/// of them stay finite. Comparisons with it are false for NaN.
 const LARGEST: f64 = 1e12;
-/// Upper bound of places and distances, metres.
+/// Upper bound of positions and distances, metres.
 const FARTHEST: f64 = 1e8;
 /// Upper bound of angles, speeds, seconds, levels and face values.
 const MOST: f32 = 1e4;
-/// Where the checksum begins to count.
+/// Offset at which the checksum starts.
 const CHECKED: usize = 16;
 /// Bytes before the fields.
 const HEADER: usize = 24;
 
-/// Furthest moment from now that a state tells from others, nanoseconds: 36 years.
+/// Largest distance of a time from now that a state can represent, nanoseconds: 36 years.
 const FURTHEST: u64 = 1 << 60;
 
-/// A state that cannot be restored, and what of it disagrees. `Copy`: reporting one allocates
-/// nothing.
+/// Error from restoring a state. `Copy`: reporting one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum StateError {
-    /// The bytes do not begin as a session's state does.
+    /// Not a session's state: the magic number is missing.
     Foreign,
-    /// The state is of another version of the format.
+    /// The state has another format version.
     Version {
         /// The state's version.
         got: u32,
         /// The version that this library reads.
         want: u32,
     },
-    /// There are more or fewer bytes than the state says it has.
+    /// The number of bytes differs from the length in the header.
     Length {
         /// Bytes given.
         got: u64,
-        /// Bytes that the state says it has.
+        /// Length in the header.
         want: u64,
     },
-    /// The bytes are not those that were saved.
+    /// The bytes were changed after saving.
     Checksum,
-    /// The state is of another model, or of the same one at another precision.
+    /// The state belongs to another model, or to another precision of the model.
     Model,
-    /// The state is of a session with another config.
+    /// The state belongs to a session with another config.
     Config {
-        /// What of the config.
+        /// Name of the setting.
         what: &'static str,
         /// The state's value.
         got: u64,
         /// The session's value.
         want: u64,
     },
-    /// A field holds what no session writes.
+    /// A field has a value that no session writes.
     Field(&'static str),
 }
 
@@ -94,53 +91,53 @@ impl std::error::Error for StateError {}
 
 /// One pass over the fields of a session.
 ///
-/// Every operation takes the field's present value and returns the one in force: the present one
-/// while a state is measured or written, the state's while it is checked or read. What fields must
-/// have to do with each other is written once, of the values in force.
+/// Every operation takes the field's current value and returns the effective one: the current one while a state is
+/// measured or written, the state's while it is checked or read. Relations between fields are written once, in terms
+/// of effective values.
 #[derive(Debug)]
 pub(crate) struct StatePass<'a> {
     mode: Mode<'a>,
     at: usize,
-    /// What time it is, nanoseconds: by the engine's clock, and by what the host's side goes by.
+    /// Current time, nanoseconds: by the engine's clock, and by the clock of the host's side.
     now: u64,
     host_now: u64,
 }
 
 #[derive(Debug)]
 enum Mode<'a> {
-    /// Sums up the most bytes that the fields can take.
+    /// Adds up the maximum length of the fields.
     Size,
     Save(&'a mut [u8]),
-    /// Looks for what is wrong and changes nothing.
+    /// Validates and changes nothing.
     Check(&'a [u8]),
-    /// Reads what was checked.
+    /// Reads validated bytes.
     Load(&'a [u8]),
 }
 
-/// The bytes of a field.
+/// Bytes of a field.
 pub(crate) enum Span<'s> {
-    /// None: they are only counted.
+    /// No bytes: they are only counted.
     Size,
-    /// To be written.
+    /// Bytes to write.
     Save(&'s mut [u8]),
-    /// To be checked.
+    /// Bytes to check.
     Check(&'s [u8]),
-    /// To be read.
+    /// Bytes to read.
     Load(&'s [u8]),
 }
 
 impl<'a> StatePass<'a> {
-    /// Measures.
+    /// Starts a pass that measures.
     pub(crate) fn size() -> Self {
         Self { mode: Mode::Size, at: HEADER, now: 0, host_now: 0 }
     }
 
-    /// Writes to `bytes`, which are at least as many as a state can have.
+    /// Starts a pass that writes to `bytes`, which must have the maximum length of a state.
     pub(crate) fn save(bytes: &'a mut [u8], now: u64, host_now: u64) -> Self {
         Self { mode: Mode::Save(bytes), at: HEADER, now, host_now }
     }
 
-    /// Checks the header of `bytes`, and then whatever it is given.
+    /// Checks the header of `bytes`, and starts a pass that checks fields.
     pub(crate) fn check(bytes: &'a [u8], now: u64) -> Result<Self, StateError> {
         let got = bytes.len() as u64;
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
@@ -163,13 +160,13 @@ impl<'a> StatePass<'a> {
         Ok(Self { mode: Mode::Check(bytes), at: HEADER, now, host_now: now })
     }
 
-    /// After [`Self::check`] and its fields: reads the same bytes into them. Where the host gives the
-    /// time, that is `now` from here on.
+    /// Starts a pass that reads the fields of `bytes`, which passed [`Self::check`]. If the host supplies the time,
+    /// `now` is also its current time.
     pub(crate) fn load(bytes: &'a [u8], now: u64) -> Self {
         Self { mode: Mode::Load(bytes), at: HEADER, now, host_now: now }
     }
 
-    /// Ends the pass after the last field: the length of the state, or the most that it can have.
+    /// Ends the pass after the last field: returns the length of the state, or its maximum.
     pub(crate) fn end(self) -> Result<usize, StateError> {
         let length = self.at;
         match self.mode {
@@ -187,15 +184,15 @@ impl<'a> StatePass<'a> {
         Ok(length)
     }
 
-    /// Where fields begin.
+    /// Offset of the first field.
     pub(crate) const START: usize = HEADER;
 
-    /// Where the next field is.
+    /// Offset of the next field.
     pub(crate) fn at(&self) -> usize {
         self.at
     }
 
-    /// Fields that another pass has written.
+    /// Appends fields that another pass has written.
     pub(crate) fn written(&mut self, fields: &[u8]) -> Result<(), StateError> {
         if let Span::Save(bytes) = self.span(fields.len())? {
             bytes.copy_from_slice(fields);
@@ -203,17 +200,17 @@ impl<'a> StatePass<'a> {
         Ok(())
     }
 
-    /// What time it is by the engine's clock, nanoseconds.
+    /// Current time by the engine's clock, nanoseconds.
     pub(crate) fn now(&self) -> u64 {
         self.now
     }
 
-    /// Whether values in force are to be taken over.
+    /// Whether effective values are to be stored.
     pub(crate) fn loads(&self) -> bool {
         matches!(self.mode, Mode::Load(_))
     }
 
-    /// The next `count` bytes.
+    /// Returns the next `count` bytes.
     pub(crate) fn span(&mut self, count: usize) -> Result<Span<'_>, StateError> {
         let (start, end) = (self.at, self.at + count);
         let short = StateError::Field("number of bytes");
@@ -227,12 +224,12 @@ impl<'a> StatePass<'a> {
         Ok(span)
     }
 
-    /// A condition on values in force.
+    /// Requires a condition on effective values.
     pub(crate) fn must(&self, condition: bool, what: &'static str) -> Result<(), StateError> {
         if condition || !matches!(self.mode, Mode::Check(_)) { Ok(()) } else { Err(StateError::Field(what)) }
     }
 
-    /// A whole number of any value.
+    /// An unrestricted integer.
     pub(crate) fn word(&mut self, present: u64) -> Result<u64, StateError> {
         Ok(u64::from_le_bytes(match self.span(8)? {
             Span::Size => return Ok(present),
@@ -244,14 +241,14 @@ impl<'a> StatePass<'a> {
         }))
     }
 
-    /// A whole number that is at most `most`.
+    /// An integer of at most `most`.
     pub(crate) fn limited(&mut self, what: &'static str, present: u64, most: u64) -> Result<u64, StateError> {
         let value = self.word(present)?;
         self.must(value <= most, what)?;
         Ok(value)
     }
 
-    /// A field that holds a whole number of at most `most`.
+    /// A field with an integer of at most `most`.
     pub(crate) fn number(&mut self, what: &'static str, field: &mut u64, most: u64) -> Result<u64, StateError> {
         let value = self.limited(what, *field, most)?;
         if self.loads() {
@@ -260,7 +257,7 @@ impl<'a> StatePass<'a> {
         Ok(value)
     }
 
-    /// A field that holds how many of something there are, at most `most`.
+    /// A field with a count of at most `most`.
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
     pub(crate) fn length(&mut self, what: &'static str, field: &mut usize, most: u64) -> Result<u64, StateError> {
         let value = self.limited(what, *field as u64, most)?;
@@ -270,24 +267,24 @@ impl<'a> StatePass<'a> {
         Ok(value)
     }
 
-    /// How many of something follow, at most `most`: while the state is measured, as many.
+    /// A count of at most `most`, of items that follow; in a measuring pass, `most`.
     #[expect(clippy::cast_possible_truncation, reason = "at most as many as there is memory for")]
     pub(crate) fn count(&mut self, what: &'static str, present: usize, most: usize) -> Result<usize, StateError> {
         let value = self.limited(what, present as u64, most as u64)? as usize;
         Ok(if matches!(self.mode, Mode::Size) { most } else { value })
     }
 
-    /// Whether something follows: while the state is measured, it does.
+    /// Whether an optional item follows; always in a measuring pass.
     pub(crate) fn follows(&self, present: bool) -> bool {
         present || matches!(self.mode, Mode::Size)
     }
 
-    /// Whether something is so.
+    /// A flag.
     pub(crate) fn flag(&mut self, what: &'static str, present: bool) -> Result<bool, StateError> {
         Ok(self.limited(what, present.into(), 1)? == 1)
     }
 
-    /// A field that says whether something is so.
+    /// A field with a flag.
     pub(crate) fn switch(&mut self, what: &'static str, field: &mut bool) -> Result<bool, StateError> {
         let value = self.flag(what, *field)?;
         if self.loads() {
@@ -296,7 +293,7 @@ impl<'a> StatePass<'a> {
         Ok(value)
     }
 
-    /// A field that may hold a number.
+    /// A field with an optional integer.
     pub(crate) fn maybe(
         &mut self,
         what: &'static str,
@@ -314,19 +311,18 @@ impl<'a> StatePass<'a> {
         Ok(value)
     }
 
-    /// A moment of the engine's clock: as long before or after now in the state as it is here.
+    /// A time by the engine's clock: written relative to now.
     pub(crate) fn moment(&mut self, what: &'static str, present: u64) -> Result<u64, StateError> {
         self.moment_of(self.now, what, present)
     }
 
-    /// The same of what the host's side goes by.
+    /// A time by the clock of the host's side.
     pub(crate) fn host_moment(&mut self, what: &'static str, present: u64) -> Result<u64, StateError> {
         self.moment_of(self.host_now, what, present)
     }
 
     fn moment_of(&mut self, now: u64, what: &'static str, present: u64) -> Result<u64, StateError> {
-        // Moments further away are as good as the furthest, so that a state says the same once it
-        // was restored.
+        // Times further away are clamped, so that a restored state is saved identically.
         let age = |from: u64, to: u64| to.saturating_sub(from).min(FURTHEST);
         let (before, after) = (age(present, now), age(now, present));
         let before = self.limited(what, before, FURTHEST)?;
@@ -335,7 +331,7 @@ impl<'a> StatePass<'a> {
         Ok((now + after).saturating_sub(before))
     }
 
-    /// A float of a size that sessions have.
+    /// A float in the range of session values.
     pub(crate) fn float(&mut self, field: &mut f64) -> Result<(), StateError> {
         self.float_within(field, -LARGEST..=LARGEST)
     }
@@ -345,7 +341,7 @@ impl<'a> StatePass<'a> {
         self.float_within(field, 0.0..=f64::MAX)
     }
 
-    /// A place, metres.
+    /// A position, metres.
     pub(crate) fn place(&mut self, field: &mut f64) -> Result<(), StateError> {
         self.float_within(field, -FARTHEST..=FARTHEST)
     }
@@ -359,7 +355,7 @@ impl<'a> StatePass<'a> {
         Ok(())
     }
 
-    /// The model, by its fingerprint.
+    /// The model's fingerprint.
     pub(crate) fn model(&mut self, fingerprint: u64) -> Result<(), StateError> {
         let got = self.word(fingerprint)?;
         match self.mode {
@@ -368,7 +364,7 @@ impl<'a> StatePass<'a> {
         }
     }
 
-    /// What a session is made with, which must be the same in the state.
+    /// A setting that must be equal in the state.
     pub(crate) fn same(&mut self, what: &'static str, want: u64) -> Result<(), StateError> {
         let got = self.word(want)?;
         match self.mode {
@@ -377,17 +373,17 @@ impl<'a> StatePass<'a> {
         }
     }
 
-    /// Floats of sizes that sessions have.
+    /// Floats in the range of session values.
     pub(crate) fn f32s(&mut self, values: &mut [f32]) -> Result<(), StateError> {
         self.slice(values, f32::to_le_bytes, f32::from_le_bytes, is_sample, "numbers")
     }
 
-    /// A share of 0 to 1.
+    /// A share from 0 to 1.
     pub(crate) fn share(&mut self, value: &mut f32) -> Result<(), StateError> {
         self.within(value, 0.0..=1.0)
     }
 
-    /// A float of a range.
+    /// A float in a range.
     pub(crate) fn within(&mut self, value: &mut f32, range: RangeInclusive<f32>) -> Result<(), StateError> {
         let values = std::slice::from_mut(value);
         self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |value| range.contains(&value), "shares")
@@ -398,7 +394,7 @@ impl<'a> StatePass<'a> {
         self.slice(values, f32::to_le_bytes, f32::from_le_bytes, is_moderate, "numbers")
     }
 
-    /// Places, metres.
+    /// Positions, metres.
     pub(crate) fn places(&mut self, values: &mut [f32]) -> Result<(), StateError> {
         self.slice(values, f32::to_le_bytes, f32::from_le_bytes, is_near, "places")
     }
@@ -414,12 +410,12 @@ impl<'a> StatePass<'a> {
         self.slice(values, to, from, is_unit, "rotations")
     }
 
-    /// Floats of sizes that sessions have.
+    /// Floats in the range of session values.
     pub(crate) fn f64s(&mut self, values: &mut [f64]) -> Result<(), StateError> {
         self.slice(values, f64::to_le_bytes, f64::from_le_bytes, |value| value.abs() <= LARGEST, "numbers")
     }
 
-    /// Ids of any value.
+    /// Unrestricted ids.
     pub(crate) fn ids(&mut self, values: &mut [u32]) -> Result<(), StateError> {
         self.slice(values, u32::to_le_bytes, u32::from_le_bytes, |_| true, "ids")
     }
@@ -455,17 +451,17 @@ impl<'a> StatePass<'a> {
     }
 }
 
-/// Whether a sample has a size that sessions have.
+/// Whether a sample is in the range of session values.
 pub(crate) fn is_sample(value: f32) -> bool {
     f64::from(value).abs() <= LARGEST
 }
 
-/// Whether an angle, a speed, a time, a level or a face value is.
+/// Whether an angle, a speed, a time, a level or a face value is in range.
 pub(crate) fn is_moderate(value: f32) -> bool {
     value.abs() <= MOST
 }
 
-/// Whether a place is.
+/// Whether a position is in range.
 pub(crate) fn is_near(value: f32) -> bool {
     f64::from(value).abs() <= FARTHEST
 }
@@ -475,12 +471,12 @@ pub(crate) fn is_unit(q: [f32; 4]) -> bool {
     (q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-2
 }
 
-/// `N` bytes from `at` on, which are there.
+/// Reads `N` bytes at `at`; the caller has checked the length.
 fn part<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     *bytes[at..].first_chunk().expect("the caller's lengths")
 }
 
-/// A sum over bytes that tells models and names apart: FNV-1a of 64 bits.
+/// Hash that identifies models and names: 64-bit FNV-1a.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fingerprint(pub(crate) u64);
 
@@ -489,7 +485,7 @@ impl Fingerprint {
         Self(0xCBF2_9CE4_8422_2325)
     }
 
-    /// Adds bytes, and how many there are.
+    /// Adds bytes and their number.
     pub(crate) fn add(&mut self, bytes: &[u8]) {
         self.extend(bytes);
         self.extend(&(bytes.len() as u64).to_le_bytes());
@@ -502,7 +498,7 @@ impl Fingerprint {
     }
 }
 
-/// Bytes that are written are added, without how many there are.
+/// Adds written bytes, without their number.
 impl std::io::Write for Fingerprint {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         self.extend(bytes);

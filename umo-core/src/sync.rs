@@ -1,4 +1,4 @@
-//! What threads share: the standard atomics, or loom's, which tries every interleaving.
+//! Synchronization primitives: the standard atomics, or loom's, which explores every interleaving.
 
 #[cfg(not(loom))]
 use std::sync::OnceLock;
@@ -15,8 +15,8 @@ pub(crate) use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, f
 #[cfg(all(feature = "threads", not(target_family = "wasm")))]
 pub(crate) use atomic_wait::{wait, wake_all, wake_one};
 
-/// Waits while the word is `seen`, for the threads that a host lends: they are at work, and awake. A
-/// module of WebAssembly has one thread here: nobody else would change it.
+/// Waits while the word is `seen`, for threads that a host lends, which are awake. A WebAssembly module here has one
+/// thread: nobody else could change the word.
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 #[expect(clippy::assertions_on_constants, reason = "of each target")]
 pub(crate) fn wait(word: &std::sync::atomic::AtomicU32, seen: u32) {
@@ -26,35 +26,35 @@ pub(crate) fn wait(word: &std::sync::atomic::AtomicU32, seen: u32) {
     }
 }
 
-/// Wakes a thread that waits for the word: none sleeps.
+/// Wakes one waiting thread: a no-op, since none sleeps.
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 pub(crate) fn wake_one(_word: *const std::sync::atomic::AtomicU32) {}
 
-/// Wakes all threads that wait for the word: none sleeps.
+/// Wakes all waiting threads: a no-op, since none sleeps.
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 pub(crate) fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
 
-/// Where one thread waits for a word to change. [`Self::wake`] takes no lock on the systems that umo is built for: the standard
-/// library parks threads by futexes, and by a semaphore on Apple's.
+/// Lets one thread wait for a word to change. [`Self::wake`] takes no lock on supported systems: the standard library
+/// parks threads with futexes, or with a semaphore on Apple systems.
 #[cfg(not(loom))]
 #[derive(Debug, Default)]
 pub(crate) struct Parking(OnceLock<Thread>);
 
 #[cfg(not(loom))]
 impl Parking {
-    /// Says that the calling thread is the one that waits. Called before the word says so.
+    /// Registers the calling thread as the one that waits. Must precede the change of the word that announces it.
     pub(crate) fn enter(&self) {
         self.0.get_or_init(thread::current);
     }
 
-    /// Sleeps while the word is `seen`; may wake for no reason.
+    /// Sleeps while the word is `seen`; may wake spuriously.
     pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
         if word.load(Ordering::SeqCst) == seen {
             thread::park();
         }
     }
 
-    /// The same, for `longest` at most.
+    /// Like [`Self::wait`], for at most `longest`.
     pub(crate) fn wait_for(&self, word: &AtomicU32, seen: u32, longest: Duration) {
         if word.load(Ordering::SeqCst) == seen {
             thread::park_timeout(longest);
@@ -69,7 +69,7 @@ impl Parking {
     }
 }
 
-/// The same with what loom knows: a wake-up that never comes is a deadlock, which it reports.
+/// [`Parking`] with loom's primitives: loom reports a lost wake-up as a deadlock.
 #[cfg(loom)]
 #[derive(Debug, Default)]
 pub(crate) struct Parking {
@@ -83,13 +83,13 @@ impl Parking {
 
     pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
         let guard = self.lock.lock().unwrap();
-        // As the system call does: it sleeps only where the word is still the same.
+        // Like a futex: sleeps only if the word still has the value.
         if word.load(Ordering::SeqCst) == seen {
             drop(self.changed.wait(guard).unwrap());
         }
     }
 
-    /// Without the limit, which a wake-up must not need.
+    /// Without the timeout, which correctness must not depend on.
     pub(crate) fn wait_for(&self, word: &AtomicU32, seen: u32, _: std::time::Duration) {
         self.wait(word, seen);
     }

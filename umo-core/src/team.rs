@@ -1,16 +1,14 @@
-//! Fork-join over a few threads: the work of one product is cut by columns or rows, each piece by
-//! the same arithmetic, so that neither the number of threads nor where the cuts are ever changes a
-//! bit.
+//! Fork-join over a few threads. The work of one product is divided by columns or rows, and every piece uses the same
+//! arithmetic: neither the number of threads nor the division ever changes a bit of the result.
 //!
-//! Cores are not equally fast: some have a neighbour on the same core or another program, some are
-//! small. A thread's share of a job follows the time that it took for its pieces of those before,
-//! and the last pieces of a large job go to the thread that is done first (a dynamic schedule).
+//! Cores differ in speed: some share a physical core or run another program, some are small. A thread's share of a
+//! job follows the time that its earlier pieces took, and the last pieces of a large job go to the thread that
+//! finishes first (a dynamic schedule).
 //!
-//! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the
-//! question: workers spin for a bounded time and only then sleep, and so does the caller that waits
-//! for them. A worker that has no core when a job begins delays nobody: the caller takes the pieces that
-//! nobody has begun. Nothing here allocates or locks once the team is made, and the only system calls are
-//! those that put a thread to sleep and wake it.
+//! A token needs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is too slow. Workers spin for a
+//! bounded time before they sleep, and so does the caller while it waits for them. A worker that has no core when a
+//! job begins delays nobody: the caller takes the pieces that have not been started. After construction nothing here
+//! allocates or locks, and the only system calls are those that put threads to sleep and wake them.
 #![expect(
     unsafe_code,
     reason = "a job borrows the caller's stack while the caller waits for it, and the system sets threads' cores and priorities"
@@ -39,63 +37,62 @@ use crate::sync::{wait, wake_all, wake_one};
 use crate::thread::{self, JoinHandle};
 use crate::time::Instant;
 
-/// Most threads of a team.
+/// Maximum number of threads in a team.
 pub const MAX_THREADS: usize = 64;
 
-/// Extra pieces of a large job, taken by the threads that finish first.
+/// Extra pieces of a large job, for the threads that finish first.
 const DYNAMIC_CHUNKS: usize = 4;
 
-/// Most pieces of a job.
+/// Maximum number of pieces in a job.
 pub const MAX_PIECES: usize = MAX_THREADS + DYNAMIC_CHUNKS;
 
-/// Multiply-adds from which a job is worth a dynamic schedule: pieces of a smaller one are too
-/// short.
+/// Multiply-adds from which a dynamic schedule pays: the pieces of smaller jobs are too short.
 const DYNAMIC_THRESHOLD: usize = 1 << 24;
 
-/// Threads of which the pieces of a job are kept in little memory.
+/// Number of threads up to which a job's pieces are kept in a small array.
 const FEW_THREADS: usize = 4;
 
-/// Multiply-adds below which a job is not worth sharing: about a microsecond of one core.
+/// Multiply-adds below which sharing a job does not pay: about a microsecond of one core.
 const PARALLEL_THRESHOLD: usize = 1 << 15;
 
-/// Times that a worker looks for a job, and the caller for a job's end, before it sleeps: 20 to 100
-/// us, as long as the processor's pause is. With more threads than cores, the one that it waits for
-/// may need just that core.
+/// Number of times that a worker polls for a job, and the caller for a job's end, before it sleeps: 20 to 100 us,
+/// depending on the processor's pause instruction. With more threads than cores, the awaited thread may need this
+/// very core.
 const SPINS_BEFORE_SLEEP: u32 = 2_000;
 
-/// Times that the caller looks whether the workers have begun before it takes their pieces: a worker that is
-/// awake begins within a tenth of that, and has its piece's weights in its cache.
+/// Number of times that the caller polls whether the workers have started before it takes their pieces. A worker that
+/// is awake starts within a tenth of that, and has its piece's weights in its cache.
 const SPINS_BEFORE_TAKEOVER: u32 = 100;
 
-/// A job: called once per thread with the thread's index.
+/// A job: called once per piece, with its index.
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
 
-/// A few threads that share each piece of work. `threads` of them, the caller included.
+/// A few threads that share each piece of work: `threads` of them, including the caller.
 #[derive(Debug)]
 pub struct Team {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
     threads: usize,
-    /// Each thread's share of a job, f32 as bits.
+    /// Each thread's share of a job, as the bits of an f32.
     shares: Box<[AtomicU32]>,
-    /// Whether external workers take part: any of them may take any piece.
+    /// Whether external workers take part, each of which may take any piece.
     is_lent: bool,
-    /// Whether the caller works without the others for now.
+    /// Whether the caller currently works without the others.
     is_alone: AtomicBool,
 }
 
-/// Where a team's threads run, and before whom.
+/// Cores and priority of a team's threads.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Placement<'a> {
-    /// The core that the calling thread is bound to.
+    /// Core that the calling thread is bound to.
     pub caller: Option<usize>,
-    /// One core for each of the others, as far as they go.
+    /// Cores of the other threads, in order; surplus threads are not bound.
     pub cores: &'a [usize],
-    /// That of the others.
+    /// Priority of the other threads.
     pub priority: Priority,
 }
 
-/// Cuts two things in two at the same place.
+/// Splits two values at the same position.
 #[expect(clippy::type_complexity, reason = "a pair of pairs, and a type of its own would say no more")]
 pub fn zip_split<A, B>(
     cut: impl Fn(A, usize) -> (A, A),
@@ -115,53 +112,53 @@ pub(crate) struct ExternalWorkers {
 
 #[derive(Debug)]
 struct Shared {
-    /// Counts jobs; a change is the signal to start. Workers sleep on it.
+    /// Number of jobs so far; a change is the signal to start. Workers sleep on it.
     epoch: AtomicU32,
-    /// The job of this epoch: a pointer to a `&Job` on the caller's stack.
+    /// The current job: a pointer to a `&Job` on the caller's stack.
     job: AtomicPtr<()>,
-    /// Pieces of the job, but the caller's own, that are not done; the caller sleeps on it.
+    /// Unfinished pieces of the job, other than the caller's own; the caller sleeps on it.
     pending: AtomicU32,
-    /// The pieces of the job that nobody has begun, a bit for each.
+    /// Pieces of the job that have not been started, one bit each.
     open: AtomicU64,
-    /// A piece of the job panicked, and what the first one said.
+    /// Whether a piece of the job panicked, and the first panic.
     panicked: AtomicBool,
     defect: Mutex<Option<Defect>>,
-    /// The team is being dropped.
+    /// Whether the team is being dropped.
     stop: AtomicBool,
-    /// A job is under way.
+    /// Whether a job is running.
     busy: AtomicBool,
     /// Workers that may be asleep.
     asleep: AtomicU32,
     /// Whether the caller may be asleep.
     waiting: AtomicBool,
-    /// Whether a worker did not get its core.
+    /// Whether a worker could not be bound to its core.
     unbound: AtomicBool,
     /// Whether a worker did not get its priority.
     refused: AtomicBool,
     /// Odd while external workers may join; a change ends the work of those that joined before.
     joining: AtomicU32,
-    /// What each of the team's own threads will read next.
+    /// Prefetch hint for each of the team's own threads.
     expected: Box<[SharedHint]>,
 }
 
 impl Team {
-    /// A team of `threads` threads (1 to [`MAX_THREADS`]), of which the caller is one; with 1
-    /// everything runs inline.
+    /// Creates a team of `threads` threads (1 to [`MAX_THREADS`]), including the caller; with 1 everything runs
+    /// inline.
     ///
     /// # Errors
-    /// What the system says when it cannot start a thread.
+    /// The system's error if a thread cannot be started.
     pub fn new(threads: usize) -> std::io::Result<Self> {
         Self::placed(threads, Placement::default())
     }
 
-    /// The same, with threads bound to cores and of a priority.
+    /// Creates a team whose threads are bound to cores and have a priority.
     ///
     /// # Errors
-    /// As [`Self::new`], and where the system does not let a thread have its core. Where it refuses the
-    /// priority, [`Self::has_priority`] says so.
+    /// As in [`Self::new`], and if the system refuses to bind a thread. If it refuses the priority,
+    /// [`Self::has_priority`] is false.
     pub fn placed(threads: usize, placement: Placement) -> std::io::Result<Self> {
         let Placement { caller, cores, priority } = placement;
-        // Before the calling thread is bound, and may use one core only.
+        // Queried before the calling thread is bound to a single core.
         let usable = if caller.is_some() || !cores.is_empty() { cores::usable() } else { Vec::new() };
         let threads = threads.clamp(1, MAX_THREADS);
         let mut team = Self::bare(threads, false);
@@ -178,8 +175,7 @@ impl Team {
                 if !priority.set() {
                     shared.refused.store(true, Ordering::Relaxed);
                 }
-                // A piece that panics is caught before this: here it is only kept from being
-                // printed.
+                // Panics of pieces are caught earlier; this only keeps a panic from being printed.
                 let _ = contain_quietly(|| {
                     shared.done();
                     work(&shared, index);
@@ -189,9 +185,9 @@ impl Team {
             team.workers.push(thread::start(name, life)?);
         }
         let bound = caller.is_none_or(cores::bind);
-        // A thread allocates while it starts: it has done so when it says that it is there.
+        // Starting a thread allocates; once it reports, that is over.
         team.shared.wait_for_workers();
-        // The threads' heaps may have taken what was left.
+        // The threads' heaps may have used up what was left.
         memory::require(memory::SPARE);
         if !bound || team.shared.unbound.load(Ordering::Relaxed) {
             return Err(std::io::Error::other(binding_error(caller, cores, &usable)));
@@ -199,23 +195,23 @@ impl Team {
         Ok(team)
     }
 
-    /// Whether its own threads have the priority that was asked for.
+    /// Whether its own threads got the requested priority.
     pub fn has_priority(&self) -> bool {
         !self.shared.refused.load(Ordering::Relaxed)
     }
 
-    /// A team of `threads` that owns none: the caller, and external workers that join while they are
-    /// admitted (`admit`). Without external workers the caller computes everything.
+    /// Creates a team of `threads` that owns no threads: the caller, and external workers that join while admitted
+    /// (`admit`). Without external workers the caller computes everything.
     pub(crate) fn with_external_workers(threads: usize) -> Self {
         Self::bare(threads.clamp(1, MAX_THREADS), true)
     }
 
-    /// A team of the calling thread.
+    /// Creates a team of the calling thread only.
     pub(crate) fn alone() -> Self {
         Self::bare(1, false)
     }
 
-    /// Without workers.
+    /// Creates a team without workers.
     fn bare(threads: usize, is_lent: bool) -> Self {
         let shares = (0..threads).map(|_| AtomicU32::new(1.0_f32.to_bits())).collect();
         Self {
@@ -228,37 +224,36 @@ impl Team {
         }
     }
 
-    /// The entry point of external workers.
+    /// Entry point for external workers.
     pub(crate) fn external_workers(&self) -> ExternalWorkers {
         ExternalWorkers { shared: Arc::clone(&self.shared) }
     }
 
-    /// Lets external workers in until the result is dropped.
+    /// Admits external workers until the result is dropped.
     pub(crate) fn admit(&self) -> JoinGuard<'_> {
         self.shared.joining.fetch_or(1, Ordering::SeqCst);
         JoinGuard(&self.shared)
     }
 
-    /// Whether the caller does its next jobs without the others, which go to sleep.
+    /// Sets whether the caller runs its next jobs without the others, which go to sleep.
     pub(crate) fn set_alone(&self, alone: bool) {
         self.is_alone.store(alone, Ordering::Relaxed);
     }
 
-    /// Number of threads, the caller included.
+    /// Number of threads, including the caller.
     pub fn threads(&self) -> usize {
         self.threads
     }
 
-    /// Most pieces that a job is cut into.
+    /// Maximum number of pieces that a job is divided into.
     pub(crate) fn pieces(&self) -> usize {
         if self.threads == 1 { 1 } else { self.threads + DYNAMIC_CHUNKS }
     }
 
-    /// Runs `job(i)` for every `i` below the number of threads, each on its own thread, and waits
-    /// for all.
+    /// Runs `job(i)` for every `i` below the number of threads, and waits for all. Each worker runs its own index;
+    /// the caller runs 0, and the indices that no worker has started.
     ///
-    /// A call while another is under way runs all of them on the calling thread. Panics where `job`
-    /// did.
+    /// If another call is running, all indices run on the calling thread. Panics if `job` panicked.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn run(&self, job: &Job) {
         let alone = self.threads == 1 || self.shared.busy.swap(true, Ordering::Acquire);
@@ -281,9 +276,9 @@ impl Team {
         shared.end_job();
     }
 
-    /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its
-    /// `total` columns or rows, cut as `split` cuts little work. Threads that wait fetch it: memory
-    /// is idle then, and most of a token's time goes into reading.
+    /// Announces the first reads of the job after the next: `ahead(piece)` for each piece of its `total` columns or
+    /// rows, divided as `split` divides small jobs. Waiting threads prefetch them: memory is idle then, and most of a
+    /// token's time is spent reading.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> PrefetchHint<'a>) {
         if self.threads == 1 || self.is_lent || self.is_alone.load(Ordering::Relaxed) {
@@ -299,7 +294,7 @@ impl Team {
         }
     }
 
-    /// Where each thread's piece of `granules` ends, and its share.
+    /// Computes where each thread's piece of `granules` ends, and its share.
     fn cut(&self, granules: usize, shares: &mut [f32], ends: &mut [usize]) {
         for (share, known) in shares.iter_mut().zip(&self.shares) {
             *share = f32::from_bits(known.load(Ordering::Relaxed));
@@ -307,9 +302,9 @@ impl Team {
         shares::cut(shares, granules, ends);
     }
 
-    /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but
-    /// the last), and calls `f(columns, piece)` for each. `work` is the job's multiply-adds: little
-    /// work is not shared.
+    /// Divides the columns of `y` into one piece per thread, each a multiple of `granule` wide (except the last), and
+    /// calls `f(columns, piece)` for each. `work` is the number of the job's multiply-adds: small jobs are not
+    /// shared.
     ///
     /// # Errors
     /// One of the errors that `f` returned.
@@ -325,7 +320,7 @@ impl Team {
         self.split(y, total, granule, work, |y, at| y.split_columns(at), f)
     }
 
-    /// The same for rows.
+    /// Like [`Self::columns`], for rows.
     ///
     /// # Errors
     /// One of the errors that `f` returned.
@@ -339,7 +334,7 @@ impl Team {
         self.split(y, total, 1, work, |y, at| y.split_rows(at), f)
     }
 
-    /// The same for the rows of two outputs, of which there are as many.
+    /// Like [`Self::columns`], for the rows of two outputs of equal height.
     ///
     /// # Errors
     /// One of the errors that `f` returned.
@@ -356,9 +351,9 @@ impl Team {
         self.split((y, z), total, 1, work, cut, |range, (y, z)| f(range, y, z))
     }
 
-    /// Cuts `y` by `cut` into one piece per thread, each a multiple of `granule` of the `total`
-    /// wide or high (but the last), and calls `f` for each. `work` is the job's multiply-adds:
-    /// little work is not shared.
+    /// Divides `y` by `cut` into one piece per thread, each a multiple of `granule` of the `total` rows or columns
+    /// (except the last), and calls `f` for each. `work` is the number of the job's multiply-adds: small jobs are not
+    /// shared.
     ///
     /// # Errors
     /// One of the errors that `f` returned.
@@ -383,8 +378,8 @@ impl Team {
         }
     }
 
-    /// Hands `total` rows or columns out to the threads, in at most `CAPACITY` pieces: one for each
-    /// thread and, if the job is large, a few more for the threads that finish first.
+    /// Distributes `total` rows or columns over the threads, in at most `CAPACITY` pieces: one per thread and, for a
+    /// large job, a few more for the threads that finish first.
     fn share<Y: Send, const CAPACITY: usize>(
         &self,
         y: Y,
@@ -430,7 +425,7 @@ impl Team {
             let end = piece.end();
             (*time, error) = (end.1, error.or(end.0));
         }
-        // Any external worker may take any piece.
+        // External workers may take any piece, so times do not belong to threads.
         if !self.is_lent && shares::learn(shares, &times[..threads]) {
             for (share, known) in shares.iter().zip(&self.shares) {
                 known.store(share.to_bits(), Ordering::Relaxed);
@@ -446,13 +441,13 @@ impl Drop for Team {
         self.shared.epoch.fetch_add(1, Ordering::SeqCst);
         wake_all(&raw const self.shared.epoch);
         for worker in self.workers.drain(..) {
-            // A worker catches panics of its jobs, so it cannot have panicked itself.
+            // Workers catch the panics of their jobs, so they do not panic themselves.
             drop(worker.join());
         }
     }
 }
 
-/// Lets external workers join while it lives.
+/// Admits external workers while it lives.
 #[derive(Debug)]
 pub(crate) struct JoinGuard<'a>(&'a Shared);
 
@@ -464,8 +459,7 @@ impl Drop for JoinGuard<'_> {
 }
 
 impl ExternalWorkers {
-    /// Works for the team until joining ends; returns at once where none
-    /// is. Never allocates.
+    /// Works for the team until admission ends; returns at once if the team admits nobody. Never allocates.
     pub(crate) fn work(&self) {
         let shared = &*self.shared;
         let joining = shared.joining.load(Ordering::SeqCst);
@@ -503,17 +497,16 @@ impl Shared {
         }
     }
 
-    /// Wakes the threads that wait for a job.
+    /// Wakes threads that wait for a job.
     fn signal(&self) {
-        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see
-        // that it sleeps.
+        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see that it sleeps.
         self.epoch.fetch_add(1, Ordering::SeqCst);
         if self.asleep.load(Ordering::SeqCst) > 0 {
             wake_all(&raw const self.epoch);
         }
     }
 
-    /// Waits a little for every piece to be begun.
+    /// Spins briefly until every piece has been started.
     fn await_start(&self) {
         for _ in 0..SPINS_BEFORE_TAKEOVER {
             if self.open.load(Ordering::Relaxed) == 0 {
@@ -523,7 +516,7 @@ impl Shared {
         }
     }
 
-    /// Does the pieces that nobody has begun.
+    /// Runs the pieces that have not been started.
     fn help(&self) {
         loop {
             let open = self.open.load(Ordering::Relaxed);
@@ -534,22 +527,22 @@ impl Shared {
         }
     }
 
-    /// Does a piece of the job, unless somebody has begun it.
+    /// Runs a piece of the job, unless another thread has started it.
     fn take(&self, index: usize) {
         let bit = 1 << index;
         if self.open.load(Ordering::Relaxed) & bit == 0 || self.open.fetch_and(!bit, Ordering::Acquire) & bit == 0 {
             return;
         }
         let job = self.job.load(Ordering::Relaxed).cast::<&Job>();
-        // SAFETY: `run` stored a pointer to its own `job` argument before it opened the piece that this thread
-        // alone has taken (release and acquire through `open`), and it does not return before `pending`, which
-        // counts the piece, reaches 0 below.
+        // SAFETY: `run` stored a pointer to its own `job` argument before it opened the piece, which only this thread
+        // has taken (release and acquire through `open`). It does not return before `pending`, which counts the
+        // piece, reaches 0 below.
         let job: &Job = unsafe { *job };
         self.contained(|| job(index));
         self.done();
     }
 
-    /// Runs a piece of the job; the job's first panic is kept for [`Self::end_job`].
+    /// Runs a piece of the job; the first panic is kept for [`Self::end_job`].
     fn contained(&self, piece: impl FnOnce()) {
         if let Err(defect) = contain(piece) {
             self.panicked.store(true, Ordering::Relaxed);
@@ -557,7 +550,7 @@ impl Shared {
         }
     }
 
-    /// Ends the job that every thread is done with. Panics where a piece of it did.
+    /// Ends a job after all threads are done with it. Panics if a piece panicked.
     fn end_job(&self) {
         let panicked = self.panicked.swap(false, Ordering::Relaxed);
         let defect = if panicked { self.defect.lock().unwrap_or_else(PoisonError::into_inner).take() } else { None };
@@ -567,7 +560,7 @@ impl Shared {
         }
     }
 
-    /// Spins, then sleeps, until nothing is pending any more.
+    /// Spins, then sleeps, until nothing is pending.
     fn wait_for_workers(&self) {
         self.expected[0].fetch(|| self.pending.load(Ordering::Acquire) == 0);
         for _ in 0..SPINS_BEFORE_SLEEP {
@@ -576,8 +569,7 @@ impl Shared {
             }
             std::hint::spin_loop();
         }
-        // SeqCst pairs with that of the last to be done: either it sees that we wait, or we see that it is
-        // done.
+        // SeqCst pairs with the last thread's: either it sees that we wait, or we see that it is done.
         self.waiting.store(true, Ordering::SeqCst);
         loop {
             match self.pending.load(Ordering::SeqCst) {
@@ -588,7 +580,7 @@ impl Shared {
         self.waiting.store(false, Ordering::Relaxed);
     }
 
-    /// Reports that one of those that are pending is done.
+    /// Reports that one pending piece or thread is done.
     fn done(&self) {
         if self.pending.fetch_sub(1, Ordering::SeqCst) == 1 && self.waiting.load(Ordering::SeqCst) {
             wake_one(&raw const self.pending);
@@ -617,8 +609,7 @@ impl Shared {
     }
 }
 
-/// Why threads could not be bound to cores: the cores of the config that the process may not use, and those
-/// that it may.
+/// Message for a failed binding: the configured cores that the process may not use, and those that it may.
 fn binding_error(caller: Option<usize>, cores: &[usize], usable: &[usize]) -> String {
     let list =
         |cores: &mut dyn Iterator<Item = usize>| cores.map(|core| core.to_string()).collect::<Vec<_>>().join(", ");
@@ -634,12 +625,12 @@ fn binding_error(caller: Option<usize>, cores: &[usize], usable: &[usize]) -> St
     format!("cores {wrong}: no thread can be bound to them; this process may use cores {usable}")
 }
 
-/// A number of threads or pieces.
+/// Converts a number of threads or pieces.
 fn count(threads: usize) -> u32 {
     threads.try_into().expect("at most 64")
 }
 
-/// A worker's life: wait for the epoch to change, do its own piece of the job, unless the caller has.
+/// Main loop of a worker: waits for a new epoch, then runs its own piece of the job, unless the caller has.
 fn work(shared: &Shared, index: usize) {
     let mut seen = 0;
     loop {
@@ -652,16 +643,15 @@ fn work(shared: &Shared, index: usize) {
     }
 }
 
-/// One thread's piece of the output, and what became of it.
+/// One thread's piece of the output, and its result.
 struct Piece<T> {
     input: UnsafeCell<Option<T>>,
-    /// What went wrong, and how long it took.
+    /// Error, and duration.
     end: UnsafeCell<(Option<StepError>, Duration)>,
 }
 
-// SAFETY: during `run` the cells of piece `i` are touched by one thread alone, the one that took piece `i` of the
-// job, or, where the job has no such piece, the one that was given the number `i`; before and after it by the
-// caller alone, and `run` orders the two.
+// SAFETY: during `run` only one thread accesses the cells of piece `i`: the one that took it, or, if the job has no
+// such piece, the one with the index `i`. Before and after, only the caller does, and `run` orders the two.
 unsafe impl<T: Send> Sync for Piece<T> {}
 
 impl<T> Piece<T> {
@@ -676,18 +666,18 @@ impl<T> Piece<T> {
     }
 
     fn take(&self) -> Option<T> {
-        // SAFETY: called for piece `i` by the one thread that has it.
+        // SAFETY: only the one thread that has piece `i` calls this.
         let input = unsafe { &mut *self.input.get() };
         input.take()
     }
 
     fn finish(&self, result: Result<(), StepError>, time: Duration) {
-        // SAFETY: called for piece `i` by the one thread that has it.
+        // SAFETY: only the one thread that has piece `i` calls this.
         let end = unsafe { &mut *self.end.get() };
         *end = (result.err(), time);
     }
 
-    /// Its error, and how long it took: nothing where there was nothing to do.
+    /// Error and duration; `None` and zero if it did nothing.
     fn end(&self) -> (Option<StepError>, Duration) {
         // SAFETY: called by the caller after `run`, when every thread is done.
         let end = unsafe { &*self.end.get() };

@@ -1,5 +1,5 @@
-//! Threads of the library's own, where it is built with them (feature `threads`): for teams, for
-//! engines that compute on their own, and for loading models.
+//! The library's own threads (feature `threads`): for teams, for engines that start their own workers, and for
+//! loading models.
 
 #[cfg(not(feature = "threads"))]
 pub use none::{JoinHandle, available, start, yield_now};
@@ -20,24 +20,25 @@ mod own {
     #[cfg(not(any(target_os = "linux", target_os = "android")))]
     use umo_kernels::environment::in_default;
 
-    /// Starts a thread with a name, and with the default floating-point environment: it would inherit
-    /// its starter's.
+    /// Starts a named thread with the default floating-point environment, which it would otherwise inherit from its
+    /// parent.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     #[cfg(not(any(target_os = "linux", target_os = "android")))]
     pub fn start(name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
         std::thread::Builder::new().name(name).spawn(|| in_default(life))
     }
 
-    /// How many threads the system computes at once.
+    /// Number of threads that the system runs at once.
     pub fn available() -> usize {
         std::thread::available_parallelism().map_or(1, usize::from)
     }
 }
 
-/// Threads by the system's own calls. The standard library's leave something on the thread that starts them, which
-/// keeps a shared library mapped until that thread ends, and end the process where there is no memory for their names.
+/// Threads created by system calls. The standard library's threads leave thread-local data on the thread that starts
+/// them, which keeps a shared library mapped until that thread ends, and end the process if there is no memory for
+/// their names.
 #[cfg(all(feature = "threads", any(target_os = "linux", target_os = "android")))]
 #[expect(unsafe_code, reason = "the standard library's threads keep a library from being unloaded")]
 mod posix {
@@ -50,14 +51,14 @@ mod posix {
 
     use umo_kernels::environment::in_default;
 
-    /// Bytes of a thread's stack: as many as the standard library gives one.
+    /// Bytes of a thread's stack: the standard library's default.
     const STACK: usize = 2 << 20;
-    /// Most bytes of a name that the system keeps.
+    /// Maximum length of a thread name on Linux, bytes.
     const MAX_NAME: usize = 15;
 
     type Life = Box<dyn FnOnce() + Send>;
 
-    /// A thread that was started.
+    /// Handle of a started thread.
     #[derive(Debug)]
     pub struct JoinHandle<T>(libc::pthread_t, PhantomData<T>);
 
@@ -65,12 +66,12 @@ mod posix {
         /// Waits until the thread has ended.
         ///
         /// # Errors
-        /// What the system says.
+        /// The system's error.
         pub fn join(self) -> io::Result<()> {
             let thread = self.0;
             std::mem::forget(self);
-            // SAFETY: the thread was started, and is neither joined nor detached: only this and `drop` do it, and take
-            // the handle.
+            // SAFETY: the thread was started, and is neither joined nor detached: only this and `drop` do so, and
+            // both consume the handle.
             done(unsafe { libc::pthread_join(thread, null_mut()) })
         }
     }
@@ -82,47 +83,47 @@ mod posix {
         }
     }
 
-    /// What a call of the system's said.
+    /// Converts the return value of a pthread call.
     fn done(error: i32) -> io::Result<()> {
         if error == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(error)) }
     }
 
-    /// Starts a thread with a name, and with the default floating-point environment: it would inherit
-    /// its starter's.
+    /// Starts a named thread with the default floating-point environment, which it would otherwise inherit from its
+    /// parent.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub fn start(mut name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
         name.truncate(MAX_NAME);
         let name = CString::new(name)?;
         let life: Life = Box::new(move || {
-            // SAFETY: it takes nothing.
+            // SAFETY: no preconditions.
             let this = unsafe { libc::pthread_self() };
-            // SAFETY: the name ends, and the thread is the one that runs.
+            // SAFETY: the name is NUL-terminated, and the thread is the current one.
             unsafe { libc::pthread_setname_np(this, name.as_ptr()) };
             in_default(life);
         });
         let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
-        // SAFETY: it initialises the attributes.
+        // SAFETY: initializes the attributes.
         done(unsafe { libc::pthread_attr_init(attributes.as_mut_ptr()) })?;
-        // SAFETY: they are initialised.
+        // SAFETY: they are initialized.
         unsafe { libc::pthread_attr_setstacksize(attributes.as_mut_ptr(), STACK) };
         let (mut thread, life) = (MaybeUninit::uninit(), Box::into_raw(Box::new(life)));
-        // SAFETY: the attributes are initialised, and `run` takes what it is given.
+        // SAFETY: the attributes are initialized, and `run` accepts this pointer.
         let error = unsafe { libc::pthread_create(thread.as_mut_ptr(), attributes.as_ptr(), run, life.cast()) };
-        // SAFETY: they are initialised, and not used again.
+        // SAFETY: they are initialized, and not used again.
         unsafe { libc::pthread_attr_destroy(attributes.as_mut_ptr()) };
         if error != 0 {
             // SAFETY: no thread was started that would take it.
             drop(unsafe { Box::from_raw(life) });
         }
         done(error)?;
-        // SAFETY: a thread was started, so it was written.
+        // SAFETY: a thread was started, so the handle was written.
         Ok(JoinHandle(unsafe { thread.assume_init() }, PhantomData))
     }
 
     extern "C" fn run(life: *mut c_void) -> *mut c_void {
-        // SAFETY: `start` gives the thread a box's pointer of this type, to this thread alone.
+        // SAFETY: `start` passes a box's pointer of this type, to this thread only.
         let life = unsafe { Box::from_raw(life.cast::<Life>()) };
         // A panic ends the thread, not the process.
         drop(catch_unwind(AssertUnwindSafe(life)));
@@ -135,12 +136,12 @@ mod none {
     use std::io;
     use std::marker::PhantomData;
 
-    /// No thread.
+    /// Uninhabited: no thread can be started.
     #[derive(Debug)]
     pub struct JoinHandle<T>(std::convert::Infallible, PhantomData<T>);
 
     impl<T> JoinHandle<T> {
-        /// Waits for the thread, of which there is none.
+        /// Never called: no value exists.
         ///
         /// # Errors
         /// None.
@@ -149,7 +150,7 @@ mod none {
         }
     }
 
-    /// Starts no thread.
+    /// Fails.
     ///
     /// # Errors
     /// [`io::ErrorKind::Unsupported`].
@@ -157,26 +158,25 @@ mod none {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    /// The caller's alone.
+    /// 1: the caller's thread.
     pub fn available() -> usize {
         1
     }
 
-    /// Lets the processor's other threads go on.
+    /// Yields to other hardware threads.
     pub fn yield_now() {
         std::hint::spin_loop();
     }
 }
 
-/// Packing weights by all threads of the caller's pool, or, without the feature `threads`, by the
-/// caller.
+/// Packs weights on all threads of the caller's pool, or, without the feature `threads`, on the calling thread.
 pub(crate) mod parallel {
     #[cfg(feature = "threads")]
     pub(crate) use rayon::prelude::*;
     #[cfg(not(feature = "threads"))]
     pub(crate) use sequential::*;
 
-    /// What loading calls of rayon, by iterators of the standard library.
+    /// The part of rayon's API that loading uses, on standard iterators.
     #[cfg(not(feature = "threads"))]
     mod sequential {
         use std::slice::{ChunksExact, ChunksExactMut, ChunksMut};

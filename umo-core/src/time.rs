@@ -1,23 +1,22 @@
-//! What time it is, where the system says so.
+//! Instants, on systems with a clock.
 
 #[cfg(all(feature = "clock", not(all(target_family = "wasm", target_os = "unknown"))))]
 pub use std::time::Instant;
 
-/// A moment of a system without a clock, as WebAssembly in a browser, or of a library without the
-/// feature `clock`: all are the same, so that no time is measured, and no budget but a poll's zero is
-/// ever used up.
+/// Instant on systems without a clock, such as WebAssembly in a browser, or without the feature `clock`. All instants
+/// are equal: no time is measured, and only a poll's budget of zero is ever exhausted.
 #[cfg(any(not(feature = "clock"), all(target_family = "wasm", target_os = "unknown")))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Instant(());
 
 #[cfg(any(not(feature = "clock"), all(target_family = "wasm", target_os = "unknown")))]
 impl Instant {
-    /// The only moment.
+    /// Returns the only instant.
     pub fn now() -> Self {
         Self(())
     }
 
-    /// None.
+    /// Always zero.
     pub fn elapsed(&self) -> std::time::Duration {
         std::time::Duration::ZERO
     }

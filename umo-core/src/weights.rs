@@ -1,4 +1,4 @@
-//! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
+//! The only reader of model files: bytes to checked tensors. Each error names its cause.
 
 mod checksum;
 mod header;
@@ -30,19 +30,19 @@ use writer::Storage;
 /// The version of the format that this library reads and writes.
 pub const FORMAT_VERSION: &str = "1";
 
-/// A model file: its bytes (mapped, owned or static), its config, and where each tensor lies.
+/// A model file: its bytes (mapped, owned or static), its config, and the location of each tensor.
 #[derive(Debug)]
 pub struct ModelFile {
     source: Source,
     config: Config,
     tensors: HashMap<String, TensorInfo>,
     data_start: usize,
-    /// What the file says its checksum is, and the text of its config, which is a part of it.
+    /// Checksum in the file, and the text of its config, which is covered by it.
     checksum: Option<(u32, String)>,
 }
 
-/// Files up to this size are compared with their checksum when they are opened: 2 ms for the
-/// default model. Larger ones, whose bytes would be read twice, by [`ModelFile::verify`].
+/// Largest size at which the checksum is verified on opening: 2 ms for the default model. Larger files would be read
+/// twice; [`ModelFile::verify`] checks them.
 const CHECKED_WHEN_OPENED: usize = 256 << 20;
 
 impl ModelFile {
@@ -55,7 +55,7 @@ impl ModelFile {
         Self::from_source(Source::open(path)?)
     }
 
-    /// The same for bytes in memory.
+    /// Reads a model file from memory.
     ///
     /// # Errors
     /// [`LoadError`] naming the key or tensor.
@@ -63,7 +63,7 @@ impl ModelFile {
         Self::from_source(Source::Owned(bytes))
     }
 
-    /// The same for bytes that live as long as the program, which are not copied.
+    /// Reads a model file from static bytes, without copying them.
     ///
     /// # Errors
     /// [`LoadError`] naming the key or tensor.
@@ -73,8 +73,7 @@ impl ModelFile {
 
     fn from_source(source: Source) -> Result<Self, LoadError> {
         let bytes = source.bytes();
-        // What a header of so many bytes becomes, several times over: the names, maps and config in
-        // it.
+        // Parsing a header of this size takes several times its memory, for its names, maps and config.
         let header_len = bytes.first_chunk().map_or(0, |len| u64::from_le_bytes(*len)).min(bytes.len() as u64);
         memory::check(16 * usize::try_from(header_len).unwrap_or(usize::MAX / 16) + SPARE)?;
         let end = usize::try_from(header_len).unwrap_or(usize::MAX).saturating_add(8).min(bytes.len());
@@ -105,10 +104,10 @@ impl ModelFile {
         Ok(file)
     }
 
-    /// Compares the file with its checksum; whether it has one.
+    /// Verifies the file's checksum; returns whether it has one.
     ///
     /// # Errors
-    /// [`LoadError::File`] where the bytes are not those that were written.
+    /// [`LoadError::File`] if the bytes were changed after writing.
     pub fn verify(&self) -> Result<bool, LoadError> {
         let Some((said, config)) = &self.checksum else { return Ok(false) };
         let found = checksum::sum(config, &self.source.bytes()[self.data_start..]);
@@ -122,24 +121,24 @@ impl ModelFile {
         )))
     }
 
-    /// Every dimension of the model.
+    /// The model's config.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// Bytes of the whole file.
+    /// Size of the file, bytes.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn len(&self) -> usize {
         self.source.bytes().len()
     }
 
-    /// Whether the file has no bytes; never so for a file that was opened.
+    /// Whether the file is empty; never true for an opened file.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Name, type name, shape and bytes of every tensor, by name.
+    /// Name, type name, shape and number of bytes of every tensor, by name.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn tensors(&self) -> Vec<(&str, String, &[usize], usize)> {
         let mut list: Vec<_> = self
@@ -154,10 +153,10 @@ impl ModelFile {
         list
     }
 
-    /// A number that tells this model, used in the way that `usage` names, from others: of its
-    /// config, and of some bytes of every tensor, evenly spread. Cheap beside loading it.
+    /// Hash that identifies this model and its `usage`: of its config, and of evenly spread samples of every tensor.
+    /// Cheap compared with loading.
     pub(crate) fn fingerprint(&self, usage: &str) -> u64 {
-        /// Of this many places, and as many bytes at each.
+        /// Number of samples, and bytes in each.
         const PLACES: usize = 16;
         let mut sum = Fingerprint::new();
         sum.add(usage.as_bytes());
@@ -184,16 +183,16 @@ impl ModelFile {
         self.tensors.contains_key(name)
     }
 
-    /// Whether the file has a tensor whose name starts so.
+    /// Whether the file has a tensor whose name starts with `prefix`.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn has_any(&self, prefix: &str) -> bool {
         self.tensors.keys().any(|name| name.starts_with(prefix))
     }
 
-    /// How a tensor is stored, where this library can write it so.
+    /// Storage of a tensor, if this library can write it.
     ///
     /// # Errors
-    /// [`LoadError::Tensor`] where it is missing or of a type that no umo model has.
+    /// [`LoadError::Tensor`] if it is missing or has a type that no umo model has.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn storage(&self, name: &str) -> Result<Storage, LoadError> {
         match self.info(name)?.dtype {
@@ -207,10 +206,10 @@ impl ModelFile {
         }
     }
 
-    /// The raw bytes of a U8 tensor of one dimension, as `text.tokenizer`.
+    /// Bytes of a one-dimensional U8 tensor, such as `text.tokenizer`.
     ///
     /// # Errors
-    /// [`LoadError::Tensor`] where it is missing or of another type.
+    /// [`LoadError::Tensor`] if it is missing or has another type.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn raw(&self, name: &str) -> Result<&[u8], LoadError> {
         let info = self.info(name)?;
@@ -223,11 +222,11 @@ impl ModelFile {
         Ok(self.slice(info))
     }
 
-    /// The tensor `name`, which must be `shape`: F32, F16, BF16, I8 with `name.scale`, or int4 codes of
-    /// such a shape in U8 with `name.scale` and `name.multipliers`.
+    /// Returns the tensor `name`, which must have this `shape`: F32, F16, BF16, I8 with `name.scale`, or int4 codes
+    /// of that shape in U8 with `name.scale` and `name.multipliers`.
     ///
     /// # Errors
-    /// [`LoadError::Tensor`] where it is missing or of another shape or type.
+    /// [`LoadError::Tensor`] if it is missing or has another shape or type.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Tensor<'_>, LoadError> {
         let info = self.info(name)?;
@@ -303,7 +302,7 @@ impl ModelFile {
     }
 }
 
-/// The tensor with the multipliers of the int4 tensor `name`.
+/// Name of the multipliers of the int4 tensor `name`.
 fn multipliers(name: &str) -> String {
     format!("{name}.multipliers")
 }
@@ -330,7 +329,7 @@ fn config_text(metadata: &Metadata) -> Result<&str, LoadError> {
     entry("config").ok_or_else(|| LoadError::File("metadata `config` is missing".to_owned()))
 }
 
-/// A tensor of the file as rows of its first dimension.
+/// A tensor of the file, as rows along its first dimension.
 #[derive(Debug)]
 pub struct Tensor<'a> {
     name: String,
@@ -339,7 +338,7 @@ pub struct Tensor<'a> {
     cols: usize,
 }
 
-/// A tensor's values as the file has them (little-endian, not aligned).
+/// Values as stored (little-endian, unaligned).
 #[derive(Debug)]
 enum Data<'a> {
     F32(&'a [[u8; 4]]),
@@ -350,22 +349,22 @@ enum Data<'a> {
 }
 
 impl Tensor<'_> {
-    /// Its name in the file.
+    /// Name in the file.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Rows: the first dimension.
+    /// Number of rows: the first dimension.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Values per row.
+    /// Number of values per row.
     pub fn cols(&self) -> usize {
         self.cols
     }
 
-    /// How the values are stored.
+    /// Storage of the values.
     pub fn storage(&self) -> Storage {
         match self.data {
             Data::F32(_) => Storage::F32,
@@ -379,7 +378,7 @@ impl Tensor<'_> {
     /// Reads row `row` into `out [cols]`.
     ///
     /// # Errors
-    /// [`LoadError::Tensor`] where a value is not finite.
+    /// [`LoadError::Tensor`] if a value is not finite.
     pub fn read_row(&self, row: usize, out: &mut [f32]) -> Result<(), LoadError> {
         let range = row * self.cols..(row + 1) * self.cols;
         match &self.data {
@@ -394,7 +393,7 @@ impl Tensor<'_> {
                 }
             }
         }
-        // Without an early end, so that many values are looked at together.
+        // No early exit, so that it vectorizes.
         if out.iter().fold(true, |finite, v| finite & v.is_finite()) {
             return Ok(());
         }
@@ -402,8 +401,8 @@ impl Tensor<'_> {
         Err(LoadError::tensor(&*self.name, format!("value [{row}, {at}] is {}, not a finite number", out[at])))
     }
 
-    /// The int8 steps of row `row` and the real value of one step, where the tensor is stored in int8
-    /// or, with `buffer [cols]` for the steps, in int4.
+    /// Returns the int8 values of row `row` and their scale, if the tensor is stored as int8, or as int4, which are
+    /// expanded into `buffer [cols]`.
     pub fn steps<'a>(&'a self, row: usize, buffer: &'a mut [i8]) -> Option<(&'a [i8], f32)> {
         match &self.data {
             Data::I8(data, scale) => Some((&data[row * self.cols..(row + 1) * self.cols], scale[row])),
@@ -418,8 +417,8 @@ impl Tensor<'_> {
         }
     }
 
-    /// Writes the int4 codes of row `row` to `codes [cols]`; returns the multipliers of its groups and
-    /// its scale, where the tensor is stored so.
+    /// Writes the int4 codes of row `row` to `codes [cols]`; returns the multipliers of its groups and its scale, if
+    /// the tensor is stored as int4.
     pub fn int4_row(&self, row: usize, codes: &mut [i8]) -> Option<(&[i8], f32)> {
         let Data::I4 { scale, .. } = &self.data else { return None };
         let stored = self.int4_codes(row);
@@ -427,7 +426,7 @@ impl Tensor<'_> {
         Some((self.multipliers(row), scale[row]))
     }
 
-    /// The bytes of a row's int4 codes; none where the tensor is stored otherwise.
+    /// Bytes of a row's int4 codes; empty if the tensor is not int4.
     fn int4_codes(&self, row: usize) -> &[u8] {
         let len = int4::row_bytes(self.cols);
         match &self.data {
@@ -436,7 +435,7 @@ impl Tensor<'_> {
         }
     }
 
-    /// The multipliers of a row's groups; none where the tensor is not int4.
+    /// Multipliers of a row's groups; empty if the tensor is not int4.
     fn multipliers(&self, row: usize) -> &[i8] {
         let groups = int4::groups(self.cols);
         match &self.data {
@@ -448,7 +447,7 @@ impl Tensor<'_> {
     /// Reads every value.
     ///
     /// # Errors
-    /// [`LoadError::Tensor`] where a value is not finite.
+    /// [`LoadError::Tensor`] if a value is not finite.
     pub fn read(&self, out: &mut [f32]) -> Result<(), LoadError> {
         if self.cols == 0 {
             return Ok(());
@@ -456,7 +455,7 @@ impl Tensor<'_> {
         out.chunks_exact_mut(self.cols).enumerate().try_for_each(|(row, out)| self.read_row(row, out))
     }
 
-    /// Where the bytes lie in memory, and how many there are.
+    /// Address and number of the bytes in memory.
     fn extent(&self) -> (*const u8, usize) {
         match &self.data {
             Data::F32(data) => (data.as_ptr().cast(), size_of_val(*data)),

@@ -17,12 +17,12 @@ pub(crate) struct History {
     target: usize,
     stride: usize,
     codes: usize,
-    /// The codes of rest.
+    /// Rest codes.
     rest: PerPart<u16>,
 }
 
 impl History {
-    /// A history of rest codes.
+    /// Creates a history of rest codes.
     pub(crate) fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
         let (prefix, stride) = (config.prefix, config.keyframe_stride);
         let (len, rest) = ((prefix + target - 1) * stride + 1, config.part_rest());
@@ -37,7 +37,7 @@ impl History {
         }
     }
 
-    /// Rest codes again.
+    /// Resets the history to rest codes.
     pub(crate) fn rest(&mut self) {
         Part::ALL.into_iter().for_each(|part| self.keyframes[part].fill(self.rest[part]));
     }
@@ -57,19 +57,18 @@ impl History {
         Ok(())
     }
 
-    /// Describes the history. New keyframes and the frames between are written by each chunk before
-    /// they are read.
+    /// Describes the history. Each chunk writes the new keyframes and the frames in between before it reads them.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let (prefix, codes) = (self.prefix, self.codes);
         Part::ALL.into_iter().try_for_each(|part| pass.codes(&mut self.keyframes[part][..prefix], codes))
     }
 
-    /// The history.
+    /// The history's keyframes.
     pub(crate) fn prefix(&self) -> PerPart<&[u16]> {
         PerPart::from_fn(|part| &self.keyframes[part][..self.prefix])
     }
 
-    /// The new keyframes, to be written.
+    /// The new keyframes, mutable.
     pub(crate) fn target(&mut self) -> PerPart<&mut [u16]> {
         let PerPart { face, hands, upper, lower } = &mut self.keyframes;
         let prefix = self.prefix;
@@ -81,7 +80,7 @@ impl History {
         }
     }
 
-    /// Puts the keyframes on their frames and masks all others.
+    /// Copies the keyframes to their frames and masks all others.
     #[expect(clippy::cast_possible_truncation, reason = "the mask fits 16 bits by the config's checks")]
     pub(crate) fn lay_out(&mut self) {
         for part in Part::ALL {
@@ -92,30 +91,30 @@ impl History {
         }
     }
 
-    /// The window's frames, to be filled.
+    /// The window's frames, mutable.
     pub(crate) fn frames(&mut self) -> PerPart<&mut [u16]> {
         let PerPart { face, hands, upper, lower } = &mut self.frames;
         PerPart { face, hands, upper, lower }
     }
 
-    /// The same, to be read.
+    /// The window's frames.
     pub(crate) fn window(&self) -> PerPart<&[u16]> {
         PerPart::from_fn(|part| &*self.frames[part])
     }
 
-    /// The frames that this chunk made known: those after the last keyframe of the history, or in
-    /// the first chunk those from frame 0 on.
+    /// Frames whose codes this chunk made known: those after the last keyframe of the history, or in the first chunk
+    /// from frame 0.
     pub(crate) fn fresh(&self, first: bool) -> PerPart<&[u16]> {
         let start = self.fresh_start(first);
         PerPart::from_fn(|part| &self.frames[part][start..])
     }
 
-    /// The first of these in the window.
+    /// Index of the first fresh frame in the window.
     pub(crate) fn fresh_start(&self, first: bool) -> usize {
         if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 }
     }
 
-    /// The new keyframes are as the last one before them.
+    /// Sets the new keyframes to the last one of the history.
     pub(crate) fn hold(&mut self) {
         for part in Part::ALL {
             let (history, new) = self.keyframes[part].split_at_mut(self.prefix);
@@ -123,21 +122,21 @@ impl History {
         }
     }
 
-    /// Writes `codes [keyframes, parts]`, from keyframe `first` of the window on.
+    /// Writes `codes [keyframes, parts]`, starting at keyframe `first` of the window.
     pub(crate) fn put(&mut self, first: usize, codes: &[u16]) {
         for (at, codes) in codes.chunks_exact(Part::ALL.len()).enumerate() {
             Part::ALL.into_iter().zip(codes).for_each(|(part, &code)| self.keyframes[part][first + at] = code);
         }
     }
 
-    /// Reads what [`Self::put`] writes.
+    /// Reads codes in the layout of [`Self::put`].
     pub(crate) fn get(&self, first: usize, codes: &mut [u16]) {
         for (at, codes) in codes.chunks_exact_mut(Part::ALL.len()).enumerate() {
             Part::ALL.into_iter().zip(codes).for_each(|(part, code)| *code = self.keyframes[part][first + at]);
         }
     }
 
-    /// Moves the window on by one chunk.
+    /// Moves the window by one chunk.
     pub(crate) fn advance(&mut self) {
         for part in Part::ALL {
             self.keyframes[part].copy_within(self.target.., 0);

@@ -19,12 +19,11 @@ pub(crate) struct Keyframes {
     vectors: Slice<Slice<f32>>,
     /// Whether a frame is a keyframe.
     known: Slice<bool>,
-    /// Where the codes of each part with channels are among a keyframe's, and the width of their
-    /// vectors.
+    /// Range of each part's codes within a keyframe, and the width of its vectors; only parts with channels.
     parts: Slice<(Range<usize>, usize)>,
-    /// One more than the largest of each code of a keyframe.
+    /// Exclusive upper bound of each code of a keyframe.
     limits: Slice<usize>,
-    /// The codes of rest.
+    /// Rest codes.
     rest: Slice<u16>,
     prefix: usize,
     target: usize,
@@ -32,7 +31,7 @@ pub(crate) struct Keyframes {
 }
 
 impl Keyframes {
-    /// A history of rest codes.
+    /// Creates a history of rest codes.
     #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
     pub(crate) fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
         let (prefix, stride) = (config.prefix, config.keyframe_stride);
@@ -66,7 +65,7 @@ impl Keyframes {
         self.rest.len()
     }
 
-    /// Rest codes again.
+    /// Resets the history to rest codes.
     pub(crate) fn rest(&mut self) {
         self.codes.chunks_exact_mut(self.rest.len()).for_each(|codes| codes.copy_from_slice(&self.rest));
     }
@@ -90,8 +89,7 @@ impl Keyframes {
         Ok(())
     }
 
-    /// Describes the history. New keyframes and the vectors are written by each chunk before they
-    /// are read.
+    /// Describes the history. Each chunk writes the new keyframes and the vectors before it reads them.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let count = self.limits.len();
         for codes in self.codes[..self.prefix * count].chunks_exact_mut(count) {
@@ -128,14 +126,14 @@ impl Keyframes {
         self.codes[(self.prefix + keyframe) * count..][..count].copy_from_slice(codes);
     }
 
-    /// The new keyframes are as the last one before them.
+    /// Sets the new keyframes to the last one of the history.
     pub(crate) fn hold(&mut self) {
         let (count, first) = (self.count(), self.prefix * self.count());
         let (history, new) = self.codes.split_at_mut(first);
         new.chunks_exact_mut(count).for_each(|codes| codes.copy_from_slice(&history[first - count..]));
     }
 
-    /// Puts the keyframes' vectors on their frames.
+    /// Writes the keyframes' vectors to their frames.
     pub(crate) fn lay_out(&mut self, decoders: &[VqDecoder]) -> Result<(), StepError> {
         let count = self.count();
         for (((range, width), vectors), decoder) in self.parts.iter().zip(&mut self.vectors).zip(decoders) {
@@ -147,13 +145,13 @@ impl Keyframes {
         Ok(())
     }
 
-    /// The vectors of the window's frames, to be filled, and which frames are known.
+    /// The vectors of the window's frames, mutable, and which frames are known.
     pub(crate) fn frames(&mut self) -> (&mut [Slice<f32>], &[bool]) {
         (&mut self.vectors, &self.known)
     }
 
-    /// The vectors of the frames that this chunk made known: those after the last keyframe of the
-    /// history, or in the first chunk those from frame 0 on. Each part's, and how many there are.
+    /// Vectors of the frames that this chunk made known: those after the last keyframe of the history, or in the
+    /// first chunk from frame 0. Returns one entry per part, and the number of parts.
     pub(crate) fn fresh(&self, first: bool) -> ([Latents<'_>; MAX_PARTS], usize) {
         let start = self.known.len() - self.fresh_frames(first);
         let mut latents = [Latents::Vectors(&[]); MAX_PARTS];
@@ -163,22 +161,22 @@ impl Keyframes {
         (latents, self.parts.len())
     }
 
-    /// Writes `codes [keyframes, codes of a keyframe]`, from keyframe `first` of the window on.
+    /// Writes `codes [keyframes, codes of a keyframe]`, starting at keyframe `first` of the window.
     pub(crate) fn put(&mut self, first: usize, codes: &[u16]) {
         self.codes[first * self.rest.len()..][..codes.len()].copy_from_slice(codes);
     }
 
-    /// Reads what [`Self::put`] writes.
+    /// Reads codes in the layout of [`Self::put`].
     pub(crate) fn get(&self, first: usize, codes: &mut [u16]) {
         codes.copy_from_slice(&self.codes[first * self.count()..][..codes.len()]);
     }
 
-    /// Frames that this chunk made known.
+    /// Number of frames that this chunk made known.
     pub(crate) fn fresh_frames(&self, first: bool) -> usize {
         if first { (self.target - 1) * self.stride + 1 } else { self.target * self.stride }
     }
 
-    /// Moves the window on by one chunk.
+    /// Moves the window by one chunk.
     pub(crate) fn advance(&mut self) {
         let count = self.count();
         self.codes.copy_within(self.target * count.., 0);

@@ -1,5 +1,5 @@
-//! A keyframe of layout `frames` after its decoder pass: what the depth network is told, and the codes
-//! that it draws (SPEC 2.13).
+//! A keyframe of layout `frames` after its decoder pass: the depth network's inputs, and the codes that it samples
+//! (SPEC 2.13).
 
 use super::{Batch, BetweenScratch, OTHER_LAYOUT, Phase};
 use crate::avatar::{Avatar, Window};
@@ -9,21 +9,21 @@ use crate::linear::Compute;
 use crate::lm::depth::Task;
 use crate::model::{Between, Model};
 
-/// Codes that one step draws where steps are cut: so many of one member, or one of so many members and more.
+/// Codes that one bounded step samples: at most one code of this many or more members, or several codes of fewer
+/// members.
 const BOUNDED_CODES: usize = 8;
-/// Most of one member, of which a code takes longer than a share of many.
+/// Limit for one member, whose codes take longer than a share of many members'.
 const MEMBER_CODES: usize = 4;
 
-/// The id of what a member's decoder reads, behind the history's keyframes of all `width` members.
+/// Row id of a member's decoder input, after the history keyframes of all `width` members.
 #[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
 pub(super) fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
     (model.config.vocab.size + width * model.config.prefix + member) as u32
 }
 
 impl Batch {
-    /// The encoder's states where the keyframe of the decoder pass is heard, of every sequence of
-    /// the pass: at the last token that is heard where the place is behind it, and zeros where there is
-    /// no audio.
+    /// Collects the encoder's states at the tokens of the decoder pass's keyframe, for every sequence of the pass. A
+    /// place after the last audible token reads that token; without audio the states are zeros.
     pub(super) fn list_heard(&mut self, config: &Config, avatars: &[Avatar]) {
         let (tokens, d) = (config.heard_tokens(), config.lm.d_model);
         let BetweenScratch::Vectors { heard, keyframe, .. } = &mut self.between else { return };
@@ -48,7 +48,7 @@ impl Batch {
         }
     }
 
-    /// One task for each member of the decoder pass, whose rows are those of its sequences.
+    /// Lists one task for each member of the decoder pass, with the rows of its sequences.
     pub(super) fn list_tasks(&mut self, avatars: &[Avatar]) {
         let BetweenScratch::Vectors { tasks, before, keyframe, .. } = &mut self.between else { return };
         tasks.clear();
@@ -75,8 +75,8 @@ impl Batch {
         }
     }
 
-    /// The codes of the keyframe that the decoder pass was of, for as many members and codes as one
-    /// step takes, and what the next pass reads.
+    /// Samples codes of the decoder pass's keyframe, for the members and codes of one step, and prepares the input of
+    /// the next pass.
     pub(super) fn draw(
         &mut self,
         model: &Model,

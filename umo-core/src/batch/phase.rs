@@ -2,16 +2,16 @@
 
 use crate::lm::EncoderPiece;
 
-/// Where the work stands.
+/// Position of the work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
-    /// No batch is under way.
+    /// No batch is in progress.
     Idle,
-    /// A piece of the audio tokenizer's work for one member.
+    /// A step of the audio tokenizer for one member.
     Tokenize { member: usize },
     /// One layer of the encoder, or a piece of it for the sequences from `first` on.
     Encode { layer: usize, first: usize, piece: EncoderPiece },
-    /// The decoder's keys and values of one sequence's encoder states from `row` on, in one layer.
+    /// The decoder's keys and values of one sequence's encoder states, starting at `row`, in one layer.
     Attend { sequence: usize, layer: usize, row: usize },
     /// One layer of a decoder pass, for the sequences from `first` on.
     Decode { layer: usize, first: usize },
@@ -28,10 +28,10 @@ impl Phase {
     pub(super) const ENCODE: Self = Self::Encode { layer: 0, first: 0, piece: EncoderPiece::FIRST };
     /// A decoder pass.
     pub(super) const DECODE: Self = Self::Decode { layer: 0, first: 0 };
-    /// How many kinds of steps there are.
+    /// Number of kinds of steps.
     pub(super) const KINDS: usize = 8;
 
-    /// The number of its kind.
+    /// Number of the step's kind.
     pub(super) fn kind(self) -> usize {
         match self {
             Self::Idle => 0,
@@ -45,7 +45,7 @@ impl Phase {
         }
     }
 
-    /// What its kind is called.
+    /// Name of the step's kind.
     #[cfg(feature = "internals")]
     pub(super) fn name(self) -> &'static str {
         match self {

@@ -1,10 +1,10 @@
-//! Failures that a test plants in a member's steps.
+//! Failures that tests inject into a member's steps.
 
 use super::{Batch, Phase};
 use crate::avatar::Avatar;
 use crate::error::StepError;
 
-/// A kind of step.
+/// Kind of step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
     Audio,
@@ -30,18 +30,18 @@ impl Step {
     ];
 }
 
-/// A member whose steps of one kind fail, after the first few.
+/// Failure of a member's steps of one kind, after the first few.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plant {
     pub(crate) step: Step,
-    /// Steps of the kind that are still taken.
+    /// Steps of the kind that succeed first.
     pub(crate) after: usize,
-    /// Whether they panic.
+    /// Whether the failure is a panic.
     pub(crate) panics: bool,
 }
 
 impl Avatar {
-    /// Fails as planted.
+    /// Fails if injected.
     pub(crate) fn meet_plant(&mut self, step: Step) -> Result<(), StepError> {
         let Some(plant) = self.plant.as_mut().filter(|plant| plant.step == step) else { return Ok(()) };
         if plant.after > 0 {
@@ -54,7 +54,7 @@ impl Avatar {
 }
 
 impl Batch {
-    /// Fails as planted in a member of the next step.
+    /// Fails if injected into a member of the next step.
     pub(super) fn meet_plants(&self, avatars: &mut [Avatar]) -> Result<(), StepError> {
         let (step, member) = match self.phase {
             Phase::Idle => return Ok(()),

@@ -1,29 +1,28 @@
-//! Whether a step is worth the team's other threads: learned while it runs, from how long steps of
-//! its kind take with them and without.
+//! Decision whether to share a step with the team's other threads, learned at run time from how long steps of its
+//! kind take with and without them.
 //!
-//! What is computed does not depend on it, so that a wrong answer costs time alone. A small model's
-//! layer is done before the others are awake, and a thread that only waits takes the core that a
-//! game wants; on a busy machine the others may come late. So the other threads must save a tenth
-//! of the time, or the calling thread works alone.
+//! The result does not depend on it: a wrong decision only costs time. A small model's layer is done before the
+//! others are awake, and a waiting thread occupies a core that a game wants; on a busy machine the others may be
+//! late. So the other threads must save a tenth of the time; otherwise the calling thread works alone.
 
 use std::time::Duration;
 
 use crate::memory::filled;
 
-/// The part of a step's time alone that it may take with all threads.
+/// Largest ratio of the shared to the unshared time at which sharing pays.
 const WORTH_IT: f32 = 0.9;
-/// Times that a decision stands on, of each way: the median of an odd number.
+/// Number of times per alternative that a decision is based on; their median, so odd.
 const SAMPLES: usize = 5;
-/// Steps from one trial of the other way to the next, and after a trial that speaks against the
+/// Steps between two trials of the other alternative; steps until the next trial after one that contradicts the
 /// decision.
 const TRIAL_INTERVAL: u32 = 256;
 const NEXT_TRIAL: u32 = 4;
 
-/// The last times of one way, in seconds.
+/// Recent times of one alternative, seconds.
 #[derive(Clone, Copy, Debug, Default)]
 struct Times {
     last: [f32; SAMPLES],
-    /// Of all times so far, up to [`SAMPLES`].
+    /// Number of times so far, up to [`SAMPLES`].
     count: usize,
     next: usize,
 }
@@ -63,13 +62,13 @@ impl Kind {
     /// Whether the next step is shared.
     fn choose(&self) -> bool {
         if !(self.shared.is_known() && self.alone.is_known()) {
-            // Shared first: the first frames of a stream are those that a user waits for.
+            // Shared first: users wait for the first frames of a stream.
             return self.shared.count <= self.alone.count;
         }
         self.is_worth_it() != (self.until_trial == 0)
     }
 
-    /// Takes the time of a step that was shared as [`Self::choose`] said.
+    /// Records the time of a step, shared or not as [`Self::choose`] decided.
     fn learn(&mut self, shared: bool, time: Duration) {
         let (known, time) = (self.shared.is_known() && self.alone.is_known(), time.as_secs_f32());
         let was_trial = known && shared != self.is_worth_it();
@@ -86,7 +85,7 @@ impl Kind {
     }
 }
 
-/// What is known of every kind of step in batches of up to `width` members.
+/// Times of every kind of step in batches of up to `width` members.
 #[derive(Debug)]
 pub(super) struct Sharing {
     /// `[kinds, width]`.
@@ -99,13 +98,12 @@ impl Sharing {
         Self { kinds: filled(Kind::default(), kinds * width).into(), width }
     }
 
-    /// Whether the next step of this kind in a batch of `members` is shared with the team's other
-    /// threads.
+    /// Whether to share the next step of this kind, in a batch of `members`, with the team's other threads.
     pub(super) fn choose(&self, kind: usize, members: usize) -> bool {
         self.kinds[self.place(kind, members)].choose()
     }
 
-    /// How long that step took.
+    /// Records the duration of that step.
     pub(super) fn learn(&mut self, kind: usize, members: usize, shared: bool, time: Duration) {
         self.kinds[self.place(kind, members)].learn(shared, time);
     }
@@ -121,8 +119,8 @@ mod tests {
 
     const MICROSECOND: Duration = Duration::from_micros(1);
 
-    /// Steps of which a shared one takes `shared` and another `alone` microseconds: how many of
-    /// the last `last` of `steps` were shared.
+    /// Runs `steps` steps that take `shared` or `alone` microseconds; returns how many of the last `last` were
+    /// shared.
     fn shared_of(sharing: &mut Sharing, steps: usize, last: usize, shared: u32, alone: u32) -> usize {
         let mut count = 0;
         for step in 0..steps {
@@ -163,9 +161,9 @@ mod tests {
     fn it_follows_the_machine_within_a_few_trials() {
         let mut sharing = Sharing::new(3, 4);
         shared_of(&mut sharing, 1000, 0, 55, 100);
-        // Another program takes a core: the others come late.
+        // Another program occupies a core: the other threads are late.
         assert!(shared_of(&mut sharing, 100, 80, 400, 100) <= 1);
-        // It ends.
+        // The other program ends.
         assert!(shared_of(&mut sharing, 600, 256, 55, 100) >= 250);
     }
 

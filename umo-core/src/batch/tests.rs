@@ -1,4 +1,4 @@
-//! Steps that are cut give the frames of those that are not.
+//! Bounded steps give the same frames as whole ones.
 
 use super::*;
 use crate::avatar::AvatarConfig;
@@ -6,10 +6,10 @@ use crate::team::Team;
 use crate::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// More than one step of a decoder pass takes where steps are cut.
+/// More than one bounded step of a decoder pass takes.
 const MEMBERS: usize = 6;
 
-/// The bits of every member's frames.
+/// Bits of every member's frames.
 struct Bits(Vec<Vec<u32>>);
 
 impl FrameSink for Bits {
@@ -19,7 +19,7 @@ impl FrameSink for Bits {
     }
 }
 
-/// Two chunks and the rest: steps of the longest chunk, and all frames.
+/// Runs two chunks and the flush; returns the steps of the longest chunk, and all frames.
 fn frames(model: &Model, bounded: bool) -> (usize, Vec<Vec<u32>>) {
     let (config, team) = (&model.config, Team::alone());
     let cx = Compute { isa: model.isa, team: &team };
@@ -30,7 +30,7 @@ fn frames(model: &Model, bounded: bool) -> (usize, Vec<Vec<u32>>) {
     let avatar = |member: usize| {
         let mut settings = AvatarConfig::new(config);
         settings.sampler.seed = member as u64;
-        // Different windows, and one that smooths.
+        // Different windows, and one member with smoothing.
         settings.target = 2 + member;
         settings.smoothing = if member == 1 { 1.0 } else { 0.0 };
         Avatar::new(model, &settings).unwrap()
@@ -66,6 +66,6 @@ fn short_steps_give_the_frames_of_long_ones() {
     let ((long, want), (short, got)) = (frames(&model, false), frames(&model, true));
     assert!(got.iter().all(|frames| frames.len() > 1000) && got[0] != got[1]);
     assert!(got == want);
-    // Every layer of the encoder has several pieces of heads and of experts.
+    // Every encoder layer is divided by heads and by experts.
     assert!(short > long + 4 * MEMBERS * 8, "{short} steps where {long} are not cut");
 }

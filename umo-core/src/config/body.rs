@@ -1,4 +1,4 @@
-//! The parts that have codes, and the channels of the body that each of them moves (SPEC 2.12).
+//! Parts with codes, and the body channels that each of them moves (SPEC 2.12).
 
 use std::ops::Range;
 
@@ -8,17 +8,17 @@ use crate::motion::root::FIRST_CONTACT;
 use crate::motion::skeleton::{JOINT_NAMES, joints_of};
 use crate::part::{Part, PerPart};
 
-/// Channels of the lower body between its rotations and its contacts.
+/// Channels of the lower body between its rotations and its foot contacts.
 pub(super) const ROOT_VELOCITY: &str = "root_velocity";
 /// The lower body's last channels.
 pub(super) const CONTACTS: &str = "contacts";
 
-/// Channels of one of the four body parts, as a part of the config has them.
+/// Channels of one of the four body parts, as listed by a part of the config.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Channels {
     /// The body part.
     pub part: Part,
-    /// Places among the body part's channels, in the order of the config's part.
+    /// Ranges within the body part's channels, in the order of the config's part.
     pub ranges: Vec<Range<usize>>,
 }
 
@@ -29,8 +29,8 @@ impl Channels {
     }
 }
 
-/// Names of a body part's channels with their places, in order: a joint's name is its 6D rotation,
-/// a face channel's name one value, `root_velocity` three and `contacts` four.
+/// Names of a body part's channels with their ranges, in order: a joint's name is its 6D rotation, a face channel's
+/// name one value, `root_velocity` three and `contacts` four.
 pub fn channel_names(part: Part, face: &Face) -> Vec<(&str, Range<usize>)> {
     let joints = joints_of(part).enumerate().map(|(i, joint)| (JOINT_NAMES[joint], 6 * i..6 * i + 6));
     let mut names: Vec<_> = joints.collect();
@@ -49,23 +49,23 @@ pub fn channel_names(part: Part, face: &Face) -> Vec<(&str, Range<usize>)> {
 }
 
 impl PartSpec {
-    /// Whether it moves nothing.
+    /// Whether it has no channels.
     pub fn is_annotation(&self) -> bool {
         self.channels.is_empty()
     }
 
-    /// Whether it moves the face.
+    /// Whether its channels belong to the face.
     pub(crate) fn is_face(&self, face: &Face) -> bool {
         self.channels(face).is_some_and(|channels| channels.part == Part::Face)
     }
 
-    /// Its decoder's dimensions for so many channels.
+    /// Dimensions of its decoder for this number of channels.
     pub(crate) fn codec(&self, channels: usize) -> Codec {
         Codec { channels, layers: self.layers }
     }
 
-    /// Where its channels are; none for an annotation, or where a name is unknown or of another
-    /// body part than the first.
+    /// Ranges of its channels; `None` for an annotation, or if a name is unknown or belongs to another body part than
+    /// the first.
     pub fn channels(&self, face: &Face) -> Option<Channels> {
         let first = self.channels.first()?;
         Part::ALL.into_iter().find_map(|part| {
@@ -78,14 +78,14 @@ impl PartSpec {
 }
 
 impl Config {
-    /// The audio tokens, counted from a keyframe's first, whose states the depth network has: none, that
-    /// of all parts, or that of the face's parts and that of the others.
+    /// Audio tokens, counted from a keyframe's first, whose encoder states the depth network reads: none, one for all
+    /// parts, or one for the face's parts and one for the others.
     pub(crate) fn heard_tokens(&self) -> impl Iterator<Item = usize> + Clone + use<> {
         let depth = self.depth.as_ref();
         [depth.and_then(|depth| depth.heard), depth.and_then(|depth| depth.body_heard)].into_iter().flatten()
     }
 
-    /// The parts that have codes: [`Self::parts`], or the paper's four parts of one level.
+    /// Parts with codes: [`Self::parts`], or the paper's four parts of one level.
     pub fn part_list(&self) -> Vec<PartSpec> {
         let of = |part: Part| PartSpec {
             name: part.name().to_owned(),
@@ -100,20 +100,19 @@ impl Config {
         self.parts.clone().unwrap_or_else(|| Part::ALL.map(of).to_vec())
     }
 
-    /// Codes of each of the four parts in layout `parts`.
+    /// Number of codes of each of the four parts in layout `parts`.
     pub(crate) fn part_codes(&self) -> usize {
         self.parts.as_ref().and_then(|parts| parts.first()).map_or(self.vq.codes, |first| first.codes)
     }
 
-    /// The codes of rest of the four parts in layout `parts`.
+    /// Rest codes of the four parts in layout `parts`.
     #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
     pub(crate) fn part_rest(&self) -> PerPart<u16> {
         let rest = |part: Part| self.parts.as_ref().map_or(self.rest[part], |parts| parts[part as usize].rest[0]);
         PerPart::from_fn(|part| rest(part) as u16)
     }
 
-    /// How the codes of the four parts are drawn in layout `parts`, where that is not as the session
-    /// says.
+    /// Sampling of the four parts in layout `parts`, if it differs from the session's.
     pub(crate) fn part_sampling(&self) -> PerPart<Option<Sampling>> {
         PerPart::from_fn(|part| self.parts.as_ref().and_then(|parts| parts[part as usize].sampling))
     }

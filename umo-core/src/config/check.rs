@@ -1,4 +1,4 @@
-//! The checks that make a parsed config one that code may rely on.
+//! Validation of a parsed config.
 
 use std::ops::Range;
 
@@ -10,26 +10,26 @@ use crate::error::LoadError;
 use crate::names::{ARKIT_NAMES, JOINTS};
 use crate::part::Part;
 
-/// Largest width of any kind.
+/// Upper bound of every width.
 const MAX_WIDTH: usize = 1 << 16;
-/// Most layers of any stack.
+/// Upper bound of layers in a stack.
 const MAX_LAYERS: usize = 256;
-/// Most rows of the embedding table.
+/// Upper bound of rows of the embedding table.
 const MAX_VOCAB: usize = 1 << 22;
 
-/// Most parts of a list, and most codes of a keyframe.
+/// Upper bounds of the parts of a list, and of the codes of a keyframe.
 pub(crate) const MAX_PARTS: usize = 64;
 const MAX_KEYFRAME_CODES: usize = 1024;
-/// Most face channels after the jaw's.
+/// Upper bound of face channels after the jaw's.
 const MAX_FACE_NAMES: usize = 4096;
-/// Most levels of a part.
+/// Upper bound of a part's levels.
 const MAX_LEVELS: usize = 16;
-/// Most codes of one level: a code of a part list fits a byte.
+/// Upper bound of codes per level: a code of a part list fits a byte.
 const MAX_LEVEL_CODES: usize = 256;
 
-/// Largest window and width of the live mouth.
+/// Upper bound of the live mouth's window and width.
 const MAX_MOUTH: usize = 1 << 12;
-/// Most audio tokens of one window.
+/// Upper bound of audio tokens in a window.
 const MAX_WINDOW_TOKENS: usize = 1 << 14;
 
 type Check = Result<(), LoadError>;
@@ -48,7 +48,7 @@ pub(super) fn check(config: &Config) -> Check {
     check_skeleton(config)
 }
 
-/// `low <= value <= high`, or the error that names `key`.
+/// Checks `low <= value <= high`; the error names `key`.
 fn range(key: &str, value: usize, low: usize, high: usize) -> Check {
     if (low..=high).contains(&value) {
         return Ok(());
@@ -60,7 +60,7 @@ fn require(ok: bool, key: &str, problem: impl FnOnce() -> String) -> Check {
     if ok { Ok(()) } else { Err(LoadError::config(key, problem())) }
 }
 
-/// `0 < value < 1`, as an epsilon or a floor must be.
+/// Checks `0 < value < 1`, for an epsilon or a floor.
 fn small(key: &str, value: f32) -> Check {
     require(value > 0.0 && value < 1.0, key, || format!("expected a number between 0 and 1, got {value}"))
 }
@@ -74,7 +74,7 @@ fn check_time(c: &Config) -> Check {
     range("lookahead", c.lookahead, 0, c.keyframe_stride * c.prefix)
 }
 
-/// Which keys a layout and a list of parts want, and which they leave no meaning to.
+/// Checks which keys a layout and a part list require, and which have no meaning with them.
 fn check_layout(c: &Config) -> Check {
     let frames = c.is_frames();
     presence("depth", c.depth.is_some(), frames, "layout \"frames\"")?;
@@ -95,7 +95,7 @@ fn check_layout(c: &Config) -> Check {
     }
 }
 
-/// What layout `parts` can write: the paper's four parts, whose codes are tokens.
+/// Checks that layout `parts` has the paper's four parts, whose codes are tokens.
 fn check_four(c: &Config, parts: &[PartSpec]) -> Check {
     let names = || parts.iter().map(|part| part.name.as_str());
     require(names().eq(Part::ALL.map(Part::name)), "parts", || {
@@ -118,7 +118,7 @@ fn check_four(c: &Config, parts: &[PartSpec]) -> Check {
     Ok(())
 }
 
-/// That a key is there where it is `wanted`, and only there.
+/// Checks that a key is present if and only if `wanted`.
 fn presence(key: &str, there: bool, wanted: bool, of: &str) -> Check {
     require(there == wanted, key, || {
         if wanted { format!("missing, and required in {of}") } else { format!("expected none: it is a key of {of}") }

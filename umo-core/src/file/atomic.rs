@@ -1,4 +1,4 @@
-//! A file that appears whole or not at all.
+//! File that appears completely or not at all.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -7,61 +7,61 @@ use std::path::{Path, PathBuf};
 use std::process;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Longest name of a temporary file whose target's own name is shorter.
+/// Maximum length of a temporary file's name, for targets with shorter names.
 const SHORT: usize = 64;
 
-/// The temporary files that are there.
+/// Existing temporary files.
 static PARTS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 fn parts() -> MutexGuard<'static, Vec<PathBuf>> {
     PARTS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes the temporary files of all outputs under way; a thread that makes or finishes one after this waits
-/// for ever. For a program that ends in the next moment, told by a signal.
+/// Removes the temporary files of all pending outputs; threads that create or finish one afterwards block forever.
+/// For a program that is about to end, on a signal.
 pub fn remove_parts() {
     let parts = parts();
     for path in parts.iter() {
-        // The program ends: there is nobody to tell.
+        // The program ends: nobody handles the error.
         let _ = fs::remove_file(path);
     }
     std::mem::forget(parts);
 }
 
-/// Bytes that are collected before they are written.
+/// Write buffer, bytes.
 const BUFFER: usize = 64 << 10;
 
-/// A file to be written. Made before a long run, it tells at once that the path cannot be written;
-/// dropped without [`AtomicFile::commit`], it leaves nothing behind.
+/// File to be written. Created before a long run, it reports at once that the path cannot be written; dropped without
+/// [`AtomicFile::commit`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct AtomicFile {
-    /// As it was given, for messages.
+    /// Path as given, for messages.
     path: PathBuf,
-    /// Where the file goes; `path` with links followed.
+    /// Destination; `path` with links resolved.
     target: PathBuf,
     part: Part,
 }
 
 impl AtomicFile {
-    /// Makes an empty temporary file beside `path`.
+    /// Creates an empty temporary file beside `path`.
     ///
     /// # Errors
-    /// What the system says where `path` is no place for a file.
+    /// The system's error if no file can be created at `path`.
     pub fn create(path: &Path) -> io::Result<Self> {
         let target = resolve(path)?;
         let part = Part::create(&target)?;
         Ok(Self { path: path.to_owned(), target, part })
     }
 
-    /// The path as it was given.
+    /// The path as given.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes the contents and puts the file in its place.
+    /// Writes the contents and moves the file to its destination.
     ///
     /// # Errors
-    /// Those of `write`, or the file system's; then an earlier file of that name is as it was.
+    /// Errors of `write` or of the file system; an earlier file of that name is then unchanged.
     pub fn commit(self, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
         let mut out = BufWriter::with_capacity(BUFFER, &self.part.file);
         write(&mut out)?;
@@ -72,15 +72,16 @@ impl AtomicFile {
     }
 }
 
-/// A file for the program alone, beside another; gone when dropped.
+/// Private file beside another, removed when dropped.
 #[derive(Debug)]
 pub struct TemporaryFile(Removed);
 
 impl TemporaryFile {
-    /// One in the folder of `path`, with what `write` writes. It is closed, so that it can be opened on Windows too.
+    /// Creates a file in the directory of `path` and fills it with `write`. It is closed, so that it can be opened on
+    /// Windows too.
     ///
     /// # Errors
-    /// Those of `write`, and what the system says where `path` is no place for a file.
+    /// Errors of `write`; the system's error if no file can be created there.
     pub fn beside(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<Self> {
         let Part { file, path } = Part::create(path)?;
         let mut out = BufWriter::with_capacity(BUFFER, &file);
@@ -90,13 +91,13 @@ impl TemporaryFile {
         Ok(Self(path))
     }
 
-    /// Where it is.
+    /// The file's path.
     pub fn path(&self) -> &Path {
         &self.0.0
     }
 }
 
-/// Follows links, and refuses what a file must not replace.
+/// Resolves links, and rejects targets that a file must not replace.
 fn resolve(path: &Path) -> io::Result<PathBuf> {
     let refuse = |kind, what| Err(io::Error::new(kind, what));
     match fs::metadata(path) {
@@ -109,14 +110,14 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// A temporary file, closed and removed when dropped (after a rename there is nothing left to remove).
+/// Temporary file, closed and removed when dropped (after a rename there is nothing left to remove).
 #[derive(Debug)]
 struct Part {
     file: File,
     path: Removed,
 }
 
-/// The path of a file, which is removed when this is dropped.
+/// Path of a file that is removed when this is dropped.
 #[derive(Debug)]
 struct Removed(PathBuf);
 
@@ -126,7 +127,7 @@ impl Part {
         let id = process::id();
         for attempt in 0..100 {
             let path = target.with_file_name(temporary_name(name, &format!(".{id}-{attempt}.part")));
-            // Held from before the file is there until it is listed: none is overlooked.
+            // Locked from before the file exists until it is listed, so that none is missed.
             let mut parts = parts();
             parts.push(path.clone());
             let made = File::create_new(&path);
@@ -147,7 +148,7 @@ impl Part {
 impl Drop for Removed {
     fn drop(&mut self) {
         let mut parts = parts();
-        // Nothing can be done about a failure here, and the first error is the one worth telling.
+        // A failure here cannot be handled, and the first error is the one to report.
         let _ = fs::remove_file(&self.0);
         parts.retain(|path| *path != self.0);
         if parts.is_empty() {
@@ -157,8 +158,8 @@ impl Drop for Removed {
     }
 }
 
-/// A hidden name that says whose it is, and is no longer than the name itself, which the file system takes,
-/// unless that one is short.
+/// Hidden name that identifies the target. No longer than the target's own name, which the file system accepts,
+/// unless that is short.
 fn temporary_name(name: &OsStr, end: &str) -> String {
     let room = name.len().max(SHORT) - end.len() - 1;
     let name = name.to_string_lossy();

@@ -1,5 +1,4 @@
-//! What a product's input is made of beforehand, and the room for it: quantized rows, and values in
-//! bf16.
+//! Prepared inputs of products, and scratch space for them: quantized rows, and bf16 values.
 
 use std::ops::Range;
 
@@ -14,20 +13,20 @@ use crate::error::StepError;
 use crate::memory::filled;
 use crate::team::{MAX_PIECES, zip_split};
 
-/// Activations as products of bf16 take them.
+/// Activations for bf16 products.
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Values<'a> {
-    /// The values rounded, or their high parts.
+    /// Rounded values, or their high parts.
     first: &'a [Bf16],
-    /// Low parts.
+    /// Low parts, if split.
     rest: Option<&'a [Bf16]>,
 }
 
 impl<'a> Bf16Values<'a> {
-    /// `rows` rows of `cols` values, `stride` apart, from the value `start` on.
+    /// `rows` rows of `cols` values, `stride` apart, starting at the value `start`.
     ///
     /// # Errors
-    /// [`ShapeError`] where there are not as many.
+    /// [`ShapeError`] if there are fewer values.
     pub fn rows(&self, start: usize, rows: usize, cols: usize, stride: usize) -> Result<Bf16Rows<'a>, ShapeError> {
         let part = |part: &'a [Bf16]| Mat::with_stride(&part[start.min(part.len())..], rows, cols, stride);
         match self.rest {
@@ -37,53 +36,49 @@ impl<'a> Bf16Values<'a> {
     }
 }
 
-/// Room for quantized activations, `[rows, inputs]` at most. Rows are an odd number of cache lines
-/// apart where they are whole lines: an even number would put 16 of them, a tile, into few sets of
-/// L1.
+/// Scratch space for quantized activations, `[rows, inputs]` at most. Rows that fill whole cache lines are an odd
+/// number of lines apart: with an even number, the 16 rows of a tile would fall into few sets of L1.
 #[derive(Debug)]
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
     scale: Box<[f32]>,
-    /// Values as products of bf16 take them: rounded, or their high parts; and low parts. Or
-    /// nothing.
+    /// bf16 values: rounded or high parts, and low parts. May be empty.
     parts: [AlignedBox<Bf16>; 2],
-    /// The largest size of a value in each row, `[pieces, rows]`, or nothing.
+    /// Largest magnitude in each row, `[pieces, rows]`. May be empty.
     largest: AlignedBox<f32>,
 }
 
 /// A cache line.
 const LINE: usize = 64;
 
-/// From a row of `width` steps to the next.
+/// Distance between rows of `width` quantized values.
 fn stride(width: usize) -> usize {
     if width.is_multiple_of(2 * LINE) { width + LINE } else { width }
 }
 
-/// Rows that are quantized as soon as they are computed, while L1 has them, and then make room for
-/// the next.
+/// Rows that are quantized as soon as they are computed, while they are in L1; the next ones reuse their space.
 const ROWS_IN_L1: usize = 8;
 
-/// Multiply-adds that quantising one value costs, roughly.
+/// Approximate cost of quantizing one value, in multiply-adds.
 const QUANTIZE_WORK: usize = 4;
 
-/// A thread's columns of rows that are computed to be the next product's input.
+/// A thread's columns of rows that become the input of the next product.
 #[derive(Debug)]
 pub struct Columns<'a> {
     /// `[rows, columns]`.
     pub y: MatMut<'a, f32>,
-    /// What the thread computes them from: as many values for each column as
-    /// [`QuantScratch::computed`] was told.
+    /// Scratch space of the thread, with the number of values per column that [`QuantScratch::computed`] was given.
     pub room: &'a mut [f32],
-    /// The largest size of a value in each row, where rows are quantized.
+    /// Largest magnitude in each row, if rows are quantized.
     largest: Option<&'a mut [f32]>,
     isa: Isa,
 }
 
 impl Columns<'_> {
-    /// The rows `rows` are complete: best said while they are in cache.
+    /// Marks the rows `rows` as complete; best called while they are in cache.
     ///
     /// # Errors
-    /// [`StepError`] where there are no such rows.
+    /// [`StepError`] if the rows do not exist.
     pub fn complete(&mut self, rows: Range<usize>) -> Result<(), StepError> {
         if let Some(largest) = &mut self.largest {
             let (_, y) = self.y.reborrow().split_rows(rows.start);
@@ -94,24 +89,24 @@ impl Columns<'_> {
 }
 
 impl QuantScratch {
-    /// Room for at most `rows` rows and `values` values in all.
+    /// Scratch space for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
         let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
         let (steps, scale) = (AlignedBox::zeroed(values + rows * LINE), filled(0.0, rows).into());
         Self { steps, scale, parts, largest: AlignedBox::zeroed(0) }
     }
 
-    /// The same with what [`Self::computed`] needs.
+    /// Adds the space that [`Self::computed`] needs.
     #[must_use]
     pub fn with_maxima(self) -> Self {
         Self { largest: AlignedBox::zeroed(MAX_PIECES * self.scale.len()), ..self }
     }
 
-    /// The rows of `values` that were made ready for `next` last, once more: for a product that is
-    /// computed in pieces.
+    /// Returns again the rows of `values` that were last prepared for `next`: for a product that is computed in
+    /// pieces.
     ///
     /// # Errors
-    /// [`StepError`] where there are not as many rows.
+    /// [`StepError`] if there are fewer rows.
     pub fn again<'a>(&'a self, next: &Linear, values: &'a [f32], rows: usize) -> Result<Ready<'a>, StepError> {
         match next.is_quantized() {
             true => self.ready(rows, next.inputs()),
@@ -119,14 +114,13 @@ impl QuantScratch {
         }
     }
 
-    /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and
-    /// makes the rows ready for `next`. Rows are quantized by the thread that has computed them,
-    /// which has them in its cache: what another thread has written comes slower than memory. `f`
-    /// says of all rows that they are [`Columns::complete`]; `work` is its multiply-adds. `room`
-    /// has as many values for each column as its second part says.
+    /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and prepares the rows
+    /// for `next`. The thread that computed rows quantizes them, while they are in its cache: data written by another
+    /// thread arrives more slowly than from memory. `f` must mark all rows as [`Columns::complete`]; `work` is the
+    /// number of its multiply-adds. The second part of `room` is the number of scratch values per column.
     ///
     /// # Errors
-    /// [`StepError`] where there is no room, and what `f` returned.
+    /// [`StepError`] if the scratch space is too small, or as returned by `f`.
     #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
     pub fn computed<'a>(
         &'a mut self,
@@ -153,7 +147,7 @@ impl QuantScratch {
         } else {
             MatMut::new(&mut [], 0, rows)?
         };
-        // Each piece has a row of `largest`, where there is one.
+        // Each piece has a row of `largest`, if that is not empty.
         fn row(largest: MatMut<'_, f32>, _: usize) -> (MatMut<'_, f32>, MatMut<'_, f32>) {
             let mine = largest.rows().min(1);
             largest.split_rows(mine)
@@ -186,13 +180,12 @@ impl QuantScratch {
         self.ready(rows, width)
     }
 
-    /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and
-    /// makes them ready for `next`. Each thread computes its rows some at a time; where they are
-    /// quantized, these take each other's place in `values`. `work` is `f`'s multiply-adds for all
-    /// rows.
+    /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and prepares them for
+    /// `next`. Each thread computes a few of its rows at a time; if they are quantized, these reuse the same space in
+    /// `values`. `work` is the number of `f`'s multiply-adds for all rows.
     ///
     /// # Errors
-    /// [`StepError`] where there is no room, and what `f` returned.
+    /// [`StepError`] if the scratch space is too small, or as returned by `f`.
     pub fn computed_rows<'a>(
         &'a mut self,
         cx: Compute,
@@ -231,10 +224,10 @@ impl QuantScratch {
         self.ready(rows, width)
     }
 
-    /// Quantises the rows of `x`.
+    /// Quantizes the rows of `x`.
     ///
     /// # Errors
-    /// [`StepError`] where there is no room for them.
+    /// [`StepError`] if the scratch space is too small.
     pub(super) fn quantize(&mut self, cx: Compute, x: Mat<f32>) -> Result<Ready<'_>, StepError> {
         let (rows, width) = (x.rows(), x.cols());
         let (steps, scale) = self.room(rows, width)?;
@@ -244,11 +237,11 @@ impl QuantScratch {
         self.ready(rows, width)
     }
 
-    /// Calls `f` for rows of `x`, quantized, and those of `y`: each thread quantises its own, and
-    /// has them in its cache. `work` is `f`'s multiply-adds for all rows.
+    /// Calls `f` for rows of `x`, quantized, and the same rows of `y`. Each thread quantizes its own rows, so they
+    /// are in its cache. `work` is the number of `f`'s multiply-adds for all rows.
     ///
     /// # Errors
-    /// [`StepError`] where there is no room for them, and what `f` returned.
+    /// [`StepError`] if the scratch space is too small, or as returned by `f`.
     pub(super) fn quantized_rows(
         &mut self,
         cx: Compute,
@@ -271,10 +264,10 @@ impl QuantScratch {
     /// Rounds `values` to bf16.
     ///
     /// # Errors
-    /// [`StepError`] where there is no room for them.
+    /// [`StepError`] if the scratch space is too small.
     pub(super) fn round(&mut self, cx: Compute, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
         let first = &mut self.parts[0];
-        // As many rows as there are values, so that threads share them as they come.
+        // One value per row, so that threads share them in any proportion.
         cx.team.rows(MatMut::new(first, values.len(), 1)?, values.len(), |range, mut y| {
             let y = y.column_mut();
             let (x, y) = (Mat::new(&values[range], 1, y.len())?, MatMut::new(y, 1, y.len())?);
@@ -283,10 +276,10 @@ impl QuantScratch {
         Ok(Bf16Values { first: &first[..values.len()], rest: None })
     }
 
-    /// Cuts `values` into high and low parts.
+    /// Splits `values` into high and low parts.
     ///
     /// # Errors
-    /// [`StepError`] where there is no room for them.
+    /// [`StepError`] if the scratch space is too small.
     pub(super) fn split(&mut self, cx: Compute, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
         let [first, rest] = &mut self.parts;
         let (high, low) = (MatMut::new(first, values.len(), 1)?, MatMut::new(rest, values.len(), 1)?);
@@ -296,13 +289,12 @@ impl QuantScratch {
         Ok(Bf16Values { first: &first[..values.len()], rest: Some(&rest[..values.len()]) })
     }
 
-    /// Whether [`Self::split`] has room for so many values.
+    /// Whether [`Self::split`] has room for this number of values.
     pub(super) fn has_room_to_split(&self, values: usize) -> bool {
         self.parts.iter().all(|part| part.len() >= values)
     }
 
-    /// Steps and scales of quantized rows, gaps between rows included, so that who has written some
-    /// can read them.
+    /// Space for quantized values and scales, gaps between rows included, so that the writer can read them back.
     fn room(&mut self, rows: usize, width: usize) -> Result<(MatMut<'_, i8>, MatMut<'_, f32>), ShapeError> {
         let want = rows * stride(width);
         if self.scale.len() < rows || self.steps.len() < want {
@@ -312,36 +304,36 @@ impl QuantScratch {
         Ok((steps, MatMut::new(&mut self.scale, rows, 1)?))
     }
 
-    /// The rows that have been quantized.
+    /// The rows quantized last.
     fn ready(&self, rows: usize, width: usize) -> Result<Ready<'_>, StepError> {
         let steps = Mat::with_stride(&self.steps, rows, width, stride(width))?;
         Ok(Ready::Quant(Quantized { steps, scale: &self.scale[..rows] }))
     }
 
-    /// The same with room for so many values rounded or high parts, and so many low parts: for
-    /// products of which [`Linear::parts`] is not 0.
+    /// Adds room for this number of rounded values or high parts, and of low parts: for products whose
+    /// [`Linear::parts`] is not 0.
     #[must_use]
     pub fn with_parts(self, values: [usize; 2]) -> Self {
         Self { parts: values.map(AlignedBox::zeroed), ..self }
     }
 
-    /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
+    /// Scratch space for `rows` rows of at most `width` values, or for more rows of fewer values.
     pub fn new(rows: usize, width: usize) -> Self {
         Self::with_values(rows, rows * width)
     }
 }
 
-/// Activations in the form that a product takes.
+/// Activations in the form that a product reads.
 #[derive(Clone, Copy, Debug)]
 pub enum Ready<'a> {
-    /// As they are.
+    /// Floats.
     Float(Mat<'a, f32>),
     /// Quantized.
     Quant(Quantized<'a>),
 }
 
 impl<'a> Ready<'a> {
-    /// The rows `range`. Panics where `range` ends beyond them.
+    /// The rows `range`. Panics if `range` is out of bounds.
     #[must_use]
     pub fn row_range(self, range: Range<usize>) -> Ready<'a> {
         match self {

@@ -1,13 +1,13 @@
-//! Where the pieces of one thing come from: each from the system, or all from one block, whose size
-//! the code that makes the thing adds up first.
+//! Arena that serves all allocations of one object: each from the system, or all from one block whose size the
+//! object's constructor adds up in a first run.
 //!
 //! ```text
 //! Arena::plan() ──make──► layout ──► Arena::block(layout) ──make──► pieces
 //!                                       ▲                            │ the last of them
 //!                              host's or system's memory ◄───────────┘ gives the block back
 //! ```
-//! The same constructors run twice: under a plan their [`Slice`]s are empty and their [`Boxed`] and
-//! [`Counted`] have no value, so they must not look at what they have just made.
+//! The same constructors run twice. Under a plan, every [`Slice`] is empty and every [`Boxed`] and [`Counted`] has no
+//! value, so constructors must not read what they have just made.
 #![expect(unsafe_code, reason = "the standard library's boxes cannot take their memory from a block of the host's")]
 
 use std::alloc::{Layout, alloc, dealloc};
@@ -21,21 +21,21 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::{OutOfMemory, with_capacity};
 
-/// A cache line: blocks start on one, and so do pieces that fill one.
+/// A cache line: blocks are aligned to it, and so are allocations of at least this size.
 const LINE: usize = 64;
-/// Room for the head of a block, before its pieces.
+/// Space for the head of a block, before its allocations.
 const HEAD: usize = size_of::<Block>().next_multiple_of(LINE);
 
-/// A piece that no memory has room for, nor a block that has it.
+/// Layout that no memory and no block has room for.
 const TOO_LARGE: Layout = match Layout::from_size_align(isize::MAX as usize, 1) {
     Ok(layout) => layout,
     Err(_) => unreachable!(),
 };
 
-/// What is said of a value that a plan has not made.
+/// Message of the panic on reading a value under a plan.
 const PLANNED: &str = "a plan has no values";
 
-/// Two functions of a host's, which give a block of memory and take it back.
+/// A host's two functions for allocating and releasing a block.
 #[derive(Clone, Copy, Debug)]
 pub struct HostMemory {
     userdata: *mut c_void,
@@ -44,12 +44,12 @@ pub struct HostMemory {
 }
 
 impl HostMemory {
-    /// Both get `userdata`, and bytes and alignment, a power of two, last.
+    /// Both functions get `userdata`; their last arguments are the size in bytes and the alignment, a power of two.
     ///
     /// # Safety
-    /// `allocate` gives that many bytes, which are nobody else's until `release` takes them back, or
-    /// NULL. Both may be called as long as any piece of the block is there, `release` from any
-    /// thread that drops the last.
+    /// `allocate` returns memory of that size, not used by anyone else until `release` takes it back, or NULL. Both
+    /// must be callable as long as any allocation of the block is alive; `release` is called on the thread that drops
+    /// the last one.
     pub const unsafe fn new(
         userdata: *mut c_void,
         allocate: unsafe extern "C" fn(*mut c_void, usize, usize) -> *mut c_void,
@@ -59,14 +59,14 @@ impl HostMemory {
     }
 }
 
-/// Why there is no block.
+/// Error from allocating a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockError {
     /// The system or the host has no memory.
     OutOfMemory(OutOfMemory),
-    /// The host gave memory that is not aligned to so many bytes.
+    /// The host's memory is not aligned as requested.
     Misaligned {
-        /// What was asked for.
+        /// Requested alignment, bytes.
         alignment: usize,
     },
 }
@@ -84,18 +84,18 @@ impl fmt::Display for BlockError {
 
 impl std::error::Error for BlockError {}
 
-/// The head of a block.
+/// Head of a block.
 struct Block {
-    /// Pieces that are not dropped, and one for the arena.
+    /// Allocations that are not dropped, plus one for the arena.
     live: AtomicUsize,
     layout: Layout,
     host: Option<HostMemory>,
 }
 
-/// What a piece keeps so that its block stays: none where the piece is the system's.
+/// Reference that keeps an allocation's block alive; `None` if the memory is the system's.
 struct Home(Option<NonNull<Block>>);
 
-// SAFETY: only the count of a block is changed while others may look, and it is atomic.
+// SAFETY: only the count of a block changes while others may read it, and it is atomic.
 unsafe impl Send for Home {}
 // SAFETY: as above.
 unsafe impl Sync for Home {}
@@ -111,7 +111,7 @@ impl Home {
 impl Clone for Home {
     fn clone(&self) -> Self {
         if let Some(block) = self.0 {
-            // SAFETY: this piece keeps the block.
+            // SAFETY: this reference keeps the block alive.
             unsafe { block.as_ref() }.live.fetch_add(1, Ordering::Relaxed);
         }
         Self(self.0)
@@ -121,23 +121,22 @@ impl Clone for Home {
 impl Drop for Home {
     fn drop(&mut self) {
         let Some(block) = self.0 else { return };
-        // SAFETY: this piece keeps the block until the count is one less.
+        // SAFETY: this reference keeps the block alive until the count is decremented.
         if unsafe { block.as_ref() }.live.fetch_sub(1, Ordering::AcqRel) > 1 {
             return;
         }
-        // SAFETY: no piece is left, so nobody else looks at the head, which is not used again.
+        // SAFETY: no reference is left, so nobody else reads the head, which is not used again.
         let Block { layout, host, .. } = unsafe { block.read() };
-        // SAFETY: `Arena::block_of` got the memory from there with this layout.
+        // SAFETY: `Arena::block_of` got the memory from `host`, or from the system, with this layout.
         unsafe { give_back(host, block.cast(), layout) };
     }
 }
 
 /// # Safety
-/// `memory` came from `host`, or the system where there is none, with this layout, and nobody uses
-/// it any more.
+/// `memory` came from `host`, or from the system if that is `None`, with this layout, and is no longer used.
 unsafe fn give_back(host: Option<HostMemory>, memory: NonNull<u8>, layout: Layout) {
     match host {
-        // SAFETY: the host's own function, with what its other function gave (see # Safety).
+        // SAFETY: the host's own function, with memory from its other function (see # Safety).
         Some(host) => unsafe {
             (host.release)(host.userdata, memory.as_ptr().cast(), layout.size(), layout.align());
         },
@@ -146,7 +145,7 @@ unsafe fn give_back(host: Option<HostMemory>, memory: NonNull<u8>, layout: Layou
     }
 }
 
-/// What constructors take their memory from.
+/// Source of memory for constructors.
 #[derive(Debug)]
 pub struct Arena(Mode);
 
@@ -173,54 +172,53 @@ impl fmt::Debug for Mode {
     }
 }
 
-/// Where a piece of this layout starts that is put behind `next` bytes, and where it ends.
+/// Start and end of an allocation of this layout placed after `next` bytes.
 fn place(next: usize, layout: Layout) -> (usize, usize) {
-    // The kernels load whole registers, which are slower across two lines.
+    // Kernels load whole registers; a load that crosses a cache line is slower.
     let alignment = if layout.size() < LINE { layout.align() } else { layout.align().max(LINE) };
     let start = next.checked_next_multiple_of(alignment).unwrap_or(usize::MAX);
     (start, start.saturating_add(layout.size()))
 }
 
 impl Arena {
-    /// Every piece from the system. Their constructors unwind to [`catch`](super::catch) where it has
-    /// no memory.
+    /// Every allocation from the system. Constructors unwind to [`catch`](super::catch) if it has no memory.
     pub const fn system() -> Self {
         Self(Mode::System)
     }
 
-    /// Adds pieces up and makes none.
+    /// Adds up sizes and allocates nothing.
     pub const fn plan() -> Self {
         Self(Mode::Plan { next: Cell::new(HEAD) })
     }
 
-    /// One block of the system's for all pieces, of the layout that a plan of them has.
+    /// One block from the system for all allocations. `layout` is the plan's [`Self::layout`].
     ///
     /// # Errors
     /// [`OutOfMemory`].
     pub fn block(layout: Layout) -> Result<Self, OutOfMemory> {
-        // The system's memory is aligned as it was asked for.
+        // The system's memory is always aligned as requested.
         Self::block_of(layout, None).map_err(|_| OutOfMemory { bytes: layout.size() })
     }
 
-    /// The same of a host's.
+    /// One block from the host for all allocations.
     ///
     /// # Errors
-    /// [`BlockError`] where there is no memory, or not such memory.
+    /// [`BlockError`] if the host gives no memory, or misaligned memory.
     pub fn host_block(layout: Layout, host: HostMemory) -> Result<Self, BlockError> {
         Self::block_of(layout, Some(host))
     }
 
-    /// Adds up a [`Self::boxed`] value that the plan does not make.
+    /// Counts a [`Self::boxed`] value that the plan does not construct.
     ///
     /// # Panics
-    /// Where this is no plan.
+    /// If this is not a plan.
     pub fn plan_boxed<T>(&self) {
         assert!(matches!(self.0, Mode::Plan { .. }), "only a plan counts what is not made");
         self.take(Layout::new::<Kept<T>>());
     }
 
     fn block_of(layout: Layout, host: Option<HostMemory>) -> Result<Self, BlockError> {
-        // The head at least, on its line.
+        // At least the head, on its own line.
         let layout = Layout::from_size_align(layout.size().max(HEAD), layout.align().max(LINE))
             .map_err(|_| BlockError::OutOfMemory(OutOfMemory { bytes: layout.size() }))?;
         let memory = match host {
@@ -233,7 +231,7 @@ impl Arena {
             return Err(BlockError::OutOfMemory(OutOfMemory { bytes: layout.size() }));
         };
         if !memory.addr().get().is_multiple_of(layout.align()) {
-            // SAFETY: it was got above, and nothing is in it.
+            // SAFETY: it was allocated above and holds nothing.
             unsafe { give_back(host, memory, layout) };
             return Err(BlockError::Misaligned { alignment: layout.align() });
         }
@@ -244,20 +242,20 @@ impl Arena {
         Ok(Self(Mode::Block { home: Home(Some(block)), next: Cell::new(HEAD), size: layout.size() }))
     }
 
-    /// The layout of a block for what was planned.
+    /// Returns the layout of a block for the planned allocations.
     ///
     /// # Errors
-    /// [`OutOfMemory`] where it is larger than memory can be.
+    /// [`OutOfMemory`] if it exceeds the address space.
     ///
     /// # Panics
-    /// Where this is no plan.
+    /// If this is not a plan.
     pub fn layout(&self) -> Result<Layout, OutOfMemory> {
         let Mode::Plan { next } = &self.0 else { panic!("only a plan has a layout") };
         let size = next.get().checked_next_multiple_of(LINE).unwrap_or(usize::MAX);
         Layout::from_size_align(size, LINE).map_err(|_| OutOfMemory { bytes: size })
     }
 
-    /// Bytes of the block that are taken, or planned; 0 where pieces are the system's.
+    /// Bytes of the block in use, or planned; 0 if allocations come from the system.
     pub(crate) fn used(&self) -> usize {
         match &self.0 {
             Mode::System => 0,
@@ -265,7 +263,7 @@ impl Arena {
         }
     }
 
-    /// Bytes of the block that are still free: 0 where the plan was exact.
+    /// Bytes of the block that are still free: 0 if the plan was exact.
     #[cfg(feature = "internals")]
     pub fn unused(&self) -> usize {
         match &self.0 {
@@ -274,7 +272,7 @@ impl Arena {
         }
     }
 
-    /// Memory of this layout, which is not empty: none under a plan and from the system.
+    /// Takes memory of this non-empty layout; `None` under a plan or from the system.
     fn take(&self, layout: Layout) -> Option<(NonNull<u8>, Home)> {
         assert!(layout.align() <= LINE, "a block is aligned to a cache line");
         match &self.0 {
@@ -288,23 +286,22 @@ impl Arena {
                 assert!(end <= *size, "a block has room for what was planned: {end} of {size} bytes");
                 next.set(end);
                 let Home(Some(block)) = home else { unreachable!("an arena's home is its block") };
-                // SAFETY: `start` is at most the block's size; bytes from there to `end` are given
-                // out once.
+                // SAFETY: `start` is at most the block's size; the bytes from there to `end` are given out once.
                 Some((unsafe { block.cast::<u8>().add(start) }, home.clone()))
             }
         }
     }
 
-    /// What `values` gives, which may take memory from this arena too.
+    /// Collects `values`, whose iterator may allocate from this arena too.
     pub fn collect<T>(&self, values: impl IntoIterator<Item = T, IntoIter: ExactSizeIterator>) -> Slice<T> {
         let values = values.into_iter();
         self.collect_len(values.len(), values)
     }
 
-    /// The first `len` of what `values` gives, which may take memory from this arena too.
+    /// Collects the first `len` of `values`, whose iterator may allocate from this arena too.
     ///
     /// # Panics
-    /// Where they are fewer.
+    /// If there are fewer.
     pub fn collect_len<T>(&self, len: usize, values: impl IntoIterator<Item = T>) -> Slice<T> {
         let values = values.into_iter().take(len);
         if matches!(self.0, Mode::System) {
@@ -320,17 +317,17 @@ impl Arena {
         }
         let Some((memory, home)) = self.take(layout) else {
             if std::mem::needs_drop::<T>() {
-                // Their pieces count.
+                // Their own allocations count too.
                 values.for_each(drop);
             }
             return Slice::empty();
         };
-        // Grows with the values, so that one that panics leaves those before it to be dropped.
+        // Grows with the values: if one panics, those before it are dropped.
         let mut slice = Slice { start: memory.cast(), len: 0, home };
         for value in values {
-            // SAFETY: inside of the `len` values that memory was taken for.
+            // SAFETY: within the memory taken for `len` values.
             let place = unsafe { slice.start.add(slice.len) };
-            // SAFETY: memory aligned for it that is this slice's alone.
+            // SAFETY: aligned memory that only this slice has.
             unsafe { place.write(value) };
             slice.len += 1;
         }
@@ -348,12 +345,12 @@ impl Arena {
         self.collect(values.iter().copied())
     }
 
-    /// `value` at an address of its own.
+    /// Moves `value` into its own allocation.
     pub fn boxed<T>(&self, value: T) -> Boxed<T> {
         Boxed(self.counted(value))
     }
 
-    /// `value` at an address of its own, for several owners.
+    /// Moves `value` into its own allocation, for several owners.
     pub fn counted<T>(&self, value: T) -> Counted<T> {
         let keep = |home| Kept { value, owners: AtomicUsize::new(1), home };
         if let Some((memory, home)) = self.take(Layout::new::<Kept<T>>()) {
@@ -367,14 +364,14 @@ impl Arena {
         }
         let mut value = with_capacity(1);
         value.push(keep(Home::SYSTEM));
-        // One value, so its address is the slice's.
+        // A slice of one value has the value's address.
         Counted(Some(NonNull::from(Box::leak(value.into_boxed_slice())).cast()))
     }
 }
 
-/// Values of a fixed number in memory of an [`Arena`].
+/// Fixed number of values in memory of an [`Arena`].
 pub struct Slice<T> {
-    /// `len` values that are this slice's alone: in a block, or a box's where `home` is none.
+    /// `len` values that only this slice has: in a block, or in a leaked box if `home` is `None`.
     start: NonNull<T>,
     len: usize,
     home: Home,
@@ -382,7 +379,7 @@ pub struct Slice<T> {
 
 // SAFETY: a slice is the only way to its values; its home may be dropped anywhere.
 unsafe impl<T: Send> Send for Slice<T> {}
-// SAFETY: a shared slice gives out shared references alone.
+// SAFETY: a shared slice gives out shared references only.
 unsafe impl<T: Sync> Sync for Slice<T> {}
 
 impl<T> Slice<T> {
@@ -402,14 +399,14 @@ impl<T> Deref for Slice<T> {
     type Target = [T];
 
     fn deref(&self) -> &[T] {
-        // SAFETY: `len` values that are this slice's alone, as long as it lives.
+        // SAFETY: `len` values that only this slice has, as long as it lives.
         unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.len) }
     }
 }
 
 impl<T> DerefMut for Slice<T> {
     fn deref_mut(&mut self) -> &mut [T] {
-        // SAFETY: as in `deref`; `self` is borrowed for writing as long as they are.
+        // SAFETY: as in `deref`; `self` is mutably borrowed as long as they are.
         unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.len) }
     }
 }
@@ -418,10 +415,10 @@ impl<T> Drop for Slice<T> {
     fn drop(&mut self) {
         let values = NonNull::slice_from_raw_parts(self.start, self.len).as_ptr();
         if self.home.is_block() {
-            // SAFETY: they are this slice's, which is not used again. Their memory is the block's.
+            // SAFETY: they are this slice's, which is not used again. Their memory belongs to the block.
             unsafe { values.drop_in_place() };
         } else {
-            // SAFETY: they were a box's, or are none.
+            // SAFETY: they came from a box, or the slice is empty.
             drop(unsafe { Box::from_raw(values) });
         }
     }
@@ -433,7 +430,7 @@ impl<T: fmt::Debug> fmt::Debug for Slice<T> {
     }
 }
 
-/// A clone's memory is the system's.
+/// A clone is allocated from the system.
 impl<T: Clone> Clone for Slice<T> {
     fn clone(&self) -> Self {
         Arena::system().collect(self.iter().cloned())
@@ -458,19 +455,19 @@ impl<'a, T> IntoIterator for &'a mut Slice<T> {
     }
 }
 
-/// A value, who keeps it, and its memory.
+/// A value, its number of owners and the owner of its memory.
 #[repr(C)]
 struct Kept<T> {
-    /// First, so that its address is that of the whole.
+    /// First, so that its address is that of the struct.
     value: T,
     owners: AtomicUsize,
     home: Home,
 }
 
-/// A value in memory of an [`Arena`] that the last of its owners drops: none under a plan.
+/// Shared value in memory of an [`Arena`], dropped with its last owner; `None` under a plan.
 pub struct Counted<T>(Option<NonNull<Kept<T>>>);
 
-// SAFETY: owners on several threads see the value, and any of them may drop it.
+// SAFETY: owners on several threads read the value, and any of them may drop it.
 unsafe impl<T: Send + Sync> Send for Counted<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send + Sync> Sync for Counted<T> {}
@@ -478,7 +475,7 @@ unsafe impl<T: Send + Sync> Sync for Counted<T> {}
 impl<T> Clone for Counted<T> {
     fn clone(&self) -> Self {
         if let Some(kept) = self.0 {
-            // SAFETY: this owner keeps it.
+            // SAFETY: this owner keeps it alive.
             unsafe { kept.as_ref() }.owners.fetch_add(1, Ordering::Relaxed);
         }
         Self(self.0)
@@ -489,7 +486,7 @@ impl<T> Deref for Counted<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
-        // SAFETY: this owner keeps it.
+        // SAFETY: this owner keeps it alive.
         &unsafe { self.0.expect(PLANNED).as_ref() }.value
     }
 }
@@ -497,17 +494,17 @@ impl<T> Deref for Counted<T> {
 impl<T> Drop for Counted<T> {
     fn drop(&mut self) {
         let Some(kept) = self.0 else { return };
-        // SAFETY: this owner keeps it until the count is one less.
+        // SAFETY: this owner keeps it alive until the count is decremented.
         if unsafe { kept.as_ref() }.owners.fetch_sub(1, Ordering::AcqRel) > 1 {
             return;
         }
-        // SAFETY: no owner is left, and `keep` made it.
+        // SAFETY: no owner is left, and `counted` made it.
         let home = unsafe { kept.as_ref() }.home.0;
         if home.is_none() {
-            // SAFETY: as above: it was a box of one value, leaked.
+            // SAFETY: as above: it was a leaked box of one value.
             return drop(unsafe { Box::from_raw(kept.as_ptr()) });
         }
-        // Out of the block, which may go with it.
+        // Moved out of the block, which may be freed with it.
         let _home = Home(home);
         // SAFETY: as above; the value is first.
         unsafe { kept.cast::<T>().drop_in_place() };
@@ -520,16 +517,16 @@ impl<T: fmt::Debug> fmt::Debug for Counted<T> {
     }
 }
 
-/// A value in memory of an [`Arena`]: none under a plan.
+/// Value in memory of an [`Arena`]; empty under a plan.
 pub struct Boxed<T>(Counted<T>);
 
 // SAFETY: a box is the only way to its value.
 unsafe impl<T: Send> Send for Boxed<T> {}
-// SAFETY: a shared box gives out shared references alone.
+// SAFETY: a shared box gives out shared references only.
 unsafe impl<T: Sync> Sync for Boxed<T> {}
 
 impl<T> Boxed<T> {
-    /// The value's address; the value and its memory are the caller's.
+    /// Returns the value's address; the caller owns the value and its memory.
     ///
     /// # Panics
     /// Under a plan.
@@ -537,10 +534,10 @@ impl<T> Boxed<T> {
         ManuallyDrop::new(self).0.0.expect(PLANNED).cast()
     }
 
-    /// The box that [`into_raw`](Self::into_raw) made this of.
+    /// Rebuilds the box that [`into_raw`](Self::into_raw) was called on.
     ///
     /// # Safety
-    /// It did, and nobody else makes a box of it or uses it.
+    /// `value` came from `into_raw`, and nobody else uses it or makes a box of it.
     pub unsafe fn from_raw(value: NonNull<T>) -> Self {
         Self(Counted(Some(value.cast())))
     }
@@ -556,8 +553,7 @@ impl<T> Deref for Boxed<T> {
 
 impl<T> DerefMut for Boxed<T> {
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: this box is the value's only owner, and is borrowed for writing as long as the
-        // value is.
+        // SAFETY: this box is the value's only owner, and is mutably borrowed as long as the value is.
         &mut unsafe { self.0.0.expect(PLANNED).as_mut() }.value
     }
 }

@@ -11,34 +11,34 @@ use crate::memory::{self, Arena, filled, with_capacity};
 use crate::model::{Between, Model};
 use crate::motion::{FrameRef, MotionScratch, MotionStream, Smoothing};
 
-/// Packets that wait for one before them.
+/// Maximum number of packets that wait for a missing one.
 const WAITING: usize = 4;
 
-/// What came, and what did not.
+/// Statistics of a stream's packets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Received {
-    /// Packets that were taken.
+    /// Packets used.
     pub packets: u64,
-    /// Packets that came after their time or a second time; they changed nothing.
+    /// Packets that arrived too late or twice, and were ignored.
     pub late: u64,
-    /// Chunks whose packet did not come in time.
+    /// Chunks whose packet did not arrive in time.
     pub lost: u64,
-    /// Keyframes of these that no other packet said: the last one was held.
+    /// Keyframes of lost chunks that no other packet repeated: the previous one was held.
     pub held: u64,
 }
 
-/// What takes the frames of a stream of packets.
+/// Receiver of the frames of a packet stream.
 pub(crate) trait PacketSink {
-    /// Frames that it has room for.
+    /// Number of frames that it has room for.
     fn room(&self) -> usize;
-    /// A later stream begins.
+    /// Called when a later stream begins.
     fn begin(&mut self);
-    /// Takes the next frame, and the level of its sound.
+    /// Receives the next frame, with its audio level.
     fn frame(&mut self, frame: FrameRef, level: f32);
 }
 
-/// A sink that only takes frames.
+/// Sink with unlimited room.
 struct Frames<'a>(&'a mut dyn FnMut(FrameRef));
 
 impl PacketSink for Frames<'_> {
@@ -53,9 +53,9 @@ impl PacketSink for Frames<'_> {
     }
 }
 
-/// Makes frames of one avatar's packets: interpolation and motion decoders, without the language
-/// model. It has the model's config and settings in common with the sender; where no packet is lost
-/// and both have the same instruction set, frames have the same bits as the sender's without layers.
+/// Computes the frames of one avatar's packets: interpolation and motion decoders, without the language model. It
+/// needs the sender's model config and settings. Without packet loss, and with the same instruction set on both
+/// sides, its frames are bit-identical to the sender's without layers.
 #[derive(Debug)]
 pub struct Decoder {
     layout: PacketLayout,
@@ -67,36 +67,36 @@ pub struct Decoder {
     prefix: usize,
     stride: usize,
     lookahead: usize,
-    /// How many packets may be ahead of one that has not come before it counts as lost.
+    /// Number of later packets that may arrive before a missing one counts as lost.
     patience: usize,
-    /// Number of the stream, once a packet of it came.
+    /// Number of the current stream, once one of its packets arrived.
     stream: Option<u8>,
-    /// The packet that is due.
+    /// Sequence number of the next packet.
     next: u32,
     is_over: bool,
-    /// Frames of the present stream, where its last packet was taken.
+    /// Frames of the current stream, once its last packet was used.
     total: Option<u32>,
     waiting: Vec<Slot>,
-    /// The packet that just came: its levels and codes.
+    /// Levels and codes of the packet that just arrived.
     arrived_levels: Box<[u8]>,
     arrived: Box<[u16]>,
-    /// The level of keyframe `k`'s sound, at `k % len`; 0 where it is not known.
+    /// Audio level of keyframe `k`, at index `k % len`; 0 if unknown.
     levels: Box<[f32]>,
-    /// `[P + N, codes of a keyframe]`: a chunk's codes, as they are put together.
+    /// `[P + N, codes of a keyframe]`: codes of the chunk being assembled.
     chunk: Box<[u16]>,
     /// The last keyframe.
     held: Box<[u16]>,
-    /// The codes of rest.
+    /// Rest codes.
     rest: Box<[u16]>,
-    /// Whether no chunk was computed since the motion began.
+    /// Whether no chunk has been computed since the motion began.
     is_first: bool,
-    /// Frames before the motion's first one.
+    /// Number of frames before the motion's first.
     base: usize,
     place: Place,
     received: Received,
 }
 
-/// A packet that came before its time.
+/// A packet that arrived early.
 #[derive(Debug)]
 struct Slot {
     head: Option<PacketHead>,
@@ -104,24 +104,24 @@ struct Slot {
     codes: Box<[u16]>,
 }
 
-/// Room for what lies between keyframes.
+/// Scratch space of the interpolation.
 #[derive(Debug)]
 enum Filling {
     Codes(InterpScratch),
     Vectors(VectorScratch),
 }
 
-/// Where the sender's root is beside ours: after a loss ours has walked another way.
+/// Correction of the root towards the sender's: after a loss, the two have diverged.
 #[derive(Clone, Copy, Debug, Default)]
 struct Place {
     /// Added to x and z.
     offset: [f32; 2],
-    /// What is still to be added, over so many frames.
+    /// Remainder to be added, over `frames` frames.
     more: [f32; 2],
     frames: usize,
-    /// How many of them have passed.
+    /// Number of these frames that have passed.
     done: usize,
-    /// The last frame's x and z as they were decoded.
+    /// x and z of the last frame as decoded.
     own: [f32; 2],
 }
 
@@ -132,7 +132,7 @@ impl Place {
         [0, 1].map(|axis| self.offset[axis] + share * self.more[axis])
     }
 
-    /// Goes to where the sender's root is, within `frames` frames.
+    /// Moves the root to the sender's position within `frames` frames.
     fn heal(&mut self, sent: [f32; 2], frames: usize) {
         let offset = self.shift();
         let more = [0, 1].map(|axis| sent[axis] - (self.own[axis] + offset[axis]));
@@ -143,7 +143,7 @@ impl Place {
         };
     }
 
-    /// The frame where the sender's is: with the bits that it has, where it is there already.
+    /// Emits the frame with the root corrected. Without a correction it is bit-identical to the decoded frame.
     fn put(&mut self, frame: FrameRef, level: f32, out: &mut dyn PacketSink) {
         self.own = [frame.pose.translation[0], frame.pose.translation[2]];
         self.done = (self.done + 1).min(self.frames);
@@ -159,13 +159,12 @@ impl Place {
 }
 
 impl Decoder {
-    /// A decoder at its start, for packets of avatars with this model and these settings, of which
-    /// target, lookahead and smoothing count. With `patience` 0 a packet counts as lost when a later
-    /// one comes; up to 4 later ones may come before it. Everything that it will need is allocated
-    /// here.
+    /// Creates a decoder for packets of avatars with this model and these settings, of which target, lookahead and
+    /// smoothing matter. With `patience` 0 a packet counts as lost when a later one arrives; up to 4 later ones may
+    /// arrive before it. Allocates everything it will need.
     ///
     /// # Errors
-    /// [`LoadError::Config`] where a number is out of range; where there is too little memory.
+    /// [`LoadError::Config`] if a number is out of range; [`LoadError::Memory`] if out of memory.
     pub fn new(model: &Model, config: &AvatarConfig, patience: usize) -> Result<Self, LoadError> {
         memory::catch(|| Self::make(model, config, patience))?
     }
@@ -208,7 +207,7 @@ impl Decoder {
             waiting,
             arrived_levels: filled(0, c.prefix).into(),
             arrived: filled(0, c.prefix * count).into(),
-            // Those of the frames that are held back, of a chunk, and one more.
+            // Levels of the frames held back, of a chunk, and one more.
             levels: filled(0.0, lookahead.div_ceil(stride) + 2 * (config.target + 1)).into(),
             chunk: filled(0, (c.prefix + config.target) * count).into(),
             held: rest(c).into(),
@@ -220,34 +219,34 @@ impl Decoder {
         })
     }
 
-    /// What came since the decoder was made.
+    /// Statistics since the decoder was created.
     pub fn received(&self) -> Received {
         self.received
     }
 
-    /// Frames of the present stream, once its last one was given.
+    /// Frames of the current stream, once its last packet was used.
     pub(crate) fn total(&self) -> Option<u32> {
         self.total
     }
 
-    /// Whether the last frame of the present stream was given.
+    /// Whether the last frame of the current stream was emitted.
     pub fn is_over(&self) -> bool {
         self.is_over
     }
 
-    /// Most frames that one packet can make final.
+    /// Maximum number of frames that one packet can make final.
     pub(crate) fn most_frames(&self) -> usize {
         let made_up = (self.patience + 1) * (self.prefix / self.target);
         (made_up + self.patience + 1) * self.target * self.stride + self.lookahead
     }
 
-    /// Back to the start, for any stream.
+    /// Returns to the initial state, for any stream.
     pub fn reset(&mut self) {
         self.stream = None;
         self.begin();
     }
 
-    /// The start of a stream.
+    /// Resets the state for the start of a stream.
     fn begin(&mut self) {
         self.window.rest();
         self.motion.reset();
@@ -259,11 +258,11 @@ impl Decoder {
         self.place = Place::default();
     }
 
-    /// Takes a packet and gives the frames that became final to `frame`, in order. A packet of a
-    /// later stream begins that one. Never allocates.
+    /// Takes a packet and passes the frames that became final to `frame`, in order. A packet of a later stream starts
+    /// that stream. Never allocates.
     ///
     /// # Errors
-    /// [`PacketError`]; damaged packets and those of other models change nothing.
+    /// [`PacketError`]; damaged packets and packets of other models change nothing.
     pub fn push_packet(
         &mut self,
         model: &Model,
@@ -274,7 +273,7 @@ impl Decoder {
         self.push_to(model, cx, bytes, &mut Frames(frame))
     }
 
-    /// The same for a sink that has an end.
+    /// Like [`Self::push_packet`], for a sink of limited room.
     pub(crate) fn push_to(
         &mut self,
         model: &Model,
@@ -287,13 +286,13 @@ impl Decoder {
             return Err(PacketError::Other("target"));
         }
         match self.stream {
-            // Half of the numbers are later ones.
+            // Serial-number arithmetic: half of the numbers are later.
             Some(stream) if head.stream.wrapping_sub(stream) >= 128 => {
                 self.received.late += 1;
                 return Ok(());
             }
             Some(stream) if head.stream == stream => {}
-            // Frames of before are dropped: there is room.
+            // The sink drops frames of the previous stream, so there is room.
             Some(_) => {
                 self.begin();
                 self.stream = Some(head.stream);
@@ -302,7 +301,7 @@ impl Decoder {
             None => {
                 self.begin();
                 self.stream = Some(head.stream);
-                // In the middle of a stream nothing was lost: others came before it was listened to.
+                // Joining in the middle of a stream: earlier packets were not lost.
                 if head.sequence as usize > self.patience {
                     self.jump(&head, None);
                     self.next = head.sequence;
@@ -316,13 +315,13 @@ impl Decoder {
         let ahead = (head.sequence - self.next) as usize;
         let waiting = self.waiting.iter().filter(|slot| slot.head.is_some()).count();
         if ahead == 0 || waiting >= self.patience {
-            // What waits may go with it, and what is missing between them is made up.
+            // Waiting packets may be used too, and gaps between them are filled.
             let made_up = ahead.min((waiting + 1) * (self.prefix / self.target));
             let frames = (made_up + waiting + 1) * self.target * self.stride + self.lookahead;
             if sink.room() < frames {
                 return Err(PacketError::Full);
             }
-            // What is missing before the first of them counts as lost.
+            // Packets missing before the first waiting one count as lost.
             if ahead > 0
                 && let Some(slot) = self.first_waiting(head.sequence)
             {
@@ -345,7 +344,7 @@ impl Decoder {
         Ok(self.take_next(model, cx, sink)?)
     }
 
-    /// Takes those that wait and follow without a gap.
+    /// Uses the waiting packets that follow without a gap.
     fn take_next(&mut self, model: &Model, cx: Compute, sink: &mut dyn PacketSink) -> Result<(), StepError> {
         while let Some(slot) = self.waiting.iter().position(|slot| slot.head.is_some_and(|h| h.sequence == self.next)) {
             self.take_waiting(model, cx, slot, sink)?;
@@ -357,7 +356,7 @@ impl Decoder {
         self.waiting.iter().any(|slot| slot.head.is_some_and(|head| head.sequence == sequence))
     }
 
-    /// The first of those that wait and are before `sequence`.
+    /// The first waiting packet before `sequence`.
     fn first_waiting(&self, sequence: u32) -> Option<usize> {
         let of = |(index, slot): (usize, &Slot)| Some((slot.head?.sequence, index));
         let first = self.waiting.iter().enumerate().filter_map(of).min();
@@ -377,8 +376,7 @@ impl Decoder {
         }
     }
 
-    /// Takes the codes of a packet, which are those of a slot or have just arrived; what was lost
-    /// before it is made up for first.
+    /// Uses the codes of a packet, from a slot or just arrived; first fills the gap that lost packets left before it.
     fn take(
         &mut self,
         model: &Model,
@@ -391,7 +389,7 @@ impl Decoder {
         let lost = (head.sequence - self.next) as usize;
         self.received.lost += lost as u64;
         let keyframes = lost.saturating_mul(n);
-        // Missing keyframes that the packet says again.
+        // Missing keyframes that the packet repeats.
         let said = head.history.min(keyframes);
         self.received.held += (keyframes - said) as u64;
         if lost > 0 && keyframes > self.prefix {
@@ -401,7 +399,7 @@ impl Decoder {
                 for i in 0..n {
                     let keyframe = (self.next as usize + chunk) * n + i;
                     *level_of(&mut self.levels, keyframe) = 0.0;
-                    // Keyframes from this one to the packet's first new one.
+                    // Distance from this keyframe to the packet's first new one.
                     let back = keyframes - (chunk * n + i);
                     if back <= said {
                         let from = (head.history - back) * count;
@@ -435,7 +433,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// Begins anew at a packet that is too far ahead to go on to it.
+    /// Restarts at a packet that is too far ahead to fill the gap.
     fn jump(&mut self, head: &PacketHead, slot: Option<usize>) {
         let count = self.layout.codes();
         let codes = codes_of(&self.waiting, &self.arrived, slot);
@@ -447,8 +445,7 @@ impl Decoder {
         self.place = Place { offset: head.root, ..Place::default() };
     }
 
-    /// Computes a chunk of `keyframes` new keyframes, which are in `chunk`, or of none; with the end
-    /// of the stream where `total` says it.
+    /// Computes a chunk of the `keyframes` new keyframes in `chunk`, possibly 0; ends the stream if `total` is given.
     fn compute(
         &mut self,
         model: &Model,
@@ -496,18 +493,18 @@ impl Decoder {
     }
 }
 
-/// The codes of the packet in a slot, or of the one that just came.
+/// Codes of the packet in a slot, or of the one that just arrived.
 fn codes_of<'a>(waiting: &'a [Slot], arrived: &'a [u16], slot: Option<usize>) -> &'a [u16] {
     slot.map_or(arrived, |slot| &waiting[slot].codes)
 }
 
-/// The level of a keyframe's sound.
+/// Audio level of a keyframe.
 fn level_of(levels: &mut [f32], keyframe: usize) -> &mut f32 {
     let place = keyframe % levels.len();
     &mut levels[place]
 }
 
-/// The codes of rest, in the order of a keyframe.
+/// Rest codes, in the order of a keyframe.
 #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
 fn rest(config: &Config) -> Vec<u16> {
     config.part_list().iter().flat_map(|part| part.rest.iter().map(|&code| code as u16).collect::<Vec<_>>()).collect()

@@ -1,4 +1,4 @@
-//! The sending side: a packet of the chunk that was computed last.
+//! The sending side: writes a packet of the last chunk.
 
 use super::{PacketHead, PacketLayout, level_byte};
 use crate::avatar::{Avatar, Due};
@@ -7,7 +7,7 @@ use crate::error::StepError;
 use crate::life::Levels;
 use crate::memory::filled;
 
-/// Room for what a packet says.
+/// Buffers for the contents of a packet.
 #[derive(Debug)]
 pub(crate) struct PacketRoom {
     levels: Box<[u8]>,
@@ -15,14 +15,14 @@ pub(crate) struct PacketRoom {
 }
 
 impl PacketRoom {
-    /// For any avatar of a model.
+    /// Creates buffers for any avatar of a model.
     pub(crate) fn new(config: &Config) -> Self {
         let count = config.prefix * config.codes_per_keyframe();
         Self { levels: filled(0, config.prefix).into(), codes: filled(0, count).into() }
     }
 
-    /// Writes the packet of what `stepped` has computed into `out`, with up to `history` keyframes
-    /// before its own said again; its length, or none where nothing was computed. Never allocates.
+    /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
+    /// keyframes. Returns its length, or `None` if nothing was computed. Never allocates.
     #[expect(clippy::too_many_arguments, reason = "an avatar, what was computed of it, and where it goes")]
     pub(crate) fn write(
         &mut self,
@@ -39,7 +39,7 @@ impl PacketRoom {
             Due::Flush => 0,
             Due::Audio | Due::Nothing => return Ok(None),
         };
-        // What the stream has said, where it is shorter than that.
+        // No more than the stream has sent.
         let done = usize::try_from(avatar.chunk).unwrap_or(usize::MAX).saturating_mul(avatar.target) - keyframes;
         let history = history.min(config.prefix - keyframes).min(done);
         let is_last = avatar.total.is_some() && Some(avatar.chunk) >= avatar.chunks(config);

@@ -26,10 +26,10 @@ fn the_bits_are_those_of_the_specification() {
         &1.5_f32.to_le_bytes(),
         &(-2.0_f32).to_le_bytes(),
         &[1, 1],
-        // The level of the new keyframe's sound.
+        // Audio level of the new keyframe.
         &[0xEE],
     ];
-    // 8 bits of 0x81, 3 of 4, none, 1 of 1; 8 of 0xFF, 3 of 3, none, 1 of 0: lowest first.
+    // 8 bits of 0x81, 3 bits of 4, 0 bits, 1 bit of 1; 8 of 0xFF, 3 of 3, 0, 1 of 0: lowest first.
     let packed = 0x81_u32 | 4 << 8 | 1 << 11 | 0xFF << 12 | 3 << 20;
     assert_eq!(bytes[..len], [&head.concat()[..], &packed.to_le_bytes()[..3]].concat());
     let last = PacketHead { keyframes: 0, history: 0, total: Some(7), ..PLAIN };
@@ -85,7 +85,7 @@ fn what_no_packet_can_say_is_an_error() {
     ));
 }
 
-/// What the ear tells apart comes through.
+/// A level's round trip has an error of at most half a step, 0.2 dB.
 #[test]
 fn levels_are_kept_within_a_step() {
     assert_eq!((level_byte(0.0), byte_level(0)), (0, 0.0));

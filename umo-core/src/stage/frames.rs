@@ -1,4 +1,4 @@
-//! The stages that layout `frames` has of its own (SPEC 3.1).
+//! Stages specific to layout `frames` (SPEC 3.1).
 
 use umo_kernels::Mat;
 
@@ -16,7 +16,7 @@ use crate::weights::Loader;
 
 type Outputs = Result<Vec<Output>, StageError>;
 
-/// Runs `stage`, where layout `frames` has one of its own.
+/// Runs `stage` if layout `frames` has its own version of it.
 pub(super) fn run(stage: Stage, cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> Option<Outputs> {
     match stage {
         Stage::Hubert | Stage::Mel | Stage::Mouth => None,
@@ -29,7 +29,7 @@ pub(super) fn run(stage: Stage, cx: Compute, loader: &Loader, inputs: &Inputs, o
     }
 }
 
-/// Codes `{group}.{part}` `[T, levels]` of all parts as `[T, codes of a keyframe]`.
+/// Joins codes `{group}.{part}` `[T, levels]` of all parts into `[T, codes of a keyframe]`.
 fn keyframes(config: &Config, inputs: &Inputs, group: &str) -> Result<Vec<u16>, StageError> {
     let parts = config.part_list();
     let codes = parts.iter().map(|part| inputs.code_rows(&format!("{group}.{}", part.name), part.levels));
@@ -48,7 +48,7 @@ fn keyframes(config: &Config, inputs: &Inputs, group: &str) -> Result<Vec<u16>, 
     Ok(all)
 }
 
-/// The same, part by part.
+/// Splits codes `[T, codes of a keyframe]` into one output per part.
 fn split(config: &Config, keyframes: &[u16]) -> Vec<Output> {
     let (parts, count, mut at) = (config.part_list(), config.codes_per_keyframe(), 0);
     let output = |part: PartSpec| {
@@ -63,15 +63,15 @@ fn split(config: &Config, keyframes: &[u16]) -> Vec<Output> {
     parts.into_iter().map(output).collect()
 }
 
-/// A model of layout `frames`, its encoder states of `input_ids` and `history`, and a sequence that
-/// attends to them.
+/// A model of layout `frames` with its encoder states of `input_ids` and `history`, and a sequence that attends to
+/// them.
 struct Encoded {
     lm: Lm,
     scratch: LmScratch,
     hidden: Vec<f32>,
     rows: usize,
     lengths: Lengths,
-    /// Where the audio's first token is.
+    /// Row of the first audio token.
     audio: Option<usize>,
 }
 
@@ -83,7 +83,7 @@ impl Encoded {
         let (rows, given) = (ids.len(), history.len() / count);
         let lengths = Lengths { encoder: rows.max(1), decoder };
         let lm = Lm::load(loader, lengths)?;
-        // The row behind the history is the decoder's.
+        // The row after the history is the decoder's.
         let mut scratch = LmScratch::with_given(config, rows.max(decoder), given + 1);
         for (row, codes) in history.chunks_exact(count).enumerate() {
             tables(&lm)?.history(codes, scratch.given_mut(row))?;
@@ -94,8 +94,8 @@ impl Encoded {
         Ok(Self { lm, scratch, hidden, rows, lengths, audio })
     }
 
-    /// Runs the decoder over `count` keyframes; `state(keyframe, state, heard)` is given each state,
-    /// and the encoder's `[places, d_model]` where the keyframe is heard, and says the keyframe's codes.
+    /// Runs the decoder over `count` keyframes. `state(keyframe, state, heard)` receives each state, and the
+    /// encoder's `[places, d_model]` at the keyframe's audio; it returns the keyframe's codes.
     fn decode(
         &mut self,
         cx: Compute,
@@ -186,7 +186,7 @@ fn depth(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     } else {
         Vec::new()
     };
-    // `[rows, places, d_model]`, a row of each input after the other.
+    // `[rows, places, d_model]`: one row of each input in turn.
     let names = ["heard", "body_heard"].into_iter().zip(config.heard_tokens());
     let places = names.map(|(name, _)| inputs.float_rows(name, config.lm.d_model)).collect::<Result<Vec<_>, _>>()?;
     if places.iter().any(|states| states.len() != places[0].len()) {
@@ -208,7 +208,7 @@ fn depth(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     Ok(config.part_list().into_iter().map(output).collect())
 }
 
-/// The parts with channels.
+/// Parts with channels.
 fn moving(config: &Config) -> Vec<PartSpec> {
     config.part_list().into_iter().filter(|part| !part.is_annotation()).collect()
 }

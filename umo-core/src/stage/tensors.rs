@@ -1,4 +1,4 @@
-//! The tensors that a stage reads and writes.
+//! Input and output tensors of a stage.
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
@@ -9,15 +9,15 @@ use crate::part::Part;
 #[derive(Debug)]
 pub struct Inputs<'a> {
     tensors: SafeTensors<'a>,
-    /// What stands before every name: a golden file holds the inputs of many cases.
+    /// Prefix of every name: a golden file holds the inputs of many cases.
     prefix: &'a str,
 }
 
 impl<'a> Inputs<'a> {
-    /// The tensors of a safetensors file whose names start with `prefix`.
+    /// Reads the tensors of a safetensors file whose names start with `prefix`.
     ///
     /// # Errors
-    /// [`StageError::Input`] where `bytes` is no safetensors file.
+    /// [`StageError::Input`] if `bytes` is not a safetensors file.
     pub fn new(bytes: &'a [u8], prefix: &'a str) -> Result<Self, StageError> {
         let tensors = SafeTensors::deserialize(bytes)
             .map_err(|error| StageError::Input { name: "*".to_owned(), problem: error.to_string() })?;
@@ -27,8 +27,8 @@ impl<'a> Inputs<'a> {
     /// A vector of F32.
     ///
     /// # Errors
-    /// [`StageError::Input`] where it is missing, of another type, has more than one dimension, or
-    /// holds a value that is no finite number.
+    /// [`StageError::Input`] if it is missing, has another type or more than one dimension, or contains a NaN or
+    /// infinite value.
     pub fn floats(&self, name: &str) -> Result<Vec<f32>, StageError> {
         let view = self.vector(name, Dtype::F32)?;
         let values: Vec<f32> = view.data().as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect();
@@ -41,7 +41,7 @@ impl<'a> Inputs<'a> {
     /// Rows of `width` F32 each.
     ///
     /// # Errors
-    /// [`StageError::Input`] as [`Self::floats`], but for two dimensions.
+    /// [`StageError::Input`] as in [`Self::floats`], but for two dimensions.
     pub fn float_rows(&self, name: &str, width: usize) -> Result<Vec<f32>, StageError> {
         let view = self.rows(name, Dtype::F32, width)?;
         let values: Vec<f32> = view.data().as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect();
@@ -54,7 +54,7 @@ impl<'a> Inputs<'a> {
     /// Rows of `width` codes each, I64.
     ///
     /// # Errors
-    /// [`StageError::Input`] as [`Self::codes`], but for two dimensions.
+    /// [`StageError::Input`] as in [`Self::codes`], but for two dimensions.
     pub fn code_rows(&self, name: &str, width: usize) -> Result<Vec<u16>, StageError> {
         let view = self.rows(name, Dtype::I64, width)?;
         let values = view.data().as_chunks().0.iter().map(|v| i64::from_le_bytes(*v));
@@ -76,7 +76,7 @@ impl<'a> Inputs<'a> {
     /// A vector of I64.
     ///
     /// # Errors
-    /// [`StageError::Input`] where it is missing, of another type, or has more than one dimension.
+    /// [`StageError::Input`] if it is missing, has another type, or has more than one dimension.
     pub fn integers(&self, name: &str) -> Result<Vec<i64>, StageError> {
         let view = self.vector(name, Dtype::I64)?;
         Ok(view.data().as_chunks().0.iter().map(|v| i64::from_le_bytes(*v)).collect())
@@ -85,7 +85,7 @@ impl<'a> Inputs<'a> {
     /// A vector of token ids.
     ///
     /// # Errors
-    /// [`StageError::Input`] as [`Self::integers`], or where a value is no id.
+    /// [`StageError::Input`] as in [`Self::integers`], or if a value is not an id.
     pub fn ids(&self, name: &str) -> Result<Vec<u32>, StageError> {
         self.converted(name)
     }
@@ -93,7 +93,7 @@ impl<'a> Inputs<'a> {
     /// A part's codes.
     ///
     /// # Errors
-    /// [`StageError::Input`] as [`Self::integers`], or where a code is out of range.
+    /// [`StageError::Input`] as in [`Self::integers`], or if a code is out of range.
     pub fn codes(&self, part: Part) -> Result<Vec<u16>, StageError> {
         self.converted(&format!("codes.{}", part.name()))
     }
@@ -121,11 +121,11 @@ impl<'a> Inputs<'a> {
 /// One output tensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its shape.
+    /// Shape.
     pub shape: Vec<usize>,
-    /// Its values.
+    /// Values.
     pub values: Values,
 }
 
@@ -152,10 +152,10 @@ impl Output {
     }
 }
 
-/// The bytes of a safetensors file with these tensors.
+/// Serializes tensors as a safetensors file.
 ///
 /// # Errors
-/// [`StageError::Input`] where two have one name.
+/// [`StageError::Input`] if two tensors have the same name.
 pub fn serialize(outputs: &[Output]) -> Result<Vec<u8>, StageError> {
     let bytes: Vec<Vec<u8>> = outputs
         .iter()

@@ -1,28 +1,28 @@
-//! Priorities of threads, by the means of each system.
+//! Thread priorities on each system.
 
 use std::fmt;
 
-/// Priority of an engine's own threads, among all threads of the machine.
+/// Priority of an engine's own threads, relative to all threads of the machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Priority {
-    /// That of any new thread of the process.
+    /// The priority of any new thread of the process.
     #[default]
     Normal,
-    /// Before threads of normal priority: frames are nearly as fast beside a program that keeps every core
-    /// busy. Linux refuses it to most users.
+    /// Above threads of normal priority: frames are nearly as fast beside a program that keeps every core busy. Linux
+    /// refuses it to most users.
     High,
-    /// Behind threads of normal priority: the engine computes in the time that they leave.
+    /// Below threads of normal priority: the engine runs in the time that they leave.
     Low,
 }
 
 impl Priority {
-    /// Gives the calling thread this priority; whether the system let it.
+    /// Gives the calling thread this priority; returns whether the system allowed it.
     pub(crate) fn set(self) -> bool {
         self == Self::Normal || system::set(self)
     }
 
-    /// What to do where the system refuses a priority.
+    /// Advice for users whose system refuses a priority.
     #[must_use]
     pub fn advice() -> &'static str {
         system::ADVICE
@@ -43,7 +43,7 @@ impl fmt::Display for Priority {
 mod system {
     use super::Priority;
 
-    /// Steps of nice from normal. The system gives a thread 1.25 times the time for each step.
+    /// Nice levels away from normal. Each level changes the thread's share of time by a factor of 1.25.
     const STEPS: libc::c_int = 10;
 
     pub(super) const ADVICE: &str = "it needs the capability CAP_SYS_NICE, or RLIMIT_NICE of 30 (`ulimit -e 30`; \
@@ -56,14 +56,14 @@ mod system {
             Priority::Low => STEPS,
         };
         let wanted = (nice(0) + step).clamp(-20, 19);
-        // -1 is an error and a value, so that the thread is asked again.
+        // -1 is both an error and a valid value, so the value is queried again.
         nice(step);
         nice(0) == wanted
     }
 
-    /// Adds to the nice value of the calling thread, which in Linux each thread has of its own; returns the new one.
+    /// Adds to the nice value of the calling thread (per thread on Linux); returns the new one.
     fn nice(step: libc::c_int) -> libc::c_int {
-        // SAFETY: takes and returns numbers alone.
+        // SAFETY: takes and returns integers only.
         unsafe { libc::nice(step) }
     }
 
@@ -96,7 +96,7 @@ mod system {
     }
 
     fn this_thread() -> HANDLE {
-        // SAFETY: takes nothing, and the handle that it gives needs no closing.
+        // SAFETY: no preconditions; the pseudo handle needs no closing.
         unsafe { GetCurrentThread() }
     }
 
@@ -119,7 +119,7 @@ mod system {
             Priority::High => libc::qos_class_t::QOS_CLASS_USER_INTERACTIVE,
             Priority::Low => libc::qos_class_t::QOS_CLASS_UTILITY,
         };
-        // SAFETY: takes a class and a number, and changes the calling thread alone.
+        // SAFETY: takes a class and an integer, and changes the calling thread only.
         unsafe { libc::pthread_set_qos_class_self_np(class, 0) == 0 }
     }
 }
@@ -142,14 +142,15 @@ mod system {
 mod tests {
     use super::*;
 
-    /// Before and after, and whether the system let it; of a thread of its own, so that no other test has it.
+    /// Values before and after, and whether the system allowed it; in a new thread, so that no other test is
+    /// affected.
     fn of_thread(priority: Priority) -> (i32, i32, bool) {
         let life = move || (system::current(), priority.set(), system::current());
         let (before, is_set, after) = std::thread::spawn(life).join().unwrap();
         (before, after, is_set)
     }
 
-    /// The higher, the sooner the thread runs.
+    /// Rank of a value: higher runs first.
     fn rank(value: i32) -> i32 {
         if cfg!(windows) { value } else { -value }
     }
@@ -160,7 +161,7 @@ mod tests {
         assert!(is_set && before == after);
         let (before, after, is_set) = of_thread(Priority::Low);
         assert!(is_set && rank(after) < rank(before), "{before} -> {after}");
-        // Linux refuses it to most users: then nothing has changed.
+        // Linux refuses it to most users: the value is then unchanged.
         let (before, after, is_set) = of_thread(Priority::High);
         assert_eq!(is_set, rank(after) > rank(before), "{before} -> {after}");
         assert!(is_set || before == after);

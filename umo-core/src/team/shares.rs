@@ -1,20 +1,18 @@
-//! How much of a job each thread gets: as much as its core is fast. Shares are in equal ones, so
-//! that 1 is the even share.
+//! Each thread's share of a job, in proportion to the speed of its core. The unit is the even share.
 
 use std::time::Duration;
 
-/// Jobs that tell how fast the threads are: the clock shows in shorter ones.
+/// Shortest time of a piece that shows a thread's speed: shorter ones are below the clock's resolution.
 const MIN_MEASURABLE: Duration = Duration::from_micros(5);
-/// How far one job moves a thread's share towards what would have ended all pieces at once; one
-/// that was interrupted must not count for much.
+/// Step of one job from a thread's share towards the one that would have ended all pieces at once; small, because a
+/// job may have been interrupted.
 const LEARNING_RATE: f32 = 0.0625;
-/// Least share of a thread, in equal ones, so that it can be seen to be fast again.
+/// Lower bound of a thread's share, in even shares, so that a return to speed can be measured.
 const MIN_SHARE: f32 = 0.2;
-/// Shares that differ by less are taken for equal: an even cut of the same panels every time is
-/// worth a few in a hundred.
+/// Ratio of shares below which they count as equal: an even division, the same every time, is worth a few percent.
 const IMBALANCE_THRESHOLD: f32 = 1.25;
 
-/// Where each thread's piece of `granules` ends, by their shares.
+/// Computes where each thread's piece of `granules` ends, from the shares.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than `granules`")]
 #[expect(clippy::cast_precision_loss, reason = "granules are far below 2^24")]
 pub(super) fn cut(shares: &[f32], granules: usize, ends: &mut [usize]) {
@@ -32,14 +30,13 @@ pub(super) fn cut(shares: &[f32], granules: usize, ends: &mut [usize]) {
     ends[threads - 1] = granules;
 }
 
-/// Granules of each of the pieces that a dynamic schedule takes from `granules`; 0
-/// where there are too few.
+/// Granules per piece of a dynamic schedule, out of `granules`; 0 if there are too few.
 pub(super) fn dynamic_chunk(granules: usize) -> usize {
     if granules < 12 { 0 } else { (granules / 24).max(1) }
 }
 
-/// Moves shares towards those with which all of `times` would have been the same; threads without a
-/// piece have taken none. Whether the times told anything.
+/// Moves shares towards those that would have made all of `times` equal; threads without a piece have time zero.
+/// Returns whether the times were long enough to learn from.
 pub(super) fn learn(shares: &mut [f32], times: &[Duration]) -> bool {
     if times.iter().all(|&time| time < MIN_MEASURABLE) {
         return false;
@@ -81,7 +78,7 @@ mod tests {
 
     #[test]
     fn shares_follow_the_threads_speeds() {
-        // Thread 1 is half as fast, then as fast again.
+        // Thread 1 runs at half speed, then at full speed again.
         let mut shares = [1.0; 2];
         for (speed, want) in [(0.5, 4.0 / 3.0), (1.0, 1.0)] {
             for _ in 0..200 {
@@ -90,7 +87,7 @@ mod tests {
             }
             assert!((shares[0] - want).abs() < 0.01, "{shares:?}");
         }
-        // However long an interruption, it takes away one part in 32, and something always remains.
+        // An interruption, however long, costs at most a 32nd before normalization, and a share never vanishes.
         learn(&mut shares, &[Duration::from_micros(10), Duration::from_secs(10)]);
         assert!(shares[1] > 0.9, "{shares:?}");
         for _ in 0..400 {

@@ -1,4 +1,4 @@
-//! Every piece is done once, whichever threads there are, and defects and late threads cost nothing else.
+//! Every piece runs exactly once on any set of threads; panics and late threads have no other effect.
 
 use super::*;
 
@@ -68,7 +68,7 @@ fn dynamic_pieces_go_to_idle_threads() {
             others.fetch_add(1, Ordering::Relaxed);
             return Ok(());
         }
-        // The first piece takes until all others are done, which so fall to the other thread.
+        // The first piece runs until all others are done, so they go to the other thread.
         let start = Instant::now();
         while others.load(Ordering::Relaxed) < 5 {
             assert!(start.elapsed() < Duration::from_secs(60), "pieces wait for this thread");
@@ -131,7 +131,7 @@ fn a_sleeping_team_wakes_up() {
 
 #[test]
 fn a_worker_that_does_not_come_delays_nobody() {
-    // One without workers is one whose workers have no core.
+    // Without workers, as if none of them had a core.
     let team = Team::bare(4, false);
     let done: Vec<AtomicU32> = (0..4).map(|_| AtomicU32::new(0)).collect();
     for round in 1..=3 {
@@ -161,7 +161,7 @@ fn external_workers_that_join_and_leave_change_nothing() {
             });
         }
         for round in 0..2_000 {
-            // Some jobs have nobody but the caller.
+            // Some jobs have only the caller.
             let joining = (round % 5 > 0).then(|| team.admit());
             for _ in 0..5 {
                 team.run(&|index| {
@@ -195,7 +195,7 @@ fn a_panic_in_a_worker_reaches_the_caller_and_the_team_lives_on() {
 #[cfg(all(feature = "threads", any(target_os = "linux", windows)))]
 #[test]
 fn an_error_about_cores_names_the_wrong_ones_and_all_that_there_are() {
-    // In a thread of its own, which stays bound.
+    // In its own thread, which stays bound.
     let refused = || {
         let usable = cores::usable();
         let placement = Placement { caller: Some(usable[0]), cores: &[8_000], ..Placement::default() };

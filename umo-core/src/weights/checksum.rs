@@ -1,9 +1,9 @@
-//! The checksums of a model file: whether its bytes are those that were written.
+//! Checksums of a model file, which detect changed bytes.
 //!
-//! `__metadata__` holds `checksum = "crc32:XXXXXXXX"`: CRC-32 of the text of `config`, then of
-//! every byte behind the header, in eight hexadecimal digits; and `header_checksum`, of the same
-//! form: CRC-32 of the header and the eight bytes of its length before it, with zeros for its own
-//! digits. A file without these keys is read, too.
+//! `__metadata__` holds two. `checksum = "crc32:XXXXXXXX"` is the CRC-32, in eight hexadecimal digits, of the text of
+//! `config` and then of every byte after the header. `header_checksum`, in the same form, is the CRC-32 of the header
+//! and the eight bytes of its length before it, with zeros for its own digits. Files without these keys are accepted,
+//! too.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -12,42 +12,43 @@ use crc32fast::Hasher;
 
 use crate::error::LoadError;
 
-/// The key in the metadata.
+/// Metadata key of the checksum.
 pub(super) const KEY: &str = "checksum";
-/// The key of the header's own.
+/// Metadata key of the header's checksum.
 pub(super) const HEADER_KEY: &str = "header_checksum";
 const PREFIX: &str = "crc32:";
-/// The header's text before the digits of its own checksum. In the config, a text in this text, quotes are escaped.
+/// Text before the digits of the header's checksum. It cannot occur inside the config, a JSON string, where quotes
+/// are escaped.
 const BEFORE: &[u8] = b"\"header_checksum\":\"crc32:";
 /// Digits of a checksum.
 const DIGITS: usize = 8;
 
-/// The value of the key.
+/// Formats a checksum.
 pub(super) fn text(sum: u32) -> String {
     format!("{PREFIX}{sum:08x}")
 }
 
-/// The sum that the metadata says.
+/// Parses a checksum.
 ///
 /// # Errors
-/// [`LoadError::File`] where the text is of another form.
+/// [`LoadError::File`] if the text has another form.
 pub(super) fn parse(text: &str) -> Result<u32, LoadError> {
     let digits = text.strip_prefix(PREFIX).filter(|digits| digits.len() == DIGITS);
     digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).ok_or_else(|| wrong(KEY, text))
 }
 
-/// The error of a text of another form.
+/// Error for a text of another form.
 pub(super) fn wrong(key: &str, text: &str) -> LoadError {
     LoadError::File(format!("metadata `{key}`: expected \"{PREFIX}\" and eight hexadecimal digits, got {text:?}"))
 }
 
-/// Where the digits of a header's own checksum are; none where it has none.
+/// Range of the digits of a header's own checksum; `None` if it has none.
 fn place(header: &[u8]) -> Option<Range<usize>> {
     let start = header.windows(BEFORE.len()).position(|text| text == BEFORE)? + BEFORE.len();
     (start + DIGITS <= header.len()).then_some(start..start + DIGITS)
 }
 
-/// The header's own checksum, whose digits have that place.
+/// Checksum of a header whose own digits are at `place`.
 fn sum_header(header: &[u8], place: Range<usize>) -> u32 {
     let mut sum = Hasher::new();
     sum.update(&(header.len() as u64).to_le_bytes());
@@ -57,17 +58,17 @@ fn sum_header(header: &[u8], place: Range<usize>) -> u32 {
     sum.finalize()
 }
 
-/// Puts a header's own checksum in its place.
+/// Writes a header's own checksum into its place.
 pub(super) fn seal(header: &mut String) {
     let place = place(header.as_bytes()).expect("the header is written with a place for it");
     let sum = sum_header(header.as_bytes(), place.clone());
     header.replace_range(place, &format!("{sum:08x}"));
 }
 
-/// Compares a header with its own checksum; whether it has one.
+/// Verifies a header's own checksum; returns whether it has one.
 ///
 /// # Errors
-/// [`LoadError::File`] where the bytes are not those that were written.
+/// [`LoadError::File`] if the bytes were changed after writing.
 pub(super) fn check_header(header: &[u8]) -> Result<bool, LoadError> {
     let Some(place) = place(header) else { return Ok(false) };
     let said = &header[place.clone()];
@@ -81,8 +82,8 @@ pub(super) fn check_header(header: &[u8]) -> Result<bool, LoadError> {
     )))
 }
 
-/// The sum of a config's text and the data behind the header. On the calling thread: a process that
-/// was forked has no others.
+/// Checksum of a config's text and the data after the header. Runs on the calling thread, because a forked process
+/// has no others.
 pub(super) fn sum(config: &str, data: &[u8]) -> u32 {
     let mut sum = Hasher::new();
     sum.update(config.as_bytes());
@@ -90,7 +91,7 @@ pub(super) fn sum(config: &str, data: &[u8]) -> u32 {
     sum.finalize()
 }
 
-/// Sums what is written through it.
+/// Writer that computes the checksum of everything written through it.
 #[derive(Debug)]
 pub(super) struct Summed<W> {
     out: W,
@@ -98,14 +99,14 @@ pub(super) struct Summed<W> {
 }
 
 impl<W: Write> Summed<W> {
-    /// A sum that begins with a config's text.
+    /// Starts with the checksum of a config's text.
     pub(super) fn new(out: W, config: &str) -> Self {
         let mut sum = Hasher::new();
         sum.update(config.as_bytes());
         Self { out, sum }
     }
 
-    /// The sum of all that was written.
+    /// Checksum of everything written.
     pub(super) fn finish(self) -> u32 {
         self.sum.finalize()
     }

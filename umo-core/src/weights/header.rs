@@ -1,5 +1,4 @@
-//! A first look at a file's header, so that a tensor whose bytes cannot be what it claims is called
-//! by its name.
+//! Early check of a file's header, which names a tensor whose bytes do not match its declaration.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +7,8 @@ use serde_json::value::RawValue;
 
 use crate::error::LoadError;
 
-/// Checks each tensor by itself: that its bytes are in the file, and as many as its shape and type
-/// need. What is wrong with the header as a whole is left to its reader.
+/// Checks each tensor: its bytes must lie within the file and match its shape and type. Other errors of the header
+/// are left to its parser.
 pub(super) fn check(bytes: &[u8]) -> Result<(), LoadError> {
     let Some((entries, data)) = split(bytes) else { return Ok(()) };
     for (name, entry) in entries.iter().filter(|(name, _)| *name != "__metadata__") {
@@ -31,7 +30,7 @@ pub(super) fn check(bytes: &[u8]) -> Result<(), LoadError> {
     Ok(())
 }
 
-/// The header's entries and the number of bytes after it.
+/// Entries of the header, and the number of bytes after it.
 fn split(bytes: &[u8]) -> Option<(BTreeMap<String, &RawValue>, usize)> {
     let (len, rest) = bytes.split_first_chunk()?;
     let (header, data) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*len)).ok()?)?;

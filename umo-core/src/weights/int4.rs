@@ -1,22 +1,21 @@
-//! Int4 weights of a model file: how rows are quantized, and what a file says of them.
+//! Int4 weights of a model file: quantization of rows, and their encoding.
 //!
 //! ```text
 //! weight[row, i] = scale[row] * multiplier[row, i / 32] * code[row, i]     -15..=15, -8..=7
 //! ```
-//! The product of multiplier and code is an int8 value: a product computes with these, whether they
-//! are stored as int4 or int8.
+//! The product of multiplier and code is an int8 value: products compute with these, whether weights are stored as
+//! int4 or int8.
 
 use umo_kernels::pack::{CODES_I4, GROUP, MAX_MULTIPLIER, NIBBLE_OFFSET};
 
-/// Fractions of the step with which a group's largest value is the last code: smaller steps clip it,
-/// and are finer for all others.
+/// Candidate steps, as fractions of the step that maps a group's largest value to the last code: smaller ones clip
+/// it, and are finer for all other values.
 const FRACTIONS: [f32; 11] = [1.15, 1.07, 1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.65, 0.6];
 
-/// Multipliers that the row's largest step may have: others than the largest may fit the other groups
-/// better.
+/// Candidate multipliers of the row's largest step: one below the maximum may suit the other groups better.
 const LARGEST: [f32; 3] = [15.0, 14.5, 14.0];
 
-/// Groups of a row of `inputs` weights.
+/// Number of groups in a row of `inputs` weights.
 pub(super) const fn groups(inputs: usize) -> usize {
     inputs.div_ceil(GROUP)
 }
@@ -26,7 +25,7 @@ pub(super) const fn row_bytes(inputs: usize) -> usize {
     inputs.div_ceil(2)
 }
 
-/// Two codes as a byte of the file, the first in the low nibble.
+/// Packs two codes into a byte of the file, the first in the low nibble.
 pub(super) fn byte(codes: &[i8]) -> u8 {
     let nibble = |code: i8| (code + NIBBLE_OFFSET).cast_unsigned();
     codes.iter().rev().fold(0, |byte, &code| byte << 4 | nibble(code))
@@ -37,9 +36,9 @@ pub(super) fn code(row: &[u8], i: usize) -> i8 {
     (row[i / 2] >> (4 * (i % 2)) & 15).cast_signed() - NIBBLE_OFFSET
 }
 
-/// Quantizes one row, so that the sum of the squares of its errors is small, each times the `importance` of its
-/// input: every group has a step of its own, and the row's scale is the one that fits all codes best. Returns
-/// the scale; that of an all-zero row is 1.
+/// Quantizes one row so that the sum of squared errors, each weighted by the `importance` of its input, is small.
+/// Every group has its own step; the row's scale is the one that fits all codes best. Returns the scale; 1 for an
+/// all-zero row.
 pub fn quantize_row(row: &[f32], importance: &[f32], codes: &mut [i8], multipliers: &mut [i8]) -> f32 {
     assert!(codes.len() == row.len() && multipliers.len() == groups(row.len()), "a row with its groups");
     assert!(importance.len() == row.len(), "an importance of every input");
@@ -75,17 +74,17 @@ pub fn quantize_row(row: &[f32], importance: &[f32], codes: &mut [i8], multiplie
     scale
 }
 
-/// Values of a group with the importance of each.
+/// Values of a group, and the importance of each.
 type Group<'a> = (&'a [f32], &'a [f32]);
 
-/// The step, of either sign, whose codes are nearest to the values of a group; 0 of a group of zeros.
+/// The step, of either sign, whose codes approximate a group best; 0 for a group of zeros.
 fn best_step(group: Group) -> f32 {
     let (mut positive, mut negative) = (0.0_f32, 0.0_f32);
     for &value in group.0 {
         (positive, negative) = (positive.max(value), negative.max(-value));
     }
     let largest = positive.max(negative);
-    // The negative codes reach further: to the side of the largest value, unless the other wins.
+    // Negative codes reach further: they go to the side of the largest value, unless the other sign fits better.
     let sign = if negative >= positive { 1.0 } else { -1.0 };
     let (mut least, mut best) = (f32::INFINITY, 0.0);
     for fraction in FRACTIONS {
@@ -100,7 +99,7 @@ fn best_step(group: Group) -> f32 {
     best
 }
 
-/// The scale that fits the codes which `scale` would give best, in least squares.
+/// The scale that best fits, in least squares, the codes that `scale` gives.
 fn fitted_scale<'a>(groups: impl Iterator<Item = Group<'a>>, steps: &[f32], scale: f32) -> f32 {
     let (mut product, mut square) = (0.0, 0.0);
     for (group, &step) in groups.zip(steps) {
@@ -115,7 +114,7 @@ fn fitted_scale<'a>(groups: impl Iterator<Item = Group<'a>>, steps: &[f32], scal
     if square > 0.0 { product / square } else { scale }
 }
 
-/// The multiplier beside `step / scale` with the least error, and the error.
+/// The multiplier near `step / scale` with the least error, and that error.
 #[expect(clippy::cast_possible_truncation, reason = "clamped to the range of a multiplier")]
 fn best_multiplier(group: Group, step: f32, scale: f32) -> (i8, f32) {
     let limit = f32::from(MAX_MULTIPLIER);
@@ -130,14 +129,14 @@ fn best_multiplier(group: Group, step: f32, scale: f32) -> (i8, f32) {
     best
 }
 
-/// Sum of the squares of a group's errors at one step, times their importance.
+/// Sum of a group's squared errors for one step, weighted by importance.
 fn error((group, importance): Group, step: f32) -> f32 {
     let per_step = reciprocal(step);
     let square = |(&value, &importance): (&f32, &f32)| {
         let error = value - step * round(value * per_step);
         importance * (error * error)
     };
-    // Eight sums, which the compiler computes side by side.
+    // Eight sums, so that it vectorizes.
     let ((eights, tail), (importances, rest)) = (group.as_chunks::<8>(), importance.as_chunks::<8>());
     let mut sums = [0.0; 8];
     for (values, importances) in eights.iter().zip(importances) {
@@ -148,7 +147,7 @@ fn error((group, importance): Group, step: f32) -> f32 {
     sums.iter().sum::<f32>() + tail.iter().zip(rest).map(square).sum::<f32>()
 }
 
-/// 0 of 0: all codes are 0 then.
+/// Reciprocal of a step; 0 for 0, since all codes are then 0.
 fn reciprocal(step: f32) -> f32 {
     let reciprocal = step.recip();
     if reciprocal.is_finite() { reciprocal } else { 0.0 }
@@ -156,7 +155,7 @@ fn reciprocal(step: f32) -> f32 {
 
 /// The nearest code to `value`, ties to even.
 fn round(value: f32) -> f32 {
-    // Numbers of this size are a unit apart.
+    // Floats of this magnitude are spaced by one.
     const UNIT: f32 = 12_582_912.0;
     value.clamp(f32::from(CODES_I4.0), f32::from(CODES_I4.1)) + UNIT - UNIT
 }
@@ -215,8 +214,8 @@ mod tests {
         assert!((dequantized(&[3.0])[0] - 3.0).abs() < 1e-6);
     }
 
-    /// Rounding normal values with one step of 16 codes per group of 32 costs 8 to 9 %; with one step per
-    /// row, as int8 has, twice as much.
+    /// Rounding normal values with one 16-code step per group of 32 has an error of 8 to 9 %; with one step per row,
+    /// as int8 has, twice that.
     #[test]
     fn errors_are_those_of_four_bits() {
         let row = noise(4096);
@@ -228,7 +227,7 @@ mod tests {
         assert!((0.07..0.1).contains(&error), "{error}");
     }
 
-    /// Where some values matter more, they get the finer steps at the cost of the others.
+    /// More important values get the finer steps, at the cost of the others.
     #[test]
     fn important_values_have_smaller_errors() {
         let row = noise(512);

@@ -1,29 +1,29 @@
-//! Every tensor that a config asks for, with its shape and what kind of values it holds (SPEC 3).
+//! All tensors that a config requires, with shape and kind (SPEC 3).
 
 use crate::config::{AudioKind, Config, Hubert, Mel, Mouth};
 use crate::part::Part;
 
-/// What a tensor's values are: how to draw random ones, and whether they may be quantized.
+/// Kind of a tensor's values: determines random initialization, and whether they may be quantized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Rows of a product; values of about `1 / sqrt(inputs)`.
     Product,
-    /// A row per token, code or position, looked up.
+    /// A row per token, code or position, read by index.
     Table,
     /// Added to a product.
     Bias,
-    /// Multiplied after a norm: about 1.
+    /// Scale after a norm: about 1.
     Norm,
-    /// A router: decides, so it stays in full precision.
+    /// A router: it makes decisions, so it stays in full precision.
     Router,
     /// Added to attention scores.
     PositionBias,
     /// Window, filters, mean and scale of mel features.
     Mel,
-    /// A small layer after mel features, which stays in full precision: units depend on which
-    /// centroid is nearest to its output, or the face is its output.
+    /// A small layer after mel features. It stays in full precision: units depend on the centroid nearest to its
+    /// output, or its output is the face.
     Listener,
-    /// Centroids or a codebook: nearest rows are looked for.
+    /// Centroids or a codebook, for nearest-neighbour search.
     Centroids,
 }
 
@@ -34,7 +34,7 @@ pub struct Spec {
     pub name: String,
     /// Shape.
     pub shape: Vec<usize>,
-    /// What its values are.
+    /// Kind of its values.
     pub kind: Kind,
 }
 
@@ -49,24 +49,23 @@ impl Spec {
         self.len() == 0
     }
 
-    /// Values that one output of a product sums over.
+    /// Number of inputs of a product: values per output.
     pub fn inputs(&self) -> usize {
         self.shape.iter().skip(1).product()
     }
 
-    /// The stage that the tensor belongs to: the first word of its name.
+    /// Stage of the tensor: the first word of its name.
     pub fn stage(&self) -> &str {
         self.name.split('.').next().unwrap_or_default()
     }
 
-    /// Whether the tensor is one expert of several.
+    /// Whether the tensor belongs to one of several experts.
     pub fn is_expert(&self) -> bool {
         self.name.contains(".moe.experts.")
     }
 }
 
-/// All tensors of a model, in a fixed order; `encoders` asks for those that only tokenising motion
-/// needs.
+/// All tensors of a model, in a fixed order; with `encoders` including those that only motion tokenization needs.
 pub fn specs(config: &Config, encoders: bool) -> Vec<Spec> {
     let mut list = List(Vec::new());
     match (config.audio.kind, &config.audio.hubert, &config.audio.mel) {
@@ -273,7 +272,7 @@ impl List {
         }
     }
 
-    /// What both interpolation networks have between their inputs and their heads.
+    /// Layers between inputs and heads, which both interpolation networks have.
     fn interp_layers(&mut self, config: &Config) {
         let c = &config.interp;
         let d = c.d_model;

@@ -1,4 +1,4 @@
-//! Tensors to the forms that the networks compute with: packed products, vectors and tables.
+//! Converts tensors to the forms that the networks compute with: packed products, vectors and tables.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -20,38 +20,38 @@ use crate::linear::{Linear, Precision, Weight};
 use crate::memory::{SPARE, catch, filled, require};
 use crate::thread::parallel::*;
 
-/// Loads the parts of one model at one precision for one processor.
+/// Loads the components of one model at one precision for one instruction set.
 #[derive(Clone, Debug)]
 pub struct Loader<'a> {
     file: &'a ModelFile,
     precision: Precision,
-    /// How every product's weights are kept, where the precision does not say it tensor by tensor.
+    /// Form of all products' weights, if the precision does not determine it per tensor.
     form: Option<Form>,
-    /// Whether float products keep all bits of their activations.
+    /// Whether float products use all bits of their activations.
     exact: bool,
-    /// Whether products are of few rows, so that they take as long as reading their weights.
+    /// Whether products have few rows, and so are bound by reading their weights.
     few_rows: bool,
     isa: Isa,
-    /// Where packed weights lie.
+    /// Memory for packed weights.
     pool: Arc<Pool>,
-    /// What records the products' inputs.
+    /// Recorder of the products' inputs.
     #[cfg(feature = "internals")]
     calibration: Option<&'a Calibration>,
 }
 
-/// How packed weights are kept.
+/// Form of packed weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     F32,
     Bf16,
     Int8,
-    /// The values of int8, in half as many bytes.
+    /// Same values as int8, in half the bytes.
     Int4,
 }
 
 impl Form {
-    /// The form of products over tensors that are stored so: nothing is lost beside what the
-    /// precision asks to lose. `int4` says whether int4 is faster than the same values in int8.
+    /// Form of a product over tensors with this storage: loses no more precision than `precision` asks for. `int4`
+    /// tells whether int4 is faster than the same values in int8.
     fn of(precision: Precision, int4: bool, stored: impl Iterator<Item = Storage> + Clone) -> Self {
         let all = |storage| stored.clone().all(|s| s == storage);
         match precision {
@@ -68,17 +68,17 @@ impl Form {
 /// Packs one row as an output of its panel.
 type PackRow<P> = fn(&[f32], usize, &mut [P]) -> Result<(), ShapeError>;
 
-/// How the values of one output row are ordered in the file.
+/// Order of the values of an output row in the file.
 #[derive(Clone, Copy, Debug)]
 enum Order {
-    /// As they are.
+    /// The needed order.
     Same,
     /// A convolution's `[channels, kernel]`, needed as `[kernel, channels]`.
     Convolution { channels: usize, kernel: usize },
 }
 
 impl Order {
-    /// The values of a row in the needed order: `stored` itself, or sorted into `sorted`.
+    /// Values of a row in the needed order: `stored` itself, or sorted into `sorted`.
     fn sort<'a, T: Copy>(self, stored: &'a [T], sorted: &'a mut [T]) -> &'a [T] {
         let Self::Convolution { channels, kernel } = self else { return stored };
         for (tap, sorted) in sorted.chunks_exact_mut(channels).enumerate() {
@@ -89,7 +89,7 @@ impl Order {
 }
 
 impl<'a> Loader<'a> {
-    /// A loader of `file` for `isa`; `precision` says how products are computed.
+    /// Loads from `file` for `isa` at `precision`.
     pub fn new(file: &'a ModelFile, precision: Precision, isa: Isa) -> Self {
         let exact = precision == Precision::F32;
         Self {
@@ -105,51 +105,48 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// The same for products that record their inputs in `calibration`.
+    /// Records the inputs of products in `calibration`.
     #[cfg(feature = "internals")]
     #[must_use]
     pub fn recording(self, calibration: &'a Calibration) -> Self {
         Self { calibration: Some(calibration), ..self }
     }
 
-    /// The file.
+    /// The model file.
     pub fn file(&self) -> &'a ModelFile {
         self.file
     }
 
-    /// The processor that weights are packed for.
+    /// Instruction set that weights are packed for.
     pub fn isa(&self) -> Isa {
         self.isa
     }
 
-    /// The same file and processor with products in full precision, for the tensors that lose by
-    /// rounding.
+    /// Loader with products in full precision, for tensors that lose quality by rounding.
     #[must_use]
     pub fn exact(&self) -> Self {
         Self { exact: true, ..self.float() }
     }
 
-    /// The same file and processor with weights as the file has them, for the tensors that lose by
-    /// rounding to int8.
+    /// Loader with weights as stored, for tensors that lose quality by rounding to int8.
     #[must_use]
     pub fn float(&self) -> Self {
         Self { precision: Precision::F32, form: None, ..self.clone() }
     }
 
-    /// The same for products that are computed for few rows at a time, or (as without this) for many:
-    /// int4 weights stay int4 where that is faster.
+    /// Loader for products of few rows, or (the default) of many: int4 weights stay int4 if that is faster.
     #[must_use]
     pub fn for_few_rows(&self, few_rows: bool) -> Self {
         Self { few_rows, ..self.clone() }
     }
 
-    /// The form of products over tensors that are stored so.
+    /// Form of a product over tensors with this storage.
     fn form_of(&self, stored: impl Iterator<Item = Storage> + Clone) -> Form {
         Form::of(self.precision, matmul_i4::is_fast(self.isa, self.few_rows), stored)
     }
 
-    /// The same with one form of weights for all of the tensors `names`: products that share their
-    /// input, or are multiplied with each other, must not differ where the file does.
+    /// Loader with the same form for all of the tensors `names`: products that share their input, or are multiplied
+    /// with each other, must not differ even if their storage does.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -173,13 +170,13 @@ impl<'a> Loader<'a> {
     pub fn values(&self, name: &str, shape: &[usize]) -> Result<Box<[f32]>, LoadError> {
         let tensor = self.file.tensor(name, shape)?;
         let mut values = filled(0.0, tensor.rows() * tensor.cols()).into_boxed_slice();
-        // A thread for which the allocator found no room of its own takes a page for each small piece.
+        // A thread without its own allocator arena takes a whole page for each small allocation.
         require(SPARE);
         tensor.read(&mut values)?;
         Ok(values)
     }
 
-    /// A product without bias: the tensors `names`, each `[outputs, inputs]`, one below the other.
+    /// A product without bias: the tensors `names`, each `[outputs, inputs]`, stacked.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -224,8 +221,8 @@ impl<'a> Loader<'a> {
         Ok(linear.with_bias(self.vector(&format!("{name}.bias"), outputs)?))
     }
 
-    /// A convolution `[outputs, channels, kernel]` as a product over windows of
-    /// `[kernel, channels]`; a bias where the file has `{name}.bias` and `bias` asks for it.
+    /// A convolution `[outputs, channels, kernel]` as a product over windows of `[kernel, channels]`; with a bias if
+    /// `bias` is set and the file has `{name}.bias`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -242,8 +239,7 @@ impl<'a> Loader<'a> {
         if bias { Ok(linear.with_bias(self.vector(&format!("{name}.bias"), outputs)?)) } else { Ok(linear) }
     }
 
-    /// A convolution in groups, one product per group over windows of
-    /// `[kernel, channels per group]`.
+    /// A grouped convolution: one product per group over windows of `[kernel, channels per group]`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -265,7 +261,7 @@ impl<'a> Loader<'a> {
         products.collect()
     }
 
-    /// A table whose rows are gathered, kept as the file has it.
+    /// A table for gathering rows, stored as in the file.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -309,7 +305,7 @@ impl<'a> Loader<'a> {
         let stored = rows.tensors.iter().map(Tensor::storage);
         let weight = match self.form.unwrap_or_else(|| self.form_of(stored)) {
             Form::Int4 if matches!(rows.order, Order::Same) => self.pack_int4(rows)?,
-            // The groups of a convolution are not those of its inputs in the needed order.
+            // Reordering a convolution's inputs would mix the groups, so it uses int8.
             Form::Int4 | Form::Int8 => self.pack_int8(rows)?,
             Form::Bf16 => Weight::Bf16(self.pack_float(rows, packed_len_bf16, pack_row_bf16)?),
             Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
@@ -325,7 +321,7 @@ impl<'a> Loader<'a> {
         Ok(if self.exact { linear.exact() } else { linear })
     }
 
-    /// Packs all panels in parallel, of the length and in the way of one type.
+    /// Packs all panels in parallel, with the given length and row packing.
     fn pack_float<P: Plain>(
         &self,
         rows: &Rows,
@@ -346,7 +342,7 @@ impl<'a> Loader<'a> {
         Ok(packed)
     }
 
-    /// Quantises and packs all panels in parallel; steps that the file already has are kept.
+    /// Quantizes and packs all panels in parallel; values that are int8 in the file are kept.
     fn pack_int8(&self, rows: &Rows) -> Result<Weight, LoadError> {
         let (n, k) = (rows.n, rows.cols());
         let mut steps = self.pool.zeroed(packed_len_i8(n, k));
@@ -366,7 +362,7 @@ impl<'a> Loader<'a> {
 }
 
 impl Loader<'_> {
-    /// Packs all panels of int4 weights in parallel, as the file has them.
+    /// Packs all panels of int4 weights in parallel, unchanged.
     fn pack_int4(&self, rows: &Rows) -> Result<Weight, LoadError> {
         let (n, k) = (rows.n, rows.cols());
         let mut codes = self.pool.zeroed(packed_len_i4(n, k));
@@ -387,10 +383,10 @@ impl Loader<'_> {
     }
 }
 
-/// The layers `0..count` of a network, each loaded by `load`, on the pool's threads.
+/// Loads the layers `0..count` of a network by `load`, on the pool's threads.
 ///
 /// # Errors
-/// Of `load`, or [`LoadError::Memory`]; no further layer is begun then.
+/// As returned by `load`, or [`LoadError::Memory`]; no further layer is then started.
 pub fn load_layers<T: Send>(
     count: usize,
     load: impl Fn(usize) -> Result<T, LoadError> + Sync + Send,
@@ -399,10 +395,11 @@ pub fn load_layers<T: Send>(
     Ok(layers?.into())
 }
 
-/// Does `work` for each item on the pool's threads, with room that each thread makes when it needs it.
+/// Calls `work` for each item on the pool's threads, with scratch space that each thread allocates when it first
+/// needs it.
 ///
 /// # Errors
-/// Of `work`, or [`LoadError::Memory`] where there is none for `room`; no further item is begun then.
+/// As returned by `work`, or [`LoadError::Memory`] if `room` cannot be allocated; no further item is then started.
 fn for_each<I: ParallelIterator, R: Send>(
     items: I,
     room: impl Fn() -> R + Sync + Send,
@@ -420,7 +417,7 @@ fn for_each<I: ParallelIterator, R: Send>(
     )
 }
 
-/// Output rows `first..first + n` of tensors that stand one below the other.
+/// Output rows `first..first + n` of stacked tensors.
 struct Rows<'a> {
     tensors: &'a [Tensor<'a>],
     first: usize,
@@ -428,12 +425,12 @@ struct Rows<'a> {
     order: Order,
 }
 
-/// Room for one row on its way from the file to a panel.
+/// Buffers for one row on its way from the file to a panel.
 struct RowBuffer {
     stored: Vec<f32>,
     sorted: Vec<f32>,
     steps: Vec<i8>,
-    /// Of int4.
+    /// Expanded int4 values.
     unpacked: Vec<i8>,
 }
 
@@ -448,7 +445,7 @@ impl Rows<'_> {
         self.tensors.first().map_or(0, Tensor::cols)
     }
 
-    /// Names of the tensors with the rows that are taken of each.
+    /// Names of the tensors, and the rows taken from each.
     #[cfg(feature = "internals")]
     fn named(&self) -> Vec<(String, Range<usize>)> {
         let (mut first, end) = (0, self.first + self.n);
@@ -463,7 +460,7 @@ impl Rows<'_> {
         named
     }
 
-    /// The tensor and its row that hold output `row`.
+    /// The tensor and its row for output `row`.
     fn locate(&self, row: usize) -> (&Tensor<'_>, usize) {
         let mut row = self.first + row;
         for tensor in self.tensors {
@@ -482,7 +479,7 @@ impl Rows<'_> {
         Ok(self.order.sort(&buffer.stored, &mut buffer.sorted))
     }
 
-    /// Output `row` in steps of `scale`, in the needed order.
+    /// Output `row` as quantized values with their `scale`, in the needed order.
     fn steps<'a>(&'a self, row: usize, buffer: &'a mut RowBuffer, scale: &mut f32) -> Result<&'a [i8], LoadError> {
         let (tensor, source) = self.locate(row);
         if let Some((stored, step)) = tensor.steps(source, &mut buffer.unpacked) {
@@ -496,7 +493,7 @@ impl Rows<'_> {
     }
 }
 
-/// A table whose rows are looked up, `[rows, cols]`.
+/// A table for reading rows by index, `[rows, cols]`.
 #[derive(Debug)]
 pub struct Table {
     values: TableValues,
@@ -516,12 +513,12 @@ impl Table {
         self.rows
     }
 
-    /// Writes row `row` to `out [cols]`. Panics where `row` is no row.
+    /// Copies row `row` to `out [cols]`. Panics if `row` is out of range.
     pub fn gather(&self, row: usize, out: &mut [f32]) {
         self.visit(row, out, |out, v| *out = v);
     }
 
-    /// Adds row `row` to `out [cols]`. Panics where `row` is no row.
+    /// Adds row `row` to `out [cols]`. Panics if `row` is out of range.
     pub fn add(&self, row: usize, out: &mut [f32]) {
         self.visit(row, out, |out, v| *out += v);
     }

@@ -1,5 +1,4 @@
-//! Where a model's bytes live. The memory map is one of the places outside the kernels that
-//! hold `unsafe`.
+//! Storage of a model's bytes. The memory map is one of the places outside the kernels that contain `unsafe`.
 #![expect(unsafe_code, reason = "a memory map is shared with whoever may change the file")]
 
 #[cfg(feature = "files")]
@@ -13,17 +12,17 @@ use memmap2::UncheckedAdvice;
 #[cfg(feature = "files")]
 use crate::{error::LoadError, memory::OutOfMemory};
 
-/// A file in memory.
+/// A memory-mapped file.
 #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 #[derive(Debug)]
 pub(super) struct Mapped {
     map: Mmap,
-    /// While it is open, nobody writes to the file.
+    /// Prevents writes to the file while it is open.
     #[cfg(windows)]
     _file: File,
 }
 
-/// A model's bytes.
+/// Bytes of a model.
 #[derive(Debug)]
 pub(super) enum Source {
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
@@ -51,11 +50,10 @@ impl Source {
 
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     fn of_file(file: File, _: &Path) -> io::Result<Self> {
-        // SAFETY: the map is read-only and private to this process. On Windows nobody writes to the
-        // file while it is open, which is as long as the map. Elsewhere another process that
-        // rewrites the file in place could change what we read; every value is checked as it is
-        // read, indices are never taken from it later, and the documentation of the model file says
-        // to replace model files by renaming.
+        // SAFETY: the map is read-only and private to this process. On Windows nobody can write to the file while it
+        // is open, which is as long as the map. Elsewhere another process that rewrites the file in place could
+        // change what we read. Every value is checked as it is read, no index is read from it later, and the
+        // documentation of the model file says to replace model files by renaming.
         let map = unsafe { Mmap::map(&file) }?;
         Ok(Self::Mapped(Mapped {
             map,
@@ -81,8 +79,8 @@ impl Source {
         }
     }
 
-    /// Lets the system drop the pages inside `offset..offset + len` from this process; they are
-    /// read again when needed.
+    /// Lets the system drop the pages within `offset..offset + len` from this process; they are read again when
+    /// needed.
     #[cfg(all(feature = "mmap", unix))]
     pub(super) fn release(&self, offset: usize, len: usize) {
         const PAGE: usize = 4096;
@@ -90,28 +88,26 @@ impl Source {
         let start = offset.next_multiple_of(PAGE);
         let end = (offset + len) / PAGE * PAGE;
         if start < end {
-            // SAFETY: the map is read-only and backed by the file, so dropped pages come back with
-            // the same bytes.
+            // SAFETY: the map is read-only and backed by the file, so dropped pages come back with the same bytes.
             let dropped = unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) };
-            // Advice is only advice: a system that does not take it keeps the pages.
+            // Only a hint: a system that ignores it keeps the pages.
             drop(dropped);
         }
     }
 
-    /// Nothing: the bytes are in memory, or the system takes no such advice.
+    /// No-op: the bytes are in memory, or the system has no such hint.
     #[cfg(not(all(feature = "mmap", unix)))]
     pub(super) fn release(&self, _: usize, _: usize) {}
 }
 
-/// Bytes of a file that cannot be mapped.
+/// Size of a file that cannot be mapped, bytes.
 #[cfg(feature = "files")]
 fn file_len(path: &Path) -> usize {
     path.metadata().ok().and_then(|found| usize::try_from(found.len()).ok()).unwrap_or_default()
 }
 
-/// Bytes as signed numbers.
+/// Reinterprets bytes as signed.
 pub(super) fn signed(bytes: &[u8]) -> &[i8] {
-    // SAFETY: both types have one byte and take every value of it; the length and the lifetime
-    // stay.
+    // SAFETY: both types have size and alignment 1 and accept every value; length and lifetime are unchanged.
     unsafe { std::slice::from_raw_parts(bytes.as_ptr().cast(), bytes.len()) }
 }

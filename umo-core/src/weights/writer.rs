@@ -1,4 +1,4 @@
-//! Writing model files: the same bytes for the same model, every time.
+//! Deterministic writer of model files: the same model always gives the same bytes.
 
 use std::collections::BTreeMap;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -12,26 +12,26 @@ use super::{FORMAT_VERSION, int4};
 use crate::config::Config;
 use crate::thread::parallel::*;
 
-/// How a tensor's values are stored.
+/// Storage of a tensor's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Storage {
     /// 32-bit floats.
     F32,
     /// 16-bit floats.
     F16,
-    /// Brain floats.
+    /// bfloat16.
     Bf16,
-    /// Int8 steps per row of the first dimension, with an F32 tensor `NAME.scale`.
+    /// Int8 values, with an F32 tensor `NAME.scale` of one per row of the first dimension.
     Int8,
-    /// Int4 codes, two in a byte, with an I8 tensor `NAME.multipliers` of one for each 32 values of a row,
-    /// and an F32 tensor `NAME.scale` of one per row.
+    /// Int4 codes, two per byte, with an I8 tensor `NAME.multipliers` of one per 32 values of a row, and an F32
+    /// tensor `NAME.scale` of one per row.
     Int4,
-    /// Bytes as they are.
+    /// Raw bytes.
     Bytes,
 }
 
 impl Storage {
-    /// Its name in a model file's header, as `BF16`.
+    /// Name of the type in a model file's header, such as `BF16`.
     pub const fn dtype(self) -> &'static str {
         match self {
             Self::F32 => "F32",
@@ -42,30 +42,30 @@ impl Storage {
         }
     }
 
-    /// Whether it is one of integers with scales.
+    /// Whether values are integers with scales.
     pub const fn is_quantized(self) -> bool {
         matches!(self, Self::Int8 | Self::Int4)
     }
 }
 
-/// Where a tensor's values come from, asked for when they are written, one tensor at a time.
+/// Source of a tensor's values, read on writing, one tensor at a time.
 pub enum Values<'a> {
     /// Numbers, in the file's order.
     Floats(Box<dyn Fn() -> io::Result<Vec<f32>> + 'a>),
     /// Bytes, for [`Storage::Bytes`].
     Bytes(&'a [u8]),
-    /// Codes that are chosen already, for [`Storage::Int8`] and [`Storage::Int4`].
+    /// Codes quantized in advance, for [`Storage::Int8`] and [`Storage::Int4`].
     Codes(Box<dyn Fn() -> io::Result<Codes> + 'a>),
 }
 
-/// A tensor's rows as they are stored in int8 or int4.
+/// Rows of a tensor in int8 or int4.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Codes {
-    /// One per row.
+    /// One scale per row.
     pub scale: Vec<f32>,
-    /// Of int4, one per group of each row; empty for int8.
+    /// For int4, one multiplier per group of each row; empty for int8.
     pub multipliers: Vec<i8>,
-    /// Int8 steps or int4 codes, as many as the tensor has values.
+    /// Int8 values or int4 codes, one per value of the tensor.
     pub codes: Vec<i8>,
 }
 
@@ -86,7 +86,7 @@ pub struct NewTensor<'a> {
     pub name: String,
     /// Shape; its product is the number of values.
     pub shape: Vec<usize>,
-    /// How to store it.
+    /// Storage of the values.
     pub storage: Storage,
     /// Its values.
     pub values: Values<'a>,
@@ -100,10 +100,10 @@ struct Entry {
     data_offsets: [usize; 2],
 }
 
-/// Writes a model file with its checksums, from where `out` stands.
+/// Writes a model file with its checksums, at the current position of `out`.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub fn write(out: &mut (impl Write + Seek), config: &Config, tensors: &[NewTensor]) -> io::Result<()> {
     let start = out.stream_position()?;
     let config = serde_json::to_string(config)?;
@@ -113,8 +113,8 @@ pub fn write(out: &mut (impl Write + Seek), config: &Config, tensors: &[NewTenso
         out.write_all(&(header.len() as u64).to_le_bytes())?;
         out.write_all(header.as_bytes())
     };
-    // The sum is known when all is written: the header, which is as long with any sum, is written
-    // again then.
+    // The checksum is known only after writing everything: the header, whose length does not depend on it, is then
+    // written again.
     write_header(out, 0)?;
     let mut summed = Summed::new(&mut *out, &config);
     tensors.iter().try_for_each(|tensor| write_values(&mut summed, tensor))?;
@@ -165,7 +165,7 @@ fn header(config: &str, sum: u32, tensors: &[NewTensor]) -> io::Result<String> {
         add(name.clone(), tensor.storage.dtype(), shape, len)?;
     }
     let mut text = serde_json::to_string(&entries)?;
-    // Data starts at a multiple of 64, so that a map of the file is aligned for any type.
+    // Data starts at a multiple of 64, so that a memory map is aligned for any type.
     while !(text.len() + 8).is_multiple_of(64) {
         text.push(' ');
     }
@@ -188,7 +188,7 @@ fn write_values(out: &mut impl Write, tensor: &NewTensor) -> io::Result<()> {
     }
 }
 
-/// Values in pieces that the processor's cache holds.
+/// Writes values in pieces that fit the processor's cache.
 fn write_all<T: Copy, const N: usize>(
     out: &mut impl Write,
     values: &[T],
@@ -204,7 +204,7 @@ fn write_all<T: Copy, const N: usize>(
     Ok(())
 }
 
-/// The scales of all rows, then their steps.
+/// Writes the scales of all rows, then their values.
 fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<()> {
     let width = (values.len() / rows.max(1)).max(1);
     let (mut steps, mut scales) = (vec![0_i8; values.len()], vec![0.0; rows]);
@@ -220,7 +220,7 @@ fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<(
     write_all(out, &steps, i8::to_le_bytes)
 }
 
-/// Codes that were chosen before.
+/// Writes codes quantized in advance.
 fn write_codes(out: &mut impl Write, tensor: &NewTensor, codes: &Codes) -> io::Result<()> {
     let (rows, values) = (tensor.shape[0], tensor.shape.iter().product::<usize>());
     let groups = match tensor.storage {
@@ -238,14 +238,14 @@ fn write_codes(out: &mut impl Write, tensor: &NewTensor, codes: &Codes) -> io::R
     write_int4_codes(out, codes, values / rows.max(1))
 }
 
-/// Multipliers and codes of rows of `width` values.
+/// Writes multipliers and codes of rows of `width` values.
 fn write_int4_codes(out: &mut impl Write, Codes { multipliers, codes, .. }: &Codes, width: usize) -> io::Result<()> {
     let bytes: Vec<u8> = codes.chunks_exact(width.max(1)).flat_map(|row| row.chunks(2).map(int4::byte)).collect();
     write_all(out, multipliers, i8::to_le_bytes)?;
     out.write_all(&bytes)
 }
 
-/// The scales of all rows, their multipliers, then their codes.
+/// Writes the scales of all rows, their multipliers, then their codes.
 fn write_int4(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<()> {
     let width = (values.len() / rows.max(1)).max(1);
     let groups = int4::groups(width);

@@ -1,4 +1,4 @@
-//! What a plan adds up is what a block is used for, and the last piece gives it back.
+//! A block is filled exactly as planned and released with its last allocation.
 
 use super::*;
 use std::collections::HashMap;
@@ -8,18 +8,18 @@ use std::sync::atomic::AtomicBool;
 
 use proptest::prelude::*;
 
-/// A host's allocator, which keeps what it gave.
+/// A host's allocator that records its allocations.
 #[derive(Default)]
 struct Host {
     given: Mutex<HashMap<usize, Layout>>,
     calls: AtomicUsize,
-    /// Gives nothing; gives memory off by this.
+    /// Whether to return NULL; offset by which to misalign memory.
     is_empty: AtomicBool,
     off: AtomicUsize,
 }
 
 unsafe extern "C" fn allocate(userdata: *mut c_void, size: usize, alignment: usize) -> *mut c_void {
-    // SAFETY: `Host::memory` gave it.
+    // SAFETY: `Host::memory` passed it.
     let host = unsafe { &*userdata.cast::<Host>() };
     host.calls.fetch_add(1, Ordering::Relaxed);
     if host.is_empty.load(Ordering::Relaxed) {
@@ -29,20 +29,20 @@ unsafe extern "C" fn allocate(userdata: *mut c_void, size: usize, alignment: usi
     let layout = Layout::from_size_align(size + off, alignment).unwrap();
     // SAFETY: a block is never empty.
     let memory = unsafe { alloc(layout) };
-    // SAFETY: as many bytes more were allocated.
+    // SAFETY: `off` more bytes were allocated.
     let memory = unsafe { memory.add(off) };
     host.given.lock().unwrap().insert(memory.addr(), Layout::from_size_align(size, alignment).unwrap());
     memory.cast()
 }
 
 unsafe extern "C" fn release(userdata: *mut c_void, memory: *mut c_void, size: usize, alignment: usize) {
-    // SAFETY: `Host::memory` gave it.
+    // SAFETY: `Host::memory` passed it.
     let host = unsafe { &*userdata.cast::<Host>() };
     let off = host.off.load(Ordering::Relaxed);
     let layout = Layout::from_size_align(size, alignment).unwrap();
     assert_eq!(host.given.lock().unwrap().remove(&memory.addr()), Some(layout));
     let layout = Layout::from_size_align(size + off, alignment).unwrap();
-    // SAFETY: `allocate` added as many.
+    // SAFETY: `allocate` added `off`.
     let memory = unsafe { memory.cast::<u8>().sub(off) };
     // SAFETY: `allocate` got it with this layout.
     unsafe { dealloc(memory, layout) };
@@ -50,7 +50,7 @@ unsafe extern "C" fn release(userdata: *mut c_void, memory: *mut c_void, size: u
 
 impl Host {
     fn memory(&self) -> HostMemory {
-        // SAFETY: the functions above, with what they expect; tests keep it as long as blocks.
+        // SAFETY: the functions above, with the `userdata` that they expect; tests keep it alive as long as blocks.
         unsafe { HostMemory::new((&raw const *self).cast_mut().cast(), allocate, release) }
     }
 
@@ -67,7 +67,7 @@ impl Host {
     }
 }
 
-/// Things of every kind, some within others.
+/// Values of every kind, some nested.
 struct Things {
     rows: Slice<Slice<u16>>,
     floats: Slice<f32>,
