@@ -17,8 +17,8 @@ use super::document::{Document, Skin};
 /// Tolerance within which two transforms of the same joints count as equal: radians, share of the scale, share of the
 /// skeleton's extent.
 const TOLERANCE: f64 = 0.02;
-/// A skin whose joints agree stands where its nodes say, unless that is so far from where the mesh
-/// was made, in extents of the skeleton: then the root joint was animated.
+/// Distance between the nodes and the modelled position, in extents of the skeleton, above which the root joint is
+/// assumed to be animated. Up to it, a skin whose joints agree stands where its nodes are.
 const MAX_OFFSET: f64 = 0.5;
 /// Angle in radians by which the joints must contradict the nodes around a skin to override their orientation.
 const MAX_DISAGREEMENT: f64 = std::f64::consts::FRAC_PI_4;

@@ -184,7 +184,7 @@ struct Triangles<'a> {
     reader: Reader<'a>,
     /// The lowest index that has not occurred yet.
     next: u32,
-    /// The last index that was written out.
+    /// The last index that was coded explicitly.
     last: u32,
     edges: Recent<[u32; 2]>,
     corners: Recent<u32>,

@@ -55,7 +55,7 @@ pub enum RetargetError {
         /// The bone that should be its ancestor.
         above: String,
     },
-    /// Hips, shoulders or their sides lie in one place: up and left cannot be told.
+    /// Hips, shoulders or their sides coincide, so up and left cannot be determined.
     Flat,
     /// The source skeleton does not have 55 joints with parents first, or has a number that is not finite.
     Source,
