@@ -16,7 +16,7 @@ pub(super) struct Bone {
 struct Spread {
     parents: Vec<u8>,
     joint: u8,
-    /// The helper that rotates half as far as the joint.
+    /// The helper joint with half of the joint's rotation.
     half: u8,
     twist: Option<Twist>,
 }
