@@ -19,7 +19,7 @@ pub enum Detail {
     Knit,
     /// Plain weave of a shirt.
     Weave,
-    /// [`Weave`](Self::Weave) with a line of stitches along the edge where v is 0.
+    /// [`Weave`](Detail::Weave) with a line of stitches along the edge where v is 0.
     StitchedWeave,
     /// Diagonal ribs of trousers.
     Twill,

@@ -3,7 +3,7 @@
 use umo_core::thread;
 use umo_kernels::Isa;
 
-/// Properties of the machine: no name of a host or a user, and no path.
+/// Properties of the machine, without host name, user name or path.
 #[derive(Clone, Debug)]
 pub struct Machine {
     /// The vendor's name, or the architecture.

@@ -15,7 +15,7 @@
 //! | `clip` | a character's animation, as motion of the 55 joints |
 //! | `expressions` | the expression table of VRM files |
 //! | `faces` | blendshapes that move |
-//! | `follower` | a character that follows poses as they come |
+//! | `follower` | a character that follows a stream of poses |
 //! | `given` | a mapping file |
 
 pub mod accessor;

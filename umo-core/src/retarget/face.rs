@@ -8,7 +8,7 @@
 //! (`o`), lip rounding (`r`) and lip width (`w`):
 //!
 //! ```text
-//! aa = o (1-r) (1-w)   ee = o (1-r) w   oh = o r   ou = (1-o) r   ih = (1-o) (1-r) w, only with the jaw open a little
+//! aa = o (1-r) (1-w)   ee = o (1-r) w   oh = o r   ou = (1-o) r   ih = (1-o) (1-r) w, only with the jaw slightly open
 //! ```
 
 mod synonyms;
