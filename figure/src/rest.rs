@@ -15,7 +15,7 @@ pub(super) struct Rest {
     pub(super) head: f32,
 }
 
-/// Index of the joint `name`. Panics if there is none.
+/// Index of the joint `name`. Panics if it does not exist.
 pub(super) fn joint(name: &str) -> usize {
     JOINT_NAMES.iter().position(|&known| known == name).expect("the names are written in this module")
 }

@@ -109,7 +109,7 @@ impl Leg {
         Some(std::array::from_fn(|i| by_ankle[i] + share * (by_ball[i] - by_ankle[i])))
     }
 
-    /// How far the hips must sink for a leg that begins at `hip` to reach `wanted`.
+    /// Distance that the hips must sink for a leg that begins at `hip` to reach `wanted`.
     fn sink(&self, hip: Vector, wanted: Vector, up: Vector) -> f32 {
         let reach = self.lengths[0] + self.lengths[1];
         let way = less(hip, wanted);
