@@ -52,7 +52,7 @@ const BIN: &[u8; 4] = b"BIN\0";
 pub struct Glb<'a> {
     /// The first chunk.
     pub json: &'a str,
-    /// The second chunk; empty if there is none.
+    /// The second chunk; empty if absent.
     pub bin: &'a [u8],
     /// All later chunks, which are passed through.
     pub more: &'a [u8],

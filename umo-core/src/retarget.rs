@@ -86,7 +86,7 @@ pub enum Floor {
     /// The rest pose stands on the floor.
     #[default]
     AtRest,
-    /// At 0, for rigs whose rest pose does not tell, such as those of `.bvh` files.
+    /// At 0, for rigs whose rest pose does not show it, such as those of `.bvh` files.
     AtZero,
     /// At 0, with soles at this height in the rest pose, along up in the rig's unit: for characters whose shoes reach
     /// below the floor.
@@ -186,7 +186,7 @@ impl Retarget {
         self.hips
     }
 
-    /// Whether a bone follows the source; all others keep their rest rotation. Panics if there is no such bone.
+    /// Whether a bone follows the source; all others keep their rest rotation. Panics if the index is out of range.
     pub fn is_driven(&self, bone: usize) -> bool {
         self.driven[bone].is_some()
     }
@@ -196,7 +196,7 @@ impl Retarget {
         self.ground.scale
     }
 
-    /// Keeps a bone at rest, for example eyes that blendshapes turn. Panics if there is no such bone.
+    /// Keeps a bone at rest, for example eyes that blendshapes turn. Panics if the index is out of range.
     pub fn release(&mut self, bone: usize) {
         self.driven[bone] = None;
     }
@@ -268,7 +268,7 @@ impl Driven {
 }
 
 /// Returns a bone's name as it is matched, if most names carry a decoration that is stripped because no convention
-/// uses it: `left arm` for `Armature|LeftArm.001`. Panics if there is no such bone.
+/// uses it: `left arm` for `Armature|LeftArm.001`. Panics if the index is out of range.
 pub fn undecorated(rig: &Rig, bone: usize) -> Option<String> {
     names::undecorated(rig, bone)
 }

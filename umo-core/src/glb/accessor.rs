@@ -105,7 +105,7 @@ pub fn numbers(document: &Document, bin: &[u8], index: usize, kinds: &[&str]) ->
     }
 }
 
-/// Values that replace those of the accessor, and their indices.
+/// Replacement values for a sparse accessor, and their indices.
 #[derive(Deserialize)]
 struct Sparse {
     count: usize,

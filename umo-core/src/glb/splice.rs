@@ -85,7 +85,7 @@ impl Members {
         Ok(())
     }
 
-    /// Returns the elements of a list member; empty if there is no such member.
+    /// Returns the elements of a list member; empty if the member does not exist.
     pub fn list(&self, name: &str) -> Result<Vec<Box<RawValue>>, String> {
         match self.0.iter().find(|(known, _)| known == name) {
             Some((_, list)) => serde_json::from_str(list.get()).map_err(|error| format!("`{name}`: {error}")),

@@ -239,7 +239,7 @@ impl Alignment<'_> {
         direction(less(self.rest[to], self.rest[from]), 1e-6).map(|v| rotate(self.axes, v))
     }
 
-    /// Direction from a joint's bone to the next joint's, or to the bone's end if there is no next joint.
+    /// Direction from a joint's bone to the next joint's or, without a next joint, to the bone's end.
     fn target(&self, from: usize, to: Option<usize>) -> Option<Vector> {
         let bone = self.mapping.bone(from)?;
         let end = to.and_then(|to| self.mapping.bone(to)).map(|to| self.rig.place(to));

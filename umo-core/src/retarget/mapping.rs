@@ -196,7 +196,8 @@ impl Mapping {
     /// none, the joint is known to have no bone and is not required.
     ///
     /// # Errors
-    /// [`RetargetError`] if there is no such joint or bone, or several bones are given for a joint that takes one.
+    /// [`RetargetError`] if the joint or a bone does not exist, or several bones are given for a joint that takes
+    /// one.
     pub fn set(&mut self, rig: &Rig, joint: &str, bones: &[&str]) -> Result<(), RetargetError> {
         let find = |name: &&str| {
             let mut named = (0..rig.len()).filter(|&bone| rig.bones()[bone].name == *name);
@@ -215,7 +216,7 @@ impl Mapping {
     /// [`Self::set`] by bone index. Later calls panic if an index is out of range.
     ///
     /// # Errors
-    /// [`RetargetError`] if there is no such joint, or several bones are given for a joint that takes one.
+    /// [`RetargetError`] if the joint does not exist, or several bones are given for a joint that takes one.
     pub fn put(&mut self, joint: &str, bones: &[usize]) -> Result<(), RetargetError> {
         match joint {
             "spine" => {
@@ -243,7 +244,7 @@ impl Mapping {
         Ok(())
     }
 
-    /// The bone of a joint; of spine and neck only if it was set individually. Panics if there is no such joint.
+    /// The bone of a joint; of spine and neck only if it was set individually. Panics if the index is out of range.
     pub fn bone(&self, joint: usize) -> Option<usize> {
         self.bones[joint]
     }

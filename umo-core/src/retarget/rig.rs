@@ -118,12 +118,12 @@ impl Rig {
         self.bones.is_empty()
     }
 
-    /// World position of a bone at rest, in the file's unit. Panics if there is no such bone.
+    /// World position of a bone at rest, in the file's unit. Panics if the index is out of range.
     pub fn place(&self, bone: usize) -> [f32; 3] {
         self.world[bone].place
     }
 
-    /// World rotation of a bone at rest. Panics if there is no such bone.
+    /// World rotation of a bone at rest. Panics if the index is out of range.
     pub fn rotation(&self, bone: usize) -> Quat {
         self.world[bone].rotation
     }
