@@ -1,4 +1,4 @@
-//! A file's bytes, or a part of them, read where they are wanted.
+//! Random access to a file's bytes, or to a range of them.
 
 use std::fs::File;
 use std::io::{self, Cursor, Read, Seek, SeekFrom};
@@ -10,23 +10,23 @@ use symphonia::core::io::MediaSource;
 trait ReadSeek: Read + Seek + Send {}
 impl<T: Read + Seek + Send> ReadSeek for T {}
 
-/// A part of a file that others read too.
+/// A range of a file that is shared with other readers.
 #[derive(Clone)]
 pub(crate) struct Bytes {
     file: Arc<Mutex<dyn ReadSeek>>,
-    /// Where it is in the file.
+    /// The range in the file.
     range: Range<u64>,
-    /// Where it is read next, in the file.
+    /// Read position, in the file.
     at: u64,
-    /// `symphonia` may go back, and is told the length: from that it estimates how long a recording is.
+    /// Whether `symphonia` may seek and is told the length, from which it estimates a recording's duration.
     is_seekable: bool,
 }
 
 impl Bytes {
-    /// A whole file, at the length that it has now.
+    /// A whole file, at its present length.
     ///
     /// # Errors
-    /// The system's answer.
+    /// The I/O error.
     pub(crate) fn of_file(file: File) -> io::Result<Self> {
         let length = file.metadata()?.len();
         Ok(Self { file: Arc::new(Mutex::new(file)), range: 0..length, at: 0, is_seekable: true })
@@ -37,14 +37,14 @@ impl Bytes {
         Self { file: Arc::new(Mutex::new(Cursor::new(bytes))), range, at: 0, is_seekable: true }
     }
 
-    /// A part, read from its start.
+    /// A sub-range, with the read position at its start.
     pub(crate) fn part(&self, part: Range<u64>) -> Self {
         let place = |at: u64| self.range.start.saturating_add(at).min(self.range.end);
         let range = place(part.start)..place(part.end);
         Self { file: Arc::clone(&self.file), at: range.start, range, is_seekable: self.is_seekable }
     }
 
-    /// The same without its length and without a way back.
+    /// The same range, without length and seeking.
     pub(crate) fn unseekable(self) -> Self {
         Self { is_seekable: false, ..self }
     }
@@ -53,7 +53,7 @@ impl Bytes {
         self.range.end.saturating_sub(self.range.start)
     }
 
-    /// Up to `count` bytes from `at` on; fewer at the end.
+    /// Returns up to `count` bytes starting at `at`; fewer at the end.
     pub(crate) fn peek(&self, at: u64, count: usize) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         self.part(at..self.len()).take(count as u64).read_to_end(&mut bytes)?;

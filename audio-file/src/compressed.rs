@@ -1,5 +1,5 @@
-//! Formats other than WAV: containers by `symphonia`, codecs by `symphonia` and, of Opus, `ropus`; Ogg
-//! Opus in `opus`.
+//! Formats other than WAV: containers by `symphonia`, codecs by `symphonia` and, for Opus, `ropus`; Ogg Opus in
+//! `opus`.
 
 use std::io::ErrorKind;
 
@@ -24,21 +24,21 @@ mod edits;
 mod opus;
 mod parts;
 
-/// Packets behind the end that a file claims, which encoders add; more of them are another recording
+/// Upper bound on the packets that encoders add after the end that a file claims; more of them are another recording
 /// that follows.
 const MOST_ADDED: usize = 3;
-/// Largest index of an MPEG-4 file whose edit list is looked at.
+/// Upper bound on the size of an MPEG-4 index whose edit list is read.
 const MOST_INDEX: u64 = 256 << 20;
 
-/// Chooses the decoder of a format.
+/// Opens the decoder of a format.
 ///
 /// # Errors
-/// [`AudioError`] where nothing can be read.
+/// [`AudioError`] if the file cannot be decoded.
 pub(crate) fn open(format: Format, bytes: Bytes) -> Result<Box<dyn Blocks>, AudioError> {
     if format == Format::OggOpus {
         return Ok(Box::new(OggOpus::new(bytes)));
     }
-    // A tag may stand before other formats than MP3.
+    // A tag may precede other formats than MP3.
     let (format, bytes) = match format {
         Format::Mpeg => {
             let bytes = bytes.part(parts::tags(&bytes)?..bytes.len());
@@ -67,7 +67,7 @@ pub(crate) fn open(format: Format, bytes: Bytes) -> Result<Box<dyn Blocks>, Audi
     Ok(Box::new(decoder))
 }
 
-/// The edit list of an MPEG-4 file.
+/// Reads the edit list of an MPEG-4 file.
 fn edit_list(bytes: &Bytes) -> Result<Option<List>, AudioError> {
     let mut at = 0;
     while let Some((kind, header, size)) = edits::header(&bytes.peek(at, 16)?) {
@@ -85,22 +85,22 @@ fn edit_list(bytes: &Bytes) -> Result<Option<List>, AudioError> {
     Ok(None)
 }
 
-/// Samples of each channel, of all joined files.
+/// Samples of each channel, over all joined files.
 #[derive(Default)]
 struct Counts {
     claimed: u64,
     found: u64,
 }
 
-/// A file that may be several, one after the other.
+/// One or more concatenated files.
 struct Compressed {
     format: Format,
-    /// Files that were not opened yet.
+    /// Files that have not been opened yet.
     rest: Bytes,
     list: Option<List>,
     file: Option<File>,
     spec: Option<Spec>,
-    /// Decoded samples that wait for a pause.
+    /// Decoded samples that must wait for a pause.
     decoded: Vec<f32>,
     lost: usize,
     counts: Counts,
@@ -108,7 +108,7 @@ struct Compressed {
     is_out_of_order: bool,
 }
 
-/// One of the files.
+/// One of the concatenated files.
 struct File {
     reader: Box<dyn FormatReader>,
     decoder: Decoder,
@@ -117,10 +117,10 @@ struct File {
     /// Samples of each channel that the file claims.
     claimed: Option<u64>,
     found: u64,
-    /// Samples of each channel that the last packet has less than its time.
+    /// Samples of each channel by which the last packet falls short of its duration.
     unfilled: u64,
     edits: Option<Edits>,
-    /// Decoded packets behind the claimed end.
+    /// Decoded packets after the claimed end.
     added: Vec<f32>,
     added_packets: usize,
 }
@@ -131,7 +131,7 @@ enum Decoder {
 }
 
 impl Compressed {
-    /// Opens the next of the joined files.
+    /// Opens the next of the concatenated files.
     fn next_file(&mut self) -> Result<Option<File>, AudioError> {
         let start = parts::tags(&self.rest)?;
         self.rest = self.rest.part(start..self.rest.len());
@@ -143,11 +143,11 @@ impl Compressed {
         self.rest = self.rest.part(length..self.rest.len());
         let name = self.format.name();
         let damaged = |error: Error| AudioError::Damaged { name, cause: error.to_string() };
-        // Streams without a length are not to be guessed one; AIFF's chunks behind the audio may be cut.
+        // Do not let `symphonia` guess the length of a stream; AIFF's chunks after the audio may be truncated.
         let reader = match self.format {
             Format::Mpeg | Format::Adts | Format::Flac => probe(bytes.unseekable()),
             Format::Aiff => probe(bytes.clone().unseekable()).or_else(|_| probe(bytes)),
-            // Where the end can be seen, a file that ends before the end of its last element is refused.
+            // If the end is known, a file that ends within its last element is rejected.
             Format::Matroska => probe(bytes.clone()).or_else(|error| {
                 self.is_cut = true;
                 probe(bytes.unseekable()).map_err(|_| error)
@@ -157,13 +157,13 @@ impl Compressed {
         File::new(self.format, reader.map_err(damaged)?).map(Some)
     }
 
-    /// The next packet's samples, in `self.decoded`.
+    /// Decodes the next packet into `self.decoded`.
     fn decode(&mut self) -> Result<Option<Spec>, AudioError> {
         while let Some(file) = &mut self.file {
             let packet = match file.reader.next_packet() {
                 Ok(Some(packet)) => Some(packet),
                 Ok(None) => None,
-                // Another stream after the first, of which recordings are joined.
+                // Another stream follows the first; streams are concatenated.
                 Err(Error::ResetRequired) => {
                     let (track, decoder) = select(self.format, file.reader.as_ref())?;
                     (file.track, file.decoder, file.claimed) = (track.id, decoder, None);
@@ -177,7 +177,7 @@ impl Compressed {
             };
             let Some(packet) = packet else {
                 self.counts.found += file.found;
-                // A claim of whole packets, of which the last is shorter, is kept.
+                // The claim holds if it counts whole packets, the last of which is shorter.
                 let claimed = file.claimed.filter(|&claimed| claimed > file.found + file.unfilled);
                 self.counts.claimed += claimed.unwrap_or(file.found);
                 self.file = loop {
@@ -267,7 +267,7 @@ impl File {
     fn new(format: Format, reader: Box<dyn FormatReader>) -> Result<Self, AudioError> {
         let (track, decoder) = select(format, reader.as_ref())?;
         let claimed = track.num_frames.filter(|&count| count > 0).map(|count| samples(track, count));
-        // Its decoders do not leave out what encoders put before and behind.
+        // CAF decoders do not remove the encoder's delay and padding.
         let delay = u64::from(track.delay.unwrap_or(0));
         let is_trimmed = format == Format::Caf && delay + u64::from(track.padding.unwrap_or(0)) > 0;
         let edits = is_trimmed.then(|| Edits::range(delay, delay.saturating_add(claimed.unwrap_or(u64::MAX))));
@@ -276,7 +276,7 @@ impl File {
         Ok(Self { reader, decoder, track, format, claimed, found: 0, unfilled: 0, edits, added, added_packets })
     }
 
-    /// Writes a packet's samples into `block`, and counts one that cannot be decoded.
+    /// Appends a packet's samples to `block`, or counts the packet as lost.
     fn decode(
         &mut self,
         mut packet: Packet,
@@ -318,7 +318,7 @@ fn probe(bytes: Bytes) -> Result<Box<dyn FormatReader>, Error> {
     symphonia::default::get_probe().probe(&Hint::new(), source, Default::default(), Default::default())
 }
 
-/// Samples of each channel in a track's units of time.
+/// Converts a track's time units to samples of each channel.
 fn samples(track: &Track, units: u64) -> u64 {
     let rate = audio(track).and_then(|parameters| parameters.sample_rate);
     let (Some(TimeBase { numer, denom }), Some(rate)) = (track.time_base, rate) else { return units };
@@ -330,7 +330,7 @@ fn audio(track: &Track) -> Option<&AudioCodecParameters> {
     track.codec_params.as_ref()?.audio()
 }
 
-/// The audio track of a file, and its decoder.
+/// Selects the audio track of a file and creates its decoder.
 fn select(format: Format, reader: &dyn FormatReader) -> Result<(&Track, Decoder), AudioError> {
     let name = format.name();
     let other = || AudioError::OtherCodec(name);
@@ -351,7 +351,7 @@ fn select(format: Format, reader: &dyn FormatReader) -> Result<(&Track, Decoder)
     }
 }
 
-/// The place of the loudspeaker in front of the listener.
+/// Index of the centre channel.
 fn centre(channels: &Channels) -> Option<usize> {
     channels.get_canonical_index_for_positioned_channel(Position::FRONT_CENTER)
 }

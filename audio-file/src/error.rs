@@ -1,4 +1,4 @@
-//! Problems of files: notes on those that are read all the same, errors on others.
+//! Notes on problems of files that are readable all the same, and errors for others.
 
 use std::fmt;
 use std::io;
@@ -7,48 +7,48 @@ use std::path::{Path, PathBuf};
 use crate::format::READ;
 use crate::{MAX_CHANNELS, SAMPLE_RATES};
 
-/// Something about a file that does not stop it from being read.
+/// A problem of a file that does not prevent reading.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note {
-    /// Samples that were NaN, or louder than any sound ([`umo_core::audio::MAX_AMPLITUDE`]), now silence.
+    /// Samples that were NaN or above the amplitude limit ([`umo_core::audio::MAX_AMPLITUDE`]), replaced by silence.
     Unusable {
-        /// How many.
+        /// Number of samples.
         samples: u64,
     },
-    /// The header's length of the audio is not the file's.
+    /// The header's audio length differs from the file's.
     Length {
         /// Bytes that the header claims.
         claimed: u64,
-        /// Bytes that are there, which were read.
+        /// Bytes present, which were read.
         found: u64,
     },
-    /// Packets of compressed audio that cannot be decoded.
+    /// Compressed packets that could not be decoded.
     Lost {
-        /// How many.
+        /// Number of packets.
         packets: usize,
     },
     /// The file holds fewer samples than it claims.
     Short {
-        /// Samples of each channel that it claims.
+        /// Samples of each channel that the header claims.
         claimed: u64,
-        /// Samples that are there, which were read.
+        /// Samples present, which were read.
         found: u64,
     },
-    /// The file ends within its container.
+    /// The file is truncated.
     Cut,
-    /// The edit list plays parts of the file out of their order; all of it was read, in the file's.
+    /// The edit list reorders parts of the file; all of it was read, in file order.
     Edits,
-    /// A chunk of odd length without the padding byte that belongs behind it.
+    /// A chunk of odd length lacks its padding byte.
     Unpadded,
-    /// Bytes behind the audio that are not chunks, which were left out.
+    /// Bytes after the audio that are not chunks were ignored.
     Trailing {
-        /// How many.
+        /// Number of bytes.
         bytes: u64,
     },
 }
 
 impl Note {
-    /// Audio is missing, wrong or at the wrong time; otherwise all of it was read.
+    /// Whether audio is missing, wrong or at the wrong time; otherwise all of it was read.
     pub fn is_damage(&self) -> bool {
         !matches!(self, Self::Unpadded | Self::Trailing { .. })
     }
@@ -73,18 +73,18 @@ impl fmt::Display for Note {
     }
 }
 
-/// Why bytes are not a usable recording.
+/// Reason why bytes are not a usable recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AudioError {
-    /// Not the start of any format.
+    /// No known format starts like this.
     NotWav,
-    /// The start of a format that is not read.
+    /// A known format that is not supported.
     OtherFormat(&'static str),
-    /// The audio comes before its format, or there is no format.
+    /// The audio precedes its format, or there is no format.
     NoFormat,
-    /// The format chunk contradicts itself or is cut.
+    /// The format chunk is inconsistent or truncated.
     BadFormat(&'static str),
-    /// An encoding that is not read.
+    /// An unsupported encoding.
     Encoding {
         /// The format tag.
         tag: u16,
@@ -97,25 +97,25 @@ pub enum AudioError {
     Channels(u16),
     /// No data chunk.
     NoData,
-    /// No audio at all.
+    /// No audio.
     Empty,
-    /// A format that is read, damaged beyond reading.
+    /// A supported format, damaged beyond reading.
     Damaged {
         /// The format.
         name: &'static str,
-        /// What is wrong.
+        /// The cause.
         cause: String,
     },
-    /// A format that is read, with a codec that is not.
+    /// A supported format with an unsupported codec.
     OtherCodec(&'static str),
-    /// More audio than fits the memory.
+    /// More audio than fits in memory.
     Long,
-    /// The file system's answer, in the middle of the file.
+    /// I/O error in the middle of the file.
     Io(String),
 }
 
 impl AudioError {
-    /// Another program can turn the file into one that is read.
+    /// Whether another program can convert the file to a supported format.
     fn is_convertible(&self) -> bool {
         matches!(self, Self::OtherFormat(_) | Self::OtherCodec(_) | Self::Encoding { .. })
     }
@@ -155,12 +155,12 @@ impl fmt::Display for AudioError {
 
 impl std::error::Error for AudioError {}
 
-/// Why a file could not be read.
+/// Reason why a file could not be read.
 #[derive(Debug)]
 pub enum ReadError {
-    /// The file system's answer.
+    /// I/O error.
     Io(PathBuf, io::Error),
-    /// The file's contents.
+    /// Invalid or unsupported contents.
     Audio(PathBuf, AudioError),
 }
 
@@ -183,7 +183,7 @@ impl fmt::Display for ReadError {
                 if !cause.is_convertible() {
                     return Ok(());
                 }
-                // A name of its own where the file is a WAV file.
+                // The suggested name must differ if the file already ends in `.wav`.
                 let mut to = path.with_extension("wav");
                 if to == *path {
                     to.set_extension("pcm.wav");

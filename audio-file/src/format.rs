@@ -1,11 +1,11 @@
-//! Formats, by the first bytes of a file, or else by its name.
+//! Format detection, by the first bytes of a file or else by its name.
 
 use std::path::Path;
 
-/// Bytes of a file's start that are looked at.
+/// Bytes of a file's start that are inspected.
 pub(crate) const START: usize = 512;
 
-/// A format of recordings.
+/// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     /// WAV, RF64, RIFX and Wave64.
@@ -21,24 +21,24 @@ pub(crate) enum Format {
     Aiff,
     Caf,
     Matroska,
-    /// One that is not read.
+    /// A known but unsupported format.
     Other(&'static str),
 }
 
-/// Formats that are read.
+/// Supported formats.
 pub(crate) const READ: &str =
     "WAV, Wave64, AIFF, CAF, FLAC, MP3, Ogg Vorbis and Opus, AAC and ALAC (M4A), WebM and Matroska";
 
-/// The first 16 bytes of Wave64, and those of its form.
+/// The first 16 bytes of Wave64: the identifier of its RIFF chunk.
 const W64: [u8; 16] = *b"riff\x2e\x91\xcf\x11\xa5\xd6\x28\xdb\x04\xc1\x00\x00";
 
-/// Extensions of files that are read.
+/// Extensions of supported files.
 const EXTENSIONS: [&str; 22] = [
     "wav", "wave", "w64", "rf64", "bwf", "aif", "aiff", "aifc", "caf", "flac", "mp3", "mp2", "ogg", "oga", "opus",
     "m4a", "mp4", "alac", "aac", "webm", "mkv", "mka",
 ];
 
-/// The extension of a path is one of recordings that are read.
+/// Whether a path has the extension of a supported file.
 pub fn has_extension(path: &Path) -> bool {
     path.extension().is_some_and(|end| EXTENSIONS.iter().any(|known| end.eq_ignore_ascii_case(known)))
 }
@@ -60,17 +60,17 @@ impl Format {
         }
     }
 
-    /// A stream without a container, before which tags may stand.
+    /// Whether this is a stream without a container, which tags may precede.
     pub(crate) fn is_bare(self) -> bool {
         matches!(self, Self::Flac | Self::Mpeg | Self::Adts)
     }
 
-    /// The format that a file starts as.
+    /// Detects the format from the start of a file.
     pub(crate) fn of_start(start: &[u8]) -> Option<Self> {
         if start.starts_with(&W64) {
             return Some(Self::Wav);
         }
-        // Packets of 188 bytes, or of 192 with a time before each.
+        // Transport stream: packets of 188 bytes, or of 192 with a timestamp before each.
         let is_transport = |at: usize, by: usize| [at, at + by].iter().all(|&at| start.get(at) == Some(&0x47));
         Some(match start {
             [b'R', b'I', b'F', b'F' | b'X', _, _, _, _, b'W', b'A', b'V', b'E', ..] => Self::Wav,
@@ -78,13 +78,12 @@ impl Format {
             [b'B', b'W', b'6', b'4', _, _, _, _, b'W', b'A', b'V', b'E', ..] => Self::Wav,
             [b'R', b'I', b'F', b'F', _, _, _, _, b'A', b'V', b'I', b' ', ..] => Self::Other("AVI"),
             [b'f', b'L', b'a', b'C', ..] => Self::Flac,
-            // A page's first packet names its codec.
+            // The first packet of a page identifies the codec.
             [b'O', b'g', b'g', b'S', rest @ ..] if rest.get(24..32) == Some(b"OpusHead") => Self::OggOpus,
             [b'O', b'g', b'g', b'S', rest @ ..] if rest.get(24..32) == Some(b"Speex   ") => Self::Other("Speex"),
             [b'O', b'g', b'g', b'S', ..] => Self::Ogg,
             [b'I', b'D', b'3', ..] => Self::Mpeg,
-            // An MPEG audio frame without tags: eleven bits of synchronisation and a layer that exists;
-            // AAC's layer is 0.
+            // An MPEG audio frame without tags: eleven sync bits and a valid layer. AAC's layer is 0.
             [0xFF, second, ..] if second & 0xE0 == 0xE0 && second & 0x06 != 0 => Self::Mpeg,
             [0xFF, second, ..] if second & 0xF6 == 0xF0 => Self::Adts,
             [_, _, _, _, b'f', b't', b'y', b'p', ..] => Self::Mpeg4,
@@ -99,7 +98,7 @@ impl Format {
         })
     }
 
-    /// The format that a file's extension says.
+    /// Guesses the format from a file's extension.
     pub(crate) fn of_extension(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         Some(match extension.as_str() {

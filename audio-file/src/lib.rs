@@ -1,12 +1,12 @@
-//! Recordings of speech from files, as `f32` samples. [`Reader`] gives them block by block, however
-//! long they are; [`read`] gives all.
+//! Reads speech recordings from files as `f32` samples. [`Reader`] returns them in blocks, whatever their length;
+//! [`read`] returns a whole recording.
 //!
-//! | module | part |
+//! | module | contents |
 //! |---|---|
-//! | `format` | formats, by their first bytes |
-//! | `bytes` | a file, or a part of it, read where it is wanted |
-//! | `wav` | WAV, RF64, RIFX and Wave64, with headers that are not trusted |
-//! | `compressed` | all others, by `symphonia`; Opus by `ropus` |
+//! | `format` | format detection by the first bytes |
+//! | `bytes` | random access to a file or a range of it |
+//! | `wav` | WAV, RF64, RIFX and Wave64, with untrusted headers |
+//! | `compressed` | all other formats, decoded by `symphonia`; Opus by `ropus` |
 
 mod bytes;
 mod compressed;
@@ -21,7 +21,7 @@ pub use reader::{Reader, Recording, parse, read};
 
 use std::ops::RangeInclusive;
 
-/// Sample rates that are read, in Hz.
+/// Supported sample rates, in Hz.
 pub const SAMPLE_RATES: RangeInclusive<u32> = 1_000..=768_000;
-/// Most channels that are read.
+/// Upper bound on the number of channels.
 pub const MAX_CHANNELS: u16 = 8;

@@ -1,4 +1,4 @@
-//! A recording of any format, block by block.
+//! Reads a recording of any format in blocks.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use crate::format::{Format, START};
 use crate::wav::{Content, Wav};
 use crate::{MAX_CHANNELS, SAMPLE_RATES};
 
-/// Most samples of a recording that is read as a whole: of six hours in stereo at 48 kHz. A few bytes
-/// may claim to be many.
+/// Upper bound on the samples of a recording that is read as a whole: six hours in stereo at 48 kHz. A few bytes may
+/// claim any number.
 const MAX_SAMPLES: usize = 1 << 31;
 
 /// Rate and channels of a recording.
@@ -21,13 +21,13 @@ const MAX_SAMPLES: usize = 1 << 31;
 pub(crate) struct Spec {
     pub(crate) sample_rate: u32,
     pub(crate) channels: u16,
-    /// The channel in front of the listener, of three and more.
+    /// Index of the centre channel, for three channels or more.
     pub(crate) centre: Option<usize>,
 }
 
 impl Spec {
     /// # Errors
-    /// [`AudioError`] for a rate or a number of channels that is not read.
+    /// [`AudioError`] for an unsupported sample rate or number of channels.
     pub(crate) fn new(sample_rate: u32, channels: usize, centre: Option<usize>) -> Result<Self, AudioError> {
         let channels = u16::try_from(channels).unwrap_or(u16::MAX);
         if !(1..=MAX_CHANNELS).contains(&channels) {
@@ -46,29 +46,29 @@ impl Spec {
 
 /// A decoder of one format.
 pub(crate) trait Blocks: Send {
-    /// Writes the next samples, interleaved, into `block`, which is empty. Returns rate and channels,
-    /// which are those of the first block, or none at the end.
+    /// Writes the next interleaved samples into `block`, which is empty. Returns rate and channels, which are
+    /// constant over the recording, or `None` at the end.
     fn next(&mut self, block: &mut Vec<f32>) -> Result<Option<Spec>, AudioError>;
 
-    /// Complete after the end.
+    /// Problems found so far; complete after the end.
     fn notes(&self) -> Vec<Note>;
 }
 
-/// A recording that is read block by block: memory does not grow with its length.
+/// Reads a recording in blocks, with memory use independent of its length.
 pub struct Reader {
     blocks: Box<dyn Blocks>,
     name: &'static str,
     spec: Spec,
     block: Vec<f32>,
-    /// The first block was decoded and not given yet.
+    /// The first block has been decoded but not returned yet.
     is_first: bool,
     unusable: u64,
     frames: u64,
 }
 
 impl Reader {
-    /// Opens a file and decodes its first block. Its first bytes decide the format, or if they are of
-    /// none, its extension.
+    /// Opens a file and decodes its first block. The format is detected from its first bytes, or else from its
+    /// extension.
     ///
     /// # Errors
     /// [`ReadError`] naming the path and the cause.
@@ -114,11 +114,11 @@ impl Reader {
         Ok(spec)
     }
 
-    /// The next samples, `[frames, channels]`, interleaved; full scale is -1..=1, every sample is
-    /// finite. None at the end.
+    /// Returns the next samples, `[frames, channels]`, interleaved; `None` at the end. Full scale is -1..=1; every
+    /// sample is finite.
     ///
     /// # Errors
-    /// [`AudioError`] where the rest cannot be read.
+    /// [`AudioError`] if the rest cannot be read.
     pub fn next_block(&mut self) -> Result<Option<&mut [f32]>, AudioError> {
         if !std::mem::take(&mut self.is_first) && self.decode()?.is_none() {
             return Ok(None);
@@ -137,12 +137,12 @@ impl Reader {
         self.spec.channels
     }
 
-    /// The channel in front of the listener, of a recording for loudspeakers around.
+    /// Index of the centre channel of a surround recording.
     pub fn centre(&self) -> Option<usize> {
         self.spec.centre
     }
 
-    /// Samples of each channel given so far.
+    /// Samples of each channel returned so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -157,7 +157,7 @@ impl Reader {
     }
 }
 
-/// Other people's decoders on anybody's bytes: a panic is damage of the file.
+/// Contains panics of third-party decoders on untrusted bytes: a panic means that the file is damaged.
 fn contain<T>(name: &'static str, work: impl FnOnce() -> Result<T, AudioError>) -> Result<T, AudioError> {
     defect::contain_quietly(work)
         .unwrap_or_else(|defect| Err(AudioError::Damaged { name, cause: defect.message().to_owned() }))
@@ -172,7 +172,7 @@ pub struct Recording {
     pub channels: u16,
     /// `[frames, channels]`, interleaved. Full scale is -1..=1; every sample is finite.
     pub samples: Vec<f32>,
-    /// What was not as it should be; each is worth one line of warning.
+    /// Problems found; each is worth one line of warning.
     pub notes: Vec<Note>,
 }
 
@@ -195,12 +195,12 @@ impl Recording {
         mono
     }
 
-    /// Samples of each channel.
+    /// Number of samples of each channel.
     pub fn frames(&self) -> usize {
         self.samples.len() / usize::from(self.channels)
     }
 
-    /// Length in seconds.
+    /// Duration in seconds.
     pub fn seconds(&self) -> f64 {
         self.frames() as f64 / f64::from(self.sample_rate)
     }
@@ -214,10 +214,10 @@ pub fn read(path: &Path) -> Result<Recording, ReadError> {
     Recording::new(Reader::open(path)?).map_err(|error| ReadError::new(path, error))
 }
 
-/// Reads the bytes of a whole file.
+/// Decodes a whole file from memory.
 ///
 /// # Errors
-/// [`AudioError`] where nothing can be read.
+/// [`AudioError`] if the file cannot be decoded.
 pub fn parse(bytes: &[u8]) -> Result<Recording, AudioError> {
     let format = Format::of_start(&bytes[..bytes.len().min(START)]);
     Recording::new(Reader::new(Bytes::of_memory(bytes.to_vec()), format)?)

@@ -1,7 +1,7 @@
-//! WAV, RF64, RIFX and Wave64, samples by `symphonia`.
+//! WAV, RF64, RIFX and Wave64; samples are decoded by `symphonia`.
 //!
-//! A header is never trusted about lengths: the bytes that are there decide what is read, and nothing
-//! is allocated from a number in the header.
+//! Lengths in headers are untrusted: the bytes present decide how much is read, and no allocation depends on a number
+//! in the header.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -19,39 +19,38 @@ use format::{Encoding, Format};
 mod chunks;
 mod format;
 
-/// Bytes that are decoded at a time, or one block of a codec.
+/// Bytes decoded at a time, unless a codec's block is larger.
 const PIECE: usize = 1 << 14;
-/// Bytes of a format chunk that are looked at.
+/// Bytes of a format chunk that are inspected.
 const FORMAT_BYTES: usize = 64;
 
-/// The content of a WAV file.
+/// Content of a WAV file.
 pub(crate) enum Content {
     Samples(Box<Wav>),
     /// An MP3 file in a data chunk.
     Mpeg(Bytes),
 }
 
-/// A WAV file that is decoded.
+/// Decoder state of a WAV file.
 pub(crate) struct Wav {
     bytes: Bytes,
     spec: Spec,
     encoding: Encoding,
     decoder: Box<dyn AudioDecoder>,
-    /// Audio that was not decoded yet.
+    /// Audio that has not been decoded yet.
     data: VecDeque<Range<u64>>,
-    /// Samples of each channel that are left; a codec's last block may hold more.
+    /// Remaining samples of each channel; a codec's last block may hold more.
     left: u64,
     notes: Vec<Note>,
     piece: Vec<u8>,
 }
 
 impl Wav {
-    /// Finds format and audio. A data chunk that claims more than is there, or leaves its length open
-    /// (0 or all ones, as programs do that write to a pipe), is read to the end of the bytes. A last
-    /// frame that is cut is dropped.
+    /// Finds format and audio. A data chunk that claims more bytes than are present, or leaves its length open (0 or
+    /// all ones, written by programs that write to a pipe), is read to the end. A truncated last frame is dropped.
     ///
     /// # Errors
-    /// [`AudioError`] where nothing can be read.
+    /// [`AudioError`] if the file cannot be decoded.
     pub(crate) fn open(bytes: &Bytes) -> Result<Content, AudioError> {
         let Found { format, data, samples, notes } = find_audio(bytes)?;
         if let Encoding::Mpeg = format.encoding {
@@ -74,7 +73,7 @@ impl Wav {
         })))
     }
 
-    /// Reads the next bytes of whole frames or blocks; the samples of each channel in them.
+    /// Reads the next bytes, whole frames or blocks, and returns their number of samples of each channel.
     fn read_piece(&mut self) -> Result<Option<usize>, AudioError> {
         let unit = self.encoding.unit(self.spec.width());
         while let Some(range) = self.data.front_mut() {
@@ -87,7 +86,7 @@ impl Wav {
             }
             let frames = self.encoding.frames(self.piece.len(), self.spec.width());
             if frames > 0 {
-                // A block may end early.
+                // A block may be truncated.
                 self.piece.resize(self.piece.len().next_multiple_of(unit), 0);
                 return Ok(Some(frames));
             }
@@ -121,16 +120,16 @@ impl Blocks for Wav {
     }
 }
 
-/// What the chunks say.
+/// Contents of the chunks.
 struct Found {
     format: Format,
     data: VecDeque<Range<u64>>,
-    /// Samples of each channel, where a chunk says so.
+    /// Number of samples of each channel, if a chunk states it.
     samples: Option<u64>,
     notes: Vec<Note>,
 }
 
-/// Walks the chunks to the format and to all audio.
+/// Walks the chunks to find the format and all audio.
 fn find_audio(bytes: &Bytes) -> Result<Found, AudioError> {
     let layout = Layout::of_start(&bytes.peek(0, 16)?);
     let (mut format, mut long_size, mut samples) = (None, None, None);
@@ -146,7 +145,7 @@ fn find_audio(bytes: &Bytes) -> Result<Found, AudioError> {
         match &chunk.id {
             b"fmt " if data.is_empty() => format = Some(Format::parse(&head(FORMAT_BYTES as u64)?, layout.is_big())?),
             b"fact" => samples = layout.number(&head(8)?).filter(|&count| count > 0),
-            // RF64 keeps the sizes that do not fit 32 bits here: the file's, then the data chunk's.
+            // RF64 stores 64-bit sizes here: the file's, then the data chunk's.
             b"ds64" => long_size = head(16)?.get(8..16).map(|at| u64::from_le_bytes(at.try_into().unwrap_or_default())),
             b"data" => {
                 if format.is_none() {
@@ -179,11 +178,11 @@ fn find_audio(bytes: &Bytes) -> Result<Found, AudioError> {
     }
 }
 
-/// Lengths from here on are those of programs that write to a pipe and cannot know: some of them
-/// write 2^31 - 1 rounded down, others 2^32 - 1.
+/// Lengths from here on are written by programs that write to a pipe and do not know the length: some write 2^31 - 1
+/// rounded down, others 2^32 - 1.
 const OPEN_LENGTH: u64 = 0x7FFF_0000;
 
-/// The end of a data chunk, or of the file where the length was left open or is a lie.
+/// End of a data chunk, or of the file if the length is open or wrong.
 fn audio_end(body: u64, claimed: u64, end: u64) -> (u64, Option<Note>) {
     match body.checked_add(claimed) {
         Some(claimed_end) if claimed > 0 && claimed_end <= end => (claimed_end, None),

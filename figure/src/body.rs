@@ -1,4 +1,4 @@
-//! The clothed body: top, trousers, shoes and hands, each a solid of its own.
+//! The clothed body: top, trousers, shoes and hands, each a separate solid.
 
 use super::Part;
 use super::detail::Detail;
@@ -16,11 +16,10 @@ pub(super) mod charts;
 pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 const SIDES: [&str; 2] = ["left", "right"];
 
-/// Heights of a body of size 1 over its pelvis joint: hips, pelvis, spine1, spine2, spine3,
-/// collars, neck.
+/// Heights above the pelvis joint, for a body of size 1: hips, pelvis, spine1, spine2, spine3, collars, neck.
 const HEIGHTS: [f32; 7] = [-0.085, 0.0, 0.11, 0.24, 0.30, 0.41, 0.50];
 
-/// A curve over those heights, moved to where this skeleton has them.
+/// A curve over those heights, mapped to the heights of this skeleton's joints.
 fn trunk_curve(rest: &Rest, points: &[(f32, f32)]) -> Vec<(f32, f32)> {
     let at = [
         rest.middle("hip"),
@@ -38,15 +37,14 @@ fn trunk_curve(rest: &Rest, points: &[(f32, f32)]) -> Vec<(f32, f32)> {
         at[next - 1] + share * (at[next] - at[next - 1])
     };
     let mut moved: Vec<(f32, f32)> = points.iter().map(|&(y, value)| (height(y), value * rest.size)).collect();
-    // A skeleton may have joints at one height or the other way round; a curve needs its heights in
-    // order.
+    // A skeleton may have joints at equal or swapped heights, but a curve needs ascending ones.
     for k in 1..moved.len() {
         moved[k].0 = moved[k].0.max(moved[k - 1].0 + 1e-3);
     }
     moved
 }
 
-/// A solid and the grid that it is meshed on.
+/// A solid and the grid on which it is meshed.
 pub(super) struct Piece {
     pub(super) solid: Solid,
     grid: Grid,
@@ -57,15 +55,15 @@ impl Piece {
         nets::surface(&self.solid, &self.grid)
     }
 
-    /// The grid's plane nearest to a place on an axis: a line between triangles that lie on either side
-    /// of it is smooth.
+    /// Returns the grid's plane nearest to a coordinate on an axis. A boundary between triangles on either side of a
+    /// plane is smooth.
     fn plane(&self, axis: usize, wanted: f32) -> f32 {
         let planes = self.grid.0[axis].iter().copied();
         planes.min_by(|a, b| (a - wanted).abs().total_cmp(&(b - wanted).abs())).unwrap_or(wanted)
     }
 }
 
-/// The trunk, `loose(height over the pelvis)` metres wider than the body.
+/// The trunk, wider than the body by `loose(height above the pelvis)` metres.
 fn trunk(rest: &Rest, build: &Build, loose: impl Fn(f32) -> f32) -> Shape {
     let looser = |points: &[(f32, f32)]| -> Vec<(f32, f32)> {
         let wide: Vec<(f32, f32)> = points.iter().map(|&(y, value)| (y, value + loose(y))).collect();
@@ -77,17 +75,17 @@ fn trunk(rest: &Rest, build: &Build, loose: impl Fn(f32) -> f32) -> Shape {
     Shape::Stack { x: pelvis[0], width: looser(build.width), depth: looser(build.depth), forward }
 }
 
-/// Where sleeves and trouser legs end: shares of forearm and shin, counted from wrist and ankle.
+/// Ends of sleeves and trouser legs, as shares of forearm and shin, measured from wrist and ankle.
 pub(super) const CUFF: f32 = 0.070;
 const LEG_CUFF: f32 = 0.012;
-/// How deep their openings are, shares of the same bones.
+/// Depths of their openings, as shares of the same bones.
 pub(super) const OPENING: f32 = 0.055;
 const LEG_OPENING: f32 = 0.04;
 
-/// Height of the trousers' waist over the pelvis, metres of a body of size 1.
+/// Height of the trousers' waist above the pelvis, in metres for a body of size 1.
 const WAIST: f32 = 0.048;
 
-/// How much wider the top is than the body, by the height over the pelvis.
+/// Ease of the top over the body, by height above the pelvis.
 fn top_ease(top: Top, y: f32) -> f32 {
     match top {
         Top::Sweater => 0.0125,
@@ -95,7 +93,7 @@ fn top_ease(top: Top, y: f32) -> f32 {
     }
 }
 
-/// How much wider the trousers are.
+/// Ease of the trousers over the body.
 fn trouser_ease(top: Top) -> f32 {
     match top {
         Top::Sweater => 0.0,
@@ -103,7 +101,7 @@ fn trouser_ease(top: Top) -> f32 {
     }
 }
 
-/// The planes that the top's trunk ends at, below and above, by a point and the direction outwards.
+/// End planes of the top's trunk, below and above, each as a point and the outward direction.
 fn top_ends(rest: &Rest, look: &Look) -> [(V, V); 2] {
     let s = rest.size;
     let hem = match look.top {
@@ -115,7 +113,7 @@ fn top_ends(rest: &Rest, look: &Look) -> [(V, V); 2] {
     [([0.0, hem, 0.0], [0.0, -1.0, 0.0]), (crown, [0.0, 0.958, 0.287])]
 }
 
-/// Top and sleeves.
+/// The top with its sleeves.
 pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     let (s, build) = (rest.size, look.build);
     let (neck, pelvis) = (rest.at("neck"), rest.at("pelvis"));
@@ -128,7 +126,7 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     for side in SIDES {
         solid = with_sleeve(solid, rest, build, side);
         if look.top == Top::Sweater {
-            // Over the trousers at the seat and at the side.
+            // Covers the trousers at the seat and at the side.
             let side_of_hip = add(rest.side(side, "hip"), [0.0, -0.018 * s, -0.002 * s]);
             solid = solid
                 .with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s))
@@ -197,10 +195,10 @@ pub(super) fn neck_band(rest: &Rest, look: &Look) -> Part {
     })
 }
 
-/// The flaps of the shirt's collar, open in front.
+/// The flaps of the shirt's collar, open at the front.
 pub(super) fn collar(rest: &Rest, look: &Look) -> Part {
     swept(rest, 0.0555 * look.build.neck.max(0.93), 44, 0.16, Detail::StitchedWeave, |ahead, _| {
-        // Points in front.
+        // Collar points at the front.
         let point = (-(ahead / 0.42).powi(2)).exp();
         let (low, wide) = (-0.005 - 0.016 * point, 0.0140 + 0.006 * point);
         vec![
@@ -216,8 +214,8 @@ pub(super) fn collar(rest: &Rest, look: &Look) -> Part {
     })
 }
 
-/// A band round the neck, `wide` metres from it: a closed outline of heights and distances at each
-/// angle from ahead, upwards on the outside. `gap`: half the angle that is left open in front.
+/// A band around the neck at a distance of `wide` metres. At each angle from the front, a closed outline of heights
+/// and distances, which runs upwards on the outside. `gap` is half the angle that is left open at the front.
 fn swept(
     rest: &Rest,
     wide: f32,
@@ -233,7 +231,7 @@ fn swept(
     let mut count = 0;
     let repeat = detail.repeat_m();
     let across = repeats(TAU * wide * s, repeat[0]);
-    // Of each vertex the way around the neck and along the outline, in repeats.
+    // Per vertex: the distance around the neck and along the outline, in repeats.
     let mut places = Vec::new();
     let mut long = Vec::new();
     for spoke in 0..rows {
@@ -262,7 +260,7 @@ fn swept(
         }
     }
     if gap > 0.0 {
-        // Between the outside and the inside, which are each other's neighbours from both ends.
+        // Bridges outside and inside, whose vertices are paired from both ends.
         for k in 0..count / 2 - 1 {
             let (low, high) = (k, k + 1);
             let (back, front) = (count - 1 - k, count - 2 - k);
@@ -272,7 +270,7 @@ fn swept(
             part.indices.extend([at(end, low), at(end, back), at(end, front)]);
         }
     }
-    // The outline begins again on the side of the neck.
+    // The outline wraps on the side facing the neck.
     let charts = [false, true].map(|is_last| {
         let (places, long) = (&places, &long);
         let place = move |vertex: usize, _: V, _: V| {
@@ -288,7 +286,7 @@ fn swept(
     part
 }
 
-/// Breast or bust, and the shoulder blade.
+/// Adds breast or bust, and the shoulder blade.
 fn with_chest(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
     let (s, sign) = (rest.size, if side == "left" { 1.0 } else { -1.0 });
     let [radius, out] = build.chest;
@@ -304,13 +302,13 @@ fn with_chest(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
         .with(Shape::Ellipsoid { centre: blade, radii: [0.045 * s, 0.070 * s, 0.030 * s] }, Union(0.03 * s))
 }
 
-/// Where a sleeve ends: within the cuff, a band of its own.
+/// End of a sleeve, inside the cuff, which is a separate band.
 fn sleeve_end(rest: &Rest, side: &str) -> V {
     let [elbow, wrist] = ["elbow", "wrist"].map(|n| rest.side(side, n));
     add(wrist, scale(sub(elbow, wrist), CUFF + 2.6 * OPENING))
 }
 
-/// Shoulder, sleeve and its opening.
+/// Adds shoulder, sleeve and the sleeve's opening.
 fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
     let (s, r) = (rest.size, rest.size * build.arm);
     let [shoulder, elbow, neck] =
@@ -348,7 +346,7 @@ fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
         )
 }
 
-/// The band at the end of a sleeve, open to the hand.
+/// The band at the end of a sleeve, open towards the hand.
 pub(super) fn cuff(rest: &Rest, look: &Look, side: &str) -> Part {
     let r = rest.size * look.build.arm;
     let [elbow, wrist] = ["elbow", "wrist"].map(|n| rest.side(side, n));
@@ -375,7 +373,7 @@ pub(super) fn cuff(rest: &Rest, look: &Look, side: &str) -> Part {
     lathe(end, bone, &profile.map(|(along, radius)| (along, radius * r)), ribs, detail)
 }
 
-/// The hem of a trouser leg, open to the shoe.
+/// The hem of a trouser leg, open towards the shoe.
 pub(super) fn leg_hem(rest: &Rest, side: &str) -> Part {
     let s = rest.size;
     let [knee, ankle] = ["knee", "ankle"].map(|n| rest.side(side, n));
@@ -400,8 +398,8 @@ pub(super) fn leg_hem(rest: &Rest, side: &str) -> Part {
     lathe(end, bone, &profile.map(|(along, radius)| (along, radius * s)), 0.0, Detail::Twill)
 }
 
-/// A surface of revolution about the line from `origin` along `bone`: places along it as shares of
-/// the bone, and radii; closed where the radius is 0. `ribs`: how far it is grooved lengthwise.
+/// Surface of revolution about the line from `origin` along `bone`. The profile holds positions as shares of the
+/// bone, with radii; the surface is closed where the radius is 0. `ribs` is the depth of lengthwise grooves.
 fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32, detail: Detail) -> Part {
     const AROUND: usize = 32;
     let (axis, long) = (unit(bone), length(bone));
@@ -412,7 +410,7 @@ fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32, detail: Detail) 
     let mut before: Vec<u32> = Vec::new();
     let repeat = detail.repeat_m();
     let across = repeats(TAU * profile.iter().fold(0.0, |most, point| point.1.max(most)), repeat[0]);
-    // Of each vertex the way around and from the rim along the outline, in repeats.
+    // Per vertex: the distance around, and along the outline from the rim, in repeats.
     let mut places = Vec::new();
     let way = |k: usize| -> f32 {
         let pairs = profile[..=k].windows(2);
@@ -429,7 +427,7 @@ fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32, detail: Detail) 
             let (sin, cos) = (TAU * spoke as f32 / AROUND as f32).sin_cos();
             let out = add(scale(side, cos), scale(up, sin));
             let groove = if spoke % 2 == 0 { ribs } else { -ribs };
-            // Only what is seen from outside is ribbed.
+            // Only the outside is ribbed.
             let radius = if tangent[0] < 0.0 && radius > 0.0 { radius + groove } else { radius };
             part.positions.push(add(place, scale(out, radius)));
             let facing = add(scale(out, -tangent[0]), scale(axis, tangent[1]));
@@ -464,14 +462,14 @@ pub(super) fn belt(rest: &Rest, look: &Look) -> Piece {
         .with(edge(bottom, -1.0), Within(0.003 * s));
     let wide = curve(look.build.width, WAIST) * s + 0.05 * s;
     let x = even_planes(wide, |_| 0.0135 * s);
-    // Its round edges take three rows each, or they would be ragged; between them it is flat.
+    // The round edges need three rows each to be smooth; between them the belt is flat.
     let rows = [-0.010, -0.0045, -0.0015, 0.0015, 0.0045, 0.0100].map(|off| off * s);
     let y: Vec<f32> = rows.iter().map(|off| bottom + off).chain(rows.iter().rev().map(|off| top - off)).collect();
     let z = planes(pelvis[2] - 0.16 * s, pelvis[2] + 0.16 * s, |_| 0.0135 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 
-/// The belt's buckle and the shirt's buttons, on those solids.
+/// The belt's buckle and the shirt's buttons, placed on those solids.
 pub(super) fn buttons(rest: &Rest, shirt: &Solid, belt: &Solid) -> (Part, Part) {
     let (s, pelvis, neck) = (rest.size, rest.at("pelvis"), rest.at("neck"));
     let ahead = |solid: &Solid, y: f32| onto(solid, [0.0, y, pelvis[2] + 0.25 * s], [0.0, 0.0, -1.0]);
@@ -492,19 +490,19 @@ fn tube(a: V, b: V, radii: &[f32], size: f32) -> Shape {
     Shape::Tube { a, b, radii: steps.collect() }
 }
 
-/// The middle of a buttock.
+/// Centre of a buttock.
 fn seat(rest: &Rest, side: &str) -> V {
     let (s, sign) = (rest.size, if side == "left" { 1.0 } else { -1.0 });
     add(rest.side(side, "hip"), [-0.012 * sign * s, -0.020 * s, -0.046 * s])
 }
 
-/// Where a trouser leg ends: within the hem, a band of its own.
+/// End of a trouser leg, inside the hem, which is a separate band.
 fn leg_end(rest: &Rest, side: &str) -> V {
     let [knee, ankle] = ["knee", "ankle"].map(|n| rest.side(side, n));
     add(ankle, scale(sub(knee, ankle), LEG_CUFF + 2.4 * LEG_OPENING))
 }
 
-/// The height at which the trousers end; a belt covers the edge.
+/// Height of the trousers' upper edge, which a belt may cover.
 fn trouser_waist(rest: &Rest, look: &Look) -> f32 {
     rest.at("pelvis")[1] + (WAIST - if look.top == Top::Shirt { 0.012 } else { 0.0 }) * rest.size
 }
@@ -554,12 +552,12 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
     Piece { solid, grid: Grid([x, y, z]) }
 }
 
-/// The height of the floor under the foot joints.
+/// Height of the floor below the foot joints.
 pub(super) fn floor(rest: &Rest) -> f32 {
     SIDES.map(|side| rest.side(side, "foot")[1]).into_iter().fold(f32::MAX, f32::min) - 0.022 * rest.size
 }
 
-/// Upper, sole and sock of one side's shoe.
+/// Upper, sole and sock of a shoe.
 pub(super) fn shoe(rest: &Rest, side: &str) -> [Piece; 3] {
     let s = rest.size;
     let sign = if side == "left" { 1.0 } else { -1.0 };
@@ -614,7 +612,7 @@ pub(super) fn shoe(rest: &Rest, side: &str) -> [Piece; 3] {
     ]
 }
 
-/// Laces over the upper.
+/// Laces on the upper.
 pub(super) fn laces(rest: &Rest, side: &str, upper: &Solid) -> Part {
     let s = rest.size;
     let [ankle, foot] = ["ankle", "foot"].map(|n| rest.side(side, n));
@@ -633,7 +631,7 @@ pub(super) fn laces(rest: &Rest, side: &str, upper: &Solid) -> Part {
     all
 }
 
-/// The hand of one side, from within the sleeve.
+/// The hand of one side, starting inside the sleeve.
 pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     let at = |name: &str| rest.side(side, name);
     let (wrist, elbow) = (at("wrist"), at("elbow"));
@@ -652,7 +650,7 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
         let (wide, end) = if *finger == "thumb" { (0.0160, 0.0145) } else { (0.0145, radius + 0.0030) };
         palm = palm.with(Shape::cone(from, to, wide * r, end * r), Union(0.013 * s));
     }
-    // Ball of the thumb, and the edge of the hand.
+    // Ball of the thumb, and edge of the hand.
     let [thumb, index, pinky] = ["thumb1", "index1", "pinky1"].map(at);
     palm = palm
         .with(
@@ -693,7 +691,7 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
             .with(shaft(a, b, &[root, 1.02, 0.96, 1.0]), Union(blend))
             .with(shaft(b, c, &[1.02, 0.92, 0.88, 0.93]), Union(0.002 * s))
             .with(shaft(c, tip, &[0.95, 0.93, 0.90, 0.76]), Union(0.002 * s))
-            // Knuckles on the back, pads in front.
+            // Knuckles on the back, pads on the front.
             .with(Shape::ball(add(b, [0.0, 0.30 * r, 0.0]), 0.80 * r), Union(0.003 * s))
             .with(Shape::ball(add(mix(c, tip, 0.5), [0.0, -0.22 * r, 0.0]), 0.80 * r), Union(0.003 * s));
         if *finger != "thumb" {
@@ -720,8 +718,7 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
         (low, high)
     };
     let (x, y, z) = (range(0, 0.048), range(1, 0.044), range(2, 0.044));
-    // Counted from the wrist, so that the other hand's planes are its mirror image.
-    // Closer where fingertips are round.
+    // Measured from the wrist, so the other hand's planes are mirrored. Denser at the round fingertips.
     let last = at("pinky3")[0].abs();
     let step = |x: f32| if x > last - 0.002 * s { 0.0056 * s } else { 0.0076 * s };
     let x = if wrist[0] < 0.0 {
@@ -732,19 +729,19 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0048 * s)]) }
 }
 
-/// The hand's size beside the one that its measures are of.
+/// Size of the hand relative to the one for which the measures are given.
 fn hand_size(rest: &Rest, side: &str) -> f32 {
     (rest.between(&format!("{side}_wrist"), &format!("{side}_middle1")) / 0.095).clamp(0.3, 3.0)
 }
 
-/// The nail of one finger, on the hand.
+/// The nail of one finger, placed on the hand.
 pub(super) fn nail(rest: &Rest, side: &str, finger: &str, build: &Build, hand: &Solid) -> Part {
     let r = hand_size(rest, side) * build.hand;
     let sign = if side == "left" { 1.0 } else { -1.0 };
     let last = rest.side(side, &format!("{finger}3"));
     let tip = rest.finger_tip(side, finger);
     let along = unit(sub(tip, last));
-    // The thumb's nail looks away from the fingers.
+    // The thumb's nail faces away from the fingers.
     let back = if finger == "thumb" { [-0.55 * sign, 0.80, 0.25] } else { [0.0, 1.0, 0.0] };
     let out = unit(sub(back, scale(along, dot(back, along))));
     let across = cross(out, along);
@@ -757,7 +754,7 @@ pub(super) fn nail(rest: &Rest, side: &str, finger: &str, build: &Build, hand: &
     pebble(add(place, scale(out, -0.0006 * r)), [tilted, across, up], [long * r, wide * r, 0.0016 * r], [5, 10])
 }
 
-/// Where a ray from outside meets a solid.
+/// Intersection of a ray from outside with a solid.
 fn onto(solid: &Solid, from: V, along: V) -> V {
     let mut at = from;
     for _ in 0..80 {
@@ -803,7 +800,7 @@ fn pebble(centre: V, axes: [V; 3], radii: V, [rings, around]: [usize; 2]) -> Par
     part
 }
 
-/// A round cord through points, closed at its ends.
+/// A round cord through points, with closed ends.
 fn cord(points: &[V], radius: f32) -> Part {
     const AROUND: usize = 6;
     let mut part = Part::default();

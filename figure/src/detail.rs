@@ -1,14 +1,14 @@
-//! The fine relief of cloth and leather, as normal maps that repeat.
+//! Fine relief of cloth and leather, as tiling normal maps.
 //!
-//! A map is a height over a square that repeats in both directions; its normals are the height's
-//! slopes. Heights are made of products, roots and whole numbers, which every processor rounds
-//! alike, so the same pixels come out everywhere.
+//! A map is a height field over a square that tiles in both directions; its normals are the slopes. Heights are
+//! computed by products, roots and integers only, which every processor rounds alike, so the pixels are the same
+//! everywhere.
 
 use std::io::{self, Write};
 
 use crate::picture::write_png;
 
-/// Which relief a surface has.
+/// Relief of a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Detail {
@@ -19,7 +19,7 @@ pub enum Detail {
     Knit,
     /// Plain weave of a shirt.
     Weave,
-    /// The same with a line of stitches along the edge where v is 0.
+    /// [`Weave`](Detail::Weave) with a line of stitches along the edge where v is 0.
     StitchedWeave,
     /// Diagonal ribs of trousers.
     Twill,
@@ -32,39 +32,39 @@ pub enum Detail {
 pub struct NormalMap {
     /// Texels across and down.
     pub size: [usize; 2],
-    /// 0 for -1, 255 for 1; rows from the top. `[height * width]`
+    /// `[height * width]`, rows from the top; 0 for -1, 255 for 1.
     pub pixels: Vec<[u8; 3]>,
 }
 
 impl NormalMap {
-    /// A place without relief.
+    /// Pixel of a surface without relief.
     pub const FLAT: [u8; 3] = [128, 128, 255];
 
-    /// Writes it as PNG.
+    /// Writes the map as PNG.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Writing to `out` failed.
     pub fn write<W: Write>(&self, out: W) -> io::Result<()> {
         write_png(self.size[0], self.size[1], self.pixels.as_flattened(), out)
     }
 }
 
-/// Threads of the weave and of the twill to a repeat.
+/// Threads of the weave and the twill per repeat.
 const THREADS: usize = 16;
-/// Ribs of the twill to a repeat.
+/// Ribs of the twill per repeat.
 const RIBS: usize = 8;
-/// Stitches of the knit to a repeat.
+/// Stitches of the knit per repeat.
 const STITCHES: usize = 8;
-/// Cells of the leather's grain to a repeat.
+/// Cells of the leather's grain per repeat.
 const CELLS: usize = 12;
-/// Texels across a repeat.
+/// Texels per repeat, across.
 const WIDE: usize = 128;
 
 impl Detail {
-    /// All that have a relief.
+    /// All variants with a relief.
     pub const RELIEFS: [Self; 5] = [Self::Knit, Self::Weave, Self::StitchedWeave, Self::Twill, Self::Leather];
 
-    /// A name for files.
+    /// Name for use in file names.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "plain",
@@ -76,7 +76,7 @@ impl Detail {
         }
     }
 
-    /// Width and height of one repeat of the map, metres.
+    /// Width and height of one repeat of the map, in metres.
     pub const fn repeat_m(self) -> [f32; 2] {
         match self {
             Self::None => [1.0, 1.0],
@@ -90,8 +90,8 @@ impl Detail {
         }
     }
 
-    /// How many stitches, threads, ribs or grains stand side by side on one repeat, to the right and
-    /// down. What shows fewer pixels than three for each of them should show none.
+    /// Number of stitches, threads, ribs or grains on one repeat, to the right and down. At less than three pixels
+    /// for each of them, the relief should not be shown.
     pub const fn threads(self) -> [f32; 2] {
         match self {
             Self::None => [0.0; 2],
@@ -104,7 +104,7 @@ impl Detail {
         }
     }
 
-    /// The normal map; none where there is no relief.
+    /// Returns the normal map; `None` without a relief.
     pub fn normal_map(self) -> Option<NormalMap> {
         let height: fn(f32, f32) -> f32 = match self {
             Self::None => return None,
@@ -120,7 +120,7 @@ impl Detail {
     }
 }
 
-/// The normals of a height in metres over places of one repeat, `[0, 1)` right and down.
+/// Normals of a height field in metres over one repeat, with coordinates in `[0, 1)`, right and down.
 fn normals([width, height]: [usize; 2], [wide, tall]: [f32; 2], relief: fn(f32, f32) -> f32) -> NormalMap {
     let at = |x: usize, y: usize| {
         relief(((x % width) as f32 + 0.5) / width as f32, ((y % height) as f32 + 0.5) / height as f32)
@@ -131,13 +131,13 @@ fn normals([width, height]: [usize; 2], [wide, tall]: [f32; 2], relief: fn(f32, 
     let mut tilts: Vec<[f32; 2]> = Vec::with_capacity(heights.len());
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         let right = (at(x + 1, y) - at(x + width - 1, y)) / step[0];
-        // Up is against the rows.
+        // Up is opposite to the order of rows.
         let up = (at(x, y + height - 1) - at(x, y + 1)) / step[1];
         let long = (1.0 + right * right + up * up).sqrt();
         tilts.push([-right / long, -up / long]);
     }
-    // Slopes of a height that repeats have no mean, but normals have one where ridges lean. From
-    // far away, where a map is seen as its mean, the surface must look as it is.
+    // The slopes of a periodic height have zero mean, but the normals' mean is tilted where ridges lean. From afar,
+    // where a map is seen as its mean, the surface must keep its normal.
     for _ in 0..3 {
         let mean = [0, 1].map(|axis: usize| tilts.iter().map(|tilt| tilt[axis]).sum::<f32>() / tilts.len() as f32);
         tilts.iter_mut().for_each(|tilt| *tilt = [tilt[0] - mean[0], tilt[1] - mean[1]]);
@@ -148,11 +148,11 @@ fn normals([width, height]: [usize; 2], [wide, tall]: [f32; 2], relief: fn(f32, 
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 0..=255")]
 fn byte(x: f32) -> u8 {
-    // 128 stands for 0, as readers that take 127.5 for it are off by less than their filters.
+    // 128 stands for 0; for readers that use 127.5, the error is below that of their filters.
     (127.5 * x + 127.5 + 1e-3).round().clamp(0.0, 255.0) as u8
 }
 
-/// 0 at the ends of `[0, 1]`, 1 in its middle.
+/// Parabola that is 0 at the ends of `[0, 1]` and 1 in the middle.
 fn arch(x: f32) -> f32 {
     1.0 - (2.0 * x - 1.0) * (2.0 * x - 1.0)
 }
@@ -161,14 +161,14 @@ fn fraction(x: f32) -> f32 {
     x - x.floor()
 }
 
-/// The cell of `count` that a place of a repeat is in.
+/// Index of the cell, of `count` per repeat, that contains `x`.
 #[expect(clippy::cast_possible_truncation, reason = "a small whole number")]
 fn cell(x: f32, count: usize) -> usize {
     let count = i64::try_from(count).expect("small");
     usize::try_from((x.floor() as i64).rem_euclid(count)).expect("not negative")
 }
 
-/// A number in `[0, 1)` that looks like chance (Wellons' `lowbias32`).
+/// A pseudo-random number in `[0, 1)` (Wellons' `lowbias32`).
 fn chance(a: usize, b: usize, salt: u32) -> f32 {
     let [a, b] = [a, b].map(|n| u32::try_from(n).expect("few cells"));
     let mut x = a.wrapping_mul(0x9e37_79b9) ^ b.wrapping_mul(0x85eb_ca6b) ^ salt.wrapping_mul(0xc2b2_ae35);
@@ -192,7 +192,7 @@ fn knit(x: f32, y: f32) -> f32 {
     0.00042 * full * arch(inner).max(0.0).sqrt() * strand
 }
 
-/// Threads over and under each other.
+/// Threads that cross over and under each other.
 fn weave(x: f32, y: f32) -> f32 {
     let (across, down) = (x * THREADS as f32, y * THREADS as f32);
     let (column, row) = (cell(across, THREADS), cell(down, THREADS));
@@ -243,7 +243,7 @@ fn leather(x: f32, y: f32) -> f32 {
             second = far;
         }
     }
-    // The distance from the nearest crease, and its rounded edge.
+    // Distance from the nearest crease, with a rounded edge.
     let t = ((second - first) / 0.42).clamp(0.0, 1.0);
     0.00017 * (0.75 + 0.5 * swell * t) * t * (2.0 - t)
 }
@@ -267,9 +267,9 @@ mod tests {
                 (0..3).for_each(|axis| sum[axis] += n[axis]);
             }
             let mean = sum.map(|x| x / map.pixels.len() as f64);
-            // A flat place is 128, 0.004 above 0.
+            // A flat place is stored as 128, which is 0.004 above 0.
             assert!(mean[0].abs() < 0.005 && mean[1].abs() < 0.005, "{detail:?}: {mean:?}");
-            // There is a relief, and none that would be deep.
+            // There is a relief, but a shallow one.
             assert!((0.5..0.97).contains(&lowest), "{detail:?}: {lowest}");
             assert!(mean[2] > 0.9, "{detail:?}: {mean:?}");
         }
@@ -285,7 +285,7 @@ mod tests {
             };
             let column = |x: usize| (0..height).map(|y| apart(y * width + x, y * width + (x + 1) % width)).sum::<i32>();
             let row = |y: usize| (0..width).map(|x| apart(y * width + x, (y + 1) % height * width + x)).sum::<i32>();
-            // No more of a step over the edge than the largest within.
+            // The step across the edge is at most the largest one inside.
             assert!(column(width - 1) <= (0..width - 1).map(column).max().unwrap(), "{detail:?}");
             assert!(row(height - 1) <= (0..height - 1).map(row).max().unwrap(), "{detail:?}");
         }

@@ -1,33 +1,33 @@
-//! Solids as functions: negative inside, about the distance to the surface near it.
+//! Solids as implicit functions: negative inside, and approximately the distance near the surface.
 
 use super::vector::{V, add, curve, dot, length, scale, sub};
 
-/// A simple shape.
+/// A primitive.
 pub(super) enum Shape {
-    /// Round about the line from `a` to `b`; `radii` at equal steps along it.
+    /// Round about the line from `a` to `b`; `radii` are pairs of a share of the way and the radius there.
     Tube { a: V, b: V, radii: Vec<(f32, f32)> },
     /// Half axes along X, Y and Z.
     Ellipsoid { centre: V, radii: V },
-    /// Level sections: height, half width, half depth and place forward, as curves over the height.
+    /// Horizontal sections: height, half width, half depth and forward offset, as curves over the height.
     Stack { x: f32, width: Vec<(f32, f32)>, depth: Vec<(f32, f32)>, forward: Vec<(f32, f32)> },
-    /// Folds of cloth, to be joined by `Join::Displace`: how far they stand out, metres. Waves along
-    /// `along` within `reach` of the centre.
+    /// Folds of cloth for `Join::Displace`, with the given height in metres: waves along `along` within `reach` of
+    /// the centre.
     Folds { centre: V, reach: f32, along: V, length: f32, height: f32 },
-    /// All that is on the side of the plane that `normal` points away from.
+    /// The half space on the side opposite to `normal`.
     Below { point: V, normal: V },
 }
 
-/// How a shape joins the ones before it; the length is the width of the blend.
+/// Operation that joins a shape to the ones before it; the length is the width of the blend.
 #[derive(Clone, Copy)]
 pub(super) enum Join {
     Union(f32),
     Cut(f32),
     Within(f32),
-    /// The surface so far moves out by the shape's value.
+    /// Displaces the existing surface outwards by the shape's value.
     Displace,
 }
 
-/// What a gradient is measured over, metres.
+/// Step of the finite differences of a gradient, in metres.
 const STEP: f32 = 5e-4;
 
 /// Shapes joined one after another.
@@ -52,7 +52,7 @@ impl Solid {
         })
     }
 
-    /// The direction in which the field rises fastest, not of unit length.
+    /// Direction of steepest ascent of the field, not of unit length.
     pub(super) fn gradient(&self, p: V) -> V {
         std::array::from_fn(|axis| {
             let mut step = [0.0; 3];
@@ -61,7 +61,7 @@ impl Solid {
         })
     }
 
-    /// The nearest point of the surface, about, no further than `reach` from `p`.
+    /// Approximately the nearest point of the surface, at most `reach` from `p`.
     pub(super) fn settle(&self, p: V, reach: f32) -> V {
         let mut at = p;
         for _ in 0..2 {
@@ -75,7 +75,7 @@ impl Solid {
         if far > reach { add(p, scale(moved, reach / far)) } else { at }
     }
 
-    /// The direction in which the field, which is `here` at `p`, rises fastest, not of unit length.
+    /// Direction of steepest ascent of the field, whose value at `p` is `here`; not of unit length.
     fn rise(&self, p: V, here: f32) -> V {
         std::array::from_fn(|axis| {
             let mut beside = p;
@@ -85,8 +85,7 @@ impl Solid {
     }
 }
 
-/// How little light comes to `p` from around `normal`, 0..=1, by how near the solids are (Evans
-/// 2006).
+/// Ambient occlusion at `p` around `normal`, 0..=1, from the distances of the solids (Evans 2006).
 pub(super) fn occlusion(solids: &[&Solid], p: V, normal: V, reach: f32) -> f32 {
     let (mut sum, mut most) = (0.0, 0.0);
     for step in 1..=5_u8 {
@@ -101,7 +100,7 @@ pub(super) fn occlusion(solids: &[&Solid], p: V, normal: V, reach: f32) -> f32 {
 }
 
 impl Shape {
-    /// A tube whose radius goes evenly from one to the other.
+    /// A tube whose radius varies linearly.
     pub(super) fn cone(a: V, b: V, from: f32, to: f32) -> Self {
         Self::Tube { a, b, radii: vec![(0.0, from), (1.0, to)] }
     }
@@ -124,13 +123,13 @@ impl Shape {
                 let near: V = std::array::from_fn(|i| from[i] / radii[i]);
                 let steep: V = std::array::from_fn(|i| near[i] / radii[i]);
                 let (near, steep) = (length(near), length(steep));
-                // In the middle the quotient has no meaning; any depth will do.
+                // At the centre the quotient is undefined, and any depth will do.
                 if steep < 1e-6 { -radii[0].min(radii[1]).min(radii[2]) } else { near * (near - 1.0) / steep }
             }
             Self::Stack { x, width, depth, forward } => {
                 let (wide, deep) = (curve(width, p[1]), curve(depth, p[1]));
                 let (u, w) = ((p[0] - x) / wide, (p[2] - curve(forward, p[1])) / deep);
-                // A little squarer than an ellipse.
+                // Slightly squarer than an ellipse.
                 let (u, w) = (u * u, w * w);
                 let round = 0.72 * (u + w).sqrt() + 0.28 * (u * u + w * w).sqrt().sqrt();
                 (round - 1.0) * wide.min(deep)
@@ -145,7 +144,7 @@ impl Shape {
     }
 }
 
-/// The lesser of two, rounded where they are within `width` of each other.
+/// Minimum of two values, rounded if they are within `width` of each other.
 pub(super) fn smooth_min(a: f32, b: f32, width: f32) -> f32 {
     if width <= 0.0 {
         return a.min(b);

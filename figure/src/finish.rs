@@ -1,6 +1,6 @@
-//! How surfaces reflect.
+//! Reflectance of surfaces.
 
-/// How a surface reflects light, as physically based renderers take it. 255 stands for 1.
+/// Reflectance in the terms of physically based renderers; 255 stands for 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Finish {
     /// 0 is a mirror, 255 is chalk.

@@ -1,10 +1,10 @@
-//! What tells the figures apart: build, clothes, hair and colours.
+//! Differences between the figures: build, clothes, hair and colours.
 
 use crate::vector::mix;
 use std::fmt;
 use std::str::FromStr;
 
-/// One of the figures: two builds, each in two looks.
+/// One of the figures: two builds with two looks each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Figure {
@@ -23,7 +23,7 @@ impl Figure {
     /// All figures.
     pub const ALL: [Self; 4] = [Self::Alex, Self::Bea, Self::Carl, Self::Dina];
 
-    /// The name by which programs ask for it.
+    /// Name by which programs select it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Alex => "alex",
@@ -33,7 +33,7 @@ impl Figure {
         }
     }
 
-    /// What it looks like, in a few words.
+    /// A short description of its looks.
     pub fn summary(self) -> &'static str {
         match self {
             Self::Alex => "straight build, short brown hair, sweater",
@@ -81,9 +81,9 @@ pub(crate) struct Build {
     /// Half widths and half depths of the trunk by height over the pelvis.
     pub(crate) width: &'static [(f32, f32)],
     pub(crate) depth: &'static [(f32, f32)],
-    /// How far ahead the trunk's sections lie.
+    /// Forward offsets of the trunk's sections.
     pub(crate) forward: &'static [(f32, f32)],
-    /// Of the chest's two volumes: radius and how far they stand out.
+    /// The chest's two volumes: radius and protrusion.
     pub(crate) chest: [f32; 2],
     /// Radius of the deltoid, and a factor on the arms' radii.
     pub(crate) shoulder: f32,
@@ -98,13 +98,13 @@ pub(crate) struct Build {
 pub(crate) struct Face {
     /// Width of jaw and chin, 1 for the straight build.
     pub(crate) jaw: f32,
-    /// How far the brow ridge stands out, metres.
+    /// Protrusion of the brow ridge, in metres.
     pub(crate) brow: f32,
     /// Width of the nose, 1 for the straight build.
     pub(crate) nose: f32,
     /// Fullness of the lips.
     pub(crate) lips: f32,
-    /// Length of the lashes, metres.
+    /// Length of the lashes, in metres.
     pub(crate) lashes: f32,
     /// Thickness of the brows, 1 for the straight build.
     pub(crate) brows: f32,
@@ -126,12 +126,11 @@ pub(crate) enum Hair {
     Bun,
 }
 
-/// Colours of skin; all lie in the plane of the first three, so that one small texture holds their
-/// blends.
+/// Skin colours. All lie in the plane of the first three, so that one small texture holds their blends.
 pub(crate) struct Skin {
     pub(crate) base: Color,
     pub(crate) blush: Color,
-    /// Where little light comes, and lash lines.
+    /// Occluded skin, and lash lines.
     pub(crate) shade: Color,
     pub(crate) lip: Color,
     pub(crate) nail: Color,
@@ -154,7 +153,7 @@ pub(crate) struct Look {
 }
 
 impl Skin {
-    /// A colour of the plane: shares of blush and shade.
+    /// A colour of that plane, by its shares of blush and shade.
     pub(crate) fn toned(&self, blush: f32, shade: f32) -> Color {
         let at = |color: Color| color.map(f32::from);
         let warm = mix(at(self.base), at(self.blush), blush);

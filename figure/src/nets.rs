@@ -1,13 +1,13 @@
-//! The surface of a solid: surface nets on a grid of uneven steps, settled on the surface itself.
+//! Meshes the surface of a solid by surface nets on a non-uniform grid, with vertices projected onto the surface.
 
 use super::Part;
 use super::field::Solid;
 use super::vector::{V, add, distance, mix, scale, unit};
 
-/// The planes of a grid along X, Y and Z, metres, ascending.
+/// Planes of a grid along X, Y and Z, in metres, ascending.
 pub(super) struct Grid(pub(super) [Vec<f32>; 3]);
 
-/// Planes from `low` to `high`; `step(at)` is how far it is to the next one.
+/// Planes from `low` to `high`; `step(at)` is the distance to the next one.
 pub(super) fn planes(low: f32, high: f32, step: impl Fn(f32) -> f32) -> Vec<f32> {
     let mut at = low;
     let mut all = vec![at];
@@ -18,7 +18,7 @@ pub(super) fn planes(low: f32, high: f32, step: impl Fn(f32) -> f32) -> Vec<f32>
     all
 }
 
-/// The same on both sides of 0, and 0.
+/// Like [`planes`], symmetric about 0, with a plane at 0.
 pub(super) fn even_planes(high: f32, step: impl Fn(f32) -> f32) -> Vec<f32> {
     let right = planes(0.0, high, step);
     right.iter().skip(1).rev().map(|x| -x).chain(right.iter().copied()).collect()
@@ -34,7 +34,7 @@ impl Grid {
     }
 }
 
-/// Vertices, normals and triangles of the surface within the grid.
+/// Vertices, normals and triangles of the surface inside the grid.
 pub(super) fn surface(solid: &Solid, grid: &Grid) -> Part {
     let [nx, ny, nz] = grid.sizes();
     let index = |[i, j, k]: [usize; 3]| (i * ny + j) * nz + k;
@@ -67,13 +67,13 @@ pub(super) fn surface(solid: &Solid, grid: &Grid) -> Part {
     part
 }
 
-/// Corners along a side of the blocks that are looked at as one.
+/// Number of corners along a side of the blocks that are tested together.
 const BLOCK: usize = 4;
-/// A block is far from the surface where the field in its middle is this many times its half
-/// diagonal: the field is about a distance, not exactly one.
+/// A block is far from the surface if the field at its centre exceeds its half diagonal by this factor; the field is
+/// only approximately a distance.
 const FAR: f32 = 1.8;
 
-/// The field at the grid's corners; far from the surface, that of a place nearby.
+/// The field at the grid's corners; far from the surface, the value of a nearby point.
 fn sampled(solid: &Solid, grid: &Grid) -> Vec<f32> {
     let [nx, ny, nz] = grid.sizes();
     let mut field = vec![0.0; nx * ny * nz];
@@ -98,7 +98,7 @@ fn sampled(solid: &Solid, grid: &Grid) -> Vec<f32> {
     field
 }
 
-/// The mean of the places where the cell's edges meet the surface.
+/// Mean of the points where the cell's edges cross the surface.
 fn crossing(cell: [usize; 3], grid: &Grid, field: impl Fn([usize; 3]) -> f32) -> Option<V> {
     let [i, j, k] = cell;
     let inside = (0..8).filter(|bit| field([i + (bit & 1), j + (bit >> 1 & 1), k + (bit >> 2)]) < 0.0).count();
@@ -124,7 +124,7 @@ fn crossing(cell: [usize; 3], grid: &Grid, field: impl Fn([usize; 3]) -> f32) ->
     Some(scale(sum, 1.0 / count))
 }
 
-/// Two triangles round the edge from `at` along `axis`, where the surface crosses it.
+/// Adds two triangles around the edge from `at` along `axis`, if the surface crosses it.
 fn add_face(
     part: &mut Part,
     at: [usize; 3],

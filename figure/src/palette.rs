@@ -1,19 +1,16 @@
-//! The figure's colours as a texture, for programs that show vertex colours in their own way, or
-//! not at all.
+//! The figure's colours as a texture, for programs that do not display vertex colours, or display them differently.
 //!
-//! glTF's vertex colours are linear light. Godot's compatibility renderer takes them for sRGB and
-//! shows them too dark; other programs round them to 8 bits, which dark colours do not survive, or
-//! leave them out. All of them agree on textures.
+//! glTF's vertex colours are linear. Godot's compatibility renderer treats them as sRGB and shows them too dark;
+//! other programs quantize them to 8 bits, which ruins dark colours, or ignore them. All programs agree on textures.
 //!
-//! The figure has no unwrapped surface, and needs none: within each connected piece of it, the
-//! colours lie close to a plane of the RGB cube. Each piece gets a square of the texture that shows
-//! its plane, and each vertex the place of its colour there. Between vertices, colours then blend
-//! as they do between vertex colours.
+//! The figure needs no unwrapped surface: within each of its connected pieces, the colours lie close to a plane of
+//! the RGB cube. Each piece gets a square of the texture that shows its plane, and each vertex the texture
+//! coordinates of its colour. Between vertices, colours then blend as vertex colours do.
 //!
-//! Cloth and leather have shades of one colour, and a relief that has places of its own on another
-//! map. Godot reads every map at the colours' places. So these take as little of the texture as they
-//! can, and where they do, [`Palette::flattened`] makes the relief's map flat: there the figure looks
-//! as it would without, and where the map repeats, so small a spot is not seen.
+//! Cloth and leather have shades of one colour, and a relief with separate coordinates on another map. Godot reads
+//! every map at the colours' coordinates. These pieces therefore occupy as little of the texture as possible, and
+//! [`Palette::flattened`] makes the relief's map flat there. In Godot, the figure then looks as if it had no relief;
+//! in other programs the flat spot is too small to be seen.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
@@ -23,32 +20,31 @@ use crate::picture::write_png;
 use crate::vector::{self, V};
 use crate::{Finish, Mesh};
 
-/// Texels along a piece's square. A power of two, so that smaller versions of the texture keep the
-/// squares apart.
+/// Texels along the side of a piece's square. A power of two, so that mipmaps keep the squares apart.
 const SQUARE: usize = 32;
-/// Texels around the colours that are used, which filters may reach.
+/// Texels around the used colours that filters may reach.
 const BORDER: f32 = 2.0;
-/// Rows of a piece with a relief, and pieces to a square.
+/// Rows of a piece with a relief, and number of such pieces per square.
 const LINE: usize = 3;
 const LINES: usize = SQUARE / LINE;
-/// Texels that its shades take.
+/// Texels that its shades take up.
 const SHADES: f32 = 12.0;
 
-/// A texture of colours, and where in it each vertex has its own.
+/// A texture of colours, and the texture coordinates of each vertex.
 #[derive(Clone, Debug)]
 pub struct Palette {
     /// Texels along each side.
     pub size: usize,
     /// sRGB, rows from the top. `[size * size]`
     pub pixels: Vec<[u8; 3]>,
-    /// How surfaces of these colours reflect. `[size * size]`
+    /// Reflectance of surfaces with these colours. `[size * size]`
     pub finishes: Vec<Finish>,
-    /// Right and down from the texture's upper left corner, both 0..=1. `[vertices]`
+    /// `[vertices]`, right and down from the texture's upper left corner, both 0..=1.
     pub places: Vec<[f32; 2]>,
 }
 
 impl Palette {
-    /// The colours of a mesh.
+    /// Builds the palette of a mesh.
     pub fn new(mesh: &Mesh) -> Self {
         let pieces = pieces(mesh);
         let colors = mesh.colors.iter().map(|&[r, g, b, _]| [r, g, b]);
@@ -57,8 +53,7 @@ impl Palette {
             let of = || Colors { detail: mesh.details[vertex], finish: mesh.finishes[vertex], set: BTreeSet::new() };
             sets.entry(piece).or_insert_with(of).set.insert(color);
         }
-        // Those with a relief get a row each of the first squares, those of one relief side by side;
-        // all others a square.
+        // Pieces with a relief get one row each of the first squares, grouped by relief; all others get a square.
         let (lines, planes): (BTreeSet<_>, BTreeSet<_>) =
             sets.values().partition(|colors: &&Colors| colors.detail != Detail::None);
         let blocks = lines.len().div_ceil(LINES);
@@ -91,15 +86,14 @@ impl Palette {
         Self { size, pixels, finishes, places: places.collect() }
     }
 
-    /// The normal map of a relief, flat where this mesh has its colours; none where there is no
-    /// relief.
+    /// Returns the normal map of a relief, made flat where this mesh has its colours; `None` without a relief.
     pub fn flattened(&self, mesh: &Mesh, detail: Detail) -> Option<NormalMap> {
         let mut map = detail.normal_map()?;
         let places = self.places.iter().zip(&mesh.details).filter(|(_, own)| **own == detail);
         let range = |axis: usize| {
             let of = places.clone().map(|(place, _)| place[axis] * map.size[axis] as f32);
             let (low, high) = of.fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(x), high.max(x)));
-            // A filter reads the texels on both sides.
+            // A filter reads the neighbouring texels, too.
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the map")]
             let [from, to] = [low - 0.5, high + 0.5].map(|x| x.clamp(0.0, map.size[axis] as f32 - 1.0) as usize);
             from..=to
@@ -116,22 +110,22 @@ impl Palette {
     /// Writes the colours as PNG.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Writing to `out` failed.
     pub fn write<W: Write>(&self, out: W) -> io::Result<()> {
         write_png(self.size, self.size, self.pixels.as_flattened(), out)
     }
 
-    /// Writes the finishes as PNG: roughness in green, metalness in blue, as glTF has them.
+    /// Writes the finishes as PNG: roughness in green, metalness in blue, as glTF defines.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Writing to `out` failed.
     pub fn write_finishes<W: Write>(&self, out: W) -> io::Result<()> {
         let pixels: Vec<[u8; 3]> = self.finishes.iter().map(|one| [255, one.roughness, one.metalness]).collect();
         write_png(self.size, self.size, pixels.as_flattened(), out)
     }
 }
 
-/// The colours of a piece, and what else its surface has.
+/// Colours of a piece, and its other surface properties.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Colors {
     detail: Detail,
@@ -139,21 +133,21 @@ struct Colors {
     set: BTreeSet<[u8; 3]>,
 }
 
-/// A plane through colours, and the part of it that they take.
+/// A plane through colours, and the region of it that they occupy.
 struct Square {
     middle: V,
     /// Orthonormal.
     axes: [V; 2],
     low: [f32; 2],
-    /// Colour values to a texel.
+    /// Colour units per texel.
     step: [f32; 2],
-    /// Texels to where a colour is that fills an axis.
+    /// Texel coordinate of the single colour along an axis without extent.
     middles: [f32; 2],
 }
 
 impl Square {
-    /// Through the two colours that are the furthest apart, and the one that is the furthest from
-    /// the line between them.
+    /// Plane through the two colours that are furthest apart, and the one that is furthest from the line between
+    /// them.
     fn new(colors: &BTreeSet<[u8; 3]>) -> Self {
         let colors: Vec<V> = colors.iter().map(|color| color.map(f32::from)).collect();
         let pairs = colors.iter().flat_map(|&a| colors.iter().map(move |&b| vector::sub(b, a)));
@@ -172,8 +166,7 @@ impl Square {
         Self { middle, axes, low, step, middles: [SQUARE as f32 / 2.0; 2] }
     }
 
-    /// Shades of one colour, in a short row: the plane's second axis would only hold how they are
-    /// rounded.
+    /// Shades of one colour in a short row: the plane's second axis would only hold rounding errors.
     fn line(colors: &BTreeSet<[u8; 3]>) -> Self {
         let mut line = Self::new(colors);
         line.step[0] *= (SQUARE as f32 - 2.0 * BORDER) / SHADES;
@@ -183,12 +176,12 @@ impl Square {
         line
     }
 
-    /// Texels right and down in the square.
+    /// Texel coordinates in the square, right and down.
     fn place(&self, color: [u8; 3]) -> [f32; 2] {
         let from = vector::sub(color.map(f32::from), self.middle);
         [0, 1].map(|axis| {
             let along = vector::dot(from, self.axes[axis]) - self.low[axis];
-            // One colour has no plane: it fills the square.
+            // A single colour has no plane: it fills the square.
             if self.step[axis] > 0.0 { BORDER + along / self.step[axis] } else { self.middles[axis] }
         })
     }
@@ -207,11 +200,11 @@ fn longest(vectors: impl Iterator<Item = V>) -> V {
 
 fn unit(v: V) -> Option<V> {
     let length = vector::dot(v, v).sqrt();
-    // Less than that is rounding.
+    // Anything shorter is rounding.
     (length > 0.5).then(|| vector::scale(v, 1.0 / length))
 }
 
-/// The connected piece that each vertex is in, as the number of one of its vertices.
+/// Connected piece of each vertex, identified by one of its vertices.
 pub(crate) fn pieces(mesh: &Mesh) -> Vec<usize> {
     fn first(of: &mut [usize], mut vertex: usize) -> usize {
         while of[vertex] != vertex {
@@ -236,7 +229,7 @@ mod tests {
     use super::*;
     use crate::{Figure, sample};
 
-    /// The texture between texels, as graphics cards read it.
+    /// Samples the texture between texels, like a GPU.
     fn read(palette: &Palette, [u, v]: [f32; 2]) -> V {
         let at = [u, v].map(|x| x * palette.size as f32 - 0.5);
         let mut sum = [0.0; 3];

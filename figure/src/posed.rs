@@ -1,4 +1,4 @@
-//! The mesh in a pose, computed on the processor: what pictures and tests look at.
+//! The mesh in a pose, computed on the CPU for pictures and tests.
 
 use super::Mesh;
 use super::vector::{V, add, dot, scale, sub, unit};
@@ -6,7 +6,7 @@ use umo_core::config::Skeleton;
 use umo_core::motion::rotation::{IDENTITY, Matrix, Quat, product, quat_to_matrix, rotate};
 use umo_core::motion::skeleton::JOINTS;
 
-/// Where every vertex is, and its normal.
+/// Positions and normals of all vertices.
 pub struct Posed {
     /// `[vertices]`, metres.
     pub positions: Vec<V>,
@@ -15,7 +15,7 @@ pub struct Posed {
 }
 
 impl Mesh {
-    /// The rest pose with the shapes at `weights` (one for each morph, or none).
+    /// Returns the rest pose with the shapes at `weights` (one per morph, or none).
     pub fn shaped(&self, weights: &[f32]) -> Posed {
         let mut posed = Posed { positions: self.positions.clone(), normals: self.normals.clone() };
         for (morph, &weight) in self.morphs.iter().zip(weights) {
@@ -33,8 +33,7 @@ impl Mesh {
         posed
     }
 
-    /// In a pose: joints turned by `rotations`, the root moved by `translation`, shapes at
-    /// `weights`.
+    /// Poses the mesh: joints rotated by `rotations`, the root translated by `translation`, shapes at `weights`.
     pub fn posed(&self, skeleton: &Skeleton, rotations: &[Quat; JOINTS], translation: V, weights: &[f32]) -> Posed {
         let mut posed = self.shaped(weights);
         let moves = self.moves(skeleton, rotations, translation);
@@ -54,8 +53,7 @@ impl Mesh {
         posed
     }
 
-    /// What takes a vertex from rest to the pose with each joint, then with each helper joint: a
-    /// rotation, then a shift.
+    /// Transforms of each joint, then of each helper joint, from rest to the pose: a rotation, then a translation.
     pub(crate) fn moves(&self, skeleton: &Skeleton, rotations: &[Quat; JOINTS], translation: V) -> Vec<(Matrix, V)> {
         let (mut rest, mut places, mut turns) = ([[0.0; 3]; JOINTS], [translation; JOINTS], [IDENTITY; JOINTS]);
         let mut above = [IDENTITY; JOINTS];

@@ -1,4 +1,4 @@
-//! Where the joints are at rest, and the body's measures that follow from it.
+//! Rest positions of the joints, and measures of the body derived from them.
 
 use super::vector::{V, add, distance, length, mix, scale, sub};
 use crate::FigureError;
@@ -9,31 +9,30 @@ use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 pub(super) struct Rest {
     /// `[55]`, metres.
     places: Vec<V>,
-    /// How tall the body is beside the one that the measures in this module are of (1.72 m).
+    /// Size relative to the body for which this module's measures are given (1.72 m).
     pub(super) size: f32,
-    /// The same of the head alone.
+    /// Size of the head likewise.
     pub(super) head: f32,
 }
 
-/// The number of the joint `name`. Panics where there is none of that name.
+/// Index of the joint `name`. Panics if it does not exist.
 pub(super) fn joint(name: &str) -> usize {
     JOINT_NAMES.iter().position(|&known| known == name).expect("the names are written in this module")
 }
 
-/// Hip joint to neck joint, and ankle to hip, of a body of size 1, metres.
+/// Distances from hip joint to neck joint, and from ankle to hip, in metres for a body of size 1.
 const TRUNK: f32 = 0.585;
 const LEG: f32 = 0.81;
-/// Between the eyes of a head of size 1, metres.
+/// Distance between the eyes, in metres for a head of size 1.
 const EYES: f32 = 0.064;
-/// The figure's head beside a person's: a little larger, so that its face is seen from further
-/// away.
+/// Size of the figure's head relative to a person's: slightly larger, so that the face is visible from further away.
 const LARGER: f32 = 1.05;
-/// A size outside this is none of a person's.
+/// Range of sizes that a person can have.
 const SIZES: (f32, f32) = (0.3, 3.0);
 
 impl Rest {
     /// # Errors
-    /// A skeleton that has not the 55 joints, or whose offsets are not finite.
+    /// The skeleton does not have the 55 joints, or its offsets are not finite.
     pub(super) fn new(skeleton: &Skeleton) -> Result<Self, FigureError> {
         if skeleton.parents.len() != JOINTS || skeleton.offsets_m.len() != JOINTS {
             return Err(FigureError::Joints { found: skeleton.offsets_m.len().min(skeleton.parents.len()) });
@@ -50,7 +49,7 @@ impl Rest {
         let tall = rest.between("left_hip", "neck") + rest.between("left_hip", "left_ankle");
         rest.size = (tall / (TRUNK + LEG)).clamp(SIZES.0, SIZES.1);
         let eyes = rest.between("left_eye", "right_eye") / EYES;
-        // Eyes at no distance say nothing of the head's size.
+        // Coincident eyes carry no information about the head's size.
         let head = if eyes > SIZES.0 { (0.5 * (eyes + rest.size)).min(SIZES.1) } else { rest.size };
         rest.head = LARGER * head;
         Ok(rest)
@@ -64,17 +63,17 @@ impl Rest {
         distance(self.at(a), self.at(b))
     }
 
-    /// The joint `name` of one side: `left` or `right`.
+    /// Position of the joint `name` of one side: `left` or `right`.
     pub(super) fn side(&self, side: &str, name: &str) -> V {
         self.at(&format!("{side}_{name}"))
     }
 
-    /// The middle between left and right.
+    /// Midpoint of left and right.
     pub(super) fn middle(&self, name: &str) -> V {
         mix(self.side("left", name), self.side("right", name), 0.5)
     }
 
-    /// Beyond a finger's last joint: its tip.
+    /// Tip of a finger, beyond its last joint.
     pub(super) fn finger_tip(&self, side: &str, finger: &str) -> V {
         let [a, b] = [2, 3].map(|bone| self.side(side, &format!("{finger}{bone}")));
         let along = sub(b, a);

@@ -1,4 +1,4 @@
-//! A person's skeleton, and an animation of it, for tests of what is made of them.
+//! A person's skeleton and an animation of it, for tests.
 
 use umo_core::config::{Face, FaceKind, Skeleton};
 use umo_core::motion::clip::Clip;
@@ -9,7 +9,7 @@ const PARENTS: [i32; JOINTS] = [
     31, 32, 20, 34, 35, 20, 37, 38, 21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
 ];
 
-/// A person of 1.7 m, arms to the sides; by eye, in whole centimetres.
+/// A person of 1.7 m with arms to the sides; estimated by eye, in whole centimetres.
 fn offsets() -> Vec<[f32; 3]> {
     let mut cm = vec![
         [0.0, -35.0, 1.0],
@@ -53,8 +53,8 @@ pub fn skeleton() -> Skeleton {
     Skeleton { parents: PARENTS.to_vec(), offsets_m: offsets() }
 }
 
-/// A made-up animation: every joint swings by up to `amount` radians about a wandering axis; every face channel comes
-/// and goes.
+/// A synthetic animation: every joint swings by up to `amount` radians about a varying axis, and every face channel
+/// rises and falls.
 pub fn clip(kind: FaceKind, frames: usize, amount: u8) -> Clip {
     let names: Vec<String> = match kind {
         FaceKind::Arkit => ARKIT_NAMES.map(str::to_owned).to_vec(),

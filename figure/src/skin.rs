@@ -1,10 +1,10 @@
-//! Which joints a vertex follows: the bones near it, smoothly.
+//! Skin weights: each vertex follows the bones near it, smoothly.
 
 use super::helper;
 use super::rest::{Rest, joint};
 use super::vector::{V, add, dot, length, ramp, scale, sub, unit};
 
-/// A bone as a thick line.
+/// A bone as a thick line segment.
 pub(super) struct Bone {
     joint: u8,
     a: V,
@@ -12,42 +12,42 @@ pub(super) struct Bone {
     radius: f32,
 }
 
-/// A joint whose turn helper joints spread over the skin around it.
+/// A joint whose rotation helper joints spread over the surrounding skin.
 struct Spread {
     parents: Vec<u8>,
     joint: u8,
-    /// What turns half as far as the joint.
+    /// The helper joint with half of the joint's rotation.
     half: u8,
     twist: Option<Twist>,
 }
 
-/// The bone that twists, and which joint follows at which share of its length.
+/// The twisting bone, and the joint to follow at each share of its length.
 struct Twist {
     from: V,
     to: V,
     steps: Vec<(f32, u8)>,
 }
 
-/// The bones that a part of the body may follow.
+/// Bones that a part of the body may follow.
 pub(super) struct Skin {
     bones: Vec<Bone>,
     spreads: Vec<Spread>,
-    /// The distance in which a bone's influence falls to a third, metres.
+    /// Distance over which a bone's influence falls to a third, in metres.
     soft: f32,
 }
 
-/// Weights below this are left out.
+/// Threshold below which weights are dropped.
 const MIN_WEIGHT: f32 = 0.02;
 
-/// Up to four joints, 0 where the weight is 0; the weights' sum is 1.
+/// Up to four joints, 0 if the weight is 0; the weights sum to 1.
 pub(super) type Weights = ([u8; 4], [f32; 4]);
 
-/// The number of a joint or helper joint.
+/// Index of a joint or helper joint.
 pub(super) fn number(name: &str) -> u8 {
     u8::try_from(helper::number(name).unwrap_or_else(|| joint(name))).expect("there are fewer than 256 joints")
 }
 
-/// All on one joint.
+/// Full weight on one joint.
 pub(super) fn only(name: &str) -> Weights {
     ([number(name), 0, 0, 0], [1.0, 0.0, 0.0, 0.0])
 }
@@ -62,7 +62,7 @@ impl Skin {
         self
     }
 
-    /// Spreads the turns of a joint of one side; `twist`: where along its bone which helper follows.
+    /// Spreads the rotation of a joint of one side; `twist` lists shares of its bone with the helper to follow.
     fn spread(mut self, rest: &Rest, side: &str, row: (&[&str], &str, &str), twist: &[(f32, &str)]) -> Self {
         let (parents, own, end) = row;
         let of =
@@ -97,7 +97,7 @@ impl Skin {
 }
 
 impl Spread {
-    /// What follows joint and parents alike follows the joint between them.
+    /// Skin that follows joint and parents alike is moved to the joint between them.
     fn bend(&self, all: &mut Vec<(f32, u8)>) {
         let own = all.iter().find(|one| one.1 == self.joint).map_or(0.0, |one| one.0);
         let above: f32 = all.iter().filter(|one| self.parents.contains(&one.1)).map(|one| one.0).sum();
@@ -115,7 +115,7 @@ impl Spread {
         all.push((2.0 * less, self.half));
     }
 
-    /// Shares what follows the joint out among those that twist less than it, or more.
+    /// Distributes the joint's weight over helpers that twist by less, or by more.
     fn twist(&self, p: V, all: &mut Vec<(f32, u8)>) {
         let Some(Twist { from, to, steps }) = &self.twist else { return };
         let Some(place) = all.iter().position(|one| one.1 == self.joint) else { return };
@@ -133,7 +133,7 @@ impl Spread {
     }
 }
 
-/// The four heaviest.
+/// Keeps the four largest weights, and normalises them.
 pub(super) fn normalized(mut all: Vec<(f32, u8)>) -> Weights {
     all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let sum: f32 = all.iter().take(4).map(|one| one.0).sum();
@@ -156,7 +156,7 @@ impl Bone {
     }
 }
 
-/// The bones of trunk and arms.
+/// Bones of trunk and arms.
 pub(super) fn upper(rest: &Rest) -> Skin {
     let size = rest.size;
     let [pelvis, spine1, spine2, spine3, neck] = ["pelvis", "spine1", "spine2", "spine3", "neck"].map(|n| rest.at(n));
@@ -190,7 +190,7 @@ pub(super) fn upper(rest: &Rest) -> Skin {
                 &[(0.10, "shoulder_swing"), (0.45, "shoulder_twist"), (0.80, "shoulder")],
             );
     }
-    // The hem goes with the trousers.
+    // The hem follows the trousers.
     thighs(skin, rest)
 }
 
@@ -204,7 +204,7 @@ fn thighs(mut skin: Skin, rest: &Rest) -> Skin {
     skin
 }
 
-/// The bones of hips and legs.
+/// Bones of hips and legs.
 pub(super) fn lower(rest: &Rest) -> Skin {
     let size = rest.size;
     let mut skin = Skin::new(0.022 * size);
@@ -223,7 +223,7 @@ pub(super) fn lower(rest: &Rest) -> Skin {
     thighs(skin, rest)
 }
 
-/// The bones of one foot.
+/// Bones of one foot.
 pub(super) fn foot(rest: &Rest, side: &str) -> Skin {
     let size = rest.size;
     let [ankle, foot] = ["ankle", "foot"].map(|n| rest.side(side, n));
@@ -233,21 +233,21 @@ pub(super) fn foot(rest: &Rest, side: &str) -> Skin {
         .bone(&format!("{side}_foot"), foot, toes, 0.035 * size)
 }
 
-/// The sock: the foot's at the ankle, the leg's within the trousers.
+/// Weights of the sock: the foot's at the ankle, the leg's inside the trousers.
 pub(super) fn sock(rest: &Rest, side: &str, p: V) -> Weights {
     let (ankle, size) = (rest.side(side, "ankle"), rest.size);
     let up = ramp(-0.006 * size, 0.020 * size, p[1] - ankle[1]);
     normalized(vec![(up, number(&format!("{side}_knee"))), (1.0 - up, number(&format!("{side}_ankle")))])
 }
 
-/// The bones of one hand, and the forearm's for what of it is within the sleeve.
+/// Bones of one hand, and the forearm's for the part inside the sleeve.
 pub(super) struct Hand {
     skin: Skin,
     wrist: V,
-    /// From the elbow to the wrist, of unit length.
+    /// Direction from the elbow to the wrist, of unit length.
     along: V,
     size: f32,
-    /// What the forearm's end follows.
+    /// The joint that the forearm's end follows.
     forearm: u8,
 }
 
@@ -272,7 +272,8 @@ impl Hand {
         Self { skin, wrist, along, size, forearm: number(&format!("{side}_wrist_twist")) }
     }
 
-    /// All the forearm's from the cuff on, so that no bend of the wrist shows what the sleeve hides.
+    /// Weights of a vertex. From the cuff on, only the forearm's count, so bending the wrist does not expose what the
+    /// sleeve hides.
     pub(super) fn weights(&self, p: V) -> Weights {
         let (joints, weights) = self.skin.weights(p);
         let hand = ramp(-0.0165 * self.size, 0.012 * self.size, dot(sub(p, self.wrist), self.along));

@@ -1,4 +1,4 @@
-//! Each shape does what its name says, in numbers; skin and mesh are whole.
+//! Checks in numbers that each shape does what its name says, and that skin weights and mesh are consistent.
 
 use super::*;
 use crate::sample;
@@ -13,7 +13,7 @@ mod eyes;
 mod helpers;
 mod mouth;
 
-/// On the sample skeleton, and on one of a smaller person with other proportions.
+/// The default figure on the sample skeleton, and on that of a smaller person with other proportions.
 static FIGURES: LazyLock<[Mesh; 2]> = LazyLock::new(|| {
     let first = sample::skeleton();
     let mut other = first.clone();
@@ -78,7 +78,7 @@ fn cloth_and_hands_are_closed_and_face_outwards() {
         let body = triangles.iter().filter(|corners| (corners[0] as usize) < mesh.head);
         let mut edges: HashMap<[usize; 2], i32> = HashMap::new();
         let mut against = 0;
-        // Copies of a vertex are one.
+        // Duplicates of a vertex count as one.
         let originals = mesh.originals();
         for &[a, b, c] in body {
             for [from, to] in [[a, b], [b, c], [c, a]].map(|edge| edge.map(|vertex| originals[vertex as usize])) {
@@ -165,7 +165,7 @@ fn left_shapes_move_the_left_and_right_ones_mirror_them() {
     }
 }
 
-/// A place to half a millimetre's fraction.
+/// Position quantized to 0.05 mm.
 #[expect(clippy::cast_possible_truncation, reason = "metres times a million")]
 fn key(p: V) -> [i64; 3] {
     p.map(|x| (f64::from(x) * 2e4).round() as i64)
@@ -174,7 +174,7 @@ fn key(p: V) -> [i64; 3] {
 #[test]
 fn brows_cheeks_and_nose_go_where_their_names_say() {
     let mesh = &FIGURES[0];
-    // By how much the vertex that moves furthest goes up.
+    // Upward motion of the vertex that moves furthest.
     let up = |name: &str| -> f32 {
         let all = morph(mesh, name).positions.iter();
         all.copied().max_by(|&a, &b| vector::length(a).total_cmp(&vector::length(b))).unwrap()[1]
@@ -194,7 +194,7 @@ fn brows_cheeks_and_nose_go_where_their_names_say() {
     assert!(lips * 4 < moved.len(), "a frown leaves the mouth alone");
 }
 
-/// The hand begins within the sleeve; a wrist may bend as far as people's without its showing.
+/// The hand begins inside the sleeve, and bending the wrist to human limits does not expose its start.
 #[test]
 fn the_skin_under_the_sleeve_goes_with_the_forearm() {
     let skeleton = sample::skeleton();

@@ -1,9 +1,8 @@
-//! Surfaces laid out on a plane, so that fine relief has a place and a direction on them.
+//! Texture layout: maps surfaces to a plane, so that fine relief has coordinates and directions on them.
 //!
-//! A surface has one or more charts. A chart says where on the plane a point of the surface lies, in
-//! repeats of the relief's map. Around a belt or a cuff it comes back to where it began after a whole
-//! number of repeats, so the relief has no seam there. Vertices on the line between two charts are
-//! there once where both have them at one place, else twice.
+//! A surface has one or more charts. A chart maps points of the surface to the plane, in repeats of the relief's map.
+//! Around a belt or a cuff it wraps after a whole number of repeats, so the relief has no seam there. A vertex on the
+//! boundary of two charts is duplicated unless both map it to the same point.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -11,21 +10,21 @@ use crate::Part;
 use crate::detail::Detail;
 use crate::vector::{V, add, cross, dot, length, scale, sub, unit};
 
-/// Where the vertices of a part are on the plane.
+/// Mapping of a part's vertices to the plane.
 pub(crate) struct Chart<F> {
-    /// Of a vertex, by its number, place and normal.
+    /// Coordinates of a vertex, by its index, position and normal.
     pub(crate) place: F,
-    /// After how much it begins again, right and down; infinite where it does not.
+    /// Periods after which the chart wraps, right and down; infinite if it does not.
     pub(crate) period: [f32; 2],
 }
 
-/// A relief that goes once around in a whole number of repeats.
+/// Number of whole repeats that best fit a circumference.
 pub(crate) fn repeats(metres: f32, repeat: f32) -> f32 {
     (metres / repeat).round().max(1.0)
 }
 
 impl Part {
-    /// Gives the part a relief. `chart_of`: which of the charts a triangle belongs to.
+    /// Gives the part a relief. `chart_of` selects the chart of a triangle.
     pub(crate) fn lay_out<F: Fn(usize, V, V) -> [f32; 2]>(
         &mut self,
         detail: Detail,
@@ -37,15 +36,15 @@ impl Part {
         self.tangents = self.tangents_of(&groups);
     }
 
-    /// Adds vertices so that each has one place; returns which of them were one vertex and lie at one
-    /// place, or apart by what a chart begins again after.
+    /// Duplicates vertices so that each has one place. Returns groups of vertices that were one, and whose places are
+    /// equal or differ by a period of the chart.
     fn split<F: Fn(usize, V, V) -> [f32; 2]>(
         &mut self,
         charts: &[Chart<F>],
         chart_of: impl Fn([usize; 3], [V; 3]) -> usize,
     ) -> Vec<usize> {
         let mut places = vec![[0.0; 2]; self.positions.len()];
-        // A vertex that is not in use yet has none of these.
+        // A vertex that is not used yet has none of these.
         let mut groups = vec![usize::MAX; self.positions.len()];
         let mut numbers: HashMap<(u32, [u32; 2], [bool; 2]), u32> = HashMap::new();
         let mut known: HashMap<(u32, [u32; 2]), usize> = HashMap::new();
@@ -55,7 +54,7 @@ impl Part {
             let chart = chart_of(corners.map(|i| i as usize), corners.map(|i| self.positions[i as usize]));
             let Chart { place, period } = &charts[chart];
             let own = corners.map(|i| place(i as usize, self.positions[i as usize], self.normals[i as usize]));
-            // Beyond the line where the chart begins again, or not.
+            // Whether the place is beyond the line where the chart wraps.
             let beyond: [[bool; 3]; 2] = std::array::from_fn(|axis| {
                 let low = own.iter().map(|place| place[axis]).fold(f32::INFINITY, f32::min);
                 let high = own.iter().map(|place| place[axis]).fold(f32::NEG_INFINITY, f32::max);
@@ -86,8 +85,8 @@ impl Part {
         groups
     }
 
-    /// Where u rises fastest along the surface at each vertex, and on which side of it v falls: the
-    /// mean over its triangles by their angles, as MikkTSpace has it.
+    /// Tangents: the direction of steepest ascent of u along the surface at each vertex, and the side on which v
+    /// falls. Averaged over the triangles by their angles, as in MikkTSpace.
     fn tangents_of(&self, groups: &[usize]) -> Vec<[f32; 4]> {
         let count = groups.iter().filter(|&&group| group != usize::MAX).max().map_or(0, |most| most + 1);
         let mut sums = vec![([0.0; 3], 0.0); count];
@@ -120,10 +119,10 @@ impl Part {
     }
 }
 
-/// Lays triangles of a surface flat so that each keeps its shape and size as well as it can: as rigid
-/// as possible (Liu and others, 2008), by turns the best rotation of each triangle and the best places
-/// for these rotations. `places` are where vertices begin, metres on the plane, and where they are
-/// afterwards; those of no triangle stay.
+/// Lays triangles of a surface flat with minimal distortion of shape and size: as rigid as possible (Liu and others,
+/// 2008). It alternates between the best rotation of each triangle and the best positions for these rotations.
+/// `places` are the vertices' initial positions on the plane in metres, and receive the result; vertices without a
+/// triangle stay.
 pub(crate) fn flatten(positions: &[V], triangles: &[[usize; 3]], places: &mut [[f32; 2]]) {
     let flats: Vec<Flat> = triangles.iter().map(|&corners| Flat::new(corners, positions)).collect();
     let mut numbers = vec![usize::MAX; positions.len()];
@@ -171,11 +170,10 @@ pub(crate) fn flatten(positions: &[V], triangles: &[[usize; 3]], places: &mut [[
     }
 }
 
-/// Rounds of [`flatten`], and of the solver within each, which goes on where the last one ended.
+/// Iterations of [`flatten`], and of the solver within each, which starts from the previous solution.
 const ROUNDS: usize = 60;
 const STEPS: usize = 40;
-/// How much further than its solution a round goes, all but the last `SETTLE`: long sleeves and legs
-/// come to rest in half the rounds.
+/// Over-relaxation of all iterations except the last `SETTLE`: long sleeves and legs converge in half the iterations.
 const FURTHER: f64 = 0.9;
 const SETTLE: usize = 4;
 
@@ -183,8 +181,8 @@ const SETTLE: usize = 4;
 struct Flat {
     corners: [usize; 3],
     own: [[f64; 2]; 3],
-    /// Of the edge from corner `k` to the next: half the cotangent of the angle across, but positive
-    /// and not too large, so that slivers neither pull inside out nor outweigh all others.
+    /// Weight of the edge from corner `k` to the next: half the cotangent of the opposite angle, clamped to be
+    /// positive and not too large, so that slivers neither flip nor dominate.
     weights: [f64; 3],
 }
 
@@ -195,7 +193,7 @@ impl Flat {
         let long = length(e).max(1e-9);
         let along = dot(e, f) / long;
         let high = length(cross(e, f)) / long;
-        // On the plane v goes down: seen from outside, it is upside down.
+        // On the plane v points down, so the triangle is upside down when seen from outside.
         let own = [[0.0, 0.0], [long, 0.0], [along, -high]].map(|place| place.map(f64::from));
         let weights = std::array::from_fn(|k| {
             let [p, q, r] = [0, 1, 2].map(|step| own[(k + step) % 3]);
@@ -215,7 +213,7 @@ impl Flat {
         [b[0] - a[0], b[1] - a[1]]
     }
 
-    /// Cosine and sine of the rotation that brings it nearest to where its corners are.
+    /// Cosine and sine of the rotation that best fits its corners.
     fn turn(&self, corners: [[f64; 2]; 3]) -> [f64; 2] {
         let (mut c, mut s) = (0.0, 0.0);
         for k in 0..3 {
@@ -230,8 +228,8 @@ impl Flat {
     }
 }
 
-/// Places whose weighted differences along the edges sum to `wanted`, by conjugate gradients from
-/// where they are.
+/// Solves for places whose weighted differences along the edges sum to `wanted`, by conjugate gradients that start at
+/// `at`.
 fn solve(edges: &[([usize; 2], f64)], wanted: &[f64], at: &mut [f64]) {
     let sums = |x: &[f64]| {
         let mut sums = vec![0.0; x.len()];
@@ -260,8 +258,8 @@ fn solve(edges: &[([usize; 2], f64)], wanted: &[f64], at: &mut [f64]) {
     }
 }
 
-/// The direction on a triangle in which u rises and v does not, of unit length, and 1 where v falls
-/// to the left of it as seen from outside, or -1.
+/// Direction on a triangle in which u rises and v is constant, of unit length, and 1 if v falls to its left as seen
+/// from outside, else -1.
 pub(crate) fn along_u([a, b, c]: [V; 3], [p, q, r]: [[f32; 2]; 3]) -> Option<(V, f32)> {
     let (e, f) = (sub(b, a), sub(c, a));
     let ([du, dv], [eu, ev]) = ([q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]);
@@ -271,14 +269,14 @@ pub(crate) fn along_u([a, b, c]: [V; 3], [p, q, r]: [[f32; 2]; 3]) -> Option<(V,
     (turned.abs() > 1e-12 && size > 1e-12).then(|| (scale(along, 1.0 / size), -turned.signum()))
 }
 
-/// The part of a vector across a normal, of unit length.
+/// Component of a vector perpendicular to a normal, normalised.
 fn level(v: V, normal: V) -> Option<V> {
     let flat = sub(v, scale(normal, dot(v, normal)));
     let size = length(flat);
     (size > 1e-6).then(|| scale(flat, 1.0 / size))
 }
 
-/// Some direction across a normal.
+/// A direction perpendicular to a normal.
 fn beside(normal: V) -> V {
     let least = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     unit(cross(normal, cross(least, normal)))
@@ -289,8 +287,8 @@ mod tests {
     use super::*;
     use crate::vector::distance;
 
-    /// A sheet of 24 by 30 cm that is rolled to a cone, with triangles of uneven shape, and where each
-    /// vertex would be without the roll.
+    /// A sheet of 24 by 30 cm rolled to a cone, with irregular triangles, and the positions of its vertices before
+    /// rolling.
     fn cone() -> (Vec<V>, Vec<[usize; 3]>, Vec<[f32; 2]>) {
         let (columns, rows) = (13, 16);
         let mut flat = Vec::new();
@@ -314,7 +312,7 @@ mod tests {
     #[test]
     fn what_can_be_laid_flat_keeps_all_its_lengths() {
         let (positions, triangles, flat) = cone();
-        // Too wide by a half, too short by a third, and sheared.
+        // Too wide by half, too short by a third, and sheared.
         let mut places: Vec<[f32; 2]> = flat.iter().map(|&[x, y]| [1.5 * x + 0.3 * y, 0.67 * y]).collect();
         places.push([7.0, 8.0]);
         let mut all = positions.clone();

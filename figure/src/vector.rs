@@ -1,4 +1,4 @@
-//! Points and directions: `[x, y, z]`, metres; X to the body's left, Y up, Z forward.
+//! Vectors `[x, y, z]` in metres; X to the body's left, Y up, Z forwards.
 
 pub(crate) type V = [f32; 3];
 
@@ -30,14 +30,14 @@ pub(crate) fn distance(a: V, b: V) -> f32 {
     length(sub(a, b))
 }
 
-/// The length of a vector of two. Not `f32::hypot`, which would need glibc 2.35; the same bits.
+/// Length of a 2D vector. It has the same bits as `f32::hypot`, which would need glibc 2.35.
 #[expect(clippy::cast_possible_truncation, reason = "rounds, as wanted")]
 pub(crate) fn hypot(x: f32, y: f32) -> f32 {
     let [x, y] = [x, y].map(f64::from);
     (x * x + y * y).sqrt() as f32
 }
 
-/// Up where `a` has no length.
+/// Normalises `a`; up if `a` has no length.
 pub(crate) fn unit(a: V) -> V {
     let size = length(a);
     if size > 1e-12 { scale(a, 1.0 / size) } else { [0.0, 1.0, 0.0] }
@@ -51,13 +51,13 @@ pub(crate) fn blend(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
-/// 0 up to `from`, 1 beyond `to`, smooth between; `from` may be the larger.
+/// 0 up to `from`, 1 beyond `to`, smooth in between; `from` may be the larger.
 pub(crate) fn ramp(from: f32, to: f32, x: f32) -> f32 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// `p` turned by `angle` radians about the X axis through `centre`: positive from Y towards Z.
+/// Rotates `p` by `angle` radians about the X axis through `centre`; positive from Y towards Z.
 pub(crate) fn turn_x(p: V, centre: V, angle: f32) -> V {
     let (sin, cos) = angle.sin_cos();
     let [x, y, z] = sub(p, centre);
@@ -68,7 +68,7 @@ pub(crate) fn mirrored(a: V) -> V {
     [-a[0], a[1], a[2]]
 }
 
-/// The value at `x` of a smooth curve through `points` (`x` ascending), level beyond its ends.
+/// Value at `x` of a smooth curve through `points` (ascending in `x`), constant beyond its ends.
 pub(crate) fn curve(points: &[(f32, f32)], x: f32) -> f32 {
     let last = points.len() - 1;
     let above = points.iter().position(|point| point.0 > x);

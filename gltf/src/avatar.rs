@@ -1,5 +1,5 @@
-//! A figure as an avatar to take away: it stands in T-pose on the floor and looks along +Z, its bones have no rotations. Its
-//! face has ARKit's 52 shapes and the 15 `viseme_…` of the Oculus set; a `.vrm` file has VRM's expressions too.
+//! Exports a figure as an avatar: it stands in a T-pose on the floor, faces +Z, and its bones have no rotations. Its
+//! face has ARKit's 52 shapes and the 15 `viseme_…` of the Oculus set; a `.vrm` file also has VRM's expressions.
 
 use std::io::{self, Write};
 
@@ -23,7 +23,7 @@ const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
 const COPYRIGHT: &str = "The umo authors; MIT OR Apache-2.0";
 
-/// Bones of the body as Mixamo and Ready Player Me call them, in SMPL-X order.
+/// Names of the body's bones in Mixamo and Ready Player Me, in SMPL-X order.
 const BONES: [&str; 25] = [
     "Hips",
     "LeftUpLeg",
@@ -52,13 +52,13 @@ const BONES: [&str; 25] = [
     "RightEye",
 ];
 
-/// Fingers in SMPL-X order, as Mixamo calls them.
+/// Names of the fingers in Mixamo, in SMPL-X order.
 const FINGERS: [&str; 5] = ["Index", "Middle", "Pinky", "Ring", "Thumb"];
 
-/// A part of an expression: an ARKit shape, and how far it is on.
+/// Part of an expression: an ARKit shape and its weight.
 type Part = (&'static str, f32);
 
-/// VRM's expressions, made of ARKit's shapes; its vowels are visemes ([`VOWELS`]).
+/// VRM's expressions, composed of ARKit's shapes; its vowels are visemes ([`VOWELS`]).
 const EXPRESSIONS: [(&str, &[Part]); 13] = [
     ("neutral", &[]),
     ("blink", &[("eyeBlinkLeft", 1.0), ("eyeBlinkRight", 1.0)]),
@@ -134,16 +134,16 @@ const EXPRESSIONS: [(&str, &[Part]); 13] = [
 /// VRM's vowels, and the viseme of each.
 const VOWELS: [(&str, &str); 5] = [("aa", "aa"), ("ih", "ih"), ("ou", "ou"), ("ee", "E"), ("oh", "oh")];
 
-/// Which file an avatar is.
+/// File format of an avatar.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// glTF 2.0, bones named as Mixamo's and Ready Player Me's.
+    /// glTF 2.0, with bone names of Mixamo and Ready Player Me.
     Glb,
     /// VRM 1.0.
     Vrm,
 }
 
-/// Writes a figure on a skeleton's bones, whose names and tree are the model's.
+/// Writes a figure on a skeleton, with the model's joints as bones.
 ///
 /// # Errors
 /// The skeleton is unusable ([`Figure::mesh`]), or writing to `out` fails.
@@ -158,7 +158,7 @@ pub fn write<W: Write>(figure: Figure, skeleton: &Skeleton, kind: Kind, out: W) 
     let skin = add_skin(&mut builder, &joints, &rest_positions(&clip));
     let meshes = add_meshes(&mut builder, &built, &all_shapes(&clip, &built), skin);
     builder.scene([&joints[..1], &meshes].concat());
-    // three.js names the group by it, and pages look for an avatar under this name.
+    // three.js names the group after the scene, and pages look for an avatar under this name.
     builder.root.scenes[0].name = Some("Armature".to_owned());
     if kind == Kind::Vrm {
         builder.extension("VRMC_vrm", vrm(figure, &clip, &joints, meshes));
@@ -166,7 +166,7 @@ pub fn write<W: Write>(figure: Figure, skeleton: &Skeleton, kind: Kind, out: W) 
     builder.write(out)
 }
 
-/// A clip of no frames: bones in T-pose, all without rotations, and ARKit's face.
+/// A clip without frames: bones in a T-pose without rotations, and ARKit's face.
 fn standing(skeleton: &Skeleton) -> io::Result<Clip> {
     let (parents, offsets) = (&skeleton.parents, &skeleton.offsets_m);
     if parents.len() != JOINTS || offsets.len() != JOINTS {
@@ -187,14 +187,14 @@ fn standing(skeleton: &Skeleton) -> io::Result<Clip> {
     })
 }
 
-/// The lowest point of the soles is at height 0.
+/// Moves the figure so that the lowest point of the soles is at height 0.
 fn put_on_the_floor(clip: &mut Clip, built: &mut BuiltFigure) {
     let lowest = built.mesh.positions.iter().map(|place| place[1]).fold(f32::INFINITY, f32::min);
     clip.skeleton.offsets_m[0][1] -= lowest;
     built.mesh.positions.iter_mut().for_each(|place| place[1] -= lowest);
 }
 
-/// One node per joint. `[55]`
+/// Adds one node per joint. `[55]`
 fn add_bones(builder: &mut Builder, clip: &Clip, kind: Kind) -> Vec<Index<Node>> {
     (0..JOINTS)
         .map(|joint| {
@@ -218,7 +218,7 @@ fn mixamo_bone(joint: usize) -> String {
     format!("{side}Hand{}{}", FINGERS[finger / 3 % FINGERS.len()], finger % 3 + 1)
 }
 
-/// As Ready Player Me calls it: the Oculus set, vowels by their letters.
+/// Ready Player Me's name of a viseme: the Oculus set, with vowels by their letters.
 fn viseme_name(at: usize) -> String {
     let name = match VISEME_NAMES[at] {
         "ih" => "I",
@@ -229,7 +229,7 @@ fn viseme_name(at: usize) -> String {
     format!("viseme_{name}")
 }
 
-/// ARKit's shapes, of which those that look somewhere turn the eyeballs, then the visemes.
+/// ARKit's shapes, of which the gaze shapes also rotate the eyeballs, then the visemes.
 fn all_shapes(clip: &Clip, built: &BuiltFigure) -> Vec<(String, Shape)> {
     let (mesh, places) = (&built.mesh, rest_positions(clip));
     let assembly = Assembly::new(&clip.face);
@@ -246,9 +246,9 @@ fn all_shapes(clip: &Clip, built: &BuiltFigure) -> Vec<(String, Shape)> {
     arkit.chain(visemes).collect()
 }
 
-/// `VRMC_vrm`: who made it and what may be done with it, bones, expressions, gaze.
+/// The `VRMC_vrm` extension: author and permissions, bones, expressions, gaze.
 fn vrm(figure: Figure, clip: &Clip, joints: &[Index<Node>], [body, face]: [Index<Node>; 2]) -> Value {
-    // The mouth opens by shapes: nothing of the skin follows the jaw.
+    // The mouth opens by shapes: no vertex is bound to the jaw.
     let bones = (0..JOINTS).filter(|&joint| joint != JAW);
     let bones: Map<String, Value> =
         bones.map(|joint| (bone(joint), json!({ "node": joints[joint].value() }))).collect();

@@ -1,4 +1,4 @@
-//! The binary buffer and the glTF objects that refer into it.
+//! The binary buffer and the glTF objects that reference it.
 
 use crate::shapes::Shape;
 use gltf_json as json;
@@ -25,14 +25,14 @@ pub(crate) struct Attributes {
     pub(crate) indices: Index<Accessor>,
 }
 
-/// A glTF file in the making.
+/// A glTF file under construction.
 #[derive(Default)]
 pub(crate) struct Builder {
     pub(crate) root: json::Root,
     bin: Vec<u8>,
 }
 
-/// Bytes that are written one after the other. Unwinds to [`umo_core::memory::catch`] where there is no memory.
+/// Growing byte buffer. Unwinds to [`umo_core::memory::catch`] if memory is exhausted.
 #[derive(Default)]
 struct Bytes(Vec<u8>);
 
@@ -47,13 +47,13 @@ impl Write for Bytes {
     }
 }
 
-/// What an accessor says beside where its data is.
+/// Description of an accessor, apart from the location of its data.
 struct Layout {
     component: ComponentType,
     kind: Type,
     count: usize,
     target: Option<buffer::Target>,
-    /// Whether whole numbers stand for 0 to 1.
+    /// Whether integers represent 0 to 1.
     normalized: bool,
 }
 
@@ -62,13 +62,13 @@ struct Layout {
 pub(crate) struct Textures {
     colors: Vec<u8>,
     finishes: Vec<u8>,
-    /// Of each relief that the figure has; none for what is smooth.
+    /// Normal map of each relief of the figure; `None` for smooth surfaces.
     normals: Vec<(Detail, Option<Vec<u8>>)>,
 }
 
 impl Textures {
     /// # Errors
-    /// A palette that no picture can hold.
+    /// The palette does not fit a picture.
     pub(crate) fn new(figure: &Figure, palette: &Palette) -> io::Result<Self> {
         let [mut colors, mut finishes] = [Bytes::default(), Bytes::default()];
         palette.write(&mut colors)?;
@@ -87,9 +87,9 @@ impl Textures {
 }
 
 impl Builder {
-    /// One material for each relief; colours, roughness and metalness are the palette's.
+    /// Adds one material per relief; colours, roughness and metalness come from the palette.
     pub(crate) fn materials(&mut self, textures: &Textures) -> Vec<(Detail, Index<material::Material>)> {
-        // Between the palette's squares nothing may be mixed: it has no smaller versions.
+        // The palette's squares must not be blended, so it has no mipmaps.
         let sampler = |min_filter, wrap| texture::Sampler {
             mag_filter: Some(Valid(texture::MagFilter::Linear)),
             min_filter: Some(Valid(min_filter)),
@@ -143,7 +143,7 @@ impl Builder {
         self.root.push(json::Texture { sampler: Some(sampler), source, name: None, extensions: None, extras: None })
     }
 
-    /// A mesh; its shapes' names go where programs look for them.
+    /// Adds a mesh; its shape names go where readers look for them.
     pub(crate) fn mesh(&mut self, name: &str, primitives: Vec<Primitive>, shapes: &[String]) -> Index<Mesh> {
         let extras = (!shapes.is_empty()).then(|| {
             let names = serde_json::json!({ "targetNames": shapes });
@@ -167,7 +167,7 @@ impl Builder {
         self.root.scene = Some(scene);
     }
 
-    /// The vertices of `range` with that relief, and the triangles between them.
+    /// Adds a surface: the vertices of `range` with that relief, and the triangles between them.
     pub(crate) fn surface(
         &mut self,
         figure: &Figure,
@@ -193,7 +193,7 @@ impl Builder {
             (Valid(Semantic::Joints(0)), joints),
             (Valid(Semantic::Weights(0)), weights),
         ]);
-        // Without a map they would be of no use.
+        // Only a normal map needs these attributes.
         if detail != Detail::None {
             let places = self.floats(&picked(&figure.detail_places, &vertices), Type::Vec2, target);
             let tangents = self.floats(&picked(&figure.tangents, &vertices), Type::Vec4, target);
@@ -205,7 +205,7 @@ impl Builder {
             numbers[vertex] = u16::try_from(number).ok();
         }
         let (triangles, _) = figure.indices.as_chunks::<3>();
-        // A triangle has one relief, and its corners are all in the range or none is.
+        // A triangle has a single relief, and its corners are all inside or all outside the range.
         let wanted = vertices.first().zip(vertices.last()).map_or(0..0, |(&first, &last)| first..last + 1);
         let inside = triangles.iter().filter(|corners| {
             let first = corners[0] as usize;
@@ -224,9 +224,9 @@ impl Builder {
         Attributes { attributes, indices }
     }
 
-    /// A shape of a surface of `count` vertices: only those that move are stored.
+    /// Adds a shape of a surface of `count` vertices; only those that move are stored.
     pub(crate) fn morph_target(&mut self, shape: &Shape, count: usize) -> MorphTarget {
-        // A viseme that moves nothing: some readers refuse an accessor without data.
+        // A viseme may move nothing, and some readers reject an accessor without data.
         let still = Shape { vertices: vec![0], positions: vec![[0.0; 3]], normals: vec![[0.0; 3]] };
         let shape = if shape.vertices.is_empty() { &still } else { shape };
         let vertices = shape.vertices.iter().map(|&vertex| u16::try_from(vertex).map(|vertex| [vertex]));
@@ -271,7 +271,7 @@ impl Builder {
         at
     }
 
-    /// An animation's times, which must have bounds.
+    /// Adds an animation's times, for which bounds are mandatory.
     pub(crate) fn times(&mut self, seconds: &[f32]) -> Index<Accessor> {
         let at = self.scalars(seconds.iter().copied());
         let rows: Vec<[f32; 1]> = collected(seconds.iter().map(|&x| [x]));
@@ -284,7 +284,7 @@ impl Builder {
         self.floats(&rows, Type::Scalar, None)
     }
 
-    /// An animation's values of three or four numbers.
+    /// Adds an animation's values of three or four components.
     pub(crate) fn vectors<const N: usize>(&mut self, rows: &[[f32; N]]) -> Index<Accessor> {
         let kind = const {
             match N {
@@ -323,7 +323,7 @@ impl Builder {
         accessor.max = Some(fold(f32::max));
     }
 
-    /// Appends data with a view and an accessor of its own.
+    /// Appends data with its own view and accessor.
     fn accessor(&mut self, bytes: &[u8], layout: Layout) -> Index<Accessor> {
         let view = self.view(bytes, layout.target);
         self.root.push(Accessor {
@@ -333,7 +333,7 @@ impl Builder {
         })
     }
 
-    /// Appends data, aligned as every component type needs.
+    /// Appends data, aligned for every component type.
     fn view(&mut self, bytes: &[u8], target: Option<buffer::Target>) -> Index<buffer::View> {
         let offset = self.bin.len();
         append(&mut self.bin, bytes);
@@ -351,7 +351,7 @@ impl Builder {
         })
     }
 
-    /// An extension of the whole file, which readers may leave out.
+    /// Adds an optional extension of the whole file.
     pub(crate) fn extension(&mut self, name: &str, value: serde_json::Value) {
         self.root.extensions_used.push(name.to_owned());
         self.root.extensions.get_or_insert_default().others.insert(name.to_owned(), value);
@@ -384,7 +384,7 @@ impl Builder {
     }
 }
 
-/// The rows of some vertices.
+/// Selects the rows of some vertices.
 fn picked<T: Copy>(rows: &[T], vertices: &[usize]) -> Vec<T> {
     collected(vertices.iter().map(|&vertex| rows[vertex]))
 }
@@ -396,7 +396,7 @@ fn length(bytes: usize) -> io::Result<[u8; 4]> {
     })
 }
 
-/// An accessor of no data: zeros.
+/// An accessor without data, which means zeros.
 fn plain(component: ComponentType, kind: Type, count: usize) -> Accessor {
     Accessor {
         buffer_view: None,
@@ -418,10 +418,10 @@ fn little_endian<const N: usize>(rows: &[[u16; N]]) -> Vec<u8> {
     rows.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-/// Weights as whole numbers whose sum is 65,535 exactly.
+/// Converts weights to integers whose sum is exactly 65,535.
 fn shares(weights: [f32; 4]) -> [u16; 4] {
     let mut shares = weights.map(whole);
-    // The first is the largest and takes what rounding leaves.
+    // The first is the largest and absorbs the rounding error.
     shares[0] = u16::MAX - shares[1] - shares[2] - shares[3];
     shares
 }

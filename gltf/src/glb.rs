@@ -1,5 +1,5 @@
-//! `.glb`: the skeleton, the figure in two meshes, body and head, one shape per face channel, and the
-//! animation of all three.
+//! `.glb`: the skeleton, the figure in two meshes (body and head) with one shape per face channel, and their
+//! animation.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -19,19 +19,18 @@ use crate::builder::{self, Builder, Textures};
 use crate::shapes::{self, Shape};
 use crate::tracks::{Tracks, continuous, track};
 
-/// Writes the animation as binary glTF, worn by a figure. Without one there are the bones, their skin
-/// and their motion, and no face: in glTF, weights belong to a mesh.
+/// Writes the animation as binary glTF, on a figure. Without a figure, the file holds the bones, their skin and their
+/// motion, but no face: in glTF, weights belong to a mesh.
 ///
 /// # Errors
-/// An animation that contradicts itself ([`Clip::check`]); those of `out`; an animation beyond glTF's
-/// 4 GiB.
+/// The animation is inconsistent ([`Clip::check`]) or exceeds glTF's 4 GiB, or writing to `out` fails.
 pub fn write<W: Write>(clip: &Clip, figure: Option<Figure>, out: W) -> io::Result<()> {
     clip.check().map_err(invalid)?;
     let built = figure.map(|figure| BuiltFigure::new(figure, clip)).transpose()?;
     write_checked(clip, built.as_ref(), out)
 }
 
-/// A figure, built on a skeleton. Building it takes most of the time that a file takes; it serves every
+/// A figure built on a skeleton. Building it takes most of the time of writing a file; it can be reused for every
 /// animation of that skeleton.
 #[derive(Debug)]
 pub struct BuiltFigure {
@@ -43,14 +42,14 @@ pub struct BuiltFigure {
 }
 
 impl BuiltFigure {
-    /// The figure on the clip's skeleton, with a face of the clip's kind.
+    /// Builds the figure on the clip's skeleton, with a face of the clip's kind.
     ///
     /// # Errors
-    /// A skeleton that no figure can be built on ([`Figure::mesh`]).
+    /// The skeleton does not fit a figure ([`Figure::mesh`]).
     pub fn new(figure: Figure, clip: &Clip) -> io::Result<Self> {
         let mesh = figure.mesh(&clip.skeleton).map_err(invalid)?;
         let mesh = match clip.face.kind {
-            // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
+            // With expression coefficients the jaw's joint opens the mouth; ARKit's shapes include the open jaw.
             FaceKind::SmplxExpression => mesh.on_the_jaw(),
             FaceKind::Arkit => mesh,
         };
@@ -65,10 +64,10 @@ impl BuiltFigure {
         self.face == clip.face.kind && self.offsets_m == clip.skeleton.offsets_m
     }
 
-    /// As [`write()`], worn by this figure.
+    /// Writes the animation as [`write()`] does, on this figure.
     ///
     /// # Errors
-    /// As those of [`write()`]; a clip that it does not [fit](Self::fits).
+    /// As for [`write()`], or the clip does not [fit](Self::fits).
     pub fn write<W: Write>(&self, clip: &Clip, out: W) -> io::Result<()> {
         clip.check().map_err(invalid)?;
         if !self.fits(clip) {
@@ -101,7 +100,7 @@ pub(crate) fn invalid(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>
     io::Error::new(io::ErrorKind::InvalidInput, cause)
 }
 
-/// The figure's body and its face with these shapes, as skinned nodes.
+/// Adds the figure's body and its face with these shapes, as skinned nodes.
 pub(crate) fn add_meshes(
     builder: &mut Builder,
     figure: &BuiltFigure,
@@ -143,7 +142,7 @@ fn primitive(surface: builder::Attributes, material: Index<json::Material>) -> m
     }
 }
 
-/// One node per joint. `[55]`
+/// Adds one node per joint. `[55]`
 fn add_skeleton(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
     (0..JOINTS)
         .map(|joint| {
@@ -158,7 +157,7 @@ fn add_skeleton(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
         .collect()
 }
 
-/// One node per helper joint, below the joint that it hangs on.
+/// Adds one node per helper joint, below the helper's parent joint.
 fn add_helpers(builder: &mut Builder, clip: &Clip, helpers: &[Helper]) -> Vec<Index<Node>> {
     let node = |helper: &Helper| {
         let node = builder.root.push(Node {
@@ -172,7 +171,7 @@ fn add_helpers(builder: &mut Builder, clip: &Clip, helpers: &[Helper]) -> Vec<In
     helpers.iter().map(node).collect()
 }
 
-/// Where the joints are in the rest pose. `[55]`, metres.
+/// Positions of the joints in the rest pose. `[55]`, metres.
 pub(crate) fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
     let mut rest: Vec<[f32; 3]> = Vec::with_capacity(JOINTS);
     for (joint, offset) in clip.skeleton.offsets_m.iter().enumerate() {
@@ -183,7 +182,7 @@ pub(crate) fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
 }
 
 pub(crate) fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) -> Index<json::Skin> {
-    // The rest pose has no rotations, so a joint's inverse is to subtract its place. Column-major.
+    // The rest pose has no rotations, so the inverse bind matrix subtracts the joint's position. Column-major.
     let inverse = rest
         .iter()
         .flat_map(|&[x, y, z]| [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-x, -y, -z, 1.0]]);
@@ -198,7 +197,7 @@ pub(crate) fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f
     })
 }
 
-/// One channel per rotation of a joint or helper joint, one for the root's place, one for all face
+/// Adds one channel per rotation of a joint or helper joint, one for the root's translation, one for all face
 /// weights.
 fn add_animation(
     builder: &mut Builder,

@@ -1,17 +1,18 @@
-//! umo's animations as binary glTF 2.0.
+//! Exports umo's animations as binary glTF 2.0.
 //!
 //! [`glb::write`] writes the skeleton's animation, with a figure and its face or with the bones alone;
-//! [`vrma::write`] writes it for VRM avatars; [`avatar::write`] writes a figure alone, to be moved by others.
+//! [`vrma::write`] writes it for VRM avatars; [`avatar::write`] writes a figure alone, for animation by other
+//! programs.
 //!
-//! | module | part |
+//! | module | contents |
 //! |---|---|
 //! | [`glb`] | `.glb`: skeleton, skin, meshes, face shapes and their animation |
-//! | [`avatar`] | `.glb` and `.vrm`: a figure to take away |
+//! | [`avatar`] | `.glb` and `.vrm`: export of a figure as an avatar |
 //! | [`vrma`] | `.vrma`: the animation alone, VRM Animation 1.0 |
 //! | [`vrm`] | names of VRM's bones and expressions |
-//! | `builder` | the binary buffer and what refers into it |
-//! | `tracks` | rotations, places and weights over time |
-//! | `shapes` | how each face channel moves the head |
+//! | `builder` | the binary buffer and the objects that reference it |
+//! | `tracks` | rotations, translations and weights over time |
+//! | `shapes` | the figure's shape for each face channel |
 #![forbid(unsafe_code)]
 
 pub mod avatar;

@@ -1,12 +1,11 @@
-//! Which of the figure's shapes each face channel moves.
+//! Assigns the figure's shapes to face channels.
 
 use std::collections::BTreeMap;
 use umo_core::motion::rotation::{Quat, rotate};
 use umo_core::motion::visemes;
 use umo_figure::{Mesh, Morph};
 
-/// One channel's shape: vertices of the head, ascending, counted from its first, and what is added
-/// to them.
+/// Shape of one channel: vertex indices, ascending and relative to the head's first vertex, with the displacements.
 pub(crate) struct Shape {
     pub(crate) vertices: Vec<u32>,
     /// Metres.
@@ -14,14 +13,14 @@ pub(crate) struct Shape {
     pub(crate) normals: Vec<[f32; 3]>,
 }
 
-/// The shape that a name asks for. A name that is not ARKit's, such as an SMPL-X coefficient's,
-/// gets one of ARKit's shapes by its spelling, a pair of them together: the coefficient's own is
-/// not ours to give away, and this is enough to see it move.
+/// Returns the shape of a name. A name that is not ARKit's, such as an SMPL-X coefficient's, gets one of ARKit's
+/// shapes by its hash, both sides of a pair together. The coefficient's own shape may not be redistributed, and this
+/// suffices to see it move.
 pub(crate) fn shape(name: &str, mesh: &Mesh) -> Shape {
     if let Some(morph) = mesh.morphs.iter().find(|morph| morph.name == name) {
         return sum(&[(morph, 1.0)], mesh.head);
     }
-    // The FNV-1a hash: the same on every machine and in every version.
+    // FNV-1a, so that the choice is the same on every machine and in every version.
     let hash = name.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     let left = mesh.morphs.iter().filter(|morph| !morph.name.ends_with("Right"));
     let left: Vec<&Morph> = left.filter(|morph| opens_no_jaw(morph)).collect();
@@ -35,19 +34,20 @@ pub(crate) fn shape(name: &str, mesh: &Mesh) -> Shape {
     sum(&[Some(chosen), twin].into_iter().flatten().map(|morph| (morph, 1.0)).collect::<Vec<_>>(), mesh.head)
 }
 
-/// The open jaw is its joint's, wherever names are not ARKit's.
+/// Whether a shape leaves the jaw closed: if names are not ARKit's, the jaw's joint opens it.
 fn opens_no_jaw(morph: &Morph) -> bool {
     !["jawOpen", "mouthClose"].contains(&morph.name)
 }
 
-/// A viseme of the Oculus set, made of ARKit's shapes.
+/// A viseme of the Oculus set, composed of ARKit's shapes.
 pub(crate) fn viseme(at: usize, mesh: &Mesh) -> Shape {
     let find = |name| mesh.morphs.iter().find(move |morph| morph.name == name);
     let morphs: Vec<_> = visemes::shape(at).filter_map(|(name, share)| Some((find(name)?, share))).collect();
     sum(&morphs, mesh.head)
 }
 
-/// A shape that turns an eyeball, too, which the eye's joint turns elsewhere: `turns` of joints at these `places`.
+/// Extends a shape by eyeball rotations, which elsewhere the eyes' joints perform: `turns` holds joint, rotation and
+/// the joint's position.
 pub(crate) fn with_eyes(shape: Shape, mesh: &Mesh, turns: &[(usize, Quat, [f32; 3])]) -> Shape {
     let mut moved: BTreeMap<u32, [[f32; 3]; 2]> = BTreeMap::new();
     let old = shape.positions.into_iter().zip(shape.normals).map(|(position, normal)| [position, normal]);

@@ -1,4 +1,4 @@
-//! Files are read back by the `gltf` crate, which did not write them.
+//! Files are read back by the `gltf` crate, which shares no code with the writer.
 
 use proptest::prelude::*;
 use umo_core::config::FaceKind;
@@ -14,7 +14,7 @@ const KINDS: [FaceKind; 2] = [FaceKind::SmplxExpression, FaceKind::Arkit];
 
 type Point = [f64; 3];
 
-/// Quarter turns and their neighbours as often as any others.
+/// Unit quaternions, in which quarter turns and their neighbours are as frequent as any others.
 fn any_quaternion() -> impl Strategy<Value = [f32; 4]> {
     let corner = prop::sample::select(vec![-1.0_f32, 0.0, 1.0, 1e-4, 1e-7]);
     prop::array::uniform4(prop_oneof![-1.0_f32..1.0, corner]).prop_filter_map("no direction", |q| {
@@ -23,7 +23,7 @@ fn any_quaternion() -> impl Strategy<Value = [f32; 4]> {
     })
 }
 
-/// A sample clip of `frames` frames whose joints are turned any way.
+/// A sample clip of `frames` frames with arbitrary joint rotations.
 fn any_clip(kind: FaceKind, frames: usize) -> impl Strategy<Value = Clip> {
     prop::collection::vec(any_quaternion(), frames * JOINTS).prop_map(move |rotations| {
         let mut clip = sample::clip(kind, frames, 1);
@@ -32,7 +32,7 @@ fn any_clip(kind: FaceKind, frames: usize) -> impl Strategy<Value = Clip> {
     })
 }
 
-/// Joint positions of a frame, metres: what readers must come to.
+/// Joint positions of a frame in metres, which readers must reproduce.
 fn positions(clip: &Clip, frame: usize) -> Vec<Point> {
     joint_places(&clip.skeleton, &clip.pose(frame)).map(|place| place.map(f64::from)).to_vec()
 }

@@ -1,4 +1,4 @@
-//! Rotations, places and weights over time: the one animation of a file.
+//! Rotations, translations and weights over time: the single animation of a file.
 
 use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
@@ -9,7 +9,7 @@ use umo_core::motion::clip::Clip;
 
 use crate::builder::{self, Builder};
 
-/// An animation in the making: what moves, at the clip's frames.
+/// An animation under construction; its keys are the clip's frames.
 pub(crate) struct Tracks {
     times: Index<Accessor>,
     pub(crate) animation: Animation,
@@ -29,7 +29,7 @@ impl Tracks {
         Self { times, animation }
     }
 
-    /// `output` has a value for every frame.
+    /// Adds a channel; `output` has a value for every frame.
     pub(crate) fn add(&mut self, node: Index<Node>, property: Property, output: Index<Accessor>) {
         let sampler = builder::index(self.animation.samplers.len());
         self.animation.samplers.push(Sampler {
@@ -48,13 +48,13 @@ impl Tracks {
     }
 }
 
-/// A joint's rotations over time.
+/// Rotations of a joint over time.
 pub(crate) fn track(clip: &Clip, joint: usize) -> Vec<[f32; 4]> {
     continuous(clip.rotations.iter().map(|frame| frame[joint]))
 }
 
-/// Rotations, each of exact length and on the same side as the one before: not every program takes
-/// the shorter way between two quaternions.
+/// Normalises rotations and flips signs so that neighbours are in one hemisphere: not every program takes the shorter
+/// way between two quaternions.
 pub(crate) fn continuous(rotations: impl ExactSizeIterator<Item = [f32; 4]>) -> Vec<[f32; 4]> {
     let mut before = [0.0, 0.0, 0.0, 1.0];
     collected(rotations.map(|q| {

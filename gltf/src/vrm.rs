@@ -1,14 +1,14 @@
-//! What VRM avatars call their bones and expressions, and how high they stand.
+//! VRM's names of bones and expressions, and the standing height of an avatar.
 
 use umo_core::motion::rotation::{IDENTITY, Quat, normalized};
 use umo_core::motion::skeleton::JOINTS;
 
-/// From the pelvis to the ball of the left foot.
+/// Joints from the pelvis to the ball of the left foot.
 const LEG: [usize; 4] = [1, 4, 7, 10];
-/// The ball of a foot that stands is so far above the floor, metres.
+/// Height of the ball of a standing foot above the floor, in metres.
 const SOLE: f32 = 0.02;
 
-/// Limbs that VRM's T-pose has along an axis: a joint, the one at the bone's end, and where that is.
+/// Limbs that are parallel to an axis in VRM's T-pose: a joint, the joint at the bone's end, and the direction.
 const LIMBS: [(usize, usize, [f32; 3]); 10] = [
     (1, 4, [0.0, -1.0, 0.0]),
     (4, 7, [0.0, -1.0, 0.0]),
@@ -22,7 +22,7 @@ const LIMBS: [(usize, usize, [f32; 3]); 10] = [
     (21, 43, [-1.0, 0.0, 0.0]),
 ];
 
-/// Expressions that every VRM avatar has, as VRM 1.0 and VRM 0.x (and VMC) call them.
+/// Expressions that every VRM avatar has, by their names in VRM 1.0 and in VRM 0.x (and VMC).
 pub const EXPRESSIONS: [(&str, &str); 7] = [
     ("aa", "A"),
     ("ih", "I"),
@@ -92,19 +92,19 @@ pub const UNITY_BONES: [&str; JOINTS] = [
     "RightThumbDistal",
 ];
 
-/// A joint's bone in VRM 1.0: Unity's name, but that the thumb begins at the metacarpal.
+/// Name of a joint's bone in VRM 1.0: Unity's name, except that the thumb begins at the metacarpal.
 pub fn bone(joint: usize) -> String {
     let name =
         UNITY_BONES[joint].replace("ThumbProximal", "ThumbMetacarpal").replace("ThumbIntermediate", "ThumbProximal");
     name[..1].to_lowercase() + &name[1..]
 }
 
-/// How high the root of a skeleton is that stands upright, metres above the floor.
+/// Height of the root of an upright skeleton above the floor, in metres.
 pub fn standing_height(offsets: &[[f32; 3]]) -> f32 {
     SOLE - LEG.iter().map(|&joint| offsets[joint][1]).sum::<f32>()
 }
 
-/// What turns each joint from the rest pose to VRM's T-pose, in the world's frame. `[55]`
+/// World rotation of each joint from the rest pose to VRM's T-pose. `[55]`
 pub(crate) fn t_pose(offsets: &[[f32; 3]]) -> [Quat; JOINTS] {
     let mut world = [IDENTITY; JOINTS];
     for (joint, end, axis) in LIMBS {
@@ -113,7 +113,7 @@ pub(crate) fn t_pose(offsets: &[[f32; 3]]) -> [Quat; JOINTS] {
     world
 }
 
-/// The shortest turn of a bone to a unit vector, which is not its opposite.
+/// Shortest rotation of a bone to a unit vector, which must not be its opposite.
 fn shortest([x, y, z]: [f32; 3], [a, b, c]: [f32; 3]) -> Quat {
     let length = (x * x + y * y + z * z).sqrt();
     let dot = x * a + y * b + z * c;

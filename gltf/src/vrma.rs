@@ -1,5 +1,5 @@
-//! `.vrma`: VRM Animation 1.0 (`VRMC_vrm_animation`), for any VRM avatar: the bones of VRM's
-//! humanoid, the face as VRM's vowels and blinks, brows and cheeks as ARKit's shapes, and the gaze.
+//! `.vrma`: VRM Animation 1.0 (`VRMC_vrm_animation`), for any VRM avatar: the bones of VRM's humanoid, the face as
+//! VRM's vowels and blinks, brows and cheeks as ARKit's shapes, and the gaze.
 
 use std::io::{self, Write};
 
@@ -21,14 +21,14 @@ use crate::vrm::{EXPRESSIONS, bone, standing_height, t_pose};
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
 
-/// Channels that VRM's vowels, blinks and gaze say already, by how their names begin: an avatar with
-/// both would open its mouth twice.
+/// Name prefixes of channels that VRM's vowels, blinks and gaze already cover: with both, an avatar would open its
+/// mouth twice.
 const SAID: [&str; 5] = ["jaw", "mouth", "tongue", "eyeBlink", "eyeLook"];
 
 /// Writes the animation for VRM avatars.
 ///
 /// # Errors
-/// An animation that contradicts itself ([`Clip::check`]); those of `out`; an animation beyond glTF's 4 GiB.
+/// The animation is inconsistent ([`Clip::check`]) or exceeds glTF's 4 GiB, or writing to `out` fails.
 pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     clip.check().map_err(|what| io::Error::new(io::ErrorKind::InvalidInput, what))?;
     let mut builder = Builder::default();
@@ -36,7 +36,7 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     let joints = add_bones(&mut builder, clip);
     let bones: Map<String, Value> = (0..JOINTS)
         .filter(|joint| !EYES.contains(joint))
-        // With ARKit's channels the mouth opens by the vowels.
+        // With ARKit's channels, the vowels open the mouth.
         .filter(|&joint| joint != JAW || clip.face.kind == FaceKind::SmplxExpression)
         .map(|joint| (bone(joint), json!({ "node": joints[joint].value() })))
         .collect();
@@ -88,8 +88,8 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     builder.write(out)
 }
 
-/// One node per joint, in VRM's T-pose: what turns a limb along its axis is in the rest pose, so
-/// that the animation's rotations stay as they are. `[55]`
+/// Adds one node per joint, in VRM's T-pose. The alignment of a limb with its axis is part of the rest pose, so the
+/// animation's rotations need no correction. `[55]`
 fn add_bones(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
     let world = t_pose(&clip.skeleton.offsets_m);
     (0..JOINTS)
@@ -112,7 +112,7 @@ fn add_bones(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
         .collect()
 }
 
-/// VRM's own expressions and their weights over time; none for faces that are not ARKit's.
+/// VRM's preset expressions and their weights over time; empty for faces that are not ARKit's.
 fn presets(clip: &Clip) -> Vec<(&'static str, Vec<f32>)> {
     if clip.face.kind != FaceKind::Arkit {
         return Vec::new();
@@ -128,7 +128,7 @@ fn presets(clip: &Clip) -> Vec<(&'static str, Vec<f32>)> {
     names.into_iter().zip(all).collect()
 }
 
-/// Channels that VRM has no expression for, under ARKit's names.
+/// Channels without a VRM expression, under ARKit's names.
 fn shapes(clip: &Clip) -> impl Iterator<Item = (&str, Vec<f32>)> {
     let names = if clip.face.kind == FaceKind::Arkit { clip.face.names.as_slice() } else { &[] };
     let others = names.iter().enumerate().filter(|(_, name)| !SAID.iter().any(|said| name.starts_with(said)));
@@ -138,7 +138,7 @@ fn shapes(clip: &Clip) -> impl Iterator<Item = (&str, Vec<f32>)> {
     })
 }
 
-/// Where the eyes look, against the head: the middle of both. `[frames]`
+/// Gaze relative to the head: the mean of both eyes. `[frames]`
 fn gaze_of(clip: &Clip) -> Vec<Quat> {
     let [left, right] = EYES.map(|joint| track(clip, joint));
     let both = left.into_iter().zip(right).map(|(left, right)| {

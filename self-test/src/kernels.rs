@@ -1,5 +1,5 @@
-//! Every kernel on every back-end of this processor, held to its scalar reference, and scalar code to results that are the
-//! same on every processor.
+//! Compares every kernel of every back-end of this processor with its scalar reference, and scalar code with results
+//! that are the same on every processor.
 
 pub mod buffers;
 mod calls;
@@ -17,39 +17,40 @@ pub use calls::{CALLS, Call};
 use calls::{DIGESTS, PORTABLE_CALLS};
 use products::Values;
 
-/// Cases of each kernel and back-end.
+/// Number of cases of each kernel and back-end.
 const CASES: u64 = 10;
-/// Cases of each digest.
+/// Number of cases of each digest.
 const DIGEST_CASES: u64 = 12;
-/// Kernels that round scores, weights and sums in an order of their own on each back-end.
+/// Kernels that round scores, weights and sums in an order that depends on the back-end.
 const ROUNDED: [&str; 4] = ["attention_f32", "attention_heads_f32", "attention_bf16", "encoder_attention_f32"];
-/// The largest difference of their results, which are means of values below 1. Scores are exact; each weight is off by
-/// up to 5 roundings for each of 22 blocks of keys, and tiles add 6 products of each of 340 keys: 2.9e-4, on both sides.
+/// Largest accepted difference of their results, which are means of values below 1. Scores are exact. Each weight is
+/// off by up to 5 roundings for each of 22 blocks of keys, and tiles add 6 products for each of 340 keys: 2.9e-4, on
+/// both sides.
 const TOLERANCE: f32 = 6e-4;
 
 /// A kernel whose results are wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wrong {
-    /// Its name in docs/kernels.md.
+    /// Name in docs/kernels.md.
     pub kernel: &'static str,
-    /// The back-end's name.
+    /// Name of the back-end.
     pub isa: &'static str,
-    /// Its first wrong result.
+    /// First wrong result.
     pub detail: String,
 }
 
-/// Result of the comparisons.
+/// Result of the comparison.
 #[derive(Clone, Debug, Default)]
 pub struct Checked {
-    /// Results that were compared.
+    /// Number of results compared.
     pub cases: usize,
-    /// Time was over before all cases were compared.
+    /// Whether time ran out before all cases were compared.
     pub is_cut: bool,
     /// One entry for each kernel and back-end whose results are wrong.
     pub wrong: Vec<Wrong>,
 }
 
-/// Compares kernels until all cases are done, or until `limit` is over and each kernel had a case.
+/// Compares kernels until all cases are done, or until `limit` has passed and each kernel has had a case.
 pub fn check(limit: Duration) -> Checked {
     check_calls(limit, |_, call, isa, seed, values| call(isa, seed, values))
 }
@@ -80,7 +81,7 @@ fn check_calls(limit: Duration, run: impl Fn(&str, Call, Isa, u64, Values) -> Ve
     checked
 }
 
-/// Scalar code, and the vectors that give one set of bits on x86-64 and on Arm.
+/// Checks scalar code, and the vector code that produces the same bits on x86-64 and on Arm.
 fn check_digests(checked: &mut Checked, run: &Run) {
     for isa in Isa::available() {
         let place = match isa.name() {
@@ -112,7 +113,7 @@ impl Checked {
     }
 }
 
-/// Where two results differ first.
+/// Describes the first difference between two results.
 fn differs(kernel: &str, found: &[u64], wanted: &[u64]) -> Option<String> {
     if found.len() != wanted.len() {
         return Some(format!("{} results, not {}", found.len(), wanted.len()));

@@ -1,5 +1,5 @@
-//! The self-test of umo, for the machine that it is installed on: what the processor has, every kernel of every back-end held
-//! to its scalar reference, a model's motion held to recorded motion, and how fast the model is.
+//! Self-test of umo on the machine on which it is installed: processor features, every kernel of every back-end
+//! against its scalar reference, a model's motion against recorded motion, and the model's speed.
 //!
 //! ```
 //! fn is_sound(model: &std::sync::Arc<umo_core::Model>) -> bool {
@@ -9,10 +9,10 @@
 //! }
 //! ```
 //!
-//! | feature | what it adds |
+//! | feature | effect |
 //! |---|---|
-//! | `threads`, `clock` | both: how fast the model is |
-//! | `files` | processor, cores and power mode from files of Linux |
+//! | `threads`, `clock` | both: measures the model's speed |
+//! | `files` | reads processor, cores and power mode from files of Linux |
 
 pub mod kernels;
 pub mod machine;
@@ -32,25 +32,25 @@ use kernels::Checked;
 use machine::Machine;
 use motion::Motion;
 
-/// Kernels are compared no longer than this, so that all of a self-test takes about 10 s on a slow processor too.
+/// Upper bound on the time to compare kernels, so that a whole self-test takes about 10 s even on a slow processor.
 const KERNEL_TIME: Duration = Duration::from_secs(4);
 
-/// The findings of a self-test. Their text can be published: it names no host, no user and no path.
+/// Findings of a self-test. Their text can be published: it contains no host name, user name or path.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The machine.
     pub machine: Machine,
-    /// The back-end that the model was loaded for.
+    /// Back-end for which the model was loaded.
     pub isa: Isa,
-    /// The kernels.
+    /// Result of the kernels.
     pub kernels: Checked,
-    /// The name of the model, and its motion, or what is wrong with it.
+    /// Name of the model, and its motion, or the problem with it.
     pub motion: (String, Result<Motion, String>),
-    /// One line on the model's speed, or why measuring failed; `None` in a library without a clock or threads.
+    /// A line about the model's speed, or why measuring failed; `None` in a library without a clock or threads.
     pub speed: Option<Result<String, String>>,
 }
 
-/// Tests this machine with a model, for about 10 s or less, on `threads` threads, 1 to [`umo_core::MAX_THREADS`].
+/// Tests this machine with a model, for about 10 s at most, on `threads` threads, 1 to [`umo_core::MAX_THREADS`].
 pub fn run(model: &Arc<Model>, threads: usize) -> Report {
     Report {
         machine: Machine::this(),
@@ -80,13 +80,13 @@ fn speed(_model: &Arc<Model>, _threads: usize) -> Option<Result<String, String>>
     None
 }
 
-/// The ending of a word for so many things.
+/// Plural ending for `count` items.
 fn plural(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
 }
 
 impl Report {
-    /// True if nothing is wrong.
+    /// Whether all tests passed.
     pub fn passed(&self) -> bool {
         self.kernels.wrong.is_empty() && self.motion.1.is_ok() && !matches!(self.speed, Some(Err(_)))
     }

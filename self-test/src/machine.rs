@@ -3,27 +3,27 @@
 use umo_core::thread;
 use umo_kernels::Isa;
 
-/// Properties of the machine: no name of a host or a user, and no path.
+/// Properties of the machine, without host name, user name or path.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// As its maker calls it, or its architecture.
+    /// The vendor's name, or the architecture.
     pub processor: String,
-    /// Threads that the system computes at once.
+    /// Number of hardware threads.
     pub threads: usize,
-    /// Kinds of cores, where the system tells them.
+    /// Kinds of cores, if the system reports them.
     pub cores: Option<String>,
-    /// Features that the back-ends could use.
+    /// Features that the back-ends can use.
     pub features: Vec<&'static str>,
 }
 
 impl Machine {
-    /// This machine.
+    /// Properties of this machine.
     pub fn this() -> Self {
         Self { processor: processor(), threads: thread::available(), cores: cores(), features: features() }
     }
 }
 
-/// Why the kernels run on `isa`.
+/// Reason why the kernels run on `isa`.
 pub fn reason(isa: Isa) -> String {
     let missing: Vec<_> = Isa::names().filter(|name| Isa::from_name(name).is_none()).collect();
     let why = match isa == Isa::detect() {
@@ -33,7 +33,7 @@ pub fn reason(isa: Isa) -> String {
     if missing.is_empty() { why } else { format!("{why}; not here: {}", missing.join(", ")) }
 }
 
-/// Changes that would make umo faster on this machine.
+/// Suggests changes that would make umo faster on this machine.
 pub fn advice(isa: Isa, machine: &Machine) -> Vec<String> {
     let mut advice = vec![];
     if cfg!(debug_assertions) {
@@ -63,7 +63,7 @@ pub fn advice(isa: Isa, machine: &Machine) -> Vec<String> {
 fn processor() -> String {
     use std::arch::x86_64::__cpuid;
 
-    /// The last of the three leaves that hold the name.
+    /// The last of the three CPUID leaves that hold the name.
     const NAME_END: u32 = 0x8000_0004;
     let mut name = String::new();
     if __cpuid(0x8000_0000).eax >= NAME_END {
@@ -84,7 +84,7 @@ fn processor() -> String {
     format!("{name}, family {family:#x}, model {model:#x}")
 }
 
-/// The parts by the numbers that their makers gave them, where Linux tells them.
+/// Names the cores by their vendors' part numbers, if Linux reports them.
 #[cfg(not(target_arch = "x86_64"))]
 fn processor() -> String {
     let text = read("/proc/cpuinfo").unwrap_or_default();
@@ -131,7 +131,7 @@ fn features() -> Vec<&'static str> {
     Vec::new()
 }
 
-/// The number of cores of each speed, from Linux; elsewhere a processor with cores of two kinds says only that.
+/// Number of cores of each speed, on Linux; on other systems, only whether a processor has two kinds of cores.
 fn cores() -> Option<String> {
     let mut kinds: Vec<(u32, usize)> = vec![];
     for core in 0..4096 {
@@ -153,7 +153,7 @@ fn cores() -> Option<String> {
     }
 }
 
-/// Intel's processors with cores of two kinds say so.
+/// Whether an Intel processor reports two kinds of cores.
 fn is_hybrid() -> bool {
     #[cfg(target_arch = "x86_64")]
     return std::arch::x86_64::__cpuid(0).eax >= 7 && std::arch::x86_64::__cpuid_count(7, 0).edx >> 15 & 1 == 1;
@@ -161,15 +161,15 @@ fn is_hybrid() -> bool {
     false
 }
 
-/// The power mode of Linux, if it keeps the processor slow.
+/// The power mode of Linux, if it limits the processor's speed.
 fn power_mode() -> Option<String> {
     let mode = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")?.trim().to_owned();
-    // Intel's driver lets its `powersave` be as fast as the other mode.
+    // The `powersave` mode of Intel's driver reaches full speed.
     let driver = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_driver").unwrap_or_default();
     (mode == "powersave" && !driver.trim().ends_with("pstate") && !driver.trim().ends_with("epp")).then_some(mode)
 }
 
-/// A file of the system, if it exists.
+/// Reads a system file, if it exists.
 #[cfg(feature = "files")]
 fn read(path: &str) -> Option<String> {
     std::fs::read_to_string(path).ok()

@@ -1,6 +1,6 @@
-//! The motion that a model makes of a voice: held to recorded motion, or to itself.
+//! Compares the motion that a model makes of a voice with recorded motion, or with that of a second run.
 //!
-//! Codes are drawn from logits that instruction sets round differently, so each of them has frames of its own.
+//! Codes are sampled from logits that instruction sets round differently, so frames are recorded per instruction set.
 
 use std::collections::BTreeMap;
 
@@ -15,9 +15,10 @@ use umo_kernels::Isa;
 
 use crate::voice;
 
-/// Largest difference: metres of places, and of face channels, which go from 0 to 1. Systems round sines differently.
+/// Largest accepted difference, in metres for positions and in units for face channels, which go from 0 to 1. Systems
+/// round sines differently.
 pub const TOLERANCE: f32 = 2e-4;
-/// Joints whose places are compared: every chain to its end.
+/// Joints whose positions are compared: the end of every chain.
 pub const JOINTS: [&str; 8] =
     ["pelvis", "head", "left_wrist", "right_wrist", "left_index3", "right_thumb3", "left_foot", "right_foot"];
 /// Face channels that are compared.
@@ -31,48 +32,48 @@ pub const CHANNELS: [&str; 8] = [
     "eyeLookInRight",
     "browInnerUp",
 ];
-/// Frames of the voice that are recorded, of 75.
+/// Recorded frames, of the voice's 75.
 const FRAMES: [usize; 4] = [1, 14, 45, 61];
-/// Seconds of the voice.
+/// Duration of the voice in seconds.
 const SECONDS: f32 = 2.5;
-/// The recorded frames of the models that umo ships.
+/// Recorded frames of the models that umo ships.
 const RECORDS: &str = include_str!("motion.json");
 
 /// One recorded frame.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recorded {
-    /// Its number.
+    /// Index of the frame.
     pub frame: usize,
-    /// Of [`JOINTS`], metres.
+    /// Positions of [`JOINTS`], in metres.
     pub places: Vec<[f32; 3]>,
-    /// Of [`CHANNELS`].
+    /// Values of [`CHANNELS`].
     pub face: Vec<f32>,
 }
 
-/// Frames of models by [`key`] and instruction set.
+/// Recorded frames of models, by [`key`] and instruction set.
 pub type Records = BTreeMap<String, BTreeMap<String, Vec<Recorded>>>;
 
-/// The reference that a motion matched.
+/// Reference that a motion matched.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Motion {
-    /// Number of recorded frames of this model and instruction set; the largest difference from them.
+    /// Number of recorded frames of this model and instruction set, and the largest difference from them.
     AsRecorded(usize, f32),
-    /// No frames are recorded: number of frames of two runs with the same bits, all finite.
+    /// No frames are recorded: number of frames of two runs with identical bits, all finite.
     Repeated(usize),
 }
 
-/// The name of a model in [`Records`].
+/// Key of a model in [`Records`].
 pub fn key(model: &Model) -> String {
     format!("{} {:016x}", model.config().name, model.fingerprint())
 }
 
-/// The recorded frames that are part of this library.
+/// Returns the recorded frames that are embedded in this library.
 pub fn records() -> Records {
     serde_json::from_str(RECORDS).expect("a test reads them")
 }
 
-/// The name under which an instruction set is recorded: products have the same bits on all that share it.
+/// Name under which an instruction set is recorded: products have the same bits on all that share it.
 pub fn recorded_name(isa: Isa) -> &'static str {
     match isa.name() {
         "avxvnni" | "neon" | "neon_dotprod" | "neon_i8mm" => "avx2",
@@ -80,10 +81,10 @@ pub fn recorded_name(isa: Isa) -> &'static str {
     }
 }
 
-/// Compares a model's motion with the recorded one, or if there is no record with that of a second run.
+/// Compares a model's motion with the recorded one or, without a record, with that of a second run.
 ///
 /// # Errors
-/// The first difference, or why the model cannot be computed.
+/// The first difference, or why the model cannot be run.
 pub fn check(model: &Model, records: &Records) -> Result<Motion, String> {
     let recorded = records.get(&key(model)).and_then(|of_model| of_model.get(recorded_name(model.isa())));
     let Some(recorded) = recorded else {
@@ -99,7 +100,7 @@ pub fn check(model: &Model, records: &Records) -> Result<Motion, String> {
     Ok(Motion::AsRecorded(recorded.len(), difference(&of_voice(model)?, recorded)?))
 }
 
-/// The frames that [`records`] holds, as this machine makes them.
+/// Computes the frames that [`records`] holds, on this machine.
 ///
 /// # Errors
 /// As [`frames`].
@@ -107,10 +108,10 @@ pub fn of_voice(model: &Model) -> Result<Vec<Recorded>, String> {
     frames(model, &voice::samples(model.config().audio.sample_rate, SECONDS), &FRAMES)
 }
 
-/// Some frames of what a model makes of a recording at the model's rate, at its default settings.
+/// Computes some frames of a model's motion for a recording at the model's rate, with default settings.
 ///
 /// # Errors
-/// The model cannot be computed, or has no channel of a name in [`CHANNELS`].
+/// The model cannot be run, or lacks a channel of [`CHANNELS`].
 pub fn frames(model: &Model, audio: &[f32], wanted: &[usize]) -> Result<Vec<Recorded>, String> {
     let config = model.config();
     let find = |names: &[String], wanted: &str| {
@@ -155,10 +156,10 @@ fn animate(model: &Model, audio: &[f32], take: &mut dyn FnMut(FrameRef)) -> Resu
     Ok(())
 }
 
-/// The largest difference of frames from recorded ones.
+/// Largest difference between frames and recorded ones.
 ///
 /// # Errors
-/// The first difference above [`TOLERANCE`], or frames that are missing.
+/// The first difference above [`TOLERANCE`], or missing frames.
 pub fn difference(found: &[Recorded], recorded: &[Recorded]) -> Result<f32, String> {
     let number = |frame: &Recorded| frame.frame;
     if !found.iter().map(number).eq(recorded.iter().map(number)) {
@@ -185,7 +186,7 @@ pub fn difference(found: &[Recorded], recorded: &[Recorded]) -> Result<f32, Stri
     Ok(largest)
 }
 
-/// The larger one; NaN if either is.
+/// The larger value; NaN if either is.
 fn larger(a: f32, b: f32) -> f32 {
     if b > a || b.is_nan() { b } else { a }
 }

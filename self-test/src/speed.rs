@@ -1,4 +1,4 @@
-//! The speed of a model in a real engine.
+//! Measures the speed of a model in a real engine.
 
 use std::fmt;
 use std::sync::Arc;
@@ -11,30 +11,30 @@ use umo_core::session::{Session, SessionConfig, SessionError};
 
 use crate::voice;
 
-/// A frame is looked for again after this share of the time that it was waited for, and not before
-/// `SHORTEST_LOOK`: looking thousands of times a second would disturb the engine.
+/// Polling interval as a share of the time waited so far, with `SHORTEST_LOOK` as its lower bound: polling thousands
+/// of times a second would disturb the engine.
 const LOOK_SHARE: u32 = 50;
 const SHORTEST_LOOK: Duration = Duration::from_micros(100);
-/// Longest wait for a chunk.
+/// Timeout of a chunk.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Audio of one call in real time, 10 ms.
+/// Pushes per second in real time, 10 ms of audio each.
 const CALLS_PER_SECOND: usize = 100;
-/// Avatars of a self-test, and seconds that they speak.
+/// Avatars of a self-test, and the duration of their speech in seconds.
 const SESSIONS: usize = 4;
 const SECONDS: f64 = 2.5;
-/// First frames and chunks of a self-test.
+/// Number of first frames, and of chunks, that a self-test measures.
 const STARTS: usize = 5;
 
-/// Why no speed was measured.
+/// Reason why the speed was not measured.
 #[derive(Debug)]
 pub enum SpeedError {
-    /// The engine or an avatar cannot be made.
+    /// The engine or a session could not be created.
     Engine(EngineError),
-    /// A call on an avatar failed.
+    /// A call on a session failed.
     Session(SessionError),
-    /// Audio found no room: the engine does not keep up.
+    /// The audio queue was full: the engine does not keep up.
     Behind,
-    /// No frame came.
+    /// No frame arrived.
     Silent,
 }
 
@@ -51,25 +51,25 @@ impl fmt::Display for SpeedError {
 
 impl std::error::Error for SpeedError {}
 
-/// The speed of a model, of medians.
+/// Speed of a model, as medians.
 #[derive(Clone, Copy, Debug)]
 pub struct Speed {
-    /// Threads of the engine.
+    /// Number of engine threads.
     pub threads: usize,
-    /// From a chunk of audio to the first frame of a stream.
+    /// Time from a chunk of audio to the first frame of a stream.
     pub first: Duration,
-    /// Computing a chunk.
+    /// Time to compute a chunk.
     pub chunk: Duration,
-    /// Motion of a chunk.
+    /// Duration of the motion of a chunk.
     pub motion: Duration,
-    /// Avatars that could speak at once.
+    /// Number of avatars that could speak at once.
     pub avatars: usize,
 }
 
-/// Measures a model for a few seconds.
+/// Measures a model, for a few seconds.
 ///
 /// # Errors
-/// [`SpeedError`] where the engine cannot be made or gives no frames.
+/// [`SpeedError`] if the engine cannot be created or returns no frames.
 pub fn measure(model: &Arc<Model>, threads: usize) -> Result<Speed, SpeedError> {
     let config = EngineConfig { threads: Threads::Own(threads), max_sessions: SESSIONS + 1, ..EngineConfig::default() };
     let engine = Engine::new(Arc::clone(model), &config).map_err(SpeedError::Engine)?;
@@ -81,34 +81,33 @@ pub fn measure(model: &Arc<Model>, threads: usize) -> Result<Speed, SpeedError> 
     Ok(Speed { threads, first, chunk, motion, avatars })
 }
 
-/// Several avatars in real time.
+/// Measurement of several avatars in real time.
 #[derive(Debug)]
 pub struct Crowd {
-    /// Their number.
+    /// Number of avatars.
     pub sessions: usize,
     /// Duration of their speech.
     pub seconds: f64,
-    /// Frames of them all.
+    /// Number of frames of all avatars.
     pub frames: u64,
-    /// Frames that came too late.
+    /// Number of late frames.
     pub late: u64,
-    /// Chunks whose body was held.
+    /// Number of chunks with a frozen body.
     pub held: u64,
-    /// Pushes of audio that found no room.
+    /// Number of pushes that found the audio queue full.
     pub overruns: u64,
-    /// Of a chunk of the slowest avatar, as the next two: the median.
+    /// Median latency of a chunk, of the slowest avatar; the next two fields likewise.
     pub p50: Duration,
     /// The 99th percentile.
     pub p99: Duration,
-    /// The longest.
+    /// Maximum.
     pub max: Duration,
-    /// Share of the time that the engine computed.
+    /// Share of the time in which the engine computed.
     pub busy: f64,
 }
 
 impl Crowd {
-    /// Number of avatars if the engine computed all the time, each taking the share
-    /// that it takes now; more in a batch take less.
+    /// Number of avatars at full load, if each takes the share that it takes now; in larger batches, each takes less.
     pub fn at_full_load(&self) -> usize {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of avatars")]
         let count = (self.sessions as f64 / self.busy.max(1e-6)) as usize;
@@ -116,7 +115,7 @@ impl Crowd {
     }
 }
 
-/// The time that a share of `times` stayed within.
+/// The quantile `share` of `times`.
 pub fn quantile(times: &[Duration], share: f64) -> Duration {
     let mut sorted = times.to_vec();
     sorted.sort();
@@ -125,19 +124,19 @@ pub fn quantile(times: &[Duration], share: f64) -> Duration {
     sorted[at]
 }
 
-/// An engine, and avatars whose speed is measured.
+/// An engine, and avatars whose speed is measured in it.
 #[derive(Debug)]
 pub struct Runner {
     /// The engine.
     pub engine: Engine,
-    /// Configuration of each avatar.
+    /// Configuration of each session.
     pub session: SessionConfig,
-    /// Half a minute; how long computing takes does not depend on it.
+    /// Half a minute of audio; computing time does not depend on its content.
     speech: Vec<f32>,
 }
 
 impl Runner {
-    /// Measures such avatars in this engine.
+    /// Creates a runner for sessions of this configuration in this engine.
     pub fn new(engine: Engine, session: SessionConfig) -> Self {
         let speech = voice::samples(engine.model().config().audio.sample_rate, 30.0);
         Self { engine, session, speech }
@@ -151,14 +150,14 @@ impl Runner {
         self.engine.session(&self.session).map_err(SpeedError::Engine)
     }
 
-    /// Samples of a chunk.
+    /// Number of samples in a chunk.
     fn chunk(&self) -> usize {
         self.session.avatar.target * self.config().samples_per_keyframe()
     }
 
-    /// Pushes one chunk of audio, and waits until its last frame is there; the time to the first
-    /// one, and how many. A stream whose first chunk is a single keyframe has no frame before the
-    /// second one, which is pushed then.
+    /// Pushes one chunk of audio and waits for its last frame. Returns the time to the first frame, and the number of
+    /// frames. If the first chunk of a stream is a single keyframe, it has no frame before the second chunk, which is
+    /// pushed then.
     fn one(&self, session: &Session, chunk: usize) -> Result<(Duration, usize), SpeedError> {
         let at = (chunk * self.chunk()) % (self.speech.len() - self.chunk());
         let push = || {
@@ -188,13 +187,13 @@ impl Runner {
         Ok((time, session.pull_frames(usize::MAX, |_| ()).map_err(SpeedError::Session)?))
     }
 
-    /// Times to the first frame of fresh streams, their audio pushed at once.
+    /// Times to the first frame of new streams, with the audio of a chunk pushed at once.
     ///
     /// # Errors
-    /// [`SpeedError`] where an avatar cannot be made or gives no frames.
+    /// [`SpeedError`] if a session cannot be created or returns no frames.
     pub fn first_frames(&self, count: usize) -> Result<Vec<Duration>, SpeedError> {
         let session = self.session()?;
-        // Once to touch all memory.
+        // Warm up: touch all memory once.
         self.one(&session, 0)?;
         let time = |i| {
             session.reset().map_err(SpeedError::Session)?;
@@ -203,8 +202,8 @@ impl Runner {
         (0..count).map(time).collect()
     }
 
-    /// Times of the chunks of one stream, each pushed when the last one is done; and all their
-    /// frames.
+    /// Times of the chunks of one stream, each pushed when the previous one is complete, and the number of frames of
+    /// all.
     ///
     /// # Errors
     /// As [`Self::first_frames`].
@@ -220,7 +219,7 @@ impl Runner {
         Ok(((0..count).map(time).collect::<Result<_, SpeedError>>()?, frames))
     }
 
-    /// Several avatars that speak in real time, one a little later than the other.
+    /// Measures several avatars that speak in real time, with staggered starts.
     ///
     /// # Errors
     /// As [`Self::first_frames`].
@@ -233,7 +232,7 @@ impl Runner {
         let calls = (seconds * CALLS_PER_SECOND as f64) as usize;
         for call in 0..calls {
             for (i, session) in sessions.iter().enumerate() {
-                // Their chunks do not fall together: the first is late by a share of a chunk.
+                // Chunks do not coincide: each avatar starts later by a share of a chunk.
                 if call >= i * calls_per_chunk / count {
                     let at = (call * piece + i * self.chunk()) % (self.speech.len() - piece);
                     session.push_audio(&self.speech[at..at + piece]).map_err(SpeedError::Session)?;
@@ -243,7 +242,7 @@ impl Runner {
             let next = Duration::from_secs_f64((call + 1) as f64 / CALLS_PER_SECOND as f64);
             std::thread::sleep(next.saturating_sub(start.elapsed()));
         }
-        // The last chunks may still be in work.
+        // The last chunks may still be in progress.
         std::thread::sleep(Duration::from_millis(200));
         let worked = self.engine.stage_times().total() - before;
         let (stats, latency): (Vec<_>, Vec<_>) = sessions.iter().map(|s| (s.stats(), s.latency())).unzip();
@@ -262,7 +261,7 @@ impl Runner {
     }
 }
 
-/// Before something is looked for again that was waited for since `start`.
+/// Sleeps before the next poll of something awaited since `start`.
 fn wait_a_little(start: Instant) {
     std::thread::sleep(SHORTEST_LOOK.max(start.elapsed() / LOOK_SHARE));
 }

@@ -1,6 +1,7 @@
-//! A signal between a voice and a siren, of additions and multiplications alone: the same bits on every system.
+//! A test signal between a voice and a siren, made of additions and multiplications only: its bits are the same on
+//! every system.
 
-/// So many seconds of it, within -1..1.
+/// Returns `seconds` of the signal, within -1..1.
 pub(crate) fn samples(rate: usize, seconds: f32) -> Vec<f32> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of samples")]
     let count = (rate as f32 * seconds) as usize;
@@ -13,7 +14,7 @@ pub(crate) fn samples(rate: usize, seconds: f32) -> Vec<f32> {
     (0..count).map(sample).collect()
 }
 
-/// Nearly the sine of so many turns: a parabola for each half of one.
+/// Approximates the sine of `turns` full turns by a parabola per half turn.
 fn wave(turns: f32) -> f32 {
     let part = turns - turns.floor();
     if part < 0.5 { 16.0 * part * (0.5 - part) } else { 16.0 * (part - 0.5) * (part - 1.0) }
@@ -23,7 +24,7 @@ fn wave(turns: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// The same bits on every processor and system.
+    /// The bits do not depend on processor or system.
     #[test]
     fn the_voice_has_the_recorded_bits() {
         let samples = samples(16_000, 2.5);

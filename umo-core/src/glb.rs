@@ -1,22 +1,21 @@
-//! Reading `.glb` and `.gltf`: the container, what of its JSON is needed here, and numbers out of its buffer.
+//! Reads `.glb` and `.gltf`: the container, the relevant parts of its JSON, and numeric data in its buffer.
 //!
-//! Files come from anywhere: nothing is believed without a look, and what is not understood is left
-//! alone.
+//! Files are untrusted: everything is checked before use, and unknown parts are left alone.
 //!
-//! | module | part |
+//! | module | contents |
 //! | --- | --- |
 //! | `document` | the JSON: nodes, meshes, skins, accessors, animations |
-//! | `pack` | files in several parts, or compressed, as one plain file |
-//! | `meshopt` | decoders of one compression |
-//! | `splice` | JSON changed in some places, and as it was in all others |
-//! | `accessor` | numbers out of the buffer |
+//! | `pack` | files in several parts, or compressed, repacked as one plain file |
+//! | `meshopt` | meshopt decoders |
+//! | `splice` | JSON edited in some places and preserved verbatim in all others |
+//! | `accessor` | numbers in the buffer |
 //! | `character` | a character, and its rig |
-//! | `bind` | where its joints were when its mesh was bound to them |
-//! | `vrm` | bones as VRM files list them |
-//! | `clip` | the animation of a character, as motion of the 55 joints |
-//! | `expressions` | expressions as VRM files list them |
-//! | `faces` | the shapes of its meshes that move |
-//! | `follower` | a character that follows poses as they come |
+//! | `bind` | joint transforms in the bind pose |
+//! | `vrm` | the bone table of VRM files |
+//! | `clip` | a character's animation, as motion of the 55 joints |
+//! | `expressions` | the expression table of VRM files |
+//! | `faces` | blendshapes that move |
+//! | `follower` | a character that follows a stream of poses |
 //! | `given` | a mapping file |
 
 pub mod accessor;
@@ -48,22 +47,22 @@ const MAGIC: &[u8; 4] = b"glTF";
 const JSON: &[u8; 4] = b"JSON";
 const BIN: &[u8; 4] = b"BIN\0";
 
-/// A file's two chunks.
+/// The chunks of a file.
 #[derive(Clone, Copy, Debug)]
 pub struct Glb<'a> {
-    /// The first.
+    /// The first chunk.
     pub json: &'a str,
-    /// The second; empty where there is no such chunk.
+    /// The second chunk; empty if absent.
     pub bin: &'a [u8],
-    /// Chunks after that, which nothing here understands.
+    /// All later chunks, which are passed through.
     pub more: &'a [u8],
 }
 
 impl<'a> Glb<'a> {
-    /// Cuts a file in its chunks.
+    /// Splits a file into its chunks.
     ///
     /// # Errors
-    /// What is not as the format has it.
+    /// The violation of the format.
     pub fn split(bytes: &'a [u8]) -> Result<Self, String> {
         let (magic, rest) = bytes.split_first_chunk::<4>().ok_or("it is no glb file")?;
         if magic != MAGIC {
@@ -90,10 +89,10 @@ impl<'a> Glb<'a> {
     }
 }
 
-/// A chunk's kind, its contents, and what follows.
+/// A chunk's type, its contents, and the bytes after it.
 type Chunk<'a> = (&'a [u8; 4], &'a [u8], &'a [u8]);
 
-/// A little-endian number and what follows.
+/// Reads a little-endian number and returns it with the remaining bytes.
 fn word(bytes: &[u8]) -> Result<(usize, &[u8]), String> {
     let (word, rest) = bytes.split_first_chunk().ok_or("the file is cut short")?;
     Ok((u32::from_le_bytes(*word) as usize, rest))
@@ -106,10 +105,10 @@ fn chunk(bytes: &[u8]) -> Result<Chunk<'_>, String> {
     Ok((kind, inside, rest))
 }
 
-/// A file of these chunks; `more` are whole ones.
+/// Builds a file of these chunks; `more` holds complete ones.
 ///
 /// # Errors
-/// A file that would be larger than the format allows.
+/// The file would be larger than the format allows.
 pub fn container(mut json: Vec<u8>, bin: &[u8], more: &[u8]) -> Result<Vec<u8>, String> {
     json.resize(json.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + json.len() + 8 + bin.len() + more.len();

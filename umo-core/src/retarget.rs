@@ -1,34 +1,31 @@
-//! The 55 joints' motion on another skeleton: other bones, other axes, another rest pose, another
-//! size.
+//! Retargets motion of the 55 joints to another skeleton with its own bones, axes, rest pose and size.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | [`Rig`], [`Bone`] | the skeleton to be moved, checked |
-//! | [`Mapping`] | which bone follows which joint: found by name, or given |
-//! | `names` | what bones are called, by whom |
-//! | `align` | rest poses brought together |
-//! | `back` | the way back: a rig's motion as that of the joints |
-//! | `ground` | size, and the height of the hips |
-//! | `legs` | feet where the source's are |
-//! | [`face`] | face channels to the shapes that a character has |
-//! | [`RetargetError`] | why a skeleton cannot be moved |
+//! | [`Rig`], [`Bone`] | the target skeleton, validated |
+//! | [`Mapping`] | bone of each joint: found by name, or set by the caller |
+//! | `names` | bone names of each naming convention |
+//! | `align` | alignment of the two rest poses |
+//! | `back` | the inverse: joint rotations from a rig's motion |
+//! | `ground` | scale, and height of the hips |
+//! | `legs` | inverse kinematics that plants the feet |
+//! | [`face`] | face channels mapped to a character's blendshapes |
+//! | [`RetargetError`] | why a skeleton or mapping was rejected |
 //!
-//! A bone follows its joint in the world, not in its parent's frame, so that it does not matter
-//! what hangs between two bones, nor how many there are. With the source's rotation `S` of a joint
-//! in the world (identity at rest), the turn `B` from the source's axes to those in which the rig
-//! stands, the bone's rotation `T` in the world at rest, and the turn `C` that brings its rest
-//! direction to the source's:
+//! A bone follows its joint in world space, so intermediate bones do not matter, whatever their number. `S` is a
+//! source joint's world rotation (identity at rest), `B` the rotation from the source's axes to the rig's, `T` the
+//! bone's world rotation at rest, and `C` the rotation that brings the bone's rest direction to the source's:
 //!
 //! ```text
 //! world = B * S * inverse(B) * C * T        local = inverse(parent's world) * world
 //! ```
 //!
-//! Legs are then bent until the feet are where the source's are, to scale (`legs`).
+//! The legs are then bent until the feet are where the source's are, to scale (`legs`).
 //!
-//! A rest direction `d` of the rig becomes `B * S * inverse(B) * C * d`, and `C * d` is `B` times
-//! the source's, so a limb points where the source's does, whatever the rest pose. Bones of a spine
-//! are spread evenly over the source's three: the `k`-th of `n` takes the source's world rotation
-//! at `3 k / n` of the way from the pelvis (0) to `spine3` (3). `docs/retarget.md` has the rest.
+//! A rest direction `d` of the rig becomes `B * S * inverse(B) * C * d`. `C * d` is `B` times the source's direction,
+//! so a limb points where the source's does, whatever the rest pose. Spine bones are spread evenly over the source's
+//! three: the `k`-th of `n` takes the source's world rotation at `3 k / n` of the way from the pelvis (0) to `spine3`
+//! (3). Details: `docs/retarget.md`.
 //!
 //! ```
 //! use umo_core::config::Skeleton;
@@ -79,38 +76,38 @@ use ground::Ground;
 use legs::Leg;
 use rig::World;
 
-/// `spine3`, on which neck and arms hang.
+/// `spine3`, the parent of neck and arms.
 const CHEST: usize = 9;
 
-/// Where the floor is under a rig.
+/// Height of the floor below a rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Floor {
-    /// Where it stands at rest.
+    /// The rest pose stands on the floor.
     #[default]
     AtRest,
-    /// At 0: for rigs whose rest pose says nothing of it, as those of `.bvh` files.
+    /// At 0, for rigs whose rest pose does not show it, such as those of `.bvh` files.
     AtZero,
-    /// At 0, with soles that are at this height at rest, along up in the rig's unit: for characters
-    /// whose shoes reach below the floor.
+    /// At 0, with soles at this height in the rest pose, along up in the rig's unit: for characters whose shoes reach
+    /// below the floor.
     Soles(f32),
 }
 
-/// A bone that follows the source.
+/// Source of a driven bone's rotation.
 #[derive(Clone, Copy, Debug)]
 struct Driven {
-    /// The joints between whose rotations the bone's lies.
+    /// The two joints whose rotations are interpolated.
     joints: [usize; 2],
-    /// How near to the second.
+    /// Interpolation weight of the second joint.
     share: f32,
-    /// What is applied before the joint's rotation: `inverse(B) * C * T`.
+    /// Rotation applied before the joint's: `inverse(B) * C * T`.
     rest: Quat,
 }
 
-/// Moves a rig by the poses of a source. Made once; then any number of threads may use it at once.
+/// Retargets poses of a source skeleton to a rig. Immutable while in use, so threads can share it.
 #[derive(Clone, Debug)]
 pub struct Retarget {
-    /// `[bones]`, all that is needed of the rig at rest.
+    /// `[bones]`, the rig at rest.
     bones: Vec<Bone>,
     order: Vec<usize>,
     /// `[bones]`
@@ -122,23 +119,23 @@ pub struct Retarget {
     hips: usize,
     ground: Ground,
     legs: [Option<Leg>; 2],
-    /// What turns with the body that a head or a bust has not: the head turns against that.
+    /// Reference joint of a head or a bust, which has no body: rotations are taken relative to it.
     base: Option<usize>,
 }
 
-/// Room to compute one frame. Each thread has its own.
+/// Scratch memory for one frame. Each thread needs its own.
 #[derive(Clone, Debug)]
 pub struct Scratch {
-    /// `[bones]`, in the world.
+    /// `[bones]`, world transforms.
     world: Vec<World>,
 }
 
 impl Retarget {
-    /// From a skeleton of 55 joints without rotations at rest, in a T, to a rig.
+    /// Prepares retargeting from `source`, a skeleton of 55 joints in a T-pose without rest rotations, to `rig`.
     ///
     /// # Errors
-    /// [`RetargetError`]: as [`Mapping::check`]; bones that are scaled unevenly above others that
-    /// move; a body whose up or left cannot be told; a source that is no skeleton.
+    /// [`RetargetError`] as for [`Mapping::check`], or if a driven bone has an unevenly scaled ancestor, the body's
+    /// up or left cannot be determined, or `source` is not a valid skeleton.
     pub fn new(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Self, RetargetError> {
         mapping.check(rig)?;
         let mapped = (0..JOINTS).filter_map(|joint| mapping.bone(joint));
@@ -173,44 +170,42 @@ impl Retarget {
         })
     }
 
-    /// Room for one thread.
+    /// Returns scratch memory for one thread.
     pub fn scratch(&self) -> Scratch {
         Scratch { world: vec![World::ORIGIN; self.bones.len()] }
     }
 
-    /// Number of the rig's bones.
+    /// Number of bones of the rig.
     pub fn bones(&self) -> usize {
         self.bones.len()
     }
 
-    /// The bone that carries the body: the only one whose place changes. Of a head without a body
-    /// it is its first bone, whose place does not.
+    /// Index of the bone that carries the body, the only one whose translation changes. For a head without a body it
+    /// is the first driven bone, whose translation is constant.
     pub fn hips(&self) -> usize {
         self.hips
     }
 
-    /// Whether a bone follows the source; all others stay as they are at rest. Panics where there
-    /// is none.
+    /// Whether a bone follows the source; all others keep their rest rotation. Panics if the index is out of range.
     pub fn is_driven(&self, bone: usize) -> bool {
         self.driven[bone].is_some()
     }
 
-    /// The rig's size: its legs' length in its unit for each metre of the source's.
+    /// Scale of the rig: leg length in its unit per metre of the source's.
     pub fn scale(&self) -> f32 {
         self.ground.scale
     }
 
-    /// Leaves a bone as it is at rest, as eyes that shapes turn. Panics where there is none.
+    /// Keeps a bone at rest, for example eyes that blendshapes turn. Panics if the index is out of range.
     pub fn release(&mut self, bone: usize) {
         self.driven[bone] = None;
     }
 
-    /// Writes each bone's rotation in its parent's frame, unit quaternions in the rig's order, and
-    /// returns the place of the hips' bone in its parent's frame, in the rig's unit. Never
-    /// allocates.
+    /// Writes each bone's local rotation (unit quaternions, in the rig's order) and returns the hips' local
+    /// translation in the rig's unit. Does not allocate.
     ///
     /// # Errors
-    /// [`StepError::Disagree`] where `scratch` or `rotations` is another rig's.
+    /// [`StepError::Disagree`] if the length of `scratch` or `rotations` is not that of this rig.
     pub fn apply(&self, scratch: &mut Scratch, pose: &Pose, rotations: &mut [Quat]) -> Result<[f32; 3], StepError> {
         if scratch.world.len() != self.bones.len() || rotations.len() != self.bones.len() {
             return Err(StepError::Disagree("the room for bones is another rig's"));
@@ -247,7 +242,7 @@ impl Retarget {
         Ok(above.within(hips))
     }
 
-    /// Where the source's joints are and how they are turned.
+    /// World transforms of the source's joints.
     fn source(&self, pose: &Pose) -> [World; JOINTS] {
         let mut world = [World::ORIGIN; JOINTS];
         let root = pose.translation.map(|x| if x.is_finite() { x } else { 0.0 });
@@ -272,20 +267,19 @@ impl Driven {
     }
 }
 
-/// A bone's name as it is read, where most names have something around them that no convention has
-/// and that is passed over, as `left arm` of `Armature|LeftArm.001`. Panics where there is no such
-/// bone.
+/// Returns a bone's name as it is matched, if most names carry a decoration that is stripped because no convention
+/// uses it: `left arm` for `Armature|LeftArm.001`. Panics if the index is out of range.
 pub fn undecorated(rig: &Rig, bone: usize) -> Option<String> {
     names::undecorated(rig, bone)
 }
 
-/// Bodies beside the one of a mapping, of bones with the same names: the topmost bone of each that
-/// that one does not hang on.
+/// Returns the topmost bone of each further body in the rig: bones with the same names as the mapping's that do not
+/// belong to the mapped body.
 pub fn other_bodies(rig: &Rig, mapping: &Mapping) -> Vec<usize> {
     mapping.other_bodies(rig, &names::keys(rig))
 }
 
-/// Parents, of which only the first has none, and offsets.
+/// Parents (only the first joint has none) and offsets.
 type Source = ([Option<usize>; JOINTS], [[f32; 3]; JOINTS]);
 
 fn source_of(skeleton: &Skeleton) -> Result<Source, RetargetError> {
@@ -303,7 +297,7 @@ fn source_of(skeleton: &Skeleton) -> Result<Source, RetargetError> {
     }
 }
 
-/// Where joints are at rest, from the root.
+/// Rest positions of the joints, relative to the root.
 fn rest(parents: &[Option<usize>; JOINTS], offsets: &[[f32; 3]; JOINTS]) -> align::Rest {
     let mut rest = [[0.0; 3]; JOINTS];
     for joint in 1..JOINTS {

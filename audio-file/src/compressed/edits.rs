@@ -1,34 +1,34 @@
-//! The parts of decoded audio that are the recording. `symphonia` does not apply an MPEG-4 file's edit
-//! list, and encoders put 1024 to some 2000 samples before the recording.
+//! Trims decoded audio to the recording. `symphonia` does not apply an MPEG-4 file's edit list, and encoders put 1024
+//! to some 2000 samples before the recording.
 
 use std::collections::VecDeque;
 
-/// Samples of each channel in a piece of a pause.
+/// Samples of each channel written per piece of a pause.
 const PIECE: u64 = 1 << 13;
 
-/// A part of the recording, in samples of each channel.
+/// Part of a recording, in samples of each channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Pause(u64),
-    /// Decoded audio from one sample to another.
+    /// Range of the decoded audio.
     Audio(u64, u64),
 }
 
-/// The parts of a recording, one after the other.
+/// The parts of a recording, in order.
 #[derive(Debug, Default)]
 pub(super) struct Edits {
     parts: VecDeque<Part>,
-    /// The decoded sample that comes next.
+    /// Index of the next decoded sample.
     at: u64,
 }
 
 impl Edits {
-    /// Everything from one sample to another.
+    /// A recording that is one range of the decoded audio.
     pub(super) fn range(start: u64, end: u64) -> Self {
         Self { parts: [Part::Audio(start, end)].into(), at: 0 }
     }
 
-    /// Appends a piece of a pause that is due.
+    /// Appends a piece of a pause, if one is due.
     pub(super) fn pause(&mut self, block: &mut Vec<f32>, width: usize) {
         if let Some(Part::Pause(left)) = self.parts.front_mut() {
             let count = PIECE.min(*left);
@@ -40,8 +40,8 @@ impl Edits {
         }
     }
 
-    /// Takes decoded samples up to the next pause, and appends those of the recording to `block`.
-    /// Returns how many samples of each channel it took.
+    /// Consumes decoded samples up to the next pause, and appends those of the recording to `block`. Returns the
+    /// number of samples of each channel consumed.
     pub(super) fn take(&mut self, decoded: &[f32], block: &mut Vec<f32>, width: usize) -> usize {
         let count = (decoded.len() / width) as u64;
         let mut taken = 0;
@@ -69,9 +69,9 @@ impl Edits {
 /// An entry of an edit list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Entry {
-    /// In units of the whole file; 0 to the end.
+    /// In units of the whole file; 0 means to the end.
     length: u64,
-    /// In units of the track; none for a pause.
+    /// In units of the track; `None` for a pause.
     start: Option<u64>,
 }
 
@@ -79,7 +79,7 @@ struct Entry {
 #[derive(Debug)]
 pub(super) struct List {
     entries: Vec<Entry>,
-    /// Units per second of the track, and of the whole file.
+    /// Units per second of the track and of the whole file.
     scales: (u32, u32),
 }
 
@@ -96,7 +96,8 @@ impl List {
         })
     }
 
-    /// The list in samples of each channel, of `claimed` in all; none where parts are out of order.
+    /// Converts the list to samples of each channel, of which the file claims `claimed`; `None` if parts are out of
+    /// order.
     pub(super) fn edits(&self, sample_rate: u32, claimed: Option<u64>) -> Option<Edits> {
         let frames = |time: u64, scale: u32| {
             let frames = (u128::from(time) * u128::from(sample_rate)).div_ceil(u128::from(scale));
@@ -157,12 +158,12 @@ fn number(bytes: &[u8]) -> Option<u32> {
     bytes.first_chunk().map(|&bytes| u32::from_be_bytes(bytes))
 }
 
-/// The content of the first box of a kind.
+/// Content of the first box of a type.
 fn child<'a>(bytes: &'a [u8], wanted: &[u8; 4]) -> Option<&'a [u8]> {
     boxes(bytes).find(|(kind, _)| kind == wanted).map(|(_, body)| body)
 }
 
-/// The boxes of a box, or of a file: kind and content.
+/// Type and content of the boxes in a box or file.
 fn boxes(mut bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
     std::iter::from_fn(move || {
         let (kind, header, size) = header(bytes)?;
@@ -173,7 +174,7 @@ fn boxes(mut bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
     })
 }
 
-/// Kind, length of the header and length of a box, 0 for one that goes on to the end.
+/// Type, header length and total length of a box; the latter is 0 for a box that extends to the end.
 pub(super) fn header(bytes: &[u8]) -> Option<([u8; 4], usize, u64)> {
     let kind = *bytes.get(4..)?.first_chunk::<4>()?;
     Some(match number(bytes)? {

@@ -1,4 +1,4 @@
-//! Opus: packets to samples by `ropus`, and Ogg Opus (RFC 7845), packets by `ogg`.
+//! Opus: packets are decoded by `ropus`; Ogg Opus (RFC 7845) is split into packets by `ogg`.
 
 use std::io::ErrorKind;
 
@@ -11,15 +11,15 @@ use crate::error::{AudioError, Note};
 use crate::format::Format;
 use crate::reader::{Blocks, Spec};
 
-/// Opus is decoded to this rate, and granule positions count by it, whatever was encoded.
+/// Output rate of the decoder and unit of granule positions, whatever the original rate.
 const RATE: u32 = 48_000;
 /// Samples of the longest packet, 120 ms.
 const LONGEST: usize = 5760;
-/// Damaged pages of a file, after which it is no recording.
+/// Number of damaged pages after which a file is not treated as a recording.
 const MOST_DAMAGED: usize = 10_000;
-/// The granule position of a page on which no packet ends.
+/// Granule position of a page on which no packet ends.
 const NO_POSITION: u64 = u64::MAX;
-/// Samples of each channel of a page: 255 packets of 120 ms. More packets may not end on one.
+/// Upper bound on the samples of each channel of a page: 255 packets of 120 ms, since no more packets can end on one.
 const LONGEST_PAGE: usize = 255 * LONGEST;
 
 fn damaged(cause: &str) -> AudioError {
@@ -30,17 +30,17 @@ fn damaged(cause: &str) -> AudioError {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Head {
     channels: u8,
-    /// Samples of each channel that the decoder needs to settle, which are not heard.
+    /// Pre-skip: samples of each channel that the decoder needs to settle, and that are discarded.
     skip: usize,
     /// In 256ths of a decibel.
     gain: i16,
-    /// Of channels; 0 is mono and stereo.
+    /// Channel mapping family; 0 is mono and stereo.
     family: u8,
 }
 
 impl Head {
-    /// Reads "OpusHead", version, channels, samples to skip, rate before encoding, gain, mapping family.
-    /// In MPEG-4 (`is_mpeg_4`) numbers have the highest byte first, and an edit list says what is skipped.
+    /// Reads "OpusHead", version, channels, pre-skip, original rate, gain, mapping family. In MPEG-4 (`is_mpeg_4`),
+    /// numbers are big-endian and an edit list replaces the pre-skip.
     pub(super) fn parse(head: &[u8], is_mpeg_4: bool) -> Result<Self, AudioError> {
         let head: &[u8; 19] = head.first_chunk().ok_or_else(|| damaged("its header is shorter than 19 bytes"))?;
         let [.., version, channels, skip_low, skip_high, _, _, _, _, gain_low, gain_high, family] = *head;
@@ -54,7 +54,7 @@ impl Head {
         })
     }
 
-    /// The header of a stream that has none.
+    /// Substitute for a stream without a header.
     pub(super) fn plain(channels: usize, skip: u32) -> Self {
         Self { channels: u8::try_from(channels).unwrap_or(0), skip: skip as usize, gain: 0, family: 0 }
     }
@@ -63,19 +63,19 @@ impl Head {
 /// A decoder of packets.
 pub(super) struct Packets {
     decoder: Decoder,
-    /// A factor of all samples.
+    /// Linear factor applied to all samples.
     gain: f32,
     width: usize,
-    /// Samples of each channel that are left to skip.
+    /// Samples of each channel that remain to be skipped.
     skip: usize,
     room: Box<[f32]>,
-    /// Samples of each channel of the last packet.
+    /// Samples of each channel in the last packet.
     last: usize,
 }
 
 impl Packets {
     pub(super) fn new(head: &Head) -> Result<Self, AudioError> {
-        // Families for surround sound have several decoders.
+        // Surround families need several decoders.
         let width = match (head.family, head.channels) {
             (0, 1) => Channels::Mono,
             (0, 2) => Channels::Stereo,
@@ -85,7 +85,7 @@ impl Packets {
             _ => return Err(AudioError::OtherCodec("Opus in surround sound,")),
         };
         let decoder = Decoder::new(RATE, width).map_err(|error| damaged(&error.to_string()))?;
-        // Not by the decoder, which would clip.
+        // The decoder is not given the gain because it would clip.
         let gain = 10_f32.powf(f32::from(head.gain) / (20.0 * 256.0));
         let width = usize::from(head.channels);
         Ok(Self { decoder, gain, width, skip: head.skip, room: vec![0.0; LONGEST * width].into(), last: 0 })
@@ -95,8 +95,8 @@ impl Packets {
         Spec { sample_rate: RATE, channels: if self.width == 2 { 2 } else { 1 }, centre: None }
     }
 
-    /// Appends a packet's samples to `block`, or a guess where it cannot be decoded, so that those behind it
-    /// stay at their time. Returns false for a guess.
+    /// Appends a packet's samples to `block`. If the packet cannot be decoded, appends concealment audio, so that
+    /// later packets keep their time, and returns false.
     pub(super) fn decode(&mut self, packet: &[u8], block: &mut Vec<f32>) -> bool {
         let is_whole = self.append(packet, block);
         if !is_whole {
@@ -108,7 +108,7 @@ impl Packets {
     fn append(&mut self, packet: &[u8], block: &mut Vec<f32>) -> bool {
         let Self { decoder, room, width, last, gain, skip } = self;
         let most = if packet.is_empty() { *last } else { LONGEST } * *width;
-        // A panic is damage of the packet.
+        // A panic means that the packet is damaged.
         match defect::contain_quietly(|| decoder.decode_float(packet, &mut room[..most], DecodeMode::Normal)) {
             Ok(Ok(frames)) => {
                 *last = frames;
@@ -122,7 +122,7 @@ impl Packets {
     }
 }
 
-/// A file. Streams that follow the first one are joined to it; others beside it are left out.
+/// An Ogg Opus file. Streams that follow the first one are appended to it; parallel streams are ignored.
 pub(super) struct OggOpus {
     reader: PacketReader<Bytes>,
     stream: Option<Stream>,
@@ -136,13 +136,13 @@ impl OggOpus {
         Self { reader: PacketReader::new(bytes), stream: None, spec: None, lost: 0, is_over: false }
     }
 
-    /// The next packet; none at the end.
+    /// The next packet; `None` at the end.
     fn packet(&mut self) -> Option<Packet> {
         loop {
             match self.reader.read_packet() {
                 Ok(packet) => return packet,
                 Err(OggReadError::ReadError(error)) if error.kind() == ErrorKind::UnexpectedEof => return None,
-                // The next page may be whole.
+                // The next page may be intact.
                 Err(OggReadError::HashMismatch(..)) if self.lost < MOST_DAMAGED => self.lost += 1,
                 Err(_) => {
                     self.lost += 1;
@@ -163,7 +163,7 @@ impl Blocks for OggOpus {
                 break;
             };
             if packet.first_in_stream() && packet.data.starts_with(b"OpusHead") {
-                // One beside the first has another serial number before that has ended.
+                // A parallel stream: another serial number before the first stream has ended.
                 if self.stream.as_ref().is_some_and(|stream| !stream.is_over) {
                     continue;
                 }
@@ -194,11 +194,11 @@ struct Stream {
     serial: u32,
     packets: Packets,
     has_tags: bool,
-    /// Interleaved samples of a page whose end was not seen yet.
+    /// Interleaved samples of a page whose end has not been seen yet.
     page: Vec<f32>,
-    /// Samples of each channel that were decoded, those to skip among them.
+    /// Samples of each channel decoded so far, including those to skip.
     count: u64,
-    /// The granule position of the first sample that was decoded, once a page has told it.
+    /// Granule position of the first decoded sample, once a page has defined it.
     start: Option<u64>,
     is_over: bool,
 }
@@ -210,8 +210,8 @@ impl Stream {
         Ok(Self { serial, packets, has_tags: false, page, count: 0, start: None, is_over: false })
     }
 
-    /// Takes the next packet, and at the end of a page gives its samples to `block`. Returns false for a packet
-    /// that cannot be decoded.
+    /// Decodes the next packet and, at the end of a page, moves its samples to `block`. Returns false if the packet
+    /// cannot be decoded.
     fn take(&mut self, packet: &Packet, block: &mut Vec<f32>) -> Result<bool, AudioError> {
         if !self.has_tags {
             self.has_tags = true;
@@ -222,8 +222,8 @@ impl Stream {
         let is_whole = self.packets.decode(&packet.data, &mut self.page);
         self.count += self.packets.last as u64;
         if packet.last_in_page() && packet.absgp_page() != NO_POSITION {
-            // A stream that was cut out of another one begins later than 0; one of a single page that says less than
-            // there is, is trimmed.
+            // A stream cut out of another one begins at a position above 0. A single-page stream whose position is
+            // below its sample count is trimmed at the end.
             let start = *self.start.get_or_insert(packet.absgp_page().saturating_sub(self.count));
             if packet.last_in_stream() {
                 let end = packet.absgp_page().saturating_sub(start);
@@ -253,7 +253,7 @@ mod tests {
         parse(&bytes)
     }
 
-    /// Samples of each channel that the file's encoder says to skip, and of all its packets.
+    /// Pre-skip of the file, in samples of each channel.
     const SKIP: usize = 312;
 
     fn packets() -> Vec<Vec<u8>> {
@@ -262,7 +262,8 @@ mod tests {
         std::iter::from_fn(|| reader.read_packet().unwrap()).map(|packet| packet.data).collect()
     }
 
-    /// A stream of the packets: those of audio on pages of three; the granule positions begin at `first`, and the last is `cut` less.
+    /// A stream of the packets, with three audio packets per page. Granule positions begin at `first`; the last one
+    /// is lower by `cut`.
     fn stream(serial: u32, packets: &[Vec<u8>], first: u64, cut: u64) -> Vec<u8> {
         let mut writer = PacketWriter::new(Vec::new());
         let mut position = first;
@@ -296,10 +297,10 @@ mod tests {
         assert_eq!((whole.sample_rate, whole.channels, whole.samples.len()), (48_000, 1, all - SKIP));
         let cut = decode(stream(7, &packets, 0, 500)).unwrap();
         assert_eq!(cut.samples, whole.samples[..all - SKIP - 500]);
-        // Cut out of a longer one, whose positions go on.
+        // Cut out of a longer stream, with positions that continue.
         let late = decode(stream(7, &packets, 1_000_000, 500)).unwrap();
         assert_eq!(late.samples, cut.samples);
-        // An end before the last page's start cuts that page.
+        // An end position before the last page's start drops that page.
         let early = decode(stream(7, &packets, 1_000_000, 1_000_000)).unwrap();
         assert_eq!(early.samples, whole.samples[..early.samples.len()]);
         assert!(early.samples.len() >= whole.samples.len() - 3 * 960, "{}", early.samples.len());
@@ -324,7 +325,7 @@ mod tests {
         let mono = decode(with_header(|_| ())).unwrap();
         let stereo = decode(with_header(|head| head[9] = 2)).unwrap();
         assert_eq!((stereo.channels, stereo.samples.len()), (2, 2 * mono.samples.len()));
-        // Packets in mono are both channels'.
+        // Mono packets are decoded to both channels.
         let (pairs, []) = stereo.samples.as_chunks::<2>() else { panic!("an odd number") };
         assert!(pairs.iter().all(|[left, right]| left == right));
     }
@@ -335,7 +336,7 @@ mod tests {
         let one = decode(stream(7, &packets, 0, 500)).unwrap();
         let both = decode([stream(7, &packets, 0, 500), stream(8, &packets, 0, 500)].concat()).unwrap();
         assert_eq!(both.samples, [one.samples.clone(), one.samples.clone()].concat());
-        // Its first page stands between those of the other.
+        // The parallel stream's first page is between pages of the other.
         let (a, b) = (stream(7, &packets, 0, 500), stream(8, &packets, 0, 500));
         let page = |bytes: &[u8]| bytes.windows(4).skip(1).position(|at| at == b"OggS").unwrap() + 1;
         let beside = [&a[..page(&a)], &b[..page(&b)], &a[page(&a)..], &b[page(&b)..]].concat();
@@ -369,7 +370,7 @@ mod tests {
         defect::keep_quiet(&[]);
         let mut packets = packets();
         let whole = decode(stream(7, &packets, 0, 0)).unwrap();
-        // Code 3 with no frames at all.
+        // Code 3 with zero frames.
         packets[20] = vec![0x0B, 0x00];
         let hurt = decode(stream(7, &packets, 0, 0)).unwrap();
         assert_eq!(hurt.notes, [Note::Lost { packets: 1 }]);
@@ -377,7 +378,7 @@ mod tests {
         let start = 18 * 960 - SKIP;
         assert_eq!(hurt.samples[..start], whole.samples[..start]);
         assert_ne!(hurt.samples[start..start + 960], whole.samples[start..start + 960]);
-        // A page whose sum is wrong, and a file that ends in the middle.
+        // A page with a wrong checksum, and a truncated file.
         let mut bytes = stream(7, &packets, 0, 0);
         let middle = bytes.len() / 2;
         bytes[middle] ^= 0x55;

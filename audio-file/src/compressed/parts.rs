@@ -1,14 +1,14 @@
-//! Files that are joined one after the other, as `cat` and speech services join them: where the first
-//! ends. `symphonia` reads one file at a time.
+//! Finds the end of the first of several concatenated files, as `cat` and speech services produce them. `symphonia`
+//! reads one file at a time.
 
 use std::io;
 
 use crate::bytes::Bytes;
 use crate::format::Format;
 
-/// Bytes that are searched at a time.
+/// Bytes searched at a time.
 const WINDOW: usize = 1 << 16;
-/// Bytes of the longest mark.
+/// Length of the longest marker, in bytes.
 const MARK: usize = 64;
 
 /// Length of the ID3 tags at the start.
@@ -20,20 +20,20 @@ pub(super) fn tags(bytes: &Bytes) -> io::Result<u64> {
     Ok(from)
 }
 
-/// Length of the first of the joined files; of all bytes where there is one.
+/// Length of the first of the joined files; of all bytes if there is only one.
 pub(super) fn first(format: Format, bytes: &Bytes) -> io::Result<u64> {
     let is_start: fn(&[u8]) -> bool = match format {
         Format::Mpeg => |at| id3_length(at).is_some() || is_information(at),
         Format::Flac => |at| id3_length(at).is_some() || matches!(at, [b'f', b'L', b'a', b'C', 0 | 0x80, 0, 0, 34, ..]),
         _ => return Ok(bytes.len()),
     };
-    // Zeros may stand before the first frame, which may tell the length of this file.
+    // Zeros may precede the first frame, which may be an information frame of this file.
     let is_frame = |at: &[u8]| format != Format::Mpeg || side_information(at).is_some();
     let from = search(bytes, 0, is_frame)?.unwrap_or(0);
     Ok(search(bytes, from + 4, is_start)?.unwrap_or(bytes.len()))
 }
 
-/// The first place from `from` on at which bytes are as wanted.
+/// Returns the first offset, not below `from`, at which the bytes match.
 fn search(bytes: &Bytes, mut from: u64, is_wanted: impl Fn(&[u8]) -> bool) -> io::Result<Option<u64>> {
     loop {
         let window = bytes.peek(from, WINDOW + MARK)?;
@@ -48,7 +48,7 @@ fn search(bytes: &Bytes, mut from: u64, is_wanted: impl Fn(&[u8]) -> bool) -> io
     }
 }
 
-/// Length of an ID3v2 tag that starts here.
+/// Length of the ID3v2 tag that starts here.
 fn id3_length(bytes: &[u8]) -> Option<u64> {
     let [b'I', b'D', b'3', 2..=4, 0, flags, size @ ..] = bytes else { return None };
     let size: [u8; 4] = *size.first_chunk()?;
@@ -57,7 +57,7 @@ fn id3_length(bytes: &[u8]) -> Option<u64> {
     (flags & 0x0F == 0).then_some(10 + length + footer)
 }
 
-/// Where the side information of an MPEG frame that starts here ends.
+/// End of the side information of the MPEG frame that starts here.
 fn side_information(bytes: &[u8]) -> Option<usize> {
     let [0xFF, second, third, fourth, ..] = *bytes else { return None };
     let is_layer_3 = second & 0xE6 == 0xE2;
@@ -70,7 +70,7 @@ fn side_information(bytes: &[u8]) -> Option<usize> {
     })
 }
 
-/// A frame without sound that tells about those behind it.
+/// Whether a silent frame with information about the following frames starts here.
 fn is_information(bytes: &[u8]) -> bool {
     let Some(end) = side_information(bytes) else { return false };
     let is_silent = |end: usize| bytes[6..end].iter().all(|&byte| byte == 0);

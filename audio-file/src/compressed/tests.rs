@@ -14,8 +14,7 @@ fn speech() -> Recording {
     read(&path("hello.wav")).unwrap()
 }
 
-/// The root mean square of the difference over that of the speech, where the speech starts `late`
-/// samples late.
+/// RMS of the difference divided by that of the speech, which starts `late` samples into the decoded audio.
 fn error(decoded: &[f32], speech: &[f32], late: usize) -> f64 {
     let square = |x: f32| f64::from(x) * f64::from(x);
     let difference: f64 = decoded[late..].iter().zip(speech).map(|(&a, &b)| square(a - b)).sum();
@@ -47,7 +46,7 @@ fn opus_is_the_speech_at_48_khz() {
     let (read, speech) = (read(&path("hello.opus")).unwrap(), speech());
     assert_eq!((read.sample_rate, read.channels, read.frames()), (48_000, 1, 48_000));
     assert_eq!(read.notes, []);
-    // Of 16 kHz, so that every third sample is all of it.
+    // The speech is at 16 kHz, so every third sample reproduces it.
     let thirds: Vec<f32> = read.samples.iter().copied().step_by(3).collect();
     let error = error(&thirds, &speech.samples, 0);
     assert!(error <= 0.12, "{error}");
@@ -88,7 +87,7 @@ fn containers_and_codecs_of_telephones_hold_the_same_speech() {
     ] {
         let read = read(&path(name)).unwrap();
         assert_eq!((read.sample_rate, read.channels, &read.notes[..]), (8_000, 1, &[][..]), "{name}");
-        // The last block of ADPCM is filled up.
+        // The last block of ADPCM is padded.
         let most = if name.contains("adpcm") { 4_100 } else { 4_000 };
         assert!((4_000..=most).contains(&read.frames()), "{name}: {}", read.frames());
         let error = error(&read.samples, &speech.samples, 0);
@@ -99,7 +98,7 @@ fn containers_and_codecs_of_telephones_hold_the_same_speech() {
 #[test]
 fn what_browsers_record_is_the_speech() {
     let speech = speech();
-    // AAC starts as late as its encoder made it.
+    // AAC is delayed by its encoder.
     for (name, bound, late) in [("hello.mka", 0.08, 0), ("hello-aac.mka", 0.045, 1024)] {
         let read = read(&path(name)).unwrap();
         assert_eq!((read.sample_rate, read.channels, &read.notes[..]), (16_000, 1, &[][..]), "{name}");
@@ -121,7 +120,7 @@ fn what_browsers_record_is_the_speech() {
 fn a_stream_without_its_length_is_read_to_its_end() {
     let read = read(&path("hello-pipe.mp3")).unwrap();
     assert_eq!((read.sample_rate, &read.notes[..]), (16_000, &[][..]));
-    // An encoder's delay and padding are not told either.
+    // The encoder's delay and padding are unknown, too.
     assert!((16_000..19_000).contains(&read.frames()), "{}", read.frames());
     let speech = speech();
     let late = (1_000..1_300).min_by(|&a, &b| {
@@ -152,7 +151,7 @@ fn files_that_are_joined_are_all_read() {
             }
         }
     }
-    // A second MP3 file that says nothing of itself.
+    // A second MP3 file without an information frame.
     let whole = bytes("hello.mp3");
     let frame = whole.windows(2).rposition(|at| at == [0xFF, 0xF3]).unwrap();
     let last = &whole[frame..];
@@ -166,7 +165,7 @@ fn files_that_are_joined_are_all_read() {
 #[test]
 fn an_edit_list_s_pause_is_silence() {
     let (late, speech) = (read(&path("hello-late.m4a")).unwrap(), speech());
-    // 416 ms, and what the encoder put before the recording.
+    // 416 ms, preceded by the encoder's delay.
     let pause = 480 * 16;
     assert!(late.samples[..pause - 1024].iter().all(|&x| x == 0.0));
     assert!((pause + 16_000..=pause + 16_400).contains(&late.frames()), "{}", late.frames());
@@ -189,7 +188,7 @@ fn what_a_cut_file_lacks_is_noted_or_refused() {
         assert!(frames.contains(&read.frames()), "{name}: {}", read.frames());
         assert!(read.notes.contains(&Note::Cut), "{name}: {:?}", read.notes);
     }
-    // Its index is at its end.
+    // The index is at the end of the file.
     let whole = bytes("hello.m4a");
     let error = parse(&whole[..whole.len() / 2]).unwrap_err();
     assert!(error.to_string().starts_with("not a whole MPEG-4 audio file: "), "{error}");
@@ -221,7 +220,7 @@ fn damaged_files_give_errors_or_usable_samples() {
         let whole = bytes(name);
         for round in 0..150 {
             let mut damaged = whole.clone();
-            // Headers, which are at both ends, in half of the rounds.
+            // In half of the rounds, the damage is in the headers, which are at both ends.
             for _ in 0..1 + round % 8 {
                 let at = next() % if round % 2 == 0 { whole.len() } else { 400 };
                 let end = if round % 4 == 1 { whole.len() - 1 - at } else { at };

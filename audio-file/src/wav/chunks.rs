@@ -5,34 +5,34 @@ use std::io;
 use crate::bytes::Bytes;
 use crate::error::Note;
 
-/// Chunks that follow one without its padding byte.
+/// Chunks that may follow one without its padding byte.
 const KNOWN: [&[u8; 4]; 12] =
     [b"data", b"fmt ", b"LIST", b"fact", b"bext", b"junk", b"JUNK", b"id3 ", b"cue ", b"smpl", b"iXML", b"PEAK"];
-/// The last 12 bytes of Wave64's names of chunks that WAV has, too.
+/// The last 12 bytes of Wave64's identifiers of chunks that WAV has, too.
 const W64_NAME: [u8; 12] = *b"\xf3\xac\xd3\x11\x8c\xd1\x00\xc0\x4f\x8e\xdb\x8a";
 
-/// How chunks are laid out.
+/// Layout of chunks.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layout {
     Riff,
-    /// The same with the highest byte first.
+    /// Like RIFF, but big-endian.
     Rifx,
-    /// Names of 16 bytes, lengths of 8 that count the header, a multiple of 8.
+    /// Identifiers of 16 bytes; lengths of 8 bytes that include the header; alignment to 8 bytes.
     Wave64,
 }
 
-/// A chunk.
+/// A chunk header.
 #[derive(Clone, Copy)]
 pub(super) struct Chunk {
     pub(super) id: [u8; 4],
-    /// Where its content starts.
+    /// Offset of the content.
     pub(super) body: u64,
-    /// The content's length that it claims.
+    /// Claimed length of the content.
     pub(super) size: u64,
 }
 
 impl Chunk {
-    /// The name is made of plain characters.
+    /// Whether the identifier consists of printable characters.
     pub(super) fn is_named(&self) -> bool {
         self.id.iter().all(|c| c.is_ascii_graphic() || *c == b' ')
     }
@@ -51,7 +51,7 @@ impl Layout {
         self == Self::Rifx
     }
 
-    /// Where the first chunk starts.
+    /// Offset of the first chunk.
     pub(super) fn first(self) -> u64 {
         if self == Self::Wave64 { 40 } else { 12 }
     }
@@ -65,7 +65,7 @@ impl Layout {
         })
     }
 
-    /// The chunk at a place; none where its header is cut.
+    /// Reads the chunk header at an offset; `None` if it is truncated.
     pub(super) fn chunk(self, bytes: &Bytes, at: u64) -> io::Result<Option<Chunk>> {
         let header = bytes.peek(at, if self == Self::Wave64 { 24 } else { 8 })?;
         let [a, b, c, d, ..] = header[..] else { return Ok(None) };
@@ -81,8 +81,7 @@ impl Layout {
         })
     }
 
-    /// The place of the chunk behind a content of `size` bytes, which is padded; where it is not, with
-    /// a note.
+    /// Returns the offset after a content of `size` bytes and its padding. If the padding is missing, adds a note.
     pub(super) fn after(self, bytes: &Bytes, body: u64, size: u64, notes: &mut Vec<Note>) -> io::Result<u64> {
         let end = body.saturating_add(size);
         if self == Self::Wave64 {
@@ -99,8 +98,8 @@ impl Layout {
         Ok(padded)
     }
 
-    /// Nothing but whole, plainly named chunks follows: as behind an honestly empty data chunk, where
-    /// audio of unknown length would not look so.
+    /// Whether only complete chunks with printable names follow. That holds after a truly empty data chunk; audio of
+    /// unknown length would not look like this.
     pub(super) fn is_chunk_list(self, bytes: &Bytes, mut at: u64) -> io::Result<bool> {
         while let Some(chunk) = self.chunk(bytes, at)? {
             if !chunk.is_named() || chunk.size > bytes.len().saturating_sub(chunk.body) {

@@ -21,10 +21,9 @@ const TAG_IMA_ADPCM: u16 = 0x11;
 const TAG_MPEG: u16 = 0x50;
 const TAG_MP3: u16 = 0x55;
 const TAG_EXTENSIBLE: u16 = 0xFFFE;
-/// The last 14 bytes of a `WAVE_FORMAT_EXTENSIBLE` sub-format whose first two bytes are a plain
-/// tag.
+/// The last 14 bytes of a `WAVE_FORMAT_EXTENSIBLE` sub-format whose first two bytes are a plain format tag.
 const SUBFORMAT_SUFFIX: [u8; 14] = [0, 0, 0, 0, 0x10, 0, 0x80, 0, 0, 0xAA, 0, 0x38, 0x9B, 0x71];
-/// The bit of the centre in a mask of loudspeakers.
+/// Bit of the centre speaker in a channel mask.
 const CENTRE: u32 = 4;
 
 /// The content of a format chunk.
@@ -35,10 +34,10 @@ pub(super) struct Format {
 }
 
 impl Format {
-    /// Reads a chunk, in RIFX with the highest byte first.
+    /// Parses a chunk; RIFX is big-endian.
     ///
     /// # Errors
-    /// [`AudioError`] where it is cut, contradicts itself, or is of an encoding that is not read.
+    /// [`AudioError`] if the chunk is truncated, inconsistent, or of an unsupported encoding.
     pub(super) fn parse(chunk: &[u8], is_big: bool) -> Result<Self, AudioError> {
         let word = |at: usize| {
             let bytes = chunk.get(at..at + 2).map_or([0; 2], |bytes| [bytes[0], bytes[1]]);
@@ -56,7 +55,7 @@ impl Format {
             TAG_EXTENSIBLE => (extensible_tag(chunk, word(24))?, Some(long(20)).filter(|&mask| mask > 0)),
             tag => (tag, None),
         };
-        // Without a mask, five channels and more are in the order of a mask.
+        // Without a mask, five or more channels are in the order of a mask.
         let mask = mask.unwrap_or(if channels >= 5 { 0x3F } else { 0 });
         let centre = (mask & CENTRE > 0).then(|| (mask & (CENTRE - 1)).count_ones() as usize);
         let spec = Spec::new(long(4), channels.into(), centre)?;
@@ -67,7 +66,7 @@ impl Format {
         Ok(Self { spec, encoding })
     }
 
-    /// What `symphonia` makes a decoder of.
+    /// Parameters of the `symphonia` decoder.
     pub(super) fn parameters(&self) -> AudioCodecParameters {
         let (codec, frames) = match self.encoding {
             Encoding::Samples { codec, .. } => (codec, 1),
@@ -91,10 +90,10 @@ fn extensible_tag(chunk: &[u8], tag: u16) -> Result<u16, AudioError> {
     if suffix == SUBFORMAT_SUFFIX { Ok(tag) } else { Err(AudioError::BadFormat("its sub-format is not known")) }
 }
 
-/// How samples are stored.
+/// Storage format of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
-    /// One by one, in `bytes` each.
+    /// Individual samples of `bytes` each.
     Samples { codec: AudioCodecId, bytes: usize },
     /// 24 bits in the low three of four bytes.
     Int24In32 { is_big: bool },
@@ -105,7 +104,7 @@ pub(super) enum Encoding {
 }
 
 impl Encoding {
-    /// Integers of odd widths sit at the top of their container, so the container sets the scale.
+    /// Integers of odd widths are left-aligned in their container, so the container sets the scale.
     fn choose((tag, bits): (u16, u16), block: u16, channels: u16, is_big: bool) -> Result<Self, AudioError> {
         let container = block / channels;
         let samples = |little, big, bytes| Ok(Self::Samples { codec: if is_big { big } else { little }, bytes });
@@ -138,12 +137,12 @@ impl Encoding {
         }
     }
 
-    /// The last block holds more samples than the recording.
+    /// Whether the last block may hold more samples than the recording.
     pub(super) fn is_padded(self) -> bool {
         matches!(self, Self::Adpcm { .. })
     }
 
-    /// Bytes of a frame or block.
+    /// Size of a frame or block in bytes.
     pub(super) fn unit(self, channels: usize) -> usize {
         match self {
             Self::Samples { bytes, .. } => bytes * channels,
@@ -153,12 +152,12 @@ impl Encoding {
         }
     }
 
-    /// Bytes that hold at least one frame.
+    /// Minimum number of bytes that hold a frame.
     pub(super) fn least(self, channels: usize) -> usize {
         if self.is_padded() { 8 * channels } else { self.unit(channels) }
     }
 
-    /// Samples of each channel in so many bytes; of a block that is cut, those that are there.
+    /// Number of samples of each channel in `count` bytes, including those of a truncated block.
     pub(super) fn frames(self, count: usize, channels: usize) -> usize {
         let unit = self.unit(channels);
         match self {
@@ -171,9 +170,9 @@ impl Encoding {
         }
     }
 
-    /// Makes samples ready for the decoder.
+    /// Prepares samples for the decoder.
     pub(super) fn prepare(self, piece: &mut [u8]) {
-        // The fourth byte may be anything.
+        // The fourth byte is undefined.
         let Self::Int24In32 { is_big } = self else { return };
         for sample in piece.as_chunks_mut::<4>().0 {
             let [a, b, c, d] = *sample;

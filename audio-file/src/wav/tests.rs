@@ -5,7 +5,7 @@ use std::io::Cursor;
 use super::PIECE;
 use crate::{AudioError, Note, Reader, SAMPLE_RATES, parse, read};
 
-/// A plain 44-byte header and `data` after it; the header claims `claimed` bytes of audio.
+/// A plain 44-byte header followed by `data`; the header claims `claimed` bytes of audio.
 fn plain(tag: u16, channels: u16, rate: u32, bits: u16, claimed: u32, data: &[u8]) -> Vec<u8> {
     let block = channels * bits.div_ceil(8);
     let mut bytes = b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0".to_vec();
@@ -25,7 +25,7 @@ fn mono_16(claimed: u32, data: &[u8]) -> Vec<u8> {
     plain(1, 1, 16_000, 16, claimed, data)
 }
 
-/// What `hound` writes for `values` (already within the range of `bits`).
+/// Output of `hound` for `values` (already within the range of `bits`).
 fn by_hound(spec: WavSpec, values: &[i32]) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = WavWriter::new(&mut bytes, spec).unwrap();
@@ -246,7 +246,7 @@ fn parse_joins_all_data_chunks() {
     bytes.extend(b"LIST\x04\0\0\0INFOdata\x04\0\0\0\0\xC0\0\x40");
     let wav = parse(&bytes).unwrap();
     assert_eq!((wav.samples, wav.notes), (vec![0.5, -0.5, 0.5], vec![]));
-    // The last one claims more than there is.
+    // The last chunk claims more bytes than are present.
     bytes.truncate(bytes.len() - 2);
     let wav = parse(&bytes).unwrap();
     assert_eq!((wav.samples, wav.notes), (vec![0.5, -0.5], vec![Note::Length { claimed: 4, found: 2 }]));

@@ -1,8 +1,8 @@
-//! How clothes are laid out for their relief ([`crate::unwrap`]).
+//! Texture layout of clothes for their relief ([`crate::unwrap`]).
 //!
-//! Tops and trousers are cut from cloth that lies flat. Their seams are those of real clothes: where
-//! sleeves begin and along their undersides, where front and back meet at the sides, on the shoulders
-//! and along the legs, and in the middle of the trousers. The belt runs around in whole repeats.
+//! Tops and trousers are laid out like the flat cloth that clothes are cut from. The seams are those of real clothes:
+//! at the start of sleeves and along their undersides, between front and back at the sides, on the shoulders and
+//! along the legs, and in the middle of the trousers. The belt goes around in whole repeats.
 
 use super::{Piece, SIDES, leg_end, sleeve_end, top_ends, trouser_waist};
 use crate::Part;
@@ -13,10 +13,10 @@ use crate::unwrap::{Chart, flatten, repeats};
 use crate::vector::{V, add, cross, curve, dot, hypot, mix, ramp, scale, sub, unit};
 use std::f32::consts::{PI, TAU};
 
-/// Mean radius of the trunk, and how much wider it is than deep.
+/// Mean radius of the trunk, and its ratio of width to depth.
 const TRUNK: f32 = 0.128;
 const FLAT: f32 = 1.45;
-/// About the mean radius of a limb, from which the way around begins to be laid flat.
+/// Approximate mean radius of a limb, for the initial layout of its circumference.
 const RADIUS: f32 = 0.055;
 
 type Place<'a> = Box<dyn Fn(usize, V, V) -> [f32; 2] + 'a>;
@@ -50,7 +50,7 @@ pub(in super::super) fn top(rest: &Rest, look: &Look, piece: &Piece) -> Part {
         let sleeve = Limb::new(["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n)), [0.0, 1.0, 0.0]);
         let halves = [first, first + 1].map(|number| triangles_of(&part, |corners| chart_of(corners) == number));
         let end = sleeve_end(rest, side);
-        // Beyond its end a sleeve is within the cuff.
+        // Beyond its end, a sleeve is inside the cuff.
         let is_end = |vertex: usize| dot(sub(part.positions[vertex], end), sleeve.axis) > 0.0;
         sleeve.lay_flat(&part, detail, halves, Seams::One, is_end)
     });
@@ -68,7 +68,7 @@ fn panel(rest: &Rest, look: &Look, part: &Part, is_back: bool, has: impl Fn([V; 
     let mut flat = vec![[0.0; 2]; part.positions.len()];
     for &vertex in own.iter().flatten() {
         let [u, v] = (around.place)(vertex, part.positions[vertex], part.normals[vertex]);
-        // On a back, u would begin again in its middle.
+        // On a back, u would wrap in the middle.
         let u = if is_back && u < 0.0 { u + around.period[0] } else { u };
         flat[vertex] = [u * repeat[0], v * repeat[1]];
     }
@@ -83,15 +83,15 @@ fn triangles_of(part: &Part, has: impl Fn([V; 3]) -> bool) -> Vec<[usize; 3]> {
     triangles.filter(|corners| has(corners.map(|i| part.positions[i]))).collect()
 }
 
-/// Whether a vertex is of what closes a solid at its ends, within neck band or hem. `ends` are planes by
-/// a point and the direction outwards.
+/// Whether a vertex closes a solid at one of its ends, inside neck band or hem. `ends` are planes, each as a point
+/// and the outward direction.
 fn is_end(part: &Part, vertex: usize, ends: &[(V, V)], size: f32) -> bool {
     let (p, n) = (part.positions[vertex], part.normals[vertex]);
     ends.iter().any(|&(point, out)| dot(n, out) > 0.75 && dot(sub(p, point), out) > -0.006 * size)
 }
 
-/// Lays triangles flat but for those whose corners are all on an end: they are nobody's cloth, and would
-/// pull at that around them. Those vertices lie where the cloth next to them ends.
+/// Lays triangles flat, except those with all corners on an end: they are not part of the cloth and would distort it.
+/// Their vertices are placed at the edge of the adjacent cloth.
 fn lay_flat(positions: &[V], triangles: Vec<[usize; 3]>, is_end: impl Fn(usize) -> bool, flat: &mut [[f32; 2]]) {
     let (mut ends, cloth): (Vec<_>, Vec<_>) =
         triangles.into_iter().partition(|corners| corners.iter().all(|&vertex| is_end(vertex)));
@@ -115,7 +115,7 @@ fn lay_flat(positions: &[V], triangles: Vec<[usize; 3]>, is_end: impl Fn(usize) 
     }
 }
 
-/// `flat`: where vertices lie, metres on the plane.
+/// A chart from `flat`, the vertices' positions on the plane in metres.
 fn flat_chart(flat: Vec<[f32; 2]>, detail: Detail) -> Chart<Place<'static>> {
     let repeat = detail.repeat_m();
     let place: Place<'static> =
@@ -123,7 +123,7 @@ fn flat_chart(flat: Vec<[f32; 2]>, detail: Detail) -> Chart<Place<'static>> {
     Chart { place, period: [f32::INFINITY; 2] }
 }
 
-/// The trousers: front and back of the left leg and of the right, each up to the waist.
+/// The trousers: front and back of the left and the right leg, each up to the waist.
 pub(in super::super) fn trousers(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     let mut part = piece.surface();
     let middle = piece.plane(2, mix(rest.middle("hip"), rest.middle("ankle"), 0.5)[2]);
@@ -147,14 +147,14 @@ pub(in super::super) fn trousers(rest: &Rest, look: &Look, piece: &Piece) -> Par
     part
 }
 
-/// The belt, around the trunk.
+/// The belt, laid out around the trunk.
 pub(in super::super) fn belt(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     let mut part = piece.surface();
     part.lay_out(Detail::Leather, &[trunk(rest, look, Detail::Leather)], |_, _| 0);
     part
 }
 
-/// The upper of a shoe: seen from above, with its sides folded out.
+/// The upper of a shoe, seen from above with its sides folded out.
 pub(in super::super) fn shoe(rest: &Rest, side: &str, piece: &Piece) -> Part {
     let mut part = piece.surface();
     let (ankle, repeat) = (rest.side(side, "ankle"), Detail::Leather.repeat_m());
@@ -166,7 +166,7 @@ pub(in super::super) fn shoe(rest: &Rest, side: &str, piece: &Piece) -> Part {
     part
 }
 
-/// Around the trunk, and up; over the shoulders up is inwards.
+/// Chart around the trunk and upwards; over the shoulders, upwards becomes inwards.
 fn trunk(rest: &Rest, look: &Look, detail: Detail) -> Chart<Place<'static>> {
     let s = rest.size;
     let [wide, tall] = detail.repeat_m();
@@ -183,25 +183,25 @@ fn trunk(rest: &Rest, look: &Look, detail: Detail) -> Chart<Place<'static>> {
     Chart { place, period: [around, f32::INFINITY] }
 }
 
-/// Where front and back of a limb's cloth are sewn together.
+/// Seams between front and back of a limb's cloth.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Seams {
-    /// Where the way around is half a turn; opposite of it the cloth goes on.
+    /// At half a turn; on the opposite side the cloth is continuous.
     One,
-    /// There and where the way around is 0.
+    /// At half a turn and at 0.
     Both,
 }
 
-/// The way around a limb with a joint in its middle, and along it.
+/// Coordinates around and along a limb with a joint in its middle.
 struct Limb {
     joints: [V; 3],
     axis: V,
-    /// Where the way around is 0, and a quarter of a turn.
+    /// Directions of angle 0 and of a quarter turn.
     quarters: [V; 2],
 }
 
 impl Limb {
-    /// `from`: about the direction from the bones in which the way around is 0.
+    /// `from` is a point approximately in the direction of angle 0.
     fn new(joints: [V; 3], from: V) -> Self {
         let axis = unit(sub(joints[2], joints[0]));
         let side = unit(sub(from, scale(axis, dot(from, axis))));
@@ -223,7 +223,7 @@ impl Limb {
         [y.atan2(x) / PI, along]
     }
 
-    /// Charts of the cloth's front and back, the triangles of which are `halves`.
+    /// Lays front and back of the cloth flat, whose triangles are `halves`, and returns their charts.
     fn lay_flat(
         &self,
         part: &Part,
@@ -234,7 +234,7 @@ impl Limb {
     ) -> [Chart<Place<'static>>; 2] {
         let count = part.positions.len();
         let turns: Vec<f32> = part.positions.iter().map(|&p| self.at(p)[0]).collect();
-        // What front and back share lies in two places where there is a seam.
+        // At a seam, vertices shared by front and back have two positions.
         let of_back =
             |vertex: usize| if seams == Seams::One && turns[vertex].abs() < 0.5 { vertex } else { count + vertex };
         let mut flat = vec![[0.0; 2]; 2 * count];

@@ -1,6 +1,6 @@
 //! The head without eyes, mouth, ears and hair: a solid, and a map of its skin.
 //!
-//! Here and in the other modules of the head: metres of a head of size 1, from the middle between
+//! Coordinates here and in the other modules of the head are metres of a head of size 1, relative to the midpoint of
 //! the eyes.
 
 use crate::field::Join::{Cut, Union};
@@ -8,21 +8,21 @@ use crate::field::{Shape, Solid, occlusion};
 use crate::look::Look;
 use crate::vector::{V, add, curve, hypot, ramp, scale, unit};
 
-/// The rays that find the skin start on an upright line at this depth.
+/// Depth of the vertical line at which the rays that find the skin start.
 const AXIS: f32 = -0.060;
-/// Of the map, metres for a radian about that line.
+/// Scale of the map: metres per radian about that line.
 const ROUND: f32 = 0.075;
 
 pub(super) struct Base {
     pub(super) look: &'static Look,
     solid: Solid,
-    /// Where a ray starts on the line, and how steep it is, by its height in the map.
+    /// Start of a ray on the line, and its steepness, by its height in the map.
     start: Vec<(f32, f32)>,
     steep: Vec<(f32, f32)>,
 }
 
 impl Base {
-    /// `neck`: the neck joint.
+    /// `neck` is the neck joint.
     pub(super) fn new(neck: V, look: &'static Look) -> Self {
         let face = &look.build.face;
         let (jaw, nose, n) = (face.jaw, face.nose, look.build.neck);
@@ -79,10 +79,10 @@ impl Base {
                 Union(0.0078),
             );
         }
-        // What teeth hold out behind the lips.
+        // Bulge of the teeth behind the lips.
         solid = solid
             .with(Shape::Ellipsoid { centre: [0.0, -0.0660, 0.0020], radii: [0.0260, 0.0200, 0.0190] }, Union(0.014));
-        // Groove under the nose, and the one between lip and chin.
+        // Groove under the nose, and groove between lip and chin.
         solid = solid
             .with(Shape::cone([0.0, -0.0515, 0.0275], [0.0, -0.0590, 0.0278], 0.0022, 0.0030), Cut(0.005))
             .with(Shape::Ellipsoid { centre: [0.0, -0.0840, 0.0230], radii: [0.0150, 0.0040, 0.0032] }, Cut(0.010));
@@ -126,13 +126,13 @@ impl Base {
         ([0.0, curve(&self.start, v), AXIS], [sin * rise.cos(), rise.sin(), cos * rise.cos()])
     }
 
-    /// The skin at a place of the map.
+    /// Point of the skin at a place of the map.
     pub(super) fn skin(&self, at: [f32; 2]) -> V {
         let (start, along) = self.ray(at);
         self.outermost(start, along)
     }
 
-    /// Where a ray from inside leaves the head for the last time.
+    /// The outermost intersection of a ray from inside with the head.
     pub(super) fn outermost(&self, start: V, along: V) -> V {
         let at = |t: f32| add(start, scale(along, t));
         let mut far = 0.19;
@@ -146,7 +146,7 @@ impl Base {
         at(far)
     }
 
-    /// The place of the map whose ray passes through `p`; `u` is 0 ahead and grows to the left.
+    /// Place of the map whose ray passes through `p`; `u` is 0 at the front and grows to the left.
     pub(super) fn map(&self, p: V) -> [f32; 2] {
         let (x, z) = (p[0], p[2] - AXIS);
         let out = hypot(x, z);
@@ -159,12 +159,12 @@ impl Base {
         [x.atan2(z) * ROUND, 0.5 * (low + high)]
     }
 
-    /// The skin near `p`.
+    /// Point of the skin near `p`.
     pub(super) fn onto(&self, p: V) -> V {
         self.skin(self.map(p))
     }
 
-    /// The skin straight behind a place of the face seen from the front.
+    /// Point of the skin directly behind a place of the face, seen from the front.
     pub(super) fn behind(&self, x: f32, y: f32) -> V {
         let at = |z: f32| [x, y, z];
         let mut z = 0.06;
@@ -178,17 +178,17 @@ impl Base {
         at(z)
     }
 
-    /// The direction away from the head.
+    /// Outward normal.
     pub(super) fn normal(&self, p: V) -> V {
         unit(self.solid.gradient(p))
     }
 
-    /// How little light comes to the skin at `p`, 0..=1.
+    /// Ambient occlusion of the skin at `p`, 0..=1.
     pub(super) fn shade(&self, p: V) -> f32 {
         occlusion(&[&self.solid], p, self.normal(p), 0.026)
     }
 
-    /// How far apart vertices are at a place of the map.
+    /// Distance between vertices at a place of the map.
     pub(super) fn spacing([u, v]: [f32; 2]) -> f32 {
         let nose = ramp(0.030, 0.016, u) * ramp(-0.062, -0.052, v) * ramp(0.0, -0.014, v);
         let face = ramp(0.105, 0.070, u) * ramp(-0.15, -0.125, v) * ramp(0.055, 0.040, v);
@@ -197,6 +197,6 @@ impl Base {
         0.0135 - 0.0084 * face - 0.0026 * nose - 0.0007 * wing - 0.0055 * throat
     }
 
-    /// The end of the map about the head, its bottom and its top.
+    /// Bounds of the map: half circumference, bottom and top.
     pub(super) const BOUNDS: (f32, f32, f32) = (std::f32::consts::PI * ROUND, -0.192, 0.085);
 }

@@ -1,4 +1,4 @@
-//! Triangles between points of the plane (Bowyer 1981, Watson 1981).
+//! Delaunay triangulation of points in the plane (Bowyer 1981, Watson 1981).
 
 type Point = [f64; 2];
 
@@ -10,11 +10,11 @@ struct Triangle {
     radius: f64,
 }
 
-/// Delaunay's triangles of `points`, counter-clockwise. No two points may be at one place.
+/// Delaunay triangulation of `points`, counter-clockwise. Points must be distinct.
 pub(super) fn triangulate(points: &[Point]) -> Vec<[usize; 3]> {
     let count = points.len();
     let mut all = points.to_vec();
-    // One triangle round everything.
+    // A triangle that contains all points.
     all.extend([[-10.0, -10.0], [10.0, -10.0], [0.0, 15.0]]);
     let mut triangles = vec![circled(&all, [count, count + 1, count + 2])];
     for (at, &point) in points.iter().enumerate() {
@@ -28,7 +28,7 @@ pub(super) fn triangulate(points: &[Point]) -> Vec<[usize; 3]> {
             }
             !gone
         });
-        // An edge that two removed triangles share is inside the hole.
+        // An edge shared by two removed triangles is inside the hole.
         for &[a, b] in &edges {
             if !edges.contains(&[b, a]) {
                 triangles.push(circled(&all, [a, b, at]));

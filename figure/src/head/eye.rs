@@ -14,14 +14,13 @@ pub(super) struct Eye {
     look: &'static Look,
 }
 
-/// Of the eyeball, metres.
+/// Radius of the eyeball in metres.
 pub(super) const RADIUS: f32 = 0.0180;
-/// Vertices round the opening: a multiple of four.
+/// Vertices around the opening; a multiple of four.
 const AROUND: usize = 36;
 /// Rings of the lids, from the opening outwards.
 pub(super) const RINGS: usize = 7;
-/// Half width and half height of where the outer rings lie on the face, to the nose, to the temple,
-/// up, down; metres.
+/// Extents of the outer rings on the face, in metres: towards the nose, towards the temple, up, down.
 const OUTER: [[f32; 4]; 4] = [
     [0.0168, 0.0188, 0.0140, 0.0134],
     [0.0182, 0.0216, 0.0168, 0.0162],
@@ -35,7 +34,7 @@ const WHITE_SHADED: [u8; 3] = [128, 112, 110];
 const PUPIL: [u8; 3] = [18, 18, 22];
 const GLINT: [u8; 3] = [255, 255, 255];
 
-/// From the eye's centre, `turn` degrees to the temple and `rise` up.
+/// Direction from the eye's centre, `turn` degrees towards the temple and `rise` up.
 pub(super) fn direction(Turn { turn, rise }: Turn) -> V {
     let (turn, rise) = (turn.to_radians(), rise.to_radians());
     [turn.sin() * rise.cos(), rise.sin(), turn.cos() * rise.cos()]
@@ -46,14 +45,14 @@ impl Eye {
         Self { centre, look }
     }
 
-    /// Where a lid's vertex is when its place on the eyeball is `turn` instead of its own.
+    /// Position of a lid's vertex if its direction from the eyeball's centre is `turn`.
     pub(super) fn lid_place(&self, point: &Point, turn: Turn) -> V {
         let on_ball = add(self.centre, scale(direction(turn), point.radius));
         mix(on_ball, point.target, point.share)
     }
 }
 
-/// The lids' rings; the outermost ring's vertices.
+/// Adds the lids' rings, and returns the vertices of the outermost ring.
 pub(super) fn add_lids(sheet: &mut Sheet, base: &Base, eye: &Eye) -> Vec<usize> {
     let mut inner: Vec<usize> = Vec::new();
     for ring in 0..RINGS {
@@ -85,15 +84,15 @@ pub(super) fn add_lids(sheet: &mut Sheet, base: &Base, eye: &Eye) -> Vec<usize> 
     inner
 }
 
-/// Lashes of one lid: how many, and their share of the longest.
+/// Lashes of each lid: upper or lower, number, and length relative to the longest.
 const LASHES: [(bool, usize, f32); 2] = [(true, 30, 1.0), (false, 15, 0.30)];
 
-/// Single lashes along the edges of the lids, longer towards the temple.
+/// Adds single lashes along the edges of the lids, longer towards the temple.
 pub(super) fn add_lashes(sheet: &mut Sheet, eye: &Eye) {
     let face = &eye.look.build.face;
     let dark = mix_color(eye.look.strands[0], PUPIL, 0.55);
     for (upper, count, share) in LASHES {
-        // The lower ones are finer than a triangle can be.
+        // The lower lashes are finer than a triangle can be, so they are paler.
         let color = if upper { dark } else { mix_color(eye.look.skin.toned(0.3, 0.5), dark, 0.45) };
         for k in 0..count {
             let t = (k as f32 + 0.6) / count as f32;
@@ -114,7 +113,7 @@ pub(super) fn add_lashes(sheet: &mut Sheet, eye: &Eye) {
     }
 }
 
-/// A hair: a triangle, and the tip that is its last vertex.
+/// Adds a hair: a triangle and its tip, which is the last vertex.
 pub(super) fn spike(sheet: &mut Sheet, [a, b, c, tip]: [usize; 4]) {
     let at = |i: usize| sheet.vertices[i].place;
     let facing = cross(sub(at(b), at(a)), sub(at(c), at(a)));
@@ -125,7 +124,7 @@ pub(super) fn spike(sheet: &mut Sheet, [a, b, c, tip]: [usize; 4]) {
     }
 }
 
-/// Where an outer ring lies on the face.
+/// Position of an outer ring on the face.
 fn target(base: &Base, eye: &Eye, ring: usize, angle: f32) -> V {
     let Some(&[nose, temple, up, down]) = ring.checked_sub(3).and_then(|outer| OUTER.get(outer)) else {
         return eye.centre;
@@ -141,8 +140,8 @@ pub(super) fn mix_color(a: [u8; 3], b: [u8; 3], t: f32) -> [u8; 3] {
     std::array::from_fn(|i| (f32::from(a[i]) * (1.0 - t) + f32::from(b[i]) * t).round() as u8)
 }
 
-/// Rings of the eyeball from the pupil back: degrees from ahead, and the colour up to there and
-/// from there on.
+/// Rings of the eyeball from the pupil backwards: degrees from the front, the colour up to the ring, and the colour
+/// from there on if it differs.
 fn ball(look: &Look) -> [(f32, Color, Option<Color>); 12] {
     let [iris, inner] = look.iris;
     let rim = mix_color(iris, PUPIL, 0.55);
@@ -162,9 +161,9 @@ fn ball(look: &Look) -> [(f32, Color, Option<Color>); 12] {
     ]
 }
 const SPOKES: usize = 28;
-/// How dark the eyeball is under the upper lid.
+/// Darkness of the eyeball under the upper lid.
 const SHADED: f32 = 0.70;
-/// The light in the eye: degrees to the temple and up, and its size.
+/// Highlight in the eye: degrees towards the temple and up, and its size.
 const SPARK: (Turn, f32) = (Turn { turn: 0.0, rise: 10.0 }, 3.4);
 
 pub(super) fn add_eyeball(sheet: &mut Sheet, eye: &Eye) {
@@ -176,7 +175,7 @@ pub(super) fn add_eyeball(sheet: &mut Sheet, eye: &Eye) {
     let middle = sheet.add(at(0.0, 0, RADIUS), Kind::Eyeball, PUPIL);
     let mut inner = vec![middle; SPOKES + 1];
     for (off, color, beyond) in ball(eye.look) {
-        // The upper lid keeps light from what is under it.
+        // The upper lid shades the eyeball below it.
         let shaded = |k: usize, color: Color| {
             let dark = SHADED * ramp(2.0, 17.0, off * (TAU * k as f32 / SPOKES as f32).sin());
             mix_color(color, if color == WHITE || color == WHITE_EDGE { WHITE_SHADED } else { PUPIL }, dark)

@@ -11,19 +11,19 @@ use crate::nets::{self, Grid, planes};
 use crate::vector::{V, add, cross, curve, mix, ramp, scale, sub, unit};
 use std::f32::consts::{PI, TAU};
 
-/// Of the strands: 0 for their roots' colour, 1 for their tips'.
+/// Colour of the strands: 0 for the roots, 1 for the tips.
 fn color(base: &Base, t: f32) -> Color {
     let [root, tip] = base.look.strands;
     mix_color(root, tip, t.clamp(0.0, 1.0))
 }
 
-/// A number between 0 and 1 that looks random, the same each time.
+/// A deterministic pseudo-random number between 0 and 1.
 fn random(seed: usize) -> f32 {
     let x = (seed as f32 * 12.9898).sin() * 43_758.547;
     x - x.floor()
 }
 
-/// The left brow: single hairs over a thin strip of their colour.
+/// Adds the left brow: single hairs over a thin strip of their colour.
 pub(super) fn add_brow(sheet: &mut Sheet, base: &Base) {
     const LENGTH: usize = 14;
     const HAIRS: usize = 60;
@@ -54,7 +54,7 @@ pub(super) fn add_brow(sheet: &mut Sheet, base: &Base) {
         let t = 0.94 * (hair as f32 + random(hair)) / HAIRS as f32;
         let up = [-0.62, 0.30, -0.15, 0.72][hair % 4];
         let (root, away) = place(t, up);
-        // The inner ones stand up, the outer ones lie along the brow.
+        // The inner hairs stand up, the outer ones lie along the brow.
         let lie = ramp(0.0, 0.35, t);
         let (end, lift) = place((t + 0.05 + 0.11 * lie).min(1.02), up * 0.55 + 1.1 * (1.0 - lie) * (1.0 - 0.3 * up));
         let tip = add(end, scale(lift, 0.0010));
@@ -66,7 +66,7 @@ pub(super) fn add_brow(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// The left ear.
+/// Adds the left ear.
 pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
     const SIZE: f32 = 0.94;
     let root = base.onto([0.075, -0.012, -0.078]);
@@ -76,7 +76,7 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
         .with(egg(over(0.0035, 0.005, -0.006), [0.0056, 0.0285, 0.0184]), Union(0.0))
         .with(egg(over(0.0050, -0.0205, -0.0005), [0.0048, 0.0098, 0.0074]), Union(0.009))
         .with(egg(over(0.0125, 0.008, -0.006), [0.0060, 0.0168, 0.0096]), Cut(0.004));
-    // The rim, from the front over the top and round the back.
+    // The rim, from the front over the top to the back.
     let rim = [
         over(0.0045, 0.004, 0.0045),
         over(0.0070, 0.017, 0.0078),
@@ -87,7 +87,7 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
         over(0.0100, -0.0070, -0.0165),
         over(0.0070, -0.0165, -0.0090),
     ];
-    // The fold within it, in two arms above.
+    // The inner fold, which has two arms at the top.
     let fold = [over(0.0085, -0.0100, -0.0105), over(0.0100, 0.0030, -0.0120), over(0.0090, 0.0160, -0.0070)];
     for (line, thick, soft) in [(&rim[..], 0.0027, 0.0035), (&fold[..], 0.0024, 0.0040)] {
         for pair in line.windows(2) {
@@ -102,7 +102,7 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
         nets::surface(&solid, &Grid([range(0, 0.024, 0.0028), range(1, 0.040, 0.0031), range(2, 0.030, 0.0028)]));
     let first = sheet.vertices.len();
     for (&place, &normal) in part.positions.iter().zip(&part.normals) {
-        // The ear stands off the head behind.
+        // At the back, the ear stands off the head.
         let back = ramp(0.005, -0.022, place[2] - root[2]);
         let shade = occlusion(&[&solid], place, normal, 0.010);
         let color = base.look.skin.toned(0.42, 0.62 * shade);
@@ -112,7 +112,7 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
     sheet.triangles.extend(triangles.iter().map(|t| t.map(|i| first + i as usize)));
 }
 
-/// Where hair ends, as an angle from the crown, by the angle from straight ahead; degrees.
+/// Hairline: angle from the crown, by the angle from the front, in degrees.
 const HAIRLINE: [(f32, f32); 11] = [
     (0.0, 46.5),
     (20.0, 46.5),
@@ -127,7 +127,7 @@ const HAIRLINE: [(f32, f32); 11] = [
     (180.0, 128.0),
 ];
 
-/// The same, no smooth curve.
+/// The hairline, made irregular.
 fn hairline(ahead: f32) -> f32 {
     let jagged = 0.7 * (ahead * 0.55).sin() + 0.5 * (ahead * 1.21).sin();
     curve(&HAIRLINE, ahead) + jagged * ramp(0.0, 8.0, ahead) * ramp(180.0, 170.0, ahead)
@@ -136,11 +136,10 @@ fn hairline(ahead: f32) -> f32 {
 const CROWN: V = [0.0, 0.020, -0.066];
 const COLUMNS: usize = 44;
 
-/// A row of the cap: share of the way from crown to hairline, and how much of the hair's thickness
-/// there is.
+/// A row of the cap: share of the way from crown to hairline, and share of the hair's thickness.
 type Row = (f32, f32);
 
-/// The left half of the hair: a cap, and locks over it.
+/// Adds the left half of the hair: a cap, and locks over it.
 pub(super) fn add_hair(sheet: &mut Sheet, base: &Base) {
     add_cap(sheet, base);
     add_fringe(sheet, base);
@@ -152,14 +151,14 @@ pub(super) fn add_hair(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// The place over the skin in a direction from the crown, degrees: from straight ahead, and down.
+/// Point above the skin in a direction from the crown, in degrees: from the front, and downwards.
 fn over(base: &Base, ahead: f32, fall: f32, lift: f32) -> V {
     let (turn, fall) = (ahead.to_radians(), fall.to_radians());
     let along = [turn.sin() * fall.sin(), fall.cos(), turn.cos() * fall.sin()];
     add(base.outermost(CROWN, along), scale(along, lift))
 }
 
-/// How thick the hair is, metres, and how far a strand stands out there, -1..=1.
+/// Thickness of the hair in metres, and relief of a strand, -1..=1.
 fn thickness(hair: Hair, ahead: f32, fall: f32, t: f32) -> (f32, f32) {
     let front = ramp(70.0, 10.0, ahead);
     let top = ramp(80.0, 25.0, fall);
@@ -189,7 +188,7 @@ fn add_cap(sheet: &mut Sheet, base: &Base) {
                 let end = hairline(ahead);
                 let fall = 6.0 * (1.0 - t) + end * t + 1.5 * (1.0 - full);
                 let (body, strand) = thickness(hair, ahead, fall, t);
-                // The last row is under the skin.
+                // The last row is below the skin.
                 let lift = if full > 0.0 { body + 0.0015 * strand } else { -0.003 };
                 let mut place = over(base, ahead, fall, lift);
                 if column == 0 || column == COLUMNS {
@@ -210,7 +209,7 @@ fn add_cap(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// Single hairs over the hairline, where the cap would end as if it were cut.
+/// Adds single hairs over the hairline, so that the cap's edge does not look cut.
 fn add_fringe(sheet: &mut Sheet, base: &Base) {
     const HAIRS: usize = 80;
     let long = if base.look.hair == Hair::Crop { 0.7 } else { 1.0 };
@@ -230,8 +229,8 @@ fn add_fringe(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// A lock along a path, `wide` metres across at its widest, flat, from a blunt root to its end. `end`:
-/// how wide it is there, as a share. `shade`: its place between the strands' colours.
+/// Adds a flat lock along a path, at most `wide` metres across, from a blunt root to its end. `end` is the width at
+/// the end as a share, `shade` the position between the strands' colours.
 fn add_lock(sheet: &mut Sheet, base: &Base, path: &[V], end: f32, wide: f32, shade: f32) {
     const AROUND: usize = 5;
     let last = path.len() - 1;
@@ -266,7 +265,7 @@ fn from_crown(p: V) -> V {
     unit(sub(p, CROWN))
 }
 
-/// Swept back from the forehead, short at sides and back.
+/// Hair swept back from the forehead, short at sides and back.
 fn add_short(sheet: &mut Sheet, base: &Base) {
     let mut seed = 0;
     for (row, &(from, to)) in [(1.0, 0.52), (0.86, 0.30), (0.62, 0.10)].iter().enumerate() {
@@ -283,7 +282,7 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
                     let (body, _) = thickness(Hair::Short, turn, fall, from + (to - from) * t);
                     let lift = 0.7 * body
                         + rise * (1.0 - (2.0 * t - 0.75).powi(2)).max(0.0) * if row == 0 { 1.0 } else { 0.55 };
-                    // Roots are in the skin.
+                    // Roots are inside the skin.
                     over(base, turn + 9.0 * t, fall, lift * ramp(-0.06, 0.28, t))
                 })
                 .collect();
@@ -311,24 +310,23 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// The place of hair that hangs: over the head down to `turn_down` degrees, then straight down,
-/// `long` metres in all beyond there.
+/// Point of hanging hair: over the head down to the angle `bend`, then straight down for `long` metres.
 fn hanging(base: &Base, ahead: f32, t: f32, lift: f32, long: f32) -> V {
     let bend = curve(&[(0.0, 60.0), (60.0, 84.0), (90.0, 88.0), (180.0, 92.0)], ahead);
     let split = 0.52;
     let at = over(base, ahead, 7.0 + (bend - 7.0) * (t / split).min(1.0), lift);
     let down = ((t - split) / (1.0 - split)).max(0.0);
-    // Falls outside of ear and cheek, and turns in at its end.
+    // Falls outside ear and cheek, and turns in at the end.
     let out = unit([at[0] - CROWN[0], 0.0, at[2] - CROWN[2]]);
     let away = 0.006 * (PI * down).sin() - 0.012 * down.powi(3);
     add(add(at, scale(out, away)), [0.0, -long * down, 0.0])
 }
 
-/// Chin-long, parted in the middle.
+/// Chin-length hair with a middle parting.
 fn add_bob(sheet: &mut Sheet, base: &Base) {
     const ROWS: usize = 12;
     const WAYS: usize = 16;
-    // A curtain with an inside.
+    // A curtain with an inner side.
     let mut before: Vec<usize> = Vec::new();
     for row in 0..=2 * ROWS {
         let inside = row > ROWS;
@@ -372,7 +370,7 @@ fn add_bob(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// Drawn back, with a knot at the back of the head.
+/// Hair drawn back to a knot at the back of the head.
 fn add_bun(sheet: &mut Sheet, base: &Base) {
     let mut seed = 0;
     let knot = add(over(base, 180.0, 58.0, 0.0), [0.0, 0.010, -0.018]);
@@ -396,7 +394,7 @@ fn add_bun(sheet: &mut Sheet, base: &Base) {
         add_lock(sheet, base, &path, 0.21, 0.0150, 0.10 + 0.42 * random(seed + 7));
         ahead += 6.2;
     }
-    // The knot: wound strands.
+    // The knot consists of wound strands.
     const RINGS: usize = 12;
     const SPOKES: usize = 12;
     let mut before: Vec<usize> = Vec::new();

@@ -1,9 +1,9 @@
-//! The lids: rings on the eyeball that open and close by turning about its centre.
+//! The lids: rings on the eyeball that open and close by rotation about its centre.
 
 use super::eye::RADIUS;
 use crate::vector::{V, blend};
 
-/// A direction from the eye's centre, degrees to the temple and up.
+/// A direction from the eye's centre, in degrees towards the temple and up.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Turn {
     pub(super) turn: f32,
@@ -13,29 +13,29 @@ pub(super) struct Turn {
 /// A vertex of a lid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
-    /// From the opening, 0, outwards.
+    /// Index of the ring: 0 at the opening, increasing outwards.
     pub(super) ring: usize,
     pub(super) upper: bool,
     pub(super) rest: Turn,
-    /// How high the two lids' edges are at this vertex's place along them, degrees: upper, lower.
+    /// Heights of the edges of both lids at this vertex's position along them, in degrees: upper, lower.
     edges: [f32; 2],
-    /// From the eye's centre, metres.
+    /// Distance from the eye's centre, in metres.
     pub(super) radius: f32,
-    /// On the face, and how much the vertex is drawn to there.
+    /// Position on the face, and weight with which the vertex is drawn towards it.
     pub(super) target: V,
     pub(super) share: f32,
 }
 
-/// Half the opening's width, its height over and under the line between the corners, degrees.
+/// Half width of the opening, and its height above and below the line between the corners, in degrees.
 const WIDE: f32 = 55.0;
 const HIGH: f32 = 17.5;
 const LOW: f32 = 20.0;
-/// The outer corner is this much higher than the inner one.
+/// Height of the outer corner relative to the inner one, in degrees.
 const SLANT: f32 = 6.0;
-/// The opening's middle is towards the temple.
+/// Offset of the opening's middle towards the temple, in degrees.
 const ASIDE: f32 = 4.0;
-/// Of each ring: beyond the opening in width and height, degrees; over the eyeball, metres; share
-/// of the face; how much of the edge's turn it takes part in.
+/// For each ring: excess over the opening in width and height, degrees; distance from the eyeball, metres; weight of
+/// the face; share of the edge's rotation.
 const RINGS: [(f32, f32, f32, f32, f32); 7] = [
     (-1.0, -2.0, 0.0003, 0.0, 1.0),
     (0.0, 0.0, 0.0016, 0.0, 1.0),
@@ -45,10 +45,10 @@ const RINGS: [(f32, f32, f32, f32, f32); 7] = [
     (30.0, 32.0, 0.0020, 0.80, 0.15),
     (42.0, 44.0, 0.0020, 1.0, 0.0),
 ];
-/// Closed lids meet at this share of the way up.
+/// Height at which closed lids meet, as a share of the opening.
 const MEET: f32 = 0.14;
 
-/// A place along the lids' edges.
+/// A position along the lids' edges.
 pub(super) struct Lid {
     pub(super) upper: bool,
     sin: f32,
@@ -56,16 +56,16 @@ pub(super) struct Lid {
 }
 
 impl Lid {
-    /// At an angle round the opening: 0 at the temple, then over the upper lid to the nose.
+    /// Position at an angle around the opening: 0 at the temple, then over the upper lid to the nose.
     pub(super) fn at(angle: f32) -> Self {
         let (sin, cos) = angle.sin_cos();
         Self { upper: sin > -1e-4, sin, cos }
     }
 
-    /// Degrees up of the edge that is `beyond` degrees larger than the opening.
+    /// Height in degrees of an edge that exceeds the opening by `beyond` degrees.
     fn rise(&self, upper: bool, beyond: f32) -> f32 {
         let size = self.sin.abs();
-        // A fuller curve above, where the highest place is nearer to the nose.
+        // The upper curve is fuller, and its highest point is nearer to the nose.
         let lean = if upper { 1.0 - 0.10 * self.cos } else { 1.0 + 0.10 * self.cos };
         let high = if upper { HIGH * lean + beyond } else { -(LOW * lean + beyond) };
         high * size.powf(1.12) + 0.5 * SLANT * self.cos
@@ -80,24 +80,24 @@ impl Lid {
     }
 }
 
-/// How a shape turns the lids.
+/// Rotation of the lids by a shape.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Motion {
-    /// Share of the way to closed lids.
+    /// Progress towards closed lids, 0 to 1.
     pub(super) close: f32,
-    /// Degrees up of the upper and the lower edge in their middle.
+    /// Lift of the upper and the lower edge at their middle, in degrees.
     pub(super) upper: f32,
     pub(super) lower: f32,
-    /// Degrees to the temple.
+    /// Degrees towards the temple.
     pub(super) aside: f32,
 }
 
 impl Point {
-    /// Where the vertex goes.
+    /// Direction of the vertex after the motion.
     pub(super) fn turned(&self, motion: Motion) -> Turn {
         let [up, low] = self.edges;
         let (own, lift) = if self.upper { (up, motion.upper) } else { (low, motion.lower) };
-        // At the corners the edges meet already.
+        // At the corners the edges already meet.
         let open = ((up - low) / (HIGH + LOW)).clamp(0.0, 1.0);
         let edge = motion.close * (blend(low, up, MEET) - own) + lift * open;
         let part = RINGS[self.ring].4;

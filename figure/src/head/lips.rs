@@ -1,4 +1,4 @@
-//! Where the lips are, which parts follow the jaw, and how the jaw opens.
+//! Geometry of the lips, their weights of the jaw, and the motion of the jaw.
 
 use super::Kind;
 use crate::vector::{V, ramp, scale, sub, turn_x};
@@ -7,20 +7,20 @@ use crate::vector::{V, ramp, scale, sub, turn_x};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     pub(super) upper: bool,
-    /// 0 where the lips touch, 1 and on outwards, -1 and on into the mouth.
+    /// Index of the ring: 0 where the lips touch, 1 and up outwards, -1 and down into the mouth.
     pub(super) ring: i8,
-    /// Where the lips touch beside this vertex.
+    /// Contact point of the lips next to this vertex.
     pub(super) contact: V,
 }
 
 /// Half the mouth's width, metres.
 pub(super) const WIDE: f32 = 0.0240;
-/// The jaw's hinge, and how far it turns at `jawOpen` = 1, radians.
+/// Hinge of the jaw, and its angle in radians at `jawOpen` = 1.
 const HINGE: V = [0.0, -0.036, -0.066];
 const OPEN: f32 = 0.27;
-/// Of the way between open lips, the part that the upper one goes to close them.
+/// Share of the gap between open lips that the upper lip covers when they close.
 const UPPER_SHARE: f32 = 0.32;
-/// How much of the lips' motion the mouth behind them takes part in, ring by ring.
+/// Share of the lips' motion that the mouth behind them follows, by ring.
 const WITHIN: [f32; 7] = [1.0, 1.0, 0.8, 0.45, 0.1, 0.0, 0.0];
 
 /// Height of the line between the lips.
@@ -29,24 +29,23 @@ pub(super) fn line(x: f32) -> f32 {
     -0.0668 + 0.0014 * t * t
 }
 
-/// The mouth's corners follow the jaw by this share.
+/// Share of the jaw's motion that the mouth's corners follow.
 const CORNER: f32 = 0.38;
 
-/// 0 above the mouth, 1 below it; on the lips nearer to each other the nearer to a corner, beyond
-/// which they are one.
+/// 0 above the mouth, 1 below it. On the lips, the two values converge towards a corner and are equal beyond it.
 pub(super) fn side(p: V, upper: Option<bool>) -> f32 {
     let x = p[0].abs();
     let rise = p[1] - line(x);
     let t = (x / WIDE).min(1.0);
-    // Open lips are an oval.
+    // Open lips form an oval.
     let joined = 1.0 - (1.0 - t * t).powf(0.62);
-    // The further to the side, the further up and down the corner's motion reaches.
+    // The influence of the corner's motion extends further up and down with the distance from the middle.
     let reach = 0.011 + 0.55 * (x - 0.5 * WIDE).max(0.0);
     let near = joined * (-(rise / reach).powi(2)).exp();
     if upper.unwrap_or(rise > 0.0) { CORNER * near } else { 1.0 - (1.0 - CORNER) * near }
 }
 
-/// The place whose motion a vertex takes part in, and how much.
+/// Point whose motion a vertex follows, and the weight.
 pub(super) fn anchor(kind: Kind, place: V) -> (V, f32) {
     match kind {
         Kind::Lip(point) if point.ring < 0 => (point.contact, WITHIN[usize::from(point.ring.unsigned_abs())]),
@@ -54,7 +53,7 @@ pub(super) fn anchor(kind: Kind, place: V) -> (V, f32) {
     }
 }
 
-/// 0 for what is above the mouth, 1 for what is below it.
+/// 0 for vertices above the mouth, 1 for those below it.
 pub(super) fn below(kind: Kind, place: V) -> f32 {
     match kind {
         Kind::Lip(point) if point.ring <= 0 => side(point.contact, Some(point.upper)),
@@ -63,7 +62,7 @@ pub(super) fn below(kind: Kind, place: V) -> f32 {
     }
 }
 
-/// How much a vertex follows the jaw, 0..=1.
+/// Weight of the jaw for a vertex, 0..=1.
 pub(super) fn jaw(kind: Kind, place: V) -> f32 {
     match kind {
         Kind::LowerTeeth | Kind::Tongue(_) => 1.0,
@@ -74,15 +73,15 @@ pub(super) fn jaw(kind: Kind, place: V) -> f32 {
     }
 }
 
-/// How the fully open jaw moves what follows it wholly.
+/// Displacement by the fully open jaw, at weight 1.
 pub(super) fn opened(p: V) -> V {
     sub(turn_x(p, HINGE, OPEN), p)
 }
 
-/// What brings the lips together while the jaw is open.
+/// Displacement that closes the lips while the jaw is open.
 pub(super) fn closed(kind: Kind, place: V) -> V {
     let (contact, upper, near) = match kind {
-        // Around the lips it is the place that says how much of the jaw's motion there is to undo.
+        // Around the lips, the vertex's position determines the share of the jaw's motion to undo.
         Kind::Lip(point) if point.ring > 0 => {
             let x = place[0].clamp(-WIDE, WIDE);
             ([x, line(x), point.contact[2]], point.upper, 1.0)

@@ -1,13 +1,12 @@
-//! The head: skin with eyes and mouth let in, eyeballs, brows, ears, hair, teeth and tongue, and
-//! the 52 shapes.
+//! The head: skin with openings for eyes and mouth, eyeballs, brows, ears, hair, teeth and tongue, and the 52 shapes.
 //!
-//! | module | what it makes |
+//! | module | contents |
 //! |---|---|
 //! | `base` | the bare head as a solid, and a map of its skin |
-//! | `delaunay` | the skin's triangles between the rings round eyes and mouth |
+//! | `delaunay` | triangulation of the skin between the rings around eyes and mouth |
 //! | `sheet` | half of a surface, and its mirror image |
-//! | `eye`, `mouth`, `hair` | what their names say |
-//! | `shapes`, `lids`, `lips` | where each channel moves each vertex |
+//! | `eye`, `mouth`, `hair` | the parts that they name |
+//! | `shapes`, `lids`, `lips` | displacement of each vertex by each channel |
 
 use super::look::Look;
 use super::rest::Rest;
@@ -28,17 +27,17 @@ mod mouth;
 pub(crate) mod shapes;
 mod sheet;
 
-/// What a vertex belongs to, and what its shapes need to know of it.
+/// Part to which a vertex belongs, with the data that its shapes need.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Skin,
-    /// Of the left eye's lids, or their mirror image.
+    /// Vertex of the left eye's lids, or its mirror image.
     Lid(lids::Point),
-    /// Of a lip, or of the mouth behind it.
+    /// Vertex of a lip, or of the mouth behind it.
     Lip(lips::Point),
     UpperTeeth,
     LowerTeeth,
-    /// From root 0 to tip 1.
+    /// Position from root, 0, to tip, 1.
     Tongue(f32),
     Eyeball,
     Brow,
@@ -46,26 +45,26 @@ enum Kind {
     Hair,
 }
 
-/// A vertex of the head, in the head's metres.
+/// A vertex of the head, in metres of a head of size 1.
 #[derive(Clone, Copy, Debug)]
 struct Vertex {
     place: V,
     kind: Kind,
     color: [u8; 3],
-    /// The vertex whose normal this one shares, itself or an earlier one.
+    /// The vertex whose normal this one shares: itself or an earlier one.
     smooth: usize,
 }
 
-/// A shape moves no vertex less than this, metres.
+/// Threshold below which a shape does not move a vertex, in metres.
 const MIN_MOVE: f32 = 3e-5;
 
 /// Head and neck with their shapes.
 pub(super) struct Head {
     sheet: Sheet,
-    /// `[vertices]`, in the head's metres, and unit length.
+    /// `[vertices]`, positions in metres of a head of size 1, and unit normals.
     places: Vec<V>,
     normals: Vec<V>,
-    /// In metres of a head of size 1, vertices counted from the head's first.
+    /// In metres of a head of size 1; vertices are indexed from the head's first.
     morphs: Vec<Morph>,
     /// `[vertices]`
     finishes: Vec<Finish>,
@@ -96,7 +95,7 @@ impl Head {
         let facing = sheet.facing(&places);
         let normals = sheet.normals(&facing);
         let morphs = ARKIT_NAMES.iter().map(|&name| morph(name, &sheet, &eye, &places, &facing, &normals)).collect();
-        // The solid's own are smoother than those of its triangles.
+        // Normals of the solid are smoother than those of the triangles.
         let smooth = sheet.vertices.iter().zip(normals);
         let normals = smooth.map(|(vertex, normal)| match vertex.kind {
             Kind::Skin => base.normal(vertex.place),
@@ -131,15 +130,15 @@ impl Head {
     }
 }
 
-/// How far ahead of the eyeballs' centres the head's measures count from: eyes lie deep in the face.
+/// Distance of the head's origin in front of the eyeballs' centres, because eyes lie deep in the face.
 const DEEP: f32 = 0.0042;
 
-/// Where the head's measures count from.
+/// Origin of the head's coordinates.
 fn origin(rest: &Rest) -> V {
     add(rest.middle("eye"), [0.0, 0.0, DEEP * rest.head])
 }
 
-/// A shape as the vertices that it moves or turns.
+/// Builds a shape from the vertices that it moves or whose normals it changes.
 fn morph(name: &'static str, sheet: &Sheet, eye: &eye::Eye, places: &[V], facing: &[V], normals: &[V]) -> Morph {
     let shape = shapes::Shape::new(name);
     let moves: Vec<V> = sheet.vertices.iter().map(|vertex| shape.moved(vertex, eye)).collect();
@@ -160,7 +159,7 @@ fn morph(name: &'static str, sheet: &Sheet, eye: &eye::Eye, places: &[V], facing
 fn finish(kind: Kind) -> Finish {
     match kind {
         Kind::Skin | Kind::Lid(_) | Kind::Ear => Finish::SKIN,
-        // Skin begins at the red's edge.
+        // Skin begins at the edge of the red.
         Kind::Lip(point) if point.ring > 3 => Finish::SKIN,
         Kind::Lip(_) => Finish::LIP,
         Kind::UpperTeeth | Kind::LowerTeeth => Finish::TEETH,
@@ -174,16 +173,16 @@ fn number(at: usize) -> u32 {
     u32::try_from(at).expect("the figure has few vertices")
 }
 
-/// Eyeballs turn with their joints; the neck's skin goes over into the neck.
+/// Skin weights of a vertex: eyeballs follow their joints, and the neck's skin blends into the neck.
 fn follow(vertex: &Vertex) -> Weights {
     let [x, y, z] = vertex.place;
     match vertex.kind {
         Kind::Eyeball => skin::only(if x > 0.0 { "left_eye" } else { "right_eye" }),
         Kind::Skin => {
-            // The neck leans back, so that the throat is lower than the nape.
+            // The neck leans back, so the throat is lower than the nape.
             let low = y + 0.25 * (z + 0.06);
             let neck = ramp(-0.105, -0.165, low);
-            // What the collar hides goes with the chest, as the collar does.
+            // Skin under the collar follows the chest, as the collar does.
             let chest = ramp(-0.132, -0.168, low);
             let parts = [("head", 1.0 - neck), ("neck", neck * (1.0 - chest)), ("spine3", neck * chest)];
             skin::normalized(parts.map(|(joint, weight)| (weight, skin::number(joint))).to_vec())
@@ -192,7 +191,7 @@ fn follow(vertex: &Vertex) -> Weights {
     }
 }
 
-/// Fills the skin between the rings: `eye` and `mouth` are the outermost vertices round those.
+/// Fills the skin between the rings; `eye` and `mouth` are the outermost vertices around them.
 fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
     let map = |sheet: &Sheet, at: usize| base.map(sheet.vertices[at].place);
     let holes: [Vec<[f32; 2]>; 2] = [eye, mouth].map(|ring| ring.iter().map(|&at| map(sheet, at)).collect());
@@ -202,7 +201,7 @@ fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
     let mut add_point = |sheet: &mut Sheet, vertices: &mut Vec<usize>, at: [f32; 2]| {
         let least = (0.80 * Base::spacing(at)).powi(2);
         let clear = |other: &[f32; 2]| (other[0] - at[0]).powi(2) + (other[1] - at[1]).powi(2) > least;
-        // The latest are the likeliest to be near.
+        // Recent points are the likeliest to be near.
         if !places.iter().rev().all(clear) || holes.iter().any(|hole| within(hole, at)) {
             return;
         }
@@ -222,7 +221,7 @@ fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
         }
         all
     };
-    // The seams and the rims first, so that they are straight.
+    // Seams and rims come first, so that they are straight.
     for u in [0.0, end] {
         columns(bottom, top).into_iter().for_each(|v| add_point(sheet, &mut vertices, [u, v]));
     }
@@ -241,7 +240,7 @@ fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
     }
 }
 
-/// Whether a point is inside a polygon; one that touches `u` = 0 is closed along it.
+/// Whether a point is inside a polygon; a polygon that touches `u` = 0 is closed along that line.
 fn within(polygon: &[[f32; 2]], [u, v]: [f32; 2]) -> bool {
     let mut inside = false;
     for (k, a) in polygon.iter().enumerate() {

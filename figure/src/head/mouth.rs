@@ -9,7 +9,7 @@ use crate::look::{Color, Look};
 use crate::vector::{V, ramp};
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Steps from the middle of the lips to their corner.
+/// Number of steps from the middle of the lips to their corner.
 const STEPS: usize = 13;
 const CAVITY: [u8; 3] = [92, 34, 38];
 const DEEP: [u8; 3] = [38, 14, 18];
@@ -17,7 +17,7 @@ const TEETH: [u8; 3] = [246, 242, 232];
 const GUMS: [u8; 3] = [196, 104, 104];
 const TONGUE: [u8; 3] = [206, 110, 112];
 
-/// Skin with a little red on cheeks and nose, darker where little light comes.
+/// Colour of the skin: slightly red on cheeks and nose, darker where it is occluded.
 pub(super) fn skin_color(base: &Base, p: V) -> Color {
     let spot =
         |x: f32, y: f32, wide: f32, tall: f32| (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp();
@@ -26,12 +26,12 @@ pub(super) fn skin_color(base: &Base, p: V) -> Color {
         + 0.34 * spot(0.0, -0.037, 0.011, 0.009)
         + 0.12 * spot(0.0, -0.103, 0.014, 0.010)
         + 0.25 * spot(0.030, 0.010, 0.018, 0.006);
-    // Its underside is too steep for a smooth shade.
+    // The nose's underside is too steep for smooth shading.
     let nose = 1.0 - 0.75 * (spot(0.0, -0.045, 0.014, 0.007) + spot(0.0135, -0.041, 0.007, 0.009)).min(1.0) * ahead;
     base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * nose * ramp(-0.125, -0.105, p[1]))
 }
 
-/// What colours a ring of the lips.
+/// Colour of a ring of the lips.
 #[derive(Clone, Copy)]
 enum Paint {
     Skin,
@@ -42,7 +42,7 @@ enum Paint {
 }
 
 impl Paint {
-    /// The skin's is by its place.
+    /// The colour; that of skin depends on the position and is set later.
     fn color(self, look: &Look) -> Color {
         match self {
             Self::Skin | Self::Lip => look.skin.lip,
@@ -53,12 +53,12 @@ impl Paint {
     }
 }
 
-/// Where lips touch.
+/// Colour where the lips touch.
 fn lip_dark(look: &Look) -> Color {
     mix_color(look.skin.lip, CAVITY, 0.42)
 }
 
-/// A ring of the lips: how far up from the line, forward from the skin and, at the corner, to the
+/// A ring of the lips: offset up from the line between the lips, forwards from the skin and, at the corner, to the
 /// side; metres.
 struct Ring {
     number: i8,
@@ -88,7 +88,7 @@ const LOWER: [Ring; 6] = [
     ring(4, -0.0112, 0.0006, 0.0055, Paint::Skin),
     ring(5, -0.0155, 0.0, 0.0095, Paint::Skin),
 ];
-/// Behind the lips: number, up, forward, share of the width, colour.
+/// Rings behind the lips: number, up, forwards, share of the width, colour.
 const WITHIN: [(i8, f32, f32, f32, Paint); 5] = [
     (-1, 0.0012, -0.0035, 0.99, Paint::LipDark),
     (-2, 0.0045, -0.0070, 0.97, Paint::LipDark),
@@ -97,8 +97,8 @@ const WITHIN: [(i8, f32, f32, f32, Paint); 5] = [
     (-5, 0.0080, -0.0480, 0.50, Paint::Deep),
 ];
 
-/// Half the lips and the mouth behind them; the outermost ring's vertices from the middle above to
-/// the middle below.
+/// Adds half of the lips and the mouth behind them. Returns the vertices of the outermost ring, from the middle above
+/// to the middle below.
 pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
     let mut inner: Vec<usize> = Vec::new();
     for (number, up, forward, wide, paint) in WITHIN.into_iter().rev() {
@@ -122,7 +122,7 @@ pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
         });
         sheet.strip(&inner, &row);
         if above.number == 3 {
-            // Skin begins at the red's edge, sharply.
+            // Skin begins with a sharp edge at the red.
             inner = row.iter().map(|&at| sheet.recolored(at, skin_color(base, sheet.vertices[at].place))).collect();
             for &at in &inner {
                 let Kind::Lip(point) = &mut sheet.vertices[at].kind else { continue };
@@ -139,7 +139,7 @@ fn lip_color(look: &Look, paint: Paint, t: f32) -> Color {
     mix_color(paint.color(look), lip_dark(look), 0.5 * ramp(0.8, 1.0, t))
 }
 
-/// Vertices from the middle above to the corner and to the middle below; the corner is one.
+/// Vertices from the middle above to the corner and on to the middle below; the corner is one vertex.
 fn half_ring(
     sheet: &mut Sheet,
     base: &Base,
@@ -192,7 +192,7 @@ fn close(sheet: &mut Sheet, row: &[usize]) {
     }
 }
 
-/// The left nostril: a dark oval on the underside of the nose.
+/// Adds the left nostril: a dark oval on the underside of the nose.
 pub(super) fn add_nostril(sheet: &mut Sheet, base: &Base) {
     const AROUND: usize = 12;
     let place = |x: f32, z: f32| {
@@ -216,20 +216,20 @@ pub(super) fn add_nostril(sheet: &mut Sheet, base: &Base) {
 const ACROSS: usize = 6;
 const TEETH_IN_ROW: usize = 6;
 
-/// Half of both rows.
+/// Adds half of both rows.
 pub(super) fn add_teeth(sheet: &mut Sheet, base: &Base) {
     let front = base.behind(0.0, line(0.0))[2];
-    // Widths from the middle outwards; the upper ones in front are larger.
+    // Widths from the middle outwards; the upper front teeth are larger.
     let upper = [0.0043, 0.0036, 0.0038, 0.0035, 0.0034, 0.0040];
     let lower = [0.0029, 0.0030, 0.0034, 0.0034, 0.0036, 0.0040];
     row_of_teeth(sheet, &upper, front - 0.0100, [0.0085, -0.0020], true);
     row_of_teeth(sheet, &lower, front - 0.0122, [-0.0105, -0.0032], false);
 }
 
-/// `ends`: gums and edge, metres over the line between the lips.
+/// `ends` are the heights of gums and edge above the line between the lips, in metres.
 fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gums, edge]: [f32; 2], upper: bool) {
     let kind = if upper { Kind::UpperTeeth } else { Kind::LowerTeeth };
-    // Gums, neck, middle, edge, and back up behind: share of the height, backwards, colour.
+    // Gums, neck, middle, edge, and back up on the inside: share of the height, offset backwards, colour.
     let profile = [
         (-0.35, 0.0016, GUMS),
         (0.0, 0.0006, GUMS),
@@ -248,7 +248,7 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
             if column == 0 && tooth > 0 {
                 continue;
             }
-            // Round at the sides, and a little shorter there.
+            // Teeth are round at the sides, and slightly shorter there.
             let hollow = (2.0 * across - 1.0).powi(6);
             let s = along + across * width;
             for (row, &(share, back, color)) in rows.iter_mut().zip(&profile) {
@@ -261,7 +261,7 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
                 let place =
                     [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
                 let shaded = mix_color(color, GUMS, 0.45 * hollow * ramp(1.1, 0.2, share.abs()));
-                // Lips and cheeks keep light from the lower row and from the teeth at the sides.
+                // Lips and cheeks shade the lower row and the teeth at the sides.
                 let dark = if upper { 0.0 } else { 0.10 } + 0.16 * ramp(0.004, 0.022, s);
                 let shaded = mix_color(shaded, CAVITY, dark);
                 row.push(sheet.add(place, kind, shaded));
@@ -278,7 +278,7 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
 const SECTIONS: usize = 11;
 const HALF_ROUND: usize = 8;
 
-/// Half the tongue.
+/// Adds half of the tongue.
 pub(super) fn add_tongue(sheet: &mut Sheet, base: &Base) {
     let front = base.behind(0.0, line(0.0))[2];
     let mut before: Vec<usize> = Vec::new();
@@ -290,7 +290,7 @@ pub(super) fn add_tongue(sheet: &mut Sheet, base: &Base) {
         let row: Vec<usize> = (0..=HALF_ROUND)
             .map(|k| {
                 let (sin, cos) = (PI * k as f32 / HALF_ROUND as f32).sin_cos();
-                // A groove along the middle of the top.
+                // A groove along the middle of the upper side.
                 let groove = if cos > 0.0 { 0.0016 * round * (-(sin / 0.35).powi(2)).exp() } else { 0.0 };
                 let place = [wide * sin, centre[1] + thick * cos - groove, centre[2]];
                 sheet.add(place, Kind::Tongue(s), mix_color(CAVITY, TONGUE, 0.35 + 0.65 * s))

@@ -1,4 +1,4 @@
-//! The 52 ARKit shapes: where each moves each vertex of the head.
+//! The 52 ARKit shapes: displacement of each vertex of the head by each shape.
 
 use super::eye::Eye;
 use super::lids::Motion;
@@ -6,7 +6,7 @@ use super::lips::{self, WIDE, anchor, below, closed, jaw, line, opened};
 use super::{Kind, Vertex};
 use crate::vector::{V, add, ramp, scale, sub};
 
-/// Which vertices a push may move.
+/// Vertices that a push may move.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Where {
     All,
@@ -16,8 +16,8 @@ enum Where {
     Below,
 }
 
-/// A smooth push of skin, lips and brows: strongest at `at`, a quarter as strong `wide` away and
-/// nothing beyond twice that; metres. A push at the side is that of the left half.
+/// A smooth displacement of skin, lips and brows, in metres: strongest at `at`, a third as strong at a distance of
+/// `wide`, and 0 beyond twice that. A push at the side is given for the left half.
 struct Push {
     part: Where,
     at: V,
@@ -32,7 +32,7 @@ const fn push(part: Where, at: V, wide: V, by: V) -> Push {
 use Where::{Above, All, Below};
 
 const MOUTH: f32 = -0.066;
-/// How far beyond the middle a lip's shape of one side reaches, metres.
+/// Distance beyond the middle that a one-sided shape of a lip reaches, in metres.
 pub(crate) const ACROSS: f32 = 0.012;
 
 /// The pushes of a shape, by its name without `Left` or `Right`.
@@ -126,7 +126,7 @@ impl Shape {
         Self { stem, side, pushes: pushes(stem), lids: lid_motion(stem) }
     }
 
-    /// How the shape at 1 moves a vertex, metres.
+    /// Displacement of a vertex by the shape at 1, in metres.
     pub(super) fn moved(&self, vertex: &Vertex, eye: &Eye) -> V {
         let Vertex { place, kind, .. } = *vertex;
         match (self.stem, self.side == 0.0) {
@@ -143,7 +143,7 @@ impl Shape {
         }
     }
 
-    /// Pushes on both sides at once; those in the middle count once.
+    /// Displacement of a shape that moves both sides; pushes in the middle count once.
     fn whole(&self, vertex: &Vertex) -> V {
         if !yields(vertex.kind) {
             return [0.0; 3];
@@ -155,10 +155,10 @@ impl Shape {
         })
     }
 
-    /// Of one side: lids by turning, the rest by pushes; nothing on the other side, but for lips.
+    /// Displacement of a one-sided shape: lids rotate, other parts are pushed. The other side stays, except for lips.
     fn halved(&self, vertex: &Vertex, eye: &Eye) -> V {
         let out = vertex.place[0] * self.side;
-        // Where left and right are at 1, the middle of the lips moves as what is beside it does.
+        // With left and right both at 1, the middle of the lips moves as far as its neighbours.
         let beyond = if self.stem.starts_with("mouth") { ACROSS } else { 0.0 };
         if out < -beyond || (out <= 0.0 && beyond == 0.0) || !yields(vertex.kind) {
             return [0.0; 3];
@@ -169,12 +169,12 @@ impl Shape {
         let pushed = scale(pushed, if beyond > 0.0 { ramp(-beyond, beyond, out) } else { ramp(0.0, 0.010, out) });
         let Kind::Lid(point) = vertex.kind else { return pushed };
         let turned = sub(eye.lid_place(&point, point.turned(self.lids)), eye.lid_place(&point, point.rest));
-        // A lid on the eyeball does not take part in the skin's pushes.
+        // A lid on the eyeball does not follow the skin's pushes.
         add(scale(pushed, point.share), [turned[0] * self.side, turned[1], turned[2]])
     }
 }
 
-/// Whether skin's pushes reach it.
+/// Whether pushes of the skin move vertices of this kind.
 fn yields(kind: Kind) -> bool {
     matches!(kind, Kind::Skin | Kind::Lip(_) | Kind::Brow | Kind::Lid(_))
 }
@@ -198,10 +198,10 @@ fn lid_motion(stem: &str) -> Motion {
 }
 
 impl Push {
-    /// How the push moves a vertex; mirrored where `side` is -1.
+    /// Displacement of a vertex by the push, mirrored if `side` is -1.
     fn on(&self, vertex: &Vertex, side: f32) -> V {
         let ([x, y, z], share) = anchor(vertex.kind, vertex.place);
-        // What is behind the right half's lips is known by the left half's.
+        // The anchor of a vertex behind the lips lies in the left half, so the sign comes from the vertex.
         let x = x.abs() * if vertex.place[0] < 0.0 { -side } else { side };
         let strength = share * self.strength([x, y, z]);
         if strength == 0.0 {
@@ -219,12 +219,12 @@ impl Push {
 
     fn strength(&self, p: V) -> f32 {
         let off: f32 = (0..3).map(|i| ((p[i] - self.at[i]) / self.wide[i]).powi(2)).sum();
-        // Near to a Gaussian, and exactly nothing at the end.
+        // Close to a Gaussian, but exactly 0 at the end.
         (1.0 - off / 4.0).max(0.0).powi(4)
     }
 }
 
-/// Both lips go to one side.
+/// Displacement of both lips to one side.
 fn aside(vertex: &Vertex, side: f32) -> V {
     let (place, share) = match vertex.kind {
         Kind::Lip(_) | Kind::Skin => anchor(vertex.kind, vertex.place),
@@ -235,8 +235,8 @@ fn aside(vertex: &Vertex, side: f32) -> V {
     scale(push.by, share * push.strength(place))
 }
 
-/// Lips drawn to the middle: share of the width, forward, apart (metres at the lips), and how far
-/// out they turn.
+/// Displacement that draws the lips to the middle: share of the width, forwards, apart (metres at the lips), and how
+/// far they turn outwards.
 fn gathered(vertex: &Vertex, [narrow, forward, apart]: [f32; 3], full: f32) -> V {
     let (place, share) = match vertex.kind {
         Kind::Lip(_) | Kind::Skin => anchor(vertex.kind, vertex.place),
@@ -253,7 +253,7 @@ fn gathered(vertex: &Vertex, [narrow, forward, apart]: [f32; 3], full: f32) -> V
     scale([-narrow * vertex.place[0], open, forward * round], reach * share)
 }
 
-/// The tongue between parted lips, out and down.
+/// Displacement of the tongue out between parted lips, and down.
 fn tongue(vertex: &Vertex) -> V {
     let Vertex { place, kind, .. } = *vertex;
     let (along, share) = anchor(kind, place);

@@ -1,9 +1,9 @@
-//! The left half of a surface in the making, and its mirror image.
+//! Builds the left half of a surface, and mirrors it.
 
 use super::{Kind, Vertex};
 use crate::vector::{V, add, cross, dot, length, mirrored, scale, sub, unit};
 
-/// Vertices and triangles; those at X = 0 belong to both halves.
+/// Vertices and triangles; vertices at X = 0 belong to both halves.
 #[derive(Default)]
 pub(super) struct Sheet {
     pub(super) vertices: Vec<Vertex>,
@@ -16,13 +16,13 @@ impl Sheet {
         self.vertices.len() - 1
     }
 
-    /// The same vertex again in another colour.
+    /// Duplicates a vertex in another colour.
     pub(super) fn recolored(&mut self, at: usize, color: [u8; 3]) -> usize {
         self.vertices.push(Vertex { color, ..self.vertices[at] });
         self.vertices.len() - 1
     }
 
-    /// Triangles between two rows of vertices; seen from outside `upper` is left of the way along
+    /// Adds triangles between two rows of vertices. Seen from outside, `upper` is to the left when walking along
     /// `lower`.
     pub(super) fn strip(&mut self, lower: &[usize], upper: &[usize]) {
         for (low, high) in lower.windows(2).zip(upper.windows(2)) {
@@ -36,9 +36,9 @@ impl Sheet {
         }
     }
 
-    /// Both halves.
+    /// Completes the surface by its mirror image.
     pub(super) fn whole(mut self) -> Self {
-        // Corners that fall together span nothing.
+        // Triangles with coincident corners are degenerate.
         let flat = |t: &[usize; 3], s: &Self| {
             let [a, b, c] = t.map(|i| s.vertices[i].place);
             length(cross(sub(b, a), sub(c, a))) < 1e-12
@@ -65,8 +65,7 @@ impl Sheet {
         self
     }
 
-    /// For each vertex, the sum of the normals around it with the vertices at `places`, by the
-    /// triangles' angles.
+    /// Sums of the normals around each vertex, weighted by the triangles' angles, for vertices at `places`.
     pub(super) fn facing(&self, places: &[V]) -> Vec<V> {
         let mut sums = vec![[0.0; 3]; places.len()];
         for triangle in &self.triangles {
@@ -75,8 +74,8 @@ impl Sheet {
         sums
     }
 
-    /// The same after some vertices have moved `from` one place `to` another: only what is round
-    /// those is summed again.
+    /// Updates such sums after some vertices have moved `from` one place `to` another; only the triangles around
+    /// those are summed again.
     pub(super) fn facing_after(&self, before: &[V], from: &[V], to: &[V]) -> Vec<V> {
         let mut sums = before.to_vec();
         for triangle in &self.triangles {
@@ -88,7 +87,7 @@ impl Sheet {
         sums
     }
 
-    /// Unit normals of such sums.
+    /// Unit normals from such sums.
     pub(super) fn normals(&self, sums: &[V]) -> Vec<V> {
         self.vertices.iter().map(|vertex| unit(sums[vertex.smooth])).collect()
     }

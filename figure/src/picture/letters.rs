@@ -1,4 +1,4 @@
-//! The letters of the shapes' names, five pixels wide.
+//! Bitmap font for the shapes' names, five pixels wide.
 
 use super::Picture;
 
@@ -6,7 +6,7 @@ const TALL: usize = 7;
 const STEP: usize = 6;
 const INK: [u8; 3] = [70, 76, 88];
 
-/// Writes a name with its left upper corner at `[x, y]`, pixels.
+/// Writes a name with its upper left corner at `[x, y]`, in pixels.
 pub(super) fn write(picture: &mut Picture, text: &str, [x, y]: [usize; 2]) {
     for (place, letter) in text.chars().enumerate() {
         let Some((_, rows)) = LETTERS.iter().find(|known| known.0 == letter) else { continue };
@@ -18,7 +18,7 @@ pub(super) fn write(picture: &mut Picture, text: &str, [x, y]: [usize; 2]) {
     }
 }
 
-/// Each row's bits from the left.
+/// Each row's bits, from the left.
 #[rustfmt::skip]
 const LETTERS: [(char, [u8; TALL]); 35] = [
     ('B', [0b11110, 0b10001, 0b10001, 0b11110, 0b10001, 0b10001, 0b11110]),

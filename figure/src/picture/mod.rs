@@ -1,4 +1,4 @@
-//! Pictures of the figure without a graphics card: a depth buffer, one light and the sky's.
+//! Software renderer for pictures of the figure: a depth buffer, a key light and light from the sky.
 
 mod letters;
 pub mod sheet;
@@ -8,18 +8,18 @@ use crate::posed::Posed;
 use crate::{Finish, Mesh};
 use std::io::{self, Write};
 
-/// Looks along a line from `eye` to `target`, without perspective, Y up.
+/// Perspective camera that looks from `eye` to `target`, Y up.
 #[derive(Clone, Copy)]
 pub struct Camera {
-    /// Metres.
+    /// Position in metres.
     pub eye: [f32; 3],
-    /// What is in the middle of the picture.
+    /// Point in the middle of the picture.
     pub target: [f32; 3],
-    /// Height of what the picture shows at the target, metres.
+    /// Height of the view at the target, in metres.
     pub height: f32,
 }
 
-/// A picture in the making: twice as fine as it will be.
+/// A picture under construction, at twice its final resolution.
 pub struct Picture {
     width: usize,
     height: usize,
@@ -31,12 +31,12 @@ pub struct Picture {
 
 /// Samples along each side of a pixel.
 const FINE: usize = 2;
-/// Behind the figure, sRGB.
+/// Background, sRGB.
 const BACKGROUND: [u8; 3] = [238, 240, 243];
-/// Where the key light comes from, seen from the camera: right, up, towards it.
+/// Direction to the key light in camera space: right, up, towards the camera.
 const KEY: [f32; 3] = [-0.45, 0.62, 0.64];
 
-/// A part of the picture: left, top, width, height in pixels.
+/// A region of the picture: left, top, width, height in pixels.
 pub type Frame = [usize; 4];
 
 type V = [f32; 3];
@@ -58,7 +58,7 @@ fn unit(a: V) -> V {
     a.map(|x| x / size)
 }
 
-/// A corner on the screen: column and row in samples, depth, light.
+/// A triangle corner on the screen: column and row in samples, depth, light.
 #[derive(Clone, Copy)]
 struct Corner {
     at: V,
@@ -72,7 +72,7 @@ impl Picture {
         Self { width, height, light: vec![BACKGROUND.map(linear); samples], depth: vec![f32::MAX; samples] }
     }
 
-    /// Draws a posed mesh into a part of the picture. `posed` is `mesh` in a pose.
+    /// Draws a posed mesh into a region of the picture. `posed` is `mesh` in a pose.
     pub fn draw(&mut self, mesh: &Mesh, posed: &Posed, camera: Camera, frame: Frame) {
         let [left, top, width, height] = frame.map(|x| (x * FINE) as f32);
         let towards = unit(sub(camera.eye, camera.target));
@@ -80,7 +80,7 @@ impl Picture {
         let up = cross(towards, right);
         let distance = dot(sub(camera.eye, camera.target), towards);
         let key = unit(KEY);
-        // Between the light and the eye.
+        // Half vector between the light and the eye.
         let half = unit([key[0], key[1], key[2] + 1.0]);
         let corners: Vec<Corner> = (0..mesh.positions.len())
             .map(|i| {
@@ -109,7 +109,7 @@ impl Picture {
     fn fill(&mut self, [a, b, c]: [Corner; 3], [left, top, right, bottom]: [f32; 4]) {
         let edge = |p: V, q: V, x: f32, y: f32| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
         let area = edge(a.at, b.at, c.at[0], c.at[1]);
-        // Rows go down: a front has its corners clockwise.
+        // Rows go down, so front faces have clockwise corners.
         if area >= 0.0 || !area.is_finite() {
             return;
         }
@@ -141,7 +141,7 @@ impl Picture {
         }
     }
 
-    /// Colours one pixel.
+    /// Sets the colour of one pixel.
     fn dot(&mut self, [x, y]: [usize; 2], color: [u8; 3]) {
         for sample in 0..FINE * FINE {
             let (row, column) = (y * FINE + sample / FINE, x * FINE + sample % FINE);
@@ -154,7 +154,7 @@ impl Picture {
     /// Writes the picture as PNG.
     ///
     /// # Errors
-    /// Those of `out`, and a side of more than `u32::MAX` pixels.
+    /// Writing to `out` failed, or a side has more than `u32::MAX` pixels.
     pub fn write<W: Write>(&self, out: W) -> io::Result<()> {
         write_png(self.width, self.height, &self.pixels(), out)
     }
@@ -191,9 +191,9 @@ fn size(pixels: usize) -> io::Result<u32> {
     u32::try_from(pixels).map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "the picture is too large"))
 }
 
-/// Light off a surface without its gloss: key light, sky and ground, and a little rim.
+/// Diffuse shading: key light, sky and ground, and a faint rim.
 fn shade(color: [u8; 3], seen: V, up: f32, key: f32) -> V {
-    // The light wraps a little round the form, as it does from a large lamp.
+    // The light wraps slightly around the shape, like that of a large lamp.
     let lit = ((key + 0.3) / 1.3).max(0.0);
     let fill = 0.5 + 0.5 * up;
     let rim = (1.0 - seen[2].max(0.0)).powi(3) * 0.10;
@@ -202,13 +202,13 @@ fn shade(color: [u8; 3], seen: V, up: f32, key: f32) -> V {
     std::array::from_fn(|i| linear(color[i]) * (0.74 * lit * warm[i] + (0.20 + 0.20 * fill) * sky[i]) + rim * 0.25)
 }
 
-/// The key light's reflection, where the surface faces halfway between light and eye by `half`.
+/// Specular reflection of the key light; `half` is the cosine of the normal to the half vector.
 fn gloss(finish: Finish, half: f32) -> f32 {
     let smooth = (1.0 - f32::from(finish.roughness) / 255.0).powi(2);
     half.max(0.0).powf(10.0 + 90.0 * smooth) * (0.01 + 0.24 * smooth)
 }
 
-/// sRGB to linear light.
+/// Converts sRGB to linear light.
 pub fn linear(value: u8) -> f32 {
     let x = f32::from(value) / 255.0;
     if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }

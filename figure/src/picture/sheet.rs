@@ -1,4 +1,4 @@
-//! One picture of many: the face in each of the 52 shapes, under its name.
+//! Contact sheet: the face in each of the 52 shapes, with its name.
 
 use super::letters::write;
 use super::{Camera, Picture};
@@ -9,11 +9,11 @@ use umo_core::motion::rotation::IDENTITY;
 use umo_core::motion::skeleton::{ARKIT_NAMES, JOINTS};
 
 const COLUMNS: usize = 8;
-/// Pixels of one face, and of the line under it.
+/// Size of one face, and height of the line below it, in pixels.
 const FACE: [usize; 2] = [150, 162];
 const LINE: usize = 13;
 
-/// The face at rest, then each shape at 1 (`mouthClose` with `jawOpen`, as it is made to be used).
+/// Draws the face at rest, then with each shape at 1 (`mouthClose` together with `jawOpen`, as intended).
 pub fn shapes(mesh: &Mesh, skeleton: &Skeleton) -> Picture {
     let rows = (ARKIT_NAMES.len() + 1).div_ceil(COLUMNS);
     let mut picture = Picture::new(COLUMNS * FACE[0], rows * (FACE[1] + LINE));
@@ -36,7 +36,7 @@ pub fn shapes(mesh: &Mesh, skeleton: &Skeleton) -> Picture {
     picture
 }
 
-/// The middle of the face, between lids and lips.
+/// Middle of the face, between lids and lips.
 fn face_of(mesh: &Mesh) -> [f32; 3] {
     let seen = |morph: &&Morph| morph.name.starts_with("eyeBlink") || morph.name.starts_with("mouthFrown");
     let moved = mesh.morphs.iter().filter(seen).flat_map(|morph| &morph.vertices);

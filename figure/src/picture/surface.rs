@@ -1,20 +1,20 @@
-//! Surfaces of others' characters: textures, transparency, and sides that are seen from behind.
+//! Draws surfaces of third-party characters: textures, transparency, and double-sided surfaces.
 
 use super::{Camera, FINE, Frame, KEY, Picture, V, cross, dot, linear, shade, sub, unit};
 
-/// A texture no larger than a sheet shows: larger ones are halved until they are not.
+/// Upper bound on a texture's sides, sufficient for a contact sheet: larger textures are halved.
 const LARGEST: usize = 1024;
 
-/// A picture that a surface wears, repeated.
+/// A tiling texture.
 pub struct Texture {
     width: usize,
     height: usize,
-    /// `[height, width]`, linear light and how much of it covers.
+    /// `[height, width]`, linear light and opacity.
     pixels: Vec<[f32; 4]>,
 }
 
 impl Texture {
-    /// From sRGB pixels, `[height, width]`; none where there are not as many.
+    /// Creates a texture from sRGB pixels, `[height, width]`; `None` if their number does not match.
     pub fn new(width: usize, height: usize, pixels: &[[u8; 4]]) -> Option<Self> {
         if width == 0 || height == 0 || width.checked_mul(height) != Some(pixels.len()) {
             return None;
@@ -27,7 +27,7 @@ impl Texture {
         Some(texture)
     }
 
-    /// Half as large on each side that is longer than one pixel.
+    /// Halves each side that is longer than one pixel.
     fn halved(&self) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut pixels = Vec::with_capacity(width * height);
@@ -50,34 +50,34 @@ impl Texture {
     }
 }
 
-/// How a surface's transparency is meant.
+/// Interpretation of a surface's opacity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cover {
-    /// It covers all.
+    /// The surface is opaque.
     Solid,
-    /// Where it covers less than this, there is nothing.
+    /// Pixels with less opacity than this are discarded.
     Cut(f32),
-    /// What is behind it shines through. To be drawn last.
+    /// The background shines through. Draw such surfaces last.
     Clear,
 }
 
-/// A surface where it is: triangles, and what they look like.
+/// A posed surface: triangles and material.
 pub struct Surface<'a> {
     /// `[vertices]`
     pub positions: Vec<[f32; 3]>,
     /// `[vertices]`, unit length.
     pub normals: Vec<[f32; 3]>,
-    /// `[vertices]`; empty where there is no texture.
+    /// `[vertices]`; empty without a texture.
     pub uv: Vec<[f32; 2]>,
-    /// Three vertices for each triangle, anticlockwise in front.
+    /// Three vertices per triangle, counter-clockwise from the front.
     pub indices: Vec<u32>,
-    /// Linear light, and how much of it covers.
+    /// Linear light and opacity.
     pub color: [f32; 4],
-    /// What the colour is multiplied with.
+    /// Factor of the colour.
     pub texture: Option<&'a Texture>,
-    /// Its transparency.
+    /// Interpretation of the opacity.
     pub cover: Cover,
-    /// Whether it is seen from behind.
+    /// Whether the back is visible.
     pub is_double: bool,
 }
 
@@ -86,12 +86,12 @@ pub struct Surface<'a> {
 struct Corner {
     at: V,
     uv: [f32; 2],
-    /// What falls on it in front and behind.
+    /// Light on the front and on the back.
     lit: [V; 2],
 }
 
 impl Picture {
-    /// Draws a surface into a part of the picture. Vertices that are not there are passed over.
+    /// Draws a surface into a region of the picture. Triangles with invalid vertex indices are skipped.
     pub fn draw_surface(&mut self, surface: &Surface, camera: Camera, frame: Frame) {
         let [left, top, width, height] = frame.map(|x| (x * FINE) as f32);
         let towards = unit(sub(camera.eye, camera.target));
@@ -128,7 +128,7 @@ impl Picture {
     fn fill_surface(&mut self, surface: &Surface, [a, b, c]: [Corner; 3], [left, top, right, bottom]: [f32; 4]) {
         let edge = |p: V, q: V, x: f32, y: f32| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
         let area = edge(a.at, b.at, c.at[0], c.at[1]);
-        // Rows go down: a front has its corners clockwise.
+        // Rows go down, so front faces have clockwise corners.
         let behind = area > 0.0;
         if area == 0.0 || !area.is_finite() || (behind && !surface.is_double) {
             return;
@@ -182,7 +182,7 @@ mod tests {
     const FRAME: Frame = [0, 0, 8, 8];
     const CAMERA: Camera = Camera { eye: [0.0, 0.0, 4.0], target: [0.0; 3], height: 2.0 };
 
-    /// A square in front of the camera, which it faces.
+    /// A square that faces the camera.
     fn square<'a>(texture: Option<&'a Texture>) -> Surface<'a> {
         Surface {
             positions: vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]],
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_texture_lies_upright_and_may_have_holes() {
-        // Red above blue, left of green above nothing.
+        // Red above blue, to the left of green above a transparent pixel.
         let pixels = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 9, 9, 0]];
         let texture = Texture::new(2, 2, &pixels).unwrap();
         let mut surface = square(Some(&texture));
@@ -229,7 +229,7 @@ mod tests {
         assert_eq!(pixel(&surface, [4, 4]), empty);
         surface.is_double = true;
         assert_ne!(pixel(&surface, [4, 4]), empty);
-        // Vertices that are not there.
+        // Invalid vertex indices.
         surface.indices = vec![0, 1, 99];
         assert_eq!(pixel(&surface, [4, 4]), empty);
     }

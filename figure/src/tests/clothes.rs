@@ -1,4 +1,4 @@
-//! What clothes hide stays hidden, fingers stay apart, and every figure has its name.
+//! Skin under clothes stays hidden, fingers do not touch, and every figure has its name.
 
 use super::*;
 use umo_core::config::Skeleton;
@@ -6,7 +6,7 @@ use umo_core::motion::rotation::{IDENTITY, Quat, product};
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 use vector::{dot, scale};
 
-/// The vertices of one hand's skin.
+/// Vertices of one hand's skin.
 pub(super) fn hand(mesh: &Mesh, side: &str) -> Vec<usize> {
     let finger = skin::number(&format!("{side}_middle2"));
     let pieces = palette::pieces(mesh);
@@ -19,7 +19,7 @@ pub(super) fn hand(mesh: &Mesh, side: &str) -> Vec<usize> {
     (0..mesh.head).filter(|&vertex| pieces[vertex] == piece).collect()
 }
 
-/// Skin that is behind the openings of sleeves and collar: no pose may show it.
+/// Skin behind the openings of sleeves and collar, which no pose may expose.
 fn hidden(mesh: &Mesh, rest: &Rest) -> Vec<usize> {
     let mut all = Vec::new();
     for side in ["left", "right"] {
@@ -39,7 +39,7 @@ fn hidden(mesh: &Mesh, rest: &Rest) -> Vec<usize> {
     all
 }
 
-/// Numbers that look random, the same each time.
+/// A deterministic pseudo-random generator.
 struct Draw(u64);
 
 impl Draw {
@@ -50,7 +50,7 @@ impl Draw {
     }
 }
 
-/// How far joints turn about X, Y and Z in gestures, degrees.
+/// Rotation limits of joints about X, Y and Z in gestures, in degrees.
 const LIMITS: [(&str, V); 8] = [
     ("spine1", [10.0, 10.0, 8.0]),
     ("spine3", [10.0, 10.0, 8.0]),
@@ -77,7 +77,7 @@ fn pose(draw: &mut Draw) -> [Quat; JOINTS] {
     rotations
 }
 
-/// How near cloth is to a camera at each place, from one direction.
+/// Depth map of the cloth, seen from one direction.
 struct Depth {
     right: V,
     up: V,
@@ -86,9 +86,9 @@ struct Depth {
     nearest: Vec<f32>,
 }
 
-/// Of a place of the depth picture, metres.
+/// Size of a pixel of the depth map, in metres.
 const PIXEL: f32 = 0.003;
-/// Places along each side, with the skeleton's origin in the middle.
+/// Pixels along each side, with the skeleton's origin in the middle.
 const SIZE: i32 = 900;
 
 #[expect(clippy::cast_sign_loss, reason = "a person fits the picture")]
@@ -137,7 +137,7 @@ impl Depth {
         }
     }
 
-    /// How far a place is in front of all cloth, metres; none where there is cloth in front of it.
+    /// Distance of a point in front of all cloth, in metres; `None` if there is cloth in front of it.
     fn out(&self, p: V) -> Option<f32> {
         let seen = self.seen(p);
         let (x, y) = (seen[0].round() as i32, seen[1].round() as i32);
@@ -147,8 +147,7 @@ impl Depth {
     }
 }
 
-/// In poses that go beyond gestures, from eight directions, nothing that clothes hide is in front of
-/// all cloth there.
+/// In poses beyond the range of gestures, seen from eight directions, no hidden skin is in front of all cloth.
 fn check_poses(count: usize, seed: u64) {
     let skeleton = sample::skeleton();
     let rest = Rest::new(&skeleton).unwrap();
@@ -189,7 +188,7 @@ fn none_of_2000_poses_brings_skin_through_clothes() {
     check_poses(500, 11);
 }
 
-/// Triangles of cloth of trunk and arms, which is what hides skin.
+/// Triangles of the cloth of trunk and arms, which hides skin.
 fn cloth_near(mesh: &Mesh, rest: &Rest) -> Vec<[usize; 3]> {
     let skin: HashSet<usize> = ["left", "right"].iter().flat_map(|side| hand(mesh, side)).collect();
     let near = |v: usize| mesh.positions[v][1] > rest.at("neck")[1] - 0.62 * rest.size;
@@ -236,7 +235,7 @@ fn figures_are_known_by_their_names_and_look_different() {
     }
 }
 
-/// Standing with the arms at the sides, hands relaxed; and the rest pose itself.
+/// A standing pose with arms at the sides and relaxed hands, and the rest pose.
 fn rest_poses() -> [[Quat; JOINTS]; 2] {
     let mut standing = [IDENTITY; JOINTS];
     for (joint, name) in JOINT_NAMES.iter().enumerate() {
@@ -254,7 +253,7 @@ fn rest_poses() -> [[Quat; JOINTS]; 2] {
     [[IDENTITY; JOINTS], standing]
 }
 
-/// At rest no finger is within another one, or within the body, by more than 5 mm.
+/// At rest, no finger penetrates another one or the body by more than 5 mm.
 #[test]
 fn fingers_at_rest_pass_through_nothing() {
     let skeleton = sample::skeleton();

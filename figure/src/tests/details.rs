@@ -1,4 +1,4 @@
-//! Relief: its directions on the surface, its scale, its seams.
+//! Relief: directions on the surface, scale, seams.
 
 use super::*;
 use crate::detail::Detail;
@@ -8,7 +8,8 @@ fn triangles(mesh: &Mesh) -> impl Iterator<Item = [usize; 3]> + '_ {
     mesh.indices.as_chunks::<3>().0.iter().map(|corners| corners.map(|i| i as usize))
 }
 
-/// What closes sleeves, legs, waist and belt within other clothes is squeezed to a line on the map.
+/// Threshold of the scale below which a triangle is ignored: parts that close sleeves, legs, waist and belt inside
+/// other clothes are squeezed to a line on the map.
 const SQUEEZED: f32 = 0.35;
 
 fn area(mesh: &Mesh, corners: [usize; 3]) -> f32 {
@@ -16,7 +17,7 @@ fn area(mesh: &Mesh, corners: [usize; 3]) -> f32 {
     0.5 * length(cross(sub(b, a), sub(c, a)))
 }
 
-/// How large a triangle is on its map, laid out in metres, beside its size: sides, not areas.
+/// Scale of a triangle on its map, in metres, relative to its size; a ratio of lengths, not areas.
 fn scale_of(mesh: &Mesh, corners: [usize; 3]) -> f32 {
     let [wide, tall] = mesh.details[corners[0]].repeat_m();
     let [[a, b], [c, d], [e, f]] = corners.map(|i| mesh.detail_places[i]);
@@ -42,8 +43,8 @@ fn tangents_are_unit_and_across_the_normal_where_there_is_relief() {
     }
 }
 
-/// By the definition and not by the code that makes them: how the place on the map changes with the
-/// place on the triangle.
+/// Tests the definition independently of the code that computes tangents: the change of the map coordinates along the
+/// triangle.
 #[test]
 fn tangents_go_where_places_on_the_map_do() {
     for mesh in FIGURES.iter().chain(ALL.iter()) {
@@ -57,7 +58,7 @@ fn tangents_go_where_places_on_the_map_do() {
                 squeezed += size;
                 continue;
             }
-            // The gradient of u and of v on the triangle, not of unit length.
+            // The gradients of u and v on the triangle, not of unit length.
             let normal = cross(sub(points[1], points[0]), sub(points[2], points[0]));
             let gradient = |axis: usize| {
                 (0..3).fold([0.0; 3], |sum, k| {
@@ -70,7 +71,7 @@ fn tangents_go_where_places_on_the_map_do() {
                 let [x, y, z, _] = mesh.tangents[i];
                 add(sum, [x, y, z])
             });
-            // Along the tangent u rises and v stays, about.
+            // Along the tangent u rises, and v is nearly constant.
             let (along, astray) = (dot(rise_u, mean), dot(rise_v, mean));
             if along <= 0.0 || astray.abs() * length(rise_u) > 0.5 * along * length(rise_v) {
                 off += size;
@@ -90,7 +91,7 @@ fn tangents_go_where_places_on_the_map_do() {
     }
 }
 
-/// A repeat is as large as stated, but where fabric narrows and on what other clothes hide.
+/// A repeat has the stated size, except where fabric narrows and on parts that other clothes hide.
 #[test]
 fn relief_has_the_size_that_is_stated() {
     for mesh in ALL.iter() {
@@ -117,14 +118,14 @@ fn relief_has_the_size_that_is_stated() {
                     .0
             };
             assert!((0.8..1.25).contains(&at(0.5)), "{detail:?}: {}", at(0.5));
-            // A shoe is no tube: its sides are folded out.
+            // A shoe is not a tube: its sides are folded out.
             let [low, high] = if detail == Detail::Leather { [0.5, 2.0] } else { [0.6, 1.6] };
             assert!(at(0.1) > low && at(0.9) < high, "{detail:?}: {} to {}", at(0.1), at(0.9));
         }
     }
 }
 
-/// Copies of a vertex differ by whole repeats, but where two pieces of cloth meet.
+/// Duplicates of a vertex differ by whole repeats, except at seams between two pieces of cloth.
 #[test]
 fn relief_goes_on_where_a_surface_begins_again() {
     for mesh in ALL.iter() {
@@ -158,7 +159,8 @@ fn skin_and_head_have_no_relief_and_each_figure_has_cloth_and_leather() {
     }
 }
 
-/// Stitches beside the stated ones, across and along: what 80 % of a surface's area lies between.
+/// Scale of the stitches relative to the stated one, across and along: the range of the middle 80 % of a surface's
+/// area.
 fn spread(mesh: &Mesh, has: impl Fn(V) -> bool) -> [[f32; 2]; 2] {
     let mut found: [Vec<(f32, f32)>; 2] = [Vec::new(), Vec::new()];
     for corners in triangles(mesh) {
@@ -170,7 +172,7 @@ fn spread(mesh: &Mesh, has: impl Fn(V) -> bool) -> [[f32; 2]; 2] {
         let [wide, tall] = mesh.details[corners[0]].repeat_m();
         let places = corners.map(|i| mesh.detail_places[i]);
         let normal = cross(sub(points[1], points[0]), sub(points[2], points[0]));
-        // How fast u and v rise along the triangle, per metre, times what a repeat is to measure.
+        // Gradients of u and v along the triangle, per metre, times the stated size of a repeat.
         for (axis, repeat) in [wide, tall].into_iter().enumerate() {
             let rise = (0..3).fold([0.0; 3], |sum, k| {
                 let edge = sub(points[(k + 2) % 3], points[(k + 1) % 3]);
@@ -194,7 +196,7 @@ fn spread(mesh: &Mesh, has: impl Fn(V) -> bool) -> [[f32; 2]; 2] {
     })
 }
 
-/// On clothes that are cut from flat cloth; `docs/avatar.md` has the figures that `--nocapture` shows.
+/// Holds for clothes cut from flat cloth; `docs/avatar.md` has the figures that `--nocapture` prints.
 #[test]
 fn stitches_are_of_one_size_on_tops_and_trousers() {
     let rest = rest::Rest::new(&sample::skeleton()).unwrap();

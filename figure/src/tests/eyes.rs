@@ -1,6 +1,6 @@
 use super::*;
 
-/// Vertices of the skin that blinking moves, with the ring nearest to the opening last.
+/// Vertices of the skin that blinking moves, ending with the ring nearest to the opening.
 fn lids(mesh: &Mesh, side: &str) -> (V, Vec<usize>) {
     let skeleton = sample::skeleton();
     let eye = Rest::new(&skeleton).unwrap().side(&side.to_lowercase(), "eye");
@@ -8,19 +8,19 @@ fn lids(mesh: &Mesh, side: &str) -> (V, Vec<usize>) {
     (eye, moved.iter().map(|&v| v as usize).collect())
 }
 
-/// Of the eyeball: the furthest that a vertex on the eye's joint is from it.
+/// Radius of the eyeball: the largest distance of a vertex on the eye's joint.
 fn eyeball(mesh: &Mesh, side: &str, centre: V) -> f32 {
     let joint = skin::number(&format!("{}_eye", side.to_lowercase()));
     let on = |v: &usize| mesh.joints[*v][0] == joint;
     (0..mesh.positions.len()).filter(on).map(|v| distance(mesh.positions[v], centre)).fold(0.0, f32::max) - 0.0004
 }
 
-/// How wide open the lids are: the largest angle at the eye's centre between neighbours up and down
-/// along the middle that lie next to the eyeball's front, degrees.
+/// Opening of the lids in degrees: the largest vertical angle at the eye's centre between neighbours along the middle
+/// that lie next to the eyeball's front.
 fn opening(mesh: &Mesh, places: &[V], side: &str) -> f32 {
     let (centre, moved) = lids(mesh, side);
     let radius = eyeball(mesh, side, centre);
-    // The lids' edges are nearest to the ball.
+    // The lids' edges are nearest to the eyeball.
     let edge = moved.iter().filter(|&&v| (distance(mesh.positions[v], centre) - radius) < 0.0019 * 1.1);
     let mut rises: Vec<f32> = edge
         .map(|&v| sub(places[v], centre))
@@ -41,12 +41,12 @@ fn a_blink_closes_the_lids_over_the_eyeball() {
         let shut = shaped(mesh, &[&name]);
         let (centre, moved) = lids(mesh, side);
         let radius = eyeball(mesh, side, centre);
-        // The margins: between the lids' wet edge and their outside.
+        // The margins, between the lids' wet edge and their outside.
         let gap = |v: usize| distance(mesh.positions[v], centre) - radius;
         let margin: Vec<usize> = moved.iter().copied().filter(|&v| (0.0012..0.0020).contains(&gap(v))).collect();
         let upper = |v: usize| mesh.positions[v][1] > centre[1] + 0.002;
         let lower = |v: usize| mesh.positions[v][1] < centre[1] - 0.002;
-        // The upper lid's edge is what moves the furthest; skin near the eyeball moves less.
+        // The upper lid's edge moves furthest; skin near the eyeball moves less.
         let way = |v: usize| distance(mesh.positions[v], shut[v]);
         let furthest = margin.iter().filter(|&&v| upper(v)).map(|&v| way(v)).fold(0.0, f32::max);
         let mut met = 0;

@@ -1,4 +1,4 @@
-//! Helper joints take their shares of a turn, and cloth keeps its thickness by them.
+//! Helper joints take their shares of a rotation, and cloth keeps its thickness.
 
 use super::*;
 use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product};
@@ -31,7 +31,7 @@ fn helpers_take_their_shares_of_swing_and_twist() {
     for one in &mesh.helpers {
         assert!((length(one.axis) - 1.0).abs() < 1e-5);
         assert!(angle_between(one.turn(IDENTITY), IDENTITY) < 1e-3, "{}", one.name);
-        // The same turn with the other sign.
+        // The same rotation with the opposite sign.
         assert!(angle_between(one.turn(turn.map(|x| -x)), one.turn(turn)) < 1e-3, "{}", one.name);
         let from_parent = if one.is_in_place() { product(turn, one.local_turn(turn)) } else { one.local_turn(turn) };
         assert!(angle_between(from_parent, one.turn(turn)) < 2e-3, "{}", one.name);
@@ -53,8 +53,8 @@ fn every_helper_has_skin_and_its_number() {
     }
 }
 
-/// The least share of its distance from the bone that a sleeve's vertex keeps while a joint turns
-/// about the bone from `from` to `to`.
+/// The smallest share of its distance from the bone that a sleeve's vertex keeps while a joint rotates about the bone
+/// from `from` to `to`.
 fn thinnest(mesh: &Mesh, turned: &str, [from, to]: [&str; 2], angle: f32) -> f32 {
     let skeleton = sample::skeleton();
     let rest = rest::Rest::new(&skeleton).unwrap();
@@ -75,7 +75,7 @@ fn thinnest(mesh: &Mesh, turned: &str, [from, to]: [&str; 2], angle: f32) -> f32
     of_sleeve.map(|v| off(posed.positions[v]) / off(mesh.positions[v])).fold(f32::MAX, f32::min)
 }
 
-/// Two joints alone would thin a sleeve to 0.71 of its radius where one is twisted by 90 degrees.
+/// Without helper joints, a twist of 90 degrees would thin a sleeve to 0.71 of its radius.
 #[test]
 fn a_twisted_arm_stays_as_thick_as_it_is() {
     for mesh in ALL.iter() {
@@ -90,7 +90,7 @@ fn a_twisted_arm_stays_as_thick_as_it_is() {
     }
 }
 
-/// A bent elbow and a bent knee keep their outside.
+/// A bent elbow and a bent knee keep their outline.
 #[test]
 fn bent_joints_keep_their_outside() {
     let skeleton = sample::skeleton();

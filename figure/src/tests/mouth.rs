@@ -1,6 +1,6 @@
 use super::*;
 
-/// Pairs of vertices where the lips touch at rest: of the upper lip and of the lower one.
+/// Pairs of vertices at which the lips touch at rest: of the upper lip and of the lower one.
 fn touching(mesh: &Mesh) -> Vec<[usize; 2]> {
     let open = shaped(mesh, &["jawOpen"]);
     let mut at: HashMap<[u32; 3], Vec<usize>> = HashMap::new();
@@ -22,7 +22,7 @@ fn gap(mesh: &Mesh, names: &[&str]) -> f32 {
     touching(mesh).iter().map(|&[upper, lower]| distance(places[upper], places[lower])).fold(0.0, f32::max)
 }
 
-/// The left corner of the mouth: the touching pair furthest to the left.
+/// The left corner of the mouth: the leftmost touching pair.
 fn corner(mesh: &Mesh) -> usize {
     let pairs = touching(mesh);
     pairs.iter().map(|pair| pair[0]).max_by(|&a, &b| mesh.positions[a][0].total_cmp(&mesh.positions[b][0])).unwrap()
@@ -88,7 +88,7 @@ fn lip_shapes_move_only_their_lip() {
     assert!(back("mouthRollLower") < -0.004 && back("mouthRollUpper") < -0.004, "rolled lips go in");
 }
 
-/// Left and right together move the middle of a lip as far as its sides: lips keep their curve.
+/// With left and right shapes together, the middle of a lip moves as far as its sides, so the lips keep their curve.
 #[test]
 fn pairs_of_shapes_leave_no_peak_in_the_middle_of_a_lip() {
     let mesh = &FIGURES[0];

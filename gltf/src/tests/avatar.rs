@@ -26,7 +26,7 @@ impl Avatar {
         self.gltf.nodes().find(|node| node.name() == Some(name)).unwrap_or_else(|| panic!("no {name}"))
     }
 
-    /// Where each node is, metres.
+    /// Position of each node, in metres.
     fn places(&self) -> HashMap<String, [f32; 3]> {
         fn add(node: &Node<'_>, from: [f32; 3], places: &mut HashMap<String, [f32; 3]>) {
             let (moved, turn, scale) = node.transform().decomposed();
@@ -37,7 +37,7 @@ impl Avatar {
         }
         let mut places = HashMap::new();
         let scene = self.gltf.default_scene().unwrap();
-        // Skinned meshes are roots, as the validator wants it.
+        // Skinned meshes are roots, as the validator requires.
         assert_eq!((scene.name(), scene.nodes().count()), (Some("Armature"), 3));
         scene.nodes().for_each(|root| add(&root, [0.0; 3], &mut places));
         places
@@ -48,7 +48,7 @@ impl Avatar {
         names.as_array().unwrap().iter().map(|name| name.as_str().unwrap().to_owned()).collect()
     }
 
-    /// How a shape moves the vertices of the face, metres.
+    /// Displacements of the face's vertices by a shape, in metres.
     fn moved(&self, name: &str) -> Vec<[f32; 3]> {
         let at = self.shapes().iter().position(|shape| shape == name).unwrap_or_else(|| panic!("no {name}"));
         let bin = self.gltf.blob.as_ref().unwrap();
@@ -63,7 +63,7 @@ fn avatars_stand_in_t_pose_on_the_floor_with_the_bones_that_programs_know() {
     for figure in Figure::ALL {
         let avatar = Avatar::of(figure, Kind::Glb);
         let places = avatar.places();
-        // Arms along X, legs along Y, feet ahead.
+        // Arms along X, legs along Y, feet forwards.
         for [from, to] in [["LeftArm", "LeftForeArm"], ["LeftForeArm", "LeftHand"], ["LeftHand", "LeftHandMiddle1"]] {
             let arm: [f32; 3] = std::array::from_fn(|axis| places[to][axis] - places[from][axis]);
             assert!(arm[0] > 0.05 && arm[1].abs() < 1e-5 && arm[2].abs() < 1e-5, "{from}: {arm:?}");
@@ -77,7 +77,7 @@ fn avatars_stand_in_t_pose_on_the_floor_with_the_bones_that_programs_know() {
         for name in ["LeftHandThumb3", "RightHandPinky1", "RightHandRing2", "Spine2", "LeftShoulder", "RightEye"] {
             assert!(places.contains_key(name), "{name}");
         }
-        // The soles touch the floor, and every vertex follows bones.
+        // The soles touch the floor, and every vertex has bone weights.
         let bin = avatar.gltf.blob.as_ref().unwrap();
         let mut lowest = f32::INFINITY;
         for primitive in avatar.gltf.meshes().flat_map(|mesh| mesh.primitives().collect::<Vec<_>>()) {
@@ -106,14 +106,14 @@ fn faces_have_arkits_shapes_and_the_visemes() {
     for name in &shapes[53..] {
         assert!((0.001..0.05).contains(&largest(name)), "{name}: {} m", largest(name));
     }
-    // The vowel is the part of the open jaw that it is made of, where nothing else moves.
+    // The vowel is its share of the open jaw, at vertices that nothing else moves.
     let (open, vowel) = (avatar.moved("jawOpen"), avatar.moved("viseme_aa"));
     let near = open.iter().zip(&vowel).filter(|(open, _)| open[1] < -0.002);
     assert!(near.clone().count() > 50);
     assert!(near.filter(|(open, vowel)| (vowel[1] - 0.6 * open[1]).abs() < 1e-5).count() > 20);
 }
 
-/// The eyeballs look with their shapes: hosts that move shapes alone turn no joints.
+/// The eyeballs look by shapes: hosts that only animate shapes do not rotate joints.
 #[test]
 fn eyes_look_by_shapes_alone() {
     let avatar = Avatar::of(Figure::default(), Kind::Vrm);
@@ -121,7 +121,7 @@ fn eyes_look_by_shapes_alone() {
     let primitive = avatar.node("face").mesh().unwrap().primitives().next().unwrap();
     let joints: Vec<_> = primitive.reader(|_| Some(bin)).read_joints(0).unwrap().into_u16().collect();
     let places: Vec<_> = primitive.reader(|_| Some(bin)).read_positions().unwrap().collect();
-    // The foremost vertices of an eyeball: its pupil.
+    // The foremost vertex of an eyeball is on its pupil.
     let pupil = |eye: u16, name: &str| -> [f32; 3] {
         let moved = avatar.moved(name);
         let of_eye = (0..joints.len()).filter(|&at| joints[at][0] == eye);

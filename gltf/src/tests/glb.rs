@@ -3,7 +3,7 @@ use gltf::animation::util::ReadOutputs;
 use gltf::{Gltf, Node};
 use std::collections::HashMap;
 
-/// A file as the `gltf` crate understands it.
+/// A file as parsed by the `gltf` crate.
 struct File {
     gltf: Gltf,
     bin: Vec<u8>,
@@ -26,7 +26,7 @@ impl File {
         self.gltf.nodes().find(|node| node.name() == Some(name)).unwrap()
     }
 
-    /// For each node: its rotations, translations and shape weights over time.
+    /// Rotations, translations and shape weights over time, by node.
     fn tracks(&self) -> HashMap<usize, Track> {
         let animation = self.gltf.animations().next().unwrap();
         let mut tracks: HashMap<usize, Track> = HashMap::new();
@@ -44,7 +44,7 @@ impl File {
         tracks
     }
 
-    /// Where every named node is in a frame.
+    /// Positions of all named nodes in a frame.
     fn positions(&self, frame: usize) -> HashMap<String, Point> {
         let mut found = HashMap::new();
         let tracks = self.tracks();
@@ -174,7 +174,7 @@ fn glb_shapes_move_what_their_names_say() {
     assert!(mean("browInnerUp", |_, moved| moved[1]) > 0.01);
     assert!(mean("jawLeft", |_, moved| moved[0]) > 0.01);
     assert!(mean("jawRight", |_, moved| moved[0]) < -0.01);
-    // Pairs stay on their own sides: the body's left is +X.
+    // Sided shapes stay on their side: the body's left is +X.
     let wrong = |at: &[f32; 3], moved: &[f32; 3]| if at[0] < -0.02 { moved[1].abs() } else { 0.0 };
     let right = |at: &[f32; 3], moved: &[f32; 3]| if at[0] > 0.02 { moved[1].abs() } else { 0.0 };
     for name in ["eyeBlinkLeft", "mouthSmileLeft", "browDownLeft"] {
@@ -183,7 +183,7 @@ fn glb_shapes_move_what_their_names_say() {
     for name in ["eyeBlinkRight", "mouthSmileRight", "browDownRight"] {
         assert!(mean(name, right) < 0.05 * mean(name, wrong), "{name}");
     }
-    // The open jaw parts the lips: two vertices at one place, of which one goes down.
+    // The open jaw parts the lips: of two coincident vertices, one moves down.
     let parted =
         |a: usize, b: usize| rest[a] == rest[b] && (target("jawOpen")[a][1] - target("jawOpen")[b][1]).abs() > 0.01;
     assert!((0..rest.len()).any(|a| (0..a).any(|b| parted(a, b))));
@@ -193,7 +193,7 @@ fn helpers(clip: &Clip) -> Vec<umo_figure::Helper> {
     Figure::default().mesh(&clip.skeleton).unwrap().helpers
 }
 
-/// What a program sees that knows nothing of helper joints but their nodes.
+/// Compares with a reader that knows helper joints only as nodes.
 #[test]
 fn glb_moves_the_cloth_as_the_figure_does() {
     let clip = sample::clip(FaceKind::Arkit, 3, 1);
@@ -291,7 +291,7 @@ fn glb_holds_a_face_without_channels_and_bones_without_length() {
     assert!(file.morph_targets().is_empty());
 }
 
-/// The motion is that of the file with a figure; the bones are a skin's, so that programs know them as bones.
+/// The motion is that of the file with a figure, and a skin references the bones, so that readers recognise them.
 #[test]
 fn glb_without_a_figure_holds_the_same_motion_of_the_bones_alone() {
     for kind in KINDS {
@@ -318,7 +318,7 @@ fn every_figure_has_a_file_of_its_own() {
     assert!((1..files.len()).all(|i| !files[..i].contains(&files[i])));
 }
 
-/// What is not read is not stored, and what a normal map needs is there.
+/// Attributes that are not read are not stored, and those that a normal map needs are.
 #[test]
 fn glb_has_tangents_and_places_where_there_is_a_normal_map_and_nowhere_else() {
     for figure in Figure::ALL {

@@ -3,7 +3,7 @@ use gltf::animation::util::ReadOutputs;
 use serde_json::Value;
 use std::collections::HashMap;
 
-/// A file as JSON, with what each node's channel says.
+/// A file as JSON, with the values of each node's channels.
 struct File {
     nodes: Vec<Value>,
     extension: Value,
@@ -35,7 +35,7 @@ impl File {
         Self { nodes, extension: text["extensions"]["VRMC_vrm_animation"].clone(), rotations, places }
     }
 
-    /// Numbers of a node, none where it has none.
+    /// Numbers of a node; `None` if it has none.
     fn numbers<const N: usize>(&self, node: usize, key: &str) -> Option<[f64; N]> {
         let values = self.nodes[node][key].as_array()?;
         Some(std::array::from_fn(|i| values[i].as_f64().unwrap()))
@@ -46,7 +46,7 @@ impl File {
         number(node).unwrap_or_else(|| panic!("no bone {name}"))
     }
 
-    /// Where every bone is, and how it is turned: in a frame, or at rest.
+    /// Position and rotation of every bone, in a frame or at rest.
     fn placed(&self, frame: Option<usize>) -> HashMap<usize, (Point, [f64; 4])> {
         let mut placed = HashMap::new();
         let mut open = vec![(self.bone("hips"), [0.0; 3], [0.0, 0.0, 0.0, 1.0])];
@@ -67,19 +67,19 @@ impl File {
         placed
     }
 
-    /// An expression's weights over time.
+    /// Weights of an expression over time.
     fn weights(&self, group: &str, name: &str) -> Option<Vec<f64>> {
         let node = number(&self.extension["expressions"][group][name]["node"])?;
         Some(self.places[&node].iter().map(|place| place[0]).collect())
     }
 }
 
-/// A whole number of the JSON.
+/// A JSON integer.
 fn number(value: &Value) -> Option<usize> {
     usize::try_from(value.as_u64()?).ok()
 }
 
-/// VRM's name of a few joints.
+/// VRM's names of some joints.
 const NAMES: [(usize, &str); 9] = [
     (0, "hips"),
     (15, "head"),
@@ -128,7 +128,7 @@ fn rest_is_the_t_pose_with_the_soles_on_the_floor() {
     assert!((0.0..0.05).contains(&place("leftToes")[1]), "{:?}", place("leftToes"));
 }
 
-/// What a VRM reader makes of a bone: its turn in the world since the T-pose.
+/// Checks a bone's world rotation since the T-pose, as a VRM reader computes it.
 #[test]
 fn a_reader_sees_how_far_each_bone_turned_since_the_t_pose() {
     let mut clip = sample::clip(FaceKind::Arkit, 1, 1);
@@ -141,7 +141,7 @@ fn a_reader_sees_how_far_each_bone_turned_since_the_t_pose() {
         let q = multiply(shown[&node].1, [-x, -y, -z, w]);
         2.0 * q[3].abs().min(1.0).acos()
     };
-    // Our rest pose is a T-pose but for a few degrees, and the head's turn is none.
+    // Our rest pose is within a few degrees of a T-pose, and the head is not rotated.
     assert!(turned("head") < 1e-3 && turned("leftFoot") < 1e-3);
     assert!((1e-3..0.2).contains(&turned("leftUpperArm")), "{}", turned("leftUpperArm"));
 }

@@ -1,19 +1,18 @@
-//! Inputs that follow from a seed, at any place and stride, and outputs that notice a write outside of them.
+//! Seeded inputs with any alignment and stride, and outputs that detect writes outside of them.
 
 use std::fmt::Debug;
 
 use umo_kernels::{Mat, MatMut};
 
-/// Elements of canary on each side of a [`Guarded`] buffer.
+/// Number of canary elements on each side of a [`Guarded`] buffer.
 pub const GUARD: usize = 64;
 
-/// A small generator (SplitMix64): proptest shrinks its seed and the sizes, not thousands of single
-/// values.
+/// A small generator (SplitMix64): proptest shrinks its seed and the sizes, not thousands of individual values.
 #[derive(Clone, Debug)]
 pub struct Noise(u64);
 
 impl Noise {
-    /// The stream of this seed.
+    /// The stream of a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -32,7 +31,7 @@ impl Noise {
         usize::try_from(self.bits() % end as u64).expect("a remainder of a usize fits one")
     }
 
-    /// Any int8.
+    /// An arbitrary int8.
     pub fn code(&mut self) -> i8 {
         self.bits().to_le_bytes()[0].cast_signed()
     }
@@ -50,12 +49,11 @@ impl Noise {
     }
 }
 
-/// Bytes of a cache line.
+/// Size of a cache line in bytes.
 pub const LINE: usize = 64;
 
-/// A row-major input of any stride whose first element is `offset` elements behind the start of a
-/// cache line, and whose last is the last of its allocation, so that a read beyond it is a read
-/// beyond the heap block.
+/// A row-major input with any stride. Its first element is `offset` elements after the start of a cache line. Its
+/// last element is the last of the allocation, so an out-of-bounds read leaves the heap block.
 #[derive(Debug)]
 pub struct Placed<T> {
     data: Vec<T>,
@@ -67,8 +65,7 @@ pub struct Placed<T> {
 }
 
 impl<T: Copy + Default> Placed<T> {
-    /// `[rows, cols]` of values from `next`, rows `cols + gap` apart; what is between them is from
-    /// `next` too.
+    /// `[rows, cols]` of values from `next`, with rows `cols + gap` apart; the gaps are filled from `next`, too.
     pub fn new(rows: usize, cols: usize, gap: usize, offset: usize, mut next: impl FnMut() -> T) -> Self {
         let stride = cols + gap;
         let len = if rows == 0 { 0 } else { (rows - 1) * stride + cols };
@@ -78,7 +75,7 @@ impl<T: Copy + Default> Placed<T> {
         Self { data, start, offset, rows, cols, stride }
     }
 
-    /// One row of these values.
+    /// A single row of these values.
     pub fn copy_of(values: &[T], offset: usize) -> Self {
         let mut values = values.iter();
         Self::new(1, values.len(), 0, offset, || *values.next().expect("as many as there are"))
@@ -89,12 +86,12 @@ impl<T: Copy + Default> Placed<T> {
         Mat::with_stride(&self.data[self.start..], self.rows, self.cols, self.stride).expect("sized by new")
     }
 
-    /// All elements, with what is between rows.
+    /// All elements, including the gaps between rows.
     pub fn elements(&self) -> &[T] {
         &self.data[self.start..]
     }
 
-    /// All of a one-row input.
+    /// The row of a one-row input.
     pub fn row(&self) -> &[T] {
         if self.rows == 0 { &[] } else { self.mat().row(0) }
     }
@@ -108,10 +105,10 @@ impl<T: Copy + Default> Clone for Placed<T> {
     }
 }
 
-/// An empty vector, and where to start in it, `offset` elements behind a cache line's start, for
-/// `len` elements to end where the allocation does. Where the next allocation starts is not known
-/// before: the place of one of this size is tried for another. Should none of them fit, some room
-/// is left behind the end.
+/// Returns an empty vector and the index at which to start in it, `offset` elements after a cache line's start, so
+/// that `len` elements end with the allocation. The address of an allocation is not known beforehand, so the function
+/// assumes that the next one of this size gets the same address, and retries. If that never holds, some space remains
+/// at the end.
 fn allocate<T>(offset: usize, len: usize) -> (Vec<T>, usize) {
     let (mut tried, mut front) = (vec![], 0);
     for _ in 0..16 {
@@ -128,9 +125,9 @@ fn allocate<T>(offset: usize, len: usize) -> (Vec<T>, usize) {
     (data, start)
 }
 
-/// A type with a value that no kernel writes by chance.
+/// A type with a value that no kernel writes by accident.
 pub trait Canary: Copy + PartialEq + Debug {
-    /// That value.
+    /// The canary value.
     const CANARY: Self;
 }
 
@@ -158,14 +155,14 @@ pub struct Guarded<T> {
 }
 
 impl<T: Canary> Guarded<T> {
-    /// `[rows, cols]`, rows `cols + gap` apart, all canaries; it starts `offset` elements after the
+    /// `[rows, cols]`, with rows `cols + gap` apart, filled with canaries. It starts `offset` elements after the
     /// first guard.
     pub fn new(rows: usize, cols: usize, gap: usize, offset: usize) -> Self {
         let stride = cols + gap;
         Self { data: vec![T::CANARY; GUARD + offset + rows * stride + GUARD], offset, rows, cols, stride }
     }
 
-    /// The same with `value` in all its rows, for operations that add to them.
+    /// Like [`new`](Self::new), with `value` in all rows, for operations that accumulate.
     pub fn filled(rows: usize, cols: usize, gap: usize, offset: usize, value: T) -> Self {
         let mut filled = Self::new(rows, cols, gap, offset);
         for t in 0..rows {
@@ -174,12 +171,12 @@ impl<T: Canary> Guarded<T> {
         filled
     }
 
-    /// One row of `len` elements.
+    /// A single row of `len` elements.
     pub fn slice(len: usize, offset: usize) -> Self {
         Self::new(1, len, 0, offset)
     }
 
-    /// The same filled with the values of `from`, for operations in place.
+    /// Like [`new`](Self::new), with the values of `from`, for in-place operations.
     pub fn copy_of(from: Mat<T>, gap: usize, offset: usize) -> Self {
         let mut copy = Self::new(from.rows(), from.cols(), gap, offset);
         for t in 0..from.rows() {
@@ -188,23 +185,23 @@ impl<T: Canary> Guarded<T> {
         copy
     }
 
-    /// The matrix, writable.
+    /// The matrix, mutable.
     pub fn mat(&mut self) -> MatMut<'_, T> {
         let data = &mut self.data[GUARD + self.offset..];
         MatMut::with_stride(data, self.rows, self.cols, self.stride).expect("sized by new")
     }
 
-    /// Row 0, writable.
+    /// Row 0, mutable.
     pub fn first_row(&mut self) -> &mut [T] {
         &mut self.data[GUARD + self.offset..][..self.cols]
     }
 
-    /// Row `t` of the result.
+    /// Row `t`.
     pub fn row(&self, t: usize) -> &[T] {
         &self.data[GUARD + self.offset + t * self.stride..][..self.cols]
     }
 
-    /// All rows of the result, after a check that every canary lives.
+    /// Returns all rows, after checking that every canary is intact.
     pub fn checked(&self) -> Vec<Vec<T>> {
         let start = GUARD + self.offset;
         for (i, value) in self.data.iter().enumerate() {
@@ -220,7 +217,7 @@ impl<T: Canary> Guarded<T> {
     }
 }
 
-/// The bits of every value: `-0.0` and `0.0` differ, NaN equals itself.
+/// The bits of all values: `-0.0` and `0.0` differ, and NaN equals itself.
 pub fn bits(rows: &[Vec<f32>]) -> Vec<Vec<u32>> {
     rows.iter().map(|row| row.iter().map(|value| value.to_bits()).collect()).collect()
 }

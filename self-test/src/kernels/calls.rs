@@ -1,4 +1,4 @@
-//! One call of every kernel, with operands that follow from a seed, and digests of their results.
+//! One call of every kernel with seeded operands, and digests of the results.
 
 use umo_kernels::activation::{Activation, apply, argmax, softmax};
 use umo_kernels::attention::{
@@ -19,10 +19,10 @@ use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16};
 use super::buffers::Noise;
 use super::products::{Case, Kind, Operands, Values};
 
-/// A kernel with operands of sizes and values that follow from a seed; the bits of its results.
+/// Calls a kernel with operands whose sizes and values follow from a seed; returns the bits of its results.
 pub type Call = fn(Isa, u64, Values) -> Vec<u64>;
 
-/// Every kernel, by the names of docs/kernels.md.
+/// Every kernel, by its name in docs/kernels.md.
 pub const CALLS: [(&str, Call); 27] = [
     ("matmul_i4", |isa, seed, values| plain(Kind::I4, isa, seed, values)),
     ("matmul_gated_i4", |isa, seed, values| gated(Kind::I4, isa, seed, values)),
@@ -65,7 +65,7 @@ fn floats(noise: &mut Noise, count: usize) -> Vec<f32> {
     filled(noise, count, Values::Real)
 }
 
-/// Operands of attention's scores: integers, whose products are exact, or any values.
+/// Operands of attention scores: integers with exact products, or arbitrary values.
 fn scored(noise: &mut Noise, count: usize, values: Values) -> Vec<f32> {
     match values {
         Values::Exact => (0..count).map(|_| noise.integer(2)).collect(),
@@ -106,7 +106,7 @@ fn rounded_rows_of(isa: Isa, seed: u64, &Case { m, n, k, values, .. }: &Case) ->
     bits(&y)
 }
 
-/// Rows of floats of this seed: how many, how long, and the generator for what else is needed.
+/// Seeded rows of floats: their number, their length, the values, and the generator for further operands.
 fn rows(seed: u64) -> (usize, usize, Vec<f32>, Noise) {
     let mut noise = Noise::new(seed);
     let (rows, cols) = (1 + noise.below(5), 1 + noise.below(300));
@@ -140,7 +140,7 @@ fn softmaxed(isa: Isa, seed: u64, _: Values) -> Vec<u64> {
     bits(&x)
 }
 
-/// Ties among others: of equal values the first counts.
+/// Includes ties: of equal values, the first wins.
 fn found(isa: Isa, seed: u64, _: Values) -> Vec<u64> {
     let (rows, cols, x, mut noise) = rows(seed);
     let x: Vec<f32> = x.into_iter().map(|x| if noise.below(2) == 0 { x } else { noise.integer(2) }).collect();
@@ -234,7 +234,7 @@ fn convolved(isa: Isa, seed: u64, values: Values) -> Vec<u64> {
     bits(&y)
 }
 
-/// The operands of attention.
+/// Operands of attention.
 struct Attention {
     queries: usize,
     keys: usize,
@@ -301,7 +301,7 @@ impl Attention {
     }
 }
 
-/// Heads of widths with loops of their own and of others, with few keys and with many.
+/// Heads with specialised widths and with others, with few keys and with many.
 fn heads(isa: Isa, seed: u64, values: Values) -> Vec<u64> {
     let mut noise = Noise::new(seed);
     let (rows, heads, dim) = (1 + noise.below(3), 1 + noise.below(6), [24, 32, 48, 64][noise.below(4)]);
@@ -317,7 +317,7 @@ fn heads(isa: Isa, seed: u64, values: Values) -> Vec<u64> {
     bits(&y)
 }
 
-/// Digests of the functions' results on `scalar` and on `avx2`.
+/// Digests of the kernels' results on `scalar` and on `avx2`.
 pub(super) const DIGESTS: [(&str, [u64; 2]); 27] = [
     ("matmul_i4", [0xe9d2_8743_06d7_6d99, 0xe9d2_8743_06d7_6d99]),
     ("matmul_gated_i4", [0xd2f1_47e5_dc4d_f909, 0xd2f1_47e5_dc4d_f909]),
@@ -348,7 +348,7 @@ pub(super) const DIGESTS: [(&str, [u64; 2]); 27] = [
     ("encoder_attention_f32", [0x4905_c5ff_1968_f10f, 0xb3f1_203b_cf17_b0de]),
 ];
 
-/// Of those calls whose sizes follow the processor's back-ends, others of fixed sizes.
+/// Replacements with fixed sizes for calls whose sizes depend on the processor's back-ends.
 pub(super) const PORTABLE_CALLS: [(&str, Call); 9] = [
     ("matmul_i4", |isa, seed, _| portable(Kind::I4, isa, seed, false)),
     ("matmul_gated_i4", |isa, seed, _| portable(Kind::I4, isa, seed, true)),

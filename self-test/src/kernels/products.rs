@@ -1,5 +1,5 @@
-//! Products of every kind of weights: sizes around those at which a back-end's loops change, any place and stride, gathered
-//! and scattered rows, all epilogues.
+//! Products for every kind of weights: sizes around those at which a back-end's loops change, any alignment and
+//! stride, gathered and scattered rows, all epilogues.
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::{Epilogue, Input, Scatter};
@@ -19,29 +19,29 @@ use umo_kernels::{
 
 use super::buffers::{Guarded, LINE, Noise, Placed, bits};
 
-/// Most multiply-adds of a sampled case: the scalar reference does as many.
+/// Upper bound on the multiply-adds of a sampled case, since the scalar reference repeats them.
 const MAX_WORK: usize = 1_000_000;
 
 /// The element type of the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Codes of four bits, with a multiplier for each group.
+    /// 4-bit codes, with a multiplier for each group.
     I4,
-    /// Codes of eight bits.
+    /// 8-bit codes.
     I8,
-    /// Floats.
+    /// 32-bit floats.
     F32,
-    /// Floats of 16 bits.
+    /// bfloat16.
     Bf16,
 }
 
 use Kind::{F32, I4, I8};
 
-/// All of them.
+/// All kinds.
 pub const KINDS: [Kind; 4] = [I4, I8, F32, Kind::Bf16];
 
 impl Kind {
-    /// The sizes at which the product's loops change on a back-end.
+    /// Sizes at which the product's loops change on a back-end.
     pub fn tiling(self, isa: Isa) -> Tiling {
         match self {
             I4 => matmul_i4::tiling(isa),
@@ -52,14 +52,14 @@ impl Kind {
     }
 }
 
-/// The kind of values of inputs and weights.
+/// Distribution of the values of inputs and weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Values {
-    /// Any int8; floats that are integers of at most 16, so that every partial sum is exact.
+    /// Any int8; floats are integers of magnitude at most 16, so every partial sum is exact.
     Exact,
-    /// The most negative of those: -128 by -128 is the largest product of int8.
+    /// The most negative value: -128 by -128 is the largest product of int8.
     Least,
-    /// The largest.
+    /// The largest value.
     Greatest,
     /// Any int8; floats in -1..1.
     Real,
@@ -90,7 +90,7 @@ impl Values {
         }
     }
 
-    /// One value.
+    /// Draws one value.
     pub fn float(self, noise: &mut Noise) -> f32 {
         match self {
             Self::Exact => noise.integer(16),
@@ -101,36 +101,36 @@ impl Values {
     }
 }
 
-/// A product's sizes and places; its values come from `seed`.
+/// Sizes and layout of a product; its values come from `seed`.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Of the weights.
+    /// Kind of the weights.
     pub kind: Kind,
-    /// Rows.
+    /// Number of rows.
     pub m: usize,
-    /// Outputs.
+    /// Number of outputs.
     pub n: usize,
-    /// Inputs.
+    /// Number of inputs.
     pub k: usize,
-    /// Of inputs: elements between the end of a row and the next.
+    /// Elements between the end of a row of inputs and the start of the next.
     pub gap: usize,
-    /// Elements from a cache line's start to the first.
+    /// Elements from the start of a cache line to the first element.
     pub offset: usize,
     /// Elements between rows of outputs.
     pub y_gap: usize,
-    /// Rows of inputs are taken by an index.
+    /// Whether input rows are gathered by an index.
     pub gather: bool,
-    /// Rows of outputs are added by an index, each with a weight.
+    /// Whether output rows are scattered: added by an index, each with a weight.
     pub scatter: bool,
-    /// A bias is added.
+    /// Whether a bias is added.
     pub bias: bool,
-    /// Outputs are added to what is there.
+    /// Whether outputs are added to the existing values.
     pub add: bool,
-    /// Of the sums.
+    /// Activation after the sums.
     pub activation: Activation,
-    /// Inputs and weights.
+    /// Distribution of inputs and weights.
     pub values: Values,
-    /// Of the values.
+    /// Seed of the values.
     pub seed: u64,
 }
 
@@ -138,7 +138,7 @@ const ACTIVATIONS: [Activation; 5] =
     [Activation::None, Activation::Relu, Activation::LeakyRelu(0.25), Activation::Gelu, Activation::GeluTanh];
 
 impl Case {
-    /// A product that follows from `seed`, at the sizes of one of this processor's back-ends.
+    /// A seeded product at the sizes of one of this processor's back-ends.
     pub fn sample(kind: Kind, seed: u64, values: Values) -> Self {
         let mut noise = Noise::new(seed);
         let isas: Vec<Isa> = Isa::available().collect();
@@ -149,7 +149,7 @@ impl Case {
                 break (m, n, k);
             }
         };
-        // Whole tiles of rows that start at cache lines are loaded in place: as a quarter of all cases.
+        // Whole tiles of rows that start at cache lines are loaded in place; a quarter of all cases has them.
         let in_place = noise.below(4) == 0;
         let case = Self::placed(kind, (m, n, k), noise, values);
         let tile = rows.iter().copied().filter(|rows| *rows < 100).max().unwrap_or(1);
@@ -160,7 +160,7 @@ impl Case {
         case
     }
 
-    /// The same on every processor.
+    /// Like [`sample`](Self::sample), but the same on every processor.
     pub fn portable_sample(kind: Kind, seed: u64) -> Self {
         let mut noise = Noise::new(seed);
         let mut around = |tiles: &[usize]| {
@@ -179,7 +179,7 @@ impl Case {
     }
 }
 
-/// A size at a whole multiple of one of these, beside it, or anywhere up to it.
+/// A size at or next to a multiple of one of these, or any up to it.
 fn around(tiles: &[usize], noise: &mut Noise) -> usize {
     let tile = tiles[noise.below(tiles.len())];
     let size = tile * (1 + noise.below(4));
@@ -200,20 +200,20 @@ enum Elements {
     Bf16(Placed<Bf16>),
 }
 
-/// The operands of one case.
+/// Operands of one case.
 #[derive(Debug)]
 pub struct Operands {
     case: Case,
     x: Elements,
-    /// Of each row of inputs; all 1 for floats.
+    /// Scale of each row of inputs; all 1 for floats.
     pub x_scale: Vec<f32>,
-    /// Of each output; all 1 for floats.
+    /// Scale of each output; all 1 for floats.
     pub w_scale: Vec<f32>,
     index: Vec<u32>,
     packed: [Elements; 2],
-    /// Of the codes of each output.
+    /// Sum of the codes of each output.
     sum: [Vec<i32>; 2],
-    /// The weights of the plain product before they were packed, `[n][k]`.
+    /// Weights of the plain product before packing, `[n][k]`.
     pub w: Vec<f32>,
     bias: Placed<f32>,
     rows: Vec<u32>,
@@ -221,7 +221,7 @@ pub struct Operands {
 }
 
 impl Operands {
-    /// Operands of this case.
+    /// Draws the operands of this case.
     pub fn new(case: &Case) -> Self {
         let &Case { kind, m, n, k, gap, offset, values, .. } = case;
         let noise = &mut Noise::new(case.seed);
@@ -287,7 +287,7 @@ impl Operands {
         }
     }
 
-    /// The operations after the sums.
+    /// The epilogue.
     pub fn epilogue(&self) -> Epilogue<'_> {
         Epilogue {
             bias: self.case.bias.then(|| self.bias.row()),
@@ -297,7 +297,7 @@ impl Operands {
         }
     }
 
-    /// The rows that are gathered.
+    /// Index of the gathered rows.
     pub fn index(&self) -> Option<&[u32]> {
         self.case.gather.then_some(&self.index)
     }
@@ -308,7 +308,7 @@ impl Operands {
         Guarded::filled(rows, self.case.n, self.case.y_gap, self.case.offset, 3.0)
     }
 
-    /// The rows `rows` of the product with the outputs `outputs`, all of them gathered if any are.
+    /// Computes the rows `rows` of the product for the outputs `outputs`; all rows if they are gathered.
     pub fn plain(
         &self,
         isa: Isa,
@@ -340,7 +340,7 @@ impl Operands {
         }
     }
 
-    /// The gated product.
+    /// Computes the gated product.
     pub fn gated(&self, isa: Isa, y: MatMut<f32>) {
         let Case { m, n, k, .. } = self.case;
         match [&self.packed[1], &self.packed[0]] {
@@ -365,7 +365,7 @@ impl Operands {
         }
     }
 
-    /// These rows, or all that rows are gathered from.
+    /// The rows `rows`, or all rows that are gathered from.
     pub fn codes(&self, rows: core::ops::Range<usize>) -> QuantRows<'_> {
         let Elements::I8(x) = &self.x else { unreachable!("codes") };
         match self.case.gather {
@@ -379,7 +379,7 @@ impl Operands {
         self.index().map_or(Input::all(x.mat().row_range(rows)), |index| Input::gather(x.mat(), index).unwrap())
     }
 
-    /// The plain and the gated product.
+    /// Computes the plain and the gated product.
     pub fn run(&self, isa: Isa) -> [Vec<Vec<f32>>; 2] {
         let Case { m, n, scatter, .. } = self.case;
         let mut plain = self.output(scatter);
@@ -389,13 +389,12 @@ impl Operands {
         [plain.checked(), gated.checked()]
     }
 
-    /// The bits of one product: plain, or gated.
+    /// The bits of the plain or the gated product.
     pub fn bits(&self, isa: Isa, gated: bool) -> Vec<u64> {
         bits(&self.run(isa)[usize::from(gated)]).concat().into_iter().map(u64::from).collect()
     }
 
-    /// The sum that output `o` of row `t` is before its scale, in f64, and the sum of its terms'
-    /// sizes.
+    /// The sum behind output `o` of row `t`, before its scale, in f64, and the sum of its terms' magnitudes.
     pub fn sum(&self, t: usize, o: usize) -> (f64, f64) {
         let k = self.case.k;
         let w = &self.w[o * k..][..k];
@@ -412,7 +411,7 @@ impl Operands {
         }
     }
 
-    /// The row of inputs that row `t` of the outputs is made of.
+    /// The input row from which output row `t` is computed.
     pub fn source(&self, t: usize) -> usize {
         self.index().map_or(t, |index| index[t] as usize)
     }

@@ -4,7 +4,7 @@ use umo_kernels::Isa;
 
 use super::*;
 
-/// A back-end with one wrong bit in one case of one kernel is found, and named; no other is.
+/// A back-end with one wrong bit in one case of one kernel is detected and named, and no other.
 #[test]
 fn a_wrong_bit_of_one_back_end_is_found_and_named() {
     let Some(isa) = Isa::available().nth(1) else { return };
@@ -23,7 +23,7 @@ fn a_wrong_bit_of_one_back_end_is_found_and_named() {
     }
 }
 
-/// Scalar code that is wrong is found where it is compared with the recorded digests, and so is a kernel that panics.
+/// Wrong scalar code is detected by comparison with the recorded digests, and so is a kernel that panics.
 #[test]
 fn a_wrong_reference_and_a_panic_are_found() {
     umo_core::defect::keep_quiet(&[file!()]);
@@ -43,7 +43,7 @@ fn a_wrong_reference_and_a_panic_are_found() {
     assert!(kernel == "softmax" && detail.starts_with("the digest of its results is 0x"), "{kernel}: {detail}");
 }
 
-/// Where time is short every kernel has a case, and it is said that there were fewer.
+/// With little time, every kernel still has a case, and the result states that cases were left out.
 #[test]
 fn little_time_leaves_cases_out_and_no_kernel() {
     let checked = check(Duration::ZERO);

@@ -1,18 +1,17 @@
-//! Numbers out of the buffer of a `.glb`.
+//! Numeric data in the buffer of a `.glb`.
 
 use serde::Deserialize;
 
 use super::document::{Document, View};
 use crate::memory::with_capacity;
 
-/// Most numbers of one list: an hour of 64 morph weights at 60 frames a second.
+/// Upper bound on the numbers of one accessor: an hour of 64 morph weights at 60 frames a second.
 const MAX_NUMBERS: usize = 3600 * 60 * 64;
 
-/// An accessor's numbers as floats, those of its type in turn; whole numbers only where they stand
-/// for fractions.
+/// Reads an accessor as floats, component by component. Integers must be normalized.
 ///
 /// # Errors
-/// What of it is not there, too large, not understood, or no finite number.
+/// The accessor is missing, too large or not supported, or has a number that is not finite.
 pub fn floats(document: &Document, bin: &[u8], index: usize, kind: &str) -> Result<Vec<f32>, String> {
     let wrong = |problem: String| format!("accessor {index}: {problem}");
     let accessor = document.accessors.get(index).ok_or_else(|| wrong("there is none".to_owned()))?;
@@ -47,11 +46,11 @@ pub fn floats(document: &Document, bin: &[u8], index: usize, kind: &str) -> Resu
     }
 }
 
-/// An accessor's numbers as floats, and how many make one value; whole numbers as they are, or as
-/// fractions where they stand for those. `kinds` are the types that are taken.
+/// Reads an accessor as floats and returns them with the number of components per value. Integers are converted as
+/// they are, or to fractions if they are normalized. `kinds` lists the accepted types.
 ///
 /// # Errors
-/// As [`floats`], but that a sparse accessor is taken.
+/// As [`floats`], except that sparse accessors are accepted.
 pub fn numbers(document: &Document, bin: &[u8], index: usize, kinds: &[&str]) -> Result<(Vec<f32>, usize), String> {
     let wrong = |problem: String| format!("accessor {index}: {problem}");
     let accessor = document.accessors.get(index).ok_or_else(|| wrong("there is none".to_owned()))?;
@@ -106,7 +105,7 @@ pub fn numbers(document: &Document, bin: &[u8], index: usize, kinds: &[&str]) ->
     }
 }
 
-/// Values that are other than the list's, and where.
+/// Replacement values for a sparse accessor, and their indices.
 #[derive(Deserialize)]
 struct Sparse {
     count: usize,
@@ -123,22 +122,22 @@ struct Part {
     component_type: Option<u32>,
 }
 
-/// The bytes of a view by its number.
+/// Returns the bytes of a view by its index.
 ///
 /// # Errors
-/// A view that is not there or not in the file.
+/// The view does not exist or is not in the file.
 pub fn view_bytes<'a>(document: &Document, bin: &'a [u8], view: usize) -> Result<&'a [u8], String> {
     let found = document.buffer_views.get(view).ok_or_else(|| format!("there is no view {view}"))?;
     bytes(document, bin, found)
 }
 
-/// Numbers of one value.
+/// Number of components of a type.
 fn width(kind: &str) -> Option<usize> {
     let widths = [("SCALAR", 1), ("VEC2", 2), ("VEC3", 3), ("VEC4", 4), ("MAT4", 16)];
     widths.iter().find(|(known, _)| *known == kind).map(|(_, width)| *width)
 }
 
-/// A view's bytes.
+/// Returns the bytes of a view.
 fn bytes<'a>(document: &Document, bin: &'a [u8], view: &View) -> Result<&'a [u8], String> {
     let first = document.buffers.first().filter(|buffer| view.buffer == 0 && buffer.uri.is_none());
     let first = first.ok_or("its data is not in this file")?;
@@ -147,10 +146,10 @@ fn bytes<'a>(document: &Document, bin: &'a [u8], view: &View) -> Result<&'a [u8]
     end.and_then(|end| bin.get(view.byte_offset..end)).ok_or_else(|| "its view reaches beyond the buffer".to_owned())
 }
 
-/// Bytes of a number, and what they mean.
+/// Size of a component in bytes, and its decoder.
 type Component = (usize, fn(&[u8]) -> f32);
 
-/// Whole numbers without a sign; of the largest 16 million are told apart.
+/// Decoder of unsigned integers; exact up to 2^24.
 fn whole(kind: u32) -> Option<Component> {
     #[expect(clippy::cast_precision_loss, reason = "lists are shorter than the numbers that f32 tells apart")]
     match kind {

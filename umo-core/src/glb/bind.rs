@@ -1,9 +1,9 @@
-//! The bind pose: where a skin's joints were when the mesh was bound to them.
+//! Bind pose: the joint transforms when the mesh was bound to its skin.
 //!
-//! A character may be exported in the middle of an animation: its nodes then hold that pose and not
-//! the one that the mesh was made in. The skin's inverse bind matrices still say it, up to one
-//! transform for all joints of the skin, from the mesh's space to the scene's, which glTF does not
-//! store. It is taken from the joints that do not move, or else from the nodes around the skin.
+//! A character may be exported in the middle of an animation: its nodes then hold that pose and not the one in which
+//! the mesh was modelled. The skin's inverse bind matrices still define the bind pose, up to one transform from the
+//! mesh's space to the scene's that all joints of the skin share and that glTF does not store. It is estimated from
+//! the joints that did not move, or else from the nodes around the skin.
 
 use std::collections::BTreeMap;
 
@@ -14,17 +14,16 @@ use super::accessor::floats;
 use super::character::Transform;
 use super::document::{Document, Skin};
 
-/// How far two transforms of the same joints may be apart and still count as one: radians, share of
-/// the scale, share of the skeleton's extent.
+/// Tolerance within which two transforms of the same joints count as equal: radians, share of the scale, share of the
+/// skeleton's extent.
 const TOLERANCE: f64 = 0.02;
-/// A skin whose joints agree stands where its nodes say, unless that is so far from where the mesh
-/// was made, in extents of the skeleton: then the root joint was animated.
+/// Distance between the nodes and the modelled position, in extents of the skeleton, above which the root joint is
+/// assumed to be animated. Up to it, a skin whose joints agree stands where its nodes are.
 const MAX_OFFSET: f64 = 0.5;
-/// By how much, in radians, the joints must speak against what the nodes around a skin say of its
-/// orientation.
+/// Angle in radians by which the joints must contradict the nodes around a skin to override their orientation.
 const MAX_DISAGREEMENT: f64 = std::f64::consts::FRAC_PI_4;
 
-/// A similarity: scaled, turned, moved, in this order.
+/// A similarity transform: scale, then rotation, then translation.
 #[derive(Clone, Copy, Debug)]
 struct Similarity {
     scale: f64,
@@ -35,7 +34,7 @@ struct Similarity {
 impl Similarity {
     const IDENTITY: Self = Self { scale: 1.0, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
 
-    /// None for a matrix without an inverse. Of unequal scales the mean is taken.
+    /// Converts a matrix; `None` if it has no inverse. Unequal scales are replaced by their geometric mean.
     fn of(matrix: DMat4) -> Option<Self> {
         let (scale, rotation, translation) = matrix.to_scale_rotation_translation();
         let scale = scale.element_product().abs().cbrt();
@@ -55,7 +54,7 @@ impl Similarity {
         self.rotation.angle_between(other.rotation)
     }
 
-    /// Whether both bring a skeleton of this extent to the same place.
+    /// Whether both bring a skeleton of this extent to the same place, within [`TOLERANCE`].
     fn is_near(&self, other: &Self, extent: f64) -> bool {
         let apart = self.translation.distance(other.translation);
         self.has_scale_of(other) && self.angle(other) < TOLERANCE && apart < TOLERANCE * extent
@@ -65,23 +64,23 @@ impl Similarity {
 /// A joint of a skin.
 struct Joint {
     node: usize,
-    /// Its frame in the mesh's space when the mesh was bound.
+    /// Its frame in the mesh's space in the bind pose.
     bound: DMat4,
-    /// From there to where its node is now.
+    /// Transform from there to the node's current frame.
     moved: Similarity,
 }
 
-/// The nodes whose place in the bind pose is another than their own, and that place in their
-/// parent's frame.
+/// Returns the nodes whose bind pose differs from their transform in the file, with their local transform in the bind
+/// pose.
 ///
 /// # Errors
-/// An accessor of inverse bind matrices that is not as the format has it.
+/// An accessor of inverse bind matrices violates the format.
 pub(super) fn bind_pose(document: &Document, bin: &[u8], rig: &Rig) -> Result<BTreeMap<usize, Transform>, String> {
     let nodes = Nodes::new(document, rig);
     let mut skins: Vec<usize> = (0..document.skins.len()).collect();
-    // Stable: among equals the file's order.
+    // A stable sort keeps the file's order among equals.
     skins.sort_by_key(|&skin| std::cmp::Reverse(document.skins[skin].joints.len()));
-    // None: the node's own place is the bind pose.
+    // `None`: the node's own transform is the bind pose.
     let mut places: BTreeMap<usize, Option<DMat4>> = BTreeMap::new();
     for skin in skins {
         let Some(joints) = nodes.joints(document, bin, &document.skins[skin])? else { continue };
@@ -95,7 +94,7 @@ pub(super) fn bind_pose(document: &Document, bin: &[u8], rig: &Rig) -> Result<BT
 
 struct Nodes<'a> {
     rig: &'a Rig,
-    /// Parents before their children.
+    /// Node indices, parents first.
     order: Vec<usize>,
     local: Vec<DMat4>,
     global: Vec<DMat4>,
@@ -108,7 +107,7 @@ impl<'a> Nodes<'a> {
         let mut order: Vec<usize> = (0..bones.len()).filter(|&node| bones[node].parent.is_none()).collect();
         let mut at = 0;
         while let Some(&node) = order.get(at) {
-            // A rig has no cycles.
+            // The rig was checked for cycles.
             order.extend(&document.nodes[node].children);
             at += 1;
         }
@@ -126,8 +125,7 @@ impl<'a> Nodes<'a> {
         self.rig.bones()[node].parent
     }
 
-    /// The joints of a skin; none where it has no matrices, which means that the nodes are in the
-    /// bind pose.
+    /// Returns the joints of a skin; `None` if it has no matrices, which means that the nodes are in the bind pose.
     fn joints(&self, document: &Document, bin: &[u8], skin: &Skin) -> Result<Option<Vec<Joint>>, String> {
         let Some(accessor) = skin.inverse_bind_matrices else { return Ok(None) };
         let values = floats(document, bin, accessor, "MAT4")?;
@@ -135,7 +133,7 @@ impl<'a> Nodes<'a> {
         let mut joints = Vec::with_capacity(skin.joints.len());
         for (&node, matrix) in skin.joints.iter().zip(matrices) {
             let to_joint = DMat4::from_cols_array(&matrix.map(f64::from));
-            // A matrix without an inverse says nothing of its joint.
+            // A matrix without an inverse carries no information about its joint.
             let moved = Similarity::of(self.global[node] * to_joint);
             if let (Some(moved), Some(_)) = (moved, Similarity::of(to_joint)) {
                 joints.push(Joint { node, bound: to_joint.inverse(), moved });
@@ -144,8 +142,8 @@ impl<'a> Nodes<'a> {
         Ok((!joints.is_empty()).then_some(joints))
     }
 
-    /// From the mesh's space to the scene's in the bind pose; none where that is the pose of the
-    /// nodes.
+    /// Transform from the mesh's space to the scene's in the bind pose; `None` if the nodes are already in the bind
+    /// pose.
     fn frame(&self, document: &Document, skin: usize, joints: &[Joint]) -> Option<Similarity> {
         let scale = median(joints.iter().map(|joint| joint.moved.scale));
         let extent = scale * extent(joints);
@@ -170,8 +168,8 @@ impl<'a> Nodes<'a> {
         far.or((agreed < joints.len()).then_some(common))
     }
 
-    /// What the nodes around a skin say of its frame: the mesh's own, what is above the joints, and
-    /// the scene. Those of another scale than the skin's have nothing to do with it.
+    /// Candidate frames from the nodes around a skin: the mesh's own, the joints' ancestors, and the scene. Frames
+    /// whose scale differs from the skin's are unrelated and left out.
     fn around(&self, document: &Document, skin: usize, joints: &[Joint], scale: f64) -> Vec<Similarity> {
         let meshes = (0..document.nodes.len()).filter(|&node| document.nodes[node].skin == Some(skin));
         let is_joint = |node: usize| document.skins[skin].joints.contains(&node);
@@ -182,7 +180,7 @@ impl<'a> Nodes<'a> {
         found.chain([Similarity::IDENTITY]).filter(|frame| frame.has_scale_of(&scene)).chain([scene]).collect()
     }
 
-    /// Places in the parents' frames, of the nodes that have another place than their own.
+    /// Local transforms of the nodes whose bind pose differs from the file's.
     fn locals(&self, places: &BTreeMap<usize, Option<DMat4>>) -> BTreeMap<usize, Transform> {
         let mut global = self.global.clone();
         let mut found = BTreeMap::new();
@@ -190,7 +188,7 @@ impl<'a> Nodes<'a> {
             let above = self.parent(node).map_or(DMat4::IDENTITY, |parent| global[parent]);
             let place = places.get(&node).copied().flatten();
             let local = place.map(|place| above.inverse() * place);
-            // A parent without an inverse has no place for anything.
+            // Nothing can be placed below a parent without an inverse.
             let local = local.filter(|local| local.is_finite() && !local.abs_diff_eq(self.local[node], 1e-6));
             global[node] = above * local.unwrap_or(self.local[node]);
             if let Some(local) = local {
@@ -201,16 +199,16 @@ impl<'a> Nodes<'a> {
     }
 }
 
-/// The transform that more than half of the joints share, and how many do.
+/// The transform that more than half of the joints share, and their number.
 fn common(joints: &[Joint], extent: f64) -> Option<(Similarity, usize)> {
-    /// Joints that are compared with all others.
+    /// Number of joints that are compared with all others.
     const TRIED: usize = 64;
     let count = |tried: &Similarity| joints.iter().filter(|joint| joint.moved.is_near(tried, extent)).count();
     let tried = joints.iter().step_by(joints.len().div_ceil(TRIED)).map(|joint| (joint.moved, count(&joint.moved)));
     tried.max_by_key(|&(_, count)| count).filter(|&(_, count)| 2 * count > joints.len())
 }
 
-/// The diagonal of the box around the joints, in the mesh's space.
+/// Diagonal of the joints' bounding box, in the mesh's space.
 fn extent(joints: &[Joint]) -> f64 {
     let places = || joints.iter().map(|joint| joint.bound.w_axis.truncate());
     let low = places().fold(DVec3::INFINITY, DVec3::min);
@@ -218,7 +216,7 @@ fn extent(joints: &[Joint]) -> f64 {
     low.distance(high)
 }
 
-/// The frame moved so that the joints' mean place is that of their nodes.
+/// The frame, translated so that the joints' mean position is that of their nodes.
 fn centred(frame: Similarity, joints: &[Joint]) -> Similarity {
     let apart = joints.iter().map(|joint| {
         let bound = joint.bound.w_axis.truncate();
@@ -227,7 +225,7 @@ fn centred(frame: Similarity, joints: &[Joint]) -> Similarity {
     Similarity { translation: frame.translation + apart.sum::<DVec3>() / joints.len() as f64, ..frame }
 }
 
-/// The 24 rotations that bring axes to axes, some of them twice.
+/// The 24 rotations that map axes to axes, with duplicates.
 fn quarter_turns(scale: f64) -> Vec<Similarity> {
     let quarter = |axis: DVec3, turns: usize| DQuat::from_axis_angle(axis, std::f64::consts::FRAC_PI_2 * turns as f64);
     let mut turns = Vec::new();

@@ -12,16 +12,16 @@ use crate::retarget::{Bone, Mapping, Retarget, Rig};
 /// Translation, rotation and scale of a node.
 pub type Transform = ([f32; 3], Quat, [f32; 3]);
 
-/// How far from a rotation and a scale a matrix may be.
+/// Tolerance of a matrix's deviation from a rotation and a scale.
 const SHEAR: f64 = 1e-3;
 
-/// A file with nodes to move.
+/// A file whose nodes can be animated.
 #[derive(Debug)]
 pub struct Character {
     document: Document,
     /// In the bind pose.
     rig: Rig,
-    /// Nodes whose place in the bind pose is another than in the file.
+    /// Nodes whose bind pose differs from the file, with their local transform in it.
     bound: BTreeMap<usize, Transform>,
 }
 
@@ -29,7 +29,7 @@ impl Character {
     /// Reads a file.
     ///
     /// # Errors
-    /// What of it is not as the format has it, or cannot be moved.
+    /// The file violates the format, or its skeleton is rejected.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let file = Glb::split(bytes)?;
         let document = Document::parse(file.json)?;
@@ -40,7 +40,7 @@ impl Character {
         Ok(Self { document, rig, bound })
     }
 
-    /// Its nodes, in the bind pose.
+    /// The nodes as bones, in the bind pose.
     pub fn rig(&self) -> &Rig {
         &self.rig
     }
@@ -50,31 +50,30 @@ impl Character {
         &self.document
     }
 
-    /// Nodes whose place in the bind pose is another than in the file.
+    /// Nodes whose bind pose differs from the file, with their local transform in it.
     pub fn bound(&self) -> &BTreeMap<usize, Transform> {
         &self.bound
     }
 
-    /// The bones of a VRM file's own table, and its version; none where it is no VRM file.
+    /// Returns the mapping of a VRM file's bone table, and its version; `None` if it is not a VRM file.
     ///
     /// # Errors
-    /// A table that is not as VRM has it.
+    /// The table violates the VRM specification.
     pub fn vrm_bones(&self) -> Result<Option<(Mapping, &'static str)>, String> {
         vrm::bones(&self.document)
     }
 
-    /// The bones by the file's own table or by names, with the given ones over them; and the
-    /// convention of the names.
+    /// Returns the mapping by the file's own table or by names, overridden by `given`, and the naming convention.
     ///
     /// # Errors
-    /// A table that is not as VRM has it; a bone that is not there.
+    /// The table violates the VRM specification, or names a bone that does not exist.
     pub fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
         let (mut mapping, convention) = given.over(self.rig(), self.vrm_bones()?)?;
         let is_found = mapping.entries().iter().any(|(_, bones)| !bones.is_empty());
         if is_found || self.document().skins.iter().any(|skin| !skin.joints.is_empty()) || !self.has_shapes() {
             return Ok((mapping, convention));
         }
-        // A face alone, whose mesh no bone moves: its shapes do.
+        // A face without a skeleton: only its shapes move.
         for joint in JOINT_NAMES {
             mapping.put(joint, &[]).map_err(|error| error.to_string())?;
         }
@@ -89,8 +88,8 @@ impl Character {
             .any(|mesh| mesh.shapes() > 0)
     }
 
-    /// The values of the bind pose that differ from the file's and that no motion sets: node, path
-    /// and value.
+    /// Returns the values of the bind pose that differ from the file and that the motion does not set: node, path and
+    /// value.
     pub fn placed(&self, retarget: &Retarget) -> impl Iterator<Item = (usize, &'static str, Vec<f32>)> {
         self.bound().iter().flat_map(|(&node, &(translation, rotation, scale))| {
             let is_set = [node == retarget.hips(), retarget.is_driven(node), false];
@@ -101,13 +100,13 @@ impl Character {
         })
     }
 
-    /// Whether it is a VRM file, of either version.
+    /// Whether it is a VRM file of either version.
     pub fn is_vrm(&self) -> bool {
         vrm::is_vrm(&self.document)
     }
 }
 
-/// The buffer that grows must be the one in the file.
+/// Checks that the first buffer, to which data is appended, is the one in the file.
 fn check_buffer(document: &Document, bin: &[u8]) -> Result<(), String> {
     match document.buffers.first() {
         None => Ok(()),
@@ -123,8 +122,7 @@ fn rig(document: &Document) -> Result<Rig, String> {
     let parents = document.parents()?;
     let mut bones = Vec::with_capacity(document.nodes.len());
     for (node, parent) in document.nodes.iter().zip(parents) {
-        // A matrix that is none of these is as a scale to nothing: refused where bones move below
-        // it.
+        // Any other matrix becomes a zero scale, which is rejected if bones below it move.
         let (translation, rotation, scale) = transform(node).unwrap_or(([0.0; 3], IDENTITY, [0.0; 3]));
         let name = node.name.clone().unwrap_or_default();
         bones.push(Bone { name, parent, translation, rotation, scale, deforms: false });
@@ -136,7 +134,7 @@ fn rig(document: &Document) -> Result<Rig, String> {
     Rig::new(bones).map_err(|error| error.to_string())
 }
 
-/// The rig with bones at other places.
+/// Returns the rig with these local transforms.
 fn placed(rig: &Rig, places: &BTreeMap<usize, Transform>) -> Result<Rig, String> {
     let mut bones = rig.bones().to_vec();
     for (&node, &(translation, rotation, scale)) in places {
@@ -145,10 +143,10 @@ fn placed(rig: &Rig, places: &BTreeMap<usize, Transform>) -> Result<Rig, String>
     Rig::new(bones).map_err(|error| error.to_string())
 }
 
-/// A node's place in its parent's frame.
+/// Returns a node's local transform.
 ///
 /// # Errors
-/// A matrix that is more than a translation, a rotation and a scale.
+/// The matrix is not a product of translation, rotation and scale.
 #[expect(clippy::cast_possible_truncation, reason = "bones are kept in f32; what overflows the rig refuses")]
 pub fn transform(node: &Node) -> Result<Transform, String> {
     let narrow = |v: [f64; 3]| v.map(|x| x as f32);

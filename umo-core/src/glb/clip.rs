@@ -1,4 +1,4 @@
-//! The animation that a character's file has, as motion of the 55 joints.
+//! Reads a character's animation as motion of the 55 joints.
 
 use super::accessor::floats;
 use super::document::{Animation, Document};
@@ -10,20 +10,20 @@ use crate::motion::rotation::{Quat, normalized, slerp};
 use crate::motion::skeleton::JOINTS;
 use crate::retarget::{Floor, Mapping, Retarget};
 
-/// Frames a second of what is read.
+/// Frame rate of the result, in frames a second.
 pub const RATE: f32 = 30.0;
-/// Bytes of memory that reading the JSON takes for each byte of it, at most: a node of `{}` and its
-/// comma become a structure of some 400 bytes.
+/// Upper bound on the memory, in bytes, for parsing each byte of the JSON: a node `{}` with its comma becomes a
+/// structure of some 400 bytes.
 const MEMORY: usize = 160;
 
-/// The rotations of an animation of a character in a `.glb` or `.vrm` file, or a `.gltf` with its
-/// data inside, [`RATE`] frames a second: the one of a name, or the first.
+/// Reads the rotations of an animation, the one named or else the first, of a character in a `.glb` or `.vrm` file,
+/// or in a `.gltf` with embedded data. They are resampled at [`RATE`] frames a second.
 ///
-/// Unwinds to [`memory::catch`] where there is no memory.
+/// Unwinds to [`memory::catch`] if memory is exhausted.
 ///
 /// # Errors
-/// What of the file is not as the format has it, which bones were not found, which animations there
-/// are where none has the name, or that it is longer than a gesture can be.
+/// The file violates the format, bones were not found, no animation has the name (the error lists them), or the
+/// animation is longer than a gesture can be.
 pub fn read(bytes: &[u8], name: Option<&str>, skeleton: &Skeleton) -> Result<Vec<[Quat; JOINTS]>, String> {
     let elsewhere = |_: &str| Err("it is in another file, which bytes in memory do not have beside them".to_owned());
     let bytes = &*packed(bytes, &mut { elsewhere })?;
@@ -68,10 +68,10 @@ fn chosen<'a>(document: &'a Document, name: Option<&str>) -> Result<&'a Animatio
     })
 }
 
-/// The rotations of a node over time.
+/// Rotation keys of a node.
 struct Track {
     node: usize,
-    /// Seconds, rising.
+    /// In seconds, strictly increasing.
     times: Vec<f32>,
     values: Vec<Quat>,
     holds: bool,
@@ -103,7 +103,7 @@ fn tracks(document: &Document, animation: &Animation, bin: &[u8]) -> Result<Vec<
         let values = floats(document, bin, sampler.output, "VEC4")?;
         let mut values: Vec<Quat> = memory::collected(values.as_chunks().0.iter().map(|&q| normalized(q)));
         if sampler.interpolation.as_deref() == Some("CUBICSPLINE") {
-            // A key has two tangents beside its value; without them the keys are joined by arcs.
+            // A cubic spline key has two tangents beside its value. They are ignored, and the keys joined by arcs.
             values = memory::collected(values.chunks_exact(3).map(|key| key[1]));
         }
         if times.is_empty() || times.len() != values.len() || !times.windows(2).all(|pair| pair[0] < pair[1]) {
@@ -136,7 +136,7 @@ mod tests {
         let (skeleton, shoulder, head) = (skeleton(), 17, 15);
         let is_near = |a: Quat, b: [f32; 3]| {
             let b = axis_angle_to_quat(b.map(f32::to_radians));
-            // The arms of the two skeletons are some degrees apart in a T-pose.
+            // The arms of the two skeletons differ by some degrees in a T-pose.
             a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs() > 0.998
         };
         let frames = read(&salute(), None, &skeleton).unwrap();
@@ -156,14 +156,14 @@ mod tests {
         assert_eq!(wrong(&file[..file.len() - 1], None), "the file is cut short");
         let other = wrong(&file, Some("wave"));
         assert!(other.contains("`wave`") && other.contains("salute") && other.contains("turn"), "{other}");
-        // Without the names of an arm.
+        // With the name of an arm bone removed.
         let mut nameless = file.clone();
         let text = b"mixamorig:RightArm";
         let at = nameless.windows(text.len()).position(|window| window == text).unwrap();
         nameless[at..at + text.len()].fill(b'x');
         let missing = wrong(&nameless, None);
         assert!(missing.contains("right_shoulder"), "{missing}");
-        // No byte makes it panic.
+        // No corrupted byte causes a panic.
         for at in 0..file.len() {
             let mut changed = file.clone();
             changed[at] ^= 1 << (at % 8);

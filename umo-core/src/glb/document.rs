@@ -1,4 +1,4 @@
-//! What is read of a glTF file's JSON. Everything else in it is passed over.
+//! The parts of a glTF file's JSON that are read. All others are ignored.
 #![allow(missing_docs, reason = "fields are named as glTF names them")]
 
 use serde::Deserialize;
@@ -23,15 +23,15 @@ impl Document {
     /// Reads the JSON.
     ///
     /// # Errors
-    /// Where in it something is not as the format has it.
+    /// The path of the value that violates the format.
     pub fn parse(json: &str) -> Result<Self, String> {
         parse(json)
     }
 
-    /// Each node's parent.
+    /// Returns the parent of each node.
     ///
     /// # Errors
-    /// A child that is not there, or that has two parents.
+    /// A child does not exist or has two parents.
     pub fn parents(&self) -> Result<Vec<Option<usize>>, String> {
         let mut parents = vec![None; self.nodes.len()];
         for (parent, node) in self.nodes.iter().enumerate() {
@@ -46,14 +46,14 @@ impl Document {
     }
 }
 
-/// Reads some of a file's JSON.
+/// Deserialises parts of a file's JSON.
 pub(super) fn parse<'a, T: Deserialize<'a>>(json: &'a str) -> Result<T, String> {
     let mut text = serde_json::Deserializer::from_str(json);
     serde_path_to_error::deserialize(&mut text)
         .map_err(|error| format!("its JSON at `{}`: {}", error.path(), error.inner()))
 }
 
-/// A place in the scene. Where `matrix` is given, the three others are not.
+/// A node of the scene. If `matrix` is given, the three other transforms are not.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub struct Node {
@@ -68,7 +68,7 @@ pub struct Node {
     pub weights: Option<Vec<f32>>,
 }
 
-/// Surfaces with their shapes.
+/// A mesh and its morph targets.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Mesh {
@@ -79,19 +79,19 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Number of shapes: of its parts the most, as some have none.
+    /// Number of shapes: the maximum over the primitives, some of which may have none.
     pub fn shapes(&self) -> usize {
         self.primitives.iter().map(|primitive| primitive.targets.len()).max().unwrap_or(0)
     }
 
-    /// Whether its parts have the same number of shapes, or none.
+    /// Whether all primitives that have shapes have the same number.
     pub fn is_even(&self) -> bool {
         let shapes = self.shapes();
         self.primitives.iter().all(|primitive| [0, shapes].contains(&primitive.targets.len()))
     }
 
-    /// The names of its shapes, where it has names for all of them; of a list that says the same
-    /// several times, as some exporters write it for several parts, those of once.
+    /// Names of the shapes, if all have one. Some exporters repeat the list for each primitive; it is then returned
+    /// once.
     pub fn shape_names(&self) -> Option<Vec<String>> {
         let count = self.shapes();
         self.shape_lists().into_iter().find_map(|mut names| {
@@ -102,7 +102,7 @@ impl Mesh {
         })
     }
 
-    /// Lists of names for shapes, whatever their lengths.
+    /// All lists of shape names, of any length.
     pub fn shape_lists(&self) -> Vec<Vec<String>> {
         let places = std::iter::once(&self.extras).chain(self.primitives.iter().map(|primitive| &primitive.extras));
         let lists = places.filter_map(|extras| {
@@ -121,17 +121,16 @@ pub struct Primitive {
     pub extras: Value,
 }
 
-/// The nodes that a mesh follows.
+/// The nodes that deform a mesh.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Skin {
     pub joints: Vec<usize>,
-    /// Accessor of a matrix for each joint, from the mesh's space to the joint's when the mesh was
-    /// bound.
+    /// Accessor with a matrix per joint, from the mesh's space to the joint's in the bind pose.
     pub inverse_bind_matrices: Option<usize>,
 }
 
-/// A list of numbers.
+/// A typed array in a buffer view.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Accessor {
@@ -147,7 +146,7 @@ pub struct Accessor {
     pub sparse: Option<Value>,
 }
 
-/// A part of a buffer.
+/// A range of a buffer.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct View {
@@ -158,7 +157,7 @@ pub struct View {
     pub byte_stride: Option<usize>,
 }
 
-/// Bytes.
+/// Raw data.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Buffer {
@@ -166,7 +165,7 @@ pub struct Buffer {
     pub uri: Option<String>,
 }
 
-/// Values of nodes over time.
+/// Animated values of nodes.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Animation {
     pub name: Option<String>,
@@ -174,21 +173,21 @@ pub struct Animation {
     pub samplers: Vec<Sampler>,
 }
 
-/// What a sampler's values are.
+/// Assigns a sampler to a target.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Channel {
     pub sampler: usize,
     pub target: Target,
 }
 
-/// A node's transform or weights.
+/// The animated property: a node's transform or its weights.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Target {
     pub node: Option<usize>,
     pub path: String,
 }
 
-/// Times and the values at them.
+/// Keyframe times and values.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Sampler {
     pub input: usize,

@@ -1,15 +1,15 @@
-//! Expressions as VRM files list them, 1.0 and 0.x.
+//! The expression table of VRM files, 1.0 and 0.x.
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::document::Document;
 
-/// An expression, and the shapes that it is made of.
+/// An expression and its shapes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     pub name: String,
-    /// Node with the mesh, shape, and how much of it at 1.
+    /// Node with the mesh, shape, and the shape's weight when the expression is 1.
     pub shapes: Vec<(usize, usize, f32)>,
 }
 
@@ -17,7 +17,7 @@ fn extension<'a>(document: &'a Document, name: &str) -> Option<&'a Value> {
     document.extensions.get(name)
 }
 
-/// The file's expressions; what of them is not as VRM has it is left out.
+/// Returns the file's expressions; invalid ones are left out.
 pub fn expressions(document: &Document) -> Vec<Expression> {
     let mut found = match (extension(document, "VRMC_vrm"), extension(document, "VRM")) {
         (Some(vrm), _) => expressions_of_1(vrm),

@@ -1,4 +1,4 @@
-//! Which shapes of which mesh move, and by what.
+//! Assigns face channels to the shapes of a character's meshes.
 
 use super::expressions::{Expression, expressions};
 use super::{Character, Given};
@@ -9,12 +9,12 @@ use crate::retarget::{Mapping, Retarget, other_bodies};
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
 
-/// Shapes of a mouth that says every vowel.
+/// Number of shapes of a mouth that has every vowel.
 const VOWELS: usize = 5;
-/// What a mouth needs.
+/// Hint for messages: the supported sets of shapes.
 const SHAPES: &str = "ARKit's 52, the 15 visemes of Oculus or VRM's 5 vowels are known, others with --mapping";
 
-/// Most shapes of a mesh.
+/// Upper bound on the shapes of a mesh.
 const MAX_SHAPES: usize = 4096;
 
 /// A node whose mesh has shapes.
@@ -22,31 +22,29 @@ const MAX_SHAPES: usize = 4096;
 struct MeshFace {
     node: usize,
     name: String,
-    /// Names of its shapes; empty where it has none.
+    /// Names of the shapes; empty if they have none.
     shapes: Vec<String>,
-    /// Weights at rest. `[shapes]`
+    /// `[shapes]`, weights at rest.
     rest: Vec<f32>,
     map: FaceMap,
 }
 
-/// All shapes of a character.
+/// The shapes of a character.
 #[derive(Clone, Debug, Default)]
 pub struct Faces {
     meshes: Vec<MeshFace>,
-    /// Where the meshes' own shapes have no known names: expressions, and what moves them.
+    /// Expressions and their mapping, if the meshes' shapes have no known names.
     expressions: Option<(Vec<Expression>, FaceMap)>,
-    /// What of the shapes stays still, and why.
+    /// Shapes that stay still, with the reason.
     notes: Vec<String>,
 }
 
 impl Faces {
-    /// Finds the shapes that a face's channels move, by their names, by the expressions of a VRM
-    /// file, and as a mapping file says. Of several characters in one file they are those of the one
-    /// that `mapping` moves.
+    /// Finds the shapes that a face's channels move: by name, by the expressions of a VRM file, and by a mapping
+    /// file. Of several characters in one file, only the shapes of the one that `mapping` moves are used.
     ///
     /// # Errors
-    /// A mapping file's channel or shape that is not there; a mesh with more shapes than any face
-    /// has.
+    /// A channel or shape of the mapping file does not exist, or a mesh has more shapes than are supported.
     pub fn find(character: &Character, mapping: &Mapping, face: &Face, given: &Given) -> Result<Self, String> {
         let document = character.document();
         let is_other = of_others(character, mapping);
@@ -91,7 +89,7 @@ impl Faces {
         Ok(faces)
     }
 
-    /// Expressions in place of what of shapes has names, where they open the mouth.
+    /// Replaces the named shapes by expressions, if the expressions open the mouth.
     fn use_expressions(&mut self, expressions: Vec<Expression>, face: &Face) {
         let names: Vec<_> = expressions.iter().map(|expression| expression.name.as_str()).collect();
         let map = FaceMap::new(face, &names);
@@ -111,7 +109,7 @@ impl Faces {
         self.expressions = Some((expressions, map));
     }
 
-    /// What a mapping file says goes before what was found.
+    /// Applies the mapping file, which overrides the shapes found by name.
     fn link(&mut self, face: &Face, given: &Given) -> Result<(), String> {
         let mut linked: Vec<(usize, usize)> = Vec::new();
         for (channel, name, share) in given.shapes() {
@@ -123,8 +121,7 @@ impl Faces {
                     mesh.map.release(shape);
                     linked.push((at, shape));
                 }
-                // A face of another kind has no such channel; then nothing moves, which is said at
-                // the end.
+                // A face of another kind lacks this channel. Nothing moves then, which a note reports at the end.
                 if !mesh.map.link(face, channel, shape, share) && face.kind == FaceKind::Arkit {
                     return Err(format!("`{channel}` of the mapping is no face channel"));
                 }
@@ -137,7 +134,7 @@ impl Faces {
         Ok(())
     }
 
-    /// A jaw or an eye that shapes turn is not turned again by its bone.
+    /// Releases the bones of jaw and eyes that shapes already turn.
     pub fn release_bones(&self, face: &Face, mapping: &Mapping, retarget: &mut Retarget) {
         let mut release = |joint: usize| {
             if let Some(bone) = mapping.bone(joint) {
@@ -152,12 +149,12 @@ impl Faces {
         }
     }
 
-    /// Whether some shape follows this channel itself.
+    /// Whether a shape follows this channel directly.
     pub fn drives(&self, face: &Face, channel: &str) -> bool {
         self.maps().any(|map| map.drives(face, channel))
     }
 
-    /// Whether some shape opens the mouth.
+    /// Whether any shape opens the mouth.
     pub fn opens_mouth(&self, face: &Face) -> bool {
         self.maps().any(|map| map.opens_mouth(face))
     }
@@ -166,7 +163,7 @@ impl Faces {
         self.meshes.iter().map(|mesh| &mesh.map).chain(self.expressions.iter().map(|(_, map)| map))
     }
 
-    /// The names of the expressions that move, and how much of each for a frame's face values.
+    /// Returns the names of the expressions that move, with their weights for a frame's face values.
     pub fn expressions(&self, values: &[f32]) -> impl Iterator<Item = (&str, f32)> {
         self.expressions.iter().flat_map(|(list, map)| {
             let mut amounts = vec![0.0; map.shapes()];
@@ -175,7 +172,7 @@ impl Faces {
         })
     }
 
-    /// What of the shapes stays still, and a mouth that does or that says little.
+    /// Describes the shapes that stay still, and a mouth that does not move or lacks vowels.
     pub fn notes(&self, face: &Face, mapping: &Mapping) -> Vec<String> {
         let mut notes = self.notes.clone();
         if face.kind != FaceKind::Arkit {
@@ -197,13 +194,13 @@ impl Faces {
         notes
     }
 
-    /// The channels of a face that move a shape themselves.
+    /// Returns the channels of a face that directly move a shape.
     pub fn driven<'a>(&self, face: &'a Face) -> Vec<&'a str> {
         let is_driven = |name: &&String| self.meshes.iter().any(|mesh| mesh.map.drives(face, name));
         face.names.iter().filter(is_driven).map(String::as_str).collect()
     }
 
-    /// The names of all shapes.
+    /// Names of all shapes.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.meshes.iter().flat_map(|mesh| &mesh.shapes).map(String::as_str)
     }
@@ -213,12 +210,12 @@ impl Faces {
         self.tracks().iter().map(|track| track.moved).sum()
     }
 
-    /// Number of shapes in all.
+    /// Number of all shapes.
     pub fn shapes(&self) -> usize {
         self.meshes.iter().map(|mesh| mesh.shapes.len()).sum()
     }
 
-    /// The nodes whose shapes move.
+    /// Returns the nodes whose shapes move.
     pub fn tracks(&self) -> Vec<Track<'_>> {
         self.meshes.iter().map(|mesh| self.track(mesh)).filter(|track| track.moved > 0).collect()
     }
@@ -239,7 +236,7 @@ impl Faces {
         Track { mesh, expressions: expressions.map(|(_, map)| map), shares, moved: moved.len() }
     }
 
-    /// Every shape that moves, with its cause, a line each.
+    /// Lists the shapes that move with their causes, one per line.
     pub fn list(&self, face: &Face) -> Vec<String> {
         let mut lines = Vec::new();
         for mesh in &self.meshes {
@@ -262,7 +259,7 @@ impl Faces {
 pub struct Track<'a> {
     mesh: &'a MeshFace,
     expressions: Option<&'a FaceMap>,
-    /// Expression, shape, and how much of it.
+    /// Expression, shape, and the shape's weight when the expression is 1.
     shares: Vec<(usize, usize, f32)>,
     /// Number of shapes that move.
     moved: usize,
@@ -274,18 +271,17 @@ impl Track<'_> {
         self.mesh.node
     }
 
-    /// Number of the mesh's shapes.
+    /// Number of shapes of the mesh.
     pub fn len(&self) -> usize {
         self.mesh.rest.len()
     }
 
-    /// The shapes that face channels move themselves; expressions move others.
+    /// Shapes that face channels move directly; expressions may move others.
     pub fn moved(&self) -> Vec<usize> {
         self.mesh.map.moved()
     }
 
-    /// The weights of all of its shapes for a frame's face values, those that nothing moves as they
-    /// are at rest.
+    /// Returns the weights of all shapes for a frame's face values; shapes that do not move keep their rest weight.
     pub fn weights(&self, values: &[f32]) -> Vec<f32> {
         let mut weights = self.mesh.rest.clone();
         if let Some(map) = self.expressions {
@@ -301,7 +297,7 @@ impl Track<'_> {
     }
 }
 
-/// By node, whether it belongs to another character than the one that `mapping` moves.
+/// For each node, whether it belongs to a character other than the one that `mapping` moves.
 fn of_others(character: &Character, mapping: &Mapping) -> Vec<bool> {
     let (rig, document) = (character.rig(), character.document());
     let others = other_bodies(rig, mapping);

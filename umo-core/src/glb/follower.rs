@@ -1,4 +1,4 @@
-//! A character that follows poses as they come.
+//! A character that follows a stream of poses.
 
 use serde::Deserialize;
 
@@ -10,21 +10,21 @@ use crate::motion::rotation::{IDENTITY, Quat};
 use crate::motion::skeleton::JOINTS;
 use crate::retarget::{Floor, Mapping, Retarget, Scratch};
 
-/// Turns poses into values of a character's nodes. Any number of threads may use it at once.
+/// Converts poses to values of a character's nodes. Threads can share it.
 #[derive(Debug)]
 pub struct Follower {
     retarget: Retarget,
     faces: Faces,
 }
 
-/// Room for one frame.
+/// Scratch memory for one frame.
 #[derive(Debug)]
 pub struct FollowScratch {
     scratch: Scratch,
     rotations: Vec<Quat>,
 }
 
-/// The source of the poses, and a mapping, as JSON.
+/// The source of the poses, and a mapping, in JSON.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Source {
@@ -35,10 +35,10 @@ struct Source {
 }
 
 impl Follower {
-    /// For a character whose bones are `mapping`'s, and poses of a skeleton and a face.
+    /// Creates a follower for a character with this mapping, and poses of this skeleton and face.
     ///
     /// # Errors
-    /// What of the character cannot be moved; a shape or a channel of `given` that is not there.
+    /// The character's skeleton is rejected, or a shape or channel of `given` does not exist.
     pub fn new(
         character: &Character,
         mapping: &Mapping,
@@ -53,26 +53,26 @@ impl Follower {
         Ok(Self { retarget, faces })
     }
 
-    /// For a `.glb` file, and the rest in JSON: `{ "skeleton": { "parents", "offsets_m" }, "face":
-    /// { "kind", "names" }, "given": { "bones", "face" } }`, as a model's config and a mapping file
-    /// have them. The second result describes the values that [`add`](Self::add) writes, as JSON:
+    /// Creates a follower for a `.glb` file. The rest is JSON: `{ "skeleton": { "parents", "offsets_m" }, "face": {
+    /// "kind", "names" }, "given": { "bones", "face" } }`, in the format of a model's config and of a mapping file.
+    /// The second result describes the values that [`add`](Self::add) writes, as JSON:
     ///
     /// | key | value |
     /// | --- | --- |
-    /// | `convention` | the convention of the bones' names |
-    /// | `bones` | for each joint, `spine` and `neck` its nodes; empty where it has none |
-    /// | `nodes` | the node of each of the 55 joints, or null |
-    /// | `held` | node, path and value of what the bind pose has elsewhere than the file |
-    /// | `driven` | the nodes that turn |
-    /// | `hips` | the node that moves, or null |
-    /// | `tracks` | of each node whose shapes move: `node`, the count of its shapes, those that channels `moved` |
-    /// | `expressions` | the VRM expressions that move |
-    /// | `still` | the face channels that move no shape |
-    /// | `speaks` | whether some shape opens the mouth |
-    /// | `channels` | the number of face channels |
+    /// | `convention` | naming convention of the bones |
+    /// | `bones` | nodes of each joint, `spine` and `neck`; empty if it has none |
+    /// | `nodes` | node of each of the 55 joints, or null |
+    /// | `held` | node, path and value of the bind pose where it differs from the file |
+    /// | `driven` | nodes that rotate |
+    /// | `hips` | node that is translated, or null |
+    /// | `tracks` | for each node whose shapes move: `node`, number of its shapes, those that channels `moved` |
+    /// | `expressions` | VRM expressions that move |
+    /// | `still` | face channels that move no shape |
+    /// | `speaks` | whether any shape opens the mouth |
+    /// | `channels` | number of face channels |
     ///
     /// # Errors
-    /// A file that is no character; as [`new`](Self::new); JSON of another form.
+    /// The file is not a character, the JSON is invalid, or as for [`new`](Self::new).
     pub fn read(file: &[u8], source: &str) -> Result<(Self, serde_json::Value), String> {
         let Source { skeleton, face, given } = serde_json::from_str(source).map_err(|error| error.to_string())?;
         let character = Character::read(file)?;
@@ -99,36 +99,36 @@ impl Follower {
         Ok((follower, description))
     }
 
-    /// The motion of the bones.
+    /// Retargeting of the bones.
     pub fn retarget(&self) -> &Retarget {
         &self.retarget
     }
 
-    /// The shapes that move.
+    /// Shapes that move.
     pub fn faces(&self) -> &Faces {
         &self.faces
     }
 
-    /// The nodes that turn, in order.
+    /// Nodes that rotate, in ascending order.
     fn driven(&self) -> impl Iterator<Item = usize> {
         (0..self.retarget.bones()).filter(|&bone| self.retarget.is_driven(bone))
     }
 
-    /// The node that moves; none of a head without a body.
+    /// The node that is translated; `None` for a head without a body.
     fn hips(&self) -> Option<usize> {
         Some(self.retarget.hips()).filter(|&hips| self.retarget.is_driven(hips))
     }
 
-    /// Room for one thread.
+    /// Returns scratch memory for one thread.
     pub fn scratch(&self) -> FollowScratch {
         FollowScratch { scratch: self.retarget.scratch(), rotations: vec![IDENTITY; self.retarget.bones()] }
     }
 
-    /// Adds a frame's values: rotations of the nodes that turn, the place of the hips, the weights
-    /// of each node's shapes.
+    /// Appends a frame's values: rotations of the driven nodes, translation of the hips, weights of each node's
+    /// shapes.
     ///
     /// # Errors
-    /// A scratch of another character.
+    /// The scratch memory is another character's.
     pub fn add(
         &self,
         room: &mut FollowScratch,
@@ -144,7 +144,8 @@ impl Follower {
     }
 }
 
-/// The node of each joint; of a spine or a neck of other counts, the one as far along.
+/// Returns the node of each joint. If a spine or neck has another number of bones, the bone at the same fraction of
+/// the chain.
 pub fn nodes(mapping: &Mapping) -> [Option<usize>; JOINTS] {
     let along = |chain: &[usize], part: usize, parts: usize| {
         let last = chain.len().checked_sub(1)?;
@@ -166,7 +167,7 @@ mod tests {
     use super::*;
     use crate::motion::skeleton::ARKIT_NAMES;
 
-    /// Bones of a standing figure, arms out, as `(name, parent, place)`.
+    /// Bones of a standing figure in a T-pose, as `(name, parent, place)`.
     const BONES: [(&str, Option<usize>, [f32; 3]); 15] = [
         ("Hips", None, [0.0, 1.0, 0.0]),
         ("Spine", Some(0), [0.0, 0.2, 0.0]),
@@ -185,7 +186,7 @@ mod tests {
         ("RightFoot", Some(13), [0.0, -0.42, 0.0]),
     ];
 
-    /// A `.glb` file of those, and a mesh with these shapes.
+    /// A `.glb` file with these bones, and a mesh with these shapes.
     fn file(shapes: &[&str]) -> Vec<u8> {
         let child = |parent: usize| (0..BONES.len()).filter(move |&at| BONES[at].1 == Some(parent));
         let mut nodes: Vec<_> = (0..BONES.len())
@@ -237,12 +238,12 @@ mod tests {
         face[ARKIT_NAMES.iter().position(|&name| name == "jawOpen").unwrap()] = 0.5;
         follower.add(&mut follower.scratch(), &Pose::REST, &face, &mut values).unwrap();
         assert_eq!(values.len(), 4 * 15 + 3 + 2);
-        // A source at rest leaves a character in a T-pose as it is, on its own floor.
+        // A source at rest leaves a character in a T-pose unchanged, on its own floor.
         for rotation in values[..60].as_chunks::<4>().0 {
             assert!((rotation[3].abs() - 1.0).abs() < 1e-4, "{rotation:?}");
         }
         assert_eq!(values[63..], [0.5, 0.0]);
-        // Its hips rise by as much as the source's, to the scale of their legs.
+        // The hips rise by the source's displacement, scaled by leg length.
         let mut higher = Vec::new();
         let pose = Pose { translation: [0.0, 0.1, 0.0], ..Pose::REST };
         follower.add(&mut follower.scratch(), &pose, &face, &mut higher).unwrap();

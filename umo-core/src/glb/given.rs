@@ -1,10 +1,10 @@
-//! What a mapping file says: which bone is what, and which shape follows which channel. As TOML:
+//! A mapping file: bones of joints, and shapes that follow channels. As TOML:
 //!
 //! ```toml
 //! [bones]
 //! pelvis = "Root_M"
 //! spine = ["Spine1_M", "Chest_M"]
-//! left_thumb1 = ""                  # there is none
+//! left_thumb1 = ""                  # has no bone
 //!
 //! [face]
 //! jawOpen = "Mouth_Open"
@@ -21,9 +21,9 @@ use crate::retarget::{Mapping, RetargetError, Rig};
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Given {
-    /// Joints, and their bones.
+    /// Bones of each joint.
     bones: BTreeMap<String, Names>,
-    /// Channels, and the shapes that follow them.
+    /// Shapes that follow each channel.
     face: BTreeMap<String, Shapes>,
 }
 
@@ -32,7 +32,7 @@ pub struct Given {
 enum Names {
     One(String),
     Several(Vec<String>),
-    /// By its number among the file's nodes.
+    /// Index among the file's nodes.
     Node(usize),
 }
 
@@ -45,11 +45,11 @@ enum Shapes {
 }
 
 impl Given {
-    /// The bones by a file's own table, or else by names, with the given ones over them; and the
-    /// convention of the names.
+    /// Returns the mapping of a file's own table, or else by names, overridden by the given bones, and the naming
+    /// convention.
     ///
     /// # Errors
-    /// A joint or a bone that is not there.
+    /// A joint or a bone does not exist.
     pub fn over(&self, rig: &Rig, table: Option<(Mapping, &'static str)>) -> Result<(Mapping, String), String> {
         let (mut mapping, convention) = match table {
             Some((mapping, version)) => (mapping, version.to_owned()),
@@ -62,10 +62,10 @@ impl Given {
         Ok((mapping, convention))
     }
 
-    /// Puts the given bones in a mapping, over those that it has.
+    /// Overrides bones of a mapping by the given ones.
     ///
     /// # Errors
-    /// [`RetargetError`]: a joint or a bone that is not there.
+    /// [`RetargetError`] if a joint or a bone does not exist.
     pub fn apply(&self, rig: &Rig, mapping: &mut Mapping) -> Result<(), RetargetError> {
         for (joint, names) in &self.bones {
             let names = match names {
@@ -86,7 +86,7 @@ impl Given {
         Ok(())
     }
 
-    /// The given channels, the shapes that follow them, and by how much.
+    /// Returns the given channels, the shapes that follow them, and their gains.
     pub fn shapes(&self) -> impl Iterator<Item = (&str, &str, f32)> {
         self.face.iter().flat_map(|(channel, shapes)| {
             let shares: Vec<(&str, f32)> = match shapes {

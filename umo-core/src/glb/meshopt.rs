@@ -1,23 +1,21 @@
-//! Decoders of `EXT_meshopt_compression`: vertex, triangle and index streams, and the filters over
-//! vertices.
+//! Decoders of `EXT_meshopt_compression`: vertex, triangle and index streams, and the vertex filters.
 //!
-//! The bitstream is the one that the extension's text specifies (versions 0 of vertices, 0 and 1 of
-//! indices).
+//! The bitstream follows the extension's specification (version 0 for vertices, 0 and 1 for indices).
 
-/// Vertices of one block take at most this many bytes, and are at most [`BLOCK`].
+/// Upper bound on the bytes of a vertex block, which has at most [`BLOCK`] vertices.
 const BLOCK_BYTES: usize = 8192;
 const BLOCK: usize = 256;
-/// Values of one group, which share a width in bits.
+/// Number of values in a group; they share a bit width.
 const GROUP: usize = 16;
-/// The first vertex stands at the end of a vertex stream, padded in front to at least this many bytes.
+/// Minimum size in bytes of the tail of a vertex stream, which holds the first vertex, padded in front.
 const VERTEX_TAIL: usize = 32;
-/// Largest vertex, bytes.
+/// Largest vertex, in bytes.
 const MAX_VERTEX: usize = 256;
 
 const CUT: &str = "its compressed data is cut short";
 const LONG: &str = "its compressed data is longer than its values";
 
-/// Bytes that are read one after the other.
+/// Reads bytes in sequence.
 struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
@@ -31,7 +29,7 @@ impl<'a> Reader<'a> {
         Ok(self.take(1)?[0])
     }
 
-    /// A number of 7 bits a byte, the lowest first.
+    /// Reads a variable-length number: 7 bits per byte, lowest first.
     fn number(&mut self) -> Result<u32, &'static str> {
         let mut value = 0;
         for shift in (0..35).step_by(7) {
@@ -44,7 +42,7 @@ impl<'a> Reader<'a> {
         Err("a number of its compressed data is too long")
     }
 
-    /// `from` and a signed step.
+    /// Reads a signed delta and adds it to `from`.
     fn stepped(&mut self, from: u32) -> Result<u32, &'static str> {
         Ok(from.wrapping_add(signed(self.number()?)))
     }
@@ -54,12 +52,12 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The step that a number stands for: 0, -1, 1, -2, …
+/// Zigzag decoding: 0, -1, 1, -2, …
 const fn signed(number: u32) -> u32 {
     (number >> 1) ^ (number & 1).wrapping_neg()
 }
 
-/// The stream's version, after its first byte was checked.
+/// Checks the first byte and returns the stream's version.
 fn version(reader: &mut Reader<'_>, kind: u8, newest: u8) -> Result<u8, String> {
     let first = reader.byte()?;
     match (first & 0xf0, first & 0x0f) {
@@ -71,10 +69,10 @@ fn version(reader: &mut Reader<'_>, kind: u8, newest: u8) -> Result<u8, String> 
     }
 }
 
-/// Decodes vertices into `out`, whose length is a number of vertices of `size` bytes each.
+/// Decodes vertices into `out`, whose length is a multiple of `size`, the bytes of a vertex.
 ///
 /// # Errors
-/// What of the stream is not as the format has it.
+/// The stream violates the format.
 pub(super) fn vertices(data: &[u8], size: usize, out: &mut [u8]) -> Result<(), String> {
     if size == 0 || size > MAX_VERTEX || !size.is_multiple_of(4) {
         return Err(format!("vertices of {size} bytes, expected a multiple of 4 up to {MAX_VERTEX}"));
@@ -101,7 +99,7 @@ pub(super) fn vertices(data: &[u8], size: usize, out: &mut [u8]) -> Result<(), S
     Ok(reader.end()?)
 }
 
-/// Decodes one byte of each vertex: groups whose widths stand in front, two bits a group.
+/// Decodes one byte of each vertex. The bit widths of the groups come first, two bits each.
 fn bytes(reader: &mut Reader<'_>, out: &mut [u8]) -> Result<(), &'static str> {
     let widths = reader.take((out.len() / GROUP).div_ceil(4))?;
     for (at, group) in out.chunks_exact_mut(GROUP).enumerate() {
@@ -111,7 +109,7 @@ fn bytes(reader: &mut Reader<'_>, out: &mut [u8]) -> Result<(), &'static str> {
             width => {
                 let bits = 2 * width;
                 let packed = reader.take(GROUP * usize::from(bits) / 8)?;
-                // The largest of a width says that the value follows as a byte.
+                // The largest value of a width is an escape: the value follows as a byte.
                 let escape = (1 << bits) - 1;
                 for (at, value) in group.iter_mut().enumerate() {
                     let bit = at * usize::from(bits);
@@ -124,7 +122,7 @@ fn bytes(reader: &mut Reader<'_>, out: &mut [u8]) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// The last 16 of something.
+/// The last 16 entries.
 struct Recent<T> {
     values: [T; 16],
     next: usize,
@@ -140,16 +138,16 @@ impl<T: Copy> Recent<T> {
         self.next = (self.next + 1) % 16;
     }
 
-    /// The one `back` before the last.
+    /// Returns the entry `back` before the last.
     fn get(&self, back: u8) -> T {
         self.values[(self.next + 31 - usize::from(back)) % 16]
     }
 }
 
-/// Decodes triangles: `count` indices, three a triangle, each given to `put`.
+/// Decodes triangles: `count` indices, three per triangle, each passed to `put`.
 ///
 /// # Errors
-/// What of the stream is not as the format has it.
+/// The stream violates the format.
 pub(super) fn triangles(data: &[u8], count: usize, put: &mut dyn FnMut(u32)) -> Result<(), String> {
     if !count.is_multiple_of(3) {
         return Err(format!("triangles of {count} indices"));
@@ -181,26 +179,26 @@ pub(super) fn triangles(data: &[u8], count: usize, put: &mut dyn FnMut(u32)) -> 
     Ok(state.reader.end()?)
 }
 
-/// A triangle stream that is being decoded.
+/// Decoder state of a triangle stream.
 struct Triangles<'a> {
     reader: Reader<'a>,
-    /// The lowest index that did not occur yet.
+    /// The lowest index that has not occurred yet.
     next: u32,
-    /// The last index that was written out.
+    /// The last index that was coded explicitly.
     last: u32,
     edges: Recent<[u32; 2]>,
     corners: Recent<u32>,
 }
 
 impl Triangles<'_> {
-    /// The lowest index that did not occur yet.
+    /// Returns the lowest index that has not occurred yet.
     fn new_corner(&mut self) -> u32 {
         let corner = self.next;
         self.next = self.next.wrapping_add(1);
         corner
     }
 
-    /// On a recent edge: the code names that and the third corner.
+    /// Triangle on a recent edge: the code selects the edge and the third corner.
     fn on_edge(&mut self, code: u8, steps: u8) -> Result<[u32; 3], &'static str> {
         let [a, b] = self.edges.get(code >> 4);
         let back = code & 15;
@@ -222,7 +220,7 @@ impl Triangles<'_> {
         Ok([a, b, c])
     }
 
-    /// Three corners, each new (0), so far back, or where `written` says so written out (15).
+    /// Triangle of three corners: each is new (0), a recent one, or, if `written`, coded explicitly (15).
     fn apart(&mut self, kinds: [u8; 3], written: bool) -> Result<[u32; 3], &'static str> {
         // All are looked up before any is pushed.
         let mut corners = [0; 3];
@@ -248,10 +246,10 @@ impl Triangles<'_> {
     }
 }
 
-/// Decodes `count` indices, each given to `put`.
+/// Decodes `count` indices, each passed to `put`.
 ///
 /// # Errors
-/// What of the stream is not as the format has it.
+/// The stream violates the format.
 pub(super) fn indices(data: &[u8], count: usize, put: &mut dyn FnMut(u32)) -> Result<(), String> {
     let mut reader = Reader(data);
     version(&mut reader, 0xd0, 1)?;
@@ -267,10 +265,10 @@ pub(super) fn indices(data: &[u8], count: usize, put: &mut dyn FnMut(u32)) -> Re
     Ok(reader.end()?)
 }
 
-/// Undoes a filter over vertices of `size` bytes.
+/// Reverses a filter over vertices of `size` bytes.
 ///
 /// # Errors
-/// A filter that is not known, or vertices that it does not go with.
+/// The filter is unknown, or does not support vertices of this size.
 #[expect(clippy::cast_possible_truncation, reason = "numbers of the types that they are stored as")]
 pub(super) fn unfilter(filter: &str, size: usize, values: &mut [u8]) -> Result<(), String> {
     let fits = match filter {
@@ -308,13 +306,13 @@ pub(super) fn unfilter(filter: &str, size: usize, values: &mut [u8]) -> Result<(
     Ok(())
 }
 
-/// The nearest whole number, halves away from 0, as the format has it.
+/// Rounds to the nearest integer, halves away from 0, as the format specifies.
 #[expect(clippy::cast_possible_truncation, reason = "at most 2^15")]
 fn rounded(x: f32) -> i32 {
     (x + 0.5_f32.copysign(x)) as i32
 }
 
-/// A unit vector times `most` of its octahedral form.
+/// Decodes an octahedral unit vector, scaled by `most`.
 fn octahedral([x, y, one, _]: [f32; 4], most: f32) -> [f32; 3] {
     let z = one - x.abs() - y.abs();
     let below = z.min(0.0);
@@ -323,7 +321,7 @@ fn octahedral([x, y, one, _]: [f32; 4], most: f32) -> [f32; 3] {
     [x, y, z].map(|v| v * scale)
 }
 
-/// A unit quaternion times 32767 of its three smaller parts, and which part is the largest.
+/// Decodes a unit quaternion, scaled by 32767, from its three smaller components and the index of the largest.
 fn quaternion([x, y, z, last]: [i16; 4]) -> [f32; 4] {
     let scale = std::f32::consts::FRAC_1_SQRT_2 / f32::from(last | 3);
     let parts = [x, y, z].map(|part| f32::from(part) * scale);
@@ -365,7 +363,7 @@ mod tests {
         Ok(numbers.iter().flat_map(|index| index.to_le_bytes()[..case.size].to_vec()).collect())
     }
 
-    /// Streams of the reference's encoder; `tests/glb/meshopt.mjs` makes them.
+    /// Streams of the reference encoder, generated by `tests/glb/meshopt.mjs`.
     fn cases() -> Vec<(Case, Vec<u8>)> {
         let text = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/glb/meshopt.json"));
         let cases: Vec<Case> = serde_json::from_str(text).unwrap();
@@ -381,7 +379,7 @@ mod tests {
         for (at, (case, data)) in cases().iter().enumerate() {
             let wanted = BASE64.decode(case.values.as_bytes()).unwrap();
             let found = decoded(case, data).unwrap();
-            // The reference rounds numbers of its vector instructions.
+            // The reference rounds in its vector instructions.
             let least = usize::from(["OCTAHEDRAL", "QUATERNION"].contains(&case.filter.as_str()));
             let number = |bytes: &[u8]| match *bytes {
                 [byte] => i32::from(i8::from_le_bytes([byte])),

@@ -1,5 +1,5 @@
-//! A character's file as one `.glb` that everything here reads: `.gltf` with the files beside it or
-//! with its data in its text, buffers in other files, and views that meshopt compressed.
+//! Repacks a character's file as one plain `.glb`: a `.gltf` with external files or embedded data, external buffers,
+//! and views that meshopt compressed.
 
 use std::borrow::Cow;
 
@@ -11,18 +11,18 @@ use super::splice::{Members, raw};
 use super::{Glb, container, meshopt};
 use crate::memory::{self, with_capacity};
 
-/// Largest file that is made, bytes.
+/// Upper bound on the size of the result, in bytes.
 const MAX_BYTES: usize = 2 << 30;
-/// Bytes of memory that reading the JSON takes here for each byte of it, at most.
+/// Upper bound on the memory, in bytes, for parsing each byte of the JSON.
 const MEMORY: usize = 32;
 
-/// What helps where a view cannot be decompressed.
+/// Remedy for messages about a view that cannot be decompressed.
 const WAY_OUT: &str = "`npx @gltf-transform/cli copy in.glb out.glb` writes it without";
 
-/// Names of the compression that is undone here.
+/// Names of the supported compression extension.
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// What of a file's JSON says where its bytes are.
+/// The parts of the JSON that locate the file's bytes.
 #[derive(Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 struct Sources<'a> {
@@ -61,7 +61,7 @@ struct Image<'a> {
     uri: Option<Cow<'a, str>>,
 }
 
-/// The compression's object of a buffer or a view, by either name.
+/// The extension object of a buffer or a view, by either name.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Compressions {
@@ -79,19 +79,19 @@ struct Compression {
     count: usize,
     mode: String,
     filter: Option<String>,
-    /// Of a buffer: it stands for the bytes that come out, and may not be there.
+    /// For a buffer: a placeholder for decompressed data, which may be absent.
     fallback: bool,
 }
 
-/// The bytes of a `.glb` file as they are, or those of a file in several parts as one `.glb`:
-/// buffers and images in other files or in the text of a `.gltf` are in it, and views that meshopt
-/// compressed are not compressed. `file` gives the bytes of a file by its path from the character's,
-/// which is checked: it stays in the character's folder.
+/// Returns the bytes of a `.glb` file unchanged, or a file in several parts as one `.glb`: external and embedded
+/// buffers and images of a `.gltf` are included, and views that meshopt compressed are decompressed. `file` returns
+/// the bytes of a file by its path relative to the character's. The path is checked to stay inside the character's
+/// folder.
 ///
-/// Unwinds to [`memory::catch`] where there is no memory.
+/// Unwinds to [`memory::catch`] if memory is exhausted.
 ///
 /// # Errors
-/// What of the file is not as the format has it; a buffer that cannot be had, with its name.
+/// The file violates the format, or a buffer cannot be read (the error names it).
 pub fn packed<'a>(
     bytes: &'a [u8],
     file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
@@ -117,13 +117,13 @@ pub fn packed<'a>(
     packing.finish(glb.more).map(Cow::Owned)
 }
 
-/// A file in the making.
+/// State of the repacking.
 struct Packing<'a> {
     sources: &'a Sources<'a>,
-    /// By buffer; empty where it only stands for what is decompressed.
+    /// By buffer; empty for a placeholder of decompressed data.
     buffers: Vec<Cow<'a, [u8]>>,
     members: Members,
-    /// As they are in the new file.
+    /// The views of the new file.
     views: Vec<Members>,
     bin: Vec<u8>,
 }
@@ -154,7 +154,7 @@ impl<'a> Packing<'a> {
         Ok(Self { sources, buffers, members, views: Vec::new(), bin: Vec::new() })
     }
 
-    /// Puts every view's bytes in the one buffer.
+    /// Copies the bytes of every view to the single buffer.
     fn views(&mut self) -> Result<(), String> {
         let total: usize = self.sources.buffer_views.iter().map(|view| view.byte_length.saturating_add(3)).sum();
         if total > MAX_BYTES {
@@ -195,8 +195,8 @@ impl<'a> Packing<'a> {
         slice.ok_or_else(|| format!("it reaches beyond buffer {buffer}"))
     }
 
-    /// Puts the images of a `.gltf` in the buffer. One that cannot be had keeps its address: a
-    /// motion does not need it.
+    /// Copies the images of a `.gltf` to the buffer. An image that cannot be read keeps its URI, because motion does
+    /// not need it.
     fn images(&mut self, file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<(), String> {
         let mut images = self.members.list("images")?;
         for (image, text) in self.sources.images.iter().zip(&mut images) {
@@ -261,7 +261,7 @@ fn decompress(compression: &Compression, data: &[u8], out: &mut [u8]) -> Result<
     }
 }
 
-/// The bytes at an address: in its text, or in a file of the character's folder.
+/// Returns the bytes of a URI: embedded in its text, or a file in the character's folder.
 fn of_uri(uri: &str, file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, text) = data.split_once(";base64,").ok_or("its data is not in base64")?;
@@ -284,12 +284,12 @@ fn of_uri(uri: &str, file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> R
     file(&path).map_err(|problem| format!("`{}`: {problem}", shortened(uri)))
 }
 
-/// At most 120 bytes of an address, for messages.
+/// At most 120 bytes of a URI, for messages.
 fn shortened(uri: &str) -> &str {
     &uri[..uri.floor_char_boundary(120)]
 }
 
-/// A path without `%20` and the like.
+/// Decodes percent-escapes in a path.
 fn unescaped(uri: &str) -> Result<String, String> {
     let mut bytes = with_capacity(uri.len());
     let mut rest = uri.as_bytes();
@@ -305,7 +305,7 @@ fn unescaped(uri: &str) -> Result<String, String> {
     String::from_utf8(bytes).map_err(|_| format!("`{}` is no path", shortened(uri)))
 }
 
-/// The media type of an image by its first bytes.
+/// Media type of an image, detected from its first bytes.
 fn image_kind(bytes: &[u8]) -> Option<&'static str> {
     let kinds: [(&[u8], &str); 4] = [
         (b"\x89PNG", "image/png"),
@@ -316,12 +316,12 @@ fn image_kind(bytes: &[u8]) -> Option<&'static str> {
     kinds.into_iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, kind)| kind)
 }
 
-/// A character's file, with the files beside it that it names, as one `.glb`.
+/// Reads a character's file, with the external files that it references, as one `.glb`.
 ///
-/// Unwinds to [`memory::catch`] where there is no memory.
+/// Unwinds to [`memory::catch`] if memory is exhausted.
 ///
 /// # Errors
-/// As [`packed`]; what the system says of a file.
+/// As [`packed`], or the I/O error of a file.
 #[cfg(feature = "files")]
 pub fn read(path: &std::path::Path) -> std::io::Result<Vec<u8>> {
     let read = |path: &std::path::Path| {

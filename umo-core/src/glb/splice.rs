@@ -1,11 +1,11 @@
-//! JSON that is changed in some places and stays as it was, letter for letter, in all others.
+//! JSON that is edited in some places and preserved verbatim in all others.
 
 use std::fmt;
 
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
-/// An object's members in their order, each as it is written.
+/// The members of an object in file order, each as its source text.
 #[derive(Debug, Default)]
 pub struct Members(pub Vec<(String, Box<RawValue>)>);
 
@@ -33,18 +33,18 @@ impl<'de> Deserialize<'de> for Members {
     }
 }
 
-/// A value as it is written.
+/// Serialises a value.
 pub fn raw(value: &serde_json::Value) -> Box<RawValue> {
     serde_json::value::to_raw_value(value).expect("a JSON value can be written")
 }
 
 impl Members {
-    /// Reads an object.
+    /// Parses an object.
     pub fn parse(text: &str) -> Result<Self, String> {
         serde_json::from_str(text).map_err(|error| error.to_string())
     }
 
-    /// Puts a member in the place of the one of that name, or at the end.
+    /// Replaces the member of that name, or appends one.
     pub fn set(&mut self, name: &str, value: Box<RawValue>) {
         match self.0.iter_mut().find(|(known, _)| known == name) {
             Some((_, slot)) => *slot = value,
@@ -57,13 +57,13 @@ impl Members {
         self.0.iter().any(|(known, _)| known == name)
     }
 
-    /// Takes a member away.
+    /// Removes a member.
     pub fn remove(&mut self, name: &str) {
         self.0.retain(|(known, _)| known != name);
     }
 
-    /// Takes members with these names out of an object among the members, or these texts out of a
-    /// list; what is empty then goes.
+    /// Removes members with these names from a member that is an object, or these strings from one that is a list. A
+    /// member that is empty afterwards is removed.
     pub fn prune(&mut self, name: &str, gone: &[&str]) -> Result<(), String> {
         let Some((_, value)) = self.0.iter_mut().find(|(known, _)| known == name) else { return Ok(()) };
         let is_empty = if value.get().starts_with('[') {
@@ -85,7 +85,7 @@ impl Members {
         Ok(())
     }
 
-    /// The elements of a list among the members; none where there is no such list.
+    /// Returns the elements of a list member; empty if the member does not exist.
     pub fn list(&self, name: &str) -> Result<Vec<Box<RawValue>>, String> {
         match self.0.iter().find(|(known, _)| known == name) {
             Some((_, list)) => serde_json::from_str(list.get()).map_err(|error| format!("`{name}`: {error}")),
@@ -93,21 +93,21 @@ impl Members {
         }
     }
 
-    /// Puts a list in its place.
+    /// Sets a list member.
     pub fn set_list(&mut self, name: &str, elements: &[Box<RawValue>]) {
         let text: Vec<_> = elements.iter().map(|element| element.get()).collect();
         let text = format!("[{}]", text.join(","));
         self.set(name, RawValue::from_string(text).expect("a list of JSON values is JSON"));
     }
 
-    /// The object's text.
+    /// Serialises the object.
     pub fn text(&self) -> String {
         let name = |name: &str| serde_json::Value::from(name).to_string();
         let members: Vec<_> = self.0.iter().map(|(key, value)| format!("{}:{}", name(key), value.get())).collect();
         format!("{{{}}}", members.join(","))
     }
 
-    /// The object as it is written.
+    /// Serialises the object as a raw value.
     pub fn into_raw(self) -> Box<RawValue> {
         RawValue::from_string(self.text()).expect("an object of JSON values is JSON")
     }

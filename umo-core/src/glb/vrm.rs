@@ -1,4 +1,4 @@
-//! Bones as VRM files list them, 1.0 and 0.x.
+//! The bone table of VRM files, 1.0 and 0.x.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -6,7 +6,7 @@ use serde_json::Value;
 use super::document::Document;
 use crate::retarget::{Mapping, RetargetError};
 
-/// VRM's names for the joints that are one bone each; `{}` is the side. Thumbs are named
+/// VRM's names of the joints that have a single bone; sided names are given without the side. Thumbs are named
 /// differently in the two versions.
 const BODY: [(&str, &str); 3] = [("hips", "pelvis"), ("head", "head"), ("jaw", "jaw")];
 const SIDED: [(&str, &str); 9] = [
@@ -25,15 +25,15 @@ const FINGERS: [(&str, &str); 5] =
 const BONES: [&str; 3] = ["Proximal", "Intermediate", "Distal"];
 const THUMB_OF_1: [&str; 3] = ["Metacarpal", "Proximal", "Distal"];
 
-/// Whether a file is a VRM file, of either version.
+/// Whether a file is a VRM file of either version.
 pub(super) fn is_vrm(document: &Document) -> bool {
     ["VRMC_vrm", "VRM"].iter().any(|name| extension(document, name).is_some())
 }
 
-/// The file's table of bones, and its version; none where it is no VRM file.
+/// Returns the mapping of the file's bone table, and its version; `None` if it is not a VRM file.
 ///
 /// # Errors
-/// A table that is not as VRM has it.
+/// The table violates the VRM specification.
 pub(super) fn bones(document: &Document) -> Result<Option<(Mapping, &'static str)>, String> {
     let (table, version) = match (extension(document, "VRMC_vrm"), extension(document, "VRM")) {
         (Some(vrm), _) => (table_of_1(vrm)?, "VRM 1.0"),
@@ -48,7 +48,7 @@ pub(super) fn bones(document: &Document) -> Result<Option<(Mapping, &'static str
     Ok(Some((mapping, version)))
 }
 
-/// VRM's names in a table, and their nodes, as joints and their bones.
+/// Converts a table of VRM's names and their nodes to a mapping.
 fn mapping(table: &[(String, usize)], thumbs: [&str; 3]) -> Result<Mapping, RetargetError> {
     let find = |name: &&str| table.iter().find(|(known, _)| known == name).map(|(_, node)| *node);
     let mut mapping = Mapping::default();

@@ -1,4 +1,4 @@
-//! What brings a rig's rest pose to the source's: the axes of its world, and a turn for each bone.
+//! Aligns a rig's rest pose with the source's: the axes of its world, and a rotation for each bone.
 
 use super::{Mapping, RetargetError, Rig};
 use crate::motion::rotation::{IDENTITY, Matrix, Quat, axis_angle_to_quat, inverse, matrix_to_quat, product, rotate};
@@ -6,13 +6,13 @@ use crate::motion::skeleton::JOINTS;
 
 pub(super) type Vector = [f32; 3];
 
-/// Shorter bones have no direction, relative to the distance between hips and shoulders.
+/// Length below which a bone has no direction, relative to the distance between hips and shoulders.
 const SHORT: f32 = 1e-4;
 
-/// A body's up is taken as an axis of the file where it is nearer to it than this: people lean.
+/// Cosine above which the body's up snaps to an axis of the file, because people lean.
 const UPRIGHT: f32 = 0.85;
 
-/// So is its left: people do not stand exactly ahead.
+/// The same threshold for the body's left, because people do not face exactly forwards.
 const AHEAD: f32 = 0.95;
 
 const WRISTS: [usize; 2] = [20, 21];
@@ -37,20 +37,20 @@ pub(super) fn length(v: Vector) -> f32 {
     length
 }
 
-/// `v` at length 1, where it is longer than `least`.
+/// Normalises `v`; `None` if it is not longer than `least`.
 pub(super) fn direction(v: Vector, least: f32) -> Option<Vector> {
     let length = length(v);
     (length > least && length.is_finite()).then(|| v.map(|x| x / length))
 }
 
-/// `v` without its part along the unit vector `axis`.
+/// Component of `v` perpendicular to the unit vector `axis`.
 pub(super) fn aside(v: Vector, axis: Vector) -> Vector {
     let along = dot(v, axis);
     std::array::from_fn(|i| v[i] - along * axis[i])
 }
 
-/// The shortest turn from one unit vector to another; half a turn is about `axis`, or what of it is
-/// aside.
+/// Shortest rotation from one unit vector to another. A half turn is about the component of `axis` perpendicular to
+/// `from`.
 pub(super) fn shortest(from: Vector, to: Vector, axis: Vector) -> Quat {
     let side = cross(from, to);
     let sine = length(side);
@@ -66,26 +66,26 @@ pub(super) fn shortest(from: Vector, to: Vector, axis: Vector) -> Quat {
     about.map_or(IDENTITY, |about| axis_angle_to_quat(about.map(|x| x * std::f32::consts::PI)))
 }
 
-/// The rotation whose first axis is `first`, its second as near to `second` as can be.
+/// Rotation whose first axis is `first` and whose second is as close to `second` as possible.
 fn frame(first: Vector, second: Vector) -> Option<Quat> {
     let first = direction(first, 0.0)?;
     let second = direction(aside(second, first), 0.1 * length(second))?;
     Some(of_axes(first, second, cross(first, second)))
 }
 
-/// The rotation that turns X, Y and Z to these.
+/// Rotation that maps X, Y and Z to these axes.
 fn of_axes(x: Vector, y: Vector, z: Vector) -> Quat {
     let rows: Matrix = std::array::from_fn(|i| [x[i], y[i], z[i]]);
     matrix_to_quat(rows)
 }
 
-/// The part of a rotation about a unit vector, as an angle in radians.
+/// Twist of a rotation about a unit vector, in radians.
 fn twist(q: Quat, axis: Vector) -> f32 {
     let along = dot([q[0], q[1], q[2]], axis);
     2.0 * along.atan2(q[3])
 }
 
-/// The nearest axis of the world, where it is as near as `least`, else the vector itself.
+/// Nearest axis of the world if its cosine to `v` is at least `least`, else `v`.
 fn snapped(v: Vector, least: f32) -> Vector {
     let axis = (0..3).fold(0, |best, i| if v[i].abs() > v[best].abs() { i } else { best });
     if v[axis].abs() < least {
@@ -96,8 +96,8 @@ fn snapped(v: Vector, least: f32) -> Vector {
     snapped
 }
 
-/// Turns the source's axes (X to the left, Y up, Z ahead) to those in which the rig stands, and how
-/// long a bone must be.
+/// Returns the rotation from the source's axes (X to the left, Y up, Z ahead) to the rig's, and the minimum length of
+/// a bone that has a direction.
 pub(super) fn axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), RetargetError> {
     let place = |joint: usize| mapping.bone(joint).map(|bone| rig.place(bone));
     let pair = |left: usize, right: usize| place(left).zip(place(right));
@@ -113,12 +113,12 @@ pub(super) fn axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), Retarget
     let up = snapped(direction(less(high, low), 1e-9).ok_or(RetargetError::Flat)?, UPRIGHT);
     let left = direction(aside(left, up), SHORT * size).ok_or(RetargetError::Flat)?;
     let left = snapped(left, AHEAD);
-    // An axis that was snapped is perpendicular to an axis; one that was not may not be.
+    // A snapped axis is perpendicular to the other axes; a vector that was not snapped may not be.
     let left = direction(aside(left, up), 0.1).ok_or(RetargetError::Flat)?;
     Ok((of_axes(left, up, cross(left, up)), SHORT * size))
 }
 
-/// [`axes`] of a head or a bust: what is not seen of it is as the format has it, X left and Y up.
+/// [`axes`] of a head or a bust: axes that its bones do not show are the format's, X left and Y up.
 fn head_axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), RetargetError> {
     let place = |joint: usize| mapping.bone(joint).map(|bone| rig.place(bone));
     let trunk = mapping.bone(0).into_iter().chain(mapping.spine().iter().chain(mapping.neck()).copied());
@@ -132,24 +132,24 @@ fn head_axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), RetargetError>
     Ok((of_axes(left, up, cross(left, up)), SHORT * neck.map_or(1.0, length)))
 }
 
-/// Where the joints of the source are at rest, from its root, in its axes.
+/// Rest positions of the source's joints, relative to its root, in its axes.
 pub(super) type Rest = [Vector; JOINTS];
 
-/// The turn of each joint's bone, in the world, from the rig's rest pose to the source's.
+/// Computes each joint's world rotation from the rig's rest pose to the source's.
 pub(super) struct Alignment<'a> {
     pub(super) rig: &'a Rig,
     pub(super) mapping: &'a Mapping,
     pub(super) rest: &'a Rest,
     /// From the source's axes to the rig's.
     pub(super) axes: Quat,
-    /// Bones are longer than this.
+    /// Minimum length of a bone that has a direction.
     pub(super) short: f32,
 }
 
 impl Alignment<'_> {
-    /// `[55]`. Torso, neck, head, collars, eyes and jaw stay as they are: both bodies are upright
-    /// at rest, and how their bones lie within is a matter of anatomy. Limbs and fingers turn until
-    /// their directions are the source's.
+    /// `[55]`. Torso, neck, head, collars, eyes and jaw keep their rotations: both bodies are upright at rest, and
+    /// the directions of these bones differ by anatomy. Limbs and fingers turn until their directions are the
+    /// source's.
     pub(super) fn turns(&self) -> [Quat; JOINTS] {
         let mut turns = [IDENTITY; JOINTS];
         for side in 0..2 {
@@ -162,8 +162,7 @@ impl Alignment<'_> {
         turns
     }
 
-    /// Turns each bone but the last, one after the other, as one would pose them: each takes what
-    /// hangs on it along.
+    /// Aligns each bone but the last, from the root of the limb outwards; each carries its descendants along.
     fn limb(&self, turns: &mut [Quat; JOINTS], joints: &[usize]) {
         let mut carried = IDENTITY;
         for pair in joints.windows(2) {
@@ -175,22 +174,21 @@ impl Alignment<'_> {
         turns[joints[joints.len() - 1]] = carried;
     }
 
-    /// The turn `carried` and then what is left of the way from one direction to another.
+    /// `carried`, followed by the remaining rotation from one direction to another.
     fn carry(&self, carried: Quat, from: Option<Vector>, to: Option<Vector>) -> Quat {
         let Some((from, to)) = from.zip(to) else { return carried };
         let ahead = rotate(self.axes, [0.0, 0.0, 1.0]);
         product(shortest(rotate(carried, from), to, ahead), carried)
     }
 
-    /// The palm lies as the source's does, and the forearm takes half of what that twists the wrist
-    /// by.
+    /// Aligns the palm with the source's; the forearm takes half of the resulting wrist twist.
     fn hand(&self, turns: &mut [Quat; JOINTS], side: usize) {
         let (wrist, elbow) = (WRISTS[side], 18 + side);
         let first = 25 + 15 * side;
         if let Some(turn) = self.palm(wrist, first) {
             if let Some(along) = self.source(elbow, wrist) {
                 let twist = twist(product(turn, inverse(turns[elbow])), along);
-                // The shorter way round.
+                // Wrap to the shorter way round.
                 let twist = (twist + std::f32::consts::PI).rem_euclid(std::f32::consts::TAU) - std::f32::consts::PI;
                 turns[elbow] = product(axis_angle_to_quat(along.map(|x| 0.5 * twist * x)), turns[elbow]);
             }
@@ -203,7 +201,7 @@ impl Alignment<'_> {
             let mut carried = turns[wrist];
             for step in 0..3 {
                 let joint = finger + step;
-                // The last bone of the source goes on as the one before.
+                // The source's last finger bone continues the direction of the one before it.
                 let to = if step < 2 { self.source(joint, joint + 1) } else { self.source(joint - 1, joint) };
                 carried = self.carry(carried, self.target(joint, (step < 2).then_some(joint + 1)), to);
                 turns[joint] = carried;
@@ -211,7 +209,8 @@ impl Alignment<'_> {
         }
     }
 
-    /// From wrist to knuckles, and across those that there are: the outermost two.
+    /// Rotation of the palm, from the direction wrist to knuckles and the line across the outermost two mapped
+    /// knuckles.
     fn palm(&self, wrist: usize, first: usize) -> Option<Quat> {
         let has = |joint: usize| self.mapping.bone(joint).is_some();
         let (index, middle, pinky, ring) = (first, first + 3, first + 6, first + 9);
@@ -223,7 +222,7 @@ impl Alignment<'_> {
         Some(product(source, inverse(target)))
     }
 
-    /// Feet stand flat in both rest poses: only where they point to may differ.
+    /// Feet stand flat in both rest poses, so only their heading can differ.
     fn foot(&self, side: usize) -> Quat {
         let (ankle, toes) = (ANKLES[side], ANKLES[side] + 3);
         let up = rotate(self.axes, [0.0, 1.0, 0.0]);
@@ -235,13 +234,12 @@ impl Alignment<'_> {
         }
     }
 
-    /// The direction from one joint to another of the source at rest, in the rig's axes.
+    /// Direction between two joints of the source at rest, in the rig's axes.
     fn source(&self, from: usize, to: usize) -> Option<Vector> {
         direction(less(self.rest[to], self.rest[from]), 1e-6).map(|v| rotate(self.axes, v))
     }
 
-    /// The direction from a joint's bone to the next one's, or where there is none to the bone's
-    /// end.
+    /// Direction from a joint's bone to the next joint's or, without a next joint, to the bone's end.
     fn target(&self, from: usize, to: Option<usize>) -> Option<Vector> {
         let bone = self.mapping.bone(from)?;
         let end = to.and_then(|to| self.mapping.bone(to)).map(|to| self.rig.place(to));

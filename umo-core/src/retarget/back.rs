@@ -1,4 +1,4 @@
-//! The way back: a rig's motion as that of the 55 joints.
+//! The inverse of retargeting: rotations of the 55 joints from a rig's motion.
 
 use super::rig::World;
 use super::{CHEST, Driven, Retarget, Scratch};
@@ -6,19 +6,17 @@ use crate::error::StepError;
 use crate::motion::rotation::{IDENTITY, Quat, inverse, product, slerp};
 use crate::motion::skeleton::JOINTS;
 
-/// The joints of the spine that a rig may have no bones for, and how far each is from the pelvis to
-/// `spine3`.
+/// Spine joints for which a rig may have no bones, with their distance along the way from the pelvis to `spine3`.
 const SPINE: [(usize, f32); 2] = [(3, 1.0 / 3.0), (6, 2.0 / 3.0)];
 
 impl Retarget {
-    /// The rotation of each joint, relative to its parent, of a rig that is posed: what
-    /// [`apply`](Self::apply) with these would make of the rig, as far as the joints have bones.
-    /// `rotations` are each bone's in its parent's frame, in the rig's order. A joint without a bone
-    /// is at rest, one of the spine between its neighbours. For clips of a character that a host
-    /// has, as gestures ([`Gesture`](crate::Gesture)). Never allocates.
+    /// Returns the local rotation of each joint for a posed rig: the inverse of [`apply`](Self::apply), for joints
+    /// that have bones. `rotations` are the bones' local rotations, in the rig's order. A joint without a bone is at
+    /// rest; a spine joint without one is interpolated between its neighbours. Used for clips of a host's character,
+    /// such as gestures ([`Gesture`](crate::Gesture)). Does not allocate.
     ///
     /// # Errors
-    /// [`StepError::Disagree`] where `scratch` or `rotations` is another rig's.
+    /// [`StepError::Disagree`] if the length of `scratch` or `rotations` is not that of this rig.
     pub fn joints(&self, scratch: &mut Scratch, rotations: &[Quat]) -> Result<[Quat; JOINTS], StepError> {
         if scratch.world.len() != self.bones.len() || rotations.len() != self.bones.len() {
             return Err(StepError::Disagree("the room for bones is another rig's"));

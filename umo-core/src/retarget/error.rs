@@ -1,19 +1,19 @@
-//! Why a skeleton cannot be moved.
+//! Reasons for which a skeleton or mapping is rejected.
 
 use std::fmt;
 
-/// A skeleton or a mapping that cannot be used, and what in it is wrong.
+/// Rejected skeleton or mapping.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum RetargetError {
-    /// More bones than any body has.
+    /// More bones than are supported.
     TooMany {
-        /// How many.
+        /// Number of bones.
         bones: usize,
-        /// How many there may be.
+        /// Upper bound on the number of bones.
         limit: usize,
     },
-    /// A bone whose parent is not there.
+    /// A bone whose parent does not exist.
     Parent {
         /// The bone's name.
         bone: String,
@@ -22,44 +22,42 @@ pub enum RetargetError {
     },
     /// A bone that is its own ancestor.
     Cycle(String),
-    /// A bone with a number that is not finite, or a rotation without direction.
+    /// A bone with a number that is not finite, or a zero-length rotation.
     NotFinite(String),
-    /// A bone that is scaled unevenly, mirrored or to nothing above bones that move: turning those
-    /// would shear them.
+    /// A bone with uneven, mirrored or zero scale has driven descendants: rotating those would shear them.
     Scale(String),
-    /// A name that is no joint of umo's.
+    /// Not the name of one of umo's joints.
     NoJoint(String),
-    /// A mapping names a bone that is not there; the bones that are.
+    /// A mapping names a bone that does not exist.
     NoBone {
-        /// The joint it was meant for.
+        /// The joint for which it was given.
         joint: String,
         /// The name that was not found.
         bone: String,
         /// Every bone's name.
         bones: Vec<String>,
     },
-    /// A joint that is one bone was given several.
+    /// Several bones were given for a joint that takes one.
     Several(String),
-    /// Joints that a body needs and whose bones were not found; the bones that are there.
+    /// Joints that a body needs and for which no bone was found.
     Missing {
         /// Names of the joints.
         joints: Vec<&'static str>,
         /// Every bone's name.
         bones: Vec<String>,
     },
-    /// A bone that two joints were given.
+    /// A bone that is mapped to two joints.
     Twice(String),
-    /// A bone that does not hang below the one that it should.
+    /// A bone that is not a descendant of the one that should be above it.
     Order {
         /// The bone.
         bone: String,
-        /// The one that should be above it.
+        /// The bone that should be its ancestor.
         above: String,
     },
-    /// Hips, shoulders or their sides lie in one place: up and left cannot be told.
+    /// Hips, shoulders or their sides coincide, so up and left cannot be determined.
     Flat,
-    /// The source skeleton has not 55 joints of which parents come first, or has a number that is
-    /// not finite.
+    /// The source skeleton does not have 55 joints with parents first, or has a number that is not finite.
     Source,
 }
 
@@ -91,7 +89,7 @@ impl fmt::Display for RetargetError {
     }
 }
 
-/// At most so many names, and how many more there are.
+/// Lists at most `SHOWN` names, and the number of the others.
 fn list(f: &mut fmt::Formatter<'_>, names: &[String]) -> fmt::Result {
     const SHOWN: usize = 60;
     if names.is_empty() {

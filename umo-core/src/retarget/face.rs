@@ -1,15 +1,14 @@
-//! Face channels to the shapes that a character has.
+//! Maps face channels to a character's blendshapes.
 //!
-//! Shapes are found by name. ARKit's names are taken however they are spelt (`jawOpen`, `JawOpen`,
-//! `Head.jaw_open`, `eyeBlink_L`, `BROW-Left-Down`), and other programs' names of the same shapes
-//! (`synonyms`). A shape of both sides follows the mean of both, where the sides have none of their
-//! own. Characters without them may have the visemes of the Oculus set, VRM's five vowels, or one
-//! shape that opens the mouth, and blinks; those are made of the ARKit channels. The vowels stand at the
-//! corners of three numbers, 0 to 1: how far the jaw is open (`o`), how round the lips are (`r`),
-//! how wide (`w`):
+//! Shapes are found by name. ARKit's names match in any spelling (`jawOpen`, `JawOpen`, `Head.jaw_open`,
+//! `eyeBlink_L`, `BROW-Left-Down`), as do other programs' names of the same shapes (`synonyms`). A shape that covers
+//! both sides follows the mean of the two channels, if the sides have no shapes. Characters without ARKit shapes may
+//! have the visemes of the Oculus set, VRM's five vowels, or one shape that opens the mouth, and blinks; these are
+//! computed from the ARKit channels. The vowels are the corners of a cube of three numbers, 0 to 1: jaw opening
+//! (`o`), lip rounding (`r`) and lip width (`w`):
 //!
 //! ```text
-//! aa = o (1-r) (1-w)   ee = o (1-r) w   oh = o r   ou = (1-o) r   ih = (1-o) (1-r) w, only with the jaw open a little
+//! aa = o (1-r) (1-w)   ee = o (1-r) w   oh = o r   ou = (1-o) r   ih = (1-o) (1-r) w, only with the jaw slightly open
 //! ```
 
 mod synonyms;
@@ -18,46 +17,46 @@ use super::names::words;
 use crate::config::{Face, FaceKind};
 use crate::motion::visemes::{VISEME_NAMES, VISEMES, Visemes};
 
-/// The jaw is open for a vowel at this much of `jawOpen`.
+/// Value of `jawOpen` at which the jaw counts as open for a vowel.
 const OPEN: f32 = 0.7;
-/// Lips are round at this much of `mouthFunnel` or `mouthPucker`.
+/// Value of `mouthFunnel` or `mouthPucker` at which the lips count as round.
 const ROUND: f32 = 0.7;
-/// Lips are wide at this much of `mouthSmile` and `mouthStretch`, both sides taken together.
+/// Mean of `mouthSmile` and `mouthStretch` over both sides at which the lips count as wide.
 const WIDE: f32 = 0.5;
 
-/// VRM's vowels, 1.0 and 0.x, in the order of [`Vowels`].
+/// VRM's vowels, names of 1.0 and 0.x, in the order of [`Vowels::weights`].
 const VOWELS: [&[&str]; 5] = [&["aa", "a"], &["ih", "i"], &["ou", "u"], &["ee", "e"], &["oh", "o"]];
 
-/// The Oculus set's visemes of the same vowels.
+/// Visemes of the Oculus set for the same vowels.
 const VISEMES_OF_VOWELS: [&str; 5] = ["aa", "ih", "ou", "E", "oh"];
 
-/// What the one shape that opens a mouth is called.
+/// Names of a single shape that opens the mouth.
 const OPENS: [&str; 4] = ["mouthopen", "jawdown", "jawdrop", "openmouth"];
 
-/// What a shape of both lids is called.
+/// Names of a shape that closes both lids.
 const BLINKS: [&str; 4] = ["blink", "eyesclosed", "eyesclose", "eyeclose"];
 
-/// Left or right, and what is left of a name without that.
+/// The words for left and right.
 const SIDES: [&str; 2] = ["left", "right"];
 
-/// What makes a shape's weight.
+/// Source of a shape's weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Cause {
-    /// A channel, so much of it.
+    /// A channel and its gain.
     Channel(usize, f32),
     /// The mean of two channels.
     Mean(usize, usize),
     Viseme(usize),
     Vowel(usize),
-    /// How far the mouth is open: the jaw's channel less the lips', over [`OPEN`]: such a shape is a
-    /// mouth that speaks, not one that gapes.
+    /// Mouth opening: the jaw's channel less the lips', over [`OPEN`]. Such a shape shows a speaking mouth, not a
+    /// gaping one.
     Open {
         jaw: usize,
         close: usize,
     },
 }
 
-/// Which channels vowels are made of.
+/// Channels from which vowels are computed.
 #[derive(Clone, Copy, Debug)]
 struct Vowels {
     jaw: usize,
@@ -82,32 +81,31 @@ impl Vowels {
         })
     }
 
-    /// `[5]`, 0 to 1, together at most 1.
+    /// `[5]`, each 0 to 1, with a sum of at most 1.
     fn weights(&self, values: &[f32]) -> [f32; 5] {
         let share = |value: f32, full: f32| (value / full).clamp(0.0, 1.0);
         let o = share(values[self.jaw] - values[self.close], OPEN);
         let r = share(values[self.round[0]].max(values[self.round[1]]), ROUND);
         let w = share(0.5 * self.wide.iter().map(|&channel| values[channel]).sum::<f32>(), WIDE);
-        // A closed mouth that smiles says nothing.
+        // A closed smiling mouth must not count as speech.
         let apart = (4.0 * o).min(1.0);
         [o * (1.0 - r) * (1.0 - w), apart * (1.0 - o) * (1.0 - r) * w, (1.0 - o) * r, o * (1.0 - r) * w, o * r]
     }
 }
 
-/// Which shapes of one list move, and by what.
+/// Mapping from face channels to one list of shapes.
 #[derive(Clone, Debug)]
 pub struct FaceMap {
     shapes: usize,
     channels: usize,
-    /// A shape comes again where several causes add up.
+    /// A shape occurs once per cause; causes add up.
     causes: Vec<(usize, Cause)>,
     visemes: Option<Visemes>,
     vowels: Option<Vowels>,
 }
 
 impl FaceMap {
-    /// Finds shapes by name for a face's channels. Only ARKit's channels have names that others
-    /// know.
+    /// Finds the shapes for a face's channels by name. Only ARKit channels have names that characters use.
     pub fn new<S: AsRef<str>>(face: &Face, shapes: &[S]) -> Self {
         let mut map = Self {
             shapes: shapes.len(),
@@ -139,14 +137,14 @@ impl FaceMap {
         map
     }
 
-    /// Shapes of both sides where neither side has one.
+    /// Maps shapes that cover both sides to the mean of two channels, if neither side has a shape.
     fn add_means(&mut self, channels: &[Spelling], spelt: &[Spelling]) {
         for (left, channel) in channels.iter().enumerate().filter(|(_, channel)| channel.side == Some(0)) {
             let is_other = |other: &Spelling| other.side == Some(1) && other.words == channel.words;
             let Some(right) = channels.iter().position(is_other) else { continue };
             let moves =
                 |(_, cause): &(usize, Cause)| matches!(cause, Cause::Channel(at, _) if [left, right].contains(at));
-            // `jawLeft` and `mouthLeft` are no halves of anything.
+            // `jawLeft` and `mouthLeft` are directions, not halves of a shape.
             if channel.words.len() < 2 || self.causes.iter().any(moves) {
                 continue;
             }
@@ -160,8 +158,8 @@ impl FaceMap {
         }
     }
 
-    /// The Oculus set where there is most of it, else VRM's vowels or that set's, else what opens the
-    /// mouth.
+    /// Maps the Oculus set if most of it is present, else the vowels of VRM or of that set, else a shape that opens
+    /// the mouth.
     fn add_visemes(&mut self, spelt: &[Spelling]) {
         let marked = |shape: &Spelling, name: &str| {
             let text = shape.text();
@@ -169,7 +167,7 @@ impl FaceMap {
             rest.is_some_and(|rest| rest.ends_with("viseme") || rest.ends_with("vrcv"))
         };
         let place = |name: &str| {
-            // `viseme_I`, as Ready Player Me has it.
+            // Ready Player Me spells it `viseme_I`.
             let other = [("ih", "i"), ("oh", "o"), ("ou", "u")].into_iter().find(|(known, _)| *known == name);
             let names = std::iter::once(name).chain(other.map(|(_, other)| other));
             names.into_iter().find_map(|name| spelt.iter().position(|shape| marked(shape, name)))
@@ -193,7 +191,7 @@ impl FaceMap {
         }
     }
 
-    /// A shape of both lids, where no lid has its own.
+    /// Maps a shape of both lids, if no single lid has a shape.
     fn add_blinks(&mut self, face: &Face, spelt: &[Spelling]) {
         let channel = |name: &str| face.names.iter().position(|known| known == name);
         let Some((left, right)) = channel("eyeBlinkLeft").zip(channel("eyeBlinkRight")) else { return };
@@ -205,37 +203,36 @@ impl FaceMap {
         self.causes.extend(BLINKS.iter().find_map(shape).map(|both| (both, Cause::Mean(left, right))));
     }
 
-    /// Lets a shape follow `gain` times a channel, with whatever else moves it. Says whether there
-    /// are both.
+    /// Adds a cause: `shape` follows `gain` times a channel, besides its other causes. Returns whether both exist.
     pub fn link(&mut self, face: &Face, channel: &str, shape: usize, gain: f32) -> bool {
         let found = face.names.iter().position(|name| name == channel).filter(|_| shape < self.shapes);
         self.causes.extend(found.map(|channel| (shape, Cause::Channel(channel, gain))));
         found.is_some()
     }
 
-    /// Leaves a shape alone.
+    /// Removes all causes of a shape.
     pub fn release(&mut self, shape: usize) {
         self.causes.retain(|(at, _)| *at != shape);
     }
 
-    /// Whether some shape follows this channel itself.
+    /// Whether a shape follows this channel directly.
     pub fn drives(&self, face: &Face, channel: &str) -> bool {
         let is = |at: usize| face.names.get(at).is_some_and(|name| name == channel);
         self.causes.iter().any(|(_, cause)| matches!(cause, Cause::Channel(at, _) if is(*at)))
     }
 
-    /// Whether some shape opens the mouth: a jaw that turns would open it twice.
+    /// Whether any shape opens the mouth; if so, a jaw bone must not open it as well.
     pub fn opens_mouth(&self, face: &Face) -> bool {
         self.drives(face, "jawOpen") || !self.speaking().is_empty()
     }
 
-    /// The shapes that speak in place of `jawOpen`: visemes, vowels, or the one that opens the mouth.
+    /// Shapes that replace `jawOpen`: visemes, vowels, or the one that opens the mouth.
     pub fn speaking(&self) -> Vec<usize> {
         let speaks = |cause: &Cause| matches!(cause, Cause::Viseme(_) | Cause::Vowel(_) | Cause::Open { .. });
         self.causes.iter().filter(|(_, cause)| speaks(cause)).map(|(shape, _)| *shape).collect()
     }
 
-    /// The shape that opens the mouth, where that is all that does: vowels elsewhere say more.
+    /// The shape that opens the mouth, if no visemes or vowels do.
     pub fn plain_mouth(&self) -> Option<usize> {
         self.causes.iter().find(|(_, cause)| matches!(cause, Cause::Open { .. })).map(|(shape, _)| *shape)
     }
@@ -245,7 +242,7 @@ impl FaceMap {
         self.shapes
     }
 
-    /// The shapes that move, once each, in order.
+    /// Shapes that move, without duplicates, in ascending order.
     pub fn moved(&self) -> Vec<usize> {
         let mut moved: Vec<_> = self.causes.iter().map(|(shape, _)| *shape).collect();
         moved.sort_unstable();
@@ -253,7 +250,7 @@ impl FaceMap {
         moved
     }
 
-    /// What a shape follows, in words.
+    /// Describes the causes of a shape.
     pub fn cause(&self, face: &Face, shape: usize) -> String {
         let name = |at: usize| face.names.get(at).map_or("", String::as_str);
         let causes = self.causes.iter().filter(|(at, _)| *at == shape).map(|(_, cause)| match *cause {
@@ -267,8 +264,8 @@ impl FaceMap {
         causes.collect::<Vec<_>>().join(" + ")
     }
 
-    /// Writes the weights of the shapes that move, 0 to 1, and leaves the others. Never allocates.
-    /// Panics where there are fewer values than channels, or fewer weights than shapes.
+    /// Writes the weights of the shapes that move, 0 to 1, and leaves the others unchanged. Does not allocate. Panics
+    /// if there are fewer values than channels, or fewer weights than shapes.
     pub fn apply(&self, values: &[f32], weights: &mut [f32]) {
         let (values, weights) = (&values[..self.channels], &mut weights[..self.shapes]);
         let visemes = self.visemes.as_ref().map(|visemes| visemes.weights(values));
@@ -287,11 +284,11 @@ impl FaceMap {
     }
 }
 
-/// A shape's name: its words in small letters without the side, and that.
+/// A shape's name: its words in lower case without the side, and the side.
 #[derive(Clone, Debug)]
 struct Spelling {
     words: Vec<String>,
-    /// Of [`SIDES`].
+    /// Index into [`SIDES`].
     side: Option<usize>,
 }
 
@@ -311,7 +308,7 @@ impl Spelling {
         }
         let side_of = |word: &String| SIDES.iter().position(|side| side == word);
         let sides: Vec<_> = words.iter().enumerate().filter_map(|(at, word)| Some((at, side_of(word)?))).collect();
-        // `Eye_L_Look_R`: whose eye, and where to.
+        // `Eye_L_Look_R`: the eye's side, then the direction.
         if let [.., (eye, whose), (to, where_to)] = sides[..]
             && eye > 0
             && words[eye - 1] == "eye"
@@ -327,17 +324,17 @@ impl Spelling {
         Self { words, side: Some(side) }
     }
 
-    /// The whole name, its side last.
+    /// The whole name, with its side last.
     fn text(&self) -> String {
         self.words.concat() + self.side.map_or("", |side| SIDES[side])
     }
 
-    /// Whether it ends with a name, from the start of one of its words.
+    /// Whether the last words, joined, are `name`.
     fn ends_with(&self, name: &str) -> bool {
         (0..self.words.len()).any(|from| self.words[from..].concat() == name)
     }
 
-    /// Whether a channel moves it: that of its side, or one that has none.
+    /// Whether a channel may move this shape: it has no side, or the same side.
     fn is_on(&self, channel: &Self) -> bool {
         channel.side.is_none() || self.side == channel.side
     }

@@ -1,4 +1,4 @@
-//! Size, and feet on the floor.
+//! Scale of the rig, and contact of its feet with the floor.
 
 use super::align::{Rest, dot, length, less};
 use super::rig::World;
@@ -6,14 +6,13 @@ use super::{Floor, Mapping, RetargetError, Rig};
 use crate::motion::rotation::{Quat, rotate};
 use crate::motion::skeleton::JOINTS;
 
-/// How far the source's lowest foot joint is above the floor when it stands, metres: the ball of a
-/// foot of SMPL-X.
+/// Height of the source's lowest foot joint when it stands, in metres: the ball of the foot of SMPL-X.
 const SOLE: f32 = 0.02;
 
 /// Ankles and balls of the feet.
 const FEET: [usize; 4] = [7, 8, 10, 11];
 
-/// A joint of a foot and its bone, with their heights when both stand at rest.
+/// A foot joint and its bone, with their heights in the rest pose.
 #[derive(Clone, Copy, Debug)]
 struct Foot {
     joint: usize,
@@ -24,14 +23,14 @@ struct Foot {
     bone_height: f32,
 }
 
-/// How the hips move.
+/// Motion of the hips.
 #[derive(Clone, Debug)]
 pub(super) struct Ground {
-    /// The rig's unit for each metre.
+    /// The rig's units per metre.
     pub(super) scale: f32,
     /// Height of the source's pelvis when it stands at rest, metres.
     pub(super) standing: f32,
-    /// Where the hips are then, in the rig's unit; nothing of a head without them.
+    /// Position of the rig's hips in that pose, in the rig's unit; `None` for a head without hips.
     hips: Option<[f32; 3]>,
     /// The rig's up.
     pub(super) up: [f32; 3],
@@ -54,7 +53,7 @@ impl Ground {
         let height = |bone: usize| dot(rig.place(bone), up);
         let feet = FEET.map(|joint| mapping.bone(joint).map(|bone| (joint, bone)));
         let lowest = feet.iter().flatten().map(|&(_, bone)| height(bone)).reduce(f32::min);
-        // Down to where a sole is as thick as the source's, to scale.
+        // Lower the rig until its sole is as thick as the source's, to scale.
         let drop = match floor {
             Floor::AtRest => 0.0,
             Floor::Soles(height) => height,
@@ -73,15 +72,14 @@ impl Ground {
         Ok(Self { scale, standing, hips: hips.map(lowered), up, feet: feet.map(|pair| pair.map(foot)) })
     }
 
-    /// Where the hips go when the source's pelvis is at `pelvis`: to scale from where both stand.
+    /// Position of the hips for a source pelvis at `pelvis`: its displacement from the rest pose, scaled.
     pub(super) fn place(&self, axes: Quat, pelvis: [f32; 3]) -> Option<[f32; 3]> {
         let moved = rotate(axes, less(pelvis, [0.0, self.standing, 0.0]));
         self.hips.map(|hips| std::array::from_fn(|i| hips[i] + self.scale * moved[i]))
     }
 
-    /// How much higher the hips must be, in the rig's unit, for its lower foot to be as far above
-    /// where it stands at rest as the source's, to scale: legs of other proportions end at other
-    /// heights.
+    /// Correction of the hips' height, in the rig's unit, that makes the rig's lower foot rise above its rest height
+    /// as much as the source's, to scale. It is needed because legs of other proportions end at other heights.
     pub(super) fn lift(&self, source: &[World; JOINTS], world: &[World]) -> f32 {
         let least = |height: &dyn Fn(&Foot) -> f32| self.feet.iter().flatten().map(height).reduce(f32::min);
         let wanted = least(&|foot| source[foot.joint].place[1] - foot.joint_height);
@@ -90,7 +88,7 @@ impl Ground {
     }
 }
 
-/// The length of the rig's legs over the source's; of what there is of them.
+/// Ratio of the rig's leg length to the source's, over the leg bones that are mapped; hips to head without legs.
 fn scale(rig: &Rig, mapping: &Mapping, rest: &Rest) -> Result<f32, RetargetError> {
     let (mut source, mut target) = (0.0, 0.0);
     for (from, to) in [(1, 4), (4, 7), (2, 5), (5, 8)] {
@@ -104,7 +102,7 @@ fn scale(rig: &Rig, mapping: &Mapping, rest: &Rest) -> Result<f32, RetargetError
         target = length(less(rig.place(hips), rig.place(head)));
     }
     let scale = target / source;
-    // A head has no size that matters: it does not move about.
+    // A head stays in place, so its size does not matter.
     let scale = if mapping.has_body() { scale } else { 1.0 };
     match scale.is_finite() && scale > 0.0 {
         true => Ok(scale),

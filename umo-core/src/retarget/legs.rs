@@ -1,9 +1,9 @@
-//! Feet where the source's are: legs of other proportions are bent until they get there.
+//! Plants the feet: legs of other proportions are bent until the feet are where the source's are.
 //!
-//! A foot of the rig moves as the source's does, to scale, from where each stands at rest. Where the
-//! rig stands wider or narrower than the source, it keeps its own stance, which turns with the foot:
-//! a foot that the source does not move stays where it is, whatever the body does above it. What is
-//! planted is the ankle, or, when the heel is up, the ball.
+//! A foot of the rig moves as the source's does, to scale, starting from its rest position. If the rig's stance is
+//! wider or narrower than the source's, the rig keeps its stance, which turns with the foot. A foot that the source
+//! does not move therefore stays in place, whatever the body does above it. The planted point is the ankle, or the
+//! ball of the foot when the heel is up.
 
 use super::align::{Rest, Vector, aside, cross, direction, dot, length, less, shortest};
 use super::ground::Ground;
@@ -12,25 +12,24 @@ use super::{Mapping, Retarget, Rig};
 use crate::motion::rotation::{IDENTITY, Quat, inverse, normalized, product, rotate};
 use crate::motion::skeleton::JOINTS;
 
-/// Over so many metres of the heel's rise, of the source, what is planted changes from the ankle to
-/// the ball.
+/// Heel rise of the source, in metres, over which the planted point changes from the ankle to the ball.
 const ROLL: f32 = 0.02;
 
-/// The hips go down for a foot out of reach, by at most this share of the leg.
+/// Upper bound on how far the hips sink for a foot out of reach, as a share of leg length.
 const SINK: f32 = 0.15;
 
-/// A foot nearer than this to where it belongs, relative to the leg, is there.
+/// Tolerance of a foot's position, relative to leg length.
 const THERE: f32 = 1e-4;
 
-/// A joint of a foot and its bone.
+/// A foot joint and its bone.
 #[derive(Clone, Copy, Debug)]
 struct Point {
     joint: usize,
     bone: usize,
-    /// From where the source's is, to scale, to where the rig's is when both stand; in the source's
-    /// axes and the rig's unit.
+    /// Offset from the source's scaled position to the rig's when both stand, in the source's axes and the rig's
+    /// unit.
     apart: Vector,
-    /// Height of the source's when it stands, metres.
+    /// Height of the source's joint when it stands, in metres.
     height: f32,
 }
 
@@ -39,7 +38,7 @@ struct Point {
 pub(super) struct Leg {
     thigh: usize,
     shin: usize,
-    /// The source's knee, which bends about its own X.
+    /// The source's knee, which bends about its X axis.
     knee: usize,
     ankle: Point,
     ball: Option<Point>,
@@ -56,7 +55,7 @@ fn times(a: Vector, by: f32) -> Vector {
 }
 
 impl Leg {
-    /// The leg of a side; none where a bone of it is missing or has no length.
+    /// Returns the leg of a side; `None` if one of its bones is missing or has no length.
     pub(super) fn new(
         rig: &Rig,
         mapping: &Mapping,
@@ -74,13 +73,13 @@ impl Leg {
         if lengths.iter().any(|&length| length <= 1e-3 * (lengths[0] + lengths[1])) {
             return None;
         }
-        // Where the foot is when the legs stand as the source's do at rest.
+        // Ankle position when the legs are posed like the source's at rest.
         let knee_at = add(rig.place(thigh), rotate(turns[hip], bones[0]));
         let ankle_at = add(knee_at, rotate(turns[knee], bones[1]));
         let point = |joint: usize, bone: usize, at: Vector| {
             let scaled = rotate(axes, times(rest[joint], ground.scale));
             let mut apart = rotate(inverse(axes), less(less(at, hips), scaled));
-            // Its height is the one at which the rig itself stands.
+            // The height offset is taken from the rig's actual rest pose.
             apart[1] = dot(less(rig.place(bone), hips), ground.up) - ground.scale * rest[joint][1];
             Point { joint, bone, apart, height: ground.standing + rest[joint][1] }
         };
@@ -91,10 +90,10 @@ impl Leg {
         Some(Self { thigh, shin, knee, ankle: point(ankle, foot, ankle_at), ball, lengths })
     }
 
-    /// Where the ankle belongs.
+    /// Target position of the ankle.
     fn wanted(&self, ground: &Ground, axes: Quat, source: &[World; JOINTS], world: &[World]) -> Option<Vector> {
         let ankle = source[self.ankle.joint];
-        // The foot's turn about up.
+        // Rotation of the foot about up.
         let yaw = normalized([0.0, ankle.rotation[1], 0.0, ankle.rotation[3]]);
         let place = |point: &Point| {
             let scaled = ground.place(axes, source[point.joint].place)?;
@@ -110,7 +109,7 @@ impl Leg {
         Some(std::array::from_fn(|i| by_ankle[i] + share * (by_ball[i] - by_ankle[i])))
     }
 
-    /// How much the hips must go down for a leg that begins at `hip` to reach a place.
+    /// Distance that the hips must sink for a leg that begins at `hip` to reach `wanted`.
     fn sink(&self, hip: Vector, wanted: Vector, up: Vector) -> f32 {
         let reach = self.lengths[0] + self.lengths[1];
         let way = less(hip, wanted);
@@ -121,14 +120,14 @@ impl Leg {
         (high - (reach * reach - wide * wide).max(0.0).sqrt()).clamp(0.0, SINK * reach)
     }
 
-    /// What thigh and shin are turned by, in the world, to bring the ankle to a place: `at` is where
-    /// hip, knee and ankle are, `ahead` where a straight knee goes.
+    /// World rotations of thigh and shin that bring the ankle to `wanted`. `at` are the positions of hip, knee and
+    /// ankle; `ahead` is the direction in which a straight knee bends.
     fn bend(&self, at: [Vector; 3], wanted: Vector, ahead: Vector) -> Option<[Quat; 2]> {
         let [thigh, shin] = self.lengths;
         let reach = thigh + shin;
         let off = less(wanted, at[2]);
         let size = length(off);
-        // Continuous: what is nearly there hardly moves.
+        // Subtracting the tolerance keeps this continuous: near the target, the leg hardly moves.
         let wanted = add(at[2], times(off, (1.0 - THERE * reach / size.max(f32::MIN_POSITIVE)).max(0.0)));
         if wanted == at[2] {
             return None;
@@ -139,7 +138,7 @@ impl Leg {
         let along = (thigh * thigh - shin * shin + far * far) / (2.0 * far);
         let out = (thigh * thigh - along * along).max(0.0).sqrt();
         let turn = shortest(now, to, ahead);
-        // The knee stays on its side; what it bends more, it bends as a knee does.
+        // The knee stays on its side; any further bend is about the knee's hinge.
         let side = rotate(turn, aside(less(at[1], at[0]), now));
         let more = (out - length(side)).max(0.0);
         let ahead = direction(aside(rotate(turn, ahead), to), 1e-3).unwrap_or([0.0; 3]);
@@ -155,9 +154,8 @@ impl Leg {
 }
 
 impl Retarget {
-    /// Turns legs whose feet are not where the source's are, in `rotations`, and gives how much the
-    /// hips rise: `lift`, or less where a leg would be too short. `world` is where all bones are
-    /// before that.
+    /// Rotates the legs whose feet are not at the source's positions, writing to `rotations`. Returns the rise of the
+    /// hips: `lift`, or less if a leg would be too short. `world` holds all bones before this correction.
     pub(super) fn plant(&self, source: &[World; JOINTS], world: &[World], lift: f32, rotations: &mut [Quat]) -> f32 {
         let up = self.ground.up;
         let legs = self.legs.each_ref().map(|leg| {
@@ -175,7 +173,7 @@ impl Retarget {
             let at = bones.map(|bone| raised(bone, lift));
             let ahead = cross(less(at[2], at[0]), hinge);
             let Some([thigh, shin]) = leg.bend(at, wanted, direction(ahead, 0.0).unwrap_or([0.0; 3])) else { continue };
-            // A bone's parent is turned with the leg above it, and the foot is turned as it was.
+            // A bone's parent turns with the leg above it; the foot keeps its world rotation.
             let turned = [(IDENTITY, thigh), (thigh, shin), (shin, IDENTITY)];
             for (bone, (above, own)) in bones.into_iter().zip(turned) {
                 let parent = self.bones[bone].parent.map_or(IDENTITY, |parent| world[parent].rotation);

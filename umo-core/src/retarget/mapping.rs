@@ -1,10 +1,10 @@
-//! Which bone follows which joint.
+//! Assignment of bones to joints.
 
 use super::names::{self, Convention};
 use super::{RetargetError, Rig};
 use crate::motion::skeleton::{JOINT_NAMES, JOINTS};
 
-/// Joints without whose bones there is no body, and the one that each must hang below.
+/// Joints that a body needs, with the joint that each must be below.
 const NEEDED: [(usize, Option<usize>); 9] = [
     (0, None),
     (1, Some(0)),
@@ -17,32 +17,32 @@ const NEEDED: [(usize, Option<usize>); 9] = [
     (19, Some(17)),
 ];
 
-/// Others, and the one that each must hang below where both are there.
+/// Optional joints, with the joint that each must be below if both are mapped.
 const BELOW: [(usize, usize); 8] = [(7, 4), (8, 5), (10, 7), (11, 8), (20, 18), (21, 19), (15, 0), (22, 15)];
 
-/// What a rig must have nothing of to be one without arms, and what else those carry: a bust has
-/// shoulders, hands alone are no arms.
+/// Elbows and wrists. A rig without elbows has no arms and its wrists are unmapped: a bust has shoulders, and hands
+/// alone are not arms.
 const ARMS: [usize; 4] = [18, 19, 20, 21];
 const LEGS: [usize; 8] = [1, 2, 4, 5, 7, 8, 10, 11];
 
-/// A bust has no more bones than this beside its head whose part is not known: others may be the
-/// limbs that were not found.
+/// Upper bound on the unidentified bones of a bust, outside its head: if there are more, they may be limbs that were
+/// not found.
 const UNKNOWN: usize = 4;
 
-/// The spine and the neck, which may be any number of bones.
+/// Spine and neck, which may have any number of bones.
 pub(super) const CHAINS: [&str; 2] = ["spine", "neck"];
 
-/// Bones for joints. Not every joint needs one: its turn then goes to nothing, or to what is mapped
-/// below it.
+/// Bones of the joints. A joint may have none; the next mapped joints below it then take up its rotation, if there
+/// are any.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mapping {
-    /// Of the rig's bones, the one for each joint.
+    /// The rig's bone of each joint.
     pub(super) bones: [Option<usize>; JOINTS],
-    /// From the hips up: together they make the turns of `spine1` to `spine3`.
+    /// From the hips up; together they rotate like `spine1` to `spine3`.
     pub(super) spine: Vec<usize>,
-    /// From the chest up: together they make the turn of `neck`.
+    /// From the chest up; together they rotate like `neck`.
     pub(super) neck: Vec<usize>,
-    /// Joints that were said to have no bone.
+    /// Joints that are known to have no bone.
     waived: [bool; JOINTS],
 }
 
@@ -52,22 +52,21 @@ impl Default for Mapping {
     }
 }
 
-/// How a bone turns: as a joint does in the world, or between two.
+/// Source of a bone's rotation: a joint's world rotation, or one interpolated between two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Follow {
-    /// Of the rig's bones.
+    /// Index of the bone in the rig.
     pub bone: usize,
-    /// The two between whose rotations in the world the bone's turn lies.
+    /// The two joints whose world rotations are interpolated.
     pub joints: [usize; 2],
-    /// How near to the second; 1 is that one's.
+    /// Interpolation weight of the second joint; 1 uses it alone.
     pub share: f32,
 }
 
 impl Mapping {
-    /// What each bone that has a joint follows. Bones of a spine or a neck are spread evenly over
-    /// the joints: the `k`-th of `n` of a spine takes the rotation at `3 k / n` of the way from the
-    /// pelvis (0) to `spine3` (3).
+    /// Returns what each mapped bone follows. Bones of a spine or neck are spread evenly over the joints: the `k`-th
+    /// of `n` of a spine takes the rotation at `3 k / n` of the way from the pelvis (0) to `spine3` (3).
     pub fn follows(&self) -> impl Iterator<Item = Follow> + '_ {
         let bones = self.bones.iter().enumerate();
         let single = bones.filter_map(|(joint, bone)| Some(Follow { bone: (*bone)?, joints: [joint; 2], share: 1.0 }));
@@ -82,18 +81,18 @@ impl Mapping {
         single.chain(spread)
     }
 
-    /// Finds the bones by their names, in the convention of those that are known which fits best.
+    /// Finds the bones by name, with the known convention that fits best, and returns its name.
     ///
     /// # Errors
-    /// [`RetargetError::Missing`] where none fits.
+    /// [`RetargetError::Missing`] if none fits.
     pub fn guess(rig: &Rig) -> Result<(Self, &'static str), RetargetError> {
         let (mapping, convention) = Self::closest(rig);
         mapping.check(rig)?;
         Ok((mapping, convention))
     }
 
-    /// What the best convention finds, which may not be enough. Of several bodies in one file it is
-    /// the first.
+    /// Returns the best convention's mapping, which may be incomplete. Of several bodies in one file it maps the
+    /// first.
     pub fn closest(rig: &Rig) -> (Self, &'static str) {
         let mut keys = names::keys(rig);
         let (mut mapping, mut name) = Self::best(rig, &keys);
@@ -107,11 +106,11 @@ impl Mapping {
         (mapping, name)
     }
 
-    /// The mapping of the convention that finds most.
+    /// The mapping of the convention that finds the most bones.
     fn best(rig: &Rig, keys: &[names::Key]) -> (Self, &'static str) {
         let tried = names::CONVENTIONS.iter().map(|convention| (of_convention(rig, keys, convention), convention.name));
         let score = |mapping: &Self| {
-            // Half a limb says nothing: what one calls the upper arm is another's clavicle.
+            // Half a limb proves nothing: one convention's upper arm is another's clavicle.
             let lower = |joint: usize| match joint {
                 1 | 2 => joint + 3,
                 16 | 17 => joint + 2,
@@ -126,8 +125,7 @@ impl Mapping {
         best.expect("there are conventions")
     }
 
-    /// Bodies beside this one, of bones with the same names: the topmost bone of each that this one
-    /// does not hang on.
+    /// Returns the topmost bone of each further body: bones with the same names that do not belong to this one.
     pub(super) fn other_bodies(&self, rig: &Rig, keys: &[names::Key]) -> Vec<usize> {
         let [Some(hips), Some(left), Some(right)] = [0, 1, 2].map(|joint| self.bones[joint]) else { return Vec::new() };
         let is_as =
@@ -147,12 +145,12 @@ impl Mapping {
         (0..rig.len()).filter(is_body).map(top).collect()
     }
 
-    /// A rig with a head, without legs or arms and without bones that may be those, is a bust or a
-    /// head: what it has not is not missing.
+    /// Waives joints of a bust or a head: a rig that has a head but no legs or no arms, and no bones that could be
+    /// those. Absent limbs are then not reported as missing.
     fn waive(&mut self, rig: &Rig) {
         let Some(head) = self.bones[15] else { return };
         let legs = LEGS.iter().all(|&joint| self.bones[joint].is_none());
-        // Hands without arms, as those of avatars for headsets, stay with the body.
+        // Hands without arms, as in avatars for headsets, stay with the body.
         let arms = ARMS[..2].iter().all(|&joint| self.bones[joint].is_none());
         if (!legs && !arms) || self.unknown(rig, head) > UNKNOWN {
             return;
@@ -170,8 +168,8 @@ impl Mapping {
         }
     }
 
-    /// Bones of which it is not known what they are: they hang on the trunk or on nothing that is
-    /// known, and carry nothing that is.
+    /// Number of unidentified bones: they are not below the head or an identified limb, and have no identified
+    /// descendants.
     fn unknown(&self, rig: &Rig, head: usize) -> usize {
         let mut carries = vec![false; rig.len()];
         for &bone in self.bones.iter().flatten().chain(&self.spine).chain(&self.neck) {
@@ -189,16 +187,17 @@ impl Mapping {
         (0..rig.len()).filter(is_unknown).count()
     }
 
-    /// Whether there is a body that moves about: a head alone stays where it is.
+    /// Whether there is a body that moves; a head alone stays in place.
     pub(super) fn has_body(&self) -> bool {
         self.bones[0].is_some()
     }
 
-    /// Gives a joint its bone, by name: none, one, or for `spine` and `neck` several, from below.
-    /// With none the joint is known to have no bone, and is not looked for.
+    /// Sets the bones of a joint by name: none, one, or for `spine` and `neck` several, from the lowest up. With
+    /// none, the joint is known to have no bone and is not required.
     ///
     /// # Errors
-    /// [`RetargetError`] where there is no such joint or bone.
+    /// [`RetargetError`] if the joint or a bone does not exist, or several bones are given for a joint that takes
+    /// one.
     pub fn set(&mut self, rig: &Rig, joint: &str, bones: &[&str]) -> Result<(), RetargetError> {
         let find = |name: &&str| {
             let mut named = (0..rig.len()).filter(|&bone| rig.bones()[bone].name == *name);
@@ -214,10 +213,10 @@ impl Mapping {
         self.put(joint, &found)
     }
 
-    /// [`Self::set`] by the bones' indices. Panics later where there are none of them.
+    /// [`Self::set`] by bone index. Later calls panic if an index is out of range.
     ///
     /// # Errors
-    /// [`RetargetError`] where there is no such joint, or several bones are given to one.
+    /// [`RetargetError`] if the joint does not exist, or several bones are given for a joint that takes one.
     pub fn put(&mut self, joint: &str, bones: &[usize]) -> Result<(), RetargetError> {
         match joint {
             "spine" => {
@@ -245,8 +244,7 @@ impl Mapping {
         Ok(())
     }
 
-    /// The bone of a joint; of spine and neck only where they were given one by one. Panics where
-    /// there is no such joint.
+    /// The bone of a joint; of spine and neck only if it was set individually. Panics if the index is out of range.
     pub fn bone(&self, joint: usize) -> Option<usize> {
         self.bones[joint]
     }
@@ -261,8 +259,7 @@ impl Mapping {
         &self.neck
     }
 
-    /// What each joint's bones are, in the joints' order; spine and neck as the chains that they
-    /// are.
+    /// Returns the bones of each joint, in the order of the joints; spine and neck as chains.
     pub fn entries(&self) -> Vec<(&'static str, Vec<usize>)> {
         let mut entries = Vec::new();
         for (joint, name) in JOINT_NAMES.into_iter().enumerate() {
@@ -278,15 +275,15 @@ impl Mapping {
         entries
     }
 
-    /// Refuses a mapping that makes no body on `rig`.
+    /// Checks that the mapping describes a body on `rig`.
     ///
     /// # Errors
-    /// [`RetargetError`]: joints that are needed and missing, a bone of two joints, or one that
-    /// hangs where it should not.
+    /// [`RetargetError`] if required joints are missing, a bone is mapped twice, or a bone is not below the one that
+    /// it should be.
     pub fn check(&self, rig: &Rig) -> Result<(), RetargetError> {
         let missing = |&(joint, _): &(usize, Option<usize>)| self.bones[joint].is_none() && !self.waived[joint];
         let missing: Vec<_> = NEEDED.iter().filter(|need| missing(need)).map(|need| JOINT_NAMES[need.0]).collect();
-        // The hips carry everything: without them a head stays where it is, and nothing else moves.
+        // Without the hips, a head stays in place and nothing else moves.
         let is_carried = self.has_body() || self.waived[0];
         if !missing.is_empty() || !is_carried {
             let joints = if missing.is_empty() { vec![JOINT_NAMES[0]] } else { missing };
@@ -314,8 +311,7 @@ impl Mapping {
     }
 }
 
-/// For the `k`-th of `n` bones, counted from 1, the joints between which it lies and how near to
-/// the second.
+/// For the `k`-th of `n` bones, counted from 1: the two joints to interpolate, and the weight of the second.
 #[expect(clippy::cast_precision_loss, reason = "a chain has far fewer than 2^24 bones")]
 fn spread(k: usize, n: usize, joints: &[usize]) -> ([usize; 2], f32) {
     let steps = (joints.len() - 1) * k;
@@ -326,7 +322,7 @@ fn spread(k: usize, n: usize, joints: &[usize]) -> ([usize; 2], f32) {
     }
 }
 
-/// The bones that a convention's names find.
+/// Maps the bones that a convention's names match.
 fn of_convention(rig: &Rig, keys: &[names::Key], convention: &Convention) -> Mapping {
     let mut mapping = Mapping::default();
     let find = |side, alternatives: &str| names::find(rig, keys, side, alternatives);

@@ -1,4 +1,4 @@
-//! What bones are called: names cut in words, and the tables of who calls them what.
+//! Bone names: normalisation, and the tables of naming conventions.
 
 use super::Rig;
 
@@ -6,7 +6,7 @@ mod conventions;
 
 pub(super) use conventions::CONVENTIONS;
 
-/// The side of the body, the character's own.
+/// Side of the body, from the character's point of view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Side {
     #[default]
@@ -15,17 +15,17 @@ pub(super) enum Side {
     Right,
 }
 
-/// A name as conventions have it: without its side, its prefix, its case and what parts its words.
+/// A normalised name: side, prefix, case and separators removed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Key {
     side: Side,
     text: String,
-    /// Marked as one that a mesh follows.
+    /// Whether the name has a prefix that marks deforming bones.
     deforms: bool,
 }
 
-/// Names of one maker or program. Each is one or more alternatives, parted by spaces, the better
-/// first; of `spine` and `neck`, all that are there make a chain.
+/// Names of one vendor or program. Each field lists alternatives, separated by spaces, in order of preference. For
+/// `spine` and `neck`, all bones that are found make a chain.
 #[derive(Debug)]
 pub(super) struct Convention {
     pub(super) name: &'static str,
@@ -44,7 +44,7 @@ pub(super) struct Convention {
 }
 
 impl Convention {
-    /// The joints that are one bone each, with their names.
+    /// The joints that have a single bone, with their names.
     pub(super) fn joints(&self) -> impl Iterator<Item = (usize, Side, &'static str)> {
         const ARM: [[usize; 4]; 2] = [[13, 16, 18, 20], [14, 17, 19, 21]];
         const LEG: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
@@ -59,14 +59,13 @@ impl Convention {
     }
 }
 
-/// The key of each bone, without what an exporter put on the names of most.
+/// Returns the key of each bone, without the decoration that an exporter added to most names.
 pub(super) fn keys(rig: &Rig) -> Vec<Key> {
     let decoration = Decoration::of(rig);
     rig.bones().iter().map(|bone| decoration.key(&bone.name)).collect()
 }
 
-/// A bone's name as it is read, where that is without something that an exporter put on the names of
-/// most bones and that no convention has.
+/// Returns a bone's name as it is matched, if an exporter added a decoration to most names that no convention uses.
 pub(super) fn undecorated(rig: &Rig, bone: usize) -> Option<String> {
     let decoration = Decoration::of(rig);
     let Key { side, text, .. } = decoration.key(&rig.bones()[bone].name);
@@ -78,19 +77,19 @@ pub(super) fn undecorated(rig: &Rig, bone: usize) -> Option<String> {
     (decoration != Decoration::default()).then(|| format!("{side}{text}"))
 }
 
-/// What an exporter put on the names of most bones.
+/// The decoration that an exporter added to most names.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Decoration {
-    /// A path before them that is no convention's, as `Armature|`.
+    /// A path prefix that belongs to no convention, such as `Armature|`.
     path: bool,
-    /// Words before them.
+    /// Leading words.
     stem: Vec<String>,
-    /// Numbers after them, one behind the other, as `.001` and `_03`.
+    /// Number of trailing numbers, such as `.001` and `_03`.
     numbers: usize,
 }
 
 impl Decoration {
-    /// Of bones that a mesh follows, where there are such.
+    /// Derived from the bones that a mesh follows, or from all if there are none.
     fn of(rig: &Rig) -> Self {
         let skinned = rig.bones().iter().any(|bone| bone.deforms);
         let bones = rig.bones().iter().filter(|bone| (bone.deforms || !skinned) && !bone.name.is_empty());
@@ -98,7 +97,7 @@ impl Decoration {
         let is_most = |found: usize| found > 8 && 4 * found >= 3 * names.len();
         let is_foreign = |name: &&&str| {
             let (path, _) = split_path(name);
-            // A known prefix before a word is dropped.
+            // A known prefix is only dropped before another word.
             let mut words = words(&format!("{path} x"));
             drop_prefix(&mut words, &mut false);
             !path.is_empty() && (words.len() > 1 || path.starts_with("Armature"))
@@ -126,42 +125,40 @@ impl Decoration {
     }
 }
 
-/// The first word of most names, where that is no side of the body.
+/// The first word of most names, unless it is a side of the body.
 fn shared(all: &[Vec<String>]) -> Option<String> {
-    // A name and its number are no stem and a name.
+    // A name and its number are not a stem and a name.
     let has_more = |words: &[String]| words.iter().skip(1).any(|word| !is_number(word));
     let count = |word: &String| all.iter().filter(|words| has_more(words) && words[0] == *word).count();
     let is_most = |word: &&String| {
         let found = count(word);
         found > 8 && 4 * found >= 3 * all.len()
     };
-    // Of so many names one has the word of three in four.
+    // If three in four names share a word, one of the first `1 + n / 4` has it.
     let tried = all.iter().filter_map(|words| words.first()).take(1 + all.len() / 4);
     tried.filter(|word| side_of(word).is_none()).find(is_most).cloned()
 }
 
-/// Whether most names end in a number that a program put there: one by one, as Sketchfab does
-/// (`mixamorig:Hips_01`, `mixamorig:Spine_02`), or the same on all, as Blender does with copies
-/// (`Hips.001`).
+/// Whether most names end in a number that a program appended: consecutive, as by Sketchfab (`mixamorig:Hips_01`,
+/// `mixamorig:Spine_02`), or equal, as Blender does for copies (`Hips.001`).
 fn are_numbered(names: &[&str]) -> bool {
     let mut numbers: Vec<u64> = names.iter().filter_map(|name| number(name)).map(|(_, number)| number).collect();
     let found = numbers.len();
     numbers.sort_unstable();
     let runs = numbers.chunk_by(|a, b| a == b);
     let (different, most) = runs.fold((0, 0), |(count, most), run| (count + 1, run.len().max(most)));
-    // Numbers that names have for themselves, as `spine_01`, come again on other bones.
+    // Numbers that are part of the names, as in `spine_01`, recur on other bones.
     found > 8 && 4 * found >= 3 * names.len() && (10 * different >= 9 * found || 10 * most >= 9 * found)
 }
 
-/// A name without the number at its end, after `_` or `.`, and that number.
+/// Splits a name into the part before a final number, after `_` or `.`, and the number.
 fn number(name: &str) -> Option<(&str, u64)> {
     let (bare, number) = name.rsplit_once(['_', '.'])?;
     let digits = !number.is_empty() && is_number(number) && !bare.is_empty();
     digits.then(|| number.parse().ok()).flatten().map(|number| (bare, number))
 }
 
-/// The bone of one of these names, the first of them that there is; of several one that a mesh
-/// follows.
+/// Returns the bone of the first alternative that exists; of several bones with that name, one that a mesh follows.
 pub(super) fn find(rig: &Rig, keys: &[Key], side: Side, alternatives: &str) -> Option<usize> {
     alternatives.split(' ').filter(|text| !text.is_empty()).find_map(|text| {
         let named = (0..keys.len()).filter(|&bone| keys[bone].side == side && keys[bone].text == text);
@@ -169,19 +166,19 @@ pub(super) fn find(rig: &Rig, keys: &[Key], side: Side, alternatives: &str) -> O
     })
 }
 
-/// A namespace or a path before a name, and the name.
+/// Splits a name into its namespace or path, and the rest.
 fn split_path(name: &str) -> (&str, &str) {
     name.rfind([':', '|', '/']).map_or(("", name), |at| (&name[..at], &name[at + 1..]))
 }
 
-/// A name's words, without a path and without what programs put before every name.
+/// Words of a name without its path and known prefixes.
 fn bare_words(name: &str, deforms: &mut bool) -> Vec<String> {
     let mut words = words(&narrow(split_path(name).1));
     drop_prefix(&mut words, deforms);
     words
 }
 
-/// Cuts a name whose first words may be `stem`.
+/// Normalises a name whose first words may be `stem`.
 fn key(name: &str, stem: &[String]) -> Key {
     let mut deforms = false;
     let mut words = bare_words(name, &mut deforms);
@@ -194,7 +191,7 @@ fn key(name: &str, stem: &[String]) -> Key {
     if let Some(at) = sided {
         side = side_of(&words.remove(at)).unwrap_or(side);
     } else if words.len() > 1 && words.last().is_some_and(|word| word == "m") {
-        // `Root_M`: M is the side that is none.
+        // `Root_M`: M stands for the middle.
         words.pop();
     } else if let Some((found, rest)) = words.first().and_then(|word| sided_word(word)) {
         (side, words[0]) = (found, rest);
@@ -202,13 +199,13 @@ fn key(name: &str, stem: &[String]) -> Key {
     Key { side, text: words.concat(), deforms }
 }
 
-/// Digits as wide as Chinese characters as ordinary ones.
+/// Replaces full-width digits by ASCII ones.
 fn narrow(name: &str) -> String {
     let digit = |letter: char| char::from_digit(u32::from(letter).wrapping_sub(u32::from('０')), 10);
     name.chars().map(|letter| digit(letter).unwrap_or(letter)).collect()
 }
 
-/// Words in small letters: cut at signs, at capitals, and between letters and digits.
+/// Words in lower case: split at separators, at capitals, and between letters and digits.
 pub(super) fn words(name: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut before = ' ';
@@ -230,7 +227,7 @@ pub(super) fn words(name: &str) -> Vec<String> {
     words
 }
 
-/// Drops what programs put before every name.
+/// Removes the prefixes that programs put before every name.
 fn drop_prefix(words: &mut Vec<String>, deforms: &mut bool) {
     loop {
         let drop = match words.first().map(String::as_str) {
@@ -238,15 +235,15 @@ fn drop_prefix(words: &mut Vec<String>, deforms: &mut bool) {
                 *deforms = true;
                 1
             }
-            // With the number of the copy: `mixamorig1`, `Bip001`.
+            // Includes the number of a copy: `mixamorig1`, `Bip001`.
             Some("mixamorig" | "bip" | "biped") => 1 + usize::from(words.get(1).is_some_and(|w| is_number(w))),
             Some("character") if words.get(1).is_some_and(|word| is_number(word)) => 2,
             Some("j" | "cc" | "base" | "armature" | "facial" | "valve") => 1,
-            // `J_Bip_C_Hips`: C is the side that is none.
+            // `J_Bip_C_Hips`: C stands for the centre.
             Some("c") if words.len() > 1 => 1,
             _ => return,
         };
-        // A name that is nothing but prefix is left as it is: it is no body part's.
+        // A name that consists only of a prefix is kept: it does not name a body part.
         if drop >= words.len() {
             return;
         }
@@ -266,7 +263,7 @@ fn side_of(word: &str) -> Option<Side> {
     }
 }
 
-/// A side that was written together with the name, as `leftarm` and `左腕`.
+/// Splits a name that begins with a side, such as `leftarm` and `左腕`.
 fn sided_word(word: &str) -> Option<(Side, String)> {
     let sides = [("left", Side::Left), ("right", Side::Right), ("左", Side::Left), ("右", Side::Right)];
     sides.into_iter().find_map(|(text, side)| Some((side, word.strip_prefix(text)?.to_owned())))
@@ -384,7 +381,7 @@ mod tests {
         }
         let rig = rig(&|name| format!("Armature|{name}.001"));
         assert_eq!(undecorated(&rig, 8).as_deref(), Some("left arm"));
-        // Names that are all of one beginning for themselves.
+        // Names that begin alike without a decoration.
         let fingers: Vec<_> =
             (1..=12).map(|at| crate::retarget::Bone::new(format!("L_Finger{at}"), None, [0.0; 3])).collect();
         assert_eq!(

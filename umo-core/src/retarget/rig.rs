@@ -1,81 +1,81 @@
-//! A skeleton to be moved: bones at rest.
+//! The target skeleton at rest.
 
 use super::RetargetError;
 use crate::motion::rotation::{IDENTITY, Quat, inverse, normalized, product, rotate};
 
-/// Most bones of a rig.
+/// Upper bound on the bones of a rig.
 pub const MAX_BONES: usize = 1 << 16;
 
-/// How much a scale may differ between axes, relative to the largest.
+/// Tolerance of a bone's scale between axes, relative to the largest.
 const EVEN: f32 = 1e-3;
 
-/// A bone at rest, in its parent's frame: scaled, then turned, then moved.
+/// A bone at rest, relative to its parent: scaled, then rotated, then translated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bone {
-    /// Its name; may be empty.
+    /// Name; may be empty.
     pub name: String,
-    /// Index of the bone that it hangs on.
+    /// Index of the parent bone.
     pub parent: Option<usize>,
     /// In the file's unit.
     pub translation: [f32; 3],
-    /// Any length but 0.
+    /// Any non-zero length.
     pub rotation: Quat,
-    /// Along its axes.
+    /// Along the bone's axes.
     pub scale: [f32; 3],
-    /// Whether a mesh follows it: of two bones with one name, such a one is meant.
+    /// Whether a mesh follows it; of two bones with one name, such a bone is preferred.
     pub deforms: bool,
 }
 
 impl Bone {
-    /// A bone that is neither turned nor scaled at rest.
+    /// Creates a bone without rotation or scale at rest.
     pub fn new(name: impl Into<String>, parent: Option<usize>, translation: [f32; 3]) -> Self {
         Self { name: name.into(), parent, translation, rotation: IDENTITY, scale: [1.0; 3], deforms: false }
     }
 }
 
-/// Where a bone is in the world, and how it is turned and scaled.
+/// World transform of a bone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct World {
     pub(super) place: [f32; 3],
     pub(super) rotation: Quat,
-    /// Of what hangs on it.
+    /// Scale of the bone's children.
     pub(super) scale: f32,
 }
 
 impl World {
     pub(super) const ORIGIN: Self = Self { place: [0.0; 3], rotation: IDENTITY, scale: 1.0 };
 
-    /// Where something is that is at `place` in this bone's frame.
+    /// World position of a point at `place` in this bone's frame.
     pub(super) fn at(&self, place: [f32; 3]) -> [f32; 3] {
         let turned = rotate(self.rotation, place.map(|x| x * self.scale));
         std::array::from_fn(|i| self.place[i] + turned[i])
     }
 
-    /// Where something is in this bone's frame that is at `place` in the world.
+    /// Position in this bone's frame of a point at `place` in the world.
     pub(super) fn within(&self, place: [f32; 3]) -> [f32; 3] {
         let apart = std::array::from_fn(|i| place[i] - self.place[i]);
         rotate(inverse(self.rotation), apart).map(|x| x / self.scale)
     }
 }
 
-/// Bones that were checked: a tree, or several, of finite numbers.
+/// Validated bones: one or more trees with finite numbers.
 #[derive(Clone, Debug)]
 pub struct Rig {
     bones: Vec<Bone>,
     /// Every bone, parents before their children.
     order: Vec<usize>,
-    /// At rest.
+    /// World transforms at rest.
     world: Vec<World>,
-    /// The uneven bone above, where there is one.
+    /// Nearest unevenly scaled ancestor.
     uneven: Vec<Option<usize>>,
 }
 
 impl Rig {
-    /// Checks bones, which may come in any order, and brings their rotations to length 1.
+    /// Validates bones, which may be in any order, and normalises their rotations.
     ///
     /// # Errors
-    /// [`RetargetError`] where there are more than [`MAX_BONES`], a parent is missing, a bone is
-    /// its own ancestor, or a number is not finite.
+    /// [`RetargetError`] if there are more than [`MAX_BONES`], a parent is missing, a bone is its own ancestor, or a
+    /// number is not finite.
     pub fn new(mut bones: Vec<Bone>) -> Result<Self, RetargetError> {
         if bones.len() > MAX_BONES {
             return Err(RetargetError::TooMany { bones: bones.len(), limit: MAX_BONES });
@@ -103,7 +103,7 @@ impl Rig {
         Ok(Self { bones, order, world, uneven })
     }
 
-    /// The bones, as they were given.
+    /// The bones, in the order given.
     pub fn bones(&self) -> &[Bone] {
         &self.bones
     }
@@ -118,17 +118,17 @@ impl Rig {
         self.bones.is_empty()
     }
 
-    /// Where a bone is in the world at rest, in the file's unit. Panics where there is none.
+    /// World position of a bone at rest, in the file's unit. Panics if the index is out of range.
     pub fn place(&self, bone: usize) -> [f32; 3] {
         self.world[bone].place
     }
 
-    /// How a bone is turned in the world at rest. Panics where there is none.
+    /// World rotation of a bone at rest. Panics if the index is out of range.
     pub fn rotation(&self, bone: usize) -> Quat {
         self.world[bone].rotation
     }
 
-    /// Whether `bone` is `above` or hangs below it.
+    /// Whether `bone` is `above` or one of its descendants.
     pub fn is_below(&self, bone: usize, above: usize) -> bool {
         let mut at = Some(bone);
         while let Some(bone) = at {
@@ -144,24 +144,24 @@ impl Rig {
         &self.order
     }
 
-    /// The place of the only bone that hangs on this one, where that has a length.
+    /// Position of a bone's child, if it has exactly one.
     pub(super) fn tip(&self, bone: usize) -> Option<[f32; 3]> {
         let mut below = (0..self.len()).filter(|&child| self.bones[child].parent == Some(bone));
         below.next().filter(|_| below.next().is_none()).map(|child| self.place(child))
     }
 
-    /// Refuses a bone that turns below an uneven one.
+    /// Rejects a bone with an unevenly scaled ancestor.
     pub(super) fn check_scale(&self, bone: usize) -> Result<(), RetargetError> {
         self.uneven[bone].map_or(Ok(()), |above| Err(RetargetError::Scale(self.bones[above].name.clone())))
     }
 
-    /// Every name that is one, for messages.
+    /// All non-empty names, for messages.
     pub(crate) fn names(&self) -> Vec<String> {
         self.bones.iter().map(|bone| bone.name.clone()).filter(|name| !name.is_empty()).collect()
     }
 }
 
-/// All bones, parents first: what is left over hangs on itself.
+/// Indices of all bones, parents first. Bones that are not reached are part of a cycle.
 fn order(bones: &[Bone]) -> Result<Vec<usize>, RetargetError> {
     let mut below = vec![Vec::new(); bones.len()];
     let mut order = Vec::with_capacity(bones.len());

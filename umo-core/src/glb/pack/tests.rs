@@ -7,7 +7,7 @@ fn character(name: &str) -> Vec<u8> {
     std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../cli/tests/characters/").to_owned() + name).unwrap()
 }
 
-/// A `.glb` file's JSON and buffer.
+/// JSON and buffer of a `.glb` file.
 fn parts(bytes: &[u8]) -> (Value, Vec<u8>) {
     let file = Glb::split(bytes).unwrap();
     (serde_json::from_str(file.json).unwrap(), file.bin.to_vec())
@@ -17,7 +17,7 @@ fn nothing(_: &str) -> Result<Vec<u8>, String> {
     Err("not found".to_owned())
 }
 
-/// Every accessor's numbers.
+/// Numbers of every accessor.
 fn contents(bytes: &[u8]) -> Vec<Vec<f32>> {
     let character = Character::read(bytes).unwrap();
     let (document, bin) = (character.document(), Glb::split(bytes).unwrap().bin);
@@ -123,7 +123,7 @@ fn a_view_that_cannot_be_decompressed_is_refused_with_a_way_out() {
     let bytes = character("meshopt.glb");
     let (json, mut bin) = parts(&bytes);
     let compressed = &json["bufferViews"][1]["extensions"]["EXT_meshopt_compression"];
-    // The version of vertices that a later extension has.
+    // The vertex version of a later extension.
     bin[usize::try_from(compressed["byteOffset"].as_u64().unwrap()).unwrap()] = 0xa1;
     let newer = container(json.to_string().into_bytes(), &bin, &[]).unwrap();
     let problem = packed(&newer, &mut nothing).unwrap_err();

@@ -1,8 +1,7 @@
-//! What other programs call ARKit's shapes, in small letters, without the side.
+//! Other programs' names of ARKit's shapes, in lower case, without the side.
 
-/// A channel without its side, and other names of it: those of Character Creator, of Faceshift (and
-/// what follows it: High Fidelity, `FaceScape`), of Adobe Fuse, and of lists with more shapes than
-/// ARKit's.
+/// Channel names without a side, each with its synonyms: those of Character Creator, Faceshift (and its successors
+/// High Fidelity and `FaceScape`), Adobe Fuse, and lists with more shapes than ARKit's.
 const SYNONYMS: [(&str, &[&str]); 27] = [
     ("browdown", &["browdrop", "browsd", "browsdown", "browlower"]),
     ("browinnerup", &["browraiseinner", "browinnerraise", "browsuc", "browraisein"]),
@@ -33,13 +32,13 @@ const SYNONYMS: [(&str, &[&str]); 27] = [
     ("nosesneer", &["sneer", "nosescrunch"]),
 ];
 
-/// Other names of a channel.
+/// Synonyms of a channel.
 pub(super) fn of(channel: &str) -> impl Iterator<Item = &'static str> {
     let found = SYNONYMS.iter().find(|(known, _)| *known == channel);
     found.into_iter().flat_map(|(_, names)| names.iter().copied())
 }
 
-/// Whether a name says too little without a side: `Smile` is an expression, `Smile_Left` a shape.
+/// Whether a name is ambiguous without a side: `Smile` is an expression, `Smile_Left` a shape.
 pub(super) fn need_side(name: &str) -> bool {
     ["blink", "squint", "frown", "smile", "sneer", "eyeopen", "midmouth"].contains(&name)
 }

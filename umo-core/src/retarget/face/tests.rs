@@ -46,7 +46,7 @@ fn other_shapes_are_left_alone() {
     assert!(FaceMap::new(&face, &["expression_0", "aa"]).moved().is_empty());
 }
 
-/// The channel that moves a shape of each name, alone in its list.
+/// Channels that move shapes with these names, each alone in its list.
 fn cause(name: &str) -> String {
     FaceMap::new(&arkit(), &[name]).cause(&arkit(), 0)
 }
@@ -54,7 +54,7 @@ fn cause(name: &str) -> String {
 #[test]
 fn other_programs_names_are_known() {
     for (name, channel) in [
-        // Groups in capitals, and sides anywhere.
+        // Groups in capitals, and the side in any position.
         ("BROW-InnerUp", "browInnerUp"),
         ("BROW-Down.L", "browDownLeft"),
         ("BROW-Left-OuterUp", "browOuterUpLeft"),
@@ -73,7 +73,7 @@ fn other_programs_names_are_known() {
         ("Eye_L_Look_Up", "eyeLookUpLeft"),
         ("Jaw_L", "jawLeft"),
         ("Mouth_R", "mouthRight"),
-        // Faceshift and its heirs.
+        // Faceshift and its successors.
         ("BrowsU_C", "browInnerUp"),
         ("BrowsU_R", "browOuterUpRight"),
         ("EyeOpen_L", "eyeWideLeft"),
@@ -85,7 +85,7 @@ fn other_programs_names_are_known() {
         ("Blink_Left", "eyeBlinkLeft"),
         ("Smile_Right", "mouthSmileRight"),
         ("Midmouth_Left", "mouthLeft"),
-        // Daz, and lists with a shape more.
+        // Daz, and lists with additional shapes.
         ("Genesis9__facs_bs_BrowDownLeft_div2", "browDownLeft"),
         ("mouthFunnelUpper", "mouthFunnel"),
         ("browInnerUpLeft", "browInnerUp"),
@@ -106,7 +106,7 @@ fn a_name_of_arkits_goes_before_others() {
 
 #[test]
 fn mouths_of_two_shapes_open_and_smile() {
-    // Ready Player Me, without further morph targets.
+    // Ready Player Me without further morph targets.
     let shapes = ["mouthOpen", "mouthSmile"];
     let map = FaceMap::new(&arkit(), &shapes);
     assert!(map.opens_mouth(&arkit()));
@@ -116,12 +116,12 @@ fn mouths_of_two_shapes_open_and_smile() {
     assert_eq!(map.cause(&arkit(), 0), "jawOpen less mouthClose, over 0.7");
     assert_eq!(map.plain_mouth(), Some(0));
     assert_eq!(weights(&map, 2, &[("mouthClose", 0.3)]), [0.0, 0.0]);
-    // Where there are ARKit's, those two would open and smile twice.
+    // With ARKit shapes, those two would open and smile twice.
     let all = ["mouthOpen", "mouthSmile", "jawOpen", "mouthSmileLeft", "mouthSmileRight"];
     assert_eq!(FaceMap::new(&arkit(), &all).moved(), [2, 3, 4]);
-    // Visemes, or vowels, speak better than one shape.
+    // Visemes or vowels are preferred to a single shape.
     assert_eq!(FaceMap::new(&arkit(), &["aa", "mouthOpen"]).moved(), [0]);
-    // Both lids and both brows in one.
+    // Both lids and both brows in one shape each.
     let both = FaceMap::new(&arkit(), &["eyesClosed", "browDown", "EYE-wide"]);
     let moved = weights(&both, 3, &[("eyeBlinkLeft", 1.0), ("browDownRight", 0.5), ("eyeWideLeft", 0.5)]);
     assert_eq!(moved, [0.5, 0.25, 0.25]);
@@ -162,7 +162,7 @@ fn the_oculus_set_goes_before_vowels_and_arkit_before_both() {
     let map = FaceMap::new(&arkit(), &oculus);
     assert_eq!(map.moved().len(), VISEMES);
     assert!(weights(&map, VISEMES, &[])[0] > 0.3, "silence");
-    // Ready Player Me's names of three.
+    // Ready Player Me's three names.
     let others = oculus.iter().map(|name| match name.as_str() {
         "viseme_ih" => "viseme_I".to_owned(),
         "viseme_oh" => "viseme_O".to_owned(),

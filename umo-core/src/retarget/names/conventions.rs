@@ -1,11 +1,11 @@
-//! Who calls which bone what, as [`super::key`] leaves the names.
+//! Bone names of each convention, normalised as by [`super::key`].
 
 use super::Convention;
 
 /// No such bone.
 const NONE: [&str; 3] = [""; 3];
 
-/// Every convention that is known.
+/// All known conventions.
 pub(in super::super) const CONVENTIONS: [Convention; 17] = [
     UMO,
     MIXAMO,
@@ -119,7 +119,7 @@ const UNREAL: Convention = Convention {
     ],
 };
 
-/// MakeHuman's default rig; its limbs have two bones each, of which the first is meant.
+/// MakeHuman's default rig. Its limbs have two bones each; the first is used.
 const MAKEHUMAN: Convention = Convention {
     name: "MakeHuman",
     hips: "root hips",
@@ -159,7 +159,7 @@ const RIGIFY: Convention = Convention {
     ],
 };
 
-/// What people call bones in Blender, older Rigify among them.
+/// Common names in Blender, including older Rigify.
 const BLENDER: Convention = Convention {
     name: "Blender",
     hips: "hips pelvis hip",
@@ -168,10 +168,10 @@ const BLENDER: Convention = Convention {
     ..RIGIFY_HEAD
 };
 
-/// [`RIGIFY`] with a head that is called so.
+/// [`RIGIFY`] with a bone named `head`.
 const RIGIFY_HEAD: Convention = Convention { head: "head", ..RIGIFY };
 
-/// 3ds Max's Biped, and that of Valve's games: fingers are numbered from the thumb.
+/// 3ds Max's Biped, and that of Valve's games; fingers are numbered from the thumb.
 const BIPED: Convention = Convention {
     name: "Biped",
     hips: "pelvis",
@@ -191,7 +191,7 @@ const BIPED: Convention = Convention {
     ],
 };
 
-/// Old `.bvh` files, which name joints as SMPL-X does but for hips and toes.
+/// Old `.bvh` files, which name joints as SMPL-X does except for hips and toes.
 const POSER: Convention = Convention {
     name: "joint names",
     hips: "hips",
@@ -273,7 +273,7 @@ const ADVANCED_SKELETON: Convention = Convention {
     ],
 };
 
-/// What the plugin Cats for Blender calls the bones of avatars for `VRChat`.
+/// Names that the Blender plugin Cats gives the bones of `VRChat` avatars.
 const CATS: Convention = Convention {
     name: "VRChat",
     hips: "hips",
@@ -293,8 +293,8 @@ const CATS: Convention = Convention {
     ],
 };
 
-/// `MikuMikuDance`: the upper and the lower body hang on one bone. Where legs have a second set of
-/// bones for the mesh, with a D, that is the one.
+/// `MikuMikuDance`: upper and lower body share a parent bone. If the legs have a second set of bones for the mesh,
+/// marked D, that set is used.
 const MMD: Convention = Convention {
     name: "MikuMikuDance",
     hips: "腰 グルーブ センター",
