@@ -46,7 +46,7 @@ const PRODUCTS: [(usize, usize, usize); 10] = [
     (37, 131, 257),
 ];
 
-/// Shapes of gated products: outputs of the gate and of the up part each.
+/// Rows, outputs and inputs of gated products; the gate and the up weight each have these outputs.
 const GATED: [(usize, usize, usize); 5] =
     [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (117, 512, 256), (7, 45, 61)];
 

@@ -1,6 +1,6 @@
-//! Waiting times of a host that polls with small budgets: `polls [held] [SESSIONS [MICROSECONDS]] [MODEL…]`. The chunks of
-//! all sessions become due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until nothing
-//! is due. With a budget of 0 every poll is one step, and the durations of each kind of step are printed on a line. With
+//! Waiting times of a host that polls with small budgets: `polls [held] [SESSIONS [MICROSECONDS]] [MODEL…]`. The chunks
+//! of all sessions become due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until
+//! nothing is due. With a budget of 0 every poll is one step, and each kind of step has a line with its durations. With
 //! `held` all chunks are so late that their bodies are frozen.
 //!
 //! Times are this thread's processor time if the system reports it, so that other programs on the core do not count.
@@ -18,7 +18,7 @@ use umo_core::session::{Session, SessionConfig};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Number of chunks whose polls are timed, over all sessions, with the shortest and longest of each; as many come before to warm up.
+/// Timed chunks of all sessions together, and their limits per session; as many come before, untimed.
 const CHUNKS: usize = 640;
 const MOST: usize = 20;
 const LEAST: usize = 3;

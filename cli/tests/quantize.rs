@@ -348,7 +348,7 @@ fn int4_models_move_alike_everywhere() {
             let same = moves(&["--isa", isa.name(), "--precision", "int8"]) == moves(&["--isa", isa.name()]);
             assert!(same, "{layout}: int8 on {}", isa.name());
         }
-        // One type of tensor in each part, or of experts, in int8 and the others in int4: computed as int8.
+        // The keys and one expert in int8, the others in int4: computed as int8.
         place.quantize(
             "mixed",
             &[&args[..], &["--set", "lm.*.experts.0.*=int8", "--set", "lm.*.k.weight=int8"]].concat(),
