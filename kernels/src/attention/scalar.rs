@@ -26,7 +26,7 @@ pub(super) fn heads_tiling() -> Tiling {
     tiling()
 }
 
-/// Every head by itself.
+/// Every head separately.
 pub(super) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
     x.each(&mut y, attention);
 }

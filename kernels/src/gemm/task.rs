@@ -1,4 +1,4 @@
-//! A product as the vector back-ends process it: panels of any element type in the order of work,
+//! A product as the vector back-ends process it: panels of any element type in processing order,
 //! and tiles of rows.
 
 use super::Epilogue;
@@ -77,7 +77,7 @@ impl<'a> Panels<'a> for PackedI4<'a> {
 pub(crate) trait Scaled<'a>: Panels<'a> {
     /// Value of one unit, per output.
     fn scale(&self) -> &'a [f32];
-    /// Sums of the weights of some outputs; none where inputs are never offset.
+    /// Sums of the weights of some outputs; empty if inputs are never offset.
     #[cfg(target_arch = "x86_64")]
     fn sums(&self, outputs: Range<usize>) -> &'a [i32];
 }

@@ -1,6 +1,6 @@
 //! As `avx512vnni.rs`, but a lane of a factor holds two values of one sum, which `vdpbf16ps`
-//! adds in sequence: the upper one first, each product rounded with its addition, as two fused
-//! operations do (`isa` checks that at detection).
+//! adds in sequence: the upper one first, rounding after each addition, like two fused
+//! operations (`isa` checks that at detection).
 
 #[path = "loops.rs"]
 mod loops;
