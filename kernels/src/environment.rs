@@ -3,7 +3,7 @@
 //!
 //! | target | register | default |
 //! |---|---|---|
-//! | x86-64 | MXCSR | round to nearest, no traps, denormals kept. The x87 unit has a separate register, which is not used: x86-64 computes `f32` and `f64` with SSE |
+//! | x86-64 | MXCSR | round to nearest, no traps, denormals kept. The x87 unit is not used, only SSE |
 //! | aarch64 | FPCR, and FPSR for the exception flags | the same |
 //! | others | none is set | that of the caller |
 

@@ -1,5 +1,5 @@
-//! Symmetric quantization of rows to int8: a maximum, one product, one rounding to even, in any
-//! order.
+//! Symmetric quantization of rows to int8: a maximum, one product, one rounding to nearest even; the
+//! order does not matter.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -105,8 +105,8 @@ fn round(isa: Isa, row: &[f32], largest: f32, codes: &mut [i8]) {
     dispatch!(isa, round(row, per_unit, codes))
 }
 
-/// Quantizes one weight row symmetrically and returns its scale, `max(abs(row)) / 127`; that of
-/// an all-zero row is 1.
+/// Quantizes one weight row symmetrically and returns its scale, `max(abs(row)) / 127`, or 1 for
+/// an all-zero row.
 ///
 /// # Errors
 /// [`ShapeError`] if `codes` has another length than `row`.
