@@ -108,7 +108,7 @@ fn pays(x: &Operands<f32>) -> bool {
     x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MAX_DIM
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[ROWS, GROUPS * ROWS, BLOCK],

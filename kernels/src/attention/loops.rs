@@ -96,7 +96,7 @@ fn widened_part<T: Load>(src: &[T]) -> Register {
 #[repr(align(64))]
 struct Weights<const Q: usize>([[f32; TILE]; Q]);
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) const TILING: Tiling = Tiling {
     rows: &[4, PACKED_QUERIES, BLOCK],
     outputs: &[WIDTH, TILE],
@@ -129,7 +129,7 @@ const HEADS: usize = 4;
 /// Head widths with specialised loops.
 const HEAD_DIMS: [usize; 3] = [32, 48, 64];
 
-/// Where the loops over heads change.
+/// Sizes at which the loops over heads change.
 pub(super) const HEADS_TILING: Tiling =
     Tiling { rows: &[HEADS], outputs: &[WIDTH, TILE], inputs: &HEAD_DIMS, held: 0, chunk: 0 };
 

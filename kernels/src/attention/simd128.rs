@@ -19,7 +19,7 @@ use core::arch::wasm32::{f32x4_extract_lane, i32x4_shuffle};
 /// Keys whose scores are held at once.
 const TILE: usize = 64;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     scalar::tiling()
 }
@@ -62,7 +62,7 @@ pub(super) fn attention<T: Load>(_token: Simd128, x: Operands<T>, mut y: MatMut<
     }
 }
 
-/// The same for heads.
+/// Sizes at which the loops over heads change.
 pub(super) fn heads_tiling(_token: Simd128) -> Tiling {
     scalar::heads_tiling()
 }

@@ -99,7 +99,7 @@ impl<W: Load> Step<f32> for W {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(crate) fn tiling(_token: Avx512Vnni) -> Tiling {
     Tiling {
         rows: &[EVEN_ROWS, ROWS],

@@ -48,7 +48,7 @@ impl Load for [f32; PANEL] {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) const TILING: Tiling = Tiling {
     rows: &[PAIR, ROWS],
     outputs: &[PANEL, PAIR * PANEL, MAX_PANELS * PANEL],

@@ -26,7 +26,7 @@ pub(crate) trait Load: Copy {
     fn load(&self, which: usize) -> [Register; REGISTERS];
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(crate) fn tiling(_token: Simd128) -> Tiling {
     Tiling { rows: &[ROWS], outputs: &[PANEL, WIDTH * PANEL], inputs: &[QUAD], held: 0, chunk: 0 }
 }

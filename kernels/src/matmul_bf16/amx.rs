@@ -112,7 +112,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[TILE, ROWS],

@@ -63,7 +63,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx2) -> Tiling {
     Tiling {
         rows: &[1, FEW_ROWS, ROWS],

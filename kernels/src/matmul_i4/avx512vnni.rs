@@ -52,7 +52,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
     tiles::tiling(&[1, UNFETCHED, ROWS])
 }

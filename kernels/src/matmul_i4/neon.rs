@@ -45,7 +45,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
     tiles::tiling(&[1, FEW_ROWS, ROWS])
 }

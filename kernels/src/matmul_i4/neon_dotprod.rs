@@ -31,7 +31,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
     tiles::tiling(&[1, FEW_ROWS, ROWS])
 }

@@ -46,7 +46,7 @@ pub(super) fn matmul_gated(
     tiles::run(token, &x, &GemmTask::Gated(gate, up), y);
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     tiles::tiling(&[1, ROWS])
 }

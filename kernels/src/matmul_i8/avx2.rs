@@ -58,7 +58,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx2) -> Tiling {
     Tiling {
         rows: &[FEW_ROWS, ROWS],

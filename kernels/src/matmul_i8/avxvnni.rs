@@ -47,7 +47,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: AvxVnni) -> Tiling {
     Tiling {
         rows: &[1, ROWS],

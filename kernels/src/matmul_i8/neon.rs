@@ -44,7 +44,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
     Tiling { rows: &[ROWS], outputs: &[PANEL, WIDTH * PANEL], inputs: &[QUAD, STEP], held: 0, chunk: 0 }
 }

@@ -37,7 +37,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
     Tiling {
         rows: &[1, ROWS],

@@ -51,7 +51,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: NeonI8mm) -> Tiling {
     Tiling {
         rows: &[FEW_ROWS, ROWS],

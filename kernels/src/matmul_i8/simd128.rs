@@ -41,7 +41,7 @@ pub(super) fn matmul_gated(
     run(&x, &GemmTask::Gated(gate, up), y);
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     Tiling { rows: &[ROWS], outputs: &[PANEL, WIDTH * PANEL], inputs: &[QUAD], held: 0, chunk: 0 }
 }

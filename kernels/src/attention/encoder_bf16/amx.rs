@@ -60,7 +60,7 @@ struct Work {
     biases: [f32; BLOCK + KEYS],
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[ROWS, GROUPS * ROWS, BLOCK],

@@ -11,7 +11,7 @@ use crate::isa::{Avx512Bf16, entry};
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx512Bf16) -> Tiling {
     loops::TILING
 }

@@ -56,7 +56,7 @@ struct Work<const N: usize> {
 /// Keys of a short sequence, for which smaller buffers are cleared.
 const FEW: usize = 64;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) const TILING: Tiling =
     Tiling { rows: &[QUERIES, BLOCK, GROUP], outputs: &[PANEL, FEW, KEYS], inputs: &[STEP, WIDE], held: 0, chunk: 0 };
 

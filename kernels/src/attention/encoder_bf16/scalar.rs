@@ -9,7 +9,7 @@ use crate::math::LOG2_E;
 use crate::math::scalar::{exp2_bf16, mul_add};
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling() -> Tiling {
     Tiling { rows: &[1], outputs: &[STEP, KEYS], inputs: &[STEP], held: 0, chunk: 0 }
 }
