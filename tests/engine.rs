@@ -38,7 +38,7 @@ const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", 
 /// Golden models of layout `frames`.
 const FRAMES: [&str; 2] = ["frames_four", "frames_seven"];
 
-/// The golden models, in f32 and in int8; then those of layout `frames`.
+/// The golden models, in f32 and in int8; then the ones of layout `frames`.
 static MODELS: LazyLock<Vec<Arc<Model>>> = LazyLock::new(|| {
     let load = |name: &&str, precision| {
         let file = ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap();

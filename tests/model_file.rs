@@ -507,7 +507,7 @@ fn parts_of_layout_frames_are_checked() {
     with("/parts/0", "width", json!(3), "parts[0].width");
     with("/parts/1", "sampling", json!({ "temperature": -1, "top_k": 0, "top_p": 1 }), "parts[1].sampling.temperature");
     with("/depth", "body_heard", json!(1), "depth.body_heard");
-    // Ten tokens per keyframe, plus those of two keyframes of horizon.
+    // Ten tokens per keyframe, and the horizon's tokens of two keyframes.
     let hearing = ModelBytes::open("frames_four");
     for (token, is_within) in [(29, true), (30, false)] {
         let mut config = hearing.config.clone();

@@ -96,8 +96,8 @@ const OTHERS: &[&str] = if cfg!(target_arch = "aarch64") {
     &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "neon", "neon_dotprod", "neon_i8mm", "simd128"]
 };
 
-/// Back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", limited to those of this
-/// processor. Every back-end is in one group.
+/// Back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", if this processor has
+/// them. Every back-end is in one group.
 fn groups(cell: &str, place: &str) -> Vec<Vec<Isa>> {
     let every: Vec<_> = Isa::names().collect();
     let groups: Vec<Vec<&str>> = match cell {

@@ -1,4 +1,4 @@
-//! The record of chunks: recording changes no frame, the recorded codes are those of the frames,
+//! The record of chunks: recording changes no frame, the recorded codes give the frames,
 //! and the expert counts add up to every token once per layer.
 
 mod model_bytes;

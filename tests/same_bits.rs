@@ -24,7 +24,7 @@ const PRECISIONS: [Precision; 4] = [Precision::Stored, Precision::F32, Precision
 /// The model whose depth network has int8 layers and bf16 products, with products computed as stored.
 const MIXED: (&str, Precision) = ("umo-people", Precision::Stored);
 
-/// The default model, and those of the golden cases.
+/// The default model, and the models of the golden cases.
 fn models() -> Vec<(&'static str, ModelFile)> {
     let default = ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap();
     let golden = |name| (name, ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap());

@@ -83,7 +83,7 @@ enum Call {
     /// Number of samples of the interlocutor, and their level.
     Other(usize, f32),
     Wait(u64),
-    /// Advances the host's time by so many milliseconds.
+    /// Advances the host's time, in milliseconds.
     Clock(u32),
     Settle,
 }

@@ -136,7 +136,7 @@ impl Tiles {
     }
 
     /// Stores the sums of `R` tiles of rows with `P` panels as `[rows, P]`: tile `P * r +
-    /// p` holds those of row tile `r`.
+    /// p` has the sums of row tile `r` with panel `p`.
     #[inline]
     pub(crate) fn store_sums<const R: usize, const P: usize>(&self, sums: &mut [[f32; PANEL]]) {
         self.store_sum::<0>(sums, P);

@@ -59,8 +59,8 @@ pub fn attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Resul
 }
 
 /// [`attention_f32`] over keys and values stored as bf16, which halves the memory traffic. They
-/// are widened when loaded: factors and sums are f32, and the bits are those of
-/// [`attention_f32`] over the widened values.
+/// are widened when loaded: factors and sums are f32, and the result equals
+/// [`attention_f32`] over the widened values bit for bit.
 ///
 /// # Errors
 /// As [`attention_f32`].

@@ -103,7 +103,6 @@ mod registers {
     pub(super) fn write((control, status): State) {
         // SAFETY: writes a register that every program may write, with a value from `read` or
         // `default`. While another environment than the default is loaded, only the caller's code computes.
-        /// Another rounding mode, denormals flushed.
         unsafe { asm!("msr fpcr, {}", in(reg) control, options(nostack, preserves_flags)) };
         // SAFETY: as above.
         unsafe { asm!("msr fpsr, {}", in(reg) status, options(nostack, preserves_flags)) };
@@ -135,7 +134,7 @@ mod tests {
     use core::hint::black_box;
     use std::panic::catch_unwind;
 
-    /// Another way to round, denormals flushed.
+    /// Another rounding mode, denormals flushed.
     #[cfg(target_arch = "x86_64")]
     const STRANGE: registers::State = 0x1f80 | 0x6000 | 0x8040;
     #[cfg(target_arch = "aarch64")]

@@ -31,8 +31,8 @@ pub fn tiling(isa: Isa) -> Tiling {
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
-/// Numerics: weights are widened exactly, so that the bits are those of
-/// [`crate::matmul_f32::matmul_f32`] on the same back-end with the widened weights. Exception:
+/// Numerics: weights are widened exactly, so the result equals that of
+/// [`crate::matmul_f32::matmul_f32`] on the same back-end with the widened weights bit for bit. Exception:
 /// the tiles of `amx` take bf16 on both sides. There an input is the sum of two bf16 values,
 /// with a relative error of at most `2^-16`, and products of 32 inputs are summed before they
 /// are accumulated. The error is at most `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and inputs,

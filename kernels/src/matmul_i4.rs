@@ -82,7 +82,7 @@ pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with an `index`, row `t` is `x[index[t]]`;
 /// with a scatter, `y [any, n]`.
-/// Numerics: those of [`crate::matmul_i8::matmul_i8`] with the same `w`, bit for bit.
+/// Numerics: as [`crate::matmul_i8::matmul_i8`] with the same `w`, bit for bit.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors

@@ -72,9 +72,9 @@ pub fn row_maxima(isa: Isa, x: &MatMut<f32>, largest: &mut [f32]) -> Result<(), 
     Ok(())
 }
 
-/// Quantizes some columns of rows whose largest absolute value over all columns is `largest`;
-/// the codes are those of [`quantize_rows`] over all columns, with the scale
-/// [`quantization_scale`].
+/// Quantizes some columns of rows whose largest absolute value over all columns is `largest`,
+/// with the scale [`quantization_scale`]; the codes equal the columns of
+/// [`quantize_rows`] over all columns.
 ///
 /// Shapes: `x [m, k]`, `largest [m]`, `codes [m, k]` (overwritten). `x` must be finite.
 ///

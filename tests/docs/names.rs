@@ -1,4 +1,4 @@
-//! Package names: the documentation uses those of the manifests, and points to no other project's package.
+//! Package names: the documentation uses the manifests' names, and points to no other project's package.
 
 use umo_tests::pages::{Table, files, root, tables};
 

@@ -112,7 +112,7 @@ fn an_interrupt_takes_gestures_away_and_a_reset_forgets_them() {
     alone.finish().unwrap();
     settle(&engine);
     let alone = pull(&alone);
-    // After the ease, the rotations are those of a stream without the gesture.
+    // After the ease, the rotations equal a stream's without the gesture.
     let joints = JOINTS * 4;
     assert_eq!(after.len(), alone.len() + 12);
     assert!(after[24..].iter().zip(&alone[12..]).all(|(a, b)| a.bits[..joints] == b.bits[..joints]));

@@ -52,7 +52,7 @@ fn mask() -> impl Strategy<Value = Mask> {
 /// Most multiply-adds of a drawn case: the f64 reference costs a little more.
 const MAX_WORK: usize = 800_000;
 
-/// Sizes around those of all functions of the back-end; the model's head width more often than
+/// Sizes around the tiles of all functions of the back-end; the model's head width more often than
 /// not.
 fn shape(isa: Isa) -> impl Strategy<Value = Shape> {
     let sizes =

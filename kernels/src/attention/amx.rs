@@ -345,7 +345,7 @@ impl<'a> Block<'a> {
         store(lanes, sum);
     }
 
-    /// Adds the sums of weights to those of earlier keys.
+    /// Adds the sums of weights to the sums over earlier keys.
     fn add_up(&mut self) {
         for ((softmax, sum), shrink) in self.softmaxes.iter_mut().zip(&self.sums).zip(&self.shrink) {
             softmax.sum = softmax.sum * shrink + sum;
@@ -453,7 +453,7 @@ fn upper_half(x: __m512) -> __m512 {
     _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), _mm512_set1_epi32(!0xffff)))
 }
 
-/// Combines the upper halves of `a`, as lower halves of the lanes, with those of `b`, as upper ones.
+/// Puts the upper halves of `a` into the lower halves of the lanes, and the upper halves of `b` into the upper ones.
 #[inline]
 #[avx512vnni]
 fn paired(a: __m512, b: __m512) -> __m512 {

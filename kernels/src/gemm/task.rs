@@ -10,7 +10,7 @@ use core::ops::Range;
 /// Packed weights of any type, so that tasks, and back-ends whose loops differ only in the
 /// load, are written once.
 pub(crate) trait Panels<'a>: Copy {
-    /// The weights of a panel that are adjacent in memory: those of one input, or of a
+    /// Adjacent weights of a panel in memory: the weights of one input, or of a
     /// pair.
     type Row: Copy + 'a;
     /// Outputs.

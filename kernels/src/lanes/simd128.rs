@@ -154,7 +154,7 @@ fn upper(value: Register) -> Register {
 /// Lanes of f64 half-way between two f32.
 #[inline]
 fn is_tie(value: v128) -> v128 {
-    /// The bits of an f64's fraction beyond those of an f32, and the highest of these.
+    /// The bits by which an f64's fraction exceeds an f32's, and the highest of them.
     const REST: u64 = (1 << 29) - 1;
     const HALF: u64 = 1 << 28;
     i64x2_eq(v128_and(value, u64x2_splat(REST)), u64x2_splat(HALF))

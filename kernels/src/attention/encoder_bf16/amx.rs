@@ -135,7 +135,7 @@ fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) 
 struct Block<'a> {
     q: Mat<'a, f32>,
     scale: f32,
-    /// Offset of the last query's biases; those of each earlier query start one element later.
+    /// Offset of the last query's biases; the biases of each earlier query start one element later.
     biases: usize,
     keys: usize,
 }
@@ -144,7 +144,7 @@ impl Block<'_> {
     /// Adds the contribution of these keys to the first rows of `y`, in `G` groups of
     /// queries. `others`: there were keys before these; `last`: there are none after.
     ///
-    /// While the tiles compute the scores of 32 keys, the registers scale those of the previous 32
+    /// While the tiles compute the scores of 32 keys, the registers scale the scores of the previous 32
     /// keys; while the tiles sum the values of 32 keys, the registers compute the
     /// weights of the next.
     #[avx512bf16]
@@ -311,8 +311,8 @@ fn softmax_weights(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &
     store(sums, _mm512_add_ps(so_far, _mm512_add_ps(a, b)));
 }
 
-/// Rounds two registers to one of bf16 values, to nearest, ties to even: first those of `a`, then
-/// those of `b`.
+/// Rounds two registers to one of bf16 values, to nearest, ties to even: first `a`, then
+/// `b`.
 #[inline]
 #[avx512bf16]
 fn round_to_bf16(a: __m512, b: __m512) -> __m512 {

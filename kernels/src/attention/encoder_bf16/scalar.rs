@@ -60,7 +60,7 @@ fn sum_of_products(len: usize, product: impl Fn(usize) -> f32) -> f32 {
     sum
 }
 
-/// The sum of weights: those of each pair of neighbouring 16 keys are added first.
+/// The sum of weights; in each pair of 16 keys, lanes are added first.
 fn sum(weights: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];
     for step in weights.chunks(STEP) {

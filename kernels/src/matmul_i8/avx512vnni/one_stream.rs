@@ -40,8 +40,8 @@ const fn distance(lead: Lead) -> usize {
     if lead == NEAR { 64 } else { 256 }
 }
 
-/// Whether rows are few, and short enough not to be converted repeatedly; also [`SHORT`], unless one stream is
-/// faster: then weights come from a cache.
+/// Whether rows are few, and short enough not to be converted repeatedly. If one stream is not faster, they must
+/// also be [`SHORT`], so that the weights come from a cache.
 pub(super) fn suits(x: &QuantInput, task: &GemmTask, tuning: Tuning) -> bool {
     let longest = if tuning.one_stream { QUADS } else { SHORT };
     (1..=ROWS).contains(&x.rows.rows()) && task.k() <= longest * QUAD

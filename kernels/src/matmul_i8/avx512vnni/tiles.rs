@@ -51,7 +51,7 @@ pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
     }
 }
 
-/// The product in tiles of `TILE` rows, of which `CONVERTED` are converted beforehand: all or none.
+/// The product in tiles of `TILE` rows, with a buffer for `CONVERTED` converted rows: `TILE` or 0.
 #[avx512vnni]
 fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let mut buffer = [[[0; QUAD]; QUADS + SPARE]; CONVERTED];
@@ -193,9 +193,9 @@ fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
     rows
 }
 
-/// The innermost tile: adds the products of quads of `rows`, offset already (`BIASED`) or when loaded,
-/// with those of panels to `R x P` `sums` in registers. Prefetches weights at the distance
-/// `ahead`, and the `next` panels, quad by quad.
+/// The innermost tile: multiplies quads of `rows`, offset already (`BIASED`) or when loaded, by quads of panels,
+/// and adds the products to `R x P` `sums` in registers. Prefetches weights at the distance `ahead`, and the `next`
+/// panels, quad by quad.
 #[inline]
 #[avx512vnni]
 fn multiply<const R: usize, const P: usize, const BIASED: bool>(
