@@ -36,8 +36,8 @@ const REGISTERS: usize = PANEL / OUTPUTS;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
-/// Number of quads of the longest row with a short buffer: clearing the largest buffer takes longer than a small
-/// product.
+/// Length of a row in quads, and number of rows, up to which a smaller buffer is used: clearing the largest takes
+/// longer than a small product.
 const SHORT: usize = 128;
 const FEW_ROWS: usize = 2;
 /// Quads in a buffer's row behind the inputs, to keep rows in different cache sets.
