@@ -19,7 +19,7 @@ use umo_kernels::Isa;
 use umo_self_test::motion::{self, Motion, Recorded, Records, difference, recorded_name};
 use umo_tests::for_each_isa;
 
-/// Instruction sets of which no recording of this model exists.
+/// Instruction sets without a recording of this model.
 const NOT_RECORDED: [&str; 1] = ["amx"];
 /// Frames that are compared, of about 90.
 const FRAMES: [usize; 10] = [0, 1, 5, 14, 15, 29, 44, 45, 61, 80];

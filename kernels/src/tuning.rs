@@ -44,8 +44,8 @@ impl Tuning {
         fast_bf16_dot: true,
     };
 
-    /// AMD Zen 4: as Zen 5, but with near prefetches, which make a decoder step a tenth faster, and without prefetches
-    /// where the hardware prefetcher is faster, by a fifth to a quarter.
+    /// AMD Zen 4: as Zen 5, but with near prefetches, which make a decoder step a tenth faster, and none for products
+    /// that its hardware prefetcher makes faster, by a fifth to a quarter.
     pub const ZEN4: Self = Self { near_prefetch: true, own_prefetch: true, ..Self::ZEN5 };
 
     /// Arm: one stream, which the hardware prefetchers follow. Not measured.

@@ -10,7 +10,7 @@ fn a_reset_session_is_a_new_one() {
     let wanted = offline(engine.model(), &session, &samples);
     let session = engine.session(&session).unwrap();
     for round in 0..4 {
-        // Once in the middle of a chunk, once with frames that nobody pulled, once after the end.
+        // Once in the middle of a chunk, once with frames left to pull, once after the end.
         assert_eq!(session.push_audio(&samples).unwrap().taken, samples.len());
         session.finish().unwrap();
         if round % 2 == 0 {

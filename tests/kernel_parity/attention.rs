@@ -1,5 +1,5 @@
-//! Attention against f64, exactly where the result can be known exactly; and the same bits alone
-//! and among other queries.
+//! Attention against f64, exactly if the result can be known exactly; and the same bits for a query
+//! alone and among others.
 
 use proptest::prelude::*;
 use umo_kernels::attention::{

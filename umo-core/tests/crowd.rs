@@ -97,7 +97,7 @@ impl Crowd {
                     let samples: Vec<f32> = (avatar.pushed..wanted).map(sound).collect();
                     avatar.pushed += avatar.session.push_audio(&samples).unwrap().taken;
                 } else {
-                    // A silent avatar continues later from the audio's position then.
+                    // A silent avatar resumes later at the audio's current position.
                     avatar.start = now.saturating_sub(avatar.pushed as u64 * MILLISECOND / 16);
                 }
                 let frames = &mut avatar.frames;
@@ -141,13 +141,13 @@ fn while_the_engine_keeps_up_a_limit_changes_no_bit() {
     }
 }
 
-/// Otherwise a poll could not keep its budget.
+/// Hearing all of them in one step would exceed a poll's budget.
 #[test]
 fn each_member_of_a_batch_is_heard_in_a_step_of_its_own() {
     let mut crowd = Crowd::in_batches(Some(Duration::ZERO), 3);
     crowd.go_on(1.0, FEW);
     assert_eq!(crowd.mouth_steps, 0, "nothing is held, and nothing heard");
-    // Three chunks cost as much as one does here: only late ones exceed the capacity.
+    // A batch of three costs as much as one chunk here: only late chunks exceed the capacity.
     crowd.nanos.fetch_add(3_000 * MILLISECOND, Ordering::Relaxed);
     crowd.go_on(4.0, MANY);
     assert!(crowd.held().iter().sum::<u64>() > 0);

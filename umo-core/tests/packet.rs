@@ -138,7 +138,7 @@ fn what_the_next_packet_says_again_is_not_lost() {
         for (target, run) in [(1, 2), (2, 1)] {
             let config = settings(&model, target, 3);
             let sent = send(&model, &config, 1, 2, false);
-            // Every third packet alone, or two of four in a row.
+            // Every third packet, or two of four in a row.
             let lost = |at: usize| if run == 1 { at % 3 == 1 } else { at % 4 == 1 || at % 4 == 2 };
             let last = sent.packets.len() - 1;
             let kept =

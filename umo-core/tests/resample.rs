@@ -140,7 +140,7 @@ fn rubato_resamples_alike() {
         let theirs = &out[theirs_delay..];
         let len = ours.len().min(theirs.len());
         assert!(len > 7 * chunk * rate_out / rate_in, "{rate_in} Hz to {rate_out} Hz: {len} samples to compare");
-        // The stream begins and ends within a wave, where the two filters differ.
+        // The stream begins and ends within a wave, so the two filters differ there.
         let edge = theirs_delay + 480 * rate_out.div_ceil(rate_in.min(rate_out));
         let pairs = ours[edge..len - edge].iter().zip(&theirs[edge..len - edge]);
         let error = pairs.fold(0.0_f32, |most, (x, y)| most.max((x - y).abs()));

@@ -30,7 +30,7 @@ pub(super) struct Chunk<'a> {
 }
 
 impl<'a> Chunk<'a> {
-    /// The existing ones of these slots, for `rows` rows in `tiles`, each of which
+    /// The part of `slots` that exists, for `rows` rows in `tiles`, each of which
     /// processes `group` panels at a time.
     pub(super) fn new(task: &'a GemmTask, slots: Range<usize>, rows: usize, (tiles, group): (usize, usize)) -> Self {
         let slots = slots.start..slots.end.min(task.slots());
