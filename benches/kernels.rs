@@ -157,7 +157,7 @@ struct Bench<'a> {
 
 impl Bench<'_> {
     /// Runs `op` on every back-end, compares its `len` outputs with the scalar ones, times it, and
-    /// prints its share of the peak.
+    /// prints its speed relative to the floor.
     fn compare(
         &mut self,
         (op, shape): (&str, &str),

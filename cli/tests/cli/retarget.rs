@@ -49,7 +49,7 @@ fn a_character_is_inspected_and_said_what_it_lacks() {
     }
     assert!(umo(&["inspect", &bvh]).success().out.contains("by SMPL-X names"));
     assert!(folder.refused(&["inspect", &glb, "--verify"]).contains("go with a model"));
-    // Data that the motion's file lacks is reported.
+    // The up axis, which the motion's file does not state, is reported if it is changed.
     let box_of = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters/");
     let [turned, boxes] = ["z_up.npz", "character.glb"].map(|name| format!("{box_of}{name}"));
     let ended = umo(&["retarget", &turned, "--onto", &boxes, "-o", &folder.at("out.glb")]).success();
