@@ -1,10 +1,10 @@
-//! Times the language model of one file beside that of another, in turn, so that both see the same
-//! machine: a step of the decoder, and a chunk (encoding 256 tokens, and its codes).
+//! Times the language models of two files alternately, so that both run under the same conditions:
+//! a decoder step, and a chunk (encoding 256 tokens, and its codes).
 //!
-//! Usage: `alternate MODEL[@PROFILE] OTHER[@PROFILE] [seconds per figure]`. A profile is `xeon`, `zen4` or `zen5`, for a
-//! side that is not computed with the processor's own tuning: one model with two profiles, for instance. Medians, and
-//! the medians of the ratios of neighbours: of wall time, and on Linux of the processor time of all threads, which
-//! other programs change less.
+//! Usage: `alternate MODEL[@PROFILE] OTHER[@PROFILE] [seconds per figure]`. A profile, `xeon`, `zen4` or `zen5`,
+//! replaces the processor's own tuning on its side, for instance to compare two profiles on one model. Prints medians,
+//! and medians of the ratios of neighbouring measurements: of wall time, and on Linux of the processor time of all
+//! threads, on which other programs have less influence.
 
 use std::error::Error;
 use std::path::Path;
@@ -15,10 +15,10 @@ use umo_core::{Compute, ModelFile, Team};
 use umo_kernels::Isa;
 use umo_kernels::tuning::Tuning;
 
-/// Steps that are timed together.
+/// Steps per measurement.
 const STEPS: usize = 10;
 
-/// A language model, and how it is computed.
+/// A language model, and its computing context.
 struct Side {
     language: Language,
     isa: Isa,
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Times `call` with both sides in turn.
+/// Times `call` on both sides alternately.
 fn report(
     name: &str,
     team: &Team,
@@ -99,7 +99,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Processor time of all threads of this process so far; 0 where the system does not tell it so.
+/// Processor time of all threads of this process so far; 0 if the system does not report it.
 fn processor_seconds() -> f64 {
     let of = |task: std::fs::DirEntry| {
         let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;

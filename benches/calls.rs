@@ -1,4 +1,4 @@
-//! What the calls of the audio and game threads cost, from C and from Rust: 10 ms of sound in, a
+//! Cost of the calls on the audio and game threads, from C and from Rust: 10 ms of sound in, a
 //! pose out, at three rates; the live mouth; and the layers over the decoders' frames.
 
 use std::hint::black_box;
@@ -36,7 +36,7 @@ fn ok(status: i32) {
     assert_eq!(status, UMO_STATUS_OK);
 }
 
-/// A session of the C interface whose engine computes only when it is asked to.
+/// A session of the C interface whose engine computes only when polled.
 struct Avatar {
     engine: *mut UmoEngine,
     session: *mut UmoSession,
@@ -46,42 +46,42 @@ struct Avatar {
 impl Avatar {
     fn new(rate: u32) -> Self {
         let (mut model, mut engine, mut session) = (null_mut::<UmoModel>(), null_mut(), null_mut());
-        // SAFETY: plain integers and pointers, zero in each of which is a value.
+        // SAFETY: plain integers and pointers, for which zero is a valid value.
         let (mut config, mut asked, mut layout): (UmoEngineConfig, UmoSessionConfig, UmoFrameLayout) =
             unsafe { std::mem::zeroed() };
         let (abi, data, size) = (umo::UMO_ABI_VERSION, MODEL.as_ptr().cast(), MODEL.len());
-        // SAFETY: the bytes are what they say, and the pointer is to a value of this function.
+        // SAFETY: pointer and size are of one slice, and the other pointer is to a local value.
         ok(unsafe { umo_model_load_memory(abi, data, size, std::ptr::null(), &raw mut model) });
-        // SAFETY: the pointer is to a value of this function, and the size is that value's.
+        // SAFETY: the pointer is to a local value, and the size is that value's.
         ok(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) });
         (config.mode, config.threads) = (UMO_ENGINE_POLLED, 1);
-        // SAFETY: the configuration was initialised, and the pointers are to values of this
-        // function.
+        // SAFETY: the configuration was initialised, and the pointers are to local
+        // values.
         ok(unsafe { umo_engine_new(model, &raw const config, &raw mut engine) });
-        // SAFETY: the pointer is to a value of this function, and the size is that value's.
+        // SAFETY: the pointer is to a local value, and the size is that value's.
         ok(unsafe { umo_session_config_init(&raw mut asked, size_of::<UmoSessionConfig>(), model) });
         asked.sample_rate = rate;
-        // SAFETY: the configuration was initialised, and the pointers are to values of this
-        // function.
+        // SAFETY: the configuration was initialised, and the pointers are to local
+        // values.
         ok(unsafe { umo_session_new(engine, &raw const asked, &raw mut session) });
-        // SAFETY: the pointer is to a value of this function, and the size is that value's.
+        // SAFETY: the pointer is to a local value, and the size is that value's.
         ok(unsafe { umo_frame_layout_init(&raw mut layout, size_of::<UmoFrameLayout>(), model) });
         Self { engine, session, layout }
     }
 
     fn push(&self, samples: &[f32]) -> i32 {
-        // SAFETY: the slice is what it says.
+        // SAFETY: pointer and length are of one slice.
         unsafe { umo_session_push_audio(self.session, samples.as_ptr(), samples.len(), null_mut()) }
     }
 
     fn compute(&self) {
-        // SAFETY: nothing is asked back.
+        // SAFETY: the output pointer may be null.
         ok(unsafe { umo_engine_poll(self.engine, u32::MAX, null_mut()) });
     }
 
     fn sample(&self, seconds: f64, room: &mut [u8]) {
         let (layout, frame) = (&raw const self.layout, room.as_mut_ptr().cast());
-        // SAFETY: the room is what it says.
+        // SAFETY: pointer and length are of the buffer.
         ok(unsafe { umo_session_sample_pose(self.session, seconds, layout, frame, room.len(), null_mut()) });
     }
 }
@@ -96,8 +96,8 @@ fn rust(rate: usize) -> (Engine, Session) {
     (engine, session)
 }
 
-/// What the layers cost: a tick of a figure that stands, every layer on and only one, and the pose
-/// between two ticks.
+/// Cost of the layers: a tick of an idle figure with every layer on and with a single one, and the
+/// pose between two ticks.
 fn layers(c: &mut Criterion) {
     let file = ModelFile::from_static(MODEL).expect("it is the default model");
     let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("it is whole"));
@@ -125,7 +125,7 @@ fn calls(c: &mut Criterion) {
         let avatar = Avatar::new(u32::try_from(rate).expect("a rate is small"));
         c.bench_function(&format!("push_audio/c/10 ms at {rate}"), |b| {
             b.iter(|| {
-                // The rings never fill: what was pushed before is dropped at once.
+                // Keeps the rings from filling: discards the pushed audio at once.
                 ok(umo_session_reset(avatar.session));
                 avatar.push(black_box(&samples))
             });
@@ -153,25 +153,25 @@ fn calls(c: &mut Criterion) {
     });
     c.bench_function("get_parameter/c", |b| {
         let mut value = 0.0;
-        // SAFETY: the value is this function's.
+        // SAFETY: the pointer is to a local value.
         b.iter(|| unsafe { umo_session_get_parameter(avatar.session, UMO_PARAMETER_GAIN_FACE, &raw mut value) });
     });
     c.bench_function("get_parameter/c/a handle that was made up", |b| {
         let mut value = 0.0;
         let none = std::ptr::without_provenance(0x1234_5673);
-        // SAFETY: the value is this function's.
+        // SAFETY: the pointer is to a local value.
         b.iter(|| unsafe { umo_session_get_parameter(none, UMO_PARAMETER_GAIN_FACE, &raw mut value) });
     });
 }
 
-/// The live mouth: one frame's worth of sound, three rows and one run of the network.
+/// The live mouth: one frame of audio, three feature rows and one run of the network.
 fn mouth(c: &mut Criterion) {
     let file = ModelFile::from_static(MODEL).expect("it is the default model");
     let isa = Isa::detect();
     let mouth = Mouth::load(&Loader::new(&file, Precision::Stored, isa)).expect("it is whole");
     let mouth = mouth.expect("the default model has a live mouth");
     let mut stream = MouthStream::new(&mouth);
-    // A third of the pushes has a sample more, so that three of them are a tenth of a second.
+    // Every third push has one more sample, so that three pushes are a tenth of a second.
     let samples: Vec<f32> = (0..1600_u16).map(|i| 0.2 * (f32::from(i) * 0.08).sin()).collect();
     let mut pieces = [&samples[..533], &samples[533..1066], &samples[1066..]].into_iter().cycle();
     c.bench_function(&format!("live_mouth/{}/33 ms", isa.name()), |b| {
@@ -182,8 +182,8 @@ fn mouth(c: &mut Criterion) {
     });
 }
 
-/// 10 ms of sound to 16 kHz, beside rubato: its sinc filter of the same length and delay, without
-/// interpolation where the rates have few phases, and its Fourier filter of 10 ms pieces.
+/// 10 ms of sound to 16 kHz, compared with rubato: its sinc filter of the same length and delay, without
+/// interpolation for rates with few phases, and its Fourier filter of 10 ms pieces.
 fn resampling(c: &mut Criterion) {
     for rate in [44_100, 48_000, 48_001] {
         let samples = vec![0.1; rate / 100];

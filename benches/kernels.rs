@@ -1,10 +1,10 @@
-//! Every operation on every back-end at the base model's shapes and an awkward one:
-//! `<op>/<isa>/<shape>`, each beside its floor, what one thread of the processor can do at most:
+//! Every operation on every back-end at the base model's shapes and an odd one:
+//! `<op>/<isa>/<shape>`, each with its floor, the limit of one thread of the processor:
 //! multiply-adds from registers, or reading as many bytes as the call reads and writes.
 //!
-//! Each is compared with the scalar reference before it is timed. Operands are the same in every
-//! call, so they are hot: what reads weights from memory is timed in `step.rs` and by
-//! `benches/peers`.
+//! Each result is compared with the scalar reference before it is timed. Operands are the same in
+//! every call and thus hot in cache: `step.rs` and `benches/peers` time weights read from
+//! memory.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -46,7 +46,7 @@ const PRODUCTS: [(usize, usize, usize); 10] = [
     (37, 131, 257),
 ];
 
-/// The same of a gate and as much beside it.
+/// Rows, outputs and inputs of gated products; the gate and the up weight each have these outputs.
 const GATED: [(usize, usize, usize); 5] =
     [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (117, 512, 256), (7, 45, 61)];
 
@@ -56,13 +56,13 @@ const ATTENTIONS: [(usize, usize, usize); 4] = [(256, 256, 64), (1, 256, 64), (3
 /// Rows, inner width and outer width of four experts.
 const EXPERTS: [(usize, usize, usize); 4] = [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (5, 61, 37)];
 
-/// HuBERT's first three convolutions and an odd one: frames, channels in and out, width, step.
+/// HuBERT's first three convolutions and an odd one: frames, channels in and out, kernel width, step.
 const CONVOLUTIONS: [(usize, usize, usize, usize, usize); 4] =
     [(8000, 1, 512, 10, 5), (600, 512, 512, 3, 2), (300, 512, 512, 2, 2), (61, 11, 37, 3, 2)];
 
 const SHAPES: &str = "shapes agree";
 
-/// Whether so many multiply-adds are timed: where benches run as tests, few are.
+/// Whether a shape with this many multiply-adds is timed: few are if benches run as tests.
 fn is_timed(macs: usize) -> bool {
     !is_test() || macs < 1 << 21
 }
@@ -88,58 +88,58 @@ fn steps(random: &mut Random, len: usize) -> AlignedBox<i8> {
     values
 }
 
-/// How fast multiply-adds come at best.
+/// Kind of a peak rate of multiply-adds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Unit {
     Int8,
     Float,
-    /// Both factors in bfloat16, where the back-end multiplies those faster; on tiles in so many
-    /// products.
+    /// Both factors in bfloat16 if the back-end multiplies those faster; on tiles, the number of
+    /// products per multiply-add.
     Rounded(u8),
-    /// f32, which tiles take in so many products of parts in bfloat16.
+    /// f32; tiles need this many products of bf16 parts.
     Parts(u8),
 }
 
-/// What a call has to do.
+/// Work of a call.
 #[derive(Clone, Copy, Debug)]
 struct Work {
     unit: Unit,
     macs: usize,
-    /// Read and written.
+    /// Bytes read and written.
     bytes: usize,
 }
 
 impl Work {
-    /// A product with weights of so many bytes each.
+    /// A product with weights of `each` bytes.
     fn product(unit: Unit, (m, n, k): (usize, usize, usize), each: usize) -> Self {
         Self { unit, macs: m * n * k, bytes: n * k * each }
     }
 
-    /// Values that are read and written.
+    /// Reads and writes `values` floats.
     fn floats(values: usize) -> Self {
         Self { unit: Unit::Float, macs: 0, bytes: 4 * values }
     }
 }
 
-/// What one thread can do, measured once.
+/// Peak rates of one thread, measured once.
 #[derive(Debug, Default)]
 struct Peaks {
-    /// Multiply-adds per second, where the back-end has an instruction.
+    /// Multiply-adds per second; `None` if the back-end has no instruction.
     macs: HashMap<(&'static str, Unit), Option<f64>>,
-    /// Bytes per second, of so many: the next power of two, so that few are measured.
+    /// Bytes per second for a buffer size, rounded up to a power of two to measure few sizes.
     read: HashMap<(&'static str, usize), f64>,
 }
 
 impl Peaks {
-    /// Seconds that `work` takes at least; none where the back-end has no instructions of its own.
+    /// Minimum time of `work` in seconds; `None` if the back-end has no instructions of its own.
     fn least(&mut self, isa: Isa, work: Work) -> Option<f64> {
         let per_second = *self.macs.entry((isa.name(), work.unit)).or_insert_with(|| match work.unit {
             Unit::Int8 => floor::int8(1, isa),
-            // A pair of bfloat16 in the place of four int8.
+            // A pair of bfloat16 takes the place of four int8.
             Unit::Rounded(products) | Unit::Parts(products) if isa.has_tiles() => {
                 floor::int8(1, isa).map(|peak| peak / 2.0 / f64::from(products))
             }
-            // The instruction takes two in the place of one.
+            // The instruction multiplies two in place of one.
             Unit::Rounded(_) if isa.multiplies_bf16() => floor::f32(1, isa).map(|peak| 2.0 * peak),
             _ => floor::f32(1, isa),
         });
@@ -156,8 +156,8 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Runs `op` on every back-end, compares its `len` outputs with the scalar one's, times it, and
-    /// prints its share.
+    /// Runs `op` on every back-end, compares its `len` outputs with the scalar ones, times it, and
+    /// prints its speed relative to the floor.
     fn compare(
         &mut self,
         (op, shape): (&str, &str),
@@ -165,7 +165,7 @@ impl Bench<'_> {
         (len, tolerance): (usize, f32),
         mut run: impl FnMut(Isa, &mut [f32]),
     ) {
-        /// Multiply-adds that scalar code takes a tenth of a second for.
+        /// Multiply-adds of scalar code in a tenth of a second.
         const LONG: usize = 1 << 26;
         let (mut wanted, mut y) = (AlignedBox::<f32>::zeroed(len), AlignedBox::<f32>::zeroed(len));
         run(Isa::SCALAR, &mut wanted);
@@ -212,19 +212,19 @@ impl Bench<'_> {
     }
 }
 
-/// Sums of `k` products of numbers below 1 in two orders differ by less than this.
+/// Bound on the difference of sums of `k` products of numbers below 1 in two orders.
 #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
 fn sums(k: usize) -> f32 {
     k as f32 * k as f32 * f32::EPSILON
 }
 
-/// The same where tiles round every input to 16 bits.
+/// The same bound if tiles round every input to 16 bits.
 #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
 fn bf16_sums(k: usize) -> f32 {
     sums(k) + k as f32 / 65_536.0
 }
 
-/// One weight as each product takes it.
+/// One weight in the format of each product.
 struct Weight {
     shape: (usize, usize),
     float: AlignedBox<f32>,
@@ -265,7 +265,7 @@ impl Weight {
     }
 }
 
-/// Rows as each product takes them.
+/// Rows in the format of each product.
 struct Rows {
     shape: (usize, usize),
     float: AlignedBox<f32>,
@@ -319,7 +319,7 @@ fn gated(bench: &mut Bench) {
         let (mut random, shape) = (Random::new(4), format!("{m}x{n}x{k}"));
         let (x, [gate, up]) = (Rows::new(&mut random, m, k), [(); 2].map(|()| Weight::new(&mut random, n, k)));
         let work = |unit, each| Work::product(unit, (m, 2 * n, k), each);
-        // The error of one factor times the other, which is some ten.
+        // The error of one factor times the other factor, about ten.
         let off = |sum: f32| (m * n, 16.0 * sum);
         bench.compare(("matmul_gated_f32", &shape), work(Unit::Float, 4), off(sums(k)), |isa, out| {
             matmul_gated_f32(isa, x.float(), gate.float(), up.float(), matrix(out, m, n)).expect(SHAPES);
@@ -333,8 +333,8 @@ fn gated(bench: &mut Bench) {
     }
 }
 
-/// Rows to two of four experts each: the router's softmax and sorting, then each expert's gated
-/// product of the rows that it gathers, and the product that it scatters.
+/// Routes rows to two of four experts each: the router's softmax and sorting, then each expert's gated
+/// product of its gathered rows and its scattered down product.
 fn experts(bench: &mut Bench) {
     const EACH: usize = 2;
     for (m, inner, outer) in chosen(EXPERTS) {
@@ -397,7 +397,7 @@ fn attention(bench: &mut Bench) {
             attention_bf16(isa, operands, matrix(out, m, width)).expect(SHAPES);
         });
         if m == n {
-            // With factors in bfloat16 all back-ends have the same bits.
+            // With bfloat16 factors all back-ends have the same bits.
             for (op, unit, attention, tolerance) in [
                 ("encoder_attention_f32", Unit::Parts(6), encoder_attention_f32 as EncoderAttention, sums(width)),
                 ("encoder_attention_bf16", Unit::Rounded(1), encoder_attention_bf16, 0.0),
@@ -436,8 +436,8 @@ fn convolutions(bench: &mut Bench) {
             matmul_i8(isa, rows, None, w.int8(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
         });
     }
-    // HuBERT's convolution of positions, over 3 s of frames with as many zeros around as it needs;
-    // and an odd one.
+    // HuBERT's position convolution over 3 s of frames with its zero padding, and an odd
+    // one.
     for (frames, dim, groups, kernel) in [(277, 768, 16, 128), (19, 15, 3, 5)] {
         let (m, group) = (frames_out(frames, kernel, 1), dim / groups);
         if !is_timed(m * dim * kernel * group) {
@@ -463,7 +463,7 @@ fn rows(bench: &mut Bench) {
         let (mut random, shape) = (Random::new(3), format!("{m}x{n}"));
         let (values, weight, shift) = (floats(&mut random, m * n), floats(&mut random, n), floats(&mut random, n));
         let x = Mat::new(&values, m, n).expect(SHAPES);
-        // Read and written.
+        // Values read and written.
         let through = Work::floats(2 * m * n);
         bench.compare(("filter::dot", &shape), Work::floats(m * n + n), (m, 1e-2), |isa, out| {
             for (t, out) in out.iter_mut().enumerate().take(m) {
@@ -487,8 +487,8 @@ fn rows(bench: &mut Bench) {
                 *out = both;
             }
         });
-        // What works where its values lie gets them by a copy first, which is timed with it and
-        // counts for all that must be moved.
+        // In-place operations work on a copy, which is timed with them and counts towards the
+        // bytes moved.
         let in_place = through;
         bench.compare(("channel_affine", &shape), in_place, (m * n, 1e-5), |isa, out| {
             out.copy_from_slice(&values);

@@ -1,5 +1,5 @@
-//! The parts of a chunk that are timed: encoding, one step of the decoder, both together, HuBERT,
-//! and in layout `frames` the depth network; and the whole of it, by the default model.
+//! The timed parts of a chunk: encoding, one decoder step, both together, HuBERT,
+//! and in layout `frames` the depth network; and a whole chunk of the default model.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -27,7 +27,7 @@ pub const TOKENS: usize = 256;
 const SECONDS: usize = 3;
 const OK: &str = "the model and its input are sound";
 
-/// An avatar of the default model that is given speech.
+/// An avatar of the default model with speech as input.
 #[derive(Debug)]
 pub struct Speaker {
     engine: Engine,
@@ -36,7 +36,7 @@ pub struct Speaker {
 }
 
 impl Speaker {
-    /// Loads the default model, for so many threads.
+    /// Loads the default model for this many threads.
     pub fn load(threads: usize) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
         let file = ModelFile::open(&path).expect(OK);
@@ -58,7 +58,7 @@ impl Speaker {
         Self { engine, avatar, chunk }
     }
 
-    /// A chunk, from samples to frames.
+    /// Computes a chunk, from samples to frames.
     pub fn chunk(&mut self) {
         self.avatar.push_audio(&self.chunk).expect("there is room");
         while self.engine.poll(Duration::MAX).expect("the host polls") != Poll::Idle {}
@@ -66,7 +66,7 @@ impl Speaker {
     }
 }
 
-/// The language model with random input, and where its results go.
+/// The language model with random input and buffers for its results.
 #[derive(Debug)]
 pub struct Language {
     config: Config,
@@ -79,12 +79,12 @@ pub struct Language {
     generator: Generator,
     codes: PerPart<Vec<u16>>,
     logits: Vec<f32>,
-    /// Positions of the decoder that have been taken.
+    /// Decoder positions computed so far.
     at: usize,
 }
 
 impl Language {
-    /// Loads the model's language model as the file has it.
+    /// Loads the language model in the file's own precision.
     pub fn load(file: &ModelFile) -> Self {
         let config = file.config().clone();
         let lengths = Lengths { encoder: TOKENS, decoder: Lengths::of(&config).decoder };
@@ -106,7 +106,7 @@ impl Language {
         }
     }
 
-    /// Codes of one chunk.
+    /// Number of codes of one chunk.
     pub fn codes(&self) -> usize {
         4 * self.config.target
     }
@@ -116,7 +116,7 @@ impl Language {
         self.lm.encode(cx, &mut self.scratch, &self.ids, &[TOKENS], &mut self.hidden).expect(OK);
     }
 
-    /// One step of the decoder and the scores of one part's codes, after the tokens were encoded.
+    /// Runs one decoder step and the logits of one part's codes; the tokens must be encoded.
     pub fn step(&mut self, cx: Compute) {
         if self.at == self.lengths.decoder {
             let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
@@ -129,8 +129,8 @@ impl Language {
         self.at += 1;
     }
 
-    /// Encodes the tokens and generates as many codes as a chunk has greedily, one after the other
-    /// and nothing else: what a decoder without markers does.
+    /// Encodes the tokens and generates a chunk's number of codes greedily, one after the other, as a
+    /// decoder without markers does.
     pub fn steps(&mut self, cx: Compute) {
         self.encode(cx);
         let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
@@ -147,8 +147,8 @@ impl Language {
         self.at = self.lengths.decoder;
     }
 
-    /// Encodes the tokens and generates a chunk's codes greedily, with the markers that stand
-    /// between its parts.
+    /// Encodes the tokens and generates a chunk's codes greedily, with the markers between its
+    /// parts.
     pub fn chunk(&mut self, cx: Compute) {
         self.encode(cx);
         let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
@@ -161,7 +161,7 @@ impl Language {
     }
 }
 
-/// The depth network with one random state of the decoder for each avatar.
+/// The depth network with one random decoder state for each avatar.
 #[derive(Debug)]
 pub struct Depth {
     net: DepthNet,
@@ -176,7 +176,7 @@ pub struct Depth {
 }
 
 impl Depth {
-    /// Loads the model's depth network as the file has it, for so many avatars.
+    /// Loads the depth network in the file's own precision, for this many avatars.
     pub fn load(file: &ModelFile, avatars: usize) -> Self {
         let config = file.config();
         let mut random = Random::new(6);
@@ -197,12 +197,12 @@ impl Depth {
         }
     }
 
-    /// Codes of a keyframe.
+    /// Number of codes of a keyframe.
     pub fn codes(&self) -> usize {
         self.net.codes()
     }
 
-    /// Draws the codes of one keyframe of every avatar, as a stream does.
+    /// Samples the codes of one keyframe of every avatar, as a stream does.
     pub fn draw(&mut self, cx: Compute) {
         let mut first = 0;
         while first < self.tasks.len() {
@@ -222,7 +222,7 @@ pub struct Audio {
 }
 
 impl Audio {
-    /// Loads the model's tokenizer as the file has it.
+    /// Loads the tokenizer in the file's own precision.
     pub fn load(file: &ModelFile) -> Self {
         let mut random = Random::new(5);
         Self {
@@ -231,37 +231,37 @@ impl Audio {
         }
     }
 
-    /// How many samples there are.
+    /// Number of samples.
     pub fn samples(&self) -> usize {
         self.samples.len()
     }
 
-    /// Their features.
+    /// Computes the features.
     pub fn features(&self, cx: Compute) {
         self.tokenizer.features(cx, &self.samples).expect(OK);
     }
 }
 
-/// Memory that is read as fast as it can be, by the same threads: what a decoder's step is measured
-/// against.
+/// Reading memory at full bandwidth on the same threads: the lower bound of a decoder
+/// step's time.
 #[derive(Debug)]
 pub struct Reading {
     memory: AlignedBox<i8>,
-    /// What is fastest on this processor.
+    /// The fastest order on this processor.
     order: peak::Order,
-    /// Where the last call ended.
+    /// Position where the last call ended.
     at: usize,
 }
 
 impl Reading {
-    /// As much memory as the decoder's weights take, in huge pages.
+    /// Allocates as much memory as the decoder's weights take, in huge pages.
     pub fn new() -> Self {
         let mut memory = AlignedBox::<i8>::zeroed(READ_BYTES);
         memory.fill(1);
         Self { memory, order: floor::faster_order(1, isa(), READ_BYTES).0, at: 0 }
     }
 
-    /// Reads the next `bytes`, each thread a piece of them.
+    /// Reads the next `bytes`, divided among the threads.
     pub fn read(&mut self, cx: Compute, bytes: usize) {
         if self.at + bytes > self.memory.len() {
             self.at = 0;

@@ -1,9 +1,9 @@
-//! How long a host that lends little time at once waits for it: `polls [held] [SESSIONS [MICROSECONDS]] [MODEL…]`. Every session's
-//! chunk becomes due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until nothing is
-//! due. With a budget of 0 every poll is one step, and a line for each kind says how long its steps are. With `held` all
-//! chunks are so late that their bodies are held.
+//! Waiting times of a host that polls with small budgets: `polls [held] [SESSIONS [MICROSECONDS]] [MODEL…]`. The chunks
+//! of all sessions become due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until
+//! nothing is due. With a budget of 0 every poll is one step, and each kind of step has a line with its durations. With
+//! `held` all chunks are so late that their bodies are frozen.
 //!
-//! Where the system says it, times are the processor's for this thread, so that other programs on the core do not count.
+//! Times are this thread's processor time if the system reports it, so that other programs on the core do not count.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,13 +18,13 @@ use umo_core::session::{Session, SessionConfig};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Chunks whose polls are timed, of all sessions together, and the most and the least of each, after as many that are not.
+/// Timed chunks of all sessions together, and their limits per session; as many come before, untimed.
 const CHUNKS: usize = 640;
 const MOST: usize = 20;
 const LEAST: usize = 3;
-/// Chunks after which every body is held, where all are late.
+/// Number of chunks after which every body is frozen if all are late.
 const UNTIL_HELD: usize = 20;
-/// How many more of each session are due then at once, and the time from one such moment to the next, nanoseconds.
+/// Number of further chunks of each session then due at once, and the nanoseconds between two such moments.
 const MORE: usize = 2;
 const LATE: u64 = 10_000_000_000;
 
@@ -96,7 +96,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Half a second of sound, or what a chunk is, for every session.
+/// Pushes half a second of sound, or a chunk of it, to every session.
 fn speak(avatars: &[Session], samples: usize) -> Result<(), Box<dyn std::error::Error>> {
     let sound: Vec<f32> = (0u16..).take(samples).map(|i| (f32::from(i) * 0.03).sin() * 0.3).collect();
     for avatar in avatars {
@@ -113,10 +113,10 @@ fn report(what: &str, mut times: Vec<Duration>, chunks: u32) {
     println!("  {what}: {} times, {sum:.2?} a chunk, p50 {half:.2?}, p99 {p99:.2?}, most {most:.2?}", times.len());
 }
 
-/// What [`now`] counts.
+/// Meaning of the times of [`now`].
 const OF: &str = if cfg!(target_os = "linux") { "of the thread's own" } else { "elapsed" };
 
-/// The processor time of the calling thread, or where the system does not say it, the time since the program began.
+/// Processor time of the calling thread, or if the system does not report it, the time since the program began.
 fn now() -> Duration {
     #[cfg(target_os = "linux")]
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);

@@ -1,4 +1,4 @@
-//! What int8 costs: the numbers of `docs/quantization.md`.
+//! Errors due to int8: the numbers of `docs/quantization.md`.
 //!
 //! ```text
 //! quantization errors MODEL               error of weights and products, per kind of tensor, int8 and bf16
@@ -32,7 +32,7 @@ use umo_kernels::{Bf16, Mat};
 
 type Done = Result<(), Box<dyn Error>>;
 
-/// Outlier channels per feed-forward, and how much larger they are than the others.
+/// Number of outlier channels per feed-forward, and their size relative to the others.
 const OUTLIERS: usize = 4;
 const FACTOR: f32 = 64.0;
 
@@ -58,7 +58,7 @@ fn relative(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
     (error / f64::max(size, f64::MIN_POSITIVE)).sqrt()
 }
 
-/// Squared errors of one kind of tensor, gathered over its tensors.
+/// Squared errors of one kind of tensor, summed over its tensors.
 #[derive(Default)]
 struct Kinds {
     tensors: usize,
@@ -67,13 +67,13 @@ struct Kinds {
     errors: [f64; 6],
 }
 
-/// Which row of the table a tensor belongs to: its name without numbers.
+/// Row of the table for a tensor: its name without numbers.
 fn kind(name: &str) -> String {
     let words: Vec<&str> = name.split('.').filter(|word| word.parse::<usize>().is_err()).collect();
     words.join(".").replace(".weight", "").replace("layer.", "").replace("block.", "")
 }
 
-/// Prints the table of errors per kind of product; some rows of each tensor stand for all.
+/// Prints the table of errors per kind of product; a sample of each tensor's rows stands for all.
 fn errors(file: &ModelFile) -> Done {
     const ROWS: usize = 48;
     const INPUTS: usize = 16;
@@ -100,7 +100,7 @@ fn errors(file: &ModelFile) -> Done {
         let y = products(&x, &exact, k);
         let error = |x: &[f32], w: &[f32]| relative(y.iter().copied().zip(products(x, w, k)));
         let weights = |w: &[f32]| relative(exact.iter().zip(w).map(|(&a, &b)| (f64::from(a), f64::from(b))));
-        // The outliers' own weights are as much smaller, so that the product is the same.
+        // The weights that read the outliers are smaller by the same factor, so that the product is the same.
         let mut unplanted = exact.clone();
         for channel in (0..OUTLIERS).map(|i| (2 * i + 1) * k / (2 * OUTLIERS)) {
             unplanted.iter_mut().skip(channel).step_by(k).for_each(|v| *v /= FACTOR);
@@ -129,8 +129,8 @@ fn errors(file: &ModelFile) -> Done {
     Ok(())
 }
 
-/// What a product reads: normed rows, or in the second half of a gated feed-forward a product of
-/// two such numbers.
+/// A random input of a product: normalised rows, or for the down product of a gated feed-forward, products
+/// of two such numbers.
 fn input(random: &mut Random, gated: bool) -> f32 {
     if !gated {
         return random.normal();
@@ -139,7 +139,7 @@ fn input(random: &mut Random, gated: bool) -> f32 {
     0.5 * gate * (1.0 + (0.797_884_6 * (gate + 0.044_715 * gate * gate * gate)).tanh()) * random.normal()
 }
 
-/// Rows rounded to int8 steps and back.
+/// Rows rounded to int8 codes and back.
 fn rounded(values: &[f32], k: usize) -> Result<Vec<f32>, Box<dyn Error>> {
     let mut steps = vec![0; k];
     let mut out = Vec::with_capacity(values.len());
@@ -155,8 +155,8 @@ fn products(x: &[f32], w: &[f32], k: usize) -> Vec<f64> {
     x.chunks_exact(k).flat_map(|x| w.chunks_exact(k).map(move |w| dot(x, w))).collect()
 }
 
-/// Writes a model whose feed-forwards have a few hidden channels [`FACTOR`] times as large as
-/// before, and weights behind them as much smaller: powers of two, so that in f32 it is the same
+/// Writes a model whose feed-forwards have a few hidden channels [`FACTOR`] times as large, and
+/// the weights behind them smaller by the same factor, a power of two, so that in f32 it is the same
 /// function.
 fn plant(file: &ModelFile, out: &str) -> Done {
     let specs = layout::specs(file.config(), true);
@@ -197,7 +197,7 @@ fn planted(name: &str, shape: &[usize], values: &mut [f32]) {
     }
 }
 
-/// What one model makes of the prompts.
+/// Outputs of one model for the prompts.
 #[derive(Clone)]
 struct Answers {
     /// Encoder states.
@@ -208,10 +208,10 @@ struct Answers {
     codes: Vec<u16>,
 }
 
-/// Prompts of random units and codes, the same for every model.
+/// Number of prompts of random units and codes, the same for every model.
 const PROMPTS: u64 = 12;
 
-/// Prints how far models differ from the first.
+/// Prints the differences of models from the first.
 fn agreement(models: &[&str]) -> Done {
     let team = Team::new(2)?;
     println!(
@@ -220,7 +220,7 @@ fn agreement(models: &[&str]) -> Done {
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     let mut reference: Option<Answers> = None;
     for (i, model) in models.iter().enumerate() {
-        // The reference in full precision, the others as they are stored.
+        // The reference in full precision, the others in their stored types.
         let (model, precision) = match model.rsplit_once(':') {
             Some((model, "int8")) => (model, Precision::Int8),
             Some((model, "bf16")) => (model, Precision::Bf16),
@@ -250,7 +250,7 @@ fn agreement(models: &[&str]) -> Done {
     Ok(())
 }
 
-/// Index of the largest.
+/// Index of the largest value.
 fn best(values: &[f32]) -> usize {
     (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or_default()
 }
@@ -324,7 +324,7 @@ fn forced_ids(config: &Config, random: &mut Random) -> (Vec<u32>, Vec<(Part, usi
     (ids, rows)
 }
 
-/// Prints how many audio units of a recording differ from the first model's.
+/// Prints the number of audio units of a recording that differ from the first model's.
 fn units(models: &[&str], wav: &str) -> Done {
     let wav = umo_audio_file::read(Path::new(wav))?;
     let team = Team::new(2)?;

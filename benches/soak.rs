@@ -1,10 +1,10 @@
-//! Avatars that speak for a long time: is any frame late, does memory grow, how long do chunks
-//! take?
+//! Long-running test of speaking avatars: late frames, memory growth, durations of
+//! chunks.
 //!
-//! `soak [--seconds S] [--sessions N] [--threads T] [--model M] [--real]`: with `--real` as an
-//! application would do it, an audio thread and a game thread beside the engine's own threads.
+//! `soak [--seconds S] [--sessions N] [--threads T] [--model M] [--real]`: with `--real` like an
+//! application, with an audio thread and a game thread beside the engine's own threads.
 //! Without it, on a simulated clock that runs while the engine computes and jumps to the next event
-//! when it has nothing to do: an hour takes a minute or two. Ends with exit code 1 where a frame
+//! when it is idle: an hour takes a minute or two. Exits with code 1 if a frame
 //! was late or memory has grown.
 
 #[path = "../umo-core/tests/counting/mod.rs"]
@@ -30,7 +30,7 @@ const PIECE: usize = RATE / 100 * 2;
 const AUDIO_NANOS: u64 = 10_000_000;
 /// The game draws 60 times a second.
 const GAME_NANOS: u64 = 16_666_667;
-/// Each avatar stops speaking for as long in every turn, and is interrupted once in many.
+/// Avatars pause equally long in every turn, and are interrupted once in many turns.
 const TURN_SECONDS: u64 = 11;
 const PAUSE_SECONDS: u64 = 2;
 const INTERRUPT_SECONDS: u64 = 37;
@@ -121,7 +121,7 @@ struct Avatar {
 }
 
 impl Avatar {
-    /// What its voice does in the 10 ms from `now` on.
+    /// The avatar's audio and calls in the 10 ms from `now` on.
     fn speak(&self, now: u64, audio: &[f32]) {
         let (second, piece) = (now / 1_000_000_000 + 3 * self.which, now / AUDIO_NANOS);
         if piece % (100 * INTERRUPT_SECONDS) == 100 * self.which + 50 {
@@ -133,7 +133,7 @@ impl Avatar {
         }
     }
 
-    /// What is drawn of it at `now`: every other one at the game's own rate.
+    /// Shows the avatar at `now`: every second avatar at the game's own rate.
     fn draw(&self, now: u64) {
         if self.which.is_multiple_of(2) {
             self.session.pull_frames(usize::MAX, |_| ()).expect("the session runs");
@@ -153,7 +153,7 @@ struct Soak {
 }
 
 impl Soak {
-    /// Time goes on by what computing takes, a layer at a time; where there is nothing to compute,
+    /// Advances the clock by the computing time, one layer at a time; if nothing is to be computed,
     /// to the next event.
     fn simulated(&self) {
         let (mut now, mut audio, mut frame) = (0, 0, 0);
@@ -176,7 +176,7 @@ impl Soak {
         }
     }
 
-    /// An audio thread and a game thread; calls of the allocator from the first push to the last
+    /// Runs an audio thread and a game thread; returns the allocator calls from the first push to the last
     /// pull.
     fn real(&self) -> usize {
         let (gate, speaking) = (&Barrier::new(3), &AtomicBool::new(true));
@@ -209,9 +209,9 @@ impl Soak {
                 })
                 .expect("a thread can be started");
             gate.wait();
-            // The threads that loaded the model come to rest.
+            // Lets the threads that loaded the model become idle.
             std::thread::sleep(Duration::from_millis(500));
-            // Whoever traces this process looks for these two lines.
+            // Tracers of this process look for these two lines.
             eprintln!("the steady phase begins");
             let calls = allocator_calls(|| {
                 gate.wait();
@@ -223,7 +223,7 @@ impl Soak {
         })
     }
 
-    /// Prints what the avatars went through; frames that were late.
+    /// Prints the avatars' statistics; returns the number of late frames.
     fn report(&self) -> u64 {
         let stats: Vec<_> = self.avatars.iter().map(|avatar| avatar.session.stats()).collect();
         let sum = |of: fn(&umo_core::session::Stats) -> u64| stats.iter().map(of).sum::<u64>();
@@ -247,8 +247,8 @@ impl Soak {
     }
 }
 
-/// Calls `work` with the nanoseconds since the start, every `period` of them, as long as it says
-/// so.
+/// Calls `work` with the nanoseconds since the start, every `period` of them, while it returns
+/// true.
 fn every(period: u64, mut work: impl FnMut(u64) -> bool) {
     let start = Instant::now();
     let mut now = 0;
@@ -268,7 +268,7 @@ fn speech() -> Vec<f32> {
     (0..20 * RATE * 2).map(sample).collect()
 }
 
-/// KiB of memory that the process has now, where the system says it.
+/// Resident memory of the process, KiB, if the system reports it.
 fn resident() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;

@@ -1,5 +1,5 @@
-//! How large a session's state is, and how long it takes to save and to restore it: `state MODEL…`, for a session at 48 kHz in
-//! the middle of speech, and for one whose rings are full. Medians of 300.
+//! Size of a session's state and time to save and restore it: `state MODEL…`, for a session at 48 kHz in
+//! the middle of speech, and for one with full rings. Medians of 300.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use umo_core::session::{Session, SessionConfig};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Saves and restores that a median is of.
+/// Number of saves and restores per median.
 const TIMES: usize = 300;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Pushes sound and computes what is due; sample frames that were taken.
+/// Pushes sound and computes the due chunks; returns the sample frames taken.
 fn speak(engine: &Engine, session: &Session, frames: u16) -> Result<usize, Box<dyn std::error::Error>> {
     let samples: Vec<f32> = (0..frames).map(|i| (f32::from(i) * 0.03).sin() * 0.3).collect();
     let pushed = session.push_audio(&samples)?;

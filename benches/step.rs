@@ -1,9 +1,9 @@
-//! The parts of a chunk at base size, in int8, on one and two threads, beside the floor of each:
-//! the bytes that it must read at the bandwidth, and the multiply-adds that it must do at the peak,
+//! The parts of a chunk at base size, in int8, on one and two threads, each with its floor:
+//! the bytes that it must read over the bandwidth, and its multiply-adds over the peak,
 //! measured in the same run.
 //!
-//! The models are those of `UMO_BENCH_MODEL` and, for the depth network, `UMO_BENCH_FRAMES`, or
-//! random ones that are made once under `target/`; where benches run as tests they are small, and
+//! The models are at `UMO_BENCH_MODEL` and, for the depth network, `UMO_BENCH_FRAMES`, or
+//! random ones that are made once under `target/`; if benches run as tests they are small, and
 //! the floors are left out.
 
 use std::cell::RefCell;
@@ -15,7 +15,7 @@ use umo_benches::{frames_model, isa, machine, model};
 use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::{Compute, ModelFile, Team};
 
-/// Times `call` under `name` and prints the median beside the floor of what it does in turn.
+/// Times `call` under `name` and prints the median and the floor of its sequence of operations.
 fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floor], mut call: impl FnMut()) {
     let times = RefCell::new(Vec::new());
     c.bench_function(name, |b| {
@@ -79,8 +79,8 @@ fn tokenizer(c: &mut Criterion, file: &ModelFile) {
     }
 }
 
-/// The codes of a keyframe: of one avatar, and of as many as one thread takes through the network
-/// together.
+/// The codes of a keyframe: of one avatar, and of the largest number that one thread takes through the
+/// network together.
 fn depth(c: &mut Criterion) {
     let file = frames_model();
     let machine = machine(1, floor::depth_layers(file.config(), Stored::Int8));

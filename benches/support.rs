@@ -1,5 +1,5 @@
-//! What the benches and measurements share: random numbers, models, and what the processor can do
-//! at most.
+//! Shared parts of the benches and measurements: random numbers, models, and the processor's
+//! peak rates.
 
 pub mod parts;
 
@@ -9,7 +9,7 @@ use umo_core::ModelFile;
 use umo_core::floor::Machine;
 use umo_kernels::Isa;
 
-/// Memory that the bandwidth is measured over: as much as the decoder's weights take.
+/// Memory over which the bandwidth is measured: the size of the decoder's weights.
 pub const READ_BYTES: usize = 384 << 20;
 
 /// Numbers from a counter: SplitMix64 (Steele, Lea, Flood 2014).
@@ -17,7 +17,7 @@ pub const READ_BYTES: usize = 384 << 20;
 pub struct Random(u64);
 
 impl Random {
-    /// A stream of numbers of its own for every seed.
+    /// Makes an independent stream of numbers for every seed.
     pub fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0xA076_1D64_78BD_642F))
     }
@@ -31,19 +31,19 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Below `limit`, which is far below 2^64.
+    /// A number below `limit`, which is far below 2^64.
     #[expect(clippy::cast_possible_truncation, reason = "below a `usize`")]
     pub fn below(&mut self, limit: usize) -> usize {
         (self.bits() % limit as u64) as usize
     }
 
-    /// In -1..1.
+    /// A number in -1..1.
     #[expect(clippy::cast_precision_loss, reason = "24 bits fit an f32")]
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1_u32 << 23) as f32 - 1.0
     }
 
-    /// Normally distributed with variance 1 (Box and Muller 1958).
+    /// A normally distributed number with variance 1 (Box and Muller 1958).
     pub fn normal(&mut self) -> f32 {
         let (radius, angle) = (self.unit().abs().max(f32::MIN_POSITIVE), self.unit());
         (-2.0 * radius.ln()).sqrt() * (std::f32::consts::PI * angle).cos()
@@ -66,19 +66,19 @@ pub fn isa() -> Isa {
     Isa::from_name(&name).unwrap_or_else(|| panic!("UMO_ISA: this processor does not have {name}"))
 }
 
-/// What the processor can do with so many threads, of which each reads `cache_bytes` again and again, unless benches
-/// run as tests.
+/// Peak rates of the processor with this many threads, each of which reads `cache_bytes` repeatedly; `None` if
+/// benches run as tests.
 pub fn machine(threads: usize, cache_bytes: usize) -> Option<Machine> {
     (!is_test()).then(|| Machine::measure(threads, isa(), READ_BYTES, cache_bytes))
 }
 
-/// The model of layout `parts` at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size,
-/// or small where benches run as tests.
+/// The model of layout `parts` at `UMO_BENCH_MODEL`, or a random one with int8 weights: of base size,
+/// or small if benches run as tests.
 pub fn model() -> ModelFile {
     open("UMO_BENCH_MODEL", "parts", "bench-base-int8.safetensors")
 }
 
-/// The same of layout `frames`, at `UMO_BENCH_FRAMES`.
+/// The same for layout `frames`, at `UMO_BENCH_FRAMES`.
 pub fn frames_model() -> ModelFile {
     open("UMO_BENCH_FRAMES", "frames", "bench-base-frames-int8.safetensors")
 }
@@ -86,7 +86,7 @@ pub fn frames_model() -> ModelFile {
 fn open(variable: &str, layout: &str, name: &str) -> ModelFile {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     if let Some(path) = std::env::var_os(variable) {
-        // Cargo runs benches in their package's folder; a path on its command line is of the repository's.
+        // Cargo runs benches in their package's folder; paths on its command line are relative to the repository.
         return ModelFile::open(&root.join(path)).unwrap_or_else(|error| panic!("{variable}: {error}"));
     }
     if is_test() {

@@ -1,5 +1,5 @@
 //! The C interface, from C: programs in `tests/capi` and `examples/c`, compiled by the machine's C
-//! compiler against the header and the libraries as they are built. What needs more than that is in
+//! compiler against the header and the built libraries. Tests that need more than that are in
 //! `scripts/test-hosts`.
 #![cfg(unix)]
 
@@ -13,15 +13,15 @@ use tempfile::TempDir;
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
 
-/// Where the libraries and the program are, built as this test is, and a place for what is
-/// compiled.
+/// Paths of the libraries and the program, built with this test's profile, and a folder for
+/// compiled programs.
 struct Built {
     folder: PathBuf,
     place: TempDir,
 }
 
 static BUILT: LazyLock<Built> = LazyLock::new(|| {
-    // This test is `FOLDER/deps/capi-…`, wherever that is.
+    // This test is `FOLDER/deps/capi-…`, whatever `FOLDER` is.
     let own = std::env::current_exe().expect("this test is a file");
     let folder = own.ancestors().nth(2).expect("it lies in a folder of the build").to_owned();
     let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
@@ -45,18 +45,18 @@ enum Link {
     None,
 }
 
-/// The C compiler that the machine has.
+/// The machine's C compiler.
 fn cc() -> Command {
     strict(Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into())))
 }
 
-/// A compiler, strictly.
+/// The compiler with strict warnings as errors.
 fn strict(mut cc: Command) -> Command {
     cc.args(["-Wall", "-Wextra", "-Werror", "-pedantic", "-I"]).arg(format!("{ROOT}/include"));
     cc
 }
 
-/// Compiles a program, strictly.
+/// Compiles a program with strict warnings.
 fn compile(source: &str, link: Link) -> PathBuf {
     let Built { folder, place } = &*BUILT;
     let kind = if link == Link::Static { "static" } else { "shared" };
@@ -79,7 +79,7 @@ fn compile(source: &str, link: Link) -> PathBuf {
     program
 }
 
-/// Runs a program, which must be content.
+/// Runs a program and asserts that it succeeds.
 fn run(program: &Path, arguments: &[&Path]) {
     let done = Command::new(program).args(arguments).output().expect("it was compiled");
     let said = String::from_utf8_lossy(&done.stderr);
@@ -149,7 +149,7 @@ fn the_c_programs_of_the_documentation_compile_as_c99_and_run() {
     let mut pages = vec!["README.md".to_owned()];
     for entry in std::fs::read_dir(format!("{ROOT}/docs")).expect("docs is there") {
         let name = entry.expect("it can be read").file_name().into_string().expect("names are ASCII");
-        // The reference has declarations of umo.h, which is compiled by itself.
+        // The reference repeats declarations of umo.h, which is compiled on its own.
         if name.ends_with(".md") && name != "c-reference.md" {
             pages.push(format!("docs/{name}"));
         }
@@ -175,7 +175,7 @@ fn the_c_programs_of_the_documentation_compile_as_c99_and_run() {
     assert!(compiled >= 2 && programs("README.md").len() == 1, "{compiled} programs");
 }
 
-/// Names of functions that the header declares.
+/// Names of the functions that the header declares.
 fn declared() -> BTreeSet<String> {
     let header = std::fs::read_to_string(format!("{ROOT}/include/umo.h")).expect("it is there");
     let code: String = header.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
@@ -201,7 +201,7 @@ fn the_library_exports_what_the_header_declares_and_nothing_else() {
     assert_eq!(exported, declared);
 }
 
-/// Major and minor number of a version.
+/// Major and minor version numbers.
 fn version(text: &str) -> (u32, u32) {
     let mut numbers = text.split('.').map(|part| part.parse().expect("a number"));
     (numbers.next().expect("a major number"), numbers.next().unwrap_or(0))
@@ -220,8 +220,7 @@ fn the_library_needs_the_glibc_that_is_said() {
     let said = page.split_once("libumo needs glibc ").expect("it says which").1.split_once(" or newer").expect("so");
     let own = Command::new("getconf").arg("GNU_LIBC_VERSION").output().expect("there is getconf");
     let own = String::from_utf8(own.stdout).expect("ASCII");
-    // A newer glibc gives functions newer symbol versions, an older one has no newer ones than its
-    // own.
+    // A newer glibc gives functions newer symbol versions; an older one knows only its own.
     if version(own.trim().trim_start_matches("glibc ")) != (2, 36) {
         eprintln!("SKIPPED: what the page says is of a library that was built on glibc 2.36, not {}", own.trim());
         return;
@@ -295,10 +294,10 @@ fn the_library_can_be_loaded_twice_unloaded_and_forked_under() {
     run(&compile("tests/capi/lifecycle.c", Link::None), &[&library, &copy, MODEL.as_ref()]);
 }
 
-/// The numbers of one frame: place, rotations, face.
+/// The numbers of one frame: position, rotations, face.
 type Numbers = Vec<u32>;
 
-/// What `umo animate` writes.
+/// The frames that `umo animate` writes.
 fn animated(wav: &str) -> Vec<Numbers> {
     let out = BUILT.place.path().join("animated.jsonl");
     let mut umo = Command::new(BUILT.folder.join("umo"));
@@ -309,7 +308,7 @@ fn animated(wav: &str) -> Vec<Numbers> {
         let frame: serde_json::Value = serde_json::from_str(line).expect("a line is JSON");
         let mut numbers = Vec::new();
         let mut floats = |list: &serde_json::Value| {
-            // Printed so that reading gives the same bits.
+            // The printed form parses back to the same bits.
             let bits = |v: &serde_json::Value| v.to_string().parse::<f32>().expect("a number").to_bits();
             numbers.extend(list.as_array().expect("a list").iter().map(bits));
         };

@@ -1,9 +1,9 @@
-//! The motion of the default model, value for value: a few frames of `assets/hello.wav` beside
-//! those that are recorded in `tests/golden/default_motion.json`; and the frames that an installed library's self-test has.
+//! Regression test of the default model's motion: some frames of `assets/hello.wav`, value for
+//! value, against `tests/golden/default_motion.json`; and the frames in an installed library's self-test.
 //!
-//! Codes are drawn from logits that instruction sets round differently, so each of them has frames
-//! of its own. After a change that is meant to change the motion, write the file anew and look at
-//! the difference before it is committed:
+//! Codes are sampled from logits that instruction sets round differently, so each instruction set
+//! has its own frames. After a change that is meant to change the motion, write the file anew and
+//! look at the difference before it is committed:
 //!
 //! ```sh
 //! UMO_RECORD_MOTION=1 cargo test --release -p umo-tests --test default_motion
@@ -19,9 +19,9 @@ use umo_kernels::Isa;
 use umo_self_test::motion::{self, Motion, Recorded, Records, difference, recorded_name};
 use umo_tests::for_each_isa;
 
-/// Instruction sets that no machine had which recorded this model.
+/// Instruction sets without a recording of this model.
 const NOT_RECORDED: [&str; 1] = ["amx"];
-/// Frames that are compared, of some 90.
+/// Frames that are compared, of about 90.
 const FRAMES: [usize; 10] = [0, 1, 5, 14, 15, 29, 44, 45, 61, 80];
 /// Frames by instruction set.
 type Recording = BTreeMap<String, Vec<Recorded>>;
@@ -46,7 +46,7 @@ fn model(name: &str, isa: Isa) -> Model {
     Model::load(&file, Precision::Stored, isa).unwrap()
 }
 
-/// What the model makes of `assets/hello.wav` as it is shipped, at its default settings.
+/// Compares the motion of the shipped model on `assets/hello.wav` at its default settings.
 fn the_default_model_moves_as_recorded(isa: Isa) {
     let model = model("umo-people", isa);
     assert_eq!(model.config().audio.sample_rate, 16_000);
@@ -66,7 +66,7 @@ fn the_default_model_moves_as_recorded(isa: Isa) {
     assert_eq!(difference(&frames, expected).map(drop), Ok(()));
 }
 
-/// The self-test of an installed library has frames of both models that umo ships, in a file of its own.
+/// The self-test of an installed library has a file with frames of both models that umo ships.
 fn the_self_test_knows_the_shipped_models(isa: Isa) {
     let name = recorded_name(isa);
     for shipped in ["umo-people", "umo-small"] {
@@ -80,7 +80,7 @@ fn the_self_test_knows_the_shipped_models(isa: Isa) {
             Motion::AsRecorded(count, _) => assert_eq!(count, 4),
             Motion::Repeated(_) => assert!(NOT_RECORDED.contains(&name), "{shipped} has no frames for {name}"),
         }
-        // Another frame than the recorded one is found, and named.
+        // A frame that differs from the recorded one is found and named.
         let Some(frames) = records.get_mut(&motion::key(&model)).and_then(|of_model| of_model.get_mut(name)) else {
             continue;
         };
@@ -100,7 +100,7 @@ fn record(name: &str, frames: Vec<Recorded>) {
     std::fs::write(self::recording(), serde_json::to_string_pretty(&recording).unwrap() + "\n").unwrap();
 }
 
-/// Replaces the frames of one model and instruction set in the self-test's file, which has a line for each.
+/// Replaces the frames of one model and instruction set in the self-test's file, one line for each.
 fn record_for_self_test(model: &Model, mut frames: Vec<Recorded>) {
     static FILE: Mutex<()> = Mutex::new(());
     let _one_at_a_time = FILE.lock().unwrap_or_else(PoisonError::into_inner);

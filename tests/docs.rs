@@ -1,5 +1,5 @@
-//! Numbers in the documentation that follow from the default model's settings, beside what the
-//! library computes; and names in it, beside those of the packages.
+//! Checks the documentation: numbers that follow from the default model's settings against
+//! the library's, and package names against the packages.
 
 #[path = "docs/names.rs"]
 mod names;
@@ -19,13 +19,13 @@ fn default_model() -> Config {
     ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap().config().clone()
 }
 
-/// The number that a cell begins with.
+/// The number at the start of a cell.
 fn number<T: std::str::FromStr>(cell: &str, place: &str) -> T {
     let digits = cell.split([' ', ',']).next().unwrap();
     digits.parse().ok().unwrap_or_else(|| panic!("{place}: \"{cell}\" does not begin with a number"))
 }
 
-/// The latency of a session of this rate, in seconds as the documentation writes them.
+/// Latency of a session at this rate, in seconds, in the documentation's format.
 fn latency(config: &Config, target: usize, lookahead: usize, sample_rate: usize) -> String {
     let defaults = SessionConfig::new(config);
     let avatar = AvatarConfig { target, lookahead, ..defaults.avatar.clone() };
@@ -90,7 +90,7 @@ fn the_default_model_has_the_size_that_is_said() {
     }
 }
 
-/// The low-pass holds back as many frames as it looks ahead.
+/// The low-pass filter delays by as many frames as it looks ahead.
 #[test]
 fn smoothing_is_part_of_the_latency() {
     let config = default_model();
@@ -108,7 +108,7 @@ fn smoothing_is_part_of_the_latency() {
     assert!(error.contains("smoothing"), "{error}");
 }
 
-/// A session at a rate, a target or a lookahead that do not exist has no latency.
+/// A session at an unsupported rate, target or lookahead has no latency.
 #[test]
 fn latency_refuses_what_a_session_refuses() {
     let config = default_model();
@@ -128,7 +128,7 @@ fn latency_refuses_what_a_session_refuses() {
     }
 }
 
-/// How far a live mouth is behind its sound, at every rate that a page names.
+/// Delay of a live mouth behind its audio, at every rate that a page names.
 #[test]
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sample rate")]
 fn live_mouths_are_as_late_as_is_said() {

@@ -1,6 +1,6 @@
-//! What must hold of an engine and its sessions: the frames of a stream are those of the recording,
-//! whoever computes them and however the audio comes; and every wrong use has the answer that its
-//! documentation promises.
+//! Invariants of an engine and its sessions: a stream has the frames of the recording, whichever
+//! thread computes them and however the audio is cut; and every misuse gets the documented
+//! error.
 
 #[path = "engine/epochs.rs"]
 mod epochs;
@@ -35,10 +35,10 @@ use umo_tests::{Ends, Noise};
 
 const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
 
-/// Those of layout `frames`.
+/// Golden models of layout `frames`.
 const FRAMES: [&str; 2] = ["frames_four", "frames_seven"];
 
-/// The golden models, in f32 and in int8; then those of layout `frames`.
+/// The golden models, in f32 and in int8; then the ones of layout `frames`.
 static MODELS: LazyLock<Vec<Arc<Model>>> = LazyLock::new(|| {
     let load = |name: &&str, precision| {
         let file = ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap();
@@ -50,7 +50,7 @@ static MODELS: LazyLock<Vec<Arc<Model>>> = LazyLock::new(|| {
     parts.chain(frames(Precision::F32)).chain(frames(Precision::Int8)).collect()
 });
 
-/// A frame as bits, with what it is stamped with.
+/// A frame as bits, with its stamps.
 #[derive(Clone, Debug, PartialEq)]
 struct FrameBits {
     index: u64,
@@ -80,7 +80,7 @@ fn config(model: &Model, target: usize, lookahead: usize, seed: u64) -> SessionC
     session.avatar.target = target.min(model.config().max_target);
     session.avatar.lookahead = lookahead;
     session.avatar.sampler.seed = seed;
-    // Layout `frames` hears ahead, and follows a text more or less; some sessions of it do.
+    // Layout `frames` has a horizon, and guidance by a text; some of its sessions use them.
     let places = model.config().audio.ahead + 1;
     session.avatar.horizon = usize::try_from(seed % 64).unwrap() % places;
     if FRAMES[1..].iter().any(|name| model.config().name.ends_with(name)) && !seed.is_multiple_of(3) {
@@ -90,13 +90,13 @@ fn config(model: &Model, target: usize, lookahead: usize, seed: u64) -> SessionC
     session
 }
 
-/// The same without layers, which go on over an interrupt and while no audio comes.
+/// The session without layers, which continue during an interrupt and without audio.
 fn without_layers(mut session: SessionConfig) -> SessionConfig {
     session.avatar.life = LifeConfig::OFF;
     session
 }
 
-/// The frames of a recording, as `umo animate` makes them.
+/// The frames that `umo animate` makes of a recording.
 fn offline(model: &Model, session: &SessionConfig, samples: &[f32]) -> Vec<Vec<u32>> {
     let rate = model.config().audio.sample_rate;
     let count = samples.len() / session.channels;
@@ -118,7 +118,7 @@ fn engine(model: &Arc<Model>, threads: Threads, max_batch: usize) -> Engine {
     Engine::new(Arc::clone(model), &config).unwrap()
 }
 
-/// Lets the engine work: polls it, or gives its thread time.
+/// Lets the engine work: polls it, or gives its threads time.
 fn work(engine: &Engine, threads: Threads) {
     match threads {
         Threads::Host(_) => {
@@ -128,17 +128,17 @@ fn work(engine: &Engine, threads: Threads) {
     }
 }
 
-/// One stream on its way through a session.
+/// A stream's progress through a session.
 struct Drive<'a> {
     session: Session,
     samples: &'a [f32],
     channels: usize,
-    /// Frames per push, over and over.
+    /// Frames per push, repeated in a cycle.
     pushes: &'a [usize],
     turn: usize,
     frames: Vec<FrameBits>,
     wanted: usize,
-    /// When samples were last taken or frames last came.
+    /// Time when samples were last taken or frames last came.
     progress: Instant,
 }
 
@@ -150,7 +150,7 @@ impl Drive<'_> {
         self.frames.len() >= self.wanted
     }
 
-    /// Panics with the stream's state where it is stuck.
+    /// Panics with the stream's state if it is stuck.
     fn check_progress(&mut self, before: (usize, usize)) {
         if before != (self.samples.len(), self.frames.len()) || self.is_done() {
             self.progress = Instant::now();
@@ -168,7 +168,7 @@ impl Drive<'_> {
         );
     }
 
-    /// Pushes the next piece, or ends the stream, and pulls what is there.
+    /// Pushes the next piece, or ends the stream, and pulls the ready frames.
     fn go_on(&mut self) {
         let size = self.pushes[self.turn % self.pushes.len()] * self.channels;
         let before = (self.samples.len(), self.frames.len());
@@ -203,8 +203,8 @@ fn any_threads() -> impl Strategy<Value = Threads> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
-    /// Any model, number of avatars, rate, channels, cut of the audio, who computes, how many
-    /// together.
+    /// Any model, number of avatars, rate, channels, cut of the audio, computing threads, batch
+    /// size.
     #[test]
     fn a_stream_gives_the_frames_of_the_recording(
         which in 0..2 * (NAMES.len() + FRAMES.len()),
@@ -239,7 +239,7 @@ proptest! {
     }
 }
 
-/// Sample by sample, and beside fifteen others.
+/// Sample by sample, and beside fifteen other avatars.
 #[test]
 fn single_samples_and_sixteen_avatars_change_nothing() {
     for which in [5, 9] {
@@ -294,7 +294,7 @@ fn hosted(which: usize) -> Engine {
     engine(&MODELS[which], Threads::Host(0), 4)
 }
 
-/// A poll with no budget does one piece of work, and every piece is a small one.
+/// A poll with no budget does one piece of work, and every piece is short.
 #[test]
 fn a_chunk_is_cut_into_layers() {
     let engine = hosted(0);
@@ -307,7 +307,7 @@ fn a_chunk_is_cut_into_layers() {
     }
     let config = engine.model().config();
     let lm = &config.lm;
-    // Eight codes; the encoder, and its keys and values; HuBERT's layers; and what stands between.
+    // Eight codes; the encoder, and its keys and values; HuBERT's layers; and the steps between.
     let layers =
         lm.num_layers + lm.num_decoder_layers * (8 + 1) + config.audio.hubert.as_ref().unwrap().num_hidden_layers;
     assert!(polls > layers, "{polls} polls for {layers} layers");
@@ -342,7 +342,7 @@ fn poses_between_frames_lie_between_them() {
             assert!((v - exact).abs() <= 1e-4 * (1.0 + a.abs().max(b.abs())), "{v} between {a} and {b}");
         }
     }
-    // Later than the newest: held; and a time that goes back is held too.
+    // Beyond the newest frame it holds; a time that goes back holds too.
     let mut held = Vec::new();
     let sampled = session.sample_pose(1e6, |frame| held = bits(frame.pose, frame.face)).unwrap();
     assert!(sampled.is_ahead && held == wanted[last]);
@@ -351,7 +351,7 @@ fn poses_between_frames_lie_between_them() {
     assert!(matches!(session.sample_pose(f64::NAN, |_| ()), Err(SessionError::Range(_))));
 }
 
-/// A clock that the test turns.
+/// A clock that the test advances.
 fn manual() -> (Clock, Arc<AtomicU64>) {
     let nanos = Arc::new(AtomicU64::new(0));
     (Clock::Manual(Arc::clone(&nanos)), nanos)
@@ -364,7 +364,7 @@ fn timed(which: usize) -> (Engine, Arc<AtomicU64>) {
     (Engine::new(Arc::clone(&MODELS[which]), &config).unwrap(), nanos)
 }
 
-/// The most audio that any frame needed of its future, found by trial: a few samples at a time.
+/// Maximum future audio that any frame needed, found by pushing a few samples at a time.
 fn worst_wait(session: &Session, rate: usize, piece: usize, settle: impl Fn()) -> usize {
     let samples = audio(4 * rate, 1, 1);
     let (mut worst, mut seen, mut pushed) = (0, 0, 0);
@@ -417,7 +417,7 @@ fn latency_says_what_a_frame_waits_for() {
     assert!(worst <= latency.algorithmic_samples, "{worst} > {}", latency.algorithmic_samples);
     assert!(worst + 600 > latency.algorithmic_samples, "{worst} << {}", latency.algorithmic_samples);
     assert_eq!(session.latency().compute_max, Duration::ZERO);
-    // Late frames are those whose chunk was done after real time needed it.
+    // A frame is late if its chunk is done after real time needs it.
     assert_eq!(session.stats().late_frames, 0);
     session.push_audio(&samples[..12_800]).unwrap();
     nanos.store(5_000_000_000, Ordering::Relaxed);
@@ -427,8 +427,8 @@ fn latency_says_what_a_frame_waits_for() {
     assert!(session.latency().compute_max >= Duration::from_secs(4));
 }
 
-/// A backlog is what was pushed and has no frame yet, beyond what every frame needs of its future;
-/// it rises while nobody computes, falls to nothing, and what it was at most stays.
+/// The backlog is the pushed audio without frames, beyond the future that every frame needs;
+/// it grows while nothing is computed, falls to zero, and its maximum is kept.
 #[test]
 fn latency_reports_current_and_largest_backlog() {
     for rate in [16_000, 48_000] {
@@ -438,16 +438,16 @@ fn latency_reports_current_and_largest_backlog() {
         let algorithmic = session.latency().algorithmic_samples;
         let backlog = || (session.latency().backlog_samples, session.latency().backlog_max_samples);
         assert_eq!(backlog(), (0, 0));
-        // Audio in real time: the engine keeps up, whatever a frame waits for.
+        // Audio in real time: the engine keeps up, whatever future a frame needs.
         let samples = audio(6 * rate, 1, 1);
-        // Two samples at a time: what is pushed at once is behind until it is computed.
+        // Two samples at a time: pushed audio counts as backlog until it is computed.
         for piece in samples[..2 * rate].chunks(2) {
             session.push_audio(piece).unwrap();
             settle(&engine);
             assert_eq!(backlog(), (0, 0));
         }
-        // Nobody computes for two seconds: all of them are behind, less what may be missing for the
-        // next frame.
+        // Two seconds without computing: all of it is backlog, less the future that the next frame
+        // may need.
         let covered = session.ready_frames().unwrap() * rate / 30;
         session.push_audio(&samples[2 * rate..4 * rate]).unwrap();
         let behind = 4 * rate - covered - algorithmic;
@@ -456,7 +456,7 @@ fn latency_reports_current_and_largest_backlog() {
         assert_eq!(backlog(), (behind, behind));
         settle(&engine);
         assert_eq!(backlog(), (0, behind));
-        // A new stream has no backlog of the old one's.
+        // A new stream starts without the old one's backlog.
         session.push_audio(&samples[4 * rate..]).unwrap();
         assert!(backlog().0 > 0);
         session.reset().unwrap();
@@ -467,8 +467,8 @@ fn latency_reports_current_and_largest_backlog() {
     }
 }
 
-/// Audio, frames and epochs from three threads at once; sanitizers and the eyes of the assertions
-/// watch.
+/// Audio, frames and epochs from three threads at once, under the assertions and, in CI, the
+/// sanitizers.
 #[test]
 fn three_threads_at_once() {
     let engine = engine(&MODELS[4], Threads::Own(2), 4);

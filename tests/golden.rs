@@ -23,7 +23,7 @@ use umo_tests::for_each_isa;
 /// Largest difference to the reference, relative to the reference's largest value.
 const TOLERANCE: f64 = 2e-4;
 
-/// WebAssembly has none but its own.
+/// WebAssembly has only its own thread.
 const THREADS: usize = if cfg!(target_family = "wasm") { 1 } else { 2 };
 
 /// The folders of `tests/golden` that hold a model and its cases.
@@ -55,7 +55,7 @@ fn run(case: &str, bytes: &[u8], loader: &Loader, team: &Team) -> Vec<Output> {
         .unwrap_or_else(|error| panic!("{case}: {error}"))
 }
 
-/// Tokenising motion is no stage of its own on the command line.
+/// The tokenization of motion, which is not a stage of the command line.
 fn encode_motion(bytes: &[u8], case: &str, loader: &Loader, team: &Team) -> Vec<Output> {
     let encoder = MotionEncoder::load(loader).unwrap().expect("a model with encoder cases has encoders");
     let cases = Cases::new(bytes);
@@ -81,7 +81,7 @@ fn stage_name(case: &str) -> &str {
     case.trim_end_matches(|c: char| c.is_ascii_digit())
 }
 
-/// Compares one model's cases that `wanted` takes, and returns how many there were.
+/// Compares the cases of one model that `wanted` selects, and returns their number.
 fn compare(report: &mut Report, model: &str, isa: Isa, precision: Precision, wanted: fn(&str) -> bool) -> usize {
     let (file, bytes) = open(model);
     let cases = Cases::new(&bytes);
@@ -123,7 +123,7 @@ fn every_case_is_the_reference(isa: Isa) {
     report.print(isa.name());
 }
 
-/// Mel features are cheap and decide what is said to the language model: they stay in full
+/// Mel features are cheap and determine the language model's input: they stay in full
 /// precision.
 fn mel_is_the_reference_at_every_precision(isa: Isa) {
     let mut report = Report::default();

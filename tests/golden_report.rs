@@ -16,7 +16,7 @@ impl<'a> Cases<'a> {
         Self { bytes, tensors: SafeTensors::deserialize(bytes).unwrap() }
     }
 
-    /// How many cases the file's metadata lists.
+    /// Number of cases in the file's metadata.
     pub(crate) fn listed(&self) -> usize {
         let (_, metadata) = SafeTensors::read_metadata(self.bytes).unwrap();
         let text = &metadata.metadata().as_ref().expect("golden files have metadata")["cases"];
@@ -59,7 +59,7 @@ impl<'a> Cases<'a> {
     }
 }
 
-/// The largest difference relative to the largest wanted value; infinite where one is no number.
+/// The largest difference relative to the largest expected value; infinite if one is not finite.
 pub(crate) fn error(got: &[f32], want: &[f32]) -> f64 {
     assert_eq!(got.len(), want.len());
     let largest = want.iter().fold(1e-30_f64, |m, &v| m.max(f64::from(v.abs())));
@@ -70,7 +70,7 @@ pub(crate) fn error(got: &[f32], want: &[f32]) -> f64 {
 /// Stage, output and model; the four parts count as one output.
 type Row = (String, String, String);
 
-/// Largest errors by stage, output and model; none where values must be identical, and are.
+/// Largest errors by stage, output and model; `None` for values that must be, and are, identical.
 #[derive(Default)]
 pub(crate) struct Report(BTreeMap<Row, (usize, Option<f64>)>);
 

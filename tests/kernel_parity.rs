@@ -1,4 +1,4 @@
-//! Every kernel held to its contract, on every back-end that this processor has. Shapes are
+//! Tests every kernel against its contract, on every back-end that this processor has. Shapes are
 //! drawn around the tile sizes that the back-ends themselves list (`umo_kernels::tiling`).
 
 #[path = "kernel_parity/activation.rs"]

@@ -1,4 +1,4 @@
-//! Model files taken apart, changed, and put together again, well or badly.
+//! Takes model files apart, changes them, and reassembles them, valid or invalid.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use safetensors::SafeTensors;
 use serde_json::{Map, Value, json};
 
-/// One tensor as a file has it.
+/// One stored tensor.
 #[derive(Clone, Debug)]
 pub(crate) struct Stored {
     pub(crate) dtype: String,
@@ -39,7 +39,7 @@ impl ModelBytes {
         Self { metadata, config, tensors }
     }
 
-    /// The header as JSON, tensors one after the other in order of their names.
+    /// The header as JSON, with tensors contiguous in the order of their names.
     pub(crate) fn header(&self) -> Map<String, Value> {
         let mut metadata = self.metadata.clone();
         metadata.insert("config".to_owned(), self.config.to_string());
@@ -65,7 +65,7 @@ impl ModelBytes {
     }
 }
 
-/// A file of this header and data.
+/// A file with this header and data.
 pub(crate) fn file(header: &str, data: &[u8]) -> Vec<u8> {
     [&(header.len() as u64).to_le_bytes(), header.as_bytes(), data].concat()
 }

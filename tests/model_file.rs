@@ -1,5 +1,5 @@
-//! Model files that are cut, wrong or hostile: each is refused with an error that names what is
-//! wrong, and nothing panics or takes memory for numbers that the file only claims.
+//! Truncated, invalid and hostile model files: each is refused with an error that names the
+//! fault, and nothing panics or allocates for sizes that the file only claims.
 
 mod model_bytes;
 
@@ -19,13 +19,13 @@ use umo_core::{Compute, Config, LoadError, ModelFile, Part, Precision, StepError
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 
-/// One model of each kind of tokenizer, storage and face; the last has encoders and text.
+/// One model of each kind of tokenizer, storage and face; the last has encoders and text conditioning.
 const NAMES: [&str; 5] = ["mel_k1_upcycled", "hubert_k1_smplx", "hubert_k3_i8", "mel_k2_arkit", "frames_seven"];
 
-/// Three of them that have every tensor there is, for tests that load a model for each.
+/// Three of them that together have every kind of tensor, for tests that load a model per tensor.
 const MODELS: [&str; 3] = ["hubert_k3_i8", "mel_k2_arkit", "frames_seven"];
 
-/// Reads everything that any command would.
+/// Reads everything that any command reads.
 fn load(bytes: Vec<u8>) -> Result<Model, LoadError> {
     let file = ModelFile::from_bytes(bytes)?;
     let model = Model::load(&file, Precision::F32, Isa::detect())?;
@@ -33,7 +33,7 @@ fn load(bytes: Vec<u8>) -> Result<Model, LoadError> {
     Ok(model)
 }
 
-/// The error's text, which must have `wanted` in it.
+/// Text of the error, which must contain `wanted`.
 fn refused(bytes: Vec<u8>, wanted: &str) -> String {
     let text = match load(bytes) {
         Ok(_) => panic!("a model that is wrong in `{wanted}` was taken"),
@@ -67,8 +67,8 @@ fn a_file_cut_anywhere_is_refused() {
     assert!(ModelFile::from_bytes(longer).is_err());
 }
 
-/// One name of each kind: of those that differ in numbers alone, as layers and experts do, the last.
-/// A loop reads all of them.
+/// One name of each kind: of names that differ only in numbers, such as layers and experts, the
+/// last. A loop reads all of them.
 fn kinds<'a>(names: impl IntoIterator<Item = &'a String>) -> Vec<&'a String> {
     let kind = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
     names.into_iter().map(|name| (kind(name), name)).collect::<BTreeMap<_, _>>().into_values().collect()
@@ -79,7 +79,7 @@ fn tensor_kinds(model: &ModelBytes) -> impl Iterator<Item = (&String, &Stored)> 
     kinds(model.tensors.keys()).into_iter().map(|name| (name, &model.tensors[name]))
 }
 
-/// Whether a model can do without the tensor.
+/// Whether a model may lack the tensor.
 fn optional(name: &str) -> bool {
     name == TOKENIZER
 }
@@ -140,7 +140,7 @@ fn every_type_must_be_one_of_weights() {
     }
 }
 
-/// The bytes of a value that is no finite number, in a type that has one.
+/// Bytes of a non-finite value, if the type has one.
 fn not_finite(dtype: &str, negative: bool) -> Option<(Vec<u8>, Vec<u8>)> {
     let sign = if negative { f32::NEG_INFINITY } else { f32::INFINITY };
     let of = |value: f32| match dtype {
@@ -176,7 +176,7 @@ fn every_weight_must_be_finite() {
     }
 }
 
-/// The default model with some bits flipped, anywhere in its tensors or config: each is refused as
+/// Flips bits of the default model, anywhere in its tensors or config: each file is refused as
 /// damaged.
 #[test]
 fn a_flipped_bit_anywhere_is_seen() {
@@ -187,8 +187,8 @@ fn a_flipped_bit_anywhere_is_seen() {
     let config = bytes.windows(10).position(|window| window == b"\"config\":\"").unwrap() + 10;
     let mut noise = Noise::new(21);
     for case in 0..60 {
-        // The last bit of a digit of the config gives another digit: what is read is good JSON, and
-        // another model.
+        // Flipping the last bit of a config's digit gives another digit: valid JSON of another
+        // model.
         let digit = |at: &usize| bytes[*at].is_ascii_digit() && bytes[*at] < b'8';
         let (at, bit) = match case % 6 {
             0 => ((config + noise.below(4_000)..).find(digit).unwrap(), 0),
@@ -205,8 +205,8 @@ fn a_flipped_bit_anywhere_is_seen() {
     assert!(error.contains("`checksum`") && error.contains("eight hexadecimal digits"), "{error}");
 }
 
-/// A file as this project writes it, whose header has a checksum of its own: each of its bytes changed, with the JSON
-/// still good or not, and its length.
+/// A file with a header checksum, as this project writes it: each byte of the header is changed, whether the JSON
+/// stays valid or not, and its length.
 #[test]
 fn a_changed_header_is_seen() {
     let golden = ModelBytes::open("mel_k1_upcycled");
@@ -221,7 +221,7 @@ fn a_changed_header_is_seen() {
     let place = bytes.windows(key.len()).position(|window| window == key).unwrap();
     for at in (0..end).step_by(7).chain(place..place + key.len() + 8) {
         bytes[at] ^= 1;
-        // Without its name the checksum says nothing, and nothing else is damaged.
+        // Without its name the checksum is ignored, and nothing else is damaged.
         let is_name = (place..place + key.len()).contains(&at);
         match ModelFile::from_bytes(bytes.clone()).map_err(|error| error.to_string()) {
             Err(error) if at < 8 || is_name => assert!(!error.is_empty()),
@@ -230,13 +230,13 @@ fn a_changed_header_is_seen() {
         }
         bytes[at] ^= 1;
     }
-    // With a space before its value it would not be found.
+    // With a space before its value it is not found.
     bytes[place..place + key.len()].copy_from_slice(b"\"header_checksum\": \"crc32");
     let error = ModelFile::from_bytes(bytes).expect_err("a checksum that is none was taken").to_string();
     assert!(error.contains("`header_checksum`") && error.contains("eight hexadecimal digits"), "{error}");
 }
 
-/// The bytes of a stored tensor as one to be written.
+/// A stored tensor as one to be written.
 fn as_bytes<'a>(name: &str, stored: &'a Stored) -> NewTensor<'a> {
     let (shape, values) = (vec![stored.bytes.len()], Values::Bytes(&stored.bytes));
     NewTensor { name: name.to_owned(), shape, storage: Storage::Bytes, values }
@@ -257,8 +257,8 @@ fn huge(dtype: &str) -> Option<Vec<u8>> {
     }
 }
 
-/// Animates a second; the frames that come out are finite, and an error is one that says that
-/// the weights are defective.
+/// Animates a second; the frames must be finite, and an error must say that the weights are
+/// defective.
 fn animate(model: &Model) -> Result<(), StepError> {
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };
@@ -308,13 +308,13 @@ fn a_huge_weight_is_refused_or_named_by_its_stage() {
                 }
             }
         }
-        // A norm divides a huge value away, and an expert may never be chosen.
+        // A norm cancels a huge value, and an expert may never be chosen.
         println!("{precision:?}: {refused} refused, {failed} failed with their stage, {played} played");
         assert!(refused > 20 && failed > 20 && played > 20);
     }
 }
 
-/// The path of every leaf that `wanted` takes: `lm.d_model`, `templates.audio_to_motion[0]`.
+/// Paths of the leaves that `wanted` selects: `lm.d_model`, `templates.audio_to_motion[0]`.
 fn leaves(value: &Value, path: &str, wanted: fn(&Value) -> bool, found: &mut Vec<String>) {
     match value {
         Value::Object(fields) => {
@@ -349,7 +349,7 @@ fn with_config(model: &ModelBytes, header: &serde_json::Map<String, Value>, data
     file(&Value::Object(header).to_string(), data)
 }
 
-/// The key that an error names, without the place in a list.
+/// The key that an error names, without a list index.
 fn named(error: &LoadError) -> Option<&str> {
     match error {
         LoadError::Config { key, .. } => Some(key.split('[').next().unwrap_or(key)),
@@ -358,7 +358,7 @@ fn named(error: &LoadError) -> Option<&str> {
     }
 }
 
-/// Whether a number that no other number could stand for was named.
+/// Whether the error is of the config and names this path or a parent of it.
 fn names(error: &LoadError, path: &str) -> bool {
     matches!(error, LoadError::Config { .. }) && named(error).is_some_and(|key| path.starts_with(key))
 }
@@ -384,14 +384,13 @@ fn every_number_of_the_config_is_checked() {
             for wrong in [json!(-1), json!(1_u64 << 60), json!(u64::MAX)] {
                 match load(wrong.clone()) {
                     Err(error) => assert!(names(&error, path), "{name}: {path} = {wrong}: {error}"),
-                    // A bone may point down; keeping more codes than there are is keeping all.
+                    // A bone may point down; a `top_k` above the number of codes keeps all.
                     Ok(_) => assert!(number || path == "sampling.top_k", "{name}: {path} = {wrong} was taken"),
                 }
             }
             for other in [0_u64, 1, 2, 255, 256, 65_535, 1 << 16, 1 << 20, 1 << 22, 1 << 31, 1 << 32] {
                 match load(json!(other)) {
-                    // A size that another disagrees with may be named by the other, or by a tensor
-                    // of that shape.
+                    // The error may name the size that disagrees with it, or a tensor of that shape.
                     Err(error) => assert!(named(&error).is_some(), "{name}: {path} = {other}: {error}"),
                     Ok(model) => {
                         drop(Animation::new(&model, &AvatarConfig::new(model.config())).unwrap());
@@ -437,7 +436,7 @@ fn every_key_of_the_config_is_needed_and_known() {
     ];
     for pointer in objects {
         let keys: Vec<String> = model.config.pointer(pointer).unwrap().as_object().unwrap().keys().cloned().collect();
-        // Mel features may be what units are of, and a model may do without a live mouth.
+        // Units may come from mel features, and a live mouth is optional.
         for key in keys.into_iter().filter(|key| !["network", "mouth"].contains(&key.as_str())) {
             let mut config = model.config.clone();
             config.pointer_mut(pointer).unwrap().as_object_mut().unwrap().remove(&key);
@@ -508,7 +507,7 @@ fn parts_of_layout_frames_are_checked() {
     with("/parts/0", "width", json!(3), "parts[0].width");
     with("/parts/1", "sampling", json!({ "temperature": -1, "top_k": 0, "top_p": 1 }), "parts[1].sampling.temperature");
     with("/depth", "body_heard", json!(1), "depth.body_heard");
-    // Ten tokens a keyframe, and as many of two keyframes further on.
+    // Ten tokens per keyframe, and the horizon's tokens of two keyframes.
     let hearing = ModelBytes::open("frames_four");
     for (token, is_within) in [(29, true), (30, false)] {
         let mut config = hearing.config.clone();
@@ -518,7 +517,7 @@ fn parts_of_layout_frames_are_checked() {
         assert_eq!(error.is_empty(), is_within, "{token}: {error}");
         assert!(is_within || error.contains("config `depth.body_heard`: expected 0 to 29, got 30"), "{error}");
     }
-    // The paper's layout has none of these keys.
+    // Models of the paper's layout lack these keys.
     let paper = ModelBytes::open("mel_k2_arkit");
     let (header, data) = (paper.header(), paper.data());
     for (pointer, name, value) in [("", "depth", model.config["depth"].clone()), ("/audio", "ahead", json!(1))] {
@@ -562,7 +561,7 @@ fn the_four_parts_may_be_listed() {
         };
         let plain = run(ModelBytes::open(name).bytes());
         assert_eq!(plain, run(listed(name).bytes()), "{name}");
-        // A part's own sampling is in force: greedy on all parts is not what the seed draws.
+        // A part's sampling applies: greedy sampling of all parts differs from the seeded draw.
         let mut greedy = listed(name);
         for part in greedy.config["parts"].as_array_mut().unwrap() {
             part["sampling"] = json!({ "temperature": 0, "top_k": 0, "top_p": 1 });
@@ -702,7 +701,7 @@ fn inconsistent_header_is_refused() {
         header[tensor][key] = value;
         file(&Value::Object(header).to_string(), &data)
     };
-    // Overlapping, with a gap, beyond the end, backwards, of another size.
+    // Overlap, gap, out of bounds, reversed, wrong size.
     for offsets in [
         json!([start - 2, end - 2]),
         json!([start + 2, end + 2]),

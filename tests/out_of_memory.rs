@@ -1,5 +1,5 @@
-//! Every large allocation of loading a model, making an engine and making a session fails once, and
-//! all from it on: each call gives an error and frees what it had made; none ends the process.
+//! Fails every large allocation of loading a model, making an engine and making a session, alone and
+//! with all later ones: each call returns an error and frees its allocations; none ends the process.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
@@ -13,16 +13,16 @@ use umo_core::weights::AlignedBox;
 use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// What a model's file or a configuration makes large is at least this large in the small model,
-/// bytes. Nothing that the planner of the Fourier transform makes is.
+/// Smallest size, in bytes, of an allocation that scales with a model's file or a configuration, in
+/// the small model. No allocation of the Fourier transform's planner is this large.
 const LARGE: usize = 9 << 10;
 
-/// A region that is mapped, not allocated, bytes.
+/// Size from which memory is mapped and not allocated, bytes.
 const REGION: usize = 4 << 20;
 
-/// Large allocations until one fails; below 0 none does.
+/// Large allocations until one fails; negative if none does.
 static LEFT: AtomicI64 = AtomicI64::new(-1);
-/// Whether all after it fail too.
+/// Whether all later ones fail too.
 static ALL: AtomicI64 = AtomicI64::new(0);
 /// Bytes in large allocations.
 static HELD: AtomicI64 = AtomicI64::new(0);
@@ -53,32 +53,32 @@ impl Failing {
     }
 }
 
-// SAFETY: hands everything on to the system, or gives nothing.
+// SAFETY: forwards every call to the system allocator, or returns null.
 unsafe impl GlobalAlloc for Failing {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         if Self::fails(layout.size()) {
             return std::ptr::null_mut();
         }
         Self::count(layout.size(), 1);
-        // SAFETY: by the caller's clause.
+        // SAFETY: by the caller's contract.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         Self::count(layout.size(), -1);
-        // SAFETY: by the caller's clause.
+        // SAFETY: by the caller's contract.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
 
-/// Fails each large allocation of `make` in turn; how many there were, `least` at least. `make` says whether it was
-/// refused for memory.
+/// Fails each large allocation of `make` in turn and returns their number, which must be at least `least`. `make`
+/// returns whether it was refused for lack of memory.
 fn fail_each(first: i64, least: i64, make: impl Fn() -> bool) -> i64 {
-    // What is allocated once and kept, by this and by other libraries.
+    // Warms up allocations that this and other libraries make once and keep.
     assert!(!make());
     for all in [0, 1] {
         ALL.store(all, Ordering::Relaxed);
-        // All of a hundred, then every thirteenth: the many rows of a tensor are alike.
+        // The first hundred, then every thirteenth: the many rows of a tensor are alike.
         for n in (first..first + 100).chain((first + 100..).step_by(13)) {
             let before = HELD.load(Ordering::Relaxed);
             LEFT.store(n, Ordering::Relaxed);
@@ -98,10 +98,10 @@ fn fail_each(first: i64, least: i64, make: impl Fn() -> bool) -> i64 {
     unreachable!("the loop ends where no allocation is left to fail")
 }
 
-/// A region of the system's pages after which nothing is left, as where the address space is limited.
+/// Fails the allocation of a mapped region after the reserve, as in a limited address space.
 fn a_region_leaves_room_for_small_pieces() {
     ALL.store(1, Ordering::Relaxed);
-    // The reserve, and then none.
+    // The reserve succeeds, the next allocation fails.
     LEFT.store(1, Ordering::Relaxed);
     let made = memory::catch(|| AlignedBox::<u8>::zeroed(REGION).len());
     LEFT.store(-1, Ordering::Relaxed);
@@ -142,7 +142,7 @@ fn no_large_allocation_ends_the_process() {
             Err(EngineError::Memory(_)) => true,
             Err(other) => panic!("{other}"),
         });
-        // The engine keeps the filter that converts this rate.
+        // The engine caches the filter for this rate.
         let other_rate = SessionConfig { sample_rate: 44_100, ..config };
         let before = engines - 13;
         let sessions_of_another_rate = fail_each(before, before + 2, || {

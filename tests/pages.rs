@@ -1,24 +1,24 @@
-//! Tables of the documentation, for tests that hold them to what the code does.
+//! Tables of the documentation, for tests that compare them with the code.
 
 use std::path::{Path, PathBuf};
 
 use umo_kernels::Isa;
 
-/// A table of a page: its place, and its rows of cells, the header first.
+/// A table of a page: its location, and its rows of cells, the header first.
 #[derive(Clone, Debug)]
 pub struct Table {
     /// The page and the line of the header.
     pub place: String,
-    /// Header and rows, without the line between them.
+    /// Header and rows, without the separator line.
     pub rows: Vec<Vec<String>>,
 }
 
-/// The repository.
+/// Root of the repository.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// The files with one of these extensions in a folder and in the folders in it, build outputs left out.
+/// Collects the files with one of these extensions under a folder, recursively, without build outputs.
 pub fn files(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("the documentation can be read") {
         let path = entry.expect("the documentation can be read").path();
@@ -31,7 +31,7 @@ pub fn files(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Every table of the documentation with such a header.
+/// Every table of the documentation whose header `wanted` accepts.
 pub fn tables(wanted: impl Fn(&[String]) -> bool) -> Vec<Table> {
     let (root, mut paths) = (root(), vec![]);
     for folder in ["docs", "bindings", "packaging", "models", "training", "cli", "umo-core", "umo-capi"] {
@@ -41,7 +41,7 @@ pub fn tables(wanted: impl Fn(&[String]) -> bool) -> Vec<Table> {
     let mut tables: Vec<Table> = vec![];
     for path in paths {
         let text = std::fs::read_to_string(&path).expect("the documentation can be read");
-        // The table of the lines before, if there is one and it is wanted.
+        // The table of the preceding lines, if it is wanted.
         let mut table: Option<Table> = None;
         let mut inside = false;
         for (line, row) in text.lines().enumerate() {
@@ -68,13 +68,13 @@ pub fn tables(wanted: impl Fn(&[String]) -> bool) -> Vec<Table> {
     }
     for table in &mut tables {
         assert!(table.rows.len() > 2, "{}: a table without rows", table.place);
-        // The line below the header.
+        // The separator line below the header.
         table.rows.remove(1);
     }
     tables
 }
 
-/// The rows of the one table whose header is `first` and "the same bits on": first cells, and the
+/// Rows of the one table with the header `first` and "the same bits on": first cells, and
 /// groups of back-ends.
 pub fn same_bits(first: &str) -> Vec<(String, Vec<Vec<Isa>>)> {
     let mut found = tables(|header| header == [first, "the same bits on"]);
@@ -83,7 +83,7 @@ pub fn same_bits(first: &str) -> Vec<(String, Vec<Vec<Isa>>)> {
     rows[1..].iter().map(|row| (row[0].clone(), groups(&row[1], &place))).collect()
 }
 
-/// Back-ends of other targets than this one.
+/// Back-ends of other targets.
 const OTHERS: &[&str] = if cfg!(target_arch = "aarch64") {
     &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "simd128"]
 } else if cfg!(all(target_arch = "x86_64", target_os = "linux")) {
@@ -96,8 +96,8 @@ const OTHERS: &[&str] = if cfg!(target_arch = "aarch64") {
     &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "neon", "neon_dotprod", "neon_i8mm", "simd128"]
 };
 
-/// The back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", of which those that this processor
-/// has. Every back-end is in one group.
+/// Back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", if this processor has
+/// them. Every back-end is in one group.
 fn groups(cell: &str, place: &str) -> Vec<Vec<Isa>> {
     let every: Vec<_> = Isa::names().collect();
     let groups: Vec<Vec<&str>> = match cell {

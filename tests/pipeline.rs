@@ -1,5 +1,5 @@
-//! What must hold of the whole pipeline, audio in and poses out, whatever the weights: the golden
-//! models drive it.
+//! Invariants of the whole pipeline, audio in and poses out, for any weights, tested on the golden
+//! models.
 
 mod model_bytes;
 
@@ -20,11 +20,11 @@ use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 
 const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
-/// A mel model with a text tokenizer, ARKit face, two of five experts.
+/// Index of a mel model with a text tokenizer, ARKit face, two of five experts.
 const ARKIT: usize = 3;
-/// Those of layout `frames` too.
+/// All golden models, including layout `frames`.
 const ALL: [&str; 6] = [NAMES[0], NAMES[1], NAMES[2], NAMES[3], "frames_four", "frames_seven"];
-/// Layout `frames`, and otherwise like [`ARKIT`].
+/// Index of a model of layout `frames`, otherwise like [`ARKIT`].
 const FRAMES: usize = 5;
 
 static MODELS: LazyLock<Vec<Model>> =
@@ -34,7 +34,7 @@ fn load(bytes: &ModelBytes, precision: Precision, isa: Isa) -> Model {
     Model::load(&ModelFile::from_bytes(bytes.bytes()).unwrap(), precision, isa).unwrap()
 }
 
-/// Everything that a stream put out, as bits.
+/// Output of a stream, as bits.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Frames {
     poses: Vec<Pose>,
@@ -66,11 +66,11 @@ impl Frames {
     }
 }
 
-/// How a stream is run.
+/// Settings of a stream's run.
 struct Run<'a> {
     model: &'a Model,
     threads: usize,
-    /// Sizes of pushes, over and over; all at once where there are none.
+    /// Sizes of pushes, repeated in a cycle; empty to push all at once.
     pushes: &'a [usize],
     history: Option<&'a PerPart<Vec<u16>>>,
 }
@@ -80,7 +80,7 @@ impl<'a> Run<'a> {
         Self { model, threads: 1, pushes: &[], history: None }
     }
 
-    /// A stream of this audio, to its end.
+    /// Runs a stream of this audio to its end.
     fn stream(&self, config: AvatarConfig, audio: &[f32]) -> Frames {
         let mut animation = Animation::new(self.model, &config).unwrap();
         if let Some(codes) = self.history {
@@ -122,7 +122,7 @@ fn audio(samples: usize, seed: u64) -> Vec<f32> {
     (0..samples).map(sample).collect()
 }
 
-/// The model's defaults, with an answer that comes soon enough for a short recording.
+/// The model's defaults, with the first frames early enough for a short recording.
 fn defaults(model: &Model) -> AvatarConfig {
     AvatarConfig { target: 2.min(model.config().max_target), ..AvatarConfig::new(model.config()) }
 }
@@ -131,7 +131,7 @@ fn frames_of(samples: usize) -> usize {
     samples * 30 / 16_000
 }
 
-/// Sizes of pushes that add up to something: at least one is not 0.
+/// Sizes of pushes, at least one of which is not 0.
 fn pushes() -> impl Strategy<Value = Vec<usize>> {
     prop_oneof![
         Just(Vec::new()),
@@ -224,7 +224,7 @@ fn history_and_text_and_audio_change_what_comes() {
             Run { history: Some(&codes), ..Run::of(model) }.stream(config(), &sound)
         };
         assert!(other_history != plain, "{name}: history");
-        // Random centroids may lie so that all sounds have one unit; then the body cannot know them
+        // Random centroids may map all sounds to one unit; then the body cannot tell them
         // apart.
         let team = Team::new(1).unwrap();
         let cx = Compute { isa: model.isa(), team: &team };
@@ -243,8 +243,8 @@ fn history_and_text_and_audio_change_what_comes() {
     }
 }
 
-/// A strength of 1 is the text alone, other strengths are other motion, and without a text there is
-/// nothing to follow.
+/// A strength of 1 is the plain conditional distribution, other strengths change the motion, and
+/// without a text guidance has no effect.
 #[test]
 fn guidance_steers_with_the_text() {
     let model = &MODELS[FRAMES];
@@ -261,8 +261,8 @@ fn guidance_steers_with_the_text() {
     assert!(run(&[], 3.0, 1) == run(&[], 1.0, 1));
 }
 
-/// Vectors that come bit by bit, frames held back for the whole reach: the channels of decoding all
-/// of them at once, for parts of any reach, levels and place on the body.
+/// Vectors pushed piece by piece with a lookahead of the whole reach give the channels of decoding
+/// them at once, for any reach and levels of the parts, and any root.
 #[test]
 fn a_stream_of_vectors_is_the_whole_decode() {
     for which in [FRAMES - 1, FRAMES] {
@@ -321,13 +321,13 @@ fn a_stream_of_vectors_is_the_whole_decode() {
     }
 }
 
-/// What is behind a chunk and within the horizon changes its motion; what is beyond does not.
+/// Audio behind a chunk and within the horizon changes its motion; audio beyond does not.
 #[test]
 fn a_horizon_hears_so_far_and_no_further() {
     for which in [FRAMES - 1, FRAMES] {
         let model = &MODELS[which];
         let c = model.config();
-        // The first chunk has two keyframes, the horizon is one more; each lasts 3,200 samples.
+        // The first chunk has two keyframes, the horizon is one more; each is 3,200 samples.
         let early = |horizon: usize, samples: &[f32]| {
             let config = AvatarConfig { horizon, lookahead: 0, ..defaults(model) };
             let mut frames = Run::of(model).stream(config, samples);
@@ -420,7 +420,7 @@ fn every_precision_moves_a_body() {
     }
 }
 
-/// The codes of `generate` for a model's own prompt, greedy.
+/// The codes of `generate` for the model's prompt, greedy.
 fn generate(file: &ModelFile, precision: Precision, isa: Isa, ids: &[i64]) -> Vec<Output> {
     let inputs =
         Output { name: "input_ids".to_owned(), shape: vec![ids.len()], values: Values::Integers(ids.to_vec()) };
@@ -436,9 +436,9 @@ fn prompt(file: &ModelFile, seed: u64) -> Vec<i64> {
     (0..60).map(|_| i64::try_from(noise.below(file.config().vocab.size)).unwrap()).collect()
 }
 
-/// Products, norms and the encoder's attention have the same bits everywhere. What is left are f32
-/// sums of the router and of the decoder's attention, whose order belongs to the instruction set:
-/// where two codes are as good as equal, either may be chosen.
+/// Products, norms and the encoder's attention have the same bits on all back-ends. The f32 sums of
+/// the router and of the decoder's attention depend on the instruction set's order: between two
+/// nearly equal logits either code may be chosen.
 #[test]
 fn int8_gives_the_same_codes_on_every_instruction_set() {
     const PROMPTS: u64 = 32;
@@ -454,19 +454,19 @@ fn int8_gives_the_same_codes_on_every_instruction_set() {
                 }
             }
         }
-        // One in fifty; where a back-end were wrong, nearly all of them would differ.
+        // One in fifty; with a faulty back-end, nearly all of them would differ.
         let most = usize::try_from(PROMPTS).unwrap() * NAMES.len() / 50;
         assert!(others.len() <= most, "{}: other codes for {others:?}", isa.name());
     }
 }
 
-/// The logits of every prompt, none left out: what differs in their codes above may only be two
-/// that are as good as equal.
+/// Checks the logits of every prompt: codes may differ above only if their logits are nearly
+/// equal.
 #[test]
 fn int8_gives_near_logits_on_every_instruction_set() {
-    // A code of an input is at most one step of 127 apart where a sum before it was rounded
-    // differently. In few rows another expert is chosen, as good as equal, whose outputs are
-    // others.
+    // A quantized input differs by at most one of 127 steps if a sum before it was rounded
+    // differently. In a few rows the router chooses another, nearly equal expert, whose outputs
+    // differ.
     const TOLERANCE: f32 = 2.0 / 127.0;
     const SWITCH: f32 = 0.125;
     let isas: Vec<Isa> = Isa::available().collect();
@@ -509,7 +509,7 @@ fn int8_gives_near_logits_on_every_instruction_set() {
     }
 }
 
-/// The same model with its first expert alone.
+/// The same model with only its first expert.
 fn dense(upcycled: &ModelBytes) -> ModelBytes {
     let mut dense = upcycled.clone();
     dense.config["lm"]["experts"] = json!(1);
@@ -522,7 +522,7 @@ fn dense(upcycled: &ModelBytes) -> ModelBytes {
     dense
 }
 
-/// Experts must be equal for what follows to mean anything.
+/// Asserts that all experts are equal, which the tests below require.
 fn assert_upcycled(model: &ModelBytes) {
     let experts = model.tensors.iter().filter(|(name, _)| name.contains(".moe.experts.0."));
     let mut count = 0;
@@ -569,7 +569,7 @@ fn top2_of_identical_experts_matches_dense() {
     let (one, two) = (hidden(&dense(&upcycled)), hidden(&both));
     let largest = one.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
     let error = one.iter().zip(&two).fold(0.0_f32, |m, (a, b)| m.max((a - b).abs()));
-    // Two weights that add up to 1, rounded: a few units in the last place for each of two layers.
+    // Two rounded weights whose sum is 1: a few units in the last place in each of two layers.
     assert!(error <= 1e-5 * largest, "{error} of {largest}");
 }
 
@@ -618,7 +618,7 @@ fn a_session_refuses_what_it_was_not_made_for() {
     assert!(matches!(keyframes.avatar_mut().set_keyframes(&vec![0; count + 1]), Err(StepError::Disagree(_))));
     assert!(matches!(keyframes.avatar_mut().set_keyframes(&vec![9; count]), Err(StepError::OutOfRange { .. })));
     assert!(keyframes.avatar_mut().set_history(PerPart::from_fn(|_| &[0][..])).is_err());
-    // An id that no text has would be a keyframe's.
+    // An id outside the texts' range would be a keyframe's.
     let text = vec![u32::try_from(MODELS[FRAMES].config().vocab.size).unwrap()];
     let mut forged = Animation::new(&MODELS[FRAMES], &AvatarConfig { text, ..defaults(&MODELS[FRAMES]) }).unwrap();
     forged.push_audio(&audio(10_000, 1)).unwrap();

@@ -1,5 +1,5 @@
-//! The record of what chunks were made of: it changes nothing, its codes are those of the frames,
-//! and its experts took every token once in every layer.
+//! The record of chunks: recording changes no frame, the recorded codes give the frames,
+//! and the expert counts add up to every token once per layer.
 
 mod model_bytes;
 
@@ -18,15 +18,15 @@ const NAMES: [&str; 6] =
     ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_four", "frames_seven"];
 const FRAMES: usize = 100;
 
-/// What a run gave.
+/// Result of a run.
 #[derive(Default)]
 struct Run {
-    /// Channels of every part, one frame after the other.
+    /// Channels of every part, frame by frame.
     channels: PerPart<Vec<u32>>,
     codes: PerPart<Vec<u16>>,
     /// `[keyframes, codes of a keyframe]`, in layout `frames`.
     keyframes: Vec<u16>,
-    /// Frames that the chunks made known.
+    /// Number of frames that the chunks made known.
     known: usize,
     /// First frame of each chunk, and its counts.
     chunks: Vec<(usize, Vec<u32>)>,
@@ -61,7 +61,7 @@ fn run(model: &Model, cx: Compute, config: &AvatarConfig, keep: bool) -> Run {
     run
 }
 
-/// Calls `check` with every golden model and a run that kept its record.
+/// Calls `check` with every golden model and a run that recorded.
 fn each(check: impl Fn(&str, &Model, Compute, &AvatarConfig, Run)) {
     let team = Team::new(1).unwrap();
     for name in NAMES {
@@ -99,8 +99,8 @@ fn recorded_codes_are_those_of_the_frames() {
     });
 }
 
-/// With a keyframe in every frame there is nothing between them, so that the frames are those of the
-/// recorded codes.
+/// With a keyframe in every frame nothing is interpolated, so the frames are the decoded recorded
+/// codes.
 #[test]
 fn recorded_keyframes_are_those_of_the_frames() {
     let mut bytes = ModelBytes::open("frames_seven");
@@ -126,8 +126,8 @@ fn recorded_keyframes_are_those_of_the_frames() {
     }
     let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
     let whole = model.motion().decode_list(cx, &latents).unwrap();
-    // Frames within the decoders' reach of a chunk's end had the newest repeated; the first have no
-    // end near them.
+    // Near a chunk's end, within the decoders' reach, the newest frame stood for later ones; the first
+    // frames are not near one.
     let sure = config.lookahead.saturating_sub(model.motion().reach()) + 1;
     for part in Part::ALL {
         let values = sure * model.motion().channels(part);
@@ -158,7 +158,7 @@ fn chunks_follow_each_other_from_keyframe_to_keyframe() {
     });
 }
 
-/// Rows of each kind that a layer of the encoder, or of the decoder, sees in a chunk.
+/// Numbers of rows that a layer of the encoder, or of the decoder, computes in a chunk.
 fn rows(config: &Config, target: usize, encoder: bool) -> Vec<usize> {
     let p = config.prefix + 2;
     let template = &config.templates["audio_to_motion"];
@@ -168,7 +168,7 @@ fn rows(config: &Config, target: usize, encoder: bool) -> Vec<usize> {
         (true, true) => vec![text, audio, config.prefix, 0],
         (true, false) => vec![0, 0, 0, target],
         (false, true) => vec![text, audio, p, p, p, p],
-        // The last code and its marker are never read.
+        // The last code and its marker are never inputs.
         (false, false) => vec![1, 0, target + 2, target + 2, target + 2, target],
     }
 }

@@ -1,6 +1,6 @@
-//! The root of a stream beside the root of the same codes decoded as a whole: the pelvis stands at
-//! its height from the first frame on, at every target and lookahead, and the body goes where the
-//! whole decode says.
+//! Root motion of a stream against the whole decode of the same codes: the pelvis is at its height
+//! from the first frame on, at every target and lookahead, and the body follows the whole
+//! decode's path.
 
 use std::path::Path;
 
@@ -14,8 +14,7 @@ use umo_tests::Noise;
 
 /// Largest distance of the pelvis from the whole decode's height, metres.
 const HEIGHT: f32 = 0.015;
-/// Largest distance of the pelvis in the first frame from the height that it has most of the time,
-/// metres.
+/// Largest distance of the pelvis in the first frame from its usual height, metres.
 const FIRST_HEIGHT: f32 = 0.02;
 /// Largest distance over the ground from the whole decode's path, metres.
 const PATH: f32 = 0.04;
@@ -40,7 +39,8 @@ fn translations(model: &Model, cx: Compute, config: &AvatarConfig, audio: &[f32]
     [streamed, whole.translation]
 }
 
-/// A model of layout `parts`, whose root is decoded with the rest, and recordings: speech, and noise that begins after a pause and ends before another.
+/// Calls `check` with a model of layout `parts`, whose root is decoded with the other channels, and recordings: speech,
+/// and noise between two pauses.
 fn each(check: impl Fn(&Model, Compute, &str, &[f32])) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let file = ModelFile::open(&root.join("models/umo-small/model.safetensors")).unwrap();
@@ -64,8 +64,8 @@ fn each(check: impl Fn(&Model, Compute, &str, &[f32])) {
     check(&model, cx, "bursts", &bursts);
 }
 
-/// What a live host sees first: with few keyframes and any lookahead, the figure stands as it does
-/// at rest.
+/// In a live setting, with few keyframes and any lookahead, the first frame stands as high as the
+/// rest pose.
 #[test]
 fn the_first_frame_of_a_live_setting_has_the_height_of_rest() {
     each(|model, cx, name, audio| {
@@ -94,8 +94,8 @@ fn the_first_frame_of_a_live_setting_has_the_height_of_rest() {
     });
 }
 
-/// The order in which [`Clip::channels`](umo_core::motion::clip::Clip::channels) writes contacts is
-/// that of the model's own: a side's ankle and foot go together.
+/// [`Clip::channels`](umo_core::motion::clip::Clip::channels) writes contacts in the model's order,
+/// in which the ankle and foot of a side go together.
 #[test]
 fn contacts_of_a_side_go_together() {
     each(|model, cx, name, audio| {
@@ -118,7 +118,7 @@ fn contacts_of_a_side_go_together() {
     });
 }
 
-/// The pelvis stands at its height from the first frame on, at every lookahead and some seeds.
+/// The pelvis is at its height from the first frame on, at every lookahead and some seeds.
 fn stands_at_its_height(target: usize) {
     each(|model, cx, name, audio| {
         let defaults = AvatarConfig::new(model.config());

@@ -1,4 +1,4 @@
-//! Which instruction sets give the same results: the table in docs/spec.md, section 2.9, row by
+//! Instruction sets that give the same results: the table in docs/spec.md, section 2.9, row by
 //! row.
 
 mod model_bytes;
@@ -21,17 +21,17 @@ const GOLDEN: [&str; 6] =
     ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_four", "frames_seven"];
 const PRECISIONS: [Precision; 4] = [Precision::Stored, Precision::F32, Precision::Bf16, Precision::Int8];
 
-/// The model whose depth network has int8 layers and bf16 products, where products are as stored.
+/// The model whose depth network has int8 layers and bf16 products, with products computed as stored.
 const MIXED: (&str, Precision) = ("umo-people", Precision::Stored);
 
-/// The default model, and those of the golden cases.
+/// The default model, and the models of the golden cases.
 fn models() -> Vec<(&'static str, ModelFile)> {
     let default = ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap();
     let golden = |name| (name, ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap());
     [("umo-people", default)].into_iter().chain(GOLDEN.map(golden)).collect()
 }
 
-/// The golden HuBERT of int8 layers with its position convolution in bf16; the others are int8.
+/// The golden HuBERT with int8 layers and its position convolution in bf16; in the other models it is int8.
 fn bf16_convolution() -> ModelFile {
     let mut model = ModelBytes::open("hubert_k3_i8");
     let stored = model.tensors.get_mut("audio.hubert.encoder.pos_conv_embed.conv.weight").unwrap();
@@ -49,7 +49,7 @@ fn audio(samples: usize) -> Vec<f32> {
     (0..samples).map(|i| if i % 5000 < 4000 { tone(i) + noise.float(0.05) } else { 0.0 }).collect()
 }
 
-/// Everything in a second of frames.
+/// All outputs in a second of frames.
 fn frames(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     let model = Model::load(file, precision, isa).unwrap();
     let mut animation = Animation::new(&model, &AvatarConfig::new(model.config())).unwrap();
@@ -69,7 +69,7 @@ fn frames(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     bits
 }
 
-/// All that a stage puts out.
+/// All outputs of a stage.
 fn staged(file: &ModelFile, precision: Precision, isa: Isa, stage: Stage, inputs: &[Output]) -> Vec<u64> {
     let bytes = stage::serialize(inputs).unwrap();
     let team = Team::new(1).unwrap();
@@ -116,8 +116,8 @@ fn codes(file: &ModelFile) -> Vec<Output> {
     codes_of(file, "codes", 40)
 }
 
-/// The decoder's states and the depth network's logits for given keyframes, and the vectors between
-/// given ones.
+/// The decoder's states and the depth network's logits for fixed keyframes, and the vectors between
+/// fixed ones.
 fn frame_logits(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     let (config, mut noise) = (file.config(), Noise::new(9));
     let ids: Vec<usize> = (0..30).map(|_| noise.below(config.vocab.size)).collect();
@@ -149,7 +149,7 @@ fn frame_logits(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     bits
 }
 
-/// The logits of the language model for given ids, and those of the interpolation network for given
+/// The language model's logits for fixed ids, and the interpolation network's for fixed
 /// codes.
 fn logits(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     if file.config().is_frames() {
@@ -163,7 +163,7 @@ fn logits(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     bits
 }
 
-/// The poses of codes that do not depend on the instruction set.
+/// The poses of fixed codes, which do not depend on the instruction set.
 fn poses(file: &ModelFile, isa: Isa) -> Vec<u64> {
     staged(file, Precision::Int8, isa, Stage::Motion, &codes(file))
 }

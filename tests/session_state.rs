@@ -1,5 +1,5 @@
-//! What must hold of a session's state as bytes: restored anywhere, it goes on with the same bits;
-//! and bytes that are no state of the session change nothing.
+//! Invariants of a session's saved state: restored in any session of the model, it continues with
+//! the same bits; invalid bytes change nothing.
 
 mod model_bytes;
 
@@ -30,7 +30,7 @@ fn load(name: &str, precision: Precision) -> Arc<Model> {
     Arc::new(Model::load(&file, precision, Isa::detect()).unwrap())
 }
 
-/// An engine whose time is turned by hand.
+/// An engine whose clock the test advances.
 struct Timed {
     engine: Engine,
     nanos: Arc<AtomicU64>,
@@ -64,7 +64,7 @@ enum Call {
     Push(usize),
     Finish,
     Pull(usize),
-    /// So many frames after what was shown last.
+    /// Seconds are frames after the last one shown.
     Sample(f64),
     Interrupt(u64),
     Reset,
@@ -77,13 +77,13 @@ enum Call {
     Attend(Attention),
     SetMood(Mood, f32),
     SetLayer(Layer, f32),
-    /// The gesture of this number, so many seconds after what was shown last, if at a time.
+    /// Index of a gesture, delay in seconds after the last frame shown (`None`: no start time), and side.
     Gesture(usize, Option<f64>, Side),
     Lips(usize, f64, f64),
-    /// So many samples of who speaks to the avatar, and how loud.
+    /// Number of samples of the interlocutor, and their level.
     Other(usize, f32),
     Wait(u64),
-    /// The host's time is so many milliseconds later.
+    /// Advances the host's time, in milliseconds.
     Clock(u32),
     Settle,
 }
@@ -120,18 +120,18 @@ fn any_call() -> impl Strategy<Value = Call> {
     ]
 }
 
-/// A session, and what it has shown.
+/// A session and its output so far.
 struct Run<'a> {
     timed: &'a Timed,
     session: Session,
     channels: usize,
-    /// Sample frames pushed, the time of the last pose, and that of the host, if it was ever said.
+    /// Sample frames pushed, the time of the last pose, and the host's time, if it was set.
     pushed: u64,
     time: f64,
     clock: f64,
     /// Whether the engine has nothing to do.
     settled: bool,
-    /// Everything that the calls have said and shown, as bits.
+    /// Results and outputs of all calls, as bits.
     seen: Vec<u64>,
 }
 
@@ -171,7 +171,7 @@ impl<'a> Run<'a> {
                 };
                 let ready = session.ready_frames().unwrap();
                 let pulled = session.pull_frames(*most, shown).unwrap();
-                // An engine that works meanwhile adds to them.
+                // A working engine may have added frames in the meantime.
                 assert!(pulled >= ready.min(*most), "{pulled} frames of {most}, where {ready} were ready");
                 assert!(!*settled || pulled == ready.min(*most), "{pulled} frames of {most}, {ready} were ready");
             }
@@ -225,8 +225,8 @@ impl<'a> Run<'a> {
         seen.extend([stats.chunks, stats.frames, stats.late_frames, stats.dropped_frames, stats.overruns]);
     }
 
-    /// Goes on from a state with these calls: everything that they say and show, and the state that
-    /// they lead to.
+    /// Continues from a state with these calls; returns their results and outputs, and the state
+    /// after them.
     fn replay(&mut self, state: &[u8], (pushed, time, clock): (u64, f64, f64), calls: &[Call]) -> (Vec<u64>, Vec<u8>) {
         self.session.restore(state).unwrap();
         assert!(save(&self.session) == state, "a restored session saves the state that it was restored from");
@@ -250,7 +250,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
 
     /// Any model, rate, cut of the script, idle mode; rolled back in place, and in another session
-    /// with a past of its own.
+    /// with a different past.
     #[test]
     fn a_restored_session_goes_on_with_the_same_bits(
         which in 0..NAMES.len(),
@@ -292,7 +292,7 @@ proptest! {
     }
 }
 
-/// Every place where a epoch can be on its way: given, heard by the audio side, seen by the frame
+/// Restores with an epoch change in every stage: requested, seen by the audio side, by the frame
 /// side, by the engine.
 #[test]
 fn an_epoch_on_its_way_arrives_after_a_restore() {
@@ -306,8 +306,8 @@ fn an_epoch_on_its_way_arrives_after_a_restore() {
         for seen in
             [vec![], vec![Push(100)], vec![Pull(2)], vec![Settle], vec![Push(100), Pull(1)], vec![Pull(1), Settle]]
         {
-            // The session that takes the state over has had more epochs, or none, or as many of the
-            // other kind.
+            // The restored session has had more epochs, none, or as many of the other
+            // kind.
             for past in [vec![], vec![Reset], vec![Interrupt(0), Push(7_000), Reset, Settle, Interrupt(100)]] {
                 let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
                 let before = start.iter().chain([&epoch]).chain(&seen);
@@ -325,17 +325,17 @@ fn an_epoch_on_its_way_arrives_after_a_restore() {
     }
 }
 
-/// Silence that the engine fills in, frames that come late, speech faster than it plays, and the
-/// way back from rest: cut at every place.
+/// Silence that the engine fills in, late frames, speech faster than real time, and the return
+/// from idle: cut at every place.
 #[test]
 fn time_goes_on_where_it_was() {
     use Call::{Finish, Interrupt, Pull, Push, Sample, SetIdle, Settle, Wait};
     let model = &MODELS[3];
     let script = [
-        // Half of a chunk waits when the speaker falls silent.
+        // Half a chunk waits when the audio stops.
         &[Push(9_600), Wait(150), Settle, Wait(60), Pull(1_000), Wait(400), Pull(9), Settle, Pull(1_000), Settle][..],
         &[Pull(1_000), Push(3_000), Settle, Pull(1_000), Wait(500), Pull(1), Settle, Pull(1_000)],
-        // A second at once, of which the later part is not late for a while.
+        // A second at once; its end is not due for a while.
         &[
             Push(16_000),
             Wait(700),
@@ -372,7 +372,7 @@ fn time_goes_on_where_it_was() {
     assert!((10..100).contains(&late), "{late}");
 }
 
-/// Full rings and a full prompt: the most that a state can be.
+/// Full rings and a full prompt: the largest possible state.
 #[test]
 fn a_full_session_fits_the_size_that_was_said() {
     let timed = timed(&MODELS[1], 0, 1, 0);
@@ -385,7 +385,7 @@ fn a_full_session_fits_the_size_that_was_said() {
         settle(&timed.engine);
     }
     let (full, most) = (save(&session).len(), session.state_size());
-    // One block of the resampler, one chunk of audio and one of frames may be missing.
+    // The state may be short of one resampler block, one chunk of audio and one of frames.
     let chunk = 4 * (config.avatar.target * 3_200 + 1_920) + 4 * config.avatar.target * 6 * (5 + 223 + 100);
     assert!(empty < full && full <= most && full + chunk > most, "{empty}, {full}, {most}");
     let mut short = vec![0; most - 1];
@@ -396,7 +396,7 @@ fn a_full_session_fits_the_size_that_was_said() {
     assert!(save(&fresh) == save(&session));
 }
 
-/// A stream ends with a full queue, another begins before the engine has made room.
+/// A stream ends with a full queue, and another begins before the engine has made room.
 #[test]
 fn a_stream_that_begins_behind_a_full_queue_is_restored() {
     for sample_rate in [8_000, 16_000, 22_050, 44_100, 48_000, 96_000] {
@@ -431,7 +431,7 @@ fn a_stream_that_begins_behind_a_full_queue_is_restored() {
     }
 }
 
-/// The layers' draws are the saved session's.
+/// The layers' random draws come from the restored state, not from the session's seed.
 #[test]
 fn a_session_with_another_seed_goes_on_with_the_state_alone() {
     let timed = timed(&MODELS[3], 0, 2, 0);
@@ -463,7 +463,7 @@ fn a_session_in_work_is_saved_and_not_restored() {
     session.push_audio(&[0.1; 6_400]).unwrap();
     let mut cut = 0;
     while timed.engine.poll(Duration::ZERO) == Ok(Poll::More) {
-        // After the step that ends the batch, the session is back in its place.
+        // After the step that ends the batch, the session is in its slot again.
         if session.stats().chunks == 0 {
             cut += 1;
             session.save(&mut bytes).unwrap();
@@ -519,12 +519,12 @@ fn a_state_of_another_model_or_config_is_refused_by_name() {
         let session = other.engine.session(&config).unwrap();
         assert_eq!(session.restore(&state), Err(SessionError::State(StateError::Model)));
     }
-    // The same file loaded again is the same model, on whatever processor.
+    // The same file loaded again is the same model, on any processor.
     let file = ModelFile::from_bytes(ModelBytes::open(NAMES[3]).bytes()).unwrap();
     let scalar = Arc::new(Model::load(&file, Precision::F32, Isa::SCALAR).unwrap());
     let other = self::timed(&scalar, 0, 1, 0);
     assert_eq!(other.engine.session(&own()).unwrap().restore(&state), Ok(()));
-    // One weight that is another makes another model, where it is one that was looked at.
+    // A changed weight makes another model, if the fingerprint samples it.
     let mut bytes = ModelBytes::open(NAMES[3]);
     bytes.tensors.get_mut("lm.shared.weight").unwrap().bytes[0] ^= 1;
     let changed = Model::load(&ModelFile::from_bytes(bytes.bytes()).unwrap(), Precision::F32, Isa::detect()).unwrap();
@@ -533,7 +533,7 @@ fn a_state_of_another_model_or_config_is_refused_by_name() {
     assert_eq!(session.restore(&state), Err(SessionError::State(StateError::Model)));
 }
 
-/// The state of a session in the middle of things: audio and frames that wait, a history, an ease.
+/// State of a busy session: audio and frames waiting, a history, an ease in progress.
 fn lively(timed: &Timed, config: &SessionConfig) -> Session {
     let session = timed.engine.session(config).unwrap();
     session.set_prompt(&[1, 2, 3]).unwrap();
@@ -579,7 +579,7 @@ fn changed_and_cut_states_are_refused_and_change_nothing() {
     assert!(save(&session) == state);
 }
 
-/// Makes a state's length and checksum right again.
+/// Updates a state's length and checksum.
 fn sign(state: &mut [u8]) {
     let length = state.len() as u64;
     state[16..24].copy_from_slice(&length.to_le_bytes());
@@ -593,7 +593,7 @@ fn sign(state: &mut [u8]) {
     state[12..16].copy_from_slice(&(!crc).to_le_bytes());
 }
 
-/// A frame that a host can show: rotations are unit quaternions, all else is finite.
+/// Asserts that a host can show the frame: rotations are unit quaternions, all other values finite.
 fn is_shown(frame: Frame) {
     for q in &frame.pose.rotations {
         let length: f32 = q.iter().map(|v| v * v).sum();
@@ -603,8 +603,8 @@ fn is_shown(frame: Frame) {
     assert!(values.into_iter().all(|v| v.is_finite()), "a forged state gave a frame that is not finite");
 }
 
-/// A session with a forged state may move wrongly or fail; it may not panic, hang, show what is not
-/// finite, or harm another.
+/// A session with a forged state may move wrongly or fail; it must not panic, hang, output
+/// non-finite values, or affect another session.
 fn survive(timed: &Timed, session: &Session) {
     let is_sound = |result: Result<(), SessionError>| {
         assert!(result != Err(SessionError::Panicked), "a forged state made the computation panic");
@@ -669,7 +669,7 @@ fn forged_states_do_no_harm() {
             }
         };
         let numbers = [0, 1, 2, 5, 40, 255, 65_535, 1 << 20, 1 << 33, 1 << 40, 1 << 49, 1 << 60, 1 << 62, u64::MAX];
-        // Fields stand at the start, between the rings, and at the end: where they are, depends on
+        // Fields are at the start, between the rings, and at the end: offsets depend on
         // the model.
         for _ in 0..700 {
             let mut forged = state.clone();
@@ -683,8 +683,8 @@ fn forged_states_do_no_harm() {
             }
             attempt(&mut forged);
         }
-        // Every small number in a state is a field, a count or a code: many of them, each in turn,
-        // are another.
+        // Every small number in a state is a field, a count or a code: changes many of them, one at a
+        // time.
         for at in 24..state.len() - 8 {
             let value = u64::from_le_bytes(state[at..at + 8].try_into().unwrap());
             let is_tried = if at + 700 > state.len() { at % 2 == 0 } else { draw(12) == 0 };
@@ -695,7 +695,7 @@ fn forged_states_do_no_harm() {
                 attempt(&mut forged);
             }
         }
-        // Floats: what is no number, and what is too large for a body, wherever a float may stand.
+        // Floats: replaces any possible one by a non-finite value, and by one too large for a body.
         for at in 24..state.len() - 4 {
             if draw(150) == 0 {
                 let mut forged = state.clone();
@@ -712,7 +712,7 @@ fn forged_states_do_no_harm() {
     }
 }
 
-/// A session in which all that frames are made of moves: layers, a live mouth, gains, the other's sound.
+/// A session with every influence on frames active: layers, a live mouth, gains, the interlocutor's audio.
 fn busy(timed: &Timed, config: &SessionConfig) -> Session {
     let session = lively(timed, config);
     session.set_gain(Part::Face, 0.5).unwrap();
@@ -736,7 +736,7 @@ fn no_forged_number_gives_a_frame_that_is_not_finite() {
         let timed = timed(&MODELS[3], 0, 2, 1_000_000_000);
         let config = SessionConfig { queue_frames: 24, voice, idle: Idle::Live, ..config(&MODELS[3], 1, 2) };
         let state = save(&busy(&timed, &config));
-        // All floats stand at even places. Layers and settings, which are the end, are tried more often.
+        // All floats are at even offsets. Layers and settings, at the end, are tried more often.
         let places = (24..state.len() - 8).step_by(2);
         let tried = places.filter(|at| at % 94 == 0 || at + 9_000 > state.len() && at % 12 == 0);
         for (round, at) in tried.enumerate() {
@@ -756,7 +756,7 @@ fn no_forged_number_gives_a_frame_that_is_not_finite() {
     }
 }
 
-/// All packets that are there.
+/// All packets that are ready.
 fn packets(session: &Session) -> Vec<u8> {
     let (mut bytes, mut lengths) = (vec![0; 1 << 18], [0; 64]);
     let count = session.pull_packets(&mut bytes, &mut lengths).unwrap();
@@ -764,7 +764,7 @@ fn packets(session: &Session) -> Vec<u8> {
     bytes
 }
 
-/// The end of a stream: more audio, and all frames and packets that follow.
+/// Ends a stream: pushes more audio, and returns all following frames and packets.
 fn end(engine: &Engine, session: &Session) -> (Vec<u64>, Vec<u8>) {
     session.push_audio(&[0.1; 5_000]).unwrap();
     session.finish().unwrap();
@@ -775,7 +775,7 @@ fn end(engine: &Engine, session: &Session) -> (Vec<u64>, Vec<u8>) {
     (frames, packets)
 }
 
-/// A chunk is cut at each of its steps, its frames are taken as they come, settings are changed meanwhile.
+/// Saves at each step of a chunk, while frames are pulled as they come and settings change.
 #[test]
 fn a_session_that_is_saved_in_work_goes_on_with_the_same_bits() {
     for (which, with_packets) in [(0, false), (3, true), (5, true)] {
@@ -785,12 +785,12 @@ fn a_session_that_is_saved_in_work_goes_on_with_the_same_bits() {
         let session = here.engine.session(&config).unwrap();
         let sound: Vec<f32> = (0_u16..40_000).map(|i| (f32::from(i) * 0.03).sin() * 0.3).collect();
         session.push_audio(&sound).unwrap();
-        // States, with the frames and packets of before.
+        // States, each with the frames and packets before it.
         let (mut states, mut frames, mut said) = (Vec::new(), Vec::new(), Vec::new());
         let mut step = 0_u64;
         while here.engine.poll(Duration::ZERO) == Ok(Poll::More) {
             step += 1;
-            // From where on no setting is changed any more; the last change counts from the next chunk on.
+            // From here on no setting changes; the last change takes effect with the next chunk.
             if step > 41 && step.is_multiple_of(3) {
                 let ready = session.ready_frames().unwrap();
                 frames.extend(pull(&session, ready.min(1)));
@@ -820,7 +820,7 @@ fn a_session_that_is_saved_in_work_goes_on_with_the_same_bits() {
     }
 }
 
-/// Nothing but the engine's own threads is at work.
+/// Only the engine's own threads are at work.
 #[test]
 fn threads_that_compute_keep_nobody_from_saving_or_from_restoring_a_new_session() {
     let (one, two) = (own(2), timed(&MODELS[2], 0, 2, 0));
@@ -853,7 +853,7 @@ fn own(threads: usize) -> Engine {
     Engine::new(Arc::clone(&MODELS[2]), &config).unwrap()
 }
 
-/// Repeats a call that the engine's own threads stand in the way of.
+/// Repeats a call while the engine's threads keep the session busy.
 fn again<R>(mut call: impl FnMut() -> Result<R, SessionError>) -> R {
     let start = Instant::now();
     loop {
@@ -890,14 +890,14 @@ fn engines_of_their_own_threads_go_on_with_each_others_states() {
         again(|| b.restore(&bytes[..count]));
         again(|| b.finish());
         assert!(pull(&b, 120 - 3 * round) == wanted);
-        // Back again, where all is done and the engine sleeps.
+        // Restores again, when the work is done and the engine sleeps.
         again(|| a.restore(&bytes[..count]));
         again(|| a.finish());
         assert!(pull(&a, 120 - 3 * round) == wanted);
     }
 }
 
-/// The engine passes a session over while somebody saves it, and must come back to it.
+/// The engine skips a session that is being saved, and must come back to it.
 #[test]
 fn saving_all_the_time_keeps_no_chunk_from_the_engine() {
     let engine = own(1);
@@ -927,7 +927,7 @@ fn saving_all_the_time_keeps_no_chunk_from_the_engine() {
     });
 }
 
-/// Restores between everything else at once; then the session still works.
+/// Restores concurrently with all other calls; afterwards the session still works.
 #[test]
 fn restores_beside_audio_frames_and_cues() {
     let engine = own(2);

@@ -1,10 +1,10 @@
-//! What the kernel tests share: one test per instruction set, guarded buffers, and inputs that seek
-//! out edges.
+//! Shared parts of the kernel tests: one test per instruction set, guarded buffers, and inputs for
+//! edge cases.
 //!
 //! A property takes an [`Isa`]; [`for_each_isa!`] makes one test of it per back-end, with the
-//! back-end in the test's name. A processor that lacks a back-end prints `SKIPPED`, unless the
-//! environment variable `UMO_TEST_REQUIRE` (names with commas between) demands it: then the test
-//! fails.
+//! back-end in the test's name. On a processor that lacks a back-end the test prints `SKIPPED`,
+//! unless the environment variable `UMO_TEST_REQUIRE` (names separated by commas) requires it:
+//! then the test fails.
 
 #[path = "pages.rs"]
 pub mod pages;
@@ -16,7 +16,7 @@ use proptest::prelude::*;
 use umo_kernels::Isa;
 pub use umo_self_test::kernels::buffers::{Canary, GUARD, Guarded, LINE, Noise, Placed, bits};
 
-/// Tells a test's other threads to end, also where the test fails: a scope waits for them.
+/// Tells a test's other threads to end, even if the test fails: a scope waits for them.
 pub struct Ends<'a>(pub &'a AtomicBool);
 
 impl Drop for Ends<'_> {
@@ -59,7 +59,7 @@ macro_rules! for_each_isa {
     };
 }
 
-/// Runs `property` on the back-end of this name, or skips it as the module says.
+/// Runs `property` on the back-end of this name, or skips it as described in the module.
 pub fn on_isa(name: &str, property: impl FnOnce(Isa)) {
     match Isa::from_name(name) {
         Some(isa) => property(isa),
@@ -67,7 +67,7 @@ pub fn on_isa(name: &str, property: impl FnOnce(Isa)) {
             panic!("UMO_TEST_REQUIRE names {name}, which this processor does not have")
         }
         None => {
-            // Not `eprintln!`, whose text libtest keeps to itself when a test passes.
+            // Not `eprintln!`, whose output libtest captures for passing tests.
             writeln!(std::io::stderr(), "SKIPPED: this processor does not have {name}")
                 .expect("standard error is open");
         }
@@ -85,8 +85,8 @@ pub fn near(tile: usize, most: usize) -> impl Strategy<Value = usize> {
     (0..=most, 0..3_usize).prop_map(move |(n, more)| (n * tile + more).saturating_sub(1))
 }
 
-/// Sizes around whole multiples of these: as often the multiple itself as one less or one more, up
-/// to twelve of it, and now and then any remainder or nothing at all.
+/// Sizes around multiples of these, up to twelve: the multiple itself, one less and one more
+/// equally often, and sometimes any remainder or 0.
 pub fn around(tiles: &'static [usize]) -> impl Strategy<Value = usize> {
     let count = prop_oneof![4 => 1..=2_usize, 3 => 3..=5_usize, 1 => 6..=12_usize];
     (prop::sample::select(tiles), count).prop_flat_map(|(tile, count)| {
@@ -95,12 +95,12 @@ pub fn around(tiles: &'static [usize]) -> impl Strategy<Value = usize> {
     })
 }
 
-/// Where a slice starts behind a cache line's start, in elements.
+/// Offset of a slice from a cache line's start, in elements.
 pub fn offset() -> impl Strategy<Value = usize> {
     0..64_usize
 }
 
-/// The kinds of values that inputs are made of.
+/// Distributions of inputs.
 #[derive(Clone, Copy, Debug)]
 pub enum Fill {
     /// Uniform in `-size..size`.
@@ -130,7 +130,7 @@ impl Fill {
     }
 }
 
-/// Every kind of values for operations whose tolerance scales with them.
+/// Any distribution, for operations whose tolerance scales with the values.
 pub fn fill() -> impl Strategy<Value = Fill> {
     prop_oneof![
         4 => Just(Fill::Uniform(1.0)),
@@ -154,7 +154,7 @@ pub fn ulp(exact: f64) -> f64 {
     2.0_f64.powf(size.log2().floor() - 23.0)
 }
 
-/// How many cases a property tries: `PROPTEST_CASES`, or `cases`. Failures print their seed and are
+/// Number of cases that a property tries: `PROPTEST_CASES`, or `cases`. Failures print their seed and are
 /// not written to files.
 pub fn cases(cases: u32) -> ProptestConfig {
     let cases = std::env::var("PROPTEST_CASES").ok().and_then(|given| given.parse().ok()).unwrap_or(cases);

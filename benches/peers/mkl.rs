@@ -1,4 +1,4 @@
-//! As much of Intel MKL's interface as is timed, from the library that `UMO_MKL` names.
+//! The timed part of Intel MKL's interface, from the library that `UMO_MKL` names.
 
 use std::ffi::{CStr, CString, c_void};
 use std::mem::transmute_copy;
@@ -49,19 +49,19 @@ impl Shape {
     }
 }
 
-/// Weights as the library packs them for a shape, several times over.
+/// Weights packed by the library for a shape, in several copies.
 pub struct Packed<T: umo_core::weights::Plain> {
     shape: Shape,
     copies: AlignedBox<T>,
-    /// Numbers of one copy.
+    /// Elements of one copy.
     size: usize,
 }
 
 impl Mkl {
-    /// Opens the library for so many threads; none where `UMO_MKL` is not set.
+    /// Opens the library for this many threads; `None` if `UMO_MKL` is not set.
     pub fn open(threads: usize) -> Option<Self> {
         let path = CString::new(std::env::var("UMO_MKL").ok()?).expect("a path has no zeros");
-        // SAFETY: `path` is a C string; what runs when it is opened are Intel's initialisers.
+        // SAFETY: `path` is a C string; opening it runs only Intel's initialisers.
         let library = unsafe { libc::dlopen(path.as_ptr(), libc::RTLD_NOW | libc::RTLD_GLOBAL) };
         assert!(!library.is_null(), "cannot open {path:?}");
         let find = |name: &CStr| {
@@ -81,7 +81,7 @@ impl Mkl {
         }
         let set_threads = function!(unsafe extern "C" fn(i32), c"MKL_Set_Num_Threads");
         let threads = i32::try_from(threads).expect("a few threads");
-        // SAFETY: any number of threads may be asked for.
+        // SAFETY: any number of threads is allowed.
         unsafe { set_threads(threads) };
         Some(Self {
             size_i8: function!(Size, c"cblas_gemm_s8u8s32_pack_get_size"),
@@ -93,16 +93,16 @@ impl Mkl {
         })
     }
 
-    /// `copies` times the same weights `[n, k]`.
+    /// Packs the weights `[n, k]` in `copies` copies.
     pub fn pack_i8(&self, shape: Shape, w: &[i8], copies: usize) -> Packed<i8> {
         assert_eq!(w.len(), shape.n * shape.k);
         let [n, m, k] = shape.sizes();
-        // SAFETY: a question about numbers.
+        // SAFETY: takes numbers only.
         let size = unsafe { (self.size_i8)(A_MATRIX, n, m, k) }.next_multiple_of(64);
         let mut memory = AlignedBox::<i8>::zeroed(size * copies);
         for copy in memory.chunks_exact_mut(size) {
             let to = copy.as_mut_ptr().cast();
-            // SAFETY: `to` has as many bytes as the library asked for; `w` is `[n, k]` by the
+            // SAFETY: `to` has the number of bytes that the library asked for; `w` is `[n, k]` by the
             // assertion.
             unsafe { (self.pack_i8)(COL_MAJOR, A_MATRIX, TRANS, n, m, k, w.as_ptr(), k, to) };
         }
@@ -122,16 +122,16 @@ impl Mkl {
         }
     }
 
-    /// `copies` times the same weights `[n, k]`.
+    /// Packs the weights `[n, k]` in `copies` copies.
     pub fn pack_f32(&self, shape: Shape, w: &[f32], copies: usize) -> Packed<f32> {
         assert_eq!(w.len(), shape.n * shape.k);
         let [n, m, k] = shape.sizes();
-        // SAFETY: a question about numbers.
+        // SAFETY: takes numbers only.
         let size = unsafe { (self.size_f32)(A_MATRIX, n, m, k) }.div_ceil(4).next_multiple_of(16);
         let mut memory = AlignedBox::zeroed(size * copies);
         for copy in memory.chunks_exact_mut(size) {
             let to = copy.as_mut_ptr();
-            // SAFETY: `to` has as many bytes as the library asked for; `w` is `[n, k]` by the
+            // SAFETY: `to` has the number of bytes that the library asked for; `w` is `[n, k]` by the
             // assertion.
             unsafe { (self.pack_f32)(COL_MAJOR, A_MATRIX, TRANS, n, m, k, 1.0, w.as_ptr(), k, to) };
         }

@@ -1,12 +1,12 @@
-//! Times the parts of a chunk for whoever asks on standard input, so that a peer can be timed in
+//! Times the parts of a chunk on request from standard input, so that a peer can be timed in
 //! between.
 //!
-//! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as
-//! many calls, as `peer.py` answers; `kind` is what the model's file has, int8. `floor` instead of
-//! repetitions is answered by the milliseconds that the part must take at the peaks of this
-//! processor, which are measured anew for that; NaN for `face`, an avatar of the default model. `reading` reads as many bytes as a step must. Other
-//! questions in place of a part: `peaks` for people to read, `f32` for GMAC/s in single precision,
-//! `isa` for the back-end in use, which `UMO_ISA` names where it shall not be the fastest.
+//! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of that
+//! many calls, as `peer.py` answers; `kind` is the precision of the model's file, int8. `floor` in place of
+//! repetitions is answered by the minimum milliseconds of the part at this processor's peaks, which are
+//! measured anew; NaN for `face`, an avatar of the default model. `reading` reads as many bytes as a step must. Other
+//! requests in place of a part: `peaks` in readable form, `f32` for GMAC/s in single precision,
+//! `isa` for the back-end in use, which `UMO_ISA` may set.
 
 use std::cell::LazyCell;
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ use umo_core::floor::{self, Floor, Stored};
 use umo_core::{Compute, Config, Team};
 
 fn main() {
-    // The base model is loaded where a part of it is asked for.
+    // The base model is loaded when a part of it is requested.
     let file = LazyCell::new(umo_benches::model);
     let mut language = LazyCell::new(|| Language::load(&file));
     let audio = LazyCell::new(|| Audio::load(&file));
@@ -77,7 +77,7 @@ fn main() {
     }
 }
 
-/// What a part does in turn.
+/// Sequence of operations of a part.
 fn floors(config: &Config, part: &str, codes: usize, samples: usize) -> Vec<Floor> {
     match part {
         "encoder" => {

@@ -1,15 +1,15 @@
-//! Times int8 and f32 products beside Intel MKL's packed ones (where `UMO_MKL` names its
-//! `libmkl_rt.so`) and beside the crates `gemm`, `faer` and `matrixmultiply`.
+//! Times int8 and f32 products against Intel MKL's packed ones (if `UMO_MKL` names its
+//! `libmkl_rt.so`) and against the crates `gemm`, `faer` and `matrixmultiply`.
 //!
 //! Usage: `products ISA THREADS [SECONDS [FILTER]]`: seconds per contestant and shape, and part of
 //! a name such as `int8 2048 x 768, 64 rows`. `MATMUL_NUM_THREADS` must agree with the threads.
-//! Every line is `name,peer,threads,ours,peer's,floor` in milliseconds, medians. Weights go round
-//! 32 MiB, far beyond L2.
+//! Every line is `name,peer,threads,ours,peer's,floor` in milliseconds, medians. Calls cycle through
+//! 32 MiB of weights, far more than L2.
 //!
-//! Sides take turns of some ten milliseconds with a pause between them, in which the other's
-//! threads come to rest (`KMP_BLOCKTIME` must be shorter); the first calls of a turn, which wake
-//! them, do not count. Inputs and outputs of all sides start at a cache line, as the engine's do: a
-//! few bytes beside it, every store of ours touches two.
+//! Sides take turns of about ten milliseconds with a pause between them, in which the other side's
+//! threads become idle (`KMP_BLOCKTIME` must be shorter); the first calls of a turn, which wake
+//! them, do not count. Inputs and outputs of all sides start at a cache line, as the engine's do:
+//! otherwise every store of ours would touch two lines.
 
 mod mkl;
 
@@ -30,16 +30,16 @@ use umo_kernels::{Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, PrefetchHint, pe
 const WEIGHT_BYTES: usize = 32 << 20;
 const SHAPES: [(usize, usize); 4] = [(2048, 768), (768, 2048), (768, 768), (3072, 768)];
 const ROWS: [usize; 6] = [1, 4, 16, 64, 128, 256];
-/// Panels of the next weights that a thread fetches while it waits, as in the engine.
+/// Panels of the next weights that a waiting thread prefetches, as in the engine.
 const AHEAD: usize = 8;
-/// Rows up to which reading the weights is the limit, and what that is called.
+/// Number of rows up to which products are memory bound, and the name of their floor.
 const FEW_ROWS: usize = 4;
 const READING: &str = "reading as many bytes";
 const TURN: f64 = 0.01;
 const REST: Duration = Duration::from_millis(4);
 const OK: &str = "shapes agree";
 
-/// What both kinds of product are measured with.
+/// Settings of the measurements of both kinds of product.
 struct Bench {
     isa: Isa,
     team: Team,
@@ -48,7 +48,7 @@ struct Bench {
     filter: String,
     /// Multiply-adds per second of int8 and f32.
     peaks: [f64; 2],
-    /// How memory is read fastest, and bytes per second, from as much as the weights go round.
+    /// The fastest order of reading, and its bytes per second over as much memory as the weights take.
     read: (peak::Order, f64),
 }
 
@@ -86,7 +86,7 @@ fn main() {
 }
 
 impl Bench {
-    /// The product's name, where it is wanted.
+    /// The product's name, if the filter accepts it.
     fn name(&self, kind: &str, Shape { m, n, k }: Shape) -> Option<String> {
         let name = format!("{kind} {n} x {k}; {m} rows; {}", self.isa.name());
         name.contains(&self.filter).then_some(name)
@@ -112,7 +112,7 @@ impl Bench {
             let w = PackedI8::new(&packed[copy * len..][..len], &w_scale, &sum, n, k).expect(OK);
             let y = MatMut::new(y, m, n).expect(OK);
             let part = |outputs, y| Ok(matmul_i8(isa, rows, None, w.outputs(outputs), Epilogue::STORE, y)?);
-            // As the engine's layers say which weights come next.
+            // Names the next weights, as the engine's layers do.
             let next = &packed[(copy + 1) % copies * len..][..len];
             team.expect(n, PANEL, |outputs| {
                 let panel = len / panels(n);
@@ -145,7 +145,7 @@ impl Bench {
         self.race(&name, shape, n * k, self.peaks[0], &mut sides, copies);
     }
 
-    /// Every byte once, each thread a piece.
+    /// Reads every byte once, divided among the threads.
     fn read_all(&self, bytes: &[i8]) {
         let share = bytes.len().div_ceil(self.team.threads());
         self.team.run(&|thread| {
@@ -199,14 +199,14 @@ impl Bench {
         sides.iter_mut().for_each(|(_, call)| call(0));
         self.race(&name, shape, 4 * n * k, self.peaks[1], &mut sides, copies);
         drop(sides);
-        // In the order in which they were taken above.
+        // In the order of the measurements above.
         for (side, y) in ["umo", "MKL", "gemm crate", "faer", "matrixmultiply"].iter().zip(&ys) {
             let off = y.iter().zip(&want).map(|(y, want)| (y - want).abs()).fold(0.0, f32::max);
             assert!(off < 1e-3 || !names.contains(side), "{name}: {side} is off by {off}");
         }
     }
 
-    /// Times all sides in turn, and prints the others beside the first.
+    /// Times all sides alternately, and prints the others beside the first.
     fn race(&self, name: &str, shape: Shape, bytes: usize, peak: f64, sides: &mut [Side], copies: usize) {
         let mut times = vec![Vec::new(); sides.len()];
         let mut copy = 0;
@@ -241,7 +241,7 @@ impl Bench {
     }
 }
 
-/// Numbers that start at a cache line.
+/// An array that starts at a cache line.
 struct Lined<T> {
     data: Vec<T>,
     skip: usize,
@@ -281,7 +281,7 @@ fn gemm_crate(Shape { m, n, k }: Shape, threads: usize, x: &[f32], w: &[f32], y:
     assert!(x.len() == m * k && w.len() == n * k && y.len() == m * n);
     let (n_stride, k_stride) = (n.cast_signed(), k.cast_signed());
     let (x, w, y) = (x.as_ptr(), w.as_ptr(), y.as_mut_ptr());
-    // SAFETY: the three matrices have the sizes that are named, by the assertion.
+    // SAFETY: the three matrices have the given sizes by the assertion.
     unsafe {
         gemm::gemm(
             m,
@@ -319,6 +319,6 @@ fn matrixmultiply_crate(Shape { m, n, k }: Shape, x: &[f32], w: &[f32], y: &mut 
     assert!(x.len() == m * k && w.len() == n * k && y.len() == m * n);
     let (n_stride, k_stride) = (n.cast_signed(), k.cast_signed());
     let (x, w, y) = (x.as_ptr(), w.as_ptr(), y.as_mut_ptr());
-    // SAFETY: the three matrices have the sizes that are named, by the assertion.
+    // SAFETY: the three matrices have the given sizes by the assertion.
     unsafe { matrixmultiply::sgemm(m, k, n, 1.0, x, k_stride, 1, w, 1, k_stride, 0.0, y, n_stride, 1) };
 }

@@ -1,4 +1,4 @@
-//! The program as a user runs it: files in, files out, exit codes, and what it says on standard
+//! The program as a user runs it: files in, files out, exit codes, and messages on standard
 //! error.
 
 #[path = "cli/program.rs"]
@@ -35,7 +35,7 @@ fn help_and_version_are_no_failure() {
     }
     assert!(umo(&["--version"]).out.starts_with("umo "));
     assert!(umo(&["stage", "--help"]).out.contains("interp"));
-    // No command at all is a question: the help answers it, on standard error.
+    // Without a command the program prints its help on standard error.
     assert_eq!(umo(&[]).code, 2);
 }
 

@@ -1,5 +1,5 @@
 //! `umo convert` as a user runs it, on files with the names that Hugging Face, EMAGE and Language
-//! of Motion give.
+//! of Motion use.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ const ROUTER: &str = "lm.encoder.block.1.layer.1.moe.router.weight";
 
 type Tensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
-/// The model whose weights the published files have.
+/// The model with the published files' weights.
 fn golden() -> ModelFile {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/hubert_k1_smplx/model.safetensors");
     ModelFile::open(&path).unwrap()
@@ -31,7 +31,7 @@ fn values(file: &ModelFile, name: &str, shape: &[usize]) -> Vec<f32> {
     values
 }
 
-/// A folder with published files, and what each holds.
+/// A folder with published files, and the contents of each.
 struct Place {
     folder: TempDir,
     files: BTreeMap<String, Tensors>,
@@ -60,8 +60,8 @@ impl Place {
         Self { folder: TempDir::new().unwrap(), files, config }
     }
 
-    /// The same for a model of layout `frames`: HuBERT before the parts of a random model, of which
-    /// the hands are two of as many channels.
+    /// Files for a model of layout `frames`: HuBERT and the parts of a random model, in which
+    /// the hands are two parts with the same number of channels.
     fn frames() -> Self {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("random");
@@ -112,7 +112,7 @@ impl Place {
         *tensors = std::mem::take(tensors).into_iter().map(|(name, tensor)| (ours(&name), tensor)).collect();
     }
 
-    /// Writes the files and runs the program with `more` arguments; what it said on standard error.
+    /// Writes the files and runs the program with `more` arguments; returns its standard error.
     fn run(&self, more: &[&str], code: i32) -> String {
         for (name, tensors) in &self.files {
             write(&self.path(&format!("{name}.safetensors")), tensors);
@@ -137,7 +137,7 @@ impl Place {
         ModelFile::open(&self.path("model")).unwrap()
     }
 
-    /// Demands a refusal that says `wanted` and writes nothing.
+    /// Asserts a refusal that contains `wanted` and writes nothing.
     fn refused(&self, more: &[&str], wanted: &str) {
         let said = self.run(more, 2);
         assert!(said.contains(wanted), "{said}");
@@ -147,8 +147,8 @@ impl Place {
     }
 }
 
-/// The file and name under which a tensor is published; experts but the first, and routers, are
-/// not.
+/// The file and name of a tensor in the published files; routers, and experts except the first, are
+/// not published.
 fn published(name: &str) -> Option<(String, String)> {
     let (stage, rest) = name.split_once('.').unwrap();
     Some(match stage {
@@ -170,7 +170,7 @@ fn published(name: &str) -> Option<(String, String)> {
     })
 }
 
-/// The position convolution as a direction twice as long, and the scale that it has.
+/// The position convolution as an unnormalised direction, twice as long, and its scale.
 fn unfold(hubert: &mut Tensors) {
     let (shape, folded) = hubert.remove(&format!("{POSITION}.weight")).unwrap();
     let taps = shape[2];
@@ -302,7 +302,7 @@ fn old_names_shards_and_a_checkpoint_of_everything_give_the_same() {
     let table = all["lm.language_model.shared.weight"].clone();
     all.insert("lm.language_model.encoder.embed_tokens.weight".to_owned(), table);
     all.insert("smplx.v_template".to_owned(), (vec![1], vec![0.0]));
-    // In two shards of one folder, given as the T5 and as the codecs.
+    // In two shards of one folder, passed both as the T5 and as the codecs.
     std::fs::create_dir(place.path("lom")).unwrap();
     let half = all.split_off(&all.keys().nth(all.len() / 2).unwrap().clone());
     write(&place.path("lom/model-1.safetensors"), &all);
@@ -414,7 +414,7 @@ fn a_model_of_layout_frames_is_converted() {
         checked += 1;
     }
     assert!(checked > 100, "{checked}");
-    // It is a model that moves.
+    // The model animates.
     let wav = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/hello.wav");
     let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
     command.arg("animate").arg(wav).args(["--model", "model", "-o", "out.npz"]);

@@ -11,13 +11,13 @@ use umo_core::weights::layout::{self, Kind};
 use umo_core::weights::writer::Storage;
 use umo_core::{Compute, Isa, Model, ModelFile, Team};
 
-/// Ends of the names whose channels are evened out: two that make them, two that take them.
+/// Suffixes of the tensors whose channels are equalised: two that produce them, two that consume them.
 const EVENED: [&str; 4] = [".v.weight", ".wi_1.weight", ".o.weight", ".wo.weight"];
 
 struct Place(TempDir);
 
 impl Place {
-    /// A folder with a tiny random model of f32 weights, `model`.
+    /// Makes a folder with a tiny random model of f32 weights, `model`.
     fn new() -> Self {
         let place = Self(TempDir::new().unwrap());
         place.run(&["make-random", "--size", "tiny", "--store", "f32", "-o", "model"], 0);
@@ -32,7 +32,7 @@ impl Place {
         ModelFile::open(&self.path(name)).unwrap()
     }
 
-    /// Runs the program in the folder, and returns what it said on standard error.
+    /// Runs the program in the folder, and returns its standard error.
     fn run(&self, args: &[&str], code: i32) -> String {
         let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
         let Output { status, stderr, .. } = command.args(args).current_dir(self.0.path()).output().unwrap();
@@ -41,7 +41,7 @@ impl Place {
         stderr
     }
 
-    /// Quantises `model` to `name` with more arguments.
+    /// Quantizes `model` to `name` with more arguments.
     fn quantize(&self, name: &str, args: &[&str]) -> ModelFile {
         self.run(&[&["quantize", "model", "-o", name], args].concat(), 0);
         self.open(name)
@@ -163,8 +163,8 @@ fn the_last_set_counts_then_keep_then_the_default() {
     assert_eq!(head.storage("lm.lm_head.weight").unwrap(), Storage::Int8);
 }
 
-/// What passes from values to the attention's output, and from one half of a feed-forward to its
-/// end, is evened out by powers of two that are taken back at once.
+/// Channels between values and the attention's output, and between the halves of a feed-forward,
+/// are equalised by powers of two that the consumers undo.
 #[test]
 fn channels_are_evened_out_without_a_change_of_the_function() {
     let place = Place::new();
@@ -201,7 +201,7 @@ fn channels_are_evened_out_without_a_change_of_the_function() {
     assert!(factors > 3, "random ranges differ, yet only {factors} channels were evened out");
 }
 
-/// Without `--precision`, each product is computed as its weights are stored.
+/// Without `--precision`, each product is computed in its weights' stored type.
 #[test]
 fn a_model_is_run_as_it_is_stored() {
     let place = Place::new();
@@ -217,7 +217,7 @@ fn a_model_is_run_as_it_is_stored() {
     // Not `assert_eq!`, which would print both animations.
     assert!(stored == moves("i8", &["--precision", "int8"]));
     assert!(stored != moves("i8", &["--precision", "f32"]));
-    // Back-ends with tiles cut the inputs of bf16 products in two; others widen the weights, as f32
+    // Back-ends with tiles split the inputs of bf16 products in two; others widen the weights, as f32
     // does.
     let plain = ["--isa", "scalar"];
     assert!(moves("b16", &plain) == moves("b16", &["--isa", "scalar", "--precision", "f32"]));
@@ -225,7 +225,7 @@ fn a_model_is_run_as_it_is_stored() {
     assert!(moves("b16", &[]) != moves("model", &[]));
 }
 
-/// Codes of 4 bits in groups: what `--weights int4` takes, to how many bytes, and at what loss.
+/// Codes of 4 bits in groups: the tensors that `--weights int4` quantizes, their sizes, and the error.
 #[test]
 fn int4_takes_experts_to_half_the_bytes() {
     let place = Place::new();
@@ -243,7 +243,7 @@ fn int4_takes_experts_to_half_the_bytes() {
         let (inputs, squares) = (spec.inputs(), |v: &mut dyn Iterator<Item = f32>| v.map(|v| v * v).sum::<f32>());
         if !EVENED.iter().any(|end| spec.name.ends_with(end)) {
             let error = squares(&mut was.iter().zip(&is).map(|(a, b)| a - b)) / squares(&mut was.iter().copied());
-            // Of uniform values: a step of a sixteenth of the range.
+            // For uniform values: a step of a sixteenth of the range.
             assert!((0.02..0.085).contains(&error.sqrt()), "{}: {error}", spec.name);
         }
         let tensors = after.tensors();
@@ -256,7 +256,7 @@ fn int4_takes_experts_to_half_the_bytes() {
     assert!(2 * quantized == experts && int8 > 20, "{quantized} tensors in int4, {int8} in int8");
 }
 
-/// What the products of the float model read while it animates `speech`, of the tensors `wanted`.
+/// Records the inputs of the float model's products while it animates `speech`, for the tensors `wanted`.
 fn recorded(place: &Place, wanted: Vec<String>) -> Calibration {
     let calibration = Calibration::new(wanted);
     let model = Model::load_recording(&place.open("model"), Isa::detect(), &calibration).unwrap();
@@ -270,8 +270,8 @@ fn recorded(place: &Place, wanted: Vec<String>) -> Calibration {
     calibration
 }
 
-/// Weights that are rounded to what they are multiplied with: the same file but for codes, and a smaller error
-/// of the products, whose inputs here are recorded once more.
+/// Weights rounded with calibration: only codes differ in the file, and the error of
+/// the products, on inputs recorded once more, is smaller.
 #[test]
 fn calibration_lowers_the_error_of_products() {
     let place = Place::new();
@@ -323,7 +323,7 @@ fn calibration_lowers_the_error_of_products() {
     assert!(!place.files().iter().any(|name| name.contains("part") || name == "no"), "{:?}", place.files());
 }
 
-/// The int8 model of the same values gives the same frames, and so does every back-end; both layouts.
+/// The int8 model of the same values gives the same frames, on every back-end and in both layouts.
 #[test]
 fn int4_models_move_alike_everywhere() {
     let place = Place::new();
@@ -348,7 +348,7 @@ fn int4_models_move_alike_everywhere() {
             let same = moves(&["--isa", isa.name(), "--precision", "int8"]) == moves(&["--isa", isa.name()]);
             assert!(same, "{layout}: int8 on {}", isa.name());
         }
-        // One type of each part, or of experts, in int8 beside int4: computed as int8.
+        // The keys and one expert in int8, the others in int4: computed as int8.
         place.quantize(
             "mixed",
             &[&args[..], &["--set", "lm.*.experts.0.*=int8", "--set", "lm.*.k.weight=int8"]].concat(),
@@ -358,7 +358,7 @@ fn int4_models_move_alike_everywhere() {
     }
 }
 
-/// What is wrong with a damaged int4 tensor is said.
+/// The fault of a damaged int4 tensor is named.
 #[test]
 fn damaged_int4_tensors_are_named() {
     let place = Place::new();
@@ -366,7 +366,7 @@ fn damaged_int4_tensors_are_named() {
     let file = place.quantize("four", &["--weights", "int8", "--set", &format!("{name}=int4")]);
     let shape = layout::specs(file.config(), true).into_iter().find(|spec| spec.name == name).unwrap().shape;
     let bytes = std::fs::read(place.path("four")).unwrap();
-    // As a file from elsewhere, which has no checksums to see the damage by.
+    // Without a checksum, as from other programs, so that the checksum does not reveal the damage.
     let find = |bytes: &[u8], text: &str| bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap();
     let replaced = |bytes: &[u8], from: &str, to: &str| {
         assert_eq!(from.len(), to.len());
@@ -381,7 +381,7 @@ fn damaged_int4_tensors_are_named() {
         Err(error) => error.to_string(),
     };
     let [rows, groups] = [shape[0], shape[1].div_ceil(32)];
-    // The first multiplier: where its entry says.
+    // The first multiplier, located by the tensor's entry.
     let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
     let entry = find(&bytes, &format!("\"{name}.multipliers\""));
     let text = String::from_utf8_lossy(&bytes[entry..header]).into_owned();
@@ -403,7 +403,7 @@ fn damaged_int4_tensors_are_named() {
     assert!(groups > 0 && file.tensor(name, &shape).is_ok());
 }
 
-/// Experts share their input, and each is the product of two: those that differ are still computed.
+/// Experts share their input, and each computes two products: experts of different types still run.
 #[test]
 fn uneven_types_are_computed() {
     let place = Place::new();

@@ -30,8 +30,8 @@ pub fn softmax(isa: Isa, x: &mut [f32]) {
     dispatch!(isa, softmax(x))
 }
 
-/// Index of the largest element, the lowest one of equals; `None` for an empty slice. NaN is never
-/// the largest.
+/// Index of the largest element, the lowest index if several are equal; `None` for an empty slice. NaN is
+/// never the largest.
 pub fn argmax(isa: Isa, x: &[f32]) -> Option<usize> {
     dispatch!(isa, argmax(x))
 }

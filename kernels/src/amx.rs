@@ -19,7 +19,7 @@ use crate::pack::PANEL;
 use core::marker::PhantomData;
 use registers::Registers;
 
-/// Rows of a tile; of weights, as many quads or pairs.
+/// Rows of a tile; for weights, the number of quads or pairs.
 pub(crate) const TILE: usize = 16;
 /// Bytes of a tile's row.
 pub(crate) const BYTES: usize = 64;
@@ -29,8 +29,8 @@ pub(crate) const BYTES: usize = 64;
 #[repr(C, align(64))]
 pub(crate) struct Aligned<T>(pub(crate) T);
 
-/// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it
-/// releases them. One at a time per thread: two would overwrite each other's sums.
+/// Proof that this thread's tiles are configured, all as 16 rows of 64 bytes; dropping it
+/// releases them. At most one per thread: two would overwrite each other's sums.
 ///
 /// Tile registers keep their values from one `asm!` block to the next, which inline assembly cannot
 /// declare. That is sound as long as no other code of the process uses tiles on the thread: the
@@ -38,7 +38,7 @@ pub(crate) struct Aligned<T>(pub(crate) T);
 /// the system saves tiles when it switches threads.
 pub(crate) struct Tiles {
     registers: Registers,
-    /// Tiles belong to a thread.
+    /// Makes the type `!Send`: tiles belong to a thread.
     thread: PhantomData<*const ()>,
 }
 
@@ -49,7 +49,7 @@ impl Tiles {
         Self { registers: unsafe { Registers::configure() }, thread: PhantomData }
     }
 
-    /// The sums, tiles 0 to 3, become zero.
+    /// Zeroes the sums, tiles 0 to 3.
     #[inline]
     pub(crate) fn zero(&self) {
         self.zero_two();
@@ -57,7 +57,7 @@ impl Tiles {
         self.registers.zero::<3>();
     }
 
-    /// The first two sums, tiles 0 and 1, become zero.
+    /// Zeroes the first two sums, tiles 0 and 1.
     #[inline]
     pub(crate) fn zero_two(&self) {
         self.registers.zero::<0>();
@@ -81,7 +81,7 @@ impl Tiles {
     }
 
     /// [`Tiles::load_rows`] with a streaming hint (`tileloaddt1`): the rows do not displace
-    /// in L1 what is used again.
+    /// reused data in L1.
     #[inline]
     pub(crate) fn load_tile_streaming<const T: u8, V>(&self, rows: &[V], stride: usize) {
         assert!(size_of_val(rows) >= (TILE - 1) * stride * size_of::<V>() + BYTES);
@@ -116,7 +116,7 @@ impl Tiles {
         unsafe { self.registers.store::<C>(sums.as_mut_ptr().cast(), stride * size_of::<[f32; PANEL]>()) }
     }
 
-    /// The sums of `R` tiles of rows with `P` panels, as [`Tiles::store_sums`] left them.
+    /// Loads the sums of `R` tiles of rows with `P` panels, as [`Tiles::store_sums`] stored them.
     #[inline]
     pub(crate) fn load_sums<const R: usize, const P: usize>(&self, sums: &[[f32; PANEL]]) {
         self.load_sum::<0>(sums, P);
@@ -136,7 +136,7 @@ impl Tiles {
     }
 
     /// Stores the sums of `R` tiles of rows with `P` panels as `[rows, P]`: tile `P * r +
-    /// p` holds those of row tile `r`.
+    /// p` has the sums of row tile `r` with panel `p`.
     #[inline]
     pub(crate) fn store_sums<const R: usize, const P: usize>(&self, sums: &mut [[f32; PANEL]]) {
         self.store_sum::<0>(sums, P);

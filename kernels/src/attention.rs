@@ -30,7 +30,7 @@ pub fn tilings(isa: Isa) -> [Tiling; 3] {
     [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
 }
 
-/// The [`Tiling`] of [`attention_heads_f32`]: `rows` are heads.
+/// The [`Tiling`] of [`attention_heads_f32`], in which `rows` are heads.
 #[doc(hidden)]
 pub fn heads_tiling(isa: Isa) -> Tiling {
     dispatch!(isa, heads_tiling())
@@ -38,13 +38,14 @@ pub fn heads_tiling(isa: Isa) -> Tiling {
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
 ///
-/// Shapes: `q`, `k`, `v` as [`Operands`] says, `y [m, head_dim]` (overwritten, strided).
+/// Shapes: `q`, `k`, `v` as in [`Operands`], `y [m, head_dim]` (overwritten, strided).
 /// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not
 /// depend on the other rows, nor on keys that it does not see. Scores are never stored beyond a
 /// tile of keys.
-/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory
-/// bandwidth unused: what [`Operands::hinting`] names is prefetched meanwhile. On processors tuned for one stream ([`crate::tuning`]), contiguous keys and
-/// values are themselves prefetched shortly before they are read, and the hint is ignored.
+/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. With few queries the call leaves memory
+/// bandwidth unused, and prefetches the operands of [`Operands::hinting`]. On processors tuned for one stream
+/// ([`crate::tuning`]), contiguous keys and values are themselves prefetched shortly before they are read, and the
+/// hint is ignored.
 /// Paper: section 3.1; SPEC 2.4.
 ///
 /// # Errors
@@ -58,8 +59,8 @@ pub fn attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Resul
 }
 
 /// [`attention_f32`] over keys and values stored as bf16, which halves the memory traffic. They
-/// are widened when loaded: factors and sums are f32, and the bits are those of
-/// [`attention_f32`] over the widened values.
+/// are widened when loaded: factors and sums are f32, and the result equals
+/// [`attention_f32`] over the widened values bit for bit.
 ///
 /// # Errors
 /// As [`attention_f32`].
@@ -71,19 +72,19 @@ pub fn attention_bf16(isa: Isa, operands: Operands<Bf16>, y: MatMut<f32>) -> Res
     Ok(())
 }
 
-/// [`attention_f32`] of all heads of some rows, one query each, in one call: for a decoder whose
-/// keys and values are so few that a call per head takes longer than they do.
+/// [`attention_f32`] of all heads of some rows, one query each, in one call: for a decoder with so few
+/// keys and values that the overhead of a call per head exceeds their cost.
 ///
-/// Shapes: `q [rows, heads * head_dim]`, `y` of the same (overwritten), both strided; the cache
-/// as [`HeadCache`] says.
-/// Numerics: the bits of [`attention_f32`] with [`Visible::All`] of each head by itself.
+/// Shapes: `q [rows, heads * head_dim]`, `y` the same (overwritten), both strided; the cache
+/// as in [`HeadCache`].
+/// Numerics: the bits of [`attention_f32`] with [`Visible::All`] for each head separately.
 /// Cost: `2 * rows * heads * filled * head_dim` multiply-adds; no allocation. Heads of 32, 48 and
-/// 64 columns with at most 64 filled places have loops of their own; others take as long as
-/// calls of their own.
+/// 64 columns with at most 64 filled places have specialised loops; others take as long as
+/// separate calls.
 ///
 /// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees; `cache.filled` where no place is, or
-/// more than there are.
+/// [`ShapeError`] naming the argument whose length disagrees; `cache.filled` if it is 0 or exceeds
+/// the number of places.
 pub fn attention_heads_f32(
     isa: Isa,
     q: Mat<f32>,
@@ -128,9 +129,9 @@ pub fn encoder_attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) 
 /// Meant for int8 projections, whose outputs have no more precision than bf16's 8 bits; tiles
 /// need a sixth of the products of [`encoder_attention_f32`].
 ///
-/// Numerics: all back-ends agree bit for bit, except where a product or sum is denormal, which
+/// Numerics: all back-ends agree bit for bit, except if a product or sum is denormal, which
 /// tiles flush to zero. A row's bits do not depend on the other rows. Weights have a relative
-/// error of at most 2^-7.9. If an input is not finite, no output that depends on it is.
+/// error of at most 2^-7.9. If an input is not finite, neither are the outputs that depend on it.
 ///
 /// # Errors
 /// As [`attention_f32`].

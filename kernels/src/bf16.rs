@@ -42,7 +42,7 @@ impl Bf16 {
 /// Numerics: all back-ends agree bit for bit.
 ///
 /// # Errors
-/// [`ShapeError`] where the shapes disagree.
+/// [`ShapeError`] if the shapes disagree.
 pub fn round_bf16(isa: Isa, x: Mat<f32>, y: MatMut<Bf16>) -> Result<(), ShapeError> {
     expect_len("y", x.rows(), y.rows())?;
     expect_len("y", x.cols(), y.cols())?;

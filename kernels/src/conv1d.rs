@@ -131,9 +131,9 @@ impl<'a> GroupedF32<'a> {
 }
 
 /// Grouped convolution of step 1, as in HuBERT's positional embedding: `y[t, g, o] = sum_kc
-/// x[g, t + k, c] * w[g, o, k, c]`, then the epilogue (its bias is `[groups * out]`).
+/// x[g, t + k, c] * w[g, o, k, c]`, then the epilogue (with a bias of `[groups * out]`).
 ///
-/// Shapes: `x [groups, frames, channels / groups]` as [`regroup`] makes it, `y [frames - kernel +
+/// Shapes: `x [groups, frames, channels / groups]` from [`regroup`], `y [frames - kernel +
 /// 1, out]`.
 /// Numerics, cost: as [`matmul_f32`] with `k = kernel * channels / groups`, once per group.
 /// Paper: section 3 (audio tokenizer); SPEC 2.1.

@@ -1,24 +1,24 @@
-//! The floating-point environment of a thread: rounding, traps, flushing of denormals. The bits of
-//! all results are those of the default one.
+//! The floating-point environment of a thread: rounding, traps, flushing of denormals. All results
+//! are defined in the default environment.
 //!
 //! | target | register | default |
 //! |---|---|---|
-//! | x86-64 | MXCSR | round to nearest, no traps, denormals kept. The x87 unit has its own register, which nothing here reads: x86-64 computes `f32` and `f64` with SSE |
+//! | x86-64 | MXCSR | round to nearest, no traps, denormals kept. The x87 unit is not used, only SSE |
 //! | aarch64 | FPCR, and FPSR for the exception flags | the same |
 //! | others | none is set | that of the caller |
 
 use core::hint::black_box;
 
 /// Runs `work` in the default environment. When it returns or panics, the caller's environment is
-/// restored, its exception flags included: the flags that `work` raises are not seen.
+/// restored, including its exception flags: flags that `work` raises are discarded.
 ///
-/// Where the caller's environment is the default one, this costs two reads of a register. Never
+/// If the caller's environment is the default one, the cost is two reads of a register. Never
 /// allocates.
 #[inline]
 pub fn in_default<R>(work: impl FnOnce() -> R) -> R {
     let _restored = Environment::enter();
-    // The compiler does not know that arithmetic depends on the register: that `work` and its result
-    // pass through memory keeps the arithmetic between the two writes.
+    // The compiler does not know that arithmetic depends on the register: passing `work` and its result
+    // through memory keeps the arithmetic between the two writes.
     black_box(black_box(work)())
 }
 
@@ -53,7 +53,7 @@ mod registers {
 
     /// All exceptions masked, round to nearest, denormals kept.
     const DEFAULT: u32 = 0x1f80;
-    /// Bits that say which exceptions were raised.
+    /// Exception flags.
     const FLAGS: u32 = 0x3f;
 
     /// The default, with the flags of `callers`.
@@ -71,8 +71,8 @@ mod registers {
 
     #[inline]
     pub(super) fn write(state: State) {
-        // SAFETY: loads 4 bytes of `state`. It came of `read`, or of `default`, so no reserved bit is
-        // set. While the default is not loaded, only the caller's own code computes.
+        // SAFETY: loads 4 bytes of `state`. It came from `read` or `default`, so no reserved bit is
+        // set. While another environment than the default is loaded, only the caller's code computes.
         unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const state, options(nostack, preserves_flags)) };
     }
 }
@@ -101,8 +101,8 @@ mod registers {
 
     #[inline]
     pub(super) fn write((control, status): State) {
-        // SAFETY: writes a register that every program may write, with a value that came of `read` or
-        // `default`. While the default is not loaded, only the caller's own code computes.
+        // SAFETY: writes a register that every program may write, with a value from `read` or
+        // `default`. While another environment than the default is loaded, only the caller's code computes.
         unsafe { asm!("msr fpcr, {}", in(reg) control, options(nostack, preserves_flags)) };
         // SAFETY: as above.
         unsafe { asm!("msr fpsr, {}", in(reg) status, options(nostack, preserves_flags)) };
@@ -134,7 +134,7 @@ mod tests {
     use core::hint::black_box;
     use std::panic::catch_unwind;
 
-    /// Another way to round, denormals flushed.
+    /// Another rounding mode, denormals flushed.
     #[cfg(target_arch = "x86_64")]
     const STRANGE: registers::State = 0x1f80 | 0x6000 | 0x8040;
     #[cfg(target_arch = "aarch64")]
@@ -157,7 +157,7 @@ mod tests {
         registers::write(callers);
         assert_eq!(inside, wanted);
         assert_ne!(strange, wanted);
-        // Flags of `strange` are the caller's own.
+        // The flags of `strange` belong to the caller.
         #[cfg(target_arch = "x86_64")]
         let (left, left_by_panic) = (left & !0x3f, left_by_panic & !0x3f);
         #[cfg(target_arch = "aarch64")]

@@ -1,16 +1,16 @@
-//! The one error of this crate.
+//! The error type of this crate.
 
 use core::fmt;
 
-/// An argument whose length disagrees with the other arguments. `Copy`, so that reporting it
+/// An argument whose length disagrees with the other arguments. It is `Copy`, so that reporting it
 /// does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShapeError {
     /// Name of the argument in the operation's signature.
     pub arg: &'static str,
-    /// The length that the other arguments ask for.
+    /// Length required by the other arguments.
     pub want: usize,
-    /// The length that was given.
+    /// Actual length.
     pub got: usize,
 }
 

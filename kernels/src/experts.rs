@@ -3,8 +3,8 @@
 //!
 //! The products themselves are [`crate::matmul_f32`] and its siblings: an expert's gated product
 //! *gathers* its rows from `x` ([`crate::gemm::Input::gather`]) and its down product *scatters*
-//! them, weighted, into `y` ([`crate::gemm::Scatter`]). No row is copied, and an expert without
-//! rows is not touched.
+//! them, weighted, into `y` ([`crate::gemm::Scatter`]). No row is copied, and the weights of an expert without
+//! rows are not read.
 
 mod scalar;
 
@@ -21,13 +21,13 @@ pub const MAX_EXPERTS: usize = 64;
 pub struct Routing<'a> {
     /// `[experts + 1]`.
     pub starts: &'a mut [u32],
-    /// `[rows * k]`.
+    /// `[rows * top_k]`.
     pub rows: &'a mut [u32],
-    /// `[rows * k]`.
+    /// `[rows * top_k]`.
     pub weights: &'a mut [f32],
 }
 
-/// Softmax over the router's logits, the `top_k` likeliest experts of each row (ties to the lower
+/// Softmax over the router's logits, the `top_k` likeliest experts of each row (ties go to the lower
 /// index), their probabilities divided by their sum, and the stable counting sort of all chosen
 /// pairs by expert.
 ///
@@ -51,8 +51,8 @@ pub fn route(isa: Isa, logits: MatMut<f32>, top_k: usize, routing: &mut Routing)
     expect_len("routing.starts", experts + 1, routing.starts.len())?;
     expect_len("routing.rows", rows * top_k, routing.rows.len())?;
     expect_len("routing.weights", rows * top_k, routing.weights.len())?;
-    // The logits of a handful of experts fill a quarter of a register: no back-end has a version of
-    // its own.
+    // The logits of a few experts fill a quarter of a register: no back-end has a specialised
+    // version.
     dispatch!(isa, route(logits, top_k, routing), {
         Scalar: scalar,
         Avx2: scalar,

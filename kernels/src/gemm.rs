@@ -1,5 +1,5 @@
-//! What the matrix products of all element types share: rows of inputs, epilogues, panels of
-//! weights, and the micro-kernels that differ between element types in nothing but the load of a
+//! Shared parts of the matrix products of all element types: rows of inputs, epilogues, panels of
+//! weights, and the micro-kernels that differ between element types only in the load of a
 //! weight.
 
 #[cfg(target_arch = "x86_64")]
@@ -20,7 +20,7 @@ use crate::math::Activation;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
 pub(crate) use task::{GemmTask, Panels, Scaled, tiles};
 
-/// The rows that a product reads: all rows of a matrix in order, or those named by an index.
+/// The rows that a product reads: all rows of a matrix in order, or the rows of an index.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a, T> {
     pub(crate) mat: Mat<'a, T>,
@@ -64,7 +64,7 @@ impl<'a, T> Input<'a, T> {
     }
 }
 
-/// Where the rows of a product go: output row `i` is added to row `rows[i]` of `y`, times
+/// Destination of a product's rows: output row `i` is added to row `rows[i]` of `y`, times
 /// `weight[i]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Scatter<'a> {
@@ -74,7 +74,7 @@ pub struct Scatter<'a> {
     pub weight: &'a [f32],
 }
 
-/// The end of a product: `v = activation(sum + bias)`, then stored, added, or scattered.
+/// Epilogue of a product: `v = activation(sum + bias)`, then stored, added, or scattered.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Epilogue<'a> {
     /// `[n]`, added to every row's sums.
@@ -99,13 +99,13 @@ impl<'a> Epilogue<'a> {
         Self { bias: Some(bias), ..Epilogue::STORE }
     }
 
-    /// The same with an activation.
+    /// Adds an activation.
     #[must_use]
     pub const fn then(self, activation: Activation) -> Self {
         Self { activation, ..self }
     }
 
-    /// The same, added to `y`.
+    /// Adds to `y` instead of overwriting it.
     #[must_use]
     pub const fn added(self) -> Self {
         Self { add: true, ..self }
@@ -140,13 +140,13 @@ pub(crate) fn check_product(
     }
 }
 
-/// The same address, opaque to the compiler: it loads the value again instead of keeping it in
+/// The same address, opaque to the compiler: it reloads the value instead of keeping it in
 /// a register.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 #[inline]
 #[expect(clippy::pointers_in_nomem_asm_block, reason = "the address alone is passed, and nothing is read there")]
 pub(crate) fn opaque<T>(mut address: *const T) -> *const T {
-    // SAFETY: no instruction at all.
+    // SAFETY: the assembly has no instruction.
     unsafe { core::arch::asm!("/* {0} */", inout(reg) address, options(nomem, nostack, preserves_flags)) };
     address
 }

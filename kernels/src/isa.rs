@@ -1,7 +1,7 @@
-//! Which instruction sets this processor has, detected once.
+//! Instruction sets of this processor, detected once.
 
-// For processor detection only; linking it also gives `f32` its `sqrt` and friends. `Vec` and `Box`
-// stay out of reach.
+// For processor detection only; linking it also gives `f32` its `sqrt` and similar methods. `Vec` and
+// `Box` are not imported.
 extern crate std;
 
 #[cfg(target_arch = "aarch64")]
@@ -26,7 +26,7 @@ pub(crate) use x86_64::{Avx2, Avx512Bf16, Avx512Vnni, AvxVnni};
 
 use crate::tuning::Tuning;
 
-/// An instruction set that this processor is known to support. Holding one is the proof.
+/// An instruction set that this processor is known to support. The value is the proof.
 ///
 /// Detect once when a model is loaded, store it, and pass it to every kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,8 +88,8 @@ impl Backend {
         }
     }
 
-    /// The profile of the processors that select this back-end: each back-end of x86-64 was
-    /// measured with it.
+    /// The profile of the processors that select this back-end; every back-end of x86-64 was
+    /// measured with its profile.
     fn tuning(self) -> Tuning {
         match self {
             Backend::Scalar => Tuning::XEON,
@@ -101,7 +101,7 @@ impl Backend {
             Backend::Amx(_) => Tuning::XEON,
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => Tuning::ARM,
-            // None of its properties is used: WebAssembly has no prefetch.
+            // WebAssembly has no prefetch, so no property of the profile is used.
             #[cfg(target_arch = "wasm32")]
             Backend::Simd128(_) => Tuning::XEON,
         }
@@ -151,7 +151,7 @@ impl Isa {
         Self::available().find(|isa| isa.name() == name)
     }
 
-    /// The same instruction set on a processor of another family: other speed, the same results.
+    /// The same instruction set tuned for another processor family: other speed, the same results.
     #[must_use]
     pub const fn with_tuning(self, tuning: Tuning) -> Self {
         Self { tuning, ..self }
@@ -166,7 +166,7 @@ impl Isa {
     }
 
     /// Whether rows rounded to bf16 are multiplied faster than f32
-    /// ([`crate::matmul_bf16::matmul_bf16_rows`]), so that [`crate::bf16::round_bf16`] serves
+    /// ([`crate::matmul_bf16::matmul_bf16_rows`]), so that [`crate::bf16::round_bf16`] is useful for
     /// products that need no more digits.
     pub const fn multiplies_bf16(self) -> bool {
         match self.backend {
@@ -185,7 +185,7 @@ impl Isa {
     }
 
     /// Whether float products with bf16 weights run on tiles, so that
-    /// [`crate::matmul_bf16::split_bf16x2`] serves them.
+    /// [`crate::matmul_bf16::split_bf16x2`] is useful for them.
     pub const fn has_tiles(self) -> bool {
         match self.backend {
             Backend::Scalar => false,
@@ -200,8 +200,8 @@ impl Isa {
         }
     }
 
-    /// The same instruction set without tiles, which do not take f32: for float products
-    /// whose inputs may not be rounded.
+    /// The same instruction set without tiles, which do not multiply f32: for float products
+    /// whose inputs must not be rounded.
     #[must_use]
     pub fn without_tiles(self) -> Self {
         match self.backend {

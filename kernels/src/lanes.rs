@@ -1,8 +1,8 @@
-//! Sixteen lanes: the order of additions that all back-ends share, and their loads and stores.
+//! Sixteen lanes: the order of additions that all back-ends share, with loads and stores.
 //!
 //! A long f32 sum is kept in [`LANES`] partial sums, element `i` in lane `i % LANES`, which are
-//! finally added pairwise. That is one AVX-512 register, two of AVX2 or four of NEON, and its error bound is
-//! lower than that of one running sum.
+//! finally added pairwise. These fit one AVX-512 register, two of AVX2 or four of NEON, and the error bound
+//! is lower than that of one running sum.
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;

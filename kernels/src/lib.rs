@@ -1,10 +1,10 @@
-//! Compute kernels of umo: slices in, slices out, nothing allocated.
+//! Compute kernels of umo: slices in, slices out, no allocation.
 //!
 //! Every operation is one module: `<op>.rs` has its contract, its shape checks and the dispatch
 //! over [`Isa`], `<op>/<isa>.rs` its back-ends. `scalar.rs` is the reference for all other
 //! back-ends, and the back-end of every processor without a vector version.
 //!
-//! | module | what it computes | SPEC |
+//! | module | operations | SPEC |
 //! |---|---|---|
 //! | [`matmul_f32`], [`matmul_bf16`], [`matmul_i8`], [`matmul_i4`] | `x . w^T` with packed weights, plain, gated, gathered and scattered | 2.4 |
 //! | [`attention`] | softmax(q . k^T + bias) . v for one head | 2.4, 2.1, 2.6 |
@@ -14,11 +14,11 @@
 //! | [`norm`] | RMS norm, layer norm, per-channel statistics over time | 2.1, 2.4 |
 //! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
 //! | [`quantize`] | rows quantized to int8 | 2.4 |
-//! | [`gemm`] | what all products share: inputs, epilogues, panels, micro-kernels | |
-//! | [`environment`] | rounding, traps and denormals as all results need them | |
+//! | [`gemm`] | shared parts of the products: inputs, epilogues, panels, micro-kernels | |
+//! | [`environment`] | the rounding, traps and denormals that all results require | |
 //! | [`peak`] | peak rates of this processor, for measurements | |
-//! | [`mat`], [`pack`], [`error`] | views, weight layouts, the one error | |
-//! | [`isa`], [`tuning`] | instruction sets: detection, tokens that prove them, dispatch; profiles of processors | |
+//! | [`mat`], [`pack`], [`error`] | views, weight layouts, the error type | |
+//! | [`isa`], [`tuning`] | instruction sets: detection, tokens that prove them, dispatch; processor profiles | |
 //!
 //! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of
 //! `kernel` frames with `channels` values each *is* a row of `kernel * channels` values at stride
@@ -29,7 +29,7 @@
     expect(clippy::duplicate_mod, reason = "loops are compiled once per instruction set")
 )]
 
-/// The path of this source file, from which callers tell panics of this crate from others.
+/// Path of this source file, by which callers distinguish panics of this crate.
 #[doc(hidden)]
 pub const SOURCE: &str = file!();
 

@@ -20,7 +20,7 @@ impl<'a, T> Mat<'a, T> {
     /// A dense view: `data` is `[rows, cols]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `data` is shorter than `rows * cols`.
+    /// [`ShapeError`] if `data` is shorter than `rows * cols`.
     pub fn new(data: &'a [T], rows: usize, cols: usize) -> Result<Self, ShapeError> {
         Self::with_stride(data, rows, cols, cols)
     }
@@ -71,11 +71,11 @@ impl<'a, T> Mat<'a, T> {
         // SAFETY: every row is inside `data`, as the constructor checked, and the chunk
         // inside its row.
         let start = unsafe { self.data.as_ptr().add(i * self.stride + chunk * N) };
-        // SAFETY: these are `N` elements of `data`, and an array of them is aligned as one is.
+        // SAFETY: these are `N` elements of `data`, and an array has the alignment of its elements.
         unsafe { &*start.cast() }
     }
 
-    /// Everything from the first element to the last, gaps between rows included.
+    /// All elements from the first to the last, including gaps between rows.
     #[inline]
     pub fn elements(&self) -> &'a [T] {
         &self.data[..extent(self.rows, self.cols, self.stride)]
@@ -112,7 +112,7 @@ pub struct MatMut<'a, T> {
     borrow: PhantomData<&'a mut [T]>,
 }
 
-// SAFETY: a `MatMut` is the only way to reach its elements while it lives, like `&mut [T]`.
+// SAFETY: a `MatMut` is the only access to its elements while it lives, like `&mut [T]`.
 unsafe impl<T: Send> Send for MatMut<'_, T> {}
 // SAFETY: a shared `MatMut` only gives out `&[T]`, like `&&mut [T]`.
 unsafe impl<T: Sync> Sync for MatMut<'_, T> {}
@@ -121,7 +121,7 @@ impl<'a, T> MatMut<'a, T> {
     /// A dense view: `data` is `[rows, cols]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `data` is shorter than `rows * cols`.
+    /// [`ShapeError`] if `data` is shorter than `rows * cols`.
     pub fn new(data: &'a mut [T], rows: usize, cols: usize) -> Result<Self, ShapeError> {
         Self::with_stride(data, rows, cols, cols)
     }
@@ -129,7 +129,7 @@ impl<'a, T> MatMut<'a, T> {
     /// A view whose row `i` starts at `data[i * stride]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `stride < cols`, or the last row would end beyond `data`.
+    /// [`ShapeError`] if `stride < cols`, or the last row would end beyond `data`.
     pub fn with_stride(data: &'a mut [T], rows: usize, cols: usize, stride: usize) -> Result<Self, ShapeError> {
         if stride < cols {
             return Err(ShapeError { arg: "stride", want: cols, got: stride });
@@ -204,7 +204,7 @@ impl<'a, T> MatMut<'a, T> {
         unsafe { core::slice::from_raw_parts_mut(self.start.as_ptr(), self.rows) }
     }
 
-    /// The same view for a shorter time.
+    /// The same view with a shorter lifetime.
     #[inline]
     pub fn reborrow(&mut self) -> MatMut<'_, T> {
         MatMut { start: self.start, rows: self.rows, cols: self.cols, stride: self.stride, borrow: PhantomData }
@@ -233,8 +233,8 @@ impl<'a, T> MatMut<'a, T> {
     }
 }
 
-/// Elements from the first of row 0 to the last of the last row; saturates, so that absurd shapes
-/// fail the check.
+/// Number of elements from the first of row 0 to the last of the last row; saturates, so that absurd
+/// shapes fail the check.
 #[inline]
 fn extent(rows: usize, cols: usize, stride: usize) -> usize {
     if rows == 0 || cols == 0 { 0 } else { (rows - 1).saturating_mul(stride).saturating_add(cols) }

@@ -10,7 +10,7 @@
 //!
 //! `tests.rs` sweeps every bound over all exponents. The vector versions of `exp`, `exp2_bf16` and
 //! the activations follow `scalar.rs` operation by operation, so that all back-ends agree **bit for
-//! bit**. Multiplications and additions of `exp` are rounded one by one, since fused ones cost a
+//! bit**. Multiplications and additions of `exp` are rounded separately, since fused ones cost a
 //! library call each in portable scalar code. GELU, most of the work of an epilogue, is fused: the
 //! tanh form has 19 operations, the erf form 21.
 
@@ -54,7 +54,7 @@ pub(crate) const LOG2_E: f32 = core::f32::consts::LOG2_E;
 const ROUND: f32 = 12_582_912.0;
 /// `ln(2)` to 9 bits: its product with an exponent is exact.
 const LN_2_HIGH: f32 = 0.693_359_4;
-/// What is left of `ln(2)`.
+/// The remainder of `ln(2)`.
 const LN_2_LOW: f32 = -2.121_944_4e-4;
 /// Minimax `(exp(r) - 1 - r) / r^2` for `abs(r) <= ln(2) / 2`, highest power first: off by 3.1e-9
 /// in `exp(r)`.
@@ -62,9 +62,9 @@ const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_1
 
 /// `-2 * sqrt(2 / pi) * log2(e)`.
 const TANH_SCALE: f32 = -2.302_208_2;
-/// The same times the cube's share in the tanh form, 0.044715.
+/// [`TANH_SCALE`] times the cube's coefficient in the tanh form, 0.044715.
 const TANH_CUBE: f32 = -0.102_943_24;
-/// The exponent of the tanh form is clamped to this size: the power is normal, and the sigmoid
+/// Limit on the exponent of the tanh form: the power stays normal, and the sigmoid
 /// is within 1.2e-38 of 0 or 1.
 const TANH_MAX: f32 = 126.0;
 /// Minimax `(2^f - 1) / f` for `abs(f) <= 1 / 2`, highest power first: error 1.1e-7 in `2^f`,

@@ -31,13 +31,13 @@ pub fn tiling(isa: Isa) -> Tiling {
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
-/// Numerics: weights are widened exactly, so that the bits are those of
-/// [`crate::matmul_f32::matmul_f32`] on the same back-end with the widened weights. Exception:
+/// Numerics: weights are widened exactly, so the result equals that of
+/// [`crate::matmul_f32::matmul_f32`] on the same back-end with the widened weights bit for bit. Exception:
 /// the tiles of `amx` take bf16 on both sides. There an input is the sum of two bf16 values,
 /// with a relative error of at most `2^-16`, and products of 32 inputs are summed before they
-/// are added. The error is at most `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and inputs,
+/// are accumulated. The error is at most `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and inputs,
 /// weights, low parts, products and sums below `2^-126` are flushed to zero. On every back-end
-/// each output is summed on its own in an order that depends on `k` alone: a row's bits depend
+/// each output is summed separately in an order that depends only on `k`: a row's bits depend
 /// neither on the other rows nor on the split of outputs into panels.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
@@ -73,11 +73,11 @@ pub fn matmul_gated_bf16(
     Ok(())
 }
 
-/// Rows for bf16 products: each value rounded ([`crate::bf16::round_bf16`]), or split in two
+/// Rows for bf16 products: each value is rounded ([`crate::bf16::round_bf16`]), or split in two
 /// ([`split_bf16x2`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Rows<'a> {
-    /// The values, or their hi parts.
+    /// The values, or their high parts.
     hi: Mat<'a, Bf16>,
     /// Low parts.
     lo: Option<Mat<'a, Bf16>>,
@@ -89,7 +89,7 @@ impl<'a> Bf16Rows<'a> {
         Self { hi: values, lo: None }
     }
 
-    /// Rows `[m, k]` whose two parts have the same layout in memory; they may overlap.
+    /// Rows `[m, k]` in two parts with the same layout in memory; they may overlap.
     ///
     /// # Errors
     /// [`ShapeError`] if the parts' shapes differ.
@@ -101,7 +101,7 @@ impl<'a> Bf16Rows<'a> {
     }
 }
 
-/// Splits every value in two: the upper half of its bits, and the rest rounded to bf16.
+/// Splits every value in two: the upper half of its bits, and the remainder rounded to bf16.
 ///
 /// Shapes: `x`, `hi`, `lo` `[n]` (both overwritten).
 /// Numerics: `hi + lo` has a relative error of at most `2^-16`; the low part of an infinity is
@@ -113,7 +113,7 @@ impl<'a> Bf16Rows<'a> {
 pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Result<(), ShapeError> {
     expect_len("hi", x.len(), hi.len())?;
     expect_len("lo", x.len(), lo.len())?;
-    // The other back-ends do not gain from split rows, so that they need no faster split.
+    // The other back-ends do not use split rows for speed, so they need no faster split.
     dispatch!(isa, split_bf16x2(x, hi, lo), {
         Scalar: scalar,
         Avx2: scalar,
@@ -129,10 +129,10 @@ pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Re
     Ok(())
 }
 
-/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads
-/// read. On `amx`, split rows have the bits of the product of the original rows.
+/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or are read by several
+/// threads. On `amx`, split rows have the bits of the product of the original rows.
 ///
-/// Shapes, numerics: as [`matmul_bf16`], of the values of the rows. `avx512bf16` adds the
+/// Shapes, numerics: as [`matmul_bf16`], with the values of the rows. `avx512bf16` adds the
 /// products of rounded rows pair by pair, the second of each pair first, and flushes values
 /// below `2^-126` to zero. Back-ends without tiles, and `avx512bf16` for split rows, use a slow
 /// portable loop.

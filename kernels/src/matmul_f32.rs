@@ -26,7 +26,7 @@ pub fn tiling(isa: Isa) -> Tiling {
 /// Matrix product `y[t, o] = sum_i x[t, i] * w[o, i]`, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
-/// Numerics: each output is summed on its own over ascending `i`; a row's bits depend neither
+/// Numerics: each output is summed separately over ascending `i`; a row's bits depend neither
 /// on the other rows nor on the split of outputs into panels. Error at most `k * 2^-23 *
 /// sum(abs(x * w))`.
 /// Cost: `m * n * k` multiply-adds; no allocation.

@@ -1,6 +1,6 @@
 //! Int4 matrix product: int4 weights in groups, activations quantized per row on the fly, int32
 //! sums. Every weight is an int8 value, so that the results are those of [`crate::matmul_i8`] with
-//! these values; only half as many bytes are read.
+//! these values, at half the memory traffic.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -27,7 +27,7 @@ use crate::pack::PackedI4;
 use crate::quantize::QuantRows;
 use crate::tiling::Tiling;
 
-/// Calls the int4 product of a back-end.
+/// Calls a back-end's int4 product.
 macro_rules! dispatch_i4 {
     ($isa:expr, $function:ident($($argument:expr),*)) => {
         dispatch!($isa, $function($($argument),*), {
@@ -56,22 +56,22 @@ pub fn tiling(isa: Isa) -> Tiling {
 #[cfg_attr(target_arch = "wasm32", expect(unused_variables, reason = "neither is faster there"))]
 pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
     match isa.backend() {
-        // The sums of nibbles are the fastest products that AVX2 has; other back-ends multiply int8 by
-        // better instructions, and save reading alone.
+        // The sums of nibbles are AVX2's fastest products; other back-ends have better int8
+        // instructions, and gain only memory bandwidth.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2(_) => true,
         #[cfg(target_arch = "x86_64")]
         Backend::AvxVnni(_) | Backend::Avx512Vnni(_) | Backend::Avx512Bf16(_) => few_rows,
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx(_) => few_rows,
-        // As everything on the reference.
+        // Speed does not matter for the reference.
         Backend::Scalar => true,
         // Fewer instructions than int8 without dot products.
         #[cfg(target_arch = "aarch64")]
         Backend::Neon(_) => true,
         #[cfg(target_arch = "aarch64")]
         Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => few_rows,
-        // Int8 is widened by its loads, nibbles by instructions of their own: 1.2 to 1.8 times as slow on x86.
+        // Int8 is widened by its loads, nibbles by separate instructions: 1.2 to 1.8 times as slow on x86.
         #[cfg(target_arch = "wasm32")]
         Backend::Simd128(_) => false,
     }
@@ -82,7 +82,7 @@ pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with an `index`, row `t` is `x[index[t]]`;
 /// with a scatter, `y [any, n]`.
-/// Numerics: those of [`crate::matmul_i8::matmul_i8`] with the same `w`, bit for bit.
+/// Numerics: as [`crate::matmul_i8::matmul_i8`] with the same `w`, bit for bit.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors

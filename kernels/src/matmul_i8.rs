@@ -34,7 +34,7 @@ use input::QuantInput;
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
 
-/// Calls the int8 product of a back-end: those with dot products of bytes have one of their own.
+/// Calls a back-end's int8 product; each instruction set with byte dot products has its own.
 macro_rules! dispatch_i8 {
     ($isa:expr, $function:ident($($argument:expr),*)) => {
         dispatch!($isa, $function($($argument),*), {

@@ -14,7 +14,7 @@ use crate::error::{ShapeError, expect_len};
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
-/// RMS norm as T5 has it, without mean and bias: `y = x / sqrt(mean(x^2) + eps) * weight`.
+/// RMS norm as in T5, without mean and bias: `y = x / sqrt(mean(x^2) + eps) * weight`.
 ///
 /// Shapes: `x [rows, dim]`, `weight [dim]`, `y [rows, dim]` (overwritten).
 /// Numerics: the mean in f32 over 16 partial sums; relative error at most `(dim / 2 + 5) * 2^-23`;
@@ -59,7 +59,7 @@ pub fn layer_norm(
 /// over a stream.
 ///
 /// Shapes: `x [time, channels]`, `sum`, `squares` `[channels]` (added to).
-/// Numerics: f64, in ascending time, so that any division of the stream into calls gives the
+/// Numerics: f64, in ascending time, so that any split of the stream into calls gives the
 /// same bits.
 ///
 /// # Errors

@@ -18,8 +18,8 @@
 //!                  codes + 8, in nibbles         block 0: inputs 0..4 (low), 4..8 (high); four blocks per group
 //!          span 1: …
 //! ```
-//! So a panel is read from its first byte to its last: with all multipliers before all codes there are two streams, and the
-//! prefetcher of a Zen 4 follows neither.
+//! A panel is thus read sequentially: with all multipliers before all codes there would be two streams, and the
+//! prefetcher of a Zen 4 would follow neither.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -50,36 +50,36 @@ pub(crate) const SPAN_GROUPS: usize = BLOCK / PANEL;
 /// Blocks of a whole span.
 pub(crate) const SPAN_BLOCKS: usize = 1 + SPAN_GROUPS * GROUP_BLOCKS;
 
-/// Greatest absolute value of a group's multiplier: its product with a code fits in int8.
+/// Largest absolute value of a group's multiplier: its product with a code fits in int8.
 pub const MAX_MULTIPLIER: i8 = 15;
 
-/// Least and greatest int4 code.
+/// Smallest and largest int4 code.
 pub const CODES_I4: (i8, i8) = (-8, 7);
 
-/// What is added to an int4 code to make it a nibble.
+/// Offset that makes an int4 code an unsigned nibble.
 pub const NIBBLE_OFFSET: i8 = 8;
 
-/// Number of panels that hold `n` outputs.
+/// Number of panels for `n` outputs.
 pub const fn panels(n: usize) -> usize {
     n.div_ceil(PANEL)
 }
 
-/// Elements of a packed f32 weight `[n, k]`.
+/// Number of elements of a packed f32 weight `[n, k]`.
 pub const fn packed_len(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k
 }
 
-/// Elements of a packed bf16 weight `[n, k]`.
+/// Number of elements of a packed bf16 weight `[n, k]`.
 pub const fn packed_len_bf16(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k.div_ceil(PAIR) * PAIR
 }
 
-/// Elements of a packed int8 weight `[n, k]`.
+/// Number of elements of a packed int8 weight `[n, k]`.
 pub const fn packed_len_i8(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k.div_ceil(QUAD) * QUAD
 }
 
-/// Bytes of a packed int4 weight `[n, k]`.
+/// Number of bytes of a packed int4 weight `[n, k]`.
 pub const fn packed_len_i4(n: usize, k: usize) -> usize {
     let groups = k.div_ceil(GROUP);
     panels(n) * (groups.div_ceil(SPAN_GROUPS) + groups * GROUP_BLOCKS) * BLOCK
@@ -103,13 +103,13 @@ impl<'a> PackedF32<'a> {
         Ok(Self { data, n, k })
     }
 
-    /// Outputs.
+    /// Number of outputs.
     #[inline]
     pub fn n(&self) -> usize {
         self.n
     }
 
-    /// Inputs.
+    /// Number of inputs.
     #[inline]
     pub fn k(&self) -> usize {
         self.k
@@ -150,13 +150,13 @@ impl<'a> PackedBf16<'a> {
         Ok(Self { data, n, k })
     }
 
-    /// Outputs.
+    /// Number of outputs.
     #[inline]
     pub fn n(&self) -> usize {
         self.n
     }
 
-    /// Inputs.
+    /// Number of inputs.
     #[inline]
     pub fn k(&self) -> usize {
         self.k
@@ -191,7 +191,7 @@ pub struct PackedI8<'a> {
 
 impl<'a> PackedI8<'a> {
     /// A view of packed data `[panels(n), ceil(k / QUAD), PANEL, QUAD]`, `scale [n]` (value
-    /// of one unit of output row `o`) and `sum [n]` (sum of row `o`, which corrects for
+    /// of one unit of output row `o`) and `sum [n]` (sum of row `o`, the correction for
     /// inputs that are offset to unsigned).
     ///
     /// # Errors
@@ -203,13 +203,13 @@ impl<'a> PackedI8<'a> {
         Ok(Self { data, scale, sum, n, k })
     }
 
-    /// Outputs.
+    /// Number of outputs.
     #[inline]
     pub fn n(&self) -> usize {
         self.n
     }
 
-    /// Inputs.
+    /// Number of inputs.
     #[inline]
     pub fn k(&self) -> usize {
         self.k
@@ -263,8 +263,8 @@ pub struct PackedI4<'a> {
 
 impl<'a> PackedI4<'a> {
     /// A view of packed data of [`packed_len_i4`] bytes and `scale [n]` (the value of one unit of
-    /// output row `o`). Multipliers must be within [`MAX_MULTIPLIER`], as [`pack_row_i4`] checks: with
-    /// others, sums overflow.
+    /// output row `o`). Multipliers must be within [`MAX_MULTIPLIER`], as [`pack_row_i4`] checks:
+    /// otherwise sums overflow.
     ///
     /// # Errors
     /// [`ShapeError`] if a length disagrees with `n` and `k`.
@@ -274,13 +274,13 @@ impl<'a> PackedI4<'a> {
         Ok(Self { data, scale, n, k })
     }
 
-    /// Outputs.
+    /// Number of outputs.
     #[inline]
     pub fn n(&self) -> usize {
         self.n
     }
 
-    /// Inputs.
+    /// Number of inputs.
     #[inline]
     pub fn k(&self) -> usize {
         self.k
@@ -311,15 +311,15 @@ impl<'a> PackedI4<'a> {
 
 /// Up to [`SPAN_GROUPS`] groups of a panel.
 pub(crate) struct Span<'a> {
-    /// Number of the first.
+    /// Index of the first group.
     pub(crate) first_group: usize,
-    /// Of each group, as `i8`; more than there are groups in the last span.
+    /// Multipliers of each group, as `i8`; in the last span there may be more than groups.
     pub(crate) multipliers: &'a [[u8; PANEL]],
     /// Blocks of codes.
     pub(crate) groups: &'a [[[u8; BLOCK]; GROUP_BLOCKS]],
 }
 
-/// The spans of a panel, or of a part of it that begins with one.
+/// The spans of a panel, or of a part of it that starts at a span.
 #[inline]
 pub(crate) fn spans(blocks: &[[u8; BLOCK]]) -> impl Iterator<Item = Span<'_>> {
     blocks.chunks(SPAN_BLOCKS).enumerate().map(|(i, span)| {
@@ -343,8 +343,8 @@ pub fn pack(w: Mat<f32>, packed: &mut [f32]) -> Result<(), ShapeError> {
     (0..w.rows()).try_for_each(|o| pack_row(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len]))
 }
 
-/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they
-/// are.
+/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left
+/// unchanged.
 ///
 /// # Errors
 /// [`ShapeError`] if `panel` is not a panel of the row's length, or `lane` is not one of its
@@ -371,7 +371,7 @@ pub fn pack_bf16(w: Mat<f32>, packed: &mut [Bf16]) -> Result<(), ShapeError> {
 }
 
 /// Rounds one row and packs it as output `lane` of its panel `[ceil(k / PAIR), PANEL, PAIR]`.
-/// The other outputs, and the padding beyond `k`, are left as they are: zeros in new memory.
+/// The other outputs, and the padding beyond `k`, are left unchanged: zeros in new memory.
 ///
 /// # Errors
 /// [`ShapeError`] if `panel` is not a panel of the row's length, or `lane` is not one of its
@@ -405,7 +405,7 @@ pub fn pack_i8(w: Mat<i8>, packed: &mut [i8], sum: &mut [i32]) -> Result<(), Sha
 }
 
 /// Packs one row as output `lane` of its panel `[ceil(k / QUAD), PANEL, QUAD]` and returns the
-/// row's sum. The other outputs, and the padding beyond `k`, are left as they are: zeros in new
+/// row's sum. The other outputs, and the padding beyond `k`, are left unchanged: zeros in new
 /// memory.
 ///
 /// # Errors
@@ -416,7 +416,7 @@ pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, Sha
     check_lane(lane)?;
     let (quads, _) = panel.as_chunks_mut::<{ PANEL * QUAD }>();
     let (full, tail) = row.as_chunks::<QUAD>();
-    // A quad is four bytes in both places: one move.
+    // A quad is four contiguous bytes in both layouts: one move.
     for (outputs, quad) in quads.iter_mut().zip(full) {
         outputs.as_chunks_mut::<QUAD>().0[lane] = *quad;
     }
@@ -427,7 +427,7 @@ pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, Sha
 }
 
 /// Packs the codes and the multipliers of one row as output `lane` of its panel. The other outputs
-/// are left as they are: zeros in new memory.
+/// are left unchanged: zeros in new memory.
 ///
 /// # Errors
 /// [`ShapeError`] if a length disagrees, `lane` is not an output of a panel, a code is not in

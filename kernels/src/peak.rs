@@ -1,7 +1,7 @@
-//! The peak rates of this processor: products from registers, and reading memory.
+//! The peak rates of this processor: products from registers, and memory bandwidth.
 //!
-//! Each function does a known amount of work and nothing else; that divided by the fastest time
-//! of many calls is a rate that no kernel exceeds. They are for measurements: the model does
+//! Each function does a fixed amount of work and nothing else; dividing it by the fastest time
+//! of many calls gives a rate that no kernel exceeds. They are for measurements: the model does
 //! not call them.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -27,7 +27,7 @@ mod simd128;
 use crate::isa::{Isa, dispatch};
 use core::hint::black_box;
 
-/// Int8 multiply-adds with int32 sums, from registers alone: returns the number done in
+/// Int8 multiply-adds with int32 sums, from registers only: returns the number done in
 /// `rounds` rounds of the back-end's instruction, or `None` if it has none.
 pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
     dispatch!(isa, int8(rounds), {
@@ -44,14 +44,14 @@ pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
     })
 }
 
-/// Single-precision multiply-adds from registers alone: returns the number done in `rounds`
+/// Single-precision multiply-adds from registers only: returns the number done in `rounds`
 /// rounds of the back-end's instruction, or `None` if it has none.
 pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
     dispatch!(isa, f32(rounds))
 }
 
-/// Multiply-adds of pairs of bf16 with f32 sums, from registers alone: returns the number done
-/// in `rounds` rounds of the instruction, or `None` if the back-end has none, or tiles instead.
+/// Multiply-adds of pairs of bf16 with f32 sums, from registers only: returns the number done
+/// in `rounds` rounds of the instruction, or `None` if the back-end has none, or has tiles instead.
 pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
     dispatch!(isa, pairs(rounds), {
         Scalar: scalar,
@@ -77,11 +77,11 @@ pub enum Order {
 }
 
 impl Order {
-    /// Every way.
+    /// All orders.
     pub const ALL: [Self; 2] = [Self::Streams, Self::Whole];
 }
 
-/// Streams that are read side by side, and the bytes of each: an Intel Xeon has up to 1.5 times
+/// Number of streams read side by side: an Intel Xeon then has up to 1.5 times
 /// the bandwidth of one stream.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const STREAMS: usize = 8;
@@ -99,8 +99,8 @@ const fn prefetch_offset(i: usize) -> usize {
     if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
 }
 
-/// Prefetch distance in bytes for one stream: an AMD Zen 5 has 1.5 times the bandwidth of
-/// eight.
+/// Prefetch distance in bytes for one stream: with it an AMD Zen 5 has 1.5 times the bandwidth of
+/// eight streams.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const FAR_WHOLE: usize = 16 << 10;
 

@@ -1,5 +1,5 @@
 //! Prefetching. An address may be anywhere, even beyond the object that it was derived from. On
-//! targets without a prefetch instruction, nothing is done.
+//! targets without a prefetch instruction it is a no-op.
 
 use crate::isa::Isa;
 #[cfg(target_arch = "x86_64")]
@@ -15,7 +15,7 @@ const STREAMS: usize = 4;
 #[derive(Clone, Copy, Debug)]
 pub struct PrefetchHint<'a> {
     pieces: [*const u8; 2],
-    /// Bytes of each.
+    /// Bytes of each piece.
     len: usize,
     /// Streams side by side in each piece.
     streams: usize,
@@ -23,17 +23,17 @@ pub struct PrefetchHint<'a> {
 }
 
 impl<'a> PrefetchHint<'a> {
-    /// Nothing is known.
+    /// A hint without memory.
     pub const NONE: Self = Self { pieces: [core::ptr::null(); 2], len: 0, streams: STREAMS, memory: PhantomData };
 
-    /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one
-    /// reaches.
+    /// Two pieces of equal length, that of the shorter slice, for instance the keys and the values of the
+    /// next head.
     pub fn new<T>(first: &'a [T], second: &'a [T]) -> Self {
         let pieces = [first.as_ptr().cast(), second.as_ptr().cast()];
         Self { pieces, len: size_of_val(first).min(size_of_val(second)), streams: STREAMS, memory: PhantomData }
     }
 
-    /// In one stream or in several side by side, whichever is faster by the tuning profile of
+    /// Sets one stream or several side by side, whichever is faster by the tuning profile of
     /// `isa`.
     #[must_use]
     pub const fn tuned_for(mut self, isa: Isa) -> Self {
@@ -42,7 +42,7 @@ impl<'a> PrefetchHint<'a> {
     }
 }
 
-/// What a thread may fetch while it waits: told by another thread, at any time.
+/// Memory for a thread to prefetch while it waits, set by another thread at any time.
 #[derive(Debug, Default)]
 pub struct SharedHint {
     pieces: [AtomicPtr<u8>; 2],
@@ -51,7 +51,7 @@ pub struct SharedHint {
 }
 
 impl SharedHint {
-    /// From now on, `hint`.
+    /// Replaces the hint.
     pub fn set(&self, hint: PrefetchHint) {
         for (piece, start) in self.pieces.iter().zip(hint.pieces) {
             piece.store(start.cast_mut(), Ordering::Relaxed);
@@ -60,8 +60,8 @@ impl SharedHint {
         self.streams.store(hint.streams, Ordering::Relaxed);
     }
 
-    /// Prefetches until everything has been, or `is_over` returns true, which is called
-    /// every few lines. A hint that is set meanwhile may be used or not; an address is
+    /// Prefetches until all memory of the hint is done, or `is_over` returns true, which is called
+    /// every few lines. A hint that is set meanwhile may or may not be used; an address is
     /// never read.
     pub fn fetch(&self, mut is_over: impl FnMut() -> bool) {
         let [first, second] = &self.pieces;
@@ -80,7 +80,7 @@ impl SharedHint {
     }
 }
 
-/// Fetches a line into L1.
+/// Prefetches a line into L1.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 #[inline]
 pub(crate) fn to_l1<T>(line: *const T) {
@@ -96,7 +96,7 @@ pub(crate) fn to_l1<T>(line: *const T) {
     }
 }
 
-/// Fetches a line into L2.
+/// Prefetches a line into L2.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 #[inline]
 pub(crate) fn to_l2<T>(line: *const T) {
@@ -112,7 +112,7 @@ pub(crate) fn to_l2<T>(line: *const T) {
     }
 }
 
-/// Fetches a line into L1 that will be written, so that no other core has it any more.
+/// Prefetches a line for writing into L1 and removes it from other cores' caches.
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 #[inline]
 pub(crate) fn for_write<T>(line: *const T) {
@@ -124,18 +124,18 @@ pub(crate) fn for_write<T>(line: *const T) {
 /// Prefetching during an operation that leaves memory bandwidth unused.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) trait Prefetch {
-    /// All of `hint` in so many calls of [`Self::advance`], unless something else is fetched.
+    /// Prefetches all of `hint` in `calls` calls of [`Self::advance`], unless the implementation ignores the hint.
     fn new(hint: PrefetchHint, calls: usize) -> Self;
 
-    /// The next lines.
+    /// Prefetches the next lines.
     fn advance(&mut self);
 
-    /// Called when register `c` of a row is read: may prefetch what follows it, if the
+    /// Called when register `c` of a row is read: may prefetch data behind it, if the
     /// register begins a line.
     fn touch<T, const N: usize>(&self, register: &[T; N], c: usize);
 }
 
-/// Prefetches only what is read itself, shortly before: for processors tuned for one stream.
+/// Prefetches only the data of the operation itself, shortly before it is read: for processors tuned for one stream.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) struct SelfPrefetch;
 
@@ -166,10 +166,10 @@ impl Prefetch for SelfPrefetch {
 /// Prefetches a [`PrefetchHint`] step by step, in several streams.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) struct HintPrefetch {
-    /// The next lines of the first streams.
+    /// The next line of each piece's first stream.
     pieces: [*const u8; 2],
-    /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call
-    /// fetches.
+    /// Bytes between the streams of a piece; bytes left of each stream; bytes of each that a call
+    /// prefetches.
     stream: usize,
     left: usize,
     step: usize,
@@ -214,7 +214,7 @@ impl Prefetch for HintPrefetch {
 mod tests {
     use super::*;
 
-    /// All whole lines of four streams in each piece, in the calls that there are.
+    /// All whole lines of four streams in each piece are prefetched in the given number of calls.
     #[test]
     fn all_is_fetched_in_the_calls_that_there_are() {
         for len in [0, 1, 255, 256, 1000, 4096, 65_536] {

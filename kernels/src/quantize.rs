@@ -1,5 +1,5 @@
-//! Symmetric quantization of rows to int8: a maximum, one product, one rounding to even, in any
-//! order.
+//! Symmetric quantization of rows to int8: a maximum, one product, one rounding to nearest even; the
+//! order does not matter.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -72,9 +72,9 @@ pub fn row_maxima(isa: Isa, x: &MatMut<f32>, largest: &mut [f32]) -> Result<(), 
     Ok(())
 }
 
-/// Quantizes some columns of rows whose largest absolute value over all columns is `largest`;
-/// the codes are those of [`quantize_rows`] over all columns, with the scale
-/// [`quantization_scale`].
+/// Quantizes some columns of rows whose largest absolute value over all columns is `largest`,
+/// with the scale [`quantization_scale`]; the codes equal the columns of
+/// [`quantize_rows`] over all columns.
 ///
 /// Shapes: `x [m, k]`, `largest [m]`, `codes [m, k]` (overwritten). `x` must be finite.
 ///
@@ -105,8 +105,8 @@ fn round(isa: Isa, row: &[f32], largest: f32, codes: &mut [i8]) {
     dispatch!(isa, round(row, per_unit, codes))
 }
 
-/// Quantizes one weight row symmetrically and returns its scale, `max(abs(row)) / 127`; that of
-/// an all-zero row is 1.
+/// Quantizes one weight row symmetrically and returns its scale, `max(abs(row)) / 127`, or 1 for
+/// an all-zero row.
 ///
 /// # Errors
 /// [`ShapeError`] if `codes` has another length than `row`.

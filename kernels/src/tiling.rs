@@ -1,10 +1,10 @@
-//! The sizes at which the loops of a back-end take another path, from the constants of the
+//! Sizes at which the loops of a back-end take another path, from the constants of the
 //! back-end itself. Tests draw their shapes around them; no kernel reads them.
 
-/// Lanes of the widest register: element-wise loops have a remainder below it.
+/// Lanes of the widest register: element-wise loops have a tail below it.
 pub const LANES: usize = crate::lanes::LANES;
 
-/// Sizes of one operation on one back-end. Its loops change at the multiples of each, or beyond it.
+/// Sizes of one operation on one back-end. The loops change at multiples of each, or beyond it.
 #[derive(Clone, Copy, Debug)]
 pub struct Tiling {
     /// Rows of a product; queries of attention.
@@ -20,7 +20,7 @@ pub struct Tiling {
     pub chunk: usize,
 }
 
-/// One row and one panel of outputs at a time, as every scalar product.
+/// One row and one panel of outputs at a time, as in every scalar product.
 pub(crate) const fn portable() -> Tiling {
     Tiling { rows: &[1], outputs: &[crate::pack::PANEL], inputs: &[crate::pack::QUAD], held: 0, chunk: 0 }
 }

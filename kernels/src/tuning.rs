@@ -1,7 +1,7 @@
-//! Tuning profiles: the properties of a family of processors other than its instruction set. A
-//! profile decides the order of memory accesses and of exact operations, and never a result.
+//! Tuning profiles: the properties of a family of processors beyond its instruction set. A
+//! profile determines the order of memory accesses and of exact operations, and never a result.
 
-/// The properties that decide how a family of processors is fast.
+/// The performance properties of a family of processors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tuning {
     /// Memory is read in one stream; otherwise in several streams side by side.
@@ -9,22 +9,22 @@ pub struct Tuning {
     /// One stream of int8 weights is prefetched 4 KiB ahead, into L2; otherwise 16 KiB ahead, into
     /// L1.
     pub(crate) near_prefetch: bool,
-    /// Few rows that take no longer than their quantized weights take to arrive leave one stream to the processor's own
+    /// Memory-bound products of few rows with quantized weights in one stream rely on the hardware
     /// prefetcher.
     pub(crate) own_prefetch: bool,
     /// Attention prefetches the keys and values that it reads itself; otherwise the operands of the
-    /// operation that follows.
+    /// next operation.
     pub(crate) self_prefetch: bool,
-    /// Int8 inputs are offset to unsigned as they are loaded; otherwise beforehand, in a buffer.
+    /// Int8 inputs are offset to unsigned when loaded; otherwise beforehand, in a buffer.
     pub(crate) offset_on_load: bool,
-    /// `vdpbf16ps` is issued as often as `vfmadd231ps`, so that it doubles the rate of
+    /// `vdpbf16ps` has the issue rate of `vfmadd231ps`, so that it doubles the rate of
     /// multiply-adds.
     pub(crate) fast_bf16_dot: bool,
 }
 
 impl Tuning {
-    /// Intel Xeon: eight streams have up to 1.5 times the bandwidth of one; `vdpbf16ps` is issued a
-    /// quarter as often as `vfmadd231ps`.
+    /// Intel Xeon: eight streams have up to 1.5 times the bandwidth of one; `vdpbf16ps` has a
+    /// quarter of the issue rate of `vfmadd231ps`.
     pub const XEON: Self = Self {
         one_stream: false,
         near_prefetch: false,
@@ -44,11 +44,11 @@ impl Tuning {
         fast_bf16_dot: true,
     };
 
-    /// AMD Zen 4: the same with near prefetches, with which a decoder's step takes a tenth less time, and with none
-    /// where its own prefetcher is faster: by a fifth to a quarter.
+    /// AMD Zen 4: as Zen 5, but with near prefetches, which make a decoder step a tenth faster, and none for products
+    /// that its hardware prefetcher makes faster, by a fifth to a quarter.
     pub const ZEN4: Self = Self { near_prefetch: true, own_prefetch: true, ..Self::ZEN5 };
 
-    /// Arm: one stream, which the processors' own prefetchers follow. Not measured.
+    /// Arm: one stream, which the hardware prefetchers follow. Not measured.
     #[cfg(target_arch = "aarch64")]
     pub(crate) const ARM: Self = Self {
         one_stream: true,
@@ -62,7 +62,7 @@ impl Tuning {
     /// The measured profiles.
     pub const ALL: [Self; 3] = [Self::XEON, Self::ZEN5, Self::ZEN4];
 
-    /// The profile of this processor's maker.
+    /// The profile for this processor's vendor.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn detect() -> Self {
         let leaf = core::arch::x86_64::__cpuid(0);
@@ -70,13 +70,13 @@ impl Tuning {
         if vendor.as_flattened() == b"AuthenticAMD" { Self::of_zen() } else { Self::XEON }
     }
 
-    /// The profile of this processor, which is a Zen.
+    /// The profile of this processor, if it is a Zen.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn of_zen() -> Self {
         Self::of_zen_family(core::arch::x86_64::__cpuid(1).eax)
     }
 
-    /// The profile of a Zen by its signature, as leaf 1 of `cpuid` has it: Zen 4 is the last of its family.
+    /// The profile of a Zen by its signature from leaf 1 of `cpuid`: Zen 4 is the last of its family.
     #[cfg(target_arch = "x86_64")]
     const fn of_zen_family(signature: u32) -> Self {
         const FAMILY_OF_ZEN4: u32 = 0x19;

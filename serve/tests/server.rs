@@ -1,5 +1,5 @@
-//! A server over loopback: its sessions animate with the bits of the library, and nothing that a client
-//! does or fails to do harms the others.
+//! A server over loopback: its sessions have the bits of the library, and nothing that a client
+//! does or omits affects the others.
 
 #[path = "server/client.rs"]
 mod client;
@@ -31,7 +31,7 @@ static MODEL: LazyLock<Arc<Model>> = LazyLock::new(|| {
     Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap())
 });
 
-/// Longest that anything may take here.
+/// Timeout of every wait.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A server in this process.
@@ -42,7 +42,7 @@ struct Running {
 }
 
 impl Running {
-    /// As fast as it computes, unless `change` says otherwise.
+    /// Starts a server that computes as fast as it can, unless `change` says otherwise.
     async fn new(change: impl FnOnce(&mut Config)) -> Self {
         let mut config = Config { threads: 1, ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
         change(&mut config);
@@ -63,7 +63,7 @@ impl Running {
         timeout(PATIENCE, self.ended).await.expect("the server ends").unwrap();
     }
 
-    /// Waits until so many sessions are there.
+    /// Waits until the server has `count` sessions.
     async fn sessions(&self, count: usize) {
         let wanted = format!("\"sessions\":{count},");
         let reached = async {
@@ -88,7 +88,7 @@ fn speech(samples: usize, seed: u32) -> Vec<i16> {
         .collect()
 }
 
-/// The frames of a recording, as `umo animate` makes them.
+/// The frames that `umo animate` makes of a recording.
 fn offline(config: &SessionConfig, samples: &[i16]) -> Vec<Vec<u32>> {
     let model = &*MODEL;
     assert_eq!(config.sample_rate, model.config().audio.sample_rate);
@@ -126,7 +126,7 @@ async fn sessions_have_the_bits_of_the_library_whatever_the_pieces() {
         assert_eq!(done["frames"], 75);
         assert!(frames.iter().zip(0..).all(|(frame, index)| frame.index == index));
         assert_eq!(only_bits(&frames), offline(&settings(seed), &audio), "seed {seed}");
-        // Another speech on the same socket: an interrupt begins it, and the numbers go on.
+        // Another speech on the same socket: begins with an interrupt, and frame numbers continue.
         client.text(r#"{"type":"interrupt"}"#).await;
         client.speak(&audio[..16_000], 4_000).await;
         client.text(r#"{"type":"finish"}"#).await;

@@ -1,15 +1,15 @@
-//! Names of packages: the documentation says those of the manifests, and sends nobody to another project's.
+//! Package names: the documentation uses the manifests' names, and points to no other project's package.
 
 use umo_tests::pages::{Table, files, root, tables};
 
-/// Packages of other projects that the documentation asks a registry for.
+/// Packages of other projects that the documentation installs.
 const OTHERS: [&str; 2] = ["av", "pocketsphinx"];
 
 fn text(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// The text between two others.
+/// The text between `before` and `after`.
 fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {
     text.split_once(before)
         .and_then(|(_, rest)| rest.split_once(after))
@@ -36,7 +36,7 @@ fn crates() -> Vec<String> {
     manifests().iter().map(|manifest| crate_name(manifest)).collect()
 }
 
-/// The optional parts of the Python package.
+/// Extras of the Python package.
 fn extras() -> Vec<String> {
     let project = text("bindings/python/pyproject.toml");
     let table = between(&project, "[project.optional-dependencies]\n", "\n\n");
@@ -55,7 +55,7 @@ fn json_name(path: &str) -> String {
     between(&text(path), "\"name\": \"", "\"").to_owned()
 }
 
-/// The texts in backquotes.
+/// Texts in backquotes.
 fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
@@ -88,7 +88,7 @@ fn every_registry_has_the_name_of_the_manifest() {
     assert_eq!(said("Unity's package manager"), [unity]);
 }
 
-/// Crates inherit the address; scripts/release and setup.py write it into the other packages.
+/// Crates inherit the repository address; scripts/release and setup.py write it into the other packages.
 #[test]
 fn packages_have_one_address_from_one_place() {
     let workspace = text("Cargo.toml");
@@ -108,14 +108,14 @@ fn packages_have_one_address_from_one_place() {
     }
 }
 
-/// Whether a word names a file or folder, as written or by a place-holder in capitals.
+/// Whether a word names a file or folder, literally or by a placeholder in capitals.
 fn is_path(word: &str) -> bool {
     word.contains('/')
         || [".whl", ".tgz"].iter().any(|end| word.ends_with(end))
         || word.chars().all(|letter| letter.is_ascii_uppercase() || letter == '_')
 }
 
-/// What is wrong with an install command, given by its words after the command's own.
+/// The fault of an install command, given by its words after the command's name, if any.
 fn refusal(command: &str, words: &[&str]) -> Option<String> {
     let named = |word: &&&str| !word.starts_with('-');
     match command {
@@ -141,14 +141,14 @@ fn refusal(command: &str, words: &[&str]) -> Option<String> {
     }
 }
 
-/// Every crate that Cargo is asked for by name is one of ours.
+/// The first crate named to Cargo that is not one of ours.
 fn strange_crate<'a>(line: &'a str, ours: &[String]) -> Option<&'a str> {
     let words: Vec<&str> = line.split([' ', '`', '"', ')', ']', ',']).collect();
     let names = words.windows(2).filter(|pair| ["-p", "--package"].contains(&pair[0])).map(|pair| pair[1]);
     names.filter(|_| line.contains("cargo")).find(|name| !ours.iter().any(|own| own == name))
 }
 
-/// The faults of one line of the documentation.
+/// Faults of one line of the documentation.
 fn faults(line: &str, ours: &[String]) -> Vec<String> {
     const COMMANDS: [&str; 7] = [
         "pip install",
@@ -183,7 +183,7 @@ fn install_lines_name_packages_of_ours() {
     let ours = crates();
     let mut paths = vec![];
     files(&root(), &["md", "py"], &mut paths);
-    // It says what releases brought, by the names of their time.
+    // The changelog uses the names of the time.
     paths.retain(|path| !path.ends_with("CHANGELOG.md"));
     let mut found = vec![];
     for path in &paths {

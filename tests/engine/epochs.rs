@@ -1,4 +1,4 @@
-//! Interrupts and resets: what is dropped, what follows, what nobody takes of the other's.
+//! Interrupts and resets: which frames are dropped, what follows, and that streams do not mix.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn a_reset_session_is_a_new_one() {
     let wanted = offline(engine.model(), &session, &samples);
     let session = engine.session(&session).unwrap();
     for round in 0..4 {
-        // Once in the middle of a chunk, once with frames that nobody pulled, once after the end.
+        // Once in the middle of a chunk, once with frames left to pull, once after the end.
         assert_eq!(session.push_audio(&samples).unwrap().taken, samples.len());
         session.finish().unwrap();
         if round % 2 == 0 {
@@ -31,8 +31,8 @@ fn a_reset_session_is_a_new_one() {
     assert!(session.stats().dropped_frames > 0);
 }
 
-/// The last chunk of a stream has less audio than it takes; what is pushed while it waits for its
-/// turn is the next stream's.
+/// The last chunk of a stream has less audio than a full one; audio pushed while it waits
+/// belongs to the next stream.
 #[test]
 fn a_chunk_takes_no_audio_of_the_next_stream() {
     let engine = hosted(3);
@@ -42,7 +42,7 @@ fn a_chunk_takes_no_audio_of_the_next_stream() {
     for round in 0..2 {
         session.push_audio(&short).unwrap();
         session.finish().unwrap();
-        // Into a batch, and no further.
+        // Puts the chunk into a batch, and does no more.
         assert_eq!(engine.poll(Duration::ZERO), Ok(Poll::More));
         if round == 0 {
             session.reset().unwrap()
@@ -55,7 +55,7 @@ fn a_chunk_takes_no_audio_of_the_next_stream() {
         let wanted = offline(engine.model(), &config, &next);
         let frames = pull(&session);
         assert_eq!(frames.len(), wanted.len());
-        // An interrupted avatar stays where it stands: the place differs, the rotations do not.
+        // An interrupted avatar stays in place: the translation differs, the rotations do not.
         let joints = 55 * 4;
         assert!(frames.iter().zip(&wanted).all(|(frame, wanted)| frame.bits[..joints] == wanted[..joints]));
         session.reset().unwrap();
@@ -76,7 +76,7 @@ fn an_interrupt_eases_to_rest_and_starts_a_new_stream_in_place() {
     assert!(left > 0);
     session.interrupt(Duration::from_millis(200)).unwrap();
     assert_eq!(session.ready_frames(), Ok(6), "200 ms at 30 frames per second");
-    // What comes now is the new stream's, whoever is faster.
+    // Frames from here on are the new stream's, in any order of events.
     let fresh = &samples[..12_800];
     session.push_audio(fresh).unwrap();
     session.finish().unwrap();
@@ -88,14 +88,14 @@ fn an_interrupt_eases_to_rest_and_starts_a_new_stream_in_place() {
     for (i, frame) in eased.iter().enumerate() {
         assert_eq!(frame.index, 10 + i as u64, "the index goes on");
     }
-    // As many frames ease from rest to the new stream as eased to rest; the face takes a quarter of them.
+    // The ease from rest to the new stream is as long as the ease to rest; the face takes a quarter of it.
     let joints = 55 * 4;
     for (i, (frame, wanted)) in eased[6..].iter().zip(&wanted).enumerate() {
         assert_eq!(frame.bits[..joints] == wanted[..joints], i >= 5, "the new stream's pose {i}");
         assert_eq!(frame.bits[joints + 3..] == wanted[joints + 3..], i >= 1, "the new stream's face {i}");
         assert_eq!(frame.sample, 20_000 + (i * 16_000 / 30) as u64);
     }
-    // The way from rest is as smooth as the way to it: never more than a third of it in a frame.
+    // The ease from rest is as smooth as the ease to it: at most a third of the angle per frame.
     let turn = |a: &FrameBits, b: &FrameBits, joint: usize| {
         let q = |frame: &FrameBits| [0, 1, 2, 3].map(|i| f32::from_bits(frame.bits[joint * 4 + i]));
         let dot: f32 = q(a).iter().zip(q(b)).map(|(a, b)| a * b).sum();
@@ -107,12 +107,12 @@ fn an_interrupt_eases_to_rest_and_starts_a_new_stream_in_place() {
             turn(&eased[5], &eased[11], joint) + (6..11).map(|i| turn(&eased[i], &eased[i + 1], joint)).sum::<f32>();
         assert!(first <= all / 3.0 + 1e-3, "joint {joint}: {first} of {all}");
     }
-    // It stands where it stood.
+    // The avatar stays in place.
     let place = |frame: &FrameBits| [0, 2].map(|axis| f32::from_bits(frame.bits[joints + axis]));
     for frame in &eased[..6] {
         assert_eq!(place(frame), place(&shown[9]));
     }
-    // Every step of the ease is a small one, and the last is the pose of rest.
+    // Every step of the ease is small, and the last frame is the rest pose.
     let rest = {
         let other = engine.session(&config).unwrap();
         let mut rest = Vec::new();

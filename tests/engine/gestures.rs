@@ -1,10 +1,10 @@
-//! Gestures on command: the same frames streamed and offline, and what a host's calls do to them.
+//! Gestures on command: streamed and offline frames are the same, and the effects of a host's calls.
 
 use super::*;
 use umo_core::life::{Gesture, GestureOptions, GestureParts, LifeConfig, MAX_PENDING_GESTURES, Side};
 use umo_core::motion::skeleton::JOINTS;
 
-/// What is asked for in these tests: each with its time, in no order.
+/// Gestures that these tests play, with their times in no order.
 fn asked() -> Vec<(&'static str, GestureOptions)> {
     let at = |seconds: f64| GestureOptions::default().at(seconds);
     vec![
@@ -80,7 +80,7 @@ fn a_gesture_leaves_nothing_behind() {
     let differs: Vec<usize> = (0..plain.len()).filter(|&i| plain[i] != waved[i]).collect();
     let (first, last) = (differs[0], differs[differs.len() - 1]);
     assert!((35..60).contains(&first) && (100..140).contains(&last), "{first} to {last}");
-    // The legs and the left arm go on as without it.
+    // The legs and the left arm are unaffected.
     let kept = (0..plain.len())
         .all(|i| [1, 4, 7, 16, 18, 20].iter().all(|j| plain[i][4 * j..4 * j + 4] == waved[i][4 * j..4 * j + 4]));
     assert!(kept);
@@ -112,11 +112,11 @@ fn an_interrupt_takes_gestures_away_and_a_reset_forgets_them() {
     alone.finish().unwrap();
     settle(&engine);
     let alone = pull(&alone);
-    // Once it is eased to, the rotations are those of a stream that nobody waved in.
+    // After the ease, the rotations equal a stream's without the gesture.
     let joints = JOINTS * 4;
     assert_eq!(after.len(), alone.len() + 12);
     assert!(after[24..].iter().zip(&alone[12..]).all(|(a, b)| a.bits[..joints] == b.bits[..joints]));
-    // The ease lets the hand down in small steps.
+    // The ease lowers the hand in small steps.
     let step = |pair: &[FrameBits]| {
         let change = |i: usize| (f32::from_bits(pair[0].bits[i]) - f32::from_bits(pair[1].bits[i])).abs();
         (0..joints).map(change).fold(0.0, f32::max)
@@ -145,13 +145,13 @@ fn requests_that_cannot_be_are_refused() {
         session.play_gesture("nod", &late).unwrap();
     }
     assert_eq!(session.play_gesture("nod", &late), Err(SessionError::GesturesFull));
-    // An interrupt makes room when the output sees it.
+    // An interrupt frees the places when the output sees it.
     session.interrupt(Duration::ZERO).unwrap();
     session.ready_frames().unwrap();
     session.play_gesture("nod", &late).unwrap();
 }
 
-/// A figure that nobody speaks through does what it is told all the same.
+/// Gestures play without any speech.
 #[test]
 fn a_gesture_needs_no_speech() {
     for life in [LifeConfig::ON, LifeConfig::OFF] {
@@ -172,7 +172,7 @@ fn a_gesture_needs_no_speech() {
     }
 }
 
-/// A session in the middle of a gesture goes on elsewhere with it; with other gestures it is refused.
+/// A restored session continues its gesture; a session with other gestures refuses the state.
 #[test]
 fn a_restored_session_goes_on_with_its_gesture() {
     let engine = hosted(3);

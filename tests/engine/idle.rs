@@ -1,9 +1,9 @@
-//! While no audio comes, and when it comes again or has ended.
+//! Behaviour without audio: before it comes, when it returns, and after the end.
 
 use super::*;
 
-/// With layers an avatar is never still: before its first frame, while nobody speaks, and on the way
-/// between. Nothing jumps.
+/// With layers an avatar is never still: before its first frame, while it is idle, and in
+/// transitions. Motion stays continuous.
 #[test]
 fn layers_go_on_while_no_audio_comes() {
     for idle in [Idle::Hold, Idle::Rest] {
@@ -36,14 +36,14 @@ fn layers_go_on_while_no_audio_comes() {
     }
 }
 
-/// Poses of a session that goes by the host's time, which is `from` at its start and goes on by
-/// `step` seconds a picture, with a pause of two seconds after the speech.
+/// Poses of a session on the host's time, which starts at `from` and advances by `step` seconds
+/// per picture, with a pause of two seconds after the speech.
 fn by_host_time(from: f64, step: f64, wait: impl Fn()) -> Vec<Vec<u32>> {
     let (engine, nanos) = timed(3);
     let session = engine.session(&SessionConfig { idle: Idle::Rest, ..config(engine.model(), 2, 0, 4) }).unwrap();
     let mut poses = Vec::new();
     for picture in 0..120 {
-        // The engine's clock does what it likes.
+        // The engine's clock runs independently.
         nanos.fetch_add(picture * picture * 1_000_000, Ordering::Relaxed);
         wait();
         let time = f64::from(u32::try_from(picture).unwrap()) * step;
@@ -61,7 +61,7 @@ fn by_host_time(from: f64, step: f64, wait: impl Fn()) -> Vec<Vec<u32>> {
 fn a_host_that_gives_its_time_gets_the_same_poses_however_long_its_pictures_take() {
     let poses = by_host_time(0.0, 1.0 / 30.0, || ());
     assert!(poses[90..].windows(2).filter(|pair| pair[0] != pair[1]).count() > 20, "it is alive");
-    // From another moment on, and with threads that wait.
+    // From another start time, and with delays.
     assert!(by_host_time(4096.0, 1.0 / 30.0, || std::thread::sleep(Duration::from_micros(300))) == poses);
     assert!(by_host_time(0.0, 1.0 / 24.0, || ()) != poses);
 }
@@ -80,7 +80,7 @@ fn a_host_whose_time_stands_still_sees_an_avatar_that_stands_still() {
     session.set_clock(12.0).unwrap();
     let still = show();
     assert!((0..30).all(|_| show() == still));
-    // A time that goes back is held.
+    // A time that goes back holds the pose.
     session.set_clock(3.0).unwrap();
     assert!(show() == still);
     session.set_clock(12.5).unwrap();
@@ -106,8 +106,8 @@ fn idle_modes_during_silence() {
         let (mut poses, mut ahead) = (vec![before.clone()], 0);
         for step in 1..=40 {
             let mut pose = Vec::new();
-            // The ease to rest goes by the clock, also where the host's own time is that of a sound
-            // that stands still.
+            // The ease to rest follows the clock even if the host's time is that of a sound
+            // that has stopped.
             nanos.fetch_add(33_333_333, Ordering::Relaxed);
             let time = if idle == Idle::Rest { 0.5 } else { f64::from(step) } / 30.0;
             let sampled = session.sample_pose(end + time, |frame| pose = bits(frame.pose, frame.face)).unwrap();
@@ -134,7 +134,7 @@ fn idle_modes_during_silence() {
             Idle::Live => {
                 assert!(ahead < 10, "the model goes on: {ahead}");
                 assert!(session.stats().chunks > 2);
-                // Silence is nobody's sample.
+                // Filled-in silence has no sample index.
                 let mut sample = 0;
                 session.pull_frames(1, |frame| sample = frame.sample).unwrap();
                 assert!(sample <= 12_800, "{sample}");
@@ -143,7 +143,7 @@ fn idle_modes_during_silence() {
     }
 }
 
-/// After an idle time, speech goes on from what was shown.
+/// After an idle time, speech continues from the last pose shown.
 #[test]
 fn the_way_back_from_rest_is_smooth() {
     let (engine, nanos) = timed(2);
@@ -178,8 +178,8 @@ fn the_way_back_from_rest_is_smooth() {
     assert!(largest <= 1.5 * own + 0.1, "a step of {largest}, where the motion's own are {own}");
 }
 
-/// The model ran on silence beyond the end of what was pushed, and holds frames back that came
-/// before it.
+/// The model ran on silence beyond the end of the pushed audio, and holds back frames from before
+/// that end.
 #[test]
 fn end_in_the_past_leaves_the_engine_idle() {
     let (engine, nanos) = timed(4);
@@ -215,12 +215,12 @@ fn a_pause_counts_neither_as_delay_nor_as_late() {
     let chunk = engine.model().config().samples_per_keyframe();
     session.push_audio(&audio(chunk + chunk / 2, 1, 4)).unwrap();
     settle(&engine);
-    // Half a chunk is there when the speaker falls silent: silence completes it.
+    // Half a chunk waits when the audio stops: silence completes it.
     nanos.fetch_add(5_000_000_000, Ordering::SeqCst);
     pull(&session);
     settle(&engine);
     assert_eq!(session.stats().chunks, 2);
-    // Half a chunk again, and the end long after it.
+    // Half a chunk again, and the end much later.
     session.push_audio(&audio(chunk / 2, 1, 5)).unwrap();
     nanos.fetch_add(5_000_000_000, Ordering::SeqCst);
     session.finish().unwrap();

@@ -1,4 +1,4 @@
-//! Wrong use, full queues and places, lives that end in any order, what is set on the way.
+//! Misuse, full queues and no free places, objects dropped in any order, settings changed at run time.
 
 use super::*;
 
@@ -20,7 +20,7 @@ fn wrong_use_is_refused_and_changes_nothing() {
     let mut sampling = session.sampling().unwrap();
     sampling.temperature = f32::NAN;
     assert!(matches!(session.set_sampling(sampling), Err(SessionError::Range(_))));
-    // A call within a call of the same kind is what two threads at once would be.
+    // A nested call of the same kind is like a concurrent one.
     session.reset().unwrap();
     session.push_audio(&audio(16_000, 2, 1)).unwrap();
     session.finish().unwrap();
@@ -44,7 +44,7 @@ fn wrong_use_is_refused_and_changes_nothing() {
     assert_eq!(own.poll(Duration::ZERO), Err(PollError::OwnThreads));
 }
 
-/// Every chunk fails in its last step: the motion decoder's.
+/// Every chunk fails in its last step, the motion decoder.
 #[test]
 fn an_engine_whose_every_session_fails_idles_and_takes_new_ones() {
     let mut bytes = ModelBytes::open("mel_k2_arkit");
@@ -80,7 +80,7 @@ fn an_engine_whose_every_session_fails_idles_and_takes_new_ones() {
     }
 }
 
-/// A job system that runs jobs where they are submitted, or when the poll is over.
+/// A job system that runs jobs where they are submitted, or after the poll.
 #[test]
 fn a_job_that_the_polling_thread_runs_returns_at_once() {
     let lent = Arc::new((OnceLock::<Weak<Engine>>::new(), AtomicU64::new(0)));
@@ -112,7 +112,7 @@ fn a_host_that_never_pulls_stops_the_computation_and_pulling_starts_it_again() {
     let engine = hosted(4);
     let config = SessionConfig { queue_frames: 60, ..config(engine.model(), 2, 0, 4) };
     let session = engine.session(&config).unwrap();
-    // The ring takes ten seconds at least, and what the queue of frames keeps from being computed.
+    // The ring holds ten seconds at least, and as much as the full frame queue keeps from being computed.
     let samples = audio(20 * 16_000, 1, 4);
     let mut taken = 0;
     for _ in 0..10 {
@@ -127,7 +127,7 @@ fn a_host_that_never_pulls_stops_the_computation_and_pulling_starts_it_again() {
     assert_eq!(pull(&session).len() as u64, computed);
     settle(&engine);
     assert!(session.stats().frames > computed);
-    // Nothing was lost: with room for everything, the same frames come.
+    // Nothing was lost: with enough room, the same frames come.
     let mut frames = pull(&session).len() as u64 + computed;
     while taken < samples.len() {
         taken += session.push_audio(&samples[taken..]).unwrap().taken;
@@ -150,7 +150,7 @@ fn places_are_given_back() {
     for round in 0..10_000 {
         let session = engine.session(&config).unwrap();
         if round % 10 == 0 {
-            // Dropped while it is computed.
+            // Dropped while its chunk is in work.
             session.push_audio(&samples).unwrap();
         }
         if round % 100 == 0 {
@@ -172,7 +172,7 @@ fn sessions_outlive_their_engine() {
         while session.ready_frames().unwrap() == 0 {
             work(&engine, threads);
         }
-        // In the middle of a chunk, where it is polled.
+        // In the middle of a chunk, if the engine is polled.
         drop(engine);
         let mut count = 0;
         while session.pull_frames(1, |_| count += 1) == Ok(1) {}

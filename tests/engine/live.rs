@@ -1,5 +1,5 @@
-//! The live mouth: each frame's mouth is its own sound's, as soon as that is heard, over the body of
-//! the frames that the engine has given by then.
+//! The live mouth: each frame has the mouth of its own audio as soon as that is heard, over the
+//! latest body frames of the engine.
 
 use umo_core::life::LifeConfig;
 use umo_core::mouth::MouthStream;
@@ -11,7 +11,7 @@ use super::*;
 const WITH_MOUTH: usize = 3;
 const JAW: usize = 22;
 
-/// Without layers, so that what is compared is the mouth and the body alone.
+/// Without layers, to compare only the mouth and the body.
 fn live(model: &Model, target: usize, lookahead: usize) -> SessionConfig {
     let mut config = SessionConfig { voice: Voice::Live, ..config(model, target, lookahead, 5) };
     config.avatar.life = LifeConfig::OFF;
@@ -27,12 +27,12 @@ fn mouths(model: &Model, samples: &[f32]) -> Vec<Vec<f32>> {
     mouths
 }
 
-/// Values of a frame: the pose, then the face.
+/// Value of a face channel in a frame's bits, which have the pose first.
 fn face_value(frame: &FrameBits, channel: usize) -> f32 {
     f32::from_bits(frame.bits[4 * 55 + 3 + channel])
 }
 
-/// Pushes pieces, lets the engine settle, pulls: every frame of the stream.
+/// Pushes pieces, lets the engine settle, pulls; returns every frame of the stream.
 fn run(engine: &Engine, session: &Session, samples: &[f32], pieces: &[usize]) -> Vec<FrameBits> {
     let (mut frames, mut rest) = (Vec::new(), samples);
     for &piece in pieces.iter().cycle() {
@@ -83,7 +83,7 @@ fn the_mouth_is_the_sounds_and_the_body_follows() {
                     assert_eq!(face_value(frame, channel).to_bits(), values[at].to_bits(), "mouth of frame {i}");
                 }
             }
-            // The body of so many frames before, but for what the mouth moves.
+            // The body of `delay` frames before, except the channels that the mouth moves.
             if let Some(wanted) = i.checked_sub(delay).map(|i| &body[i]) {
                 for (at, (got, wanted)) in frame.bits.iter().zip(wanted).enumerate() {
                     let is_jaw = at / 4 == JAW;
@@ -98,7 +98,7 @@ fn the_mouth_is_the_sounds_and_the_body_follows() {
     assert!(mouths.iter().any(|values| values != &mouths[0]), "the mouth moves");
 }
 
-/// Sound to mouth is at most what is said.
+/// The delay from sound to mouth is at most the reported one.
 #[test]
 fn a_mouth_is_as_late_as_is_said() {
     let engine = hosted(WITH_MOUTH);
@@ -123,7 +123,7 @@ fn an_interrupt_begins_a_new_mouth() {
     session.pull_frames(9, |_| ()).unwrap();
     session.interrupt(Duration::from_millis(100)).unwrap();
     let frames = run(&engine, &session, &second, &[900]);
-    // Nine frames were shown, three ease.
+    // Nine frames were shown, and three ease.
     assert_eq!(frames[0].index, 9);
     let wanted = mouths(engine.model(), &second);
     let mouth = engine.model().mouth().unwrap();

@@ -1,4 +1,4 @@
-//! Element-wise functions: against f64 over their whole range, softmax and argmax at every length.
+//! Element-wise functions against f64 over their whole range; softmax and argmax at every length.
 
 use proptest::prelude::*;
 use umo_kernels::Isa;
@@ -29,7 +29,7 @@ fn normal_integral() -> Vec<(f32, f64)> {
         .collect()
 }
 
-/// The bound of the contract.
+/// Checks the contract's bound.
 fn assert_gelu(name: &str, x: f32, got: f32, want: f64) {
     let tolerance = 4.0 * ulp(want) + 1e-7 * f64::from(x.abs());
     assert!((f64::from(got) - want).abs() <= tolerance, "{name}({x}) = {got}, not {want}");
@@ -69,7 +69,7 @@ fn piecewise_activations_are_exact(isa: Isa) {
     });
 }
 
-/// Whatever stands beside an element, it has the same bits.
+/// An element has the same bits whatever its neighbours.
 fn activations_of_an_element_are_the_same_anywhere(isa: Isa) {
     proptest!(cases(48), |(len in near(LANES, 6), offset in offset(), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
@@ -82,7 +82,7 @@ fn activations_of_an_element_are_the_same_anywhere(isa: Isa) {
     });
 }
 
-/// A term's error: the difference from the maximum is rounded once, `exp` is within 3 units, and
+/// Error of a term: the difference from the maximum is rounded once, `exp` is within 3 units, and
 /// the sum has `len` terms.
 fn softmax_is_near_f64(isa: Isa) {
     let len = prop_oneof![near(LANES, 6), near(4 * LANES, 4)];

@@ -1,5 +1,5 @@
-//! Attention: against f64, exactly where the result can be known exactly, and the same bits alone
-//! and among others.
+//! Attention against f64, exactly if the result can be known exactly; and the same bits for a query
+//! alone and among others.
 
 use proptest::prelude::*;
 use umo_kernels::attention::{
@@ -20,11 +20,11 @@ struct Case {
     scale: f32,
     bias: Option<(Vec<f32>, usize)>,
     visible: Visible,
-    /// By [`encoder_attention_f32`].
+    /// Computed by [`encoder_attention_f32`].
     encoder: bool,
 }
 
-/// Sizes, masks and places; the values come from `seed`.
+/// Sizes, masks and offsets; the values come from `seed`.
 #[derive(Clone, Debug)]
 struct Shape {
     m: usize,
@@ -37,7 +37,7 @@ struct Shape {
     seed: u64,
 }
 
-/// What a query sees, and by which function.
+/// Keys that a query sees, and the function under test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mask {
     Causal,
@@ -49,10 +49,10 @@ fn mask() -> impl Strategy<Value = Mask> {
     prop_oneof![Just(Mask::Causal), Just(Mask::All), Just(Mask::Encoder)]
 }
 
-/// Most multiply-adds of a drawn case: the reference in f64 does some more.
+/// Most multiply-adds of a drawn case: the f64 reference costs a little more.
 const MAX_WORK: usize = 800_000;
 
-/// Sizes around those of any of the back-end's functions; the model's head width more often than
+/// Sizes around the tiles of all functions of the back-end; the model's head width more often than
 /// not.
 fn shape(isa: Isa) -> impl Strategy<Value = Shape> {
     let sizes =
@@ -92,8 +92,8 @@ impl Shape {
 /// Queries, keys and values.
 type Qkv<'a> = (Mat<'a, f32>, Mat<'a, f32>, Mat<'a, f32>);
 
-/// What tiles may leave out of a product, relative to its size: the second part of one factor is
-/// below 2^-7 of it, the third of the other below 2^-15, both ways; and the third parts of both.
+/// Bound on the terms that tiles may leave out of a product, relative to its size: the second part of one
+/// factor is below 2^-7 of it, the third of the other below 2^-15, both ways; and the third parts of both.
 const SPLIT: f64 = 2.0 / 4_194_304.0 + 1.0 / 1_073_741_824.0;
 
 impl Case {
@@ -104,7 +104,7 @@ impl Case {
         y.checked()
     }
 
-    /// The queries `q`, the first of which is query `i` of this case.
+    /// Calls the kernel for the queries `q`, the first of which is query `i` of this case.
     fn call(&self, isa: Isa, (q, k, v): Qkv, i: usize, visible: Visible, y: &mut Guarded<f32>) {
         let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
         let operands = Operands::new(q, k, v, self.scale).biased(bias).seeing(visible);
@@ -112,7 +112,7 @@ impl Case {
         attention(isa, operands, y.mat()).expect("shapes agree");
     }
 
-    /// Query `i` by itself.
+    /// Result of query `i` alone.
     fn run_alone(&self, isa: Isa, i: usize) -> Vec<f32> {
         let (q, k, v) = (self.q.mat().row_range(i..i + 1), self.k.mat(), self.v.mat());
         let mut y = Guarded::new(1, q.cols(), 0, 0);
@@ -124,7 +124,7 @@ impl Case {
         y.checked().remove(0)
     }
 
-    /// What query `i` scores each key that it sees, in f64, with `scale * sum(abs(q * k)) +
+    /// Scores of query `i` in f64 for each key that it sees, with `scale * sum(abs(q * k)) +
     /// abs(bias)`.
     fn scores(&self, i: usize) -> Vec<(f64, f64)> {
         let keys = match self.visible {
@@ -140,7 +140,7 @@ impl Case {
         (0..keys).map(score).collect()
     }
 
-    /// Row `i` in f64, each value with the error that f32 may make of it.
+    /// Row `i` in f64, each value with the error bound of f32.
     ///
     /// A score is a sum of `dim + 2` terms; its error `d` changes its weight by the factor
     /// `exp(d)`, and so does the rounding of the difference from the maximum. Each tile of at least
@@ -185,7 +185,7 @@ fn attention_is_near_f64(isa: Isa) {
 }
 
 /// Scores are multiples of 128, so that every weight is exactly 0 or 1, and the result is the mean
-/// of the values of the best keys: a sum of integers, exact in any order, divided once.
+/// of the best keys' values: an integer sum, exact in any order, divided once.
 fn attention_is_exact_where_weights_are_0_or_1(isa: Isa) {
     proptest!(cases(48), |(shape in shape(isa))| {
         let case = shape.case(Fill::Integer(2), Fill::Integer(16), 128.0, |noise| 128.0 * noise.integer(9));
@@ -201,8 +201,8 @@ fn attention_is_exact_where_weights_are_0_or_1(isa: Isa) {
     });
 }
 
-/// Factors with as many bits as f32 has, in either place and in both: biases take all but a small
-/// integer away again, so that a score which lost its last bits would give very different weights.
+/// Factors with all mantissa bits of f32, in either operand and in both: biases cancel all but a
+/// small integer, so that a score that lost its last bits would give very different weights.
 /// Values have all their bits too.
 fn encoder_attention_keeps_every_bit(isa: Isa) {
     const KEYS: usize = 100;
@@ -254,7 +254,7 @@ fn attention_rows_are_independent(isa: Isa) {
     });
 }
 
-/// More queries than any block of them has.
+/// More queries than one block holds.
 fn attention_row_is_the_same_among_many(isa: Isa) {
     let most = tilings(isa).iter().flat_map(|tiling| tiling.rows).copied().max().expect("three lists");
     let count = most.max(467) + 33;
@@ -269,7 +269,7 @@ fn attention_row_is_the_same_among_many(isa: Isa) {
     }
 }
 
-/// A key that no query sees may hold anything.
+/// A key that no query sees may have any values.
 fn attention_ignores_hidden_keys(isa: Isa) {
     proptest!(cases(24), |(shape in shape(isa), junk in prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(-1e38)])| {
         let shape = Shape { mask: Mask::Causal, n: shape.n.max(shape.m) + 70, ..shape };
@@ -292,10 +292,10 @@ fn attention_ignores_hidden_keys(isa: Isa) {
     });
 }
 
-/// Half of the unit of the last place of bfloat16, relative.
+/// Half a unit in the last place of bfloat16, relative.
 const HALF_UNIT: f64 = 1.0 / 256.0;
 
-/// [`encoder_attention_bf16`] of a case made for [`Mask::Encoder`], of the queries `rows`.
+/// [`encoder_attention_bf16`] of the queries `rows` of a case made for [`Mask::Encoder`].
 fn run_rounded(case: &Case, isa: Isa, rows: core::ops::Range<usize>, (gap, offset): (usize, usize)) -> Vec<Vec<f32>> {
     let bias = case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - rows.start });
     let (q, k, v) = (case.q.mat().row_range(rows), case.k.mat(), case.v.mat());
@@ -304,7 +304,7 @@ fn run_rounded(case: &Case, isa: Isa, rows: core::ops::Range<usize>, (gap, offse
     y.checked()
 }
 
-/// The same with every factor rounded to bfloat16, which changes no more about it.
+/// The case with every factor rounded to bfloat16, a fixed point of the kernel's own rounding.
 fn rounded(case: &Case, shape: &Shape) -> Case {
     let rounded = |from: &Placed<f32>| {
         let rows = from.mat().rows();
@@ -314,7 +314,7 @@ fn rounded(case: &Case, shape: &Shape) -> Case {
     Case { q: rounded(&case.q), k: rounded(&case.k), v: rounded(&case.v), ..case.clone() }
 }
 
-/// Against f64 over rounded factors: what is left is f32's own error, and half a unit of bfloat16
+/// Against f64 over rounded factors: the remaining errors are f32's own, and half a unit of bfloat16
 /// for each weight.
 fn encoder_attention_bf16_is_near_f64(isa: Isa) {
     let scores = prop_oneof![Just(Fill::Uniform(1.0)), Just(Fill::Uniform(0.2)), Just(Fill::Integer(2))];
@@ -331,7 +331,7 @@ fn encoder_attention_bf16_is_near_f64(isa: Isa) {
                 let value = |j: usize| f64::from(exact.v.mat().row(j)[c]).abs();
                 let sizes: f64 = weights.iter().enumerate().map(|(j, weight)| weight * value(j)).sum();
                 let sizes = sizes / weights.iter().sum::<f64>();
-                // The polynomial's error is in a weight and in the sum of all; the logarithm's base
+                // The polynomial's error is in a weight and in the sum of all weights; the logarithm's base
                 // costs a score two roundings.
                 let tolerance = 2.0 * tolerance + (HALF_UNIT + 2.0 * 1.04e-4 + 2e-5) * sizes * 1.01;
                 let error = (f64::from(got) - want).abs();
@@ -341,12 +341,12 @@ fn encoder_attention_bf16_is_near_f64(isa: Isa) {
     });
 }
 
-/// The same bits as the scalar back-end, whatever the shape, and as a row alone. What is denormal
-/// may be 0.
+/// The bits of the scalar back-end for any shape, and of a row alone. Denormal results may be
+/// flushed to 0.
 fn encoder_attention_bf16_has_scalar_bits(isa: Isa) {
-    // Scores within a few tenths of their maximum too: there the fraction of a power of 2 has more
-    // bits than f32 keeps, and how it is rounded shows. Scores further apart leave it exact, or
-    // their weights too small to see it.
+    // Also scores within a few tenths of their maximum: there the fraction of a power of 2 has more
+    // bits than f32 keeps, and its rounding is visible. With scores further apart the fraction is
+    // exact, or the weights are too small to see it.
     let scores = prop_oneof![
         2 => Just(Fill::Uniform(0.2)),
         1 => Just(Fill::Uniform(1.0)),
@@ -375,7 +375,7 @@ fn encoder_attention_bf16_has_scalar_bits(isa: Isa) {
 }
 
 /// One query and two keys whose scores differ by less than 1: the fraction of the smaller weight's
-/// exponent is rounded to the nearest float, neither down nor up.
+/// exponent is rounded to the nearest float.
 fn encoder_attention_bf16_rounds_to_nearest(isa: Isa) {
     let q = Mat::new(&[0.084_338_43], 1, 1).unwrap();
     let (k, v) = ([0.040_887_237, 0.125_846_5], [-0.984_375, -0.746_093_75]);
@@ -385,7 +385,7 @@ fn encoder_attention_bf16_rounds_to_nearest(isa: Isa) {
     assert_eq!(y.checked(), [[-0.864_481_7]]);
 }
 
-/// Where something is not finite, what depends on it is not either, and nothing else changes.
+/// Non-finite inputs make the dependent outputs non-finite, and change nothing else.
 fn encoder_attention_bf16_propagates_nonfinite_values(isa: Isa) {
     proptest!(cases(24), |(shape in shape(isa), junk in prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(f32::NEG_INFINITY)])| {
         let shape = Shape { mask: Mask::Encoder, m: shape.m.max(1), dim: shape.dim.max(2), ..shape };
@@ -420,7 +420,7 @@ fn encoder_attention_bf16_propagates_nonfinite_values(isa: Isa) {
 }
 
 /// Keys and values stored as bfloat16 give the bits of the same numbers stored as f32, for any
-/// number of queries, and so all that the other tests say of those.
+/// number of queries, so the other tests apply to them too.
 fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
     proptest!(cases(48), |(shape in shape(isa), values in fill())| {
         let shape = Shape { mask: if shape.mask == Mask::Encoder { Mask::All } else { shape.mask }, ..shape };
@@ -437,7 +437,7 @@ fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
         let widened = Case { k: widen(&k), v: widen(&v), ..case.clone() }.run(isa, 0, 0);
         let q = case.q.mat();
         let bias = |i| case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
-        // A hint that changes nothing, whatever it names.
+        // A prefetch hint changes nothing, whatever it names.
         let ahead = PrefetchHint::new(k.mat().elements(), v.mat().elements());
         let mut together = Guarded::new(shape.m, shape.dim, shape.gap, shape.offset);
         for tuning in Tuning::ALL {
@@ -460,8 +460,8 @@ fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
     });
 }
 
-/// All heads of some rows in one call give the bits of a call for each, whatever lies in places that
-/// hold no key yet.
+/// All heads of some rows in one call give the bits of one call for each, whatever the places
+/// without a key hold.
 fn attention_heads_are_those_of_calls_of_their_own(isa: Isa) {
     let Tiling { rows: heads, outputs, inputs, .. } = heads_tiling(isa);
     let dim = prop_oneof![3 => prop::sample::select(vec![32_usize, 48, 64]), 2 => around(inputs)];

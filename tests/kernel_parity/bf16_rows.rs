@@ -1,5 +1,5 @@
-//! Products with weights in bf16 beyond what they share with f32: what is not finite, and rows that
-//! are bf16 already.
+//! Products with weights in bf16, properties that f32 does not share: non-finite values, and rows
+//! that are bf16 already.
 
 use proptest::prelude::*;
 use umo_kernels::gemm::{Epilogue, Input};
@@ -10,8 +10,8 @@ use umo_tests::{Guarded, Noise, Placed, bits, cases, for_each_isa, offset};
 
 use crate::products::shape;
 
-/// An infinity and what is no number reach the outputs of their own row alone; the largest number
-/// is no infinity.
+/// An infinity or NaN reaches only the outputs of its own row; the largest finite number does not
+/// become infinite.
 fn bf16_products_propagate_nonfinite_values(isa: Isa) {
     const ROWS: usize = 5;
     for (k, at) in [(1, 0), (33, 32), (70, 3)] {
@@ -37,9 +37,9 @@ fn bf16_products_propagate_nonfinite_values(isa: Isa) {
     }
 }
 
-/// Rows that are bf16 already, split in two or rounded, overlapping or apart. Where there are
-/// tiles: any values, and the bits of the product of the rows as they were, or of what they were
-/// rounded to; elsewhere integers, whose sums are exact.
+/// Rows that are bf16 already, split in two or rounded, overlapping or apart. With tiles: any
+/// values, and the bits of the product of the original rows, or of the rounded ones; elsewhere
+/// integers, whose sums are exact.
 fn rows_in_bf16_give_the_same(isa: Isa) {
     let gap = prop_oneof![Just(-1_i8), Just(0), Just(1)];
     proptest!(cases(128), |((m, n, k) in shape(tiling(isa)), seed in any::<u64>(), offset in offset(), gap in gap)| {
@@ -73,7 +73,7 @@ fn rows_in_bf16_give_the_same(isa: Isa) {
     });
 }
 
-/// Rows that were rounded, of any values: within the bound of their sums, the same alone and among
+/// Rounded rows of any values: within the bound of their sums, with the same bits alone and among
 /// others, and for any split of the outputs.
 fn rounded_rows_stand_alone(isa: Isa) {
     let (place, split) = ((any::<bool>(), offset()), 0_usize..7);
@@ -117,7 +117,7 @@ fn rounded_rows_stand_alone(isa: Isa) {
     });
 }
 
-/// As [`bf16_products_propagate_nonfinite_values`], of rows that were rounded.
+/// As [`bf16_products_propagate_nonfinite_values`], for rounded rows.
 fn rounded_rows_propagate_nonfinite_values(isa: Isa) {
     for (k, at) in [(1, 0), (33, 32), (70, 3)] {
         let mut packed = vec![Bf16::default(); packed_len_bf16(2, k)];

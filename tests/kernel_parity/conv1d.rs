@@ -61,7 +61,7 @@ impl Conv {
         (sum, size)
     }
 
-    /// The weight in windows' order, packed group by group.
+    /// The weight in the order of windows, packed group by group.
     fn packed(&self) -> Vec<f32> {
         let inputs = self.kernel * self.channels();
         let mut reordered = vec![f32::NAN; self.weight.len()];
@@ -75,7 +75,7 @@ impl Conv {
         packed
     }
 
-    /// A product's bound, for as many terms as a window has.
+    /// Checks the bound of a product with as many terms as a window has.
     fn check(&self, y: &[Vec<f32>]) -> Result<(), TestCaseError> {
         let terms = (self.kernel * self.channels()) as f64;
         for (t, row) in y.iter().enumerate() {

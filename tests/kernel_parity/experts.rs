@@ -32,14 +32,14 @@ impl Routed {
         }
     }
 
-    /// The pairs (expert, row, weight) in slot order.
+    /// Triples (expert, row, weight) in slot order.
     fn slots(&self) -> Vec<(usize, u32, f32)> {
         let of = |e: usize| (self.starts[e] as usize..self.starts[e + 1] as usize).map(move |slot| (e, slot));
         (0..self.starts.len() - 1).flat_map(of).map(|(e, slot)| (e, self.rows[slot], self.weights[slot])).collect()
     }
 }
 
-/// How the logits of a layer may lie.
+/// Distribution of a layer's logits.
 #[derive(Clone, Copy, Debug)]
 enum Load {
     Noise(f32),
@@ -47,7 +47,7 @@ enum Load {
     Ties,
     AllEqual,
     AllToOne,
-    /// Expert 0 is the worst of every row.
+    /// Expert 0 is the worst in every row.
     NoneToFirst,
 }
 
@@ -83,7 +83,7 @@ fn logits() -> impl Strategy<Value = (Placed<f32>, usize, usize, usize)> {
     )
 }
 
-/// A probability's error: the difference from the maximum is rounded once, `exp` is within 3 units,
+/// Error of a probability: the difference from the maximum is rounded once, `exp` is within 3 units,
 /// and the sum has `experts` terms.
 fn route_has_the_right_probabilities(isa: Isa) {
     proptest!(cases(96), |((logits, top_k, gap, offset) in logits())| {

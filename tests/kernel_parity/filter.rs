@@ -1,4 +1,4 @@
-//! Filters: against f64 within the bound that is said, and the scalar bits on every back-end.
+//! Filters against f64 within the documented bound, with the scalar bits on every back-end.
 
 use proptest::prelude::*;
 use umo_kernels::Isa;
@@ -28,7 +28,7 @@ fn dot_is_the_sum_of_products(isa: Isa) {
         let products = || taps.iter().zip(samples).map(|(&a, &b)| f64::from(a) * f64::from(b));
         let (exact, size) = (products().sum::<f64>(), products().map(f64::abs).sum::<f64>());
         let got = dot(isa, taps, samples).expect("as many samples as taps");
-        // Denormal products are rounded by their own size.
+        // Denormal products are rounded relative to the denormal unit.
         let length = taps.len() as f64;
         let bound = (length / 32.0 + 6.0) * size * 2.0_f64.powi(-24) + length * 2.0_f64.powi(-149);
         prop_assert!((f64::from(got) - exact).abs() <= bound, "{got}, {exact} within {bound}");

@@ -1,4 +1,4 @@
-//! Norms: against f64, the scalar bits on every back-end, and the same bits alone and among others.
+//! Norms against f64, with the scalar bits on every back-end, and the same bits alone and among others.
 
 use proptest::prelude::*;
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
@@ -50,7 +50,7 @@ impl Case {
         x.checked()
     }
 
-    /// Sums and squares of the rows, added to what the weights and biases hold.
+    /// Sums and squares of the rows, added to the initial values of weights and biases.
     fn sums(&self, isa: Isa, pieces: &[Mat<f32>]) -> Vec<Vec<u64>> {
         let mut sum = Guarded::slice(self.x.mat().cols(), self.offset);
         let mut squares = Guarded::slice(self.x.mat().cols(), self.offset);
@@ -84,7 +84,7 @@ fn rms_norm_is_near_f64(isa: Isa) {
 }
 
 /// The mean is off by at most `dim` roundings of the mean size; each difference by that and its own
-/// rounding, `d`; the variance by twice the mean of `difference * d`, by `d * d`, and by its own
+/// rounding, together `d`; the variance by twice the mean of `difference * d`, by `d * d`, and by its own
 /// roundings.
 fn layer_norm_is_near_f64(isa: Isa) {
     proptest!(cases(64), |(case in case())| {

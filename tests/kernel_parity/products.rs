@@ -1,7 +1,7 @@
 //! Every product on every back-end against its scalar reference and against f64: shapes around the
-//! back-end's own tile sizes, any alignment and the one that tiles are loaded in place from,
-//! gathered and scattered rows, all epilogues, extremes; and the two promises that callers build
-//! on, that a row's bits depend neither on the rows beside it nor on how the outputs are split.
+//! back-end's own tile sizes, any alignment and the tile-loadable one, gathered and scattered rows,
+//! all epilogues, extremes; and the two guarantees that callers rely on: a row's bits depend
+//! neither on the rows beside it nor on the split of the outputs.
 
 use proptest::prelude::*;
 use umo_kernels::activation::Activation;
@@ -17,7 +17,7 @@ use umo_self_test::kernels::products::Kind::{self, I4, I8};
 use umo_self_test::kernels::products::{Case, KINDS, Operands, Values};
 use umo_tests::{LINE, around, bits, cases, for_each_isa, offset};
 
-/// Most multiply-adds of a drawn case: the scalar reference does as many.
+/// Most multiply-adds of a drawn case: the scalar reference has the same cost.
 const MAX_WORK: usize = 4_000_000;
 
 fn activation() -> impl Strategy<Value = Activation> {
@@ -37,7 +37,7 @@ pub(crate) fn shape(tiling: Tiling) -> impl Strategy<Value = (usize, usize, usiz
 }
 
 fn case(kind: Kind, tiling: Tiling) -> impl Strategy<Value = Case> {
-    // Whole tiles of rows that start at cache lines are loaded in place: as a third of all cases.
+    // Whole tiles of rows that start at cache lines are loaded in place: a third of all cases.
     let in_place = prop_oneof![2 => Just(None), 1 => prop_oneof![Just(Some(0)), Just(Some(LINE))]];
     let tile = tiling.rows.iter().copied().filter(|rows| *rows < 100).max().unwrap_or(1);
     let place = (0..2 * LINE, offset(), in_place);
@@ -53,9 +53,9 @@ fn case(kind: Kind, tiling: Tiling) -> impl Strategy<Value = Case> {
     )
 }
 
-/// All bits of both products, with every tuning profile: a profile changes the order of memory
-/// accesses and of exact operations only. Says where they differ first, and in how many rows:
-/// whole matrices are too long to print.
+/// Compares all bits of both products, with every tuning profile: a profile only changes the order of
+/// memory accesses and of exact operations. The error has the first difference and the number of rows
+/// that differ: whole matrices are too long to print.
 fn match_scalar(case: &Case, isa: Isa) -> Result<(), String> {
     let operands = Operands::new(case);
     let ([plain, gated], mut text) = (operands.run(Isa::SCALAR), String::new());
@@ -82,15 +82,15 @@ fn products_match_scalar(isa: Isa) {
     }
 }
 
-/// More weights than a chunk that stays in cache, more rows than are held at once, and longer rows
-/// than any buffer, each beside the largest tile and one row more.
+/// More weights than a cached chunk, more rows than are held at once, and longer rows than any
+/// buffer, each with the largest tile and with one row more.
 fn large_products_match_scalar(isa: Isa) {
     for kind in KINDS {
         let Tiling { rows, outputs, inputs, held, chunk } = kind.tiling(isa);
         let most = |sizes: &[usize]| *sizes.iter().max().unwrap();
         let tile = *rows.iter().filter(|rows| **rows < 100).max().unwrap();
         let (group, long) = (most(outputs), most(inputs));
-        // The base model's rows of inputs, in whole steps and not.
+        // Row lengths of the base model, in whole steps and with a tail.
         let mut shapes = vec![(tile + 1, group + 1, 2 * long + 3), (1, group, long + 1), (2 * tile, PANEL, long + 64)];
         for k in [768, 770] {
             if chunk > 0 {
@@ -125,8 +125,8 @@ fn large_products_match_scalar(isa: Isa) {
     }
 }
 
-/// Against f64, so that scalar and vectors cannot be wrong together: int4 and int8 exactly, floats of any
-/// values within the bound that their order of additions cannot exceed.
+/// Against f64, so that scalar and vector code cannot share an error: int4 and int8 exactly, floats of any
+/// values within the bound for any order of additions.
 #[expect(clippy::cast_possible_truncation, reason = "the sum is rounded once, as the kernel rounds its own")]
 fn sums_are_near_f64(isa: Isa) {
     for kind in KINDS {
@@ -135,7 +135,7 @@ fn sums_are_near_f64(isa: Isa) {
             let operands = Operands::new(&case);
             let mut y = operands.output(false);
             operands.plain(isa, 0..case.m, 0..case.n, Epilogue::STORE, y.mat());
-            // Tiles take two bf16 values for each f32, which together are within 2^-16 of it.
+            // Tiles use two bf16 values for each f32, whose sum is within 2^-16 of it.
             let rounding = if kind == Kind::Bf16 && isa.name() == "amx" { 2.0_f64.powi(-16) } else { 0.0 };
             for (t, row) in y.checked().iter().enumerate() {
                 let x_scale = operands.x_scale[operands.source(t)];
@@ -155,8 +155,8 @@ fn sums_are_near_f64(isa: Isa) {
     }
 }
 
-/// The longest sum of the greatest products, which is one below the limit of 32 bits, in tiles of
-/// one and of many rows.
+/// The longest sum of the largest products, one below the 32-bit limit, in tiles of one and of many
+/// rows.
 fn int8_sums_reach_the_limit(isa: Isa) {
     for (x_code, w_code) in [(i8::MIN, i8::MIN), (i8::MIN, i8::MAX), (i8::MAX, i8::MIN), (i8::MAX, i8::MAX)] {
         for m in [1, if isa == Isa::SCALAR { 2 } else { 19 }] {
@@ -173,7 +173,7 @@ fn int8_sums_reach_the_limit(isa: Isa) {
     }
 }
 
-/// The same of int4: the greatest weight is 120.
+/// The same for int4: the largest weight is 120.
 fn int4_sums_reach_the_limit(isa: Isa) {
     for (x_code, multiplier, code) in [(-128, 15, -8), (-128, -15, -8), (127, 15, 7), (127, -15, -8)] {
         for m in [1, 2, if isa == Isa::SCALAR { 3 } else { 7 }] {
@@ -209,7 +209,7 @@ fn int4_matches_int8(isa: Isa) {
     });
 }
 
-/// What is no int4 code or multiplier is refused.
+/// Values that are not int4 codes or multipliers are refused.
 #[test]
 fn int4_values_are_checked() {
     let mut panel = vec![0; packed_len_i4(1, 40)];
@@ -237,7 +237,7 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
             let mut results = [(); 3].map(|()| operands.output(false));
             let [whole, alone, pieces] = &mut results;
             operands.plain(isa, 0..m, 0..n, epilogue, whole.mat());
-            // Of many rows some: each of the first blocks, and the last.
+            // A sample of many rows: each of the first blocks, and the last.
             let some = (0..m).filter(|&t| t < 70 || t + 3 > m || t % 11 == 0);
             for t in some.clone() {
                 operands.plain(isa, t..t + 1, 0..n, epilogue, alone.mat().split_rows(t).1.split_rows(1).0);

@@ -6,7 +6,7 @@ use umo_kernels::tiling::LANES;
 use umo_kernels::{Isa, Mat, MatMut};
 use umo_tests::{Fill, Guarded, Noise, Placed, cases, fill, for_each_isa, near, offset};
 
-/// Steps of every row, and the bits of its scale.
+/// Codes of every row, and the bits of its scale.
 fn run(isa: Isa, x: Mat<f32>, gap: usize, offset: usize) -> Vec<(Vec<i8>, u32)> {
     let mut steps = Guarded::new(x.rows(), x.cols(), gap, offset);
     let mut scale = Guarded::slice(x.rows(), offset);
@@ -30,7 +30,7 @@ fn quantize_rows_has_the_scalar_bits(isa: Isa) {
     });
 }
 
-/// Two roundings stand between `x` and `x / scale`, and one in `scale` itself; then half a step.
+/// Two roundings between `x` and `x / scale`, and one in `scale`; then half a step.
 fn quantize_rows_is_within_half_a_step(isa: Isa) {
     proptest!(cases(96), |(dim in near(LANES, 9), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
@@ -45,7 +45,7 @@ fn quantize_rows_is_within_half_a_step(isa: Isa) {
     });
 }
 
-/// A row whose largest value is 127 has steps of size 1: halves are seen as they are.
+/// A row whose largest value is 127 has scale 1: halves are exact.
 fn quantize_rows_rounds_halves_to_even(isa: Isa) {
     let (row, want): (Vec<f32>, Vec<i8>) =
         (-127..=126_i8).flat_map(|i| [(f32::from(i), i), (f32::from(i) + 0.5, i + (i & 1))]).unzip();
@@ -59,7 +59,7 @@ fn quantize_rows_of_a_row_are_the_same_among_500(isa: Isa) {
     assert_eq!(run(isa, x.mat(), 0, 0), alone);
 }
 
-/// Pieces of columns, each with the largest value of all pieces, give the steps of the whole rows.
+/// Pieces of columns, each with the largest value of all pieces, give the codes of the whole rows.
 fn quantize_columns_has_the_bits_of_rows(isa: Isa) {
     let dim = prop_oneof![near(LANES, 5), near(4 * LANES, 3), Just(768)];
     proptest!(cases(96), |(rows in near(4, 2), dim in dim, cut in any::<prop::sample::Index>(), fill in values(), seed in any::<u64>())| {

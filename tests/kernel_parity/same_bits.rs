@@ -1,4 +1,4 @@
-//! Which back-ends give the same bits, function by function: the table in docs/kernels.md, row by
+//! Back-ends that give the same bits, function by function: the table in docs/kernels.md, row by
 //! row.
 
 use std::time::Duration;
@@ -9,8 +9,8 @@ use umo_self_test::kernels::{CALLS, check};
 use umo_tests::cases;
 use umo_tests::pages::same_bits;
 
-/// The table names every function once, and what it says of each is so on the back-ends that this
-/// processor has.
+/// The table lists every function once, and each entry holds on the back-ends of this
+/// processor.
 #[test]
 fn functions_match_the_same_bits_table() {
     let mut documented = vec![];
@@ -35,9 +35,9 @@ fn functions_match_the_same_bits_table() {
     assert_eq!(documented, known, "the table does not name every function once");
 }
 
-/// The self-test of an installed library finds nothing here: every back-end gives the results of its scalar reference, and
-/// scalar code, AVX2 and NEON give the recorded bits, so that those of x86-64, of 64-bit Arm and of WebAssembly are compared
-/// with the same numbers.
+/// The self-test of an installed library passes here: every back-end gives the results of its scalar reference. Scalar
+/// code, AVX2 and NEON give the recorded bits, so that x86-64, 64-bit Arm and WebAssembly are compared with the same
+/// numbers.
 #[test]
 fn the_self_test_finds_no_wrong_kernel() {
     let checked = check(Duration::MAX);

@@ -1,4 +1,4 @@
-//! A stream's chunks allocate nothing, the first one and refused ones included.
+//! A stream's chunks never allocate, including the first one and refused ones.
 
 mod counting;
 

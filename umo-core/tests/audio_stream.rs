@@ -1,4 +1,4 @@
-//! Audio tokenizers on streams: what they must equal, and what must not change a bit of them.
+//! Audio tokenizers on streams: results that must be equal, and conditions that must not change a bit.
 
 use std::path::PathBuf;
 
@@ -22,8 +22,8 @@ fn load(file: &ModelFile) -> Tokenizer {
     Tokenizer::load(&Loader::new(file, Precision::F32, Isa::detect())).unwrap()
 }
 
-/// HuBERT as a quantized base model has it: layers and two convolutions in int8, the others in
-/// bfloat16, whose inputs tiles take rounded.
+/// HuBERT quantized like a base model: layers and two convolutions in int8, the others in
+/// bfloat16, for which tiles round the inputs.
 fn quantized() -> ModelFile {
     let file = open("hubert_k1_smplx");
     let specs = layout::specs(file.config(), true);
@@ -71,7 +71,7 @@ fn audio(samples: usize) -> Vec<f32> {
     (0..samples).map(&mut sample).collect()
 }
 
-/// One stream's units and features after each chunk of `hops` hops.
+/// Units and features of one stream after each chunk of `hops` hops.
 fn run(
     tokenizer: &Tokenizer,
     threads: usize,
@@ -93,7 +93,7 @@ fn run(
     hops.iter().map(chunk).collect()
 }
 
-/// `erf` by its power series, which is exact to 1e-8 where it is used.
+/// `erf` by its power series, exact to 1e-8 in the range used.
 fn erf(x: f64) -> f64 {
     if x.abs() > 4.0 {
         return x.signum();
@@ -106,7 +106,7 @@ fn erf(x: f64) -> f64 {
     sum * 2.0 / std::f64::consts::PI.sqrt()
 }
 
-/// HuBERT up to the projection, in f64 and straight from its definition.
+/// HuBERT up to the projection, in f64, directly from its definition.
 struct Definition {
     sizes: Hubert,
     convolutions: Vec<Box<[f32]>>,
@@ -155,7 +155,7 @@ impl Definition {
         windows.map(|w| weights.chunks_exact(channels * kernel).map(|weight| output(w, weight)).collect()).collect()
     }
 
-    /// Feature `j`, for each `j` of `features`, under the statistics of all of `heard`.
+    /// Features at the indices `features`, under the statistics of all of `heard`.
     fn features(&self, heard: &[f32], features: std::ops::Range<i64>) -> Rows {
         let count = heard.len() as f64;
         let mean = heard.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
@@ -207,8 +207,8 @@ impl Definition {
     }
 }
 
-/// Each chunk's features under the statistics up to that chunk's end, silence before the start
-/// under the first's.
+/// Each chunk's features use the statistics up to that chunk's end; silence before the start
+/// uses the first chunk's.
 #[test]
 fn hubert_features_are_those_of_the_definition() {
     for model in ["hubert_k1_smplx", "hubert_k3_i8"] {
@@ -233,8 +233,8 @@ fn hubert_features_are_those_of_the_definition() {
     }
 }
 
-/// A stream's mel features are those of the clip with the reach's silence before it, and so are the
-/// units.
+/// A stream's mel features and units are those of the clip with the reach's silence before
+/// it.
 #[test]
 fn mel_stream_equals_the_whole_clip() {
     let team = Team::new(1).unwrap();
@@ -299,8 +299,8 @@ fn a_larger_and_used_scratch_changes_nothing() {
     }
 }
 
-/// Convolutions with rounded inputs and attention with rounded factors, beside sums of what was not
-/// rounded.
+/// Convolutions with rounded inputs and attention with rounded factors, against sums without
+/// rounding.
 #[test]
 fn quantized_features_are_near_on_every_back_end() {
     let (file, audio, team) = (quantized(), audio(60 * HOP), Team::new(2).unwrap());

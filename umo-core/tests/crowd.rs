@@ -1,6 +1,6 @@
-//! More avatars than there is time for: with a late limit bodies are held, evenly, mouths go on, nothing
-//! grows without end, and all of it ends when the load does. Time is the test's own: every chunk costs
-//! what the test says, in full or held.
+//! More avatars than the processor can compute, with a late limit: bodies are frozen in turn, mouths keep moving,
+//! backlogs stay bounded, and all recovers when the load ends. The clock is simulated: a chunk costs a fixed time,
+//! in full or frozen.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,10 +16,10 @@ use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;
-/// What a chunk costs.
+/// Cost of a chunk.
 const FULL: u64 = 50 * MILLISECOND;
 const HELD: u64 = 12 * MILLISECOND;
-/// Avatars of which every chunk, 0.4 s long, can be computed in full, and more than those.
+/// Number of avatars whose every chunk, 0.4 s long, can be computed in full, and a number above it.
 const FEW: usize = 6;
 const MANY: usize = 13;
 
@@ -28,13 +28,13 @@ struct Crowd {
     engine: Engine,
     nanos: Arc<AtomicU64>,
     avatars: Vec<Avatar>,
-    /// Most steps of one batch in which a mouth network hears something.
+    /// Largest number of steps of one batch that run a mouth network.
     mouth_steps: usize,
 }
 
 struct Avatar {
     session: Session,
-    /// When it began, nanoseconds, and samples pushed.
+    /// Start time, nanoseconds, and samples pushed.
     start: u64,
     pushed: usize,
     /// The bits of each frame's face, then of its body's first joints.
@@ -82,7 +82,7 @@ impl Crowd {
         self.avatars.iter().map(|avatar| avatar.session.stats().late_frames).sum()
     }
 
-    /// Goes on for so many seconds, in which so many avatars speak in real time.
+    /// Runs for this many seconds, with this many avatars speaking in real time.
     fn go_on(&mut self, seconds: f64, speakers: usize) {
         let until = self.seconds() + seconds;
         while self.seconds() < until {
@@ -97,7 +97,7 @@ impl Crowd {
                     let samples: Vec<f32> = (avatar.pushed..wanted).map(sound).collect();
                     avatar.pushed += avatar.session.push_audio(&samples).unwrap().taken;
                 } else {
-                    // Who is silent goes on later where the sound is then.
+                    // A silent avatar resumes later at the audio's current position.
                     avatar.start = now.saturating_sub(avatar.pushed as u64 * MILLISECOND / 16);
                 }
                 let frames = &mut avatar.frames;
@@ -141,13 +141,13 @@ fn while_the_engine_keeps_up_a_limit_changes_no_bit() {
     }
 }
 
-/// Not all in one: a poll could not keep its budget.
+/// Hearing all of them in one step would exceed a poll's budget.
 #[test]
 fn each_member_of_a_batch_is_heard_in_a_step_of_its_own() {
     let mut crowd = Crowd::in_batches(Some(Duration::ZERO), 3);
     crowd.go_on(1.0, FEW);
     assert_eq!(crowd.mouth_steps, 0, "nothing is held, and nothing heard");
-    // Three chunks cost what one does here: to be over capacity they must come late.
+    // A batch of three costs as much as one chunk here: only late chunks exceed the capacity.
     crowd.nanos.fetch_add(3_000 * MILLISECOND, Ordering::Relaxed);
     crowd.go_on(4.0, MANY);
     assert!(crowd.held().iter().sum::<u64>() > 0);
@@ -168,13 +168,13 @@ fn over_capacity_bodies_are_held_evenly_mouths_go_on_and_it_ends_with_the_load()
         crowd.go_on(0.5, MANY);
         worst = worst.max(crowd.backlog());
     }
-    // A chunk, its deadline, and the limit: nothing grows.
+    // A chunk, its deadline, and the limit: the delay is bounded.
     assert!(worst < 1.2, "{worst} s behind");
     let frames = ((crowd.avatars[0].frames.len() - seen) * MANY) as u64;
     let late = crowd.late() - late;
     println!("late {late} of {frames} frames, {worst} s behind, held {:?}", crowd.held());
     assert!(late * 10 < frames, "{late} of {frames} frames were late");
-    // Every avatar has its turn: of 50 chunks each about as many.
+    // Avatars take turns: of 50 chunks, each has a similar number frozen.
     let held: Vec<u64> = crowd.held().iter().zip(held).map(|(now, before)| now - before).collect();
     let (least, most) = (held.iter().min().unwrap(), held.iter().max().unwrap());
     assert!(*least >= 15 && *most <= 40 && most - least <= 8, "{held:?}");

@@ -1,11 +1,11 @@
-//! Floors count the weights that the files really have.
+//! Floors count the weights that are really in the files.
 
 use std::path::PathBuf;
 
 use umo_core::ModelFile;
 use umo_core::floor::{self, Stages, Stored};
 
-/// Values of the matrices and convolutions whose names match.
+/// Number of values in the matrices and convolutions whose names match.
 fn weights(file: &ModelFile, wanted: impl Fn(&str) -> bool) -> usize {
     let products = file.tensors().into_iter().filter(|(name, _, shape, _)| shape.len() > 1 && wanted(name));
     products.map(|(_, _, shape, _)| shape.iter().product::<usize>()).sum()
@@ -30,7 +30,7 @@ fn floors_read_every_weight_of_a_stage_once() {
         let steps = if frames { config.target } else { 4 * config.target };
         let (codes, tokens) = (steps, floor::encoder_tokens(config, config.target));
         let lm = &config.lm;
-        // Keys and values of the encoder's states are made once, all else is read for every code.
+        // Keys and values of the encoder's states are computed once; all else is read for every code.
         let decoder = of("lm.decoder.block");
         let made_once = |n: &str| n.contains("EncDecAttention.k") || n.contains("EncDecAttention.v");
         let once = weights(&file, |n| decoder(n) && made_once(n));

@@ -1,4 +1,4 @@
-//! Chunks that wait for others, to be computed together: how long, and which do not.
+//! The batching window: how long chunks wait to be computed together, and which chunks do not wait.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;
 const PATIENCE: Duration = Duration::from_secs(60);
-/// What chunks of the engine with threads wait.
+/// Batching window of the engine with threads.
 const GATHER: Duration = Duration::from_millis(30);
 
 fn model() -> Arc<Model> {
@@ -23,12 +23,12 @@ fn model() -> Arc<Model> {
     Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap())
 }
 
-/// An engine that the test polls, with a clock of the test's own.
+/// An engine that the test polls, with a simulated clock.
 struct Host {
     engine: Engine,
     nanos: Arc<AtomicU64>,
     chunk: usize,
-    /// A chunk's.
+    /// Audio of one chunk.
     sound: Vec<f32>,
 }
 
@@ -49,7 +49,7 @@ impl Host {
         Self { engine, nanos, chunk, sound }
     }
 
-    /// A session whose first chunks are done, so that one more is due with each chunk of audio.
+    /// A session whose first chunks are done: each further chunk of audio makes one due.
     fn speaking(&self) -> Session {
         let session = self.engine.session(&SessionConfig::new(self.engine.model().config())).unwrap();
         for _ in 0..3 {
@@ -70,13 +70,13 @@ impl Host {
         self.nanos.fetch_add(milliseconds * MILLISECOND, Ordering::Relaxed);
     }
 
-    /// Computes what may be computed now.
+    /// Computes all that may be computed now.
     fn compute(&self) {
         while self.engine.poll(Duration::MAX).unwrap() == Poll::More {}
     }
 }
 
-/// How many more chunks each session has after what `act` does.
+/// Number of chunks that each session gains by `act`.
 fn done(sessions: &[&Session], act: impl FnOnce()) -> Vec<u64> {
     let count = |session: &&Session| session.stats().chunks;
     let before: Vec<_> = sessions.iter().map(count).collect();
@@ -145,12 +145,12 @@ fn the_start_of_a_stream_does_not_wait_and_takes_others_along() {
     assert_eq!(done(&all, start), [1, 1, 0]);
 }
 
-/// Its chunks are due when there is room for their frames.
+/// Its chunks become due when its frame queue has room.
 #[test]
 fn chunks_whose_audio_was_there_before_wait_too() {
     let host = Host::new(Duration::from_millis(50), 8);
     let (one, other) = (host.speaking(), host.speaking());
-    // As much as its queue of frames has room for, and more.
+    // As much as its frame queue has room for, and more.
     for _ in 0..20 {
         assert_eq!(one.push_audio(&host.sound).unwrap().taken, host.chunk);
     }
@@ -168,7 +168,7 @@ fn chunks_whose_audio_was_there_before_wait_too() {
     assert_eq!(done(&[&one, &other], || host.compute()), [1, 0]);
 }
 
-/// With threads of the engine's own, which sleep while chunks wait.
+/// On the engine's own threads, which sleep while chunks wait.
 #[test]
 fn own_threads_compute_what_has_waited() {
     for threads in [1, 2] {
@@ -194,7 +194,7 @@ fn own_threads_compute_what_has_waited() {
             sessions.iter().for_each(push);
             sessions.iter().for_each(|session| wait(session, chunks));
         }
-        // Alone, each with a chunk that has to wait; at once if the engine did not gather.
+        // Each session alone, with a chunk that has to wait; without batching it would be computed at once.
         for session in &sessions {
             let (start, before) = (Instant::now(), session.stats().chunks);
             push(session);

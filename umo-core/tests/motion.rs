@@ -1,5 +1,5 @@
-//! What must hold of the interpolation network and the motion codecs whatever their weights. That
-//! they compute what PyTorch computes is shown by the golden tests.
+//! Invariants of the interpolation network and the motion codecs for any weights. The golden tests
+//! show that they compute the same as PyTorch.
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -59,7 +59,7 @@ fn fill(model: &Model, cx: Compute, codes: &Codes) -> Result<(Codes, PerPart<Vec
     Ok((filled, PerPart::from_fn(|part| scratch.logits(part).to_vec())))
 }
 
-/// Random codes of `frames` frames, from a small generator of its own.
+/// Random codes of `frames` frames, from a small local generator.
 fn random_codes(frames: usize, seed: u64) -> Codes {
     let mut state = seed;
     PerPart::from_fn(|_| {
@@ -71,7 +71,7 @@ fn random_codes(frames: usize, seed: u64) -> Codes {
     })
 }
 
-/// What a stream put out.
+/// Output of a stream.
 #[derive(Default, PartialEq, Debug)]
 struct Streamed {
     channels: PerPart<Vec<f32>>,
@@ -79,12 +79,12 @@ struct Streamed {
     face: Vec<f32>,
 }
 
-/// Pushes `codes` in pieces of `sizes` (over and over), then ends after `total` frames.
+/// Pushes `codes` in pieces of `sizes` (repeated in a cycle), then ends after `total` frames.
 fn stream(model: &Model, cx: Compute, codes: &Codes, sizes: &[usize], lookahead: usize, total: usize) -> Streamed {
     smoothed_stream(model, cx, codes, sizes, (lookahead, Smoothing::OFF), total)
 }
 
-/// The same with a low-pass.
+/// The same with a low-pass filter.
 fn smoothed_stream(
     model: &Model,
     cx: Compute,
@@ -146,7 +146,7 @@ proptest! {
         let total = frames - trim.min(frames - 1);
         with_compute(1, |cx| {
             let whole = model.decoder.decode(cx, slices(&codes)).unwrap();
-            // No pushed frame may be put out that the end then cuts off: that needs as much
+            // No frame that the end later cuts off may be output before: that needs as much
             // lookahead as is trimmed.
             let got = stream(model, cx, &codes, &sizes, lookahead, total);
             assert_eq!(got.poses.len(), total);
@@ -244,7 +244,7 @@ fn the_number_of_threads_changes_no_bit() {
     }
 }
 
-/// An interpolation that is put down between its steps fills the same codes from the same logits, some
+/// An interpolation that is paused between its steps fills the same codes from the same logits, some
 /// frames in each step after the layers over all of them.
 #[test]
 fn steps_fill_what_one_call_fills() {
@@ -304,8 +304,8 @@ fn a_stream_starts_anew_after_a_reset() {
     });
 }
 
-/// The largest step of the root from one frame to the next, along the ground, and the largest of
-/// its height.
+/// The root's largest displacement between frames along the ground, and its largest change of
+/// height.
 fn largest_steps(poses: &[Pose]) -> (f32, f32) {
     poses.windows(2).fold((0.0, 0.0), |(ground, height), pair| {
         let [a, b] = [pair[0].translation, pair[1].translation];
@@ -334,7 +334,7 @@ fn a_seam_is_no_jump() {
 fn a_seam_fades_linearly_to_the_whole_decode() {
     const CUT: usize = 60;
     for model in &*ALL {
-        // One code, then another: the first was held where the second came, so that each part has a
+        // One code, then another: the first was repeated in place of the second, so that each part has a
         // seam at the cut.
         let [first, second] = [11, 12].map(|seed| random_codes(1, seed));
         let codes = PerPart::from_fn(|part| [vec![first[part][0]; CUT], vec![second[part][0]; 2 * CUT]].concat());
@@ -374,7 +374,7 @@ fn a_seam_fades_linearly_to_the_whole_decode() {
 }
 
 /// With a lookahead of the decoders' reach and the filter's, pieces give the bits of one piece; the
-/// body's rows are then the whole decode's, filtered, and the face's are not filtered.
+/// body's rows are then those of the whole decode, filtered; the face's are not filtered.
 #[test]
 fn a_smoothed_stream_is_the_whole_decode_filtered_whatever_the_pieces() {
     const FRAMES: usize = 90;
@@ -415,7 +415,7 @@ fn a_smoothed_stream_is_the_whole_decode_filtered_whatever_the_pieces() {
     }
 }
 
-/// A seam of a smoothed stream goes on with the speed that the motion had.
+/// A seam of a smoothed stream continues with the motion's velocity.
 #[test]
 fn a_smoothed_seam_has_no_corner() {
     for model in &*ALL {
@@ -502,12 +502,12 @@ fn a_clip_gives_the_channels_that_it_was_made_from() {
     assert_eq!(channels.face.len(), 9 * model.decoder.channels(Part::Face));
     assert!(channels.face.chunks_exact(58).all(|row| row[6..] == face));
 
-    // At rest, every foot stands.
+    // At rest, both feet are in contact.
     let mut still = Clip::new(config);
     still.push(&Pose::REST, &face);
     assert_eq!(still.channels().lower[54..], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
 
-    // Half the rate drops every second frame, and the codes of either have the model's rate.
+    // Half the rate drops every second frame, and the codes of both clips have the model's rate.
     let half = clip.at_rate(15.0);
     assert_eq!(half.len(), 5);
     assert_eq!(half.translation[2], clip.translation[4]);

@@ -1,4 +1,4 @@
-//! The live mouth on streams: what must not change a bit of it, and what it must do with any sound.
+//! The live mouth on streams: conditions that must not change a bit of it, and its behaviour with any sound.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use umo_core::weights::Loader;
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Samples a frame are no whole number.
+/// Not a whole number of samples per frame.
 const RATE: usize = 16_000;
 
 fn load() -> Mouth {
@@ -31,7 +31,7 @@ fn sound(samples: usize, gain: f32) -> Vec<f32> {
 /// A frame's index, the bits of its channels, and those of the gate.
 type Frame = (u64, Vec<u32>, u32);
 
-/// Frames of the samples pushed in pieces of these lengths, over and over, to the end.
+/// Frames of the samples, pushed in pieces of these lengths, repeated in a cycle, to the end.
 fn run(mouth: &Mouth, stream: &mut MouthStream, mut samples: &[f32], cuts: &[usize]) -> Vec<Frame> {
     let mut frames = Vec::new();
     let mut take = |frame: umo_core::mouth::MouthFrame| {
@@ -73,7 +73,7 @@ fn a_stream_that_was_reset_is_a_new_one() {
     assert_eq!(run(&mouth, &mut stream, &sound(20_011, 1.0), &[160]), first);
 }
 
-/// A frame is given as soon as the samples are there that its latency promises, and not before.
+/// A frame is output exactly when the samples of its promised latency have been pushed.
 #[test]
 fn frames_come_after_their_latency() {
     let mouth = load();
@@ -90,7 +90,7 @@ fn frames_come_after_their_latency() {
     }
 }
 
-/// What follows a frame's latency does not change it.
+/// Audio beyond a frame's latency does not change it.
 #[test]
 fn the_future_changes_nothing() {
     let mouth = load();
@@ -103,8 +103,8 @@ fn the_future_changes_nothing() {
     assert_ne!(before[same..], after[same..]);
 }
 
-/// Level control brings every level to the network as the same: the same sound, from the quietest to
-/// the loudest, is the same mouth once the level is known.
+/// Level control normalises the network's input level: the same sound at any loudness gives the
+/// same mouth once the level is known.
 #[test]
 fn levels_from_minus_50_to_0_decibels_are_one_mouth() {
     let mouth = load();

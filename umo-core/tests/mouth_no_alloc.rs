@@ -1,4 +1,4 @@
-//! The live mouth allocates nothing once a stream is made: pushes of any size, the end, a reset.
+//! Once a stream is made, the live mouth never allocates: in pushes of any size, at the end, in a reset.
 
 mod counting;
 

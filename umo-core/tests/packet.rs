@@ -1,5 +1,5 @@
-//! Packets from a sender to a decoder: the same frames, whatever the order in which they come, and a
-//! way back to them where some do not come.
+//! Packets from a sender to a decoder: the same frames in any order of arrival, and recovery after
+//! losses.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ fn open(name: &str) -> Model {
     Model::load(&ModelFile::open(&path).unwrap(), Precision::Stored, Isa::detect()).unwrap()
 }
 
-/// A frame's bits: number, place, rotations, face, channels.
+/// A frame's bits: number, root position, rotations, face, channels.
 #[derive(Clone, Debug, PartialEq)]
 struct Bits {
     index: usize,
@@ -72,7 +72,7 @@ fn send(model: &Model, config: &AvatarConfig, stream: u8, history: usize, late_e
     }
 }
 
-/// What a decoder makes of packets.
+/// Frames that a decoder makes of packets.
 fn receive<'a>(
     model: &Model,
     config: &AvatarConfig,
@@ -115,14 +115,14 @@ fn order_and_repetition_change_nothing() {
         let model = open(name);
         let config = settings(&model, 1, 3);
         let sent = send(&model, &config, 255, 1, false);
-        // Every other pair swapped, and each packet twice.
+        // Neighbours swapped, and each packet twice.
         let mut packets = sent.packets.clone();
         packets.chunks_mut(4).filter(|four| four.len() > 1).for_each(|four| four.swap(0, 1));
         let twice: Vec<_> = packets.iter().flat_map(|packet| [packet, packet]).collect();
         let (frames, received, is_over) = receive(&model, &config, 1, twice.iter().copied());
         assert!(frames == sent.frames && is_over, "{name}");
         assert_eq!((received.late, received.lost), (packets.len() as u64, 0), "{name}");
-        // Three behind each other, backwards.
+        // Groups of three, reversed.
         let mut packets = sent.packets.clone();
         packets.chunks_mut(3).for_each(<[_]>::reverse);
         let (frames, received, _) = receive(&model, &config, 2, &packets);
@@ -138,7 +138,7 @@ fn what_the_next_packet_says_again_is_not_lost() {
         for (target, run) in [(1, 2), (2, 1)] {
             let config = settings(&model, target, 3);
             let sent = send(&model, &config, 1, 2, false);
-            // Every third packet alone, or two of four.
+            // Every third packet, or two of four in a row.
             let lost = |at: usize| if run == 1 { at % 3 == 1 } else { at % 4 == 1 || at % 4 == 2 };
             let last = sent.packets.len() - 1;
             let kept =
@@ -154,7 +154,7 @@ fn what_the_next_packet_says_again_is_not_lost() {
 fn a_loss_is_held_and_heals() {
     for name in ["mel_k2_arkit", "frames_four", "frames_seven"] {
         let model = open(name);
-        // As many frames as no seam needs: a seam keeps a share of what was wrong for longer.
+        // Lookahead without seams: a seam would carry a share of the error for longer.
         let held_back = model.motion().reach() + 3;
         let config = settings(&model, 1, held_back);
         let stride = model.config().keyframe_stride;
@@ -166,11 +166,11 @@ fn a_loss_is_held_and_heals() {
         assert_eq!((received.lost, received.held), (count as u64, count as u64), "{name}");
         assert!(is_over && frames.len() == FRAMES, "{name}");
         assert!(frames.iter().enumerate().all(|(at, frame)| frame.index == at), "{name}");
-        // Nothing before it is changed, and something is.
+        // Frames before the loss are unchanged, and some after it differ.
         let known = (first - 1) * stride + 1 - held_back;
         assert!(frames[..known] == sent.frames[..known], "{name}");
         assert!(frames.iter().zip(&sent.frames).any(|(a, b)| a.rest != b.rest), "{name}");
-        // A chunk later the root is where the sender's is.
+        // A chunk later the root is at the sender's position.
         let healed = (first + count + 3) * stride;
         let off = |at: usize| {
             let (a, b) = (frames[at].place, sent.frames[at].place);
@@ -179,7 +179,7 @@ fn a_loss_is_held_and_heals() {
         let lost = (first * stride..healed).map(off).fold(0.0, f32::max);
         let after = (healed..FRAMES).map(off).fold(0.0, f32::max);
         assert!(after <= 0.5 * lost + 3e-4, "{name}: {after} m after {lost} m");
-        // When the last wrong keyframe has left the window, so has every bit but the root's place.
+        // When the last wrong keyframe has left the window, every bit is right except the root's position.
         let gone = (first + count + model.config().prefix + 1) * stride + 2 * held_back;
         assert!(gone + 10 < FRAMES, "{name}");
         let same = frames[gone..].iter().zip(&sent.frames[gone..]).all(|(a, b)| a.rest == b.rest);

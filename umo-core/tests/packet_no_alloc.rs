@@ -1,5 +1,5 @@
-//! Writing packets and decoding them allocates nothing: with losses, repetitions and new streams; nor do
-//! sessions that send them, and sessions whose frames come of them.
+//! Writing and decoding packets never allocates, with losses, repetitions and new streams; nor do
+//! sessions that send packets or play them.
 
 mod counting;
 
@@ -65,7 +65,7 @@ fn run(model: &Model, name: &str) {
 }
 
 /// A sender, and a receiver that gets three of four packets, some of them twice, with an interrupt in
-/// the middle; all layers on.
+/// the middle; all layers are on.
 fn sessions(model: &Arc<Model>, name: &str) {
     let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
     let engine = Engine::new(Arc::clone(model), &config).expect("no thread is needed");

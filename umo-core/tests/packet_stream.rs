@@ -1,5 +1,5 @@
-//! Sessions that send packets, and sessions whose frames come of them: without loss the sender's bits;
-//! over a bad network no jump, and the way back within a chunk.
+//! Sessions that send packets, and sessions that play them: without loss, the sender's bits; over a
+//! bad network, no jumps, and recovery within a chunk.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ fn speech() -> Vec<f32> {
 /// Joints of the eyes.
 const EYES: [usize; 2] = [23, 24];
 
-/// What a frame shows, as bits.
+/// A displayed frame, as bits.
 #[derive(Clone, Debug, PartialEq)]
 struct Shown {
     index: u64,
@@ -59,8 +59,8 @@ impl Shown {
         Self { index, sample, place, rotations: frame.pose.rotations.to_vec(), face: frame.face.to_vec() }
     }
 
-    /// The largest angle between a joint here and there, degrees; but for the eyes, which jump by
-    /// nature.
+    /// Largest angle between a joint in both frames, degrees, without the eyes, whose saccades are
+    /// jumps.
     fn angle(&self, other: &Self) -> f32 {
         let pairs = self.rotations.iter().zip(&other.rotations).enumerate();
         let chord = |(a, b): (&[f32; 4], &[f32; 4])| {
@@ -72,7 +72,7 @@ impl Shown {
         4.0 * (0.5 * largest).asin().to_degrees()
     }
 
-    /// How far the root is from there, metres.
+    /// Distance between both roots, metres.
     fn way(&self, other: &Self) -> f32 {
         self.place.iter().zip(&other.place).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
     }
@@ -146,11 +146,11 @@ fn a_decoder_has_the_senders_frames() {
         assert_eq!(wanted.len() as u64, frames, "{path}");
         assert!(shown == wanted, "{path}");
         assert!(without == wanted, "{path}: packets change the frames");
-        // The last packet's root is that of the stream's last frame, though the chunk reaches beyond it.
+        // The last packet's root is that of the stream's last frame, although the chunk extends beyond it.
         let (last, end) = (sent.last().unwrap(), wanted.last().unwrap().place);
         let [x, z] = [16, 20].map(|at| f32::from_le_bytes(*last[at..].first_chunk().unwrap()));
         assert_eq!([x, z], [end[0], end[2]], "{path}");
-        // A session without frames says the same.
+        // A session without frames sends the same packets.
         assert!(silent == sent, "{path}");
         for session in [&sender, &server, &plain, &decoder] {
             assert_eq!(session.is_done(), Ok(true), "{path}");
@@ -161,7 +161,7 @@ fn a_decoder_has_the_senders_frames() {
     }
 }
 
-/// With layers the receiver's frames move as the sender's do: the voice's level comes with packets.
+/// With layers the receiver's frames move like the sender's: packets carry the voice's level.
 #[test]
 fn layers_are_the_receivers_own() {
     let model = open(PEOPLE);
@@ -188,7 +188,7 @@ fn layers_are_the_receivers_own() {
     }
     assert!(blinks.iter().all(|&most| most > 0.5), "nobody blinked: {blinks:?}");
     // An accent's strength depends on the level, which a packet rounds and averages over a keyframe; the
-    // layers draw the same numbers.
+    // layers draw the same random numbers.
     println!("{worst} degrees apart");
     assert!(worst < 5.0, "{worst} degrees apart");
 }
@@ -205,7 +205,7 @@ fn an_interrupt_of_the_sender_is_eased_to() {
     compute(&engine);
     packets(&sender).iter().for_each(|packet| decoder.push_packet(packet).unwrap());
     frames.extend(pull(&decoder));
-    // What was computed and not sent is dropped.
+    // Computed but unsent packets are dropped.
     sender.push_audio(&samples[48_000..64_000]).unwrap();
     compute(&engine);
     sender.interrupt(Duration::from_millis(200)).unwrap();
@@ -222,7 +222,7 @@ fn an_interrupt_of_the_sender_is_eased_to() {
     let jump = frames.windows(2).map(|pair| pair[0].angle(&pair[1])).fold(0.0, f32::max);
     println!("{jump} degrees in a frame");
     assert!(jump < 25.0, "{jump} degrees in a frame");
-    // The host of a decoder does not interrupt, and may reset.
+    // A decoder's host cannot interrupt, and may reset.
     assert!(matches!(decoder.interrupt(Duration::ZERO), Err(SessionError::Range(_))));
     decoder.reset().unwrap();
     sender.reset().unwrap();
@@ -258,7 +258,7 @@ fn a_viewer_may_come_in_the_middle() {
     let first = &shown[0];
     assert_eq!(first.index, (6 * n * stride) as u64);
     assert_eq!(decoder.received().unwrap().lost, 0);
-    // A second later it shows what the sender shows, but for where it stands.
+    // A second later it shows the sender's frames, except for the root's position.
     let from = 6 * n * stride + 30;
     for (a, b) in wanted[from..].iter().zip(&shown[30..]) {
         assert!(a.index == b.index && a.rotations == b.rotations && a.face == b.face, "frame {}", a.index);
@@ -274,7 +274,7 @@ fn what_does_not_fit_is_refused_and_nothing_is_lost() {
     let sender = engine.session(&sending(&config, true)).unwrap();
     let other = engine.session(&config).unwrap();
     let decoder = Session::decoder(&model, &config).unwrap();
-    // Calls of the other kind.
+    // Calls that belong to the other kind of session.
     let range = |result: Result<(), SessionError>| assert!(matches!(result, Err(SessionError::Range(_))), "{result:?}");
     range(decoder.push_audio(&[0.0]).map(drop));
     range(decoder.finish());
@@ -287,7 +287,7 @@ fn what_does_not_fit_is_refused_and_nothing_is_lost() {
     assert!(Session::decoder(&model, &sending(&config, true)).is_err());
     let patient = SessionConfig { patience: 5, ..config.clone() };
     assert!(Session::decoder(&model, &patient).unwrap_err().to_string().contains("patience"));
-    // Bytes that are no packet, and a queue that is full.
+    // Invalid packets, and a full queue.
     let (mut wanted, mut shown, mut refused) = (Vec::new(), Vec::new(), 0);
     for part in speech().chunks(16_000) {
         let mut rest = part;
@@ -338,33 +338,33 @@ fn states_of_senders_have_their_packets() {
     assert!(sent[0].len() > 3 && sent[0] == sent[1]);
 }
 
-/// A generator of its own, so that the same packets are lost on every machine.
+/// A local generator, so that the same packets are lost on every machine.
 struct Dice(u64);
 
 impl Dice {
-    /// 0 to 1.
+    /// A number in 0..1.
     fn roll(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 40) as f64 / (1_u64 << 24) as f64
     }
 }
 
-/// How a network treats packets.
+/// Delay and losses of a network.
 #[derive(Clone, Copy, Debug)]
 struct Network {
     loss: f64,
     doubled: f64,
-    /// Most seconds that a packet is under way.
+    /// Largest delay of a packet, seconds.
     delay: f64,
     /// When losses end, seconds.
     until: f64,
     seed: u64,
 }
 
-/// Pictures a second.
+/// Pictures per second.
 const PICTURES: usize = 60;
 
-/// The packets that each picture's sound brings.
+/// Packets that become ready with each picture's audio.
 fn recorded(model: &Arc<Model>, config: &SessionConfig, samples: &[f32]) -> Vec<Vec<Vec<u8>>> {
     let engine = engine(model);
     let sender = engine.session(&sending(config, false)).unwrap();
@@ -377,7 +377,7 @@ fn recorded(model: &Arc<Model>, config: &SessionConfig, samples: &[f32]) -> Vec<
     packets.collect()
 }
 
-/// What a viewer sees of an avatar, `behind` seconds after its motion is due: every picture.
+/// Every picture that a viewer sees of an avatar, shown `behind` seconds after its motion is due.
 fn watch(model: &Arc<Model>, config: &SessionConfig, sent: &[Vec<Vec<u8>>], network: Network, behind: f64) -> Watched {
     let decoder = Session::decoder(model, config).unwrap();
     let mut dice = Dice(network.seed);
@@ -418,7 +418,7 @@ struct Watched {
 }
 
 impl Watched {
-    /// The largest turn of a joint and way of the root from a picture to the next.
+    /// The largest rotation of a joint and movement of the root between pictures.
     fn jump(&self) -> (f32, f32) {
         let pairs = self.pictures.windows(2);
         pairs.fold((0.0, 0.0), |(angle, way), pair| {
@@ -428,8 +428,8 @@ impl Watched {
     }
 }
 
-/// Largest turn of a joint from one picture to the next, of 60 a second, in degrees, that is no pop:
-/// twice what the fastest gesture of the undisturbed stream has, and a degree.
+/// Largest rotation of a joint between pictures, at 60 per second, in degrees, that does not count as a
+/// jump: twice that of the undisturbed stream's fastest gesture, plus one degree.
 fn allowed(undisturbed: f32) -> f32 {
     2.0 * undisturbed + 1.0
 }
@@ -468,12 +468,12 @@ fn after_a_loss_a_chunk_leads_back() {
     let wanted = watch(&model, &config, &sent, good, 0.1);
     for loss in [0.1, 0.2, 0.3, 1.0] {
         for seed in 1..4 {
-            // With all lost the viewer waits for nearly three seconds.
+            // With total loss the viewer waits for nearly three seconds.
             let until = if loss < 1.0 { 6.0 } else { 3.0 };
             let network = Network { loss, until, seed, ..good };
             let seen = watch(&model, &config, &sent, network, 0.1);
             // The first packet after the loss comes within a chunk, and its frames are shown within the
-            // latency; then the stream has a chunk's time.
+            // latency; the stream then has a chunk's time to recover.
             let latency = config.avatar.latency_frames(model.config()) as f64 / 30.0 + 0.1;
             #[expect(clippy::cast_possible_truncation, reason = "a stream of some seconds")]
             let healed = ((until + chunk + latency + chunk) * PICTURES as f64) as usize;

@@ -24,12 +24,12 @@ fn resample(rate_in: usize, rate_out: usize, samples: &[f32]) -> Vec<f32> {
     out
 }
 
-/// The middle half, which the clip's ends do not reach.
+/// The middle half, which the clip's ends do not affect.
 fn middle(x: &[f32]) -> &[f32] {
     &x[x.len() / 4..x.len() * 3 / 4]
 }
 
-/// Where the output should be the same sine, at the same times.
+/// In the pass band the output must be the same sine, in phase.
 #[test]
 fn pass_band_is_kept_and_stays_in_time() {
     for rate in RATES {
@@ -108,7 +108,7 @@ fn channels_are_averaged() {
     assert_eq!(out[0], f32::MAX);
 }
 
-/// rubato's Fourier filter is 480 samples long and keeps the same band.
+/// rubato's Fourier filter is 480 samples long and has the same pass band.
 #[test]
 fn rubato_resamples_alike() {
     use rubato::audioadapter_buffers::direct::SequentialSlice;
@@ -140,7 +140,7 @@ fn rubato_resamples_alike() {
         let theirs = &out[theirs_delay..];
         let len = ours.len().min(theirs.len());
         assert!(len > 7 * chunk * rate_out / rate_in, "{rate_in} Hz to {rate_out} Hz: {len} samples to compare");
-        // The stream begins and ends within a wave, which the two filters smooth differently.
+        // The stream begins and ends within a wave, so the two filters differ there.
         let edge = theirs_delay + 480 * rate_out.div_ceil(rate_in.min(rate_out));
         let pairs = ours[edge..len - edge].iter().zip(&theirs[edge..len - edge]);
         let error = pairs.fold(0.0_f32, |most, (x, y)| most.max((x - y).abs()));
@@ -149,8 +149,8 @@ fn rubato_resamples_alike() {
     }
 }
 
-/// An output is given as soon as the samples that it is made of are there, half a filter after its
-/// time: 7 ms at 16 kHz and 8 samples more at most.
+/// An output is ready as soon as its input samples are there, half a filter after its time: 7 ms at
+/// 16 kHz plus at most 8 samples.
 #[test]
 fn the_delay_is_half_a_filter() {
     for (rate_in, rate_out) in RATES.map(|rate| (rate, OUT)).into_iter().chain([(OUT, 8_000), (OUT, 44_100)]) {
@@ -165,7 +165,7 @@ fn the_delay_is_half_a_filter() {
             let before = given;
             resampler.push(&[0.5], |piece| given += piece.len());
             assert!(given - before <= most, "{rate_in} Hz: {} given, {most} expected", given - before);
-            // When the last of them ends.
+            // The end time of the last output.
             if given > before {
                 latest = latest.max(taken as f64 - (before + 1) as f64 * rate_in as f64 / rate_out as f64);
             }

@@ -1,5 +1,5 @@
-//! Retargeting: limbs point where the source's do, on rigs of every convention, turned, scaled and
-//! posed any way.
+//! Retargeting: limbs have the source's directions on rigs of every convention, rotated, scaled and
+//! in any pose.
 
 #[path = "retarget/conventions.rs"]
 mod conventions;
@@ -20,14 +20,14 @@ use umo_core::retarget::{Bone, Floor, Mapping, Retarget, Rig};
 /// Radians.
 const TOLERANCE: f64 = 1e-4;
 
-/// Every pair of joints whose direction a limb or a finger has.
+/// Pairs of joints that define the direction of a limb or a finger.
 fn limbs() -> impl Iterator<Item = (usize, usize)> {
     let limbs = [(1, 4), (4, 7), (2, 5), (5, 8), (16, 18), (18, 20), (17, 19), (19, 21), (20, 28), (21, 43)];
     let fingers = (25..JOINTS).filter(|joint| (joint - 25) % 3 < 2).map(|joint| (joint, joint + 1));
     limbs.into_iter().chain(fingers)
 }
 
-/// Where bones are and how they are turned in the world, from their local transforms.
+/// Positions and rotations of bones in the world, from their local transforms.
 fn world(rig: &Rig, rotations: &[Quat], hips: (usize, Vector)) -> (Vec<Vector>, Vec<Quat>) {
     fn of(rig: &Rig, rotations: &[Quat], hips: (usize, Vector), bone: usize) -> (Vector, Quat, f32) {
         let Bone { parent, translation, scale, .. } = &rig.bones()[bone];
@@ -51,20 +51,20 @@ fn less(a: Vector, b: Vector) -> Vector {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
-/// How far apart two rotations are, radians.
+/// Angle between two rotations, radians.
 fn apart(a: Quat, b: Quat) -> f64 {
     let [x, y, z, w] = product(inverse(a), b).map(f64::from);
     2.0 * (x * x + y * y + z * z).sqrt().atan2(w)
 }
 
-/// Moves a rig by a pose, and gives places and rotations in the world.
+/// Poses a rig, and returns positions and rotations in the world.
 fn moved(retarget: &Retarget, rig: &Rig, pose: &Pose) -> (Vec<Vector>, Vec<Quat>) {
     let mut rotations = vec![IDENTITY; rig.len()];
     let hips = retarget.apply(&mut retarget.scratch(), pose, &mut rotations).unwrap();
     world(rig, &rotations, (retarget.hips(), hips))
 }
 
-/// Demands that every limb of the rig that there is points where the source's does.
+/// Asserts that every limb that the rig has points in the source's direction.
 fn check_limbs(body: &Body, rig: &Rig, axes: Quat, pose: &Pose) -> Result<(), TestCaseError> {
     let (mapping, _) = Mapping::guess(rig).unwrap();
     let retarget = Retarget::new(&source(), rig, &mapping, Floor::AtRest).unwrap();
@@ -90,7 +90,7 @@ fn pose() -> impl Strategy<Value = Pose> {
         .prop_map(|(rotations, at)| Pose { rotations: rotations.try_into().unwrap(), translation: at })
 }
 
-/// Turns between the six axes: Y up, Z up, facing any way.
+/// Rotations between the six axes: Y up, Z up, facing any way.
 fn right_angles() -> impl Strategy<Value = Quat> {
     let quarter = std::f32::consts::FRAC_PI_2;
     (0..4_u8, 0..4_u8, 0..4_u8).prop_map(move |(x, y, z)| {
@@ -117,7 +117,7 @@ proptest! {
         scale in prop::sample::select(vec![0.01_f32, 1.0]),
         stretch in prop::collection::vec(0.7_f32..1.4, JOINTS),
     ) {
-        // Legs of other proportions are bent until the feet are where they belong.
+        // Legs of other proportions bend until the feet are at their targets.
         let stretch = |joint: usize| if [1, 2, 4, 5, 7, 8, 10, 11].contains(&joint) { stretch[1] } else { stretch[joint] };
         let body = ALL[naming].body(&stretch, droop);
         let rig = body.rig(world, unit, scale, &|bone| axes[bone]);
@@ -132,7 +132,7 @@ proptest! {
         check_limbs(&body, &body.rig(world, 1.0, 1.0, &|_| IDENTITY), world, &pose)?;
     }
 
-    /// The way there and back through a rig with other axes gives what one began with.
+    /// A round trip through a rig with other axes gives the original pose.
     #[test]
     fn the_same_skeleton_gets_the_same_pose(pose in pose()) {
         let skeleton = source();
@@ -153,8 +153,8 @@ proptest! {
         prop_assert!(less(hips, want).iter().all(|x| x.abs() < 1e-5), "{hips:?} {want:?}");
     }
 
-    /// What a rig was posed by is found again from the rig, whatever its axes and rest pose: the
-    /// rotation in the world of every joint that has a bone of its own.
+    /// The source's pose is recovered from the posed rig, whatever its axes and rest pose: the
+    /// world rotation of every joint that has its own bone.
     #[test]
     fn a_rigs_pose_gives_back_the_sources(
         pose in pose(), naming in 0..ALL.len(), axes in quaternion(), droop in 0.0_f32..1.2, stands in right_angles(),
@@ -181,8 +181,8 @@ proptest! {
         }
     }
 
-    /// However many bones a spine and a neck have, chest and head are turned as the source's,
-    /// relative to rest.
+    /// With any number of spine and neck bones, chest and head have the source's rotation relative to
+    /// rest.
     #[test]
     fn chest_and_head_turn_as_the_sources(pose in pose(), naming in 0..ALL.len(), axes in quaternion()) {
         let body = ALL[naming].body(&|_| 1.0, 0.4);
@@ -198,11 +198,11 @@ proptest! {
         prop_assert!(apart(turned[bone], product(head, rig.rotation(bone))) < TOLERANCE);
     }
 
-    /// The palm lies as the source's: across the knuckles, too.
+    /// The palm has the source's orientation, also across the knuckles.
     #[test]
     fn palms_face_where_the_sources_do(pose in pose(), roll in -2.0_f32..2.0, droop in 0.0_f32..1.2) {
         let mut body = UNREAL.body(&|_| 1.0, droop);
-        // The rig's hands are turned about its forearms at rest.
+        // The rig's hands are rotated about its forearms at rest.
         for (elbow, wrist) in [(18, 20), (19, 21)] {
             let [a, b] = [elbow, wrist].map(|joint| body.0[body.bone(joint).unwrap()].place);
             let length = less(b, a).iter().map(|x| x * x).sum::<f32>().sqrt();
@@ -224,7 +224,7 @@ proptest! {
         check_limbs(&body, &rig, IDENTITY, &pose)?;
     }
 
-    /// Whatever the legs' proportions, in a crouch the lower foot is where it is when standing.
+    /// With legs of any proportions, the lower foot is as high in a crouch as in standing.
     #[test]
     fn feet_stay_on_the_ground(
         bend in 0.0_f32..1.2,
@@ -252,7 +252,7 @@ proptest! {
             let height = |place: Vector| rotate(inverse(world), place)[1];
             prop_assert!((height(places[bone]) - height(rig.place(bone))).abs() < 2e-4 * unit, "joint {joint}");
         }
-        // Ahead and to the side in proportion to the legs.
+        // Movement forward and sideways is in proportion to the legs.
         let hips = rotate(inverse(world), less(places[retarget.hips()], rig.place(retarget.hips())));
         prop_assert!((hips[0] - 0.4 * retarget.scale()).abs() < 1e-3 * unit);
         prop_assert!((hips[2] + 0.3 * retarget.scale()).abs() < 1e-3 * unit);
@@ -279,8 +279,8 @@ fn every_convention_is_known_by_its_names() {
     }
 }
 
-/// Worked out by hand: a lone half turn of the source's chest, spread over five bones, turns by a
-/// fifth each.
+/// Worked out by hand: a half turn of the source's chest alone, spread over five bones, is a
+/// fifth for each.
 #[test]
 fn a_spine_of_other_length_shares_the_turn() {
     let body = MAKEHUMAN.body(&|_| 1.0, 0.0);
@@ -300,8 +300,8 @@ fn a_spine_of_other_length_shares_the_turn() {
     assert!(apart(rotations[mapping.neck()[0]], IDENTITY) < 1e-6);
 }
 
-/// Bones that nothing follows keep their places; what is missing is made up for by what hangs
-/// below.
+/// Bones that follow no joint keep their local transforms; the bones below compensate for missing
+/// ones.
 #[test]
 fn joints_without_bones_are_folded_or_dropped() {
     for naming in [&POSER, &UNITY] {
@@ -347,8 +347,8 @@ fn hips_at_the_origin_stand_on_the_floor_where_it_is_at_zero() {
     let retarget = Retarget::new(&source(), &rig, &mapping, Floor::AtZero).unwrap();
     let pose = Pose { translation: standing(&source())[0], ..Pose::REST };
     let (places, _) = moved(&retarget, &rig, &pose);
-    // The rig has ankles only, which are 8 cm above the floor; a sole as thin as the source's is
-    // all that it knows.
+    // The rig has only ankles, which are 8 cm above the floor; the retargeter can only assume that its
+    // soles are as thin as the source's.
     assert!((places[0][1] - (height - 6.0)).abs() < 0.01, "{places:?}");
 }
 

@@ -1,4 +1,4 @@
-//! Moving a rig and its face allocates nothing, from the first frame on.
+//! Posing a rig and its face never allocates, from the first frame on.
 
 mod counting;
 #[path = "retarget/rigs.rs"]

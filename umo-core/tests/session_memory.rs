@@ -1,5 +1,5 @@
-//! A session is one block of the size that its plan says: planning allocates nothing, making it
-//! nothing but the block, and the block goes with the session.
+//! A session is one block of the planned size: planning allocates nothing, making it allocates
+//! only the block, and dropping it frees the block.
 
 mod counting;
 
@@ -22,7 +22,7 @@ const MODELS: [&str; 6] =
     ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_four", "frames_seven"];
 const RATES: [usize; 6] = [8_000, 16_000, 22_050, 44_100, 48_000, 96_000];
 
-/// Sample rates and bytes that their filter takes at most: what umo.h says of them.
+/// Sample rates and the documented upper bound of their filters, bytes, as in umo.h.
 const FILTERS: [(usize, usize); 4] = [(16_000, 0), (44_100, 400 << 10), (48_000, 4 << 10), (191_999, 1 << 20)];
 
 fn main() {
@@ -60,7 +60,7 @@ fn main() {
             if is_text && model.config().templates.contains_key("text_to_motion") {
                 session.avatar.template = "text_to_motion".to_owned();
             }
-            // With the first session of a rate comes its filter, which others then share.
+            // The first session of a rate makes its filter, which others then share.
             if engine.plan_session(&session, &Arena::plan()).is_err() {
                 prop_assert!(engine.session(&session).is_err());
                 return Ok(());
@@ -98,7 +98,7 @@ fn main() {
     assert!(live.get() > 0, "some have a live mouth");
 }
 
-/// What all sessions of a rate share is as small as it is said to be.
+/// The shared filter of a rate is within the documented size.
 fn filters_are_small(model: &Arc<Model>) {
     for (sample_rate, most) in FILTERS {
         let config = EngineConfig { threads: Threads::Host(0), max_sessions: 1, ..EngineConfig::default() };

@@ -1,6 +1,6 @@
-//! Ten simulated minutes of a stream allocate nothing, from the first sample on: speech, silence in
-//! which the host asks for frames, more audio than there is room for, interrupts, resets, refused
-//! calls; on the engine's threads and on the host's.
+//! Ten simulated minutes of streams never allocate, from the first sample on: speech, silence in
+//! which the host asks for frames, more audio than fits, interrupts, resets, refused calls; on the
+//! engine's threads and on the host's.
 
 mod counting;
 
@@ -18,9 +18,9 @@ use umo_core::session::{Idle, Session, SessionConfig, SessionError};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Simulated seconds: of each model in turn, on each kind of threads.
+/// Simulated seconds for each model on each kind of threads.
 const SECONDS: usize = 600 / 10;
-/// How many times as long it goes on where the engine's own threads got no processor in that time.
+/// Factor by which a run may be extended if the engine's own threads got no processor time.
 const PATIENCE: usize = 50;
 /// Audio of one call, 48 kHz stereo.
 const PIECE: usize = 480 * 2;
@@ -46,7 +46,7 @@ fn main() {
     assert!(small <= 2 << 20, "a session of the default model takes {small} bytes");
     let further = further_thread(&default);
     assert!(further <= 28 << 20, "a further thread of an engine of the default model takes {further} bytes");
-    // The base model is too large for a test: where it is at hand, its session is measured too.
+    // The base model is too large for a test; if it is available, its session is measured too.
     if let Some(path) = std::env::var_os("UMO_BASE_MODEL") {
         let base = state(&PathBuf::from(path));
         assert!(base <= 24 << 20, "a session of the base model takes {base} bytes");
@@ -87,10 +87,10 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
     let clock = Clock::Manual(Arc::clone(&nanos));
     let config = EngineConfig { threads, max_sessions: 7, max_batch: 2, clock, ..EngineConfig::default() };
     let engine = Engine::new(Arc::clone(model), &config).expect("two threads");
-    // With its own threads a crowd, so that each of them has batches of its own.
+    // On its own threads the engine has more sessions, so that each thread has batches.
     let crowd = if matches!(threads, Threads::Own(_)) { 2 } else { 1 };
     assert_eq!(engine.batches(), crowd);
-    // The one that is pushed more than it takes is late, so that bodies are held.
+    // The session that is pushed too much is late, so that bodies are frozen.
     let holds = matches!(threads, Threads::Host(_));
     engine.set_late_limit(holds.then_some(Duration::ZERO));
     let mut session = SessionConfig::new(model.config());
@@ -115,7 +115,7 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
             }
             match engine.poll(Duration::from_micros(300)) {
                 Ok(Poll::Idle | Poll::More) => {}
-                // Its own threads need some time, which the clock does not show.
+                // The engine's own threads need real time, which the simulated clock does not show.
                 Err(_) => std::thread::sleep(Duration::from_micros(150)),
             }
         }
@@ -129,7 +129,7 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
     println!("{name}, {threads:?}: {} KiB per session; {stats:?}", state / 1024);
 }
 
-/// A thousand times a state is saved and restored, here and there, from the first one on.
+/// Saves and restores a state a thousand times, in place and elsewhere, from the first one on.
 fn rolled_back(name: &str, audio: &[f32]) {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name);
     let file = ModelFile::open(&folder.join("model.safetensors")).expect("a golden model");
@@ -161,10 +161,10 @@ fn rolled_back(name: &str, audio: &[f32]) {
     assert!(one.stats().chunks > 50, "{name}: {:?}", one.stats());
 }
 
-/// What one avatar's host does in one hundredth of a second.
+/// The calls of one avatar's host in one hundredth of a second.
 fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
     let at = (piece * PIECE) % (audio.len() - PIECE);
-    // The first has pauses of a second, the third gets more than it can take.
+    // The first avatar pauses for a second at a time, the third gets more audio than fits.
     let speaks = which != 0 || (piece / 100) % 3 != 2;
     for _ in 0..if which == 2 { 40 } else { usize::from(speaks) } {
         match avatar.push_audio(&audio[at..at + PIECE]) {
@@ -211,10 +211,10 @@ fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
     }
     match which {
         0 => drop(avatar.sample_pose(piece as f64 / 100.0, |_| ()).expect("nobody else pulls")),
-        // So that there is something to drop.
+        // No pull, so that there is something to drop.
         1 if (200..310).contains(&(piece % 1000)) => {}
         1 => drop(avatar.pull_frames(1, |_| ()).expect("nobody else pulls")),
-        // Pulled so seldom that its queue is full for most of the time.
+        // Pulled so rarely that its queue is mostly full.
         _ if piece.is_multiple_of(200) => drop(avatar.pull_frames(1000, |_| ()).expect("nobody else pulls")),
         _ => {}
     }

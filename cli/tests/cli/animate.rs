@@ -1,8 +1,8 @@
-//! `umo animate` and `umo text` where all is well.
+//! `umo animate` and `umo text` with valid input.
 
 use super::program::{Folder, golden, umo, voice};
 
-/// `speech.wav` of [`Folder::speech`] in frames: 9000 samples.
+/// Frames of `speech.wav` of [`Folder::speech`], 9000 samples.
 const FRAMES: usize = 16;
 
 fn lines(bytes: &[u8]) -> usize {
@@ -123,8 +123,8 @@ fn chunk_lookahead_and_precision_options_work() {
             motions.push(moved(&files[4], FRAMES));
         }
     }
-    // Chunks of another size are another motion, and so are weights and inputs of 8 bits. Those of
-    // 16 are near f32.
+    // Chunks of another size change the motion, and so do weights and inputs of 8 bits. Those of
+    // 16 bits stay close to f32.
     let (f32, int8) = (&motions[..3], &motions[6..]);
     for (i, motion) in f32.iter().enumerate() {
         assert!(!f32[..i].contains(motion), "--target changes nothing");
@@ -146,8 +146,8 @@ fn lookahead_changes_the_audio_horizon() {
     assert!(none != some && none == of("0"));
 }
 
-/// The numbers of every frame of a `.jsonl` file, one of which at least is another in some later
-/// frame. Rotations are quaternions of length 1.
+/// The numbers of every frame of a `.jsonl` file, at least one of which must change in a later
+/// frame. Rotations are unit quaternions.
 fn moved(jsonl: &[u8], frames: usize) -> Vec<Vec<f64>> {
     let text = std::str::from_utf8(jsonl).unwrap();
     let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
@@ -217,7 +217,7 @@ fn a_recording_that_was_cut_is_refused_or_repaired() {
     assert_eq!(lines(&folder.read("motion.csv")), FRAMES / 2 + 1);
 }
 
-/// Refused with `problem`, and with `--repair` done with a warning of it.
+/// Asserts that the input is refused with `problem`, and accepted with a warning of it with `--repair`.
 fn damaged(folder: &Folder, args: &[&str], problem: &str) {
     let refused = folder.refused(args);
     assert!(refused.contains(problem) && refused.contains("--repair"), "{refused}");
@@ -241,7 +241,7 @@ fn text_becomes_motion_of_the_length_asked_for() {
     assert_eq!(lines(&text("a", "0.001", "short.csv")), 1 + 1);
 }
 
-/// The default model's actions, which a stronger guidance makes more of.
+/// Actions of the default model, which stronger guidance amplifies.
 #[test]
 fn a_text_alone_is_guided() {
     let folder = Folder::new();
@@ -253,7 +253,7 @@ fn a_text_alone_is_guided() {
     let guided = bow("guided.csv", &[]);
     assert!(guided == bow("given.csv", &["--guidance", "2.5"]));
     assert!(guided != bow("one.csv", &["--guidance", "1"]));
-    // What cannot be guided is not.
+    // A model without guidance refuses it.
     let (smplx, out) = (golden("mel_k2_arkit"), folder.at("plain.csv"));
     umo(&["text", "a person waves", "--seconds", "1", "--model", &smplx, "-o", &out]).success();
     folder.refused(&["text", "a person waves", "--model", &smplx, "--guidance", "2", "-o", &out]);
@@ -291,13 +291,13 @@ fn gestures_are_listed_and_played_at_their_times() {
     let differs = |other: &[String]| (0..plain.len()).filter(|&i| plain[i] != other[i]).collect::<Vec<_>>();
     let nods = differs(&nodded);
     assert!(!nods.is_empty() && nods[0] >= 4 && plain[0] == nodded[0], "{nods:?}");
-    // The frames of one animation are the gesture of another.
+    // The frames of one animation serve as a gesture in another.
     let clip = format!("bob={},0.3,head", folder.at("nodded.jsonl"));
     let bobbed = made("bobbed.jsonl", &["--gesture-clip", &clip, "--gesture", "bob@0.5,strength=0.5"]);
     assert!(!differs(&bobbed).is_empty());
 }
 
-/// A model that takes no text does what the table of gestures knows.
+/// A model without text conditioning plays gestures of the table.
 #[test]
 fn a_text_that_names_a_gesture_is_that_gesture() {
     let folder = Folder::new();
@@ -307,7 +307,7 @@ fn a_text_that_names_a_gesture_is_that_gesture() {
     assert!(done.out.contains("60 frames"), "{}", done.out);
 }
 
-/// The frames of a `.jsonl` file: its rotations, its other values, its lines.
+/// Frames of a `.jsonl` file: rotations, other values, line.
 fn frames_of(bytes: &[u8]) -> Vec<(Vec<serde_json::Value>, serde_json::Value, String)> {
     let text = String::from_utf8(bytes.to_vec()).unwrap();
     let lines = text.lines().skip(1).map(|line| {
@@ -318,7 +318,7 @@ fn frames_of(bytes: &[u8]) -> Vec<(Vec<serde_json::Value>, serde_json::Value, St
     lines.collect()
 }
 
-/// Of the default model, whose units say accents.
+/// With the default model, whose units carry accents.
 #[test]
 fn retiming_moves_the_upper_body_alone_and_is_the_same_in_a_batch() {
     let folder = Folder::new();
@@ -328,7 +328,7 @@ fn retiming_moves_the_upper_body_alone_and_is_the_same_in_a_batch() {
         umo(&[&["animate", speech, "-o", &out][..], more].concat()).success();
         folder.read(name)
     };
-    // What the model says, without layers, which answer to how the body moves.
+    // The model's output without layers, which respond to the body's motion.
     let plain = frames_of(&made("plain.jsonl", &["--life", "0"]));
     let retimed = frames_of(&made("retimed.jsonl", &["--life", "0", "--retime"]));
     assert_eq!(plain.len(), retimed.len());
@@ -338,7 +338,7 @@ fn retiming_moves_the_upper_body_alone_and_is_the_same_in_a_batch() {
         assert!(a.1 == b.1, "face or root differ");
         changed.iter_mut().zip(a.0.iter().zip(&b.0)).for_each(|(changed, (a, b))| *changed |= a != b);
     }
-    // Pelvis, legs, feet, jaw and eyes stay.
+    // Pelvis, legs, feet, jaw and eyes do not change.
     let stays = [0, 1, 2, 4, 5, 7, 8, 10, 11, 22, 23, 24];
     assert!((0..55).all(|joint| changed[joint] != stays.contains(&joint)), "{changed:?}");
 
@@ -353,7 +353,7 @@ fn retiming_moves_the_upper_body_alone_and_is_the_same_in_a_batch() {
     for name in ["a", "b", "c"] {
         assert!(folder.read(&format!("out/{name}.jsonl")) == wanted, "{name}");
     }
-    // It is one of the settings that a line depends on.
+    // Retiming is one of the settings that a result depends on.
     let ended = umo(&batch).success();
     assert!(ended.out.contains("3 made, 0 kept"), "{}", ended.out);
     assert!(folder.read("out/a.jsonl") != wanted);

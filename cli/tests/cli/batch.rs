@@ -1,10 +1,10 @@
-//! `umo batch`: folders and manifests, resuming, failures, shards, and the same bits as one by one.
+//! `umo batch`: folders and manifests, resuming, failures, shards, and the bits of single runs.
 
 use std::collections::BTreeMap;
 
 use super::program::{Folder, golden, umo};
 
-/// Results by the recording's name.
+/// Results by recording name.
 fn results(bytes: &[u8]) -> BTreeMap<String, serde_json::Value> {
     let text = String::from_utf8(bytes.to_vec()).unwrap();
     let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
@@ -29,7 +29,7 @@ fn a_folder_is_animated_and_what_is_done_is_kept() {
     let batch = ["batch", &lines, "-o", &out, "--model", &model, "--format", "jsonl,csv", "--jobs", "3"];
     let ended = umo(&batch).success();
     assert!(ended.out.contains("8 made, 0 kept, 0 failed"), "{}", ended.out);
-    // The bits of one by one.
+    // The bits of single runs.
     for recording in ["a.wav", "deep/b.wav", "flac-hello.flac", "ogg-hello.ogg"] {
         let (alone, name) = (folder.at("alone.jsonl"), recording.split_once('.').unwrap().0);
         umo(&["animate", &folder.at(&format!("lines/{recording}")), "--model", &model, "-o", &alone]).success();
@@ -42,7 +42,7 @@ fn a_folder_is_animated_and_what_is_done_is_kept() {
     assert_eq!(done["a.wav"]["outputs"].as_array().unwrap().len(), 2);
     assert_eq!(done["a.wav"]["outputs"][0]["sha256"].as_str().unwrap().len(), 64);
 
-    // Again: nothing to do. Another date is no other content; another content is.
+    // A second run has nothing to do. A new date is not new content; changed bytes are.
     let ended = umo(&batch).success();
     assert!(ended.out.contains("0 made, 8 kept, 0 failed"), "{}", ended.out);
     assert!(folder.read("out/results.jsonl") == first);
@@ -81,7 +81,7 @@ fn manifests_say_how_each_line_is_made() {
         umo(&[&["batch", &manifest, "-o", &out, "--model", &model, "--format", "npz"], more].concat())
     };
     let ended = run("lines.csv", "csv", &[]);
-    // The rest is done, and what failed is named.
+    // The others are done, and the failure is named.
     assert_eq!(ended.code, 2);
     assert!(ended.err.contains("missing.wav") && ended.err.contains("1 of 5 lines failed"), "{}", ended.err);
     assert!(ended.out.contains("4 made, 0 kept, 1 failed"), "{}", ended.out);
@@ -140,7 +140,7 @@ fn a_thousand_lines() {
     let batch = ["batch", &manifest, "-o", &out, "--model", &model, "--jobs", "16"];
     let ended = umo(&batch).success();
     assert!(ended.out.contains("1000 made, 0 kept, 0 failed; 16000 frames"), "{}", ended.out);
-    // As after a run that was ended in the middle of a line: the last result is cut, a file is missing.
+    // As after a run that stopped in the middle of a line: the last result is truncated, a file is missing.
     let all = folder.read("out/results.jsonl");
     std::fs::write(folder.at("out/results.jsonl"), &all[..all.len() - 40]).unwrap();
     std::fs::remove_file(folder.at("out/500.bvh")).unwrap();

@@ -1,4 +1,4 @@
-//! `umo bench` and `umo doctor`: what they refuse, what they write.
+//! `umo bench` and `umo doctor`: refusals and output.
 
 use crate::program::{Folder, golden, umo};
 
@@ -61,9 +61,9 @@ fn bench_prints_a_table_for_people() {
         line.split_whitespace().filter_map(|word| word.parse().ok()).collect()
     };
     let (first, rate, chunk) = (of("time to the first frame")[0], of("frames per second")[0], of("a chunk")[0]);
-    // Two keyframes a chunk; both are printed to a tenth.
+    // Two keyframes per chunk; both numbers are printed to a tenth.
     assert!(first > 0.0 && chunk > 0.0 && rate > 0.0, "{}", ended.out);
-    // Milliseconds, share, floor and floor by time, of each stage and of all.
+    // Milliseconds, share, floor and floor divided by time, of each stage and of the total.
     let stages = ["audio tokenizer", "encoder attention", "encoder experts", "decoder attention", "decoder experts"];
     let stages = stages.into_iter().chain(["depth network", "interpolation", "motion decoders"]).map(of);
     let sums = stages.fold([0.0; 3], |sums, stage| std::array::from_fn(|i| sums[i] + stage[i]));
@@ -74,7 +74,7 @@ fn bench_prints_a_table_for_people() {
     assert!(ended.out.contains("could speak"), "{}", ended.out);
 }
 
-/// Its first frame comes of the second chunk.
+/// The first frame comes with the second chunk.
 #[test]
 fn bench_measures_chunks_of_one_keyframe() {
     let ended = umo(&["bench", "--chunks", "3", "--starts", "2", "--seconds", "0", "--target", "1"]).success();
@@ -111,7 +111,7 @@ fn bench_refuses_numbers_out_of_range() {
     assert_eq!(ended.code, 1, "{}", ended.err);
 }
 
-/// Every line of the report, the shipped model's recorded motion, and nothing that tells whose machine it is.
+/// Every line of the report, the shipped model's recorded motion, and nothing that identifies the machine.
 #[test]
 fn doctor_finds_this_machine_sound() {
     let ended = umo(&["doctor"]).success();
@@ -129,7 +129,7 @@ fn doctor_finds_this_machine_sound() {
     }
 }
 
-/// A model of one's own has no recorded motion, which is said.
+/// A custom model has no recorded motion, which the report says.
 #[test]
 fn doctor_runs_a_model_without_records_twice() {
     let model = golden("mel_k2_arkit");

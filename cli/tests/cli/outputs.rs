@@ -1,4 +1,4 @@
-//! Where outputs go, and what is left where a run is ended.
+//! Output locations, and files left by an aborted run.
 
 use std::process::{Command, Stdio};
 
@@ -22,7 +22,7 @@ fn long_names_are_written() {
     assert_eq!(folder.names().len(), 3, "{:?}", folder.names());
 }
 
-/// A reader that is gone wanted no more.
+/// A reader that closes the pipe wants no more output.
 #[test]
 fn a_closed_pipe_is_no_failure() {
     let folder = Folder::new();
@@ -40,7 +40,7 @@ fn a_closed_pipe_is_no_failure() {
         assert_eq!(ended.status.code(), Some(0), "{args:?}: {said}");
         assert!(said.lines().all(|line| line.starts_with("note:")), "{args:?}: {said}");
     }
-    // Nobody reads errors, either.
+    // The reader of standard error is gone too.
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     let ended = program(&["inspect", "missing"]).stderr(writer).status().unwrap();
@@ -63,7 +63,7 @@ fn a_full_disk_behind_standard_output_is_one_line() {
     }
 }
 
-/// Ctrl-C, SIGTERM and a closed terminal leave the earlier file and nothing else.
+/// Ctrl-C, SIGTERM and a closed terminal leave the previous file and nothing else.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_run_that_is_ended_leaves_nothing() {
@@ -73,7 +73,7 @@ fn a_run_that_is_ended_leaves_nothing() {
     let mut before = folder.names();
     before.sort();
     for (signal, number) in [("INT", 2), ("TERM", 15), ("HUP", 1)] {
-        // As from a terminal, whatever the tests were started by.
+        // As from a terminal, however the tests were started.
         let mut command = Command::new("env");
         command.arg("--default-signal").args([env!("CARGO_BIN_EXE_umo"), "animate", &speech, "-o", &out]);
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -88,7 +88,7 @@ fn a_run_that_is_ended_leaves_nothing() {
     }
 }
 
-/// What a run ignores since it was started, as by `nohup`, it goes on to ignore.
+/// Signals that were ignored at the start, as by `nohup`, stay ignored.
 #[cfg(target_os = "linux")]
 #[test]
 fn signals_that_are_ignored_end_nothing() {
@@ -134,7 +134,7 @@ fn an_input_is_no_output() {
         assert!(line.contains("is an input and an output"), "{args:?}: {line}");
     }
     assert!(folder.read("speech.wav") == recording);
-    // A manifest's outputs likewise, its own results among them.
+    // The same for a manifest's outputs, including its results file.
     folder.file("lines.jsonl", br#"{"file": "speech.wav", "output": "lines.jsonl"}"#);
     assert!(folder.refused(&["batch", &folder.at("lines.jsonl")]).contains("is an input and an output"));
     folder.file("results.jsonl", br#"{"file": "speech.wav"}"#);

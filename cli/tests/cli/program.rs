@@ -1,11 +1,11 @@
-//! Running the program in a folder of its own.
+//! Runs the program in a temporary folder.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use tempfile::TempDir;
 
-/// How a run ended.
+/// Result of a run.
 #[derive(Debug)]
 pub(crate) struct Ended {
     pub(crate) code: i32,
@@ -14,7 +14,7 @@ pub(crate) struct Ended {
 }
 
 impl Ended {
-    /// Demands that it went well.
+    /// Asserts success.
     pub(crate) fn success(self) -> Self {
         assert_eq!(self.code, 0, "{}", self.err);
         assert!(!self.err.contains("error:"), "{}", self.err);
@@ -33,17 +33,17 @@ pub(crate) fn umo(args: &[&str]) -> Ended {
     }
 }
 
-/// A golden model.
+/// Path of a golden model.
 pub(crate) fn golden(name: &str) -> String {
     golden_file(name, "model.safetensors").to_str().unwrap().to_owned()
 }
 
-/// A file of a golden model's folder.
+/// Path of a file in a golden model's folder.
 pub(crate) fn golden_file(name: &str, file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name).join(file)
 }
 
-/// A folder that is removed in the end.
+/// A folder that is removed at the end.
 pub(crate) struct Folder(TempDir);
 
 impl Folder {
@@ -51,23 +51,23 @@ impl Folder {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// A path in it.
+    /// A path in the folder.
     pub(crate) fn at(&self, name: &str) -> String {
         self.0.path().join(name).to_str().unwrap().to_owned()
     }
 
-    /// A file in it with these bytes.
+    /// Writes a file with these bytes.
     pub(crate) fn file(&self, name: &str, bytes: &[u8]) -> String {
         std::fs::write(self.at(name), bytes).unwrap();
         self.at(name)
     }
 
-    /// The bytes of a file in it.
+    /// The bytes of a file.
     pub(crate) fn read(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.at(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    /// The names of everything in it, sorted.
+    /// Names of all files, sorted.
     pub(crate) fn names(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.0.path()).unwrap();
         let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -75,7 +75,7 @@ impl Folder {
         names
     }
 
-    /// A model of the least size.
+    /// A model of the smallest size.
     pub(crate) fn tiny(&self, name: &str, more: &[&str]) -> String {
         let path = self.at(name);
         umo(&[&["make-random", "--size", "tiny", "-o", &path], more].concat()).success();
@@ -94,13 +94,13 @@ impl Folder {
         path
     }
 
-    /// A recording of a voice, more or less.
+    /// A recording that resembles a voice.
     pub(crate) fn speech(&self) -> String {
         self.wav("speech.wav", &voice(9000))
     }
 
-    /// Demands that the program refuses these arguments with exit code 2 and one line of error, and
-    /// leaves the folder as it was. Returns the line.
+    /// Asserts that the program refuses these arguments with exit code 2 and one line of error, and
+    /// does not change the folder. Returns the line.
     pub(crate) fn refused(&self, args: &[&str]) -> String {
         let before = self.names();
         let ended = umo(args);
@@ -117,7 +117,7 @@ impl Folder {
     }
 }
 
-/// A tone that comes and goes.
+/// A tone that swells and fades.
 #[expect(clippy::cast_precision_loss, reason = "a second has far fewer than 2^24 samples")]
 pub(crate) fn voice(samples: usize) -> Vec<f32> {
     let sample = |i: usize| {

@@ -1,11 +1,11 @@
-//! The mouth follows the speech of recordings that are not plain.
+//! The mouth follows the speech of unusual recordings.
 
 use super::program::{Folder, umo};
 
-/// Seconds of speech.
+/// Duration of speech, seconds.
 const SECONDS: usize = 4;
 
-/// The shapes' `jawOpen` in a motion of a recording, and standard error.
+/// `jawOpen` in each frame of a recording's motion, and standard error.
 fn jaw(folder: &Folder, recording: &str) -> (Vec<f64>, String) {
     let model = format!("{}/../models/umo-people/model.safetensors", env!("CARGO_MANIFEST_DIR"));
     let out = folder.at("motion.jsonl");
@@ -86,7 +86,7 @@ fn other_containers_give_the_same_motion() {
         assert!(r >= 0.8, "{name}: {r}");
     }
     let plain = jaw(&folder, &file("hello.wav")).0;
-    // Frames by which AAC starts late, as its encoder made it.
+    // Delay in frames due to AAC's encoder.
     for (name, late, least) in
         [("hello.webm", 0, 0.9), ("hello.mka", 0, 0.9), ("hello-aac.mka", 2, 0.85), ("hello-opus.mp4", 0, 0.9)]
     {

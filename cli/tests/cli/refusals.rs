@@ -1,10 +1,10 @@
-//! What bad input gets: exit code 2, one line, and no file.
+//! Invalid input: exit code 2, one line, and no file.
 
 use safetensors::tensor::{Dtype, TensorView};
 
 use super::program::{Folder, golden, golden_file, umo, voice};
 
-/// No regular file, and always there.
+/// A path that exists and is not a regular file.
 const DEVICE: &str = if cfg!(windows) { "NUL" } else { "/dev/null" };
 
 #[test]
@@ -14,7 +14,7 @@ fn recordings_without_sound_are_refused() {
     let whole = std::fs::read(folder.speech()).unwrap();
     let data = whole.windows(4).position(|bytes| bytes == b"data").unwrap();
     let mut lying = whole.clone();
-    // The format chunk claims to go on beyond the end of the file.
+    // The format chunk claims to extend beyond the end of the file.
     lying[16..20].copy_from_slice(&u32::MAX.to_le_bytes());
     let recordings = [
         (folder.file("nothing.wav", b""), "WAV"),
@@ -42,7 +42,7 @@ fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
     let speex = [&b"OggS\0\x02"[..], &[0; 22], b"Speex   "].concat();
     let g_726 =
         [&b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x45\0\x01\0\x40\x1f\0\0\xa0\x0f\0\0\x01\0\x04\0data"[..], &[0; 8]].concat();
-    // What each begins with; then names alone, of files whose start says nothing.
+    // The first bytes of each format; then names only, for files whose first bytes are not known.
     for (name, start, format) in [
         ("b.amr", &b"#!AMR\n.........."[..], "AMR"),
         ("c.ogg", &speex[..], "Speex"),
@@ -169,7 +169,7 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     assert!(refused(&folder.at("motion"), &[]).contains("--format"));
     assert!(refused(&folder.at("motion.fbx"), &[]).contains("fbx"));
     assert!(refused(&folder.at("motion.npz"), &["--format", "fbx"]).contains("fbx"));
-    // One good output beside a bad one is not left half done.
+    // A valid output beside an invalid one is not left incomplete.
     refused(&folder.at("good.npz"), &["-o", &folder.at("missing/bad.npz")]);
     let (tiny, input) = (folder.tiny("tiny.safetensors", &[]), golden_file("mel_k2_arkit", "cases.safetensors"));
     let input = input.to_str().unwrap();
@@ -248,7 +248,7 @@ fn arguments_that_make_no_sense_are_refused() {
         &["animate", &speech, "-o", &out, "--gesture-clip", "salute"],
         &["animate", &speech, "-o", &out, "--gesture-clip", "salute=a.glb,leg"],
     ] {
-        // Usage follows the error, on lines of its own.
+        // The usage follows the error, on separate lines.
         let ended = super::umo(args);
         assert_eq!(ended.code, 2, "{args:?}");
         assert_eq!(ended.err.lines().filter(|line| line.starts_with("error:")).count(), 1, "{}", ended.err);
@@ -292,7 +292,7 @@ fn start_poses_that_are_none_are_refused() {
     let refused = |model: &str, start: &str| {
         folder.refused(&["animate", &speech, "--model", model, "--start-pose", start, "-o", &out])
     };
-    // A model without encoders cannot read motion.
+    // A model without encoders cannot encode motion.
     let line = refused(&golden("mel_k1_upcycled"), &start);
     assert!(line.contains("encoder"), "{line}");
     for cut in [0, 1, 100, bytes.len() / 2, bytes.len() - 1] {

@@ -1,4 +1,4 @@
-//! `umo retarget`: onto umo's own files, which are characters like any other.
+//! `umo retarget` onto umo's own files, which are characters like any other.
 
 use super::program::{Folder, golden, umo};
 
@@ -23,7 +23,7 @@ fn speech_and_motions_are_brought_to_characters_and_skeletons() {
             assert!(ended.out.contains("16 frames, 0.53 s") && ended.out.contains("SMPL-X names"), "{}", ended.out);
         }
     }
-    // From the speech and from the file that was made of it comes the same.
+    // The speech and the file made of it give the same result.
     umo(&["retarget", &speech, "--onto", &bvh, "-o", &folder.at("a.bvh"), "--model", &model]).success();
     umo(&["retarget", &jsonl, "--onto", &bvh, "-o", &folder.at("b.bvh")]).success();
     let numbers = |name: &str| -> Vec<f64> {
@@ -32,7 +32,7 @@ fn speech_and_motions_are_brought_to_characters_and_skeletons() {
     };
     let (a, b) = (numbers("a.bvh"), numbers("b.bvh"));
     assert_eq!(a.len(), b.len());
-    // Angles near a right angle of the middle one may be split differently: most agree.
+    // If the middle angle is near a right angle, the Euler angles may differ: most agree.
     let near = a.iter().zip(&b).filter(|(a, b)| (**a - **b).abs() < 0.01).count();
     assert!(near * 100 > a.len() * 99, "{near} of {}", a.len());
 }
@@ -49,7 +49,7 @@ fn a_character_is_inspected_and_said_what_it_lacks() {
     }
     assert!(umo(&["inspect", &bvh]).success().out.contains("by SMPL-X names"));
     assert!(folder.refused(&["inspect", &glb, "--verify"]).contains("go with a model"));
-    // What a motion's file does not say is said.
+    // The up axis, which the motion's file does not state, is reported if it is changed.
     let box_of = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters/");
     let [turned, boxes] = ["z_up.npz", "character.glb"].map(|name| format!("{box_of}{name}"));
     let ended = umo(&["retarget", &turned, "--onto", &boxes, "-o", &folder.at("out.glb")]).success();
@@ -113,7 +113,7 @@ fn what_cannot_be_brought_anywhere_is_refused() {
         (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &text], ""),
     ] {
         if word.is_empty() {
-            // An empty mapping says nothing, which is no mistake.
+            // An empty mapping changes nothing, and is valid.
             umo(&args).success();
         } else {
             let refused = folder.refused(&args);
@@ -123,7 +123,7 @@ fn what_cannot_be_brought_anywhere_is_refused() {
     assert_eq!(umo(&["retarget", &npz, "--onto", &glb]).code, 2, "an output is needed");
 }
 
-/// The figures that are written to take away are characters that this program knows, with every channel of the face.
+/// The program recognises its own exported figures as characters, with every face channel.
 #[test]
 fn figures_are_avatars_that_speech_moves() {
     let folder = Folder::new();

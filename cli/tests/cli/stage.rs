@@ -12,7 +12,7 @@ use super::program::{Folder, golden, golden_file, umo};
 /// Largest difference to the reference, relative to the reference's largest value.
 const TOLERANCE: f32 = 2e-4;
 
-/// One case's tensors without the case's name.
+/// Tensors of one case, with the case's name removed.
 fn of_case<'a>(cases: &SafeTensors<'a>, prefix: &str) -> HashMap<String, TensorView<'a>> {
     let named = cases.tensors().into_iter();
     named.filter_map(|(name, view)| Some((name.strip_prefix(prefix)?.to_owned(), view))).collect()
@@ -34,12 +34,12 @@ fn compare(name: &str, got: &TensorView, want: &TensorView) {
     assert!(error <= TOLERANCE * largest, "{name}: {error} of {largest}");
 }
 
-/// Runs one case and compares everything that was written with the reference.
+/// Runs one case and compares all outputs with the reference.
 fn check(model: &str, case: &str, more: &[&str]) {
     check_file(&golden(model), model, case, more);
 }
 
-/// As `check`, with the model file `file` instead of the one that the reference ran.
+/// As `check`, with the model `file` instead of the reference's model.
 fn check_file(file: &str, model: &str, case: &str, more: &[&str]) {
     let folder = Folder::new();
     let bytes = std::fs::read(golden_file(model, "cases.safetensors")).unwrap();
@@ -76,7 +76,7 @@ fn every_stage_gives_what_the_reference_gives() {
     }
 }
 
-/// A rotated model gives what the reference gives for the model itself, in both layouts: with gains
+/// A rotated model gives the reference's results for the original model, in both layouts: with gains
 /// folded, and tables, layers and heads rotated.
 #[test]
 fn a_rotated_model_gives_what_the_reference_gives() {

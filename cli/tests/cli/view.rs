@@ -1,4 +1,4 @@
-//! `umo view`: the pages that it writes, and what it refuses. What they show is tested in a browser
+//! `umo view`: its pages and its refusals. The rendering is tested in a browser
 //! (`scripts/test-page`).
 
 use super::program::{Ended, Folder, golden, umo};
@@ -57,14 +57,14 @@ fn animations_that_were_made_before_have_pages() {
     }
 }
 
-/// A `.glb` file of nothing but this JSON.
+/// A `.glb` file with only this JSON.
 fn glb(json: &str) -> Vec<u8> {
     let text = format!("{json}{}", " ".repeat(json.len().next_multiple_of(4) - json.len()));
     let word = |length: usize| u32::try_from(length).unwrap().to_le_bytes();
     [&b"glTF"[..], &word(2), &word(20 + text.len()), &word(text.len()), b"JSON", text.as_bytes()].concat()
 }
 
-/// The JSON of a `.glb` file with something of its text replaced.
+/// The JSON of a `.glb` file with part of its text replaced.
 fn replaced(file: &[u8], from: &str, to: &str) -> Vec<u8> {
     let length = usize::try_from(u32::from_le_bytes(file[12..16].try_into().unwrap())).unwrap();
     let json = std::str::from_utf8(&file[20..20 + length]).unwrap();
@@ -79,7 +79,7 @@ fn a_character_wears_the_motion() {
     let folder = Folder::new();
     let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
     umo(&["animate", &speech, "--model", &model, "-o", &folder.at("motion.glb")]).success();
-    // Bones with names of their own, and no animation.
+    // Bones with unknown names, and no animation.
     let stranger = replaced(&folder.read("motion.glb"), "\"animations\":", "\"extras\":");
     let stranger = ["pelvis", "spine1"]
         .iter()
@@ -92,7 +92,7 @@ fn a_character_wears_the_motion() {
     assert!(onto.contains("\"character\":{\"nodes\":[") && onto.contains("id=\"block-character\""));
     assert!(onto.contains("\"record\":{") && onto.contains("id=\"block-audio\""));
     assert!(onto.contains("\"mesh\":{\"moving\":0,"), "the figure stays at home");
-    // What `umo retarget` writes has all in it, and is shown without the speech.
+    // The output of `umo retarget` is complete, and is shown without the speech.
     let moved = folder.at("moved.glb");
     umo(&["retarget", &speech, "--model", &model, "--onto", &stranger, "--mapping", &mapping, "-o", &moved]).success();
     let ended = view(&[&moved, "--mapping", &mapping, "-o", &page]).success();
@@ -102,7 +102,7 @@ fn a_character_wears_the_motion() {
         |page: &str| page.split("id=\"block-character\">").nth(1).unwrap().split('<').next().unwrap().to_owned();
     assert_eq!(block(&own), block(&onto), "the page has what `umo retarget` writes");
     assert!(own.contains("\"record\":null") && own.contains("\"audio\":null"));
-    // So is a character of another program's whose bones have umo's names; what umo made is shown on its figure.
+    // A character of another program with umo's bone names is shown too; umo's own motion is shown on its figure.
     let motion = folder.read("motion.glb");
     for (name, glb, worn) in [("theirs.glb", replaced(&motion, "\"umo ", "\"abc "), true), ("ours.glb", motion, false)]
     {
@@ -165,7 +165,7 @@ fn what_cannot_be_viewed_is_refused() {
     }
 }
 
-/// A folder of the npm package, without anything that works in it.
+/// A folder like the npm package, with empty files.
 fn package(folder: &Folder) -> String {
     for (name, text) in
         [("dist/umo.wasm", "wasm"), ("src/index.js", "js"), ("src/index.d.ts", "types"), ("LICENSE-MIT", "MIT")]

@@ -1,10 +1,10 @@
 //! Attributes that compile a function for one instruction set: the list of target features of each
 //! back-end of `umo-kernels`, written once.
 //!
-//! `#[avx2] fn f() {}` is `#[target_feature(enable = "avx2,fma")] fn f() {}`. The compiler does the
-//! rest: such a function is safe to call from a function with at least the same features, and from
-//! nowhere else. `umo_kernels::isa` detects the same features and hands out a token for each list;
-//! the two are to be changed together.
+//! `#[avx2] fn f() {}` is `#[target_feature(enable = "avx2,fma")] fn f() {}`. The compiler checks
+//! the calls: such a function is safe to call from a function with at least the same features, and
+//! from nowhere else. `umo_kernels::isa` detects the same features and issues a token for each list;
+//! both must change together.
 
 use proc_macro::TokenStream;
 

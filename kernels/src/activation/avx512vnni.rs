@@ -37,11 +37,11 @@ entry! {
     }
 }
 
-/// The largest value that is not a NaN; minus infinity where there is none.
+/// The largest value except NaN; minus infinity if all are NaN.
 #[avx512vnni]
 fn largest_of(x: &[f32]) -> f32 {
     let (chunks, tail) = x.as_chunks::<LANES>();
-    // The second operand is what `max` returns where one is a NaN.
+    // `max` returns the second operand if one is a NaN.
     let mut max = _mm512_set1_ps(f32::NEG_INFINITY);
     for x in chunks {
         max = _mm512_max_ps(load(x), max);

@@ -36,7 +36,7 @@ entry! {
     }
 }
 
-/// The largest value that is not a NaN; minus infinity where there is none.
+/// The largest value except NaN; minus infinity if all are NaN.
 #[neon]
 fn largest_of(x: &[f32]) -> f32 {
     let (chunks, tail) = x.as_chunks::<HALF>();
@@ -44,7 +44,7 @@ fn largest_of(x: &[f32]) -> f32 {
     for x in chunks {
         let x = load(x);
         for half in 0..2 {
-            // A NaN is not greater.
+            // A comparison with NaN is false.
             max[half] = vbslq_f32(vcgtq_f32(x[half], max[half]), x[half], max[half]);
         }
     }

@@ -12,7 +12,7 @@ pub(super) fn apply(activation: Activation, x: &mut [f32]) {
     }
 }
 
-/// The largest value, not a NaN unless all are.
+/// The largest value except NaN; NaN if all are NaN.
 fn largest(x: &[f32]) -> f32 {
     x.iter().fold(f32::NEG_INFINITY, |max, &x| if x > max { x } else { max })
 }
@@ -25,7 +25,7 @@ pub(super) fn softmax(x: &mut [f32]) {
     divide(x);
 }
 
-/// Divides every element by the sum of all.
+/// Divides every element by the sum of all elements.
 #[inline(always)]
 pub(super) fn divide(x: &mut [f32]) {
     let sum = sum_of(x, |x| x);

@@ -33,7 +33,7 @@ fn each(x: &mut [f32], f: impl Fn(Register) -> Register) {
     }
 }
 
-/// The largest value that is not a NaN; minus infinity where there is none.
+/// The largest value except NaN; minus infinity if all are NaN.
 fn largest_of(x: &[f32]) -> f32 {
     let (chunks, tail) = x.as_chunks::<WIDTH>();
     let max = chunks.iter().fold(splat(f32::NEG_INFINITY), |max, x| max_lanes(max, load(x)));

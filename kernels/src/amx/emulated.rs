@@ -6,7 +6,7 @@ use core::array::from_fn;
 use core::cell::Cell;
 
 type Tile = [[u8; BYTES]; TILE];
-/// Values of four bytes in a tile's row.
+/// Four-byte values in a tile's row.
 const WIDE: usize = BYTES / 4;
 
 /// Eight tiles.
@@ -14,7 +14,7 @@ pub(super) struct Registers([Cell<Tile>; 8]);
 
 impl Registers {
     /// # Safety
-    /// None; the processor's own have one.
+    /// None; the hardware version has preconditions.
     pub(super) unsafe fn configure() -> Self {
         Self(from_fn(|_| Cell::new([[0; BYTES]; TILE])))
     }
@@ -43,7 +43,7 @@ impl Registers {
     /// # Safety
     /// 64 bytes of each row are readable.
     pub(super) unsafe fn load_streaming<const T: u8>(&self, rows: *const u8, stride: usize) {
-        // SAFETY: this function's contract is that one's.
+        // SAFETY: by this function's contract, which is the same.
         unsafe { self.load::<T>(rows, stride) }
     }
 
@@ -109,7 +109,7 @@ fn bytes<T>(numbers: [[T; WIDE]; TILE], f: impl Fn(T) -> [u8; 4]) -> Tile {
     })
 }
 
-/// Numbers below the normal ones are zeros of their sign.
+/// Flushes denormals to zeros of their sign.
 fn flush(value: f32) -> f32 {
     if value.is_subnormal() { 0.0_f32.copysign(value) } else { value }
 }

@@ -1,4 +1,4 @@
-//! The instructions: the processor's own tiles.
+//! Tile instructions of the processor.
 
 use core::arch::asm;
 

@@ -3,8 +3,8 @@
 //! `tdpbf16ps` has 16 times the multiply-adds per cycle of f32 registers, but takes bf16, with
 //! 8 bits of mantissa. An f32 has 24: it is exactly the sum of three bf16 values ([`PARTS`]),
 //! from its leading, middle and last bits. Of the nine products of two such sums the six are
-//! computed whose size is at least 2^-16 of the largest; the others are below the rounding of
-//! f32.
+//! from its leading, middle and last bits. Of the nine products of two such sums, the six
+//! with a size of at least 2^-16 of the largest are computed; the others are below the rounding of
 //!
 //! ```text
 //!               keys or columns: tmm6 tmm7
@@ -12,7 +12,7 @@
 //!         16..32: tmm5             tmm2 tmm3
 //! ```
 //! Scores of 32 queries are stored in tiles of 16 keys; softmax replaces two tiles of scores by
-//! three tiles of weight parts. Every query is computed so, however few there are: a row's bits
+//! three tiles of weight parts. Any number of queries takes this path: a row's bits
 //! do not depend on the other rows.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
@@ -31,9 +31,9 @@ use core::mem::MaybeUninit;
 use core::ops::Range;
 use umo_kernels_features::avx512vnni;
 
-/// Widest head; wider ones are left to AVX-512.
+/// Widest head; AVX-512 computes wider ones.
 pub(super) const MAX_DIM: usize = 64;
-/// Fewest keys that repay the packing.
+/// Fewest keys for which packing pays.
 const FEWEST_KEYS: usize = 65;
 
 /// Keys per block: packed keys and values take 96 KiB of L2 each, scores 48 KiB.
@@ -43,7 +43,7 @@ const BLOCK: usize = 512;
 /// Bfloat16 values in a row of a tile: lane `i` of a register holds the values `i` and `16 + i`.
 const PAIRS: usize = 2 * LANES;
 
-/// 16 rows of 16 f32, or of 16 pairs of bfloat16, each row at home in one register.
+/// 16 rows of 16 f32, or of 16 pairs of bfloat16; each row fits one register.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Tile<Row = [f32; 16]>(pub(super) [Row; ROWS]);
@@ -52,37 +52,37 @@ impl Tile {
     pub(super) const ZERO: Self = Self([[0.0; 16]; ROWS]);
 }
 
-/// A row that is written here and read by tiles only. It is not initialized first: rows that
-/// nothing reads cost nothing.
+/// A row that is written here and read only by tiles. It is not initialized: rows that are never
+/// read cost nothing.
 pub(super) type Packed = MaybeUninit<[f32; 16]>;
 
 impl Tile<Packed> {
     pub(super) const EMPTY: Self = Self([MaybeUninit::uninit(); ROWS]);
 }
 
-/// What an f32 is the sum of, largest first.
+/// Number of bf16 parts of an f32, largest first.
 const PARTS: usize = 3;
-/// The parts of the same 16 x 32 values.
+/// The three parts of 16 x 32 values.
 type Split<Row = [f32; 16]> = [Tile<Row>; PARTS];
 /// Products of two splits.
 const PRODUCTS: usize = 6;
 
-/// Pieces of exponentials computed early, after each four products with values; a weight costs
+/// Number of pieces of exponentials computed early, after each four products with values; a weight costs
 /// as much as four scores.
 const EARLY: usize = 2;
 
 /// Groups of 16 queries processed at once.
 const GROUPS: usize = 2;
 
-/// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
+/// Indexed by 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
 type Keys = [[Split<Packed>; MAX_DIM / PAIRS]; KEYS / ROWS];
-/// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
+/// Indexed by 32 keys and 16 of `head_dim`: rows of pairs of keys.
 type Values = [[Split<Packed>; MAX_DIM / LANES]; KEYS / PAIRS];
-/// By 16 queries and 32 of `head_dim`.
+/// Indexed by 16 queries and 32 of `head_dim`.
 type Queries = [[Split<Packed>; MAX_DIM / PAIRS]; GROUPS];
-/// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
+/// Indexed by 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
 type Scores = [[Split; KEYS / PAIRS]; GROUPS];
-/// By 16 queries and 16 of `head_dim`: weighted sums of values over the current block of keys.
+/// Indexed by 16 queries and 16 of `head_dim`: weighted sums of values over the current block of keys.
 pub(super) type Sums = [[Tile; MAX_DIM / LANES]; GROUPS];
 
 /// The buffers of one call.
@@ -90,25 +90,25 @@ struct Work {
     k: Keys,
     v: Values,
     q: Queries,
-    /// Of the queries whose scores are computed, and of those whose values are summed.
+    /// Scores of the queries being scored, and of those whose values are being summed.
     scores: [Scores; 2],
     sums: Sums,
 }
 
-/// One query's softmax so far.
+/// State of one query's softmax.
 #[derive(Clone, Copy)]
 struct Softmax {
     max: f32,
     sum: f32,
 }
 
-/// Whether tiles are faster: a question of the keys and their width, never of the number of
+/// Whether tiles are faster; depends only on the keys and their width, never on the number of
 /// queries.
 fn pays(x: &Operands<f32>) -> bool {
     x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MAX_DIM
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[ROWS, GROUPS * ROWS, BLOCK],
@@ -150,14 +150,14 @@ fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     }
 }
 
-/// Processes the queries from `start` on, as many as there are softmax states, with the keys
+/// Processes one query per softmax state, from `start` on, with the keys
 /// and values `keys`.
 ///
 /// Software pipeline over blocks of 32 queries: while the tiles compute the scores of a block,
 /// the registers compute weights of the block before; while the tiles sum the values of that
 /// block, the registers scale the scores of the next and compute its first weights. Tiles leave
-/// one of two vector ports, 64 operations for four products; more operations stall both, so
-/// that they are spread evenly over both halves.
+/// one of two vector ports free, 64 operations for four products; more operations stall both, so
+/// they are spread evenly over both halves.
 #[avx512vnni]
 fn queries(
     tiles: &Tiles,
@@ -241,7 +241,7 @@ struct Done {
     rows: usize,
     /// Pairs of tiles done in the next row.
     pairs: usize,
-    /// The largest score or the sum of weights in them, by lanes.
+    /// The largest score, or the sum of weights, of those pairs, by lane.
     lanes: [f32; 16],
 }
 
@@ -250,14 +250,14 @@ struct Block<'a> {
     x: Operands<'a, f32>,
     /// The first query.
     i: usize,
-    /// The first key, and how many.
+    /// The first key, and the number of keys.
     first: usize,
     keys: usize,
     softmaxes: &'a mut [Softmax],
     scores: &'a mut Scores,
     scored: Done,
     exponentiated: Done,
-    /// Largest scores before these keys; then the factors that rescale earlier sums.
+    /// Largest scores before these keys; later, the factors that rescale earlier sums.
     shrink: [f32; GROUPS * ROWS],
     /// Sums of weights.
     sums: [f32; GROUPS * ROWS],
@@ -309,8 +309,8 @@ impl<'a> Block<'a> {
         store(lanes, largest);
     }
 
-    /// Computes the factors of all rows at once: the latency of a single row's would not be
-    /// hidden.
+    /// Computes the factors of all rows at once, to hide the latency of a
+    /// single one.
     #[avx512vnni]
     fn rescale(&mut self) {
         let mut max = [0.0; GROUPS * ROWS];
@@ -323,7 +323,7 @@ impl<'a> Block<'a> {
     }
 
     /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights
-    /// `exp(score - max)`, as far as rows have all their scores.
+    /// `exp(score - max)`, for the rows whose scores are complete.
     #[avx512vnni]
     fn softmax_weights(&mut self, pieces: usize) {
         let (Done { rows, pairs, lanes }, all) = (&mut self.exponentiated, self.keys.div_ceil(PAIRS));
@@ -345,7 +345,7 @@ impl<'a> Block<'a> {
         store(lanes, sum);
     }
 
-    /// Adds the sums of weights to those of earlier keys.
+    /// Adds the sums of weights to the sums over earlier keys.
     fn add_up(&mut self) {
         for ((softmax, sum), shrink) in self.softmaxes.iter_mut().zip(&self.sums).zip(&self.shrink) {
             softmax.sum = softmax.sum * shrink + sum;
@@ -372,7 +372,7 @@ pub(super) fn add(sums: &[Tile; MAX_DIM / LANES], r: usize, shrink: Option<f32>,
     }
 }
 
-/// `x / total`, rounded correctly: one division for a row instead of a slow one per register.
+/// `x / total`, rounded correctly: one division per row instead of a slow one per register.
 #[avx512vnni]
 fn divide(x: __m512, total: f32) -> __m512 {
     let (total, inverse) = (_mm512_set1_ps(total), _mm512_set1_ps(1.0 / total));
@@ -453,7 +453,7 @@ fn upper_half(x: __m512) -> __m512 {
     _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), _mm512_set1_epi32(!0xffff)))
 }
 
-/// Upper halves of `a` in the lower halves of the lanes, of `b` in the upper ones.
+/// Puts the upper halves of `a` into the lower halves of the lanes, and the upper halves of `b` into the upper ones.
 #[inline]
 #[avx512vnni]
 fn paired(a: __m512, b: __m512) -> __m512 {
@@ -478,7 +478,7 @@ pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
 }
 
 /// Packs queries as rows of pairs; rows beyond the last keep their old contents, whose results
-/// nothing reads.
+/// are never read.
 #[avx512vnni]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
@@ -537,8 +537,8 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
     }
 }
 
-/// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the
-/// rest, and returns the larger of each lane and `largest`.
+/// Turns row `r` of the dot products with the keys from `at` on, out of `keys`, into scores, masks the
+/// rest, and returns the lane-wise maximum with `largest`.
 #[inline]
 #[avx512vnni]
 fn score(
@@ -563,7 +563,7 @@ fn score(
     _mm512_max_ps(largest, _mm512_max_ps(a, b))
 }
 
-/// Turns row `r` of 32 scores into the parts of weights, and returns the sums of these.
+/// Turns row `r` of 32 scores into the parts of weights, and returns the sums of the weights.
 #[inline]
 #[avx512vnni]
 fn softmax_weights([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {

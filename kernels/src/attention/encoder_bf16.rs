@@ -26,7 +26,7 @@ use crate::mat::MatMut;
 use crate::math::scalar::exp;
 use crate::tiling::Tiling;
 
-/// Calls the attention in bf16 of a back-end.
+/// Calls a back-end's bf16 attention.
 macro_rules! dispatch_bf16 {
     ($isa:expr, $function:ident($($argument:expr),*)) => {
         dispatch!($isa, $function($($argument),*), {
@@ -58,7 +58,7 @@ const KEYS: usize = 256;
 /// Products that are summed separately: a row of a tile.
 const STEP: usize = 32;
 
-/// One query's softmax so far, scores in powers of 2.
+/// State of one query's softmax, with scores in powers of 2.
 #[derive(Clone, Copy)]
 struct Softmax {
     max: f32,
@@ -70,16 +70,16 @@ struct Softmax {
 impl Softmax {
     const START: Self = Self { max: f32::NEG_INFINITY, sum: 0.0, shrink: 0.0 };
 
-    /// Takes the largest score of more keys in.
+    /// Updates the maximum with the largest score of more keys.
     fn update_max(&mut self, largest: f32) {
         let max = self.max.max(largest);
-        // Nothing came before the first keys.
+        // No sums exist before the first keys.
         let first = self.max == f32::NEG_INFINITY;
         self.shrink = if first { 0.0 } else { exp((self.max - max) * core::f32::consts::LN_2) };
         self.max = max;
     }
 
-    /// Takes these keys' weights in.
+    /// Adds the weights of these keys.
     fn add(&mut self, sum: f32) {
         self.sum = self.sum * self.shrink + sum;
     }

@@ -1,6 +1,6 @@
 //! The loops of the vector back-ends, compiled once per instruction set: every back-end includes
-//! this file as its module `loops`. What differs stands in its module `vector`: the register with
-//! its operations, `WIDTH` lanes of it, the tile shapes (`BLOCK`, `COLUMNS`, `ORDER`, `PAIRS`), the
+//! this file as its module `loops`. Its module `vector` holds the differences: the register of
+//! `WIDTH` lanes with its operations, the tile shapes (`BLOCK`, `COLUMNS`, `ORDER`, `PAIRS`), the
 //! shuffles `transpose` and `sums_of`, and the attribute `features`.
 //!
 //! Not functions over a trait of registers: `[f32; S::WIDTH]` is not a type in stable Rust, and a
@@ -27,7 +27,7 @@ const TILE: usize = 64;
 /// Most columns of packed keys and values; wider heads are computed without packing.
 const PACKED_DIM: usize = 64;
 
-/// Fewest queries that repay the packing of keys and values.
+/// Fewest queries for which packing keys and values pays.
 const PACKED_QUERIES: usize = 8;
 
 /// Keys whose dot products are computed at once.
@@ -36,7 +36,7 @@ const DOTS: usize = 4;
 /// Registers in a row of the usual width, 64.
 const WHOLE: usize = 64 / WIDTH;
 
-/// What keys and values are stored as: widened to f32 as it is loaded.
+/// Storage type of keys and values, widened to f32 when loaded.
 pub(in crate::attention) trait Load: Copy {
     /// # Safety
     /// The processor has the features of this back-end.
@@ -96,7 +96,7 @@ fn widened_part<T: Load>(src: &[T]) -> Register {
 #[repr(align(64))]
 struct Weights<const Q: usize>([[f32; TILE]; Q]);
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) const TILING: Tiling = Tiling {
     rows: &[4, PACKED_QUERIES, BLOCK],
     outputs: &[WIDTH, TILE],
@@ -123,17 +123,17 @@ pub(in crate::attention) fn attention<T: Load>(x: Operands<T>, mut y: MatMut<f32
     }
 }
 
-/// Heads that are computed side by side: none waits for another's maximum or sum.
+/// Heads computed side by side, so that none waits for another's maximum or sum.
 const HEADS: usize = 4;
 
-/// Widths of heads that have loops of their own.
+/// Head widths with specialised loops.
 const HEAD_DIMS: [usize; 3] = [32, 48, 64];
 
-/// Where the loops over heads change.
+/// Sizes at which the loops over heads change.
 pub(super) const HEADS_TILING: Tiling =
     Tiling { rows: &[HEADS], outputs: &[WIDTH, TILE], inputs: &HEAD_DIMS, held: 0, chunk: 0 };
 
-/// All heads of all rows, a query each, with the operations of [`attention`] in its order.
+/// All heads of all rows, one query each, with the operations of [`attention`] in the same order.
 #[features]
 pub(in crate::attention) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
     match x.head_dim() {
@@ -150,7 +150,7 @@ pub(in crate::attention) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
     }
 }
 
-/// Heads of `C` registers, whose keys are one tile.
+/// Heads of `C` registers, with keys that fit one tile.
 #[features]
 fn heads_of<const C: usize>(x: HeadOperands, y: &mut MatMut<f32>) {
     let (heads, filled) = (x.cache.heads, x.cache.filled);
@@ -184,8 +184,8 @@ fn heads_of<const C: usize>(x: HeadOperands, y: &mut MatMut<f32>) {
     }
 }
 
-/// The dot products of a query with every key, at most [`TILE`]; up to `WIDTH - 1` more, of no
-/// meaning, follow them.
+/// The dot products of a query with every key, at most [`TILE`]; up to `WIDTH - 1` meaningless
+/// values follow them.
 #[inline]
 #[features]
 fn head_scores<const C: usize>(q: &[[f32; WIDTH]; C], k: &[[[f32; WIDTH]; C]], weights: &mut [f32; TILE]) {
@@ -226,7 +226,7 @@ fn head_values<const C: usize>(weights: &[f32; TILE], v: &[[[f32; WIDTH]; C]], y
     }
 }
 
-/// One, two or four queries from `i` on; returns how many.
+/// Processes one, two or four queries from `i` on; returns their number.
 #[features]
 fn few<T: Load, F: Prefetch>(x: Operands<T>, i: usize, y: &mut MatMut<f32>) -> usize {
     match x.q.rows() - i {
@@ -236,8 +236,8 @@ fn few<T: Load, F: Prefetch>(x: Operands<T>, i: usize, y: &mut MatMut<f32>) -> u
     }
 }
 
-/// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the
-/// projections do.
+/// A tile of keys, transposed, and of values, dense: unlike the projections, neither strides across
+/// the sets of L1.
 #[repr(align(64))]
 struct Packed {
     /// `[head_dim, TILE]`.
@@ -246,8 +246,8 @@ struct Packed {
     v: [f32; TILE * PACKED_DIM],
 }
 
-/// `count` queries from `i` on, a multiple of 4 and at most [`BLOCK`], tile by tile of packed keys
-/// and values.
+/// Processes `count` queries from `i` on, a multiple of 4 and at most [`BLOCK`], tile by tile of packed
+/// keys and values.
 #[features]
 fn block<T: Load>(x: Operands<T>, i: usize, count: usize, y: &mut MatMut<f32>) {
     let dim = x.q.cols();
@@ -300,7 +300,7 @@ fn pack_keys<T: Load>(k: Mat<T>, packed: &mut [[f32; TILE]; PACKED_DIM]) {
     }
 }
 
-/// What a query's partial sums are stored as before they are added: [`PAIRS`] pairs each.
+/// Number of stored groups of a query's partial sums, [`PAIRS`] pairs each, before they are added.
 const GROUPS: usize = WIDTH / 2 / PAIRS;
 
 /// Sums for 4 queries x 2 registers of keys.
@@ -325,7 +325,7 @@ fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 
         for (sums, lanes) in pairs.iter_mut().zip(ORDER.as_chunks::<PAIRS>().0) {
             let mut total = [[zero(); 2]; 4];
             for p in 0..PAIRS {
-                // 4 queries x 2 registers of keys: 8 sums at a time, and 8 that wait for them.
+                // 4 queries x 2 registers of keys: 8 sums at a time, and 8 waiting partners.
                 let mut chains = [[[zero(); 2]; 4]; 2];
                 for half in 0..2 {
                     for c in 0..PACKED_DIM / WIDTH {
@@ -427,7 +427,7 @@ fn weighted<T: Load, V: Load, F: Prefetch, const Q: usize, const C: usize>(
     }
 }
 
-/// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow
+/// The dot products of `Q` queries with every key of `k`; up to `K - 1` meaningless values follow
 /// them.
 #[features]
 fn scores<T: Load, F: Prefetch, const Q: usize, const K: usize>(
@@ -456,8 +456,8 @@ fn scores<T: Load, F: Prefetch, const Q: usize, const K: usize>(
     }
 }
 
-/// Partial sums of the dot products of `Q` queries with `N` keys from `first + from` on, of the
-/// `K` from `first` on. A row has `C` registers; if `C` is 0, any number and a remainder.
+/// Partial sums of the dot products of `Q` queries with `N` keys from `first + from` on, out of the
+/// `K` from `first` on. A row has `C` registers; if `C` is 0, any number and a tail.
 #[inline]
 #[features]
 fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, const C: usize>(
@@ -503,7 +503,7 @@ fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, co
     }
 }
 
-/// One query's softmax so far.
+/// State of one query's softmax.
 #[derive(Clone, Copy)]
 struct Softmax {
     max: f32,
@@ -512,7 +512,7 @@ struct Softmax {
 }
 
 impl Softmax {
-    /// Before the first tile.
+    /// The state before the first tile.
     const START: Self = Self { max: f32::NEG_INFINITY, sum: [0.0; WIDTH] };
 
     /// Divides the sums of weighted values by the sum of weights.
@@ -599,7 +599,7 @@ fn values<V: Load, F: Prefetch, const Q: usize, const C: usize>(
     }
 }
 
-/// Processes `C` registers of columns from `column` on, or (`PART`) the rest of one; returns
+/// Processes `C` registers of columns from `column` on, or (`PART`) part of one; returns
 /// the number of columns.
 #[features]
 fn columns<V: Load, F: Prefetch, const Q: usize, const C: usize, const PART: bool>(
@@ -614,7 +614,7 @@ fn columns<V: Load, F: Prefetch, const Q: usize, const C: usize, const PART: boo
     let end = v.cols().min(column + C * WIDTH);
     let mut sums = [[zero(); C]; Q];
     for r in 0..Q {
-        // Nothing has been summed up before the first tile.
+        // There are no sums before the first tile.
         if shrink[r] != 0.0 {
             let y = &y.row(i + r)[column..end];
             for c in 0..C {

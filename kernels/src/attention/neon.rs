@@ -10,12 +10,12 @@ use crate::mat::MatMut;
 use crate::tiling::Tiling;
 pub(super) use loops::Load;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
     loops::TILING
 }
 
-/// Where the loops over heads change.
+/// Sizes at which the loops over heads change.
 pub(super) fn heads_tiling(_token: Neon) -> Tiling {
     loops::HEADS_TILING
 }

@@ -5,7 +5,7 @@ use crate::error::{ShapeError, expect_len};
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::PrefetchHint;
 
-/// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score
+/// A bias that depends only on `key - query`: query `i` adds `values[origin + j - i]` to its score
 /// of key `j`.
 ///
 /// All biases of one query are contiguous, so that no `[m, n]` matrix of them exists.
@@ -17,7 +17,7 @@ pub struct RelativeBias<'a> {
     pub origin: usize,
 }
 
-/// Which keys a query sees.
+/// Keys that a query sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visible {
     /// Every query sees every key.
@@ -66,7 +66,7 @@ pub struct Operands<'a, T> {
         expect(dead_code, reason = "nothing is fetched")
     )]
     pub(super) hint: PrefetchHint<'a>,
-    /// Prefetch the keys and values themselves, and ignore the hint.
+    /// Prefetch the keys and values of this call, and ignore the hint.
     #[cfg_attr(
         not(any(target_arch = "x86_64", target_arch = "aarch64")),
         expect(dead_code, reason = "nothing is fetched")
@@ -82,25 +82,25 @@ impl<'a, T> Operands<'a, T> {
         Self { q, k, v, scale, bias, visible, hint, self_prefetch: false }
     }
 
-    /// The same with a bias.
+    /// Adds a bias.
     #[must_use]
     pub fn biased(self, bias: impl Into<Option<RelativeBias<'a>>>) -> Self {
         Self { bias: bias.into(), ..self }
     }
 
-    /// The same where queries see no more than `visible`. Attention of an encoder ignores it.
+    /// Limits the keys that queries see to `visible`. Encoder attention ignores it.
     #[must_use]
     pub fn seeing(self, visible: Visible) -> Self {
         Self { visible, ..self }
     }
 
-    /// The same with the operands of the next operation, which few queries prefetch meanwhile.
+    /// Sets the operands of the next operation, which calls with few queries prefetch.
     #[must_use]
     pub fn hinting(self, hint: PrefetchHint<'a>) -> Self {
         Self { hint, ..self }
     }
 
-    /// Whether the shapes agree, and whether there is anything to do.
+    /// Checks the shapes; returns whether there is anything to compute.
     pub(super) fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
         let Self { q, k, v, .. } = self;
         expect_len("k", q.cols(), k.cols())?;
@@ -132,7 +132,7 @@ impl<'a, T> Operands<'a, T> {
         Ok(true)
     }
 
-    /// How many keys, from the first on, query `i` sees.
+    /// Number of keys, from the first on, that query `i` sees.
     pub(super) fn keys(&self, i: usize) -> usize {
         match self.visible {
             Visible::All => self.k.rows(),
@@ -140,14 +140,14 @@ impl<'a, T> Operands<'a, T> {
         }
     }
 
-    /// Query `i`'s biases from key `first` on, at least for all keys; empty if there is no
+    /// Query `i`'s biases from key `first` on, for at least all keys; empty if there is no
     /// bias.
     pub(super) fn bias(&self, i: usize, first: usize) -> &'a [f32] {
         self.bias.map_or(&[], |bias| &bias.values[bias.origin - i + first..])
     }
 }
 
-/// The keys and values of every head of some rows, each head's in places of its own: `[rows, heads,
+/// The keys and values of every head of some rows, each head with separate places: `[rows, heads,
 /// places, head_dim]`, of which the first `filled` places are read.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadCache<'a> {
@@ -155,9 +155,9 @@ pub struct HeadCache<'a> {
     pub keys: &'a [f32],
     /// Values.
     pub values: &'a [f32],
-    /// Heads of a row.
+    /// Heads per row.
     pub heads: usize,
-    /// Places of a head.
+    /// Places per head.
     pub places: usize,
     /// Places that hold a key and a value.
     pub filled: usize,
@@ -173,7 +173,7 @@ pub(super) struct HeadOperands<'a> {
 }
 
 impl<'a> HeadOperands<'a> {
-    /// Whether the shapes agree, and whether there is anything to do.
+    /// Checks the shapes; returns whether there is anything to compute.
     pub(super) fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
         let Self { q, cache, .. } = self;
         expect_len("y", q.rows(), y.rows())?;
@@ -207,14 +207,14 @@ impl<'a> HeadOperands<'a> {
         [&keys[first..first + filled * dim], &values[first..first + filled * dim]]
     }
 
-    /// A head of a row as a call of its own.
+    /// A head of a row as the operands of a separate call.
     pub(super) fn alone(&self, row: usize, head: usize) -> Operands<'a, f32> {
         let (dim, filled) = (self.head_dim(), self.cache.filled);
         let [k, v] = self.of_head(row, head).map(|part| Mat::new(part, filled, dim).expect("as many as there are"));
         Operands::new(self.q.row_range(row..row + 1).columns(head * dim..(head + 1) * dim), k, v, self.scale)
     }
 
-    /// Calls `f` for every head of every row by itself.
+    /// Calls `f` for every head of every row separately.
     pub(super) fn each(&self, y: &mut MatMut<f32>, mut f: impl FnMut(Operands<'a, f32>, MatMut<f32>)) {
         let dim = self.head_dim();
         for row in 0..self.q.rows() {

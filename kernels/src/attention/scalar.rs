@@ -9,7 +9,7 @@ use crate::tiling::Tiling;
 /// Keys whose scores are held at once.
 const TILE: usize = 64;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling() -> Tiling {
     Tiling { rows: &[1], outputs: &[TILE], inputs: &[LANES], held: 0, chunk: 0 }
 }
@@ -21,12 +21,12 @@ pub(super) fn attention<T: Widen>(x: Operands<T>, mut y: MatMut<f32>) {
     }
 }
 
-/// The same for heads.
+/// Sizes at which the loops over heads change.
 pub(super) fn heads_tiling() -> Tiling {
     tiling()
 }
 
-/// Every head by itself.
+/// Every head separately.
 pub(super) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
     x.each(&mut y, attention);
 }

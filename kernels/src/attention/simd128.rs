@@ -19,12 +19,12 @@ use core::arch::wasm32::{f32x4_extract_lane, i32x4_shuffle};
 /// Keys whose scores are held at once.
 const TILE: usize = 64;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     scalar::tiling()
 }
 
-/// What keys and values are stored as: widened to f32 as it is loaded.
+/// Storage type of keys and values, widened to f32 when loaded.
 pub(super) trait Load: Copy {
     fn load(src: &[Self; WIDTH]) -> Register;
     /// The first values, padded with zeros.
@@ -62,12 +62,12 @@ pub(super) fn attention<T: Load>(_token: Simd128, x: Operands<T>, mut y: MatMut<
     }
 }
 
-/// The same for heads.
+/// Sizes at which the loops over heads change.
 pub(super) fn heads_tiling(_token: Simd128) -> Tiling {
     scalar::heads_tiling()
 }
 
-/// Every head by itself.
+/// Every head separately.
 pub(super) fn heads(token: Simd128, x: HeadOperands, mut y: MatMut<f32>) {
     x.each(&mut y, |x, y| attention(token, x, y));
 }
@@ -140,7 +140,7 @@ fn dot<T: Load>(a: &[f32], b: &[T]) -> f32 {
             *sum = multiply_add(load(a), T::load(b), *sum);
         }
     }
-    // Products of padding are zeros, and a sum that starts at zero is never a negative one.
+    // Products of padding are zeros, and a sum that starts at zero never becomes a negative zero.
     for (sum, (a, b)) in sums.iter_mut().zip(a_tail.chunks(WIDTH).zip(b_tail.chunks(WIDTH))) {
         *sum = multiply_add(load_part(a), T::load_part(b), *sum);
     }

@@ -1,13 +1,13 @@
-//! `vdpbf16ps` and `vcvtne2ps2bf16`, by name: functions of the intrinsics' own feature would not be
-//! inlined into loops that are compiled without it and shared with other instructions.
+//! `vdpbf16ps` and `vcvtne2ps2bf16` in assembly: the intrinsics require a target feature that the
+//! loops, which are shared with other instructions, lack, so they would not be inlined.
 
 use crate::isa::Avx512Bf16;
 use core::arch::asm;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// `sum + x * w` of each lane's upper halves, then of its lower ones: products of bf16, each
-/// rounded with its addition, denormals taken as 0.
+/// `sum + x * w` of each lane's upper halves, then of its lower halves: products of bf16, with one
+/// rounding per addition and denormals taken as 0.
 #[inline]
 #[avx512vnni]
 pub(crate) fn multiply_pairs(_token: Avx512Bf16, x: __m512, w: __m512, mut sum: __m512) -> __m512 {
@@ -20,7 +20,7 @@ pub(crate) fn multiply_pairs(_token: Avx512Bf16, x: __m512, w: __m512, mut sum: 
     sum
 }
 
-/// The nearest bf16 of all lanes, ties to even, denormals as 0: words of `first`, then of `second`.
+/// The nearest bf16 of all lanes, ties to even, denormals as 0: the words of `first`, then of `second`.
 #[inline]
 #[avx512vnni]
 pub(crate) fn round_two(_token: Avx512Bf16, first: __m512, second: __m512) -> __m512i {

@@ -34,7 +34,7 @@ pub(super) fn route(mut logits: MatMut<f32>, top_k: usize, routing: &mut Routing
     }
 }
 
-/// The `top_k` likeliest experts, likeliest first, equals in ascending order.
+/// The `top_k` likeliest experts, likeliest first, ties in ascending order.
 #[expect(clippy::cast_possible_truncation, reason = "at most MAX_EXPERTS experts")]
 fn choose(probabilities: &[f32], top_k: usize) -> [u8; MAX_EXPERTS] {
     let mut chosen = [0; MAX_EXPERTS];

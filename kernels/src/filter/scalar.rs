@@ -3,7 +3,7 @@
 
 use crate::lanes::{LANES, pairwise};
 
-/// Partial sums: two AVX-512 registers, so that an addition need not wait for the one before.
+/// Partial sums: two AVX-512 registers, so that an addition need not wait for the previous one.
 pub(crate) const SUMS: usize = 2 * LANES;
 
 #[inline(always)]

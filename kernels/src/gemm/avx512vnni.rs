@@ -14,11 +14,11 @@ use core::ops::Range;
 use umo_kernels_features::avx512vnni;
 
 /// Rows of the largest tile: 8 rows x 3 panels are 24 sums. A ninth row would fit the vector
-/// registers, but its address no longer a scalar one.
+/// registers, but its address would exceed the scalar ones.
 const ROWS: usize = 8;
-/// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
+/// Rows of the largest tile with an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
-/// Bytes of weights per chunk, which stay in L2 while tiles of rows pass.
+/// Bytes of weights per chunk, which stays in L2 while tiles of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Prefetch distance from L2 in steps: 8 of 13 cycles.
 const PREFETCH_DISTANCE: usize = 8;
@@ -26,7 +26,7 @@ const PREFETCH_DISTANCE: usize = 8;
 /// unrolled by two).
 const UNROLL: usize = 4;
 
-/// How the dot products of rows of `X` with rows of a panel are computed, step by step.
+/// Step by step computation of the dot products of rows of `X` with rows of a panel.
 pub(crate) trait Step<X>: Copy {
     /// Inputs per step.
     const INPUTS: usize;
@@ -99,7 +99,7 @@ impl<W: Load> Step<f32> for W {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(crate) fn tiling(_token: Avx512Vnni) -> Tiling {
     Tiling {
         rows: &[EVEN_ROWS, ROWS],
@@ -110,7 +110,7 @@ pub(crate) fn tiling(_token: Avx512Vnni) -> Tiling {
     }
 }
 
-/// The whole product.
+/// Computes the whole product.
 #[avx512vnni]
 pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
     token: <W::Row as Step<X>>::Token,
@@ -122,7 +122,7 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
     // A multiple of the panels per tile, and of gated pairs of them.
     let panel_bytes = size_of::<W::Row>() * task.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
-    // Cleared once: clearing them per tile would wait for the stores of the tile before.
+    // Cleared once: clearing them per tile would wait for the stores of the previous tile.
     let mut sums = [[0.0; PANEL]; SUMS];
     for first in (0..task.slots()).step_by(width) {
         let slots = first..(first + width).min(task.slots());
@@ -142,7 +142,7 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
     }
 }
 
-/// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
+/// Processes `R` rows from `t` on with all `slots`, `P` at a time.
 #[avx512vnni]
 fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     token: <W::Row as Step<X>>::Token,
@@ -171,7 +171,7 @@ fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     }
 }
 
-/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+/// Processes `R` rows with `P` slots from `slot` on, from the first input through the epilogue.
 #[avx512vnni]
 fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     token: <W::Row as Step<X>>::Token,
@@ -182,8 +182,8 @@ fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that
-    // has not.
+    // Not with `from_fn`: a closure has this function's features and cannot be inlined into a function
+    // without them.
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = task.panel(slot + p);
@@ -259,8 +259,8 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
     }
 }
 
-/// Adds the products of step `i` of `R` rows, which have all of its inputs or the first, with
-/// the weights of `P` panels.
+/// Adds the products of step `i` of `R` rows with the weights of `P` panels; the rows have all of
+/// the step's inputs (`WHOLE`), or at least the first.
 /// # Safety
 /// `x` point to rows that have these inputs, and `w` to panels that have the step.
 #[inline]
@@ -294,12 +294,12 @@ unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>
     }
 }
 
-/// Panels of sums in one tile at most.
+/// Most panels of sums in one tile.
 const SUMS: usize = ROWS * 3;
 /// Most panels whose epilogue runs at once.
 pub(crate) const MAX_PANELS: usize = 4;
 
-/// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
+/// Applies the epilogue to `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
 #[avx512vnni]
 pub(crate) fn store_tile(
@@ -351,7 +351,7 @@ pub(crate) fn store_gated_tile(
     }
 }
 
-/// Kept out of line, as are the activations: most products have neither, and their constants fill
+/// Kept out of line, like the activations: most products have neither, and their constants occupy
 /// registers.
 #[inline(never)]
 #[avx512vnni]

@@ -1,4 +1,4 @@
-//! The loops of the back-ends whose panel is two registers, compiled once per instruction set:
+//! The loops of the back-ends with panels of two registers, compiled once per instruction set:
 //! each includes this file as its module `loops`, and its module `vector` has the registers with
 //! their operations, the attribute `features`, and `RELOADS`. One sum per output, in ascending
 //! order of inputs.
@@ -14,12 +14,12 @@ use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use crate::tiling::Tiling;
 
-/// Rows of the largest tile: 6 rows x 1 panel are 12 registers of sums, of the 16 that AVX2 has,
-/// or 24 of NEON's 32. What is left is for weights and one input.
+/// Rows of the largest tile: 6 rows x 1 panel are 12 registers of sums, of the 16 of AVX2,
+/// or 24 of NEON's 32. The others are for weights and one input.
 const ROWS: usize = 6;
-/// Rows times panels whose sums leave no registers for values that could be loaded again.
+/// Rows times panels from which sums leave no registers for values to be reused.
 const FULL: usize = 5;
-/// Panels whose epilogue tiles of more than one row run at once: a gate and an up panel.
+/// Panels whose epilogue runs at once in tiles of more than one row: a gate and an up panel.
 const PAIR: usize = 2;
 /// Prefetch distance from L2 in rows of a panel.
 const PREFETCH_DISTANCE: usize = 16;
@@ -48,7 +48,7 @@ impl Load for [f32; PANEL] {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) const TILING: Tiling = Tiling {
     rows: &[PAIR, ROWS],
     outputs: &[PANEL, PAIR * PANEL, MAX_PANELS * PANEL],
@@ -57,7 +57,7 @@ pub(super) const TILING: Tiling = Tiling {
     chunk: 0,
 };
 
-/// The whole product: all rows pass by each group of panels while it is in the cache.
+/// Computes the whole product: all rows pass each group of panels while it is in the cache.
 #[features]
 pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'_, W>, mut y: MatMut<f32>) {
     let mut slot = 0;
@@ -78,7 +78,7 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'
     }
 }
 
-/// The rows from `t` on, `R` of them, with `width` slots, `WIDTH` in a group, `P` of them at a
+/// Processes `R` rows from `t` on with `width` slots, `WIDTH` in a group, `P` of them at a
 /// time.
 #[features]
 fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
@@ -108,7 +108,7 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDT
     }
 }
 
-/// `R` rows with `WIDTH` slots from `slot` on, from the first input to the end of the product.
+/// Processes `R` rows with `WIDTH` slots from `slot` on, from the first input through the epilogue.
 #[features]
 fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     rows: &[&[f32]; R],
@@ -119,8 +119,8 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
 ) {
     let mut sums = [[[0.0; PANEL]; WIDTH]; R];
     for i in (0..WIDTH).step_by(P) {
-        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one
-        // that has not.
+        // Not with `from_fn`: a closure has this function's features and cannot be inlined into a
+        // function without them.
         let mut panels = [&[][..]; P];
         for (p, panel) in panels.iter_mut().enumerate() {
             *panel = task.panel(slot + i + p);
@@ -168,7 +168,7 @@ fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
         }
     }
     if !k.is_multiple_of(2) {
-        // SAFETY: as above, of the last input.
+        // SAFETY: as above, for the last input.
         unsafe { step(&mut acc, &x, &w, k - 1) };
     }
     for r in 0..R {
@@ -194,7 +194,7 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
         if i.is_multiple_of(W::INPUTS) {
             prefetch::to_l1(w[p].wrapping_add(i / W::INPUTS + PREFETCH_DISTANCE));
         }
-        // Values loaded for another input or panel are not kept if sums fill the registers.
+        // Values are reloaded for other inputs or panels if sums fill the registers.
         let full = RELOADS[W::INPUTS - 1] && R * P >= FULL;
         let w = if full && !i.is_multiple_of(W::INPUTS) { opaque(w[p]) } else { w[p] };
         // SAFETY: the panel has the input by this function's contract, and this function enables
@@ -210,7 +210,7 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
     }
 }
 
-/// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
+/// Applies the epilogue to `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
 #[features]
 pub(crate) fn store_tile(
@@ -263,7 +263,7 @@ pub(crate) fn store_gated_tile(
     }
 }
 
-/// Kept out of line, as are the activations: most products have neither, and their constants fill
+/// Kept out of line, like the activations: most products have neither, and their constants occupy
 /// registers.
 #[inline(never)]
 #[features]

@@ -8,7 +8,7 @@ use crate::isa::Neon;
 use crate::tiling::Tiling;
 pub(crate) use loops::{Load, run, store_gated_tile, store_tile};
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(crate) fn tiling(_token: Neon) -> Tiling {
     loops::TILING
 }

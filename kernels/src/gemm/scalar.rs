@@ -23,7 +23,7 @@ pub(crate) fn store_panel(sums: [f32; PANEL], t: usize, first: usize, epilogue: 
     }
 }
 
-/// Ends the gated outputs `first..` of row `t`.
+/// Applies the epilogue to the gated outputs `first..` of row `t`.
 pub(crate) fn store_gated_panel(gate: [f32; PANEL], up: [f32; PANEL], t: usize, first: usize, y: &mut MatMut<f32>) {
     let outputs = first..(first + PANEL).min(y.cols());
     for ((y, gate), up) in y.row_mut(t)[outputs].iter_mut().zip(gate).zip(up) {

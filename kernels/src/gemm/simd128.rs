@@ -13,7 +13,7 @@ use crate::pack::{PANEL, QUAD};
 use crate::tiling::Tiling;
 
 /// Rows of the largest tile: 3 rows x 1 panel are 12 registers of sums, which leaves 4 of the 16
-/// that most processors have.
+/// of most processors.
 pub(crate) const ROWS: usize = 3;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 pub(crate) const WIDTH: usize = 2;
@@ -26,12 +26,12 @@ pub(crate) trait Load: Copy {
     fn load(&self, which: usize) -> [Register; REGISTERS];
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(crate) fn tiling(_token: Simd128) -> Tiling {
     Tiling { rows: &[ROWS], outputs: &[PANEL, WIDTH * PANEL], inputs: &[QUAD], held: 0, chunk: 0 }
 }
 
-/// The whole product: all rows pass by each pair of panels while it is in the cache.
+/// Computes the whole product: all rows pass each pair of panels while it is in the cache.
 pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'_, W>, mut y: MatMut<f32>) {
     let k = task.k();
     for slot in (0..task.slots()).step_by(WIDTH) {
@@ -86,7 +86,7 @@ fn multiply<W: Load, const R: usize>(
     }
 }
 
-/// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
+/// Applies the epilogue to `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 pub(crate) fn store_tile(
     values: &mut [[f32; PANEL]],
     panels: usize,

@@ -1,4 +1,4 @@
-//! A product as the vector back-ends process it: panels of any element type in the order of work,
+//! A product as the vector back-ends process it: panels of any element type in processing order,
 //! and tiles of rows.
 
 use super::Epilogue;
@@ -10,7 +10,7 @@ use core::ops::Range;
 /// Packed weights of any type, so that tasks, and back-ends whose loops differ only in the
 /// load, are written once.
 pub(crate) trait Panels<'a>: Copy {
-    /// The weights of a panel that are adjacent in memory: those of one input, or of a
+    /// Adjacent weights of a panel in memory: the weights of one input, or of a
     /// pair.
     type Row: Copy + 'a;
     /// Outputs.
@@ -77,7 +77,7 @@ impl<'a> Panels<'a> for PackedI4<'a> {
 pub(crate) trait Scaled<'a>: Panels<'a> {
     /// Value of one unit, per output.
     fn scale(&self) -> &'a [f32];
-    /// Sums of the weights of some outputs; none where inputs are never offset.
+    /// Sums of the weights of some outputs; empty if inputs are never offset.
     #[cfg(target_arch = "x86_64")]
     fn sums(&self, outputs: Range<usize>) -> &'a [i32];
 }

@@ -24,7 +24,7 @@ tokens! {
 }
 
 impl Neon {
-    /// None on big-endian systems, where a register's bytes are numbered from the other end.
+    /// `None` on big-endian systems, where the bytes of a register are numbered from the other end.
     fn detect() -> Option<Self> {
         (cfg!(target_endian = "little") && is_aarch64_feature_detected!("neon")).then_some(Self(()))
     }
@@ -44,7 +44,7 @@ impl NeonI8mm {
     }
 }
 
-// A stronger token for a weaker one.
+// Conversions from a stronger token to a weaker one.
 
 impl From<NeonDotprod> for Neon {
     fn from(_: NeonDotprod) -> Self {

@@ -1,11 +1,11 @@
 //! From an [`Isa`](super::Isa) to a function compiled for it: the only place that calls such
 //! functions from code without its target features.
 
-/// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's
+/// Calls a function of the module for the back-end of `$isa`, with the back-end's
 /// token before the other arguments (the scalar module takes none).
 ///
 /// The short form is for operations with the modules `scalar`, `avx2`, `avx512vnni`, `neon` and `simd128`:
-/// the other back-ends have no better instructions for them. `with tiles` is the same with a module `amx`.
+/// the other back-ends have no better instructions for them. `with tiles` also uses a module `amx`.
 /// The long form names a module for every back-end.
 macro_rules! dispatch {
     (@call scalar $function:ident $token:ident ($($argument:expr),*)) => {{
@@ -72,16 +72,16 @@ macro_rules! dispatch {
 }
 
 /// Makes functions that run with the features of their first parameter, a token, safe to call from
-/// anywhere.
+/// any code.
 ///
 /// `fn f(token: Avx2, x: X) { .. }` becomes a function without target features that calls one with
-/// them.
+/// these features.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! entry {
     (@features Avx2 $($function:tt)*) => { #[umo_kernels_features::avx2] $($function)* };
     (@features AvxVnni $($function:tt)*) => { #[umo_kernels_features::avxvnni] $($function)* };
     (@features Avx512Vnni $($function:tt)*) => { #[umo_kernels_features::avx512vnni] $($function)* };
-    // `vdpbf16ps` is issued by name (`bf16::avx512bf16`), so that the loops of AVX-512 are shared.
+    // `vdpbf16ps` is issued by assembly (`bf16::avx512bf16`), so that the loops of AVX-512 are shared.
     (@features Avx512Bf16 $($function:tt)*) => { #[umo_kernels_features::avx512vnni] $($function)* };
     (@features Amx $($function:tt)*) => { #[umo_kernels_features::avx512bf16] $($function)* };
     (@features Neon $($function:tt)*) => { #[umo_kernels_features::neon] $($function)* };
@@ -98,9 +98,9 @@ macro_rules! entry {
                 @features $Token
                 fn with_features $(<$generic: $bound>)? ($token: $Token $(, $argument: $type)*) $(-> $result)? $body
             }
-            // SAFETY: the token exists only where the processor has the features of
+            // SAFETY: the token exists only if the processor has the features of
             // `with_features`, which its constructor in `isa` detected: the attributes above enable the
-            // same.
+            // same ones.
             unsafe { with_features($token $(, $argument)*) }
         }
     )*};

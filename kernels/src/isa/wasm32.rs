@@ -1,10 +1,10 @@
-//! The instruction set of WebAssembly. A module's instructions are all valid or the module is
-//! refused as a whole, so that there is nothing to detect: what it was compiled for is there.
+//! The instruction set of WebAssembly. An engine refuses a module with any unknown instruction
+//! as a whole, so there is nothing to detect: the features of the compilation are present.
 
 use super::Backend;
 
-/// Proves that this module was compiled for 128-bit SIMD (`-C target-feature=+simd128`), without
-/// which the back-end's operations would be calls.
+/// Proof that this module was compiled for 128-bit SIMD (`-C target-feature=+simd128`), without
+/// which the intrinsics would be function calls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Simd128(());
 

@@ -75,7 +75,7 @@ impl Amx {
     }
 }
 
-// A stronger token for a weaker one.
+// Conversions from a stronger token to a weaker one.
 
 impl From<AvxVnni> for Avx2 {
     fn from(_: AvxVnni) -> Self {
@@ -137,8 +137,8 @@ pub(super) fn backends() -> impl Iterator<Item = (&'static str, Option<Backend>)
 }
 
 /// Whether `vdpbf16ps` first adds the product of the upper halves of a lane and rounds after
-/// each of the two additions, which its description leaves open in part. The other back-ends do
-/// so.
+/// each of the two additions, which its description leaves partly open. The other back-ends compute
+/// in this way.
 #[target_feature(enable = "avx512f,avx512bf16")]
 fn dot_product_rounds_each_addition() -> bool {
     const ONE: i32 = 0x3f80;
@@ -147,11 +147,11 @@ fn dot_product_rounds_each_addition() -> bool {
     let dot = |start: f32, upper: i32, lower: i32| {
         let x = _mm512_set1_epi32(black_box(upper << 16 | lower));
         let w = _mm512_set1_epi32(ONE << 16 | ONE);
-        // SAFETY: both types are 64 bytes, and any bits are a value of either.
+        // SAFETY: both types are 64 bytes, and any bits are valid for both.
         let [x, w] = [x, w].map(|words| unsafe { core::mem::transmute::<__m512i, __m512bh>(words) });
         _mm512_cvtss_f32(_mm512_dpbf16_ps(_mm512_set1_ps(start), x, w))
     };
-    // Half an ulp twice: each addition rounds to 1, their sum would not. 1 - 1 + half an
+    // Half an ulp twice: each addition rounds to 1, while their sum would not. 1 - 1 + half an
     // ulp: lost in the other order.
     dot(1.0, HALF_ULP_OF_ONE, HALF_ULP_OF_ONE) == 1.0 && dot(1.0, MINUS_ONE, HALF_ULP_OF_ONE) == f32::EPSILON / 2.0
 }
@@ -173,18 +173,18 @@ mod amx {
     fn granted() -> bool {
         super::is_x86_feature_detected!("xsave")
             && __cpuid_count(7, 0).edx & TILE_BF16_INT8 == TILE_BF16_INT8
-            // SAFETY: the processor has XSAVE, and AVX-512 was found through this register.
+            // SAFETY: the processor has XSAVE, as AVX-512 was detected through this register.
             && unsafe { _xgetbv(0) } & TILE_STATE == TILE_STATE
             && permitted()
     }
 
-    /// Asks Linux for the tiles' data, once for the whole process: it saves 8 KiB more per thread
-    /// from then on.
+    /// Requests tile data from Linux, once for the whole process, which then saves 8 KiB more
+    /// per thread.
     fn permitted() -> bool {
         const ARCH_REQ_XCOMP_PERM: libc::c_long = 0x1023;
         const XFEATURE_XTILEDATA: libc::c_long = 18;
-        // SAFETY: this system call takes two numbers and touches no memory of ours; where it is
-        // unknown, it fails.
+        // SAFETY: this system call takes two numbers and touches no memory of ours; on kernels without
+        // it, it fails.
         unsafe { libc::syscall(libc::SYS_arch_prctl, ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA) == 0 }
     }
 }

@@ -1,4 +1,4 @@
-//! Registers of 8 lanes: two of them are the 16.
+//! Registers of 8 lanes; two of them hold the 16.
 
 use super::LANES;
 use crate::bf16::Bf16;
@@ -37,7 +37,7 @@ pub(crate) fn load_part(src: &[f32]) -> __m256 {
 }
 
 /// 8 values of a row from `at` on, padded with zeros. An empty range is not loaded: a masked
-/// load from an unmapped address, as of an empty slice, takes a hundred cycles even with no
+/// load from an unmapped address, such as that of an empty slice, takes a hundred cycles even with no
 /// lane selected.
 #[inline]
 #[avx2]
@@ -48,7 +48,7 @@ pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
     }
 }
 
-/// 8 values.
+/// Stores 8 values.
 #[inline]
 #[avx2]
 pub(crate) fn store(dst: &mut [f32; HALF], value: __m256) {
@@ -56,7 +56,7 @@ pub(crate) fn store(dst: &mut [f32; HALF], value: __m256) {
     unsafe { _mm256_storeu_ps(dst.as_mut_ptr(), value) }
 }
 
-/// As many of the 8 values as `dst` has room for.
+/// Stores as many of the 8 values as `dst` has room for.
 #[inline]
 #[avx2]
 pub(crate) fn store_part(dst: &mut [f32], value: __m256) {
@@ -167,7 +167,7 @@ pub(crate) fn load_two(src: &[f32; LANES]) -> [Register; 2] {
     [load(&halves[0]), load(&halves[1])]
 }
 
-/// 16 values, from two registers.
+/// Stores 16 values from two registers.
 #[inline]
 #[avx2]
 pub(crate) fn store_two(dst: &mut [f32; LANES], values: [Register; 2]) {

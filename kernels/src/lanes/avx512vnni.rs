@@ -31,7 +31,7 @@ pub(crate) fn load_part(src: &[f32]) -> __m512 {
 }
 
 /// 16 values of a row from `at` on, padded with zeros. An empty range is not loaded: a masked
-/// load from an unmapped address, as of an empty slice, takes a hundred cycles even with no
+/// load from an unmapped address, such as that of an empty slice, takes a hundred cycles even with no
 /// lane selected.
 #[inline]
 #[avx512vnni]
@@ -42,7 +42,7 @@ pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
     }
 }
 
-/// 16 values.
+/// Stores 16 values.
 #[inline]
 #[avx512vnni]
 pub(crate) fn store(dst: &mut [f32; LANES], value: __m512) {
@@ -50,7 +50,7 @@ pub(crate) fn store(dst: &mut [f32; LANES], value: __m512) {
     unsafe { _mm512_storeu_ps(dst.as_mut_ptr(), value) }
 }
 
-/// As many of the 16 values as `dst` has room for.
+/// Stores as many of the 16 values as `dst` has room for.
 #[inline]
 #[avx512vnni]
 pub(crate) fn store_part(dst: &mut [f32], value: __m512) {

@@ -1,5 +1,5 @@
-//! Pairs of registers of 4 lanes: two pairs are the 16. As many values fit in the 32 registers of
-//! NEON in pairs as in the 16 of AVX2, so that the loops have its tiles.
+//! Pairs of registers of 4 lanes; two pairs hold the 16. NEON's 32 registers hold as many values in
+//! pairs as AVX2's 16, so the loops have the tiles of AVX2.
 
 use super::LANES;
 use crate::bf16::Bf16;
@@ -20,7 +20,7 @@ fn load_four(src: &[f32; 4]) -> float32x4_t {
     unsafe { vld1q_f32(src.as_ptr()) }
 }
 
-/// 4 values.
+/// Stores 4 values.
 #[inline]
 #[neon]
 fn store_four(dst: &mut [f32; 4], value: float32x4_t) {
@@ -58,7 +58,7 @@ pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
     }
 }
 
-/// 8 values.
+/// Stores 8 values.
 #[inline]
 #[neon]
 pub(crate) fn store(dst: &mut [f32; HALF], value: Register) {
@@ -67,7 +67,7 @@ pub(crate) fn store(dst: &mut [f32; HALF], value: Register) {
     store_four(&mut fours[1], value[1]);
 }
 
-/// As many of the 8 values as `dst` has room for.
+/// Stores as many of the 8 values as `dst` has room for.
 #[inline]
 #[neon]
 pub(crate) fn store_part(dst: &mut [f32], value: Register) {
@@ -162,7 +162,7 @@ pub(crate) fn select_first(len: usize, a: Register, b: Register) -> Register {
 #[inline]
 #[neon]
 pub(crate) fn load_bf16(src: &[Bf16; HALF]) -> Register {
-    // SAFETY: `src` is 8 readable words of 16 bits, as `Bf16` is one in memory; the load needs no
+    // SAFETY: `src` is 8 readable words of 16 bits, the layout of `Bf16`; the load needs no
     // alignment beyond theirs.
     let words = unsafe { vld1q_u16(src.as_ptr().cast()) };
     let (low, high) = (vshll_n_u16::<16>(vget_low_u16(words)), vshll_high_n_u16::<16>(words));
@@ -187,7 +187,7 @@ pub(crate) fn load_two(src: &[f32; LANES]) -> [Register; 2] {
     [load(&halves[0]), load(&halves[1])]
 }
 
-/// 16 values, from two pairs.
+/// Stores 16 values from two pairs.
 #[inline]
 #[neon]
 pub(crate) fn store_two(dst: &mut [f32; LANES], values: [Register; 2]) {

@@ -1,7 +1,7 @@
-//! Registers of 4 lanes: four are the 16.
+//! Registers of 4 lanes; four of them hold the 16.
 //!
-//! There is no fused multiply-add: products and sums are rounded one by one, as the scalar
-//! back-end does. Where its reference fuses them, [`fmadd`] has the same bits at the cost of some
+//! There is no fused multiply-add: products and sums are rounded separately, as in the scalar
+//! back-end. If the scalar reference fuses them, [`fmadd`] has the same bits at the cost of about
 //! twenty operations.
 
 use super::LANES;
@@ -11,7 +11,7 @@ use core::arch::wasm32::*;
 /// Lanes of one register.
 pub(crate) const WIDTH: usize = 4;
 
-/// Registers of 16 values.
+/// Registers that hold 16 values.
 pub(crate) const REGISTERS: usize = LANES / WIDTH;
 
 /// 4 lanes of f32.
@@ -24,7 +24,7 @@ pub(crate) fn load(src: &[f32; WIDTH]) -> Register {
     unsafe { v128_load(src.as_ptr().cast()) }
 }
 
-/// The first 4 values, padded with zeros: a copy pads them.
+/// The first 4 values, padded with zeros by a copy.
 #[inline]
 pub(crate) fn load_part(src: &[f32]) -> Register {
     if let Some(whole) = src.first_chunk() {
@@ -44,14 +44,14 @@ pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
     }
 }
 
-/// 4 values.
+/// Stores 4 values.
 #[inline]
 pub(crate) fn store(dst: &mut [f32; WIDTH], value: Register) {
     // SAFETY: `dst` is 16 writable bytes; the store needs no alignment.
     unsafe { v128_store(dst.as_mut_ptr().cast(), value) }
 }
 
-/// As many of the 4 values as `dst` has room for.
+/// Stores as many of the 4 values as `dst` has room for.
 #[inline]
 pub(crate) fn store_part(dst: &mut [f32], value: Register) {
     if let Some(whole) = dst.first_chunk_mut() {
@@ -126,9 +126,9 @@ pub(crate) fn max_lanes(a: Register, b: Register) -> Register {
 
 /// `a * b + c`, rounded once.
 ///
-/// A product is exact in f64, and so is its sum with `c` but for one rounding to 53 bits. A second
-/// rounding to 24 is the one wanted unless the first gave a tie or the result is denormal: then
-/// each lane is computed on its own.
+/// A product is exact in f64, and its sum with `c` is rounded once to 53 bits. A second
+/// rounding to 24 gives the correct result unless the first gave a tie or the result is denormal: in
+/// these cases each lane is computed separately.
 #[inline]
 pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
     let low = wide_sum(a, b, c);
@@ -151,10 +151,10 @@ fn upper(value: Register) -> Register {
     i64x2_shuffle::<1, 1>(value, value)
 }
 
-/// Where an f64 is half way between two f32.
+/// Lanes of f64 half-way between two f32.
 #[inline]
 fn is_tie(value: v128) -> v128 {
-    /// The bits of an f64's fraction that an f32 has not, and their first.
+    /// The bits by which an f64's fraction exceeds an f32's, and the highest of them.
     const REST: u64 = (1 << 29) - 1;
     const HALF: u64 = 1 << 28;
     i64x2_eq(v128_and(value, u64x2_splat(REST)), u64x2_splat(HALF))
@@ -202,7 +202,7 @@ pub(crate) fn load_all(src: &[f32; LANES]) -> [Register; REGISTERS] {
     [load(&parts[0]), load(&parts[1]), load(&parts[2]), load(&parts[3])]
 }
 
-/// 16 values.
+/// Stores 16 values.
 #[inline]
 pub(crate) fn store_all(dst: &mut [f32; LANES], values: [Register; REGISTERS]) {
     for (part, value) in dst.as_chunks_mut().0.iter_mut().zip(values) {

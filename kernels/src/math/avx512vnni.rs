@@ -32,7 +32,7 @@ fn exp_in_range(x: __m512) -> __m512 {
         tail = _mm512_add_ps(_mm512_mul_ps(tail, r), _mm512_set1_ps(c));
     }
     let power = _mm512_add_ps(_mm512_mul_ps(tail, _mm512_mul_ps(r, r)), r);
-    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's
+    // The result is normal, so this scaling is exact, like the scalar addition to the exponent's
     // bits.
     _mm512_scalef_ps(_mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
 }
@@ -42,7 +42,7 @@ fn exp_in_range(x: __m512) -> __m512 {
 #[avx512vnni]
 pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
     let slope = _mm512_fmadd_ps(_mm512_mul_ps(x, x), _mm512_set1_ps(TANH_CUBE), _mm512_set1_ps(TANH_SCALE));
-    // The smaller in size of the two, with the first one's sign. What becomes of NaN here does not
+    // The smaller absolute value of the two, with the first one's sign. The result for NaN does not
     // matter: `x` is NaN too.
     let t = _mm512_range_ps::<2>(_mm512_mul_ps(x, slope), _mm512_set1_ps(TANH_MAX));
     _mm512_div_ps(x, _mm512_add_ps(exp2_in_range(t), _mm512_set1_ps(1.0)))
@@ -55,7 +55,7 @@ fn exp2_in_range(t: __m512) -> __m512 {
     let round = _mm512_set1_ps(ROUND);
     let n = _mm512_sub_ps(_mm512_add_ps(t, round), round);
     let f = _mm512_sub_ps(t, n);
-    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's
+    // The result is normal, so this scaling is exact, like the scalar addition to the exponent's
     // bits.
     _mm512_scalef_ps(_mm512_fmadd_ps(polynomial(&EXP2, f), f, _mm512_set1_ps(1.0)), n)
 }
@@ -145,13 +145,13 @@ pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
     _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), n)
 }
 
-/// [`exp2_bf16`] without its mask: denormal below -126, which is taken as 0 where it is rounded,
+/// [`exp2_bf16`] without its mask: denormal below -126, which becomes 0 when rounded,
 /// and vanishes in a sum of at least 1.
 #[cfg(any(test, target_os = "linux"))]
 #[inline]
 #[avx512vnni]
 pub(crate) fn exp2_bf16_unmasked(t: __m512) -> __m512 {
-    // The fraction above the next lower integer, by which `scalef` scales. Not by `vreduceps`,
+    // The fraction above the next lower integer, by which `scalef` scales. Not with `vreduceps`,
     // which rounds the difference in the same direction as the integer, down; the scalar reference
     // rounds it to nearest.
     let r = _mm512_sub_ps(t, _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t));

@@ -8,7 +8,7 @@ use crate::lanes::neon::Register;
 use core::arch::aarch64::*;
 use umo_kernels_features::neon;
 
-/// Functions of 8 lanes from those of 4.
+/// Makes functions of 8 lanes from functions of 4.
 macro_rules! of_both {
     ($($(#[$meta:meta])* $name:ident: $four:ident;)*) => {$(
         $(#[$meta])*
@@ -100,7 +100,7 @@ fn gelu_erf_four(x: float32x4_t) -> float32x4_t {
     vfmsq_f32(positive(x), size, exp2_in_range(polynomial(&TAIL, size)))
 }
 
-/// `x` where it is above 0, else 0, also where it is NaN.
+/// `x` if it is above 0, otherwise 0, also for NaN.
 #[inline]
 #[neon]
 fn positive(x: float32x4_t) -> float32x4_t {
@@ -158,7 +158,7 @@ fn exp2_bf16_four(t: float32x4_t) -> float32x4_t {
     clear(small, scale(vfmaq_f32(vdupq_n_f32(1.0), power, r), vcvtq_s32_f32(n)))
 }
 
-/// 0 in the lanes of `mask`.
+/// Sets the lanes of `mask` to 0.
 #[inline]
 #[neon]
 fn clear(mask: uint32x4_t, x: float32x4_t) -> float32x4_t {

@@ -40,20 +40,20 @@ pub(crate) fn mul_add(a: f32, b: f32, c: f32) -> f32 {
     a.mul_add(b, c)
 }
 
-/// `a * b + c`, rounded once: MinGW's `fmaf`, which the standard library calls, rounds a fourth of
+/// `a * b + c`, rounded once: MinGW's `fmaf`, which the standard library calls, rounds a quarter of
 /// all results twice.
 #[cfg(all(windows, target_env = "gnu"))]
 pub(crate) fn mul_add(a: f32, b: f32, c: f32) -> f32 {
     mul_add_in_f64(a, b, c)
 }
 
-/// [`mul_add`] by f64: the product is exact, and the sum is rounded to odd, so that rounding it
-/// again, to f32, is as rounding once.
+/// [`mul_add`] in f64: the product is exact, and the sum is rounded to odd, so that a second
+/// rounding, to f32, gives the result of a single one.
 #[cfg(any(test, all(windows, target_env = "gnu")))]
 fn mul_add_in_f64(a: f32, b: f32, c: f32) -> f32 {
     let (product, c) = (f64::from(a) * f64::from(b), f64::from(c));
     let sum = product + c;
-    // What the sum lost, exactly (Knuth's two-sum).
+    // The rounding error of the sum, exactly (Knuth's two-sum).
     let added = sum - product;
     let lost = (product - (sum - added)) + (c - added);
     let is_odd = sum.to_bits() & 1 == 1;
@@ -92,7 +92,7 @@ fn polynomial<const N: usize>(coefficients: &[f32; N], x: f32) -> f32 {
     coefficients[1..].iter().fold(coefficients[0], |value, &c| mul_add(value, x, c))
 }
 
-/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`. A tail of NaN
+/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`. A NaN tail
 /// may have any bits: its product is NaN.
 #[inline]
 pub(crate) fn gelu_erf(x: f32) -> f32 {
@@ -106,7 +106,7 @@ pub(crate) fn gelu_erf(x: f32) -> f32 {
 pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
     match activation {
         Activation::None => x,
-        // Not `max`, which may or may not keep the sign of a negative zero.
+        // Not `max`, which may drop the sign of a negative zero.
         Activation::Relu => {
             if x > 0.0 {
                 x
@@ -160,7 +160,7 @@ mod tests {
                 assert!(cfg!(all(windows, target_env = "gnu")) || is_same(got, a.mul_add(b, c)), "{a:e} {b:e} {c:e}");
                 assert!(is_same(got, mul_add(a, b, c)), "{a:e} {b:e} {c:e}");
             }
-            // What a product loses when it is rounded is an f32, and in f64 nothing is lost.
+            // The rounding error of a product is an f32, and f64 represents it exactly.
             if product.is_normal() && product.abs() > 1e-20 {
                 let lost = f64::from(a) * f64::from(b) - f64::from(product);
                 assert_eq!(f64::from(mul_add(a, b, -product)), lost, "{a:e} {b:e}");

@@ -39,7 +39,7 @@ fn scale(power: Register, exponent: v128) -> Register {
 #[inline]
 pub(crate) fn gelu_tanh(x: Register) -> Register {
     let t = mul(x, fmadd(mul(x, x), splat(TANH_CUBE), splat(TANH_SCALE)));
-    // Of a NaN, the NaN, as of the comparisons of the reference.
+    // NaN stays NaN, as in the comparisons of the reference.
     let t = f32x4_pmax(f32x4_pmin(t, splat(TANH_MAX)), splat(-TANH_MAX));
     divide(x, add(exp2_in_range(t), splat(1.0)))
 }
@@ -59,7 +59,7 @@ fn gelu_erf(x: Register) -> Register {
     fmadd(f32x4_neg(size), exp2_in_range(polynomial(&TAIL, size)), positive(x))
 }
 
-/// `x` where it is above 0, else 0, also where it is NaN.
+/// `x` if it is above 0, otherwise 0, also for NaN.
 #[inline]
 fn positive(x: Register) -> Register {
     v128_and(f32x4_gt(x, splat(0.0)), x)

@@ -3,14 +3,14 @@ extern crate std;
 use super::scalar;
 use crate::isa::Isa;
 
-/// Every 509th f32 of either sign, up to `limit`: all exponents, all roundings. `UMO_TEST_SWEEP` is another step, for emulated
-/// processors, which take long.
+/// Every 509th f32 of either sign, up to `limit`: all exponents, all roundings. `UMO_TEST_SWEEP` sets another step, for
+/// slow emulated processors.
 fn sweep(limit: f32) -> impl Iterator<Item = f32> {
     let step = std::env::var("UMO_TEST_SWEEP").map_or(509, |step| step.parse().expect("UMO_TEST_SWEEP is a number"));
     (0..=limit.to_bits()).step_by(step).flat_map(|bits| [f32::from_bits(bits), -f32::from_bits(bits)])
 }
 
-/// Error function in f64: `2/sqrt(pi) * exp(-x^2) * sum_n 2^n x^(2n+1) / (1 * 3 * .. * (2n+1))`, no
+/// Error function in f64: `2/sqrt(pi) * exp(-x^2) * sum_n 2^n x^(2n+1) / (1 * 3 * .. * (2n+1))`, without
 /// cancellation.
 fn erf(x: f64) -> f64 {
     let size = x.abs();
@@ -72,7 +72,7 @@ mod back_ends {
     }
 
     /// The exponentials of attention, of 16 values: `softmax_exp`, `softmax_exp_reduce`,
-    /// `exp2_bf16` and `exp2_bf16_unmasked`; a back-end without one of them runs another of
+    /// `exp2_bf16` and `exp2_bf16_unmasked`; a back-end without one of them runs another with
     /// the same bound.
     pub(super) fn exponentials(isa: Isa, x: [f32; 16]) -> [[f32; 16]; 4] {
         let mut y = [x; 4];
@@ -235,11 +235,11 @@ fn back_ends_agree_bit_for_bit() {
     }
 }
 
-/// The accuracies that the table of this module's documentation states, for differences from a
+/// Checks the bounds in the table of this module's documentation, for differences from a
 /// maximum.
 #[test]
 fn exponentials_of_attention_are_within_their_bounds() {
-    /// The bound of `exp2_bf16`, and the rounding of the polynomial.
+    /// The bound of `exp2_bf16`, plus the rounding of the polynomial.
     const BF16: f64 = 1.03e-4 + 2.0 / (1 << 23) as f64;
     let mut values = sweep(126.0).filter(|x| *x <= 0.0).chain([-0.0]);
     while let Some(first) = values.next() {

@@ -9,10 +9,10 @@
 //!      '---- hi ------' '- lo, 8 bits'         sums += hi . w;  sums += lo . w
 //! ```
 //! Parts are written to tiles on the stack, 32 rows at a time, for all panels of a chunk. A
-//! row's steps do not depend on the other rows. Few rows leave a tile partly empty, which costs
-//! nothing: weights arrive no sooner.
+//! row's steps do not depend on the other rows. A few rows leave a tile partly empty, which costs
+//! nothing: the product is bound by the memory traffic of its weights.
 //!
-//! Rows that are bf16 already, in one part or two, are loaded from where they are, and the
+//! Rows that are bf16 already, in one part or two, are loaded in place, and the
 //! epilogue of a block runs while the next block is multiplied: tiles and registers work at the
 //! same time.
 
@@ -37,7 +37,7 @@ const STEP: usize = TILE * PAIR;
 const STEPS: [usize; 2] = [24, 64];
 /// Consecutive steps of a row that are split together.
 const SPLIT_STEPS: usize = 4;
-/// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
+/// Bytes of weights per chunk, which stays in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Panels of sums in one block.
 const SUMS: usize = ROWS * 2;
@@ -54,9 +54,9 @@ type Pairs = [[Bf16; PAIR]; PANEL];
 /// The rows of inputs of a product.
 #[derive(Clone, Copy)]
 enum Rows<'a> {
-    /// To be split.
+    /// f32 rows, to be split.
     Whole(Input<'a, f32>),
-    /// As they are: rounded, or hi and lo parts.
+    /// bf16 rows: rounded, or high and low parts.
     Ready(Bf16Rows<'a>),
 }
 
@@ -69,11 +69,11 @@ impl Rows<'_> {
     }
 }
 
-/// Where the parts of a block of rows are: the rows of a part are `stride` elements apart, each
+/// Location of the parts of a block of rows: the rows of a part are `stride` elements apart, each
 /// starting at its first input.
 #[derive(Clone, Copy)]
 struct Source<'a> {
-    /// High and lo parts of two tiles of rows.
+    /// High and low parts of two tiles of rows.
     parts: [[&'a [Bf16]; 2]; 2],
     stride: usize,
     /// Elements between the inputs of consecutive steps.
@@ -112,7 +112,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[TILE, ROWS],
@@ -143,7 +143,7 @@ fn is_tile_loadable(x: &Bf16Rows) -> bool {
     rows >= TILE && inputs > 0 && inputs.is_multiple_of(STEP)
 }
 
-/// The product of rows that are put into tiles on the stack first.
+/// The product of rows that are first copied to tiles on the stack.
 #[avx512bf16]
 fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, task: &GemmTask<PackedBf16>, y: MatMut<f32>) {
     if task.k() <= STEPS[0] * STEP {
@@ -153,13 +153,13 @@ fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, task: &GemmTa
     }
 }
 
-/// Slots of a chunk, whose weights stay in L2 while blocks of rows pass: a multiple of the
+/// Number of slots of a chunk, whose weights stay in L2 while blocks of rows pass: a multiple of the
 /// panels per block.
 fn chunk(task: &GemmTask<PackedBf16>) -> usize {
     (CHUNK_BYTES / (size_of::<Pairs>() * task.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4
 }
 
-/// Panels of the next block, with so many slots left.
+/// Number of panels of the next block if `left` slots are left.
 fn panels(left: usize, rows: usize) -> usize {
     match left {
         4.. if rows <= TILE => 4,
@@ -206,10 +206,10 @@ fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, task: &Gemm
     pending.rows(ROWS, task, before, &mut y);
 }
 
-/// A block whose sums are complete, and the number of rows whose epilogue has run: the rest run
+/// A block whose sums are complete, and the number of rows whose epilogue has run: the others run
 /// while the next block is multiplied.
 struct PendingEpilogue {
-    /// Its first row in the product.
+    /// First row in the product.
     start: usize,
     slot: usize,
     panels: usize,
@@ -218,7 +218,7 @@ struct PendingEpilogue {
 }
 
 impl PendingEpilogue {
-    /// Ends the next `count` rows, or as many as are left.
+    /// Runs the epilogue of the next `count` rows, or as many as are left.
     #[inline]
     #[avx512bf16]
     fn rows(
@@ -237,7 +237,7 @@ impl PendingEpilogue {
     }
 }
 
-/// The product of rows copied to the stack, `MAX_STEPS` steps at once.
+/// The product of rows copied to the stack, `MAX_STEPS` steps at a time.
 #[avx512bf16]
 fn product<const MAX_STEPS: usize, const PARTS: usize>(
     tiles: &Tiles,
@@ -263,7 +263,7 @@ fn product<const MAX_STEPS: usize, const PARTS: usize>(
     }
 }
 
-/// Ends the rows from `t` on of `panels` slots from `slot` on.
+/// Runs the epilogue of the rows from `t` on of `panels` slots from `slot` on.
 #[inline(never)]
 #[avx512bf16]
 fn store_block(
@@ -279,7 +279,7 @@ fn store_block(
     }
 }
 
-/// The pairs of `panels` slots from `slot` on; the last one is repeated up to four.
+/// The pairs of `panels` slots from `slot` on, padded to four with the last one.
 fn pairs<'a>(task: &GemmTask<PackedBf16<'a>>, slot: usize, panels: usize) -> [&'a [Pairs]; 4] {
     [0, 1, 2, 3].map(|p: usize| task.panel(slot + p.min(panels - 1)))
 }
@@ -292,12 +292,12 @@ fn in_place<'a>(x: &Bf16Rows<'a>, t: usize, rows: usize) -> Source<'a> {
 }
 
 /// Fills `buffer` with the inputs from `first` on of the rows from `t` on, in two parts each,
-/// padded with zeros: old contents would be multiplied by zero weights, and the product of an
-/// infinity with zero is NaN.
+/// padded with zeros: old contents would be multiplied by zero weights, and the product of
+/// infinity and zero is NaN.
 #[avx512bf16]
 fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
-    // Rows of consecutive steps are 4 KiB apart, in one set of L1: a few steps at a time
-    // stay there.
+    // Rows of consecutive steps are 4 KiB apart, in one set of L1, which a few steps at a time do
+    // not exceed.
     for (i, steps) in buffer.chunks_mut(SPLIT_STEPS).enumerate() {
         for r in 0..rows {
             let first = first + i * SPLIT_STEPS * STEP;
@@ -314,7 +314,7 @@ fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
     }
 }
 
-/// The elements from `first` on, empty if the row is shorter.
+/// The elements from `first` on; empty if the row is shorter.
 fn rest<T>(row: &[T], first: usize) -> &[T] {
     &row[first.min(row.len())..]
 }
@@ -359,18 +359,18 @@ fn split_lanes(front: __m512, back: __m512) -> [__m512i; 2] {
     let upper = _mm512_set1_epi32(-1 << 16);
     let hi = |x| _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), upper));
     let lo = |x| _mm512_maskz_sub_ps(!_mm512_fpclass_ps_mask::<INFINITE>(x), x, hi(x));
-    // The upper words, of the first register and of the second.
+    // The upper words of the first register and of the second.
     let odd = _mm512_set_epi16(
         63, 61, 59, 57, 55, 53, 51, 49, 47, 45, 43, 41, 39, 37, 35, 33, 31, 29, 27, 25, 23, 21, 19, 17, 15, 13, 11, 9,
         7, 5, 3, 1,
     );
     let words = _mm512_permutex2var_epi16(_mm512_castps_si512(front), odd, _mm512_castps_si512(back));
     let rounded = _mm512_cvtne2ps_pbh(lo(back), lo(front));
-    // SAFETY: both are 64 bytes of 32 words, and any bits are a value of either.
+    // SAFETY: both are 64 bytes of 32 words, and any bits are valid for both.
     [words, unsafe { core::mem::transmute::<__m512bh, __m512i>(rounded) }]
 }
 
-/// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums
+/// Computes the sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums
 /// [rows, panels]`.
 #[avx512bf16]
 fn block<const PARTS: usize>(
@@ -420,7 +420,7 @@ fn multiply_all<const PARTS: usize>(
 }
 
 /// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or
-/// starts them; calls `between` every [`EPILOGUE_ROWS`] steps.
+/// starts the sums; calls `between` every [`EPILOGUE_ROWS`] steps.
 #[avx512bf16]
 fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,

@@ -1,4 +1,4 @@
-//! The f32 product's loops over weights that are widened as they are loaded.
+//! The f32 product's loops over weights that are widened when loaded.
 
 use crate::bf16::Bf16;
 pub(super) use crate::gemm::avx2::tiling;
@@ -10,7 +10,7 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
-/// Mask of the second value of a pair, whose bits are in the place of an f32's.
+/// Mask of the second value of a pair, whose bits are in the position of an f32's.
 const UPPER_HALF: i32 = -1 << 16;
 
 entry! {
@@ -26,7 +26,7 @@ entry! {
 impl Load for [[Bf16; PAIR]; PANEL] {
     const INPUTS: usize = PAIR;
 
-    /// A lane holds a pair, the first of it in its lower half.
+    /// A lane holds a pair, the first value in its lower half.
     #[inline]
     #[avx2]
     unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2] {

@@ -22,7 +22,7 @@ entry! {
     }
 }
 
-/// A lane of 32 bits holds a pair, the first of it in its lower half.
+/// A 32-bit lane holds a pair, the first value in its lower half.
 impl Step<Bf16> for [[Bf16; PAIR]; PANEL] {
     const INPUTS: usize = PAIR;
     const SHARED: usize = 1;

@@ -13,7 +13,7 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// Mask of the second value of a pair, whose bits are in the place of an f32's.
+/// Mask of the second value of a pair, whose bits are in the position of an f32's.
 const UPPER_HALF: i32 = -1 << 16;
 
 entry! {
@@ -29,7 +29,7 @@ entry! {
 impl Load for [[Bf16; PAIR]; PANEL] {
     const INPUTS: usize = PAIR;
 
-    /// A lane holds a pair, the first of it in its lower half.
+    /// A lane holds a pair, the first value in its lower half.
     #[inline]
     #[avx512vnni]
     unsafe fn load(panel: *const Self, i: usize) -> __m512 {

@@ -1,4 +1,4 @@
-//! The f32 product's loops over weights that are widened as they are loaded.
+//! The f32 product's loops over weights that are widened when loaded.
 
 use crate::bf16::Bf16;
 pub(super) use crate::gemm::neon::tiling;
@@ -11,7 +11,7 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::aarch64::*;
 use umo_kernels_features::neon;
 
-/// Mask of the second value of a pair, whose bits are in the place of an f32's.
+/// Mask of the second value of a pair, whose bits are in the position of an f32's.
 const UPPER_HALF: u32 = u32::MAX << 16;
 
 entry! {
@@ -27,7 +27,7 @@ entry! {
 impl Load for [[Bf16; PAIR]; PANEL] {
     const INPUTS: usize = PAIR;
 
-    /// A lane holds a pair, the first of it in its lower half.
+    /// A lane holds a pair, the first value in its lower half.
     #[inline]
     #[neon]
     unsafe fn load(panel: *const Self, i: usize) -> [Register; 2] {

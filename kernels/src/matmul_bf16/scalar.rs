@@ -33,7 +33,7 @@ pub(super) fn split_bf16x2(x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) {
     }
 }
 
-/// The two parts of split rows are added again.
+/// Adds the two parts of split rows before the product.
 pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
         for t in 0..x.hi.rows() {

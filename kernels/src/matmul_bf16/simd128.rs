@@ -1,4 +1,4 @@
-//! The f32 product's loops over weights that are widened as they are loaded.
+//! The f32 product's loops over weights that are widened when loaded.
 
 use crate::bf16::Bf16;
 pub(super) use crate::gemm::simd128::tiling;
@@ -21,7 +21,7 @@ pub(super) fn matmul_gated(_token: Simd128, x: Input<f32>, gate: PackedBf16, up:
 impl Load for [[Bf16; PAIR]; PANEL] {
     const INPUTS: usize = PAIR;
 
-    /// A lane holds a pair, the first of it in its lower half.
+    /// A lane holds a pair, the first value in its lower half.
     #[inline]
     fn load(&self, which: usize) -> [Register; REGISTERS] {
         let mut weights = [zero(); REGISTERS];

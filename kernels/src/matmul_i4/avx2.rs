@@ -1,6 +1,6 @@
-//! Nibbles times bytes, added up in words: `vpmaddubsw`, which is exact here, since a nibble has 4
+//! Nibbles times bytes, summed in words by `vpmaddubsw`, which is exact here, since a nibble has 4
 //! bits; and one `vpmaddwd` per group, which multiplies the words by the group's multiplier and adds
-//! pairs of them.
+//! them in pairs.
 //!
 //! ```text
 //! half a block         o0 o0 o0 o0 o1 .. o7     32 bytes, two codes each: low nibbles one register, high another
@@ -11,7 +11,7 @@
 //! ```
 //!
 //! A nibble is its code plus 8, so that a group's words start at -8 times the sums of its inputs.
-//! They may wrap on the way: what they end at is a sum of 16 products of at most 8 * 128 each.
+//! Intermediate values may wrap: the final one is a sum of 16 products of at most 8 * 128 each.
 
 use super::tiles::{GROUPS, HELD_BLOCKS};
 use crate::gemm::avx2::{store_gated_tile, store_tile};
@@ -27,10 +27,10 @@ use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
-/// Rows of the largest tile: 4 rows of a half panel are 4 words' sums and 4 totals, which leaves 8
+/// Rows of the largest tile: 4 rows of a half panel are 4 word sums and 4 totals, which leaves 8
 /// registers for codes, an input and a product.
 const ROWS: usize = 4;
-/// Rows of a tile that is bound by memory: both halves of a panel are read at once.
+/// Rows of a memory-bound tile: both halves of a panel are read at once.
 const FEW_ROWS: usize = 2;
 /// Prefetch distance in blocks.
 const PREFETCH_DISTANCE: usize = 128;
@@ -45,11 +45,11 @@ const REGISTERS: usize = PANEL / OUTPUTS;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
-/// Inputs of some rows with what their groups' sums start at.
+/// Inputs of some rows with the initial values of their groups' sums.
 struct Inputs<const TILE: usize> {
     /// Quads as words of 32 bits, so that one is loaded into all lanes.
     quads: [[[i32; GROUP_QUADS]; GROUPS]; TILE],
-    /// Two words, of the first and the second half of every quad.
+    /// Two words, for the first and the second half of every quad.
     start: [[i32; GROUPS]; TILE],
 }
 
@@ -63,7 +63,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx2) -> Tiling {
     Tiling {
         rows: &[1, FEW_ROWS, ROWS],
@@ -116,8 +116,8 @@ fn product<const TILE: usize>(x: &QuantInput, task: &GemmTask<PackedI4>, mut y: 
     }
 }
 
-/// Copies the inputs from group `first` on of `rows` rows from `t` on, as many as `inputs` holds,
-/// and adds them up.
+/// Copies and sums the inputs from group `first` on of `rows` rows from `t` on, as many as `inputs`
+/// holds.
 #[avx2]
 fn convert<const TILE: usize>(x: &QuantInput, t: usize, rows: usize, first: usize, inputs: &mut Inputs<TILE>) {
     let columns = first * GROUP..((first + GROUPS) * GROUP).min(x.rows.cols());
@@ -134,7 +134,7 @@ fn convert<const TILE: usize>(x: &QuantInput, t: usize, rows: usize, first: usiz
     }
 }
 
-/// `-NIBBLE_OFFSET` times the inputs of a group, two words: of the first and the second halves of
+/// `-NIBBLE_OFFSET` times the sums of a group's inputs, as two words: for the first and the second halves of
 /// all quads.
 #[inline]
 #[avx2]
@@ -176,7 +176,7 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
 ) {
     let nibbles = _mm256_set1_epi8(15);
     assert!(weights.len() <= HELD_BLOCKS);
-    // Pointers: checks of lengths in the loop make the compiler load inputs to other registers first.
+    // Pointers: with length checks in the loop the compiler loads the inputs to other registers first.
     let (mut quads, mut start) = ([core::ptr::null(); R], [core::ptr::null(); R]);
     for r in 0..R {
         (quads[r], start[r]) = (inputs.quads[r].as_ptr(), inputs.start[r].as_ptr());
@@ -192,7 +192,7 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
             for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
                 let mut words = [[_mm256_setzero_si256(); H]; R];
                 for r in 0..R {
-                    // SAFETY: there are no more groups than the inputs have room for.
+                    // SAFETY: the number of groups is at most that of the inputs.
                     words[r] = [_mm256_set1_epi32(unsafe { *start[r].wrapping_add(g) }); H];
                 }
                 for (j, block) in blocks.iter().enumerate() {
@@ -232,13 +232,13 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
     }
 }
 
-/// The multipliers of the outputs of register `register`, each in two words.
+/// The multipliers of the outputs of register `register`, each duplicated in two words.
 #[inline]
 #[avx2]
 fn spread(multipliers: &[u8; PANEL], register: usize) -> __m256i {
     // SAFETY: `multipliers` is 16 readable bytes; the load needs no alignment.
     let all = _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(multipliers.as_ptr().cast()) });
-    // Byte `o` to the upper bytes of two words; 128 clears the lower ones.
+    // Moves byte `o` to the upper bytes of two words; 128 clears the lower ones.
     let of = |o: i32| (o << 24) | 0x80_0080 | (o << 8);
     let order = match register {
         0 => _mm256_setr_epi32(of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)),

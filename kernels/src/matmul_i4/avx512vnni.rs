@@ -1,11 +1,11 @@
-//! Nibbles are unsigned bytes, so that `vpdpbusd` adds up their products with inputs as they are; and one
-//! `vpmulld` per group multiplies its sums by the multipliers.
+//! Nibbles are unsigned bytes, so that `vpdpbusd` sums their products with unmodified inputs; one
+//! `vpmulld` per group multiplies the sums by the multipliers.
 //!
 //! ```text
 //! a block              o0 o0 o0 o0 o1 .. o15    64 bytes, two codes each: low nibbles one register, high another
 //! times inputs          0  1  2  3  0 ..  3     the same four in every output
 //! ```
-//! A nibble is its code plus 8: a group's sums start at -8 times those of its inputs.
+//! A nibble is its code plus 8: a group's sums start at -8 times the sums of its inputs.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -23,16 +23,16 @@ use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// Rows of the largest tile: 8 rows x 1 panel are 16 registers of a group's sums and 8 of all, which leaves 8
+/// Rows of the largest tile: 8 rows x 1 panel are 16 registers of a group's sums and 8 of totals, which leaves 8
 /// for codes and a mask.
 const ROWS: usize = 8;
-/// Most rows that a processor with [`Tuning::own_prefetch`] multiplies fastest without prefetches: its own prefetcher falls
-/// behind with more.
+/// Most rows for which a processor with [`Tuning::own_prefetch`] is fastest without prefetches: its hardware prefetcher
+/// falls behind with more.
 const UNFETCHED: usize = 3;
-/// Prefetch distance in blocks: 8 KiB, into L2, with which a Zen 4 takes less time than with 4 KiB or into L1.
+/// Prefetch distance in blocks: 8 KiB, into L2, which is faster on a Zen 4 than 4 KiB or L1.
 const PREFETCH_DISTANCE: usize = 128;
 
-/// The multiplication of some number of rows.
+/// The multiplication for one number of rows.
 type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
@@ -52,7 +52,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
     tiles::tiling(&[1, UNFETCHED, ROWS])
 }
@@ -77,7 +77,7 @@ impl Kernel<ROWS> for Avx512Vnni {
             ROWS => add_panel::<ROWS>,
             rows => unreachable!("a tile of {rows} rows"),
         };
-        // SAFETY: the token exists only where the processor has the function's features.
+        // SAFETY: the token exists only if the processor has the function's features.
         unsafe { multiply(inputs, weights, sums) }
     }
 
@@ -96,7 +96,7 @@ impl Kernel<ROWS> for Avx512Vnni {
     }
 }
 
-/// Few rows, short enough that all their inputs are held at once, end in registers; more are computed in tiles.
+/// Few rows, short enough to hold all their inputs at once, run with their epilogue in registers; more run in tiles.
 #[avx512vnni]
 fn run(token: Avx512Vnni, x: QuantInput, task: &GemmTask<PackedI4>, y: MatMut<f32>, tuning: Tuning) {
     let rows = x.rows.rows();
@@ -125,7 +125,7 @@ fn few<const PREFETCH: bool>(x: &QuantInput, task: &GemmTask<PackedI4>, y: MatMu
     }
 }
 
-/// The same of `R` rows. Kept out of line, so that all registers are its own.
+/// The product of `R` rows. Kept out of line, so that it has all registers.
 #[inline(never)]
 #[avx512vnni]
 fn product<const R: usize, const PREFETCH: bool>(x: &QuantInput, task: &GemmTask<PackedI4>, mut y: MatMut<f32>) {
@@ -137,7 +137,7 @@ fn product<const R: usize, const PREFETCH: bool>(x: &QuantInput, task: &GemmTask
     }
 }
 
-/// One panel after another; the sums of `P` are ended together.
+/// Processes one panel after another; the epilogue runs for the sums of `P` panels at once.
 #[inline]
 #[avx512vnni]
 fn multiply_panels<const R: usize, const P: usize, const PREFETCH: bool>(
@@ -151,7 +151,7 @@ fn multiply_panels<const R: usize, const P: usize, const PREFETCH: bool>(
         for p in 0..P {
             let (w, number) = task.slot(first + p);
             let panel = w.panel(number);
-            // None beyond the weight's last panel.
+            // Never prefetches beyond the weight's last panel.
             let last = w.panel(panels(w.n()) - 1).as_ptr();
             let ahead = panel.as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last);
             let panel = multiply::<R, R, PREFETCH>(inputs, panel, ahead);
@@ -174,13 +174,13 @@ fn add_panel<const R: usize>(inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8;
         // SAFETY: the sums of a panel are 64 readable bytes; the load needs no alignment.
         let before = unsafe { _mm512_loadu_si512(sums.as_ptr().cast()) };
         let sum = _mm512_add_epi32(before, total);
-        // SAFETY: and writable.
+        // SAFETY: as above, and they are writable.
         unsafe { _mm512_storeu_si512(sums.as_mut_ptr().cast(), sum) };
     }
 }
 
-/// The products of the first `R` of `N` rows with groups of a panel. As many lines as these have are prefetched from
-/// `ahead` on, if any.
+/// The products of the first `R` of `N` rows with groups of a panel. With `PREFETCH`, prefetches the same number of
+/// lines from `ahead` on.
 #[inline]
 #[avx512vnni]
 fn multiply<const R: usize, const N: usize, const PREFETCH: bool>(
@@ -198,8 +198,9 @@ fn multiply<const R: usize, const N: usize, const PREFETCH: bool>(
             ahead = ahead.wrapping_add(1);
         }
         for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
-            // Sums of the low and of the high nibbles: one row has two chains of additions. High nibbles of few rows stay
-            // where they are, and so count 16 times: shifting the group's sums takes less than shifting its blocks.
+            // Sums of the low and of the high nibbles, so that one row has two chains of additions. With few rows,
+            // high nibbles are not shifted, and so count 16 times: shifting a group's sums is cheaper than shifting
+            // its blocks.
             let mut group = [[_mm512_setzero_si512(); 2]; R];
             for r in 0..R {
                 group[r][0] = _mm512_set1_epi32(inputs.start[r][g]);
@@ -235,7 +236,7 @@ fn multiply<const R: usize, const N: usize, const PREFETCH: bool>(
     totals
 }
 
-/// A quad of inputs for every output.
+/// Broadcasts a quad of inputs to every output.
 #[inline]
 #[avx512vnni]
 fn splat(quad: &[i8; QUAD]) -> __m512i {

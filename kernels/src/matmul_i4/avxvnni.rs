@@ -1,5 +1,5 @@
-//! As on AVX-512 (see its module), in registers of half a panel: nibbles are unsigned bytes, whose products with
-//! inputs `vpdpbusd` adds up as they are.
+//! As on AVX-512 (see its module), in registers of half a panel: nibbles are unsigned bytes, so that `vpdpbusd`
+//! sums their products with unmodified inputs.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -16,7 +16,7 @@ use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avxvnni;
 
-/// Rows of the largest tile: 4 rows of a half panel are 8 registers of a group's sums and 4 of all, which leaves 4
+/// Rows of the largest tile: 4 rows of a half panel are 8 registers of a group's sums and 4 of totals, which leaves 4
 /// for codes and a mask.
 const ROWS: usize = 4;
 /// Outputs of a register.
@@ -24,7 +24,7 @@ const OUTPUTS: usize = 8;
 /// Prefetch distance in blocks.
 const PREFETCH_DISTANCE: usize = 64;
 
-/// The multiplication of some number of rows.
+/// The multiplication for one number of rows.
 type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
@@ -37,7 +37,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: AvxVnni) -> Tiling {
     tiles::tiling(&[1, ROWS])
 }
@@ -58,7 +58,7 @@ impl Kernel<ROWS> for AvxVnni {
             ROWS => panel::<ROWS>,
             rows => unreachable!("a tile of {rows} rows"),
         };
-        // SAFETY: the token exists only where the processor has the function's features.
+        // SAFETY: the token exists only if the processor has the function's features.
         unsafe { multiply(inputs, weights, sums) }
     }
 
@@ -77,8 +77,8 @@ impl Kernel<ROWS> for AvxVnni {
     }
 }
 
-/// Adds the products of `R` rows with one half of a panel after the other. Kept out of line, so that all
-/// registers are its own.
+/// Adds the products of `R` rows with each half of a panel in turn. Kept out of line, so that
+/// it has all registers.
 #[inline(never)]
 #[avxvnni]
 fn panel<const R: usize>(inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]) {
@@ -88,7 +88,7 @@ fn panel<const R: usize>(inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLO
         let mut totals = [_mm256_setzero_si256(); R];
         for Span { first_group, multipliers, groups } in spans(weights) {
             for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
-                // Sums of the low and of the high nibbles: one row has two chains of additions.
+                // Sums of the low and of the high nibbles, so that one row has two chains of additions.
                 let mut group = [[_mm256_setzero_si256(); 2]; R];
                 for r in 0..R {
                     group[r][0] = _mm256_set1_epi32(inputs.start[r][g]);
@@ -122,13 +122,13 @@ fn panel<const R: usize>(inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLO
             // SAFETY: half of a panel's sums is 32 readable bytes; the load needs no alignment.
             let before = unsafe { _mm256_loadu_si256(register.cast()) };
             let sum = _mm256_add_epi32(before, total);
-            // SAFETY: and writable.
+            // SAFETY: as above, and they are writable.
             unsafe { _mm256_storeu_si256(register.cast(), sum) };
         }
     }
 }
 
-/// A quad of inputs for every output.
+/// Broadcasts a quad of inputs to every output.
 #[inline]
 #[avxvnni]
 fn splat(quad: &[i8; QUAD]) -> __m256i {

@@ -1,11 +1,11 @@
-//! Nibbles times bytes, added up per group, and one `mla` per group by its multipliers.
+//! Nibbles times bytes, summed per group, and one `mla` per group by its multipliers.
 //!
 //! ```text
 //! a quarter of a block  o0 o0 o0 o0 o1 .. o3    16 bytes, two codes each: low nibbles one register, high another
 //! times inputs           0  1  2  3  0 ..  3    the same four in every output
 //! ```
-//! `smlal` adds products to words: a nibble has 4 bits, so that a word holds the 8 products of a group
-//! (8 * 15 * 128), and the sum of two words fits in one.
+//! `smlal` accumulates products in words: a nibble has 4 bits, so that a word holds the 8 products of a group
+//! (8 * 15 * 128), and also the sum of two such words.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -32,7 +32,7 @@ pub(super) const PREFETCH_DISTANCE: usize = 16;
 /// Sums of `H` registers of a panel for `R` rows.
 pub(super) type Sums<const R: usize, const H: usize> = [[int32x4_t; H]; R];
 
-/// The multiplication of some number of rows.
+/// The multiplication for one number of rows.
 type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
@@ -45,7 +45,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
     tiles::tiling(&[1, FEW_ROWS, ROWS])
 }
@@ -66,7 +66,7 @@ impl Kernel<ROWS> for Neon {
             ROWS => words::<ROWS, 2>,
             rows => unreachable!("a tile of {rows} rows"),
         };
-        // SAFETY: the token exists only where the processor has the function's features.
+        // SAFETY: the token exists only if the processor has the function's features.
         unsafe { multiply(inputs, weights, sums) }
     }
 
@@ -85,8 +85,8 @@ impl Kernel<ROWS> for Neon {
     }
 }
 
-/// Adds the products of `R` rows with `H` registers of a panel at a time. Kept out of line, so that all
-/// registers are its own.
+/// Adds the products of `R` rows with `H` registers of a panel at a time. Kept out of line, so that
+/// it has all registers.
 #[inline(never)]
 #[neon]
 fn words<const R: usize, const H: usize>(
@@ -155,7 +155,7 @@ pub(super) fn add_groups<const R: usize, const H: usize>(
     }
 }
 
-/// The codes plus 8 of 4 outputs: of a quad, and of the next.
+/// The codes plus 8 of 4 outputs: for a quad, and for the next.
 #[inline]
 #[neon]
 pub(super) fn nibbles(block: &[u8; BLOCK], register: usize) -> (int8x16_t, int8x16_t) {
@@ -165,7 +165,7 @@ pub(super) fn nibbles(block: &[u8; BLOCK], register: usize) -> (int8x16_t, int8x
     (vreinterpretq_s8_u8(vandq_u8(both, vdupq_n_u8(15))), vreinterpretq_s8_u8(vshrq_n_u8::<4>(both)))
 }
 
-/// Two quads of inputs, twice.
+/// Two quads of inputs, duplicated.
 #[inline]
 #[neon]
 pub(super) fn load_quads(src: &[i8; 2 * QUAD]) -> int8x16_t {

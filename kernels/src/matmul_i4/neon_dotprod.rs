@@ -1,4 +1,4 @@
-//! As on NEON, with four products added to the sum of their output at a time (`sdot`): nibbles are signed bytes
+//! As on NEON, with `sdot`, which adds four products to the sum of their output: nibbles are valid signed bytes
 //! too.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
@@ -18,7 +18,7 @@ use crate::tuning::Tuning;
 use core::arch::aarch64::*;
 use umo_kernels_features::neon_dotprod;
 
-/// The multiplication of some number of rows.
+/// The multiplication for one number of rows.
 type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
@@ -31,7 +31,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
     tiles::tiling(&[1, FEW_ROWS, ROWS])
 }
@@ -52,7 +52,7 @@ impl Kernel<ROWS> for NeonDotprod {
             ROWS => dots::<ROWS, 2>,
             rows => unreachable!("a tile of {rows} rows"),
         };
-        // SAFETY: the token exists only where the processor has the function's features.
+        // SAFETY: the token exists only if the processor has the function's features.
         unsafe { multiply(inputs, weights, sums) }
     }
 
@@ -72,7 +72,7 @@ impl Kernel<ROWS> for NeonDotprod {
 }
 
 /// Adds the products of `R` rows with `H` registers of a panel at a time, four by four. Kept out of line, so
-/// that all registers are its own.
+/// that it has all registers.
 #[inline(never)]
 #[neon_dotprod]
 fn dots<const R: usize, const H: usize>(

@@ -8,7 +8,7 @@ use crate::pack::{BLOCK, GROUP, NIBBLE_OFFSET, PANEL, PackedI4, QUAD, panels, sp
 use crate::tiling::Tiling;
 use crate::tuning::Tuning;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling() -> Tiling {
     Tiling { rows: &[1], outputs: &[PANEL], inputs: &[QUAD, GROUP], held: 0, chunk: 0 }
 }

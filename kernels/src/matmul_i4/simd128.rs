@@ -1,4 +1,4 @@
-//! Nibbles as words, multiplied by words of inputs and added in pairs to sums of 32 bits
+//! Nibbles as words, multiplied by words of inputs and added in pairs to 32-bit sums
 //! (`i32x4.dot_i16x8_s`), and one multiplication of a group's sums by its multipliers.
 //!
 //! ```text
@@ -6,8 +6,8 @@
 //! by shift and mask     o0 o0 o1 o1 ..          4 registers of words: inputs 0 and 2, 1 and 3, 4 and 6, 5 and 7
 //! times inputs           0  2  0  2 ..          the same two in every output
 //! ```
-//! Products of bytes (`i16x8.extmul`) would be half as many, but x86 has no such instruction: 1.9 times as slow
-//! there.
+//! Products of bytes (`i16x8.extmul`) would take half as many instructions, but x86 has no such instruction: 1.9
+//! times as slow there.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -46,13 +46,13 @@ pub(super) fn matmul_gated(
     tiles::run(token, &x, &GemmTask::Gated(gate, up), y);
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     tiles::tiling(&[1, ROWS])
 }
 
 impl Kernel<ROWS> for Simd128 {
-    /// Pairs of words: of each quad inputs 0 and 2, then 1 and 3.
+    /// Pairs of words: inputs 0 and 2 of each quad, then 1 and 3.
     type Group = [[i16; 2]; GROUP / 2];
 
     #[inline(always)]
@@ -71,7 +71,7 @@ impl Kernel<ROWS> for Simd128 {
         weights: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
     ) {
-        // One row has registers for the sums of a whole panel, more rows for half of one.
+        // One row has registers for the sums of a whole panel, more rows for half a panel.
         match sums.len() {
             1 => panel::<1, QUARTERS>(inputs, weights, sums),
             2 => panel::<2, 2>(inputs, weights, sums),
@@ -98,8 +98,8 @@ impl Kernel<ROWS> for Simd128 {
     }
 }
 
-/// Adds the products of `R` rows with `H` quarters of a panel at a time. Kept out of line, so that all
-/// registers are its own.
+/// Adds the products of `R` rows with `H` quarters of a panel at a time. Kept out of line, so that
+/// it has all registers.
 #[inline(never)]
 fn panel<const R: usize, const H: usize>(
     inputs: &Inputs<[[i16; 2]; GROUP / 2], ROWS>,
@@ -136,7 +136,7 @@ fn panel<const R: usize, const H: usize>(
                 let register = registers[first + h].as_mut_ptr();
                 // SAFETY: a register is 4 readable sums; the load needs no alignment.
                 let before = unsafe { v128_load(register.cast()) };
-                // SAFETY: and writable.
+                // SAFETY: as above, and they are writable.
                 unsafe { v128_store(register.cast(), i32x4_add(before, totals[r][h])) };
             }
         }
@@ -172,7 +172,7 @@ fn half<const R: usize, const H: usize, const HIGH: bool>(
     }
 }
 
-/// A pair of inputs for every output.
+/// Broadcasts a pair of inputs to every output.
 #[inline(always)]
 fn splat(pair: &[i16; 2]) -> v128 {
     // SAFETY: a pair is 4 readable bytes; the load needs no alignment.

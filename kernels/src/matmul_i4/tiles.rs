@@ -1,5 +1,5 @@
-//! The order of work of all back-ends but AVX2: tiles of up to `ROWS` rows, whose inputs are padded to whole
-//! groups, pass by a chunk of panels. Inlined, so that it has the features of its caller.
+//! The processing order of all back-ends except AVX2: tiles of up to `ROWS` rows, with inputs padded to whole
+//! groups, pass each chunk of panels. Inlined, so that it has the features of its caller.
 
 use crate::gemm::{GemmTask, tiles};
 use crate::mat::MatMut;
@@ -9,15 +9,15 @@ use crate::tiling::Tiling;
 
 /// Groups whose inputs are held at once: 4 rows are 8 KiB, which stay in L1 beside the weights.
 pub(super) const GROUPS: usize = 64;
-/// Blocks of a panel with as many groups.
+/// Blocks of a panel that has [`GROUPS`] groups.
 pub(super) const HELD_BLOCKS: usize = GROUPS / SPAN_GROUPS * SPAN_BLOCKS;
 /// Bytes of weights per chunk, which stays in L2 while tiles of rows pass.
 const CHUNK_BYTES: usize = 256 << 10;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
-/// Inputs of some rows with what their groups' sums start at, since a nibble is a code plus 8: `-NIBBLE_OFFSET` times
-/// the sums of the inputs.
+/// Inputs of some rows with the initial values of their groups' sums, since a nibble is a code plus 8:
+/// `-NIBBLE_OFFSET` times the sums of the inputs.
 pub(super) struct Inputs<G, const ROWS: usize> {
     pub(super) groups: [[G; GROUPS]; ROWS],
     pub(super) start: [[i32; GROUPS]; ROWS],
@@ -25,16 +25,16 @@ pub(super) struct Inputs<G, const ROWS: usize> {
 
 /// The multiplication of one back-end.
 pub(super) trait Kernel<const ROWS: usize>: Copy {
-    /// The inputs of a group as the loops read them.
+    /// The inputs of a group in the format of the loops.
     type Group: Copy + Default;
 
-    /// The same of these inputs.
+    /// Converts a group's inputs.
     fn group(inputs: &[i8; GROUP]) -> Self::Group;
 
     /// Adds the products of the first `sums.len()` rows of `inputs` with the spans of a panel, [`HELD_BLOCKS`] at most.
     fn multiply(self, inputs: &Inputs<Self::Group, ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]);
 
-    /// Scales the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on to floats, and
+    /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on to floats, and
     /// applies the epilogue. The sums are stored as bits of floats.
     #[expect(clippy::too_many_arguments, reason = "one step, each operand named")]
     fn finish(
@@ -49,7 +49,7 @@ pub(super) trait Kernel<const ROWS: usize>: Copy {
     );
 }
 
-/// Where the loops change, with the `rows` of a back-end's tiles.
+/// Sizes at which the loops change, with the `rows` of a back-end's tiles.
 pub(super) fn tiling(rows: &'static [usize]) -> Tiling {
     Tiling {
         rows,
@@ -102,8 +102,8 @@ pub(super) fn run<K: Kernel<ROWS>, const ROWS: usize>(
     }
 }
 
-/// Copies the inputs of `rows` rows from `t` on, from group `first` on as many as `inputs` holds, padded with
-/// zeros to a whole group and as `convert` makes them of a group.
+/// Copies the inputs of `rows` rows from `t` on, from group `first` on and as many as `inputs` holds, padded with
+/// zeros to a whole group and converted by `convert`.
 #[inline(always)]
 pub(super) fn prepare<G, const ROWS: usize>(
     x: &QuantInput,

@@ -2,9 +2,9 @@
 //! needs no correction.
 //!
 //! The packed weights have the instruction's layout: 16 quads of one panel, 1 KiB, are one
-//! tile. Rows of inputs are gathered into tiles on the stack, as many as fit, and pass each
+//! tile. As many rows of inputs as fit are gathered into tiles on the stack, and pass each
 //! pair of panels block by block. While the tiles of one block are multiplied, the epilogue of
-//! the block before runs, a few rows per step, and the next pair of panels is prefetched to L2.
+//! the previous block runs, a few rows per step, and the next pair of panels is prefetched to L2.
 //! Up to [`FEW_ROWS`] rows would leave most of a tile empty and are computed with VNNI.
 
 use super::avx512vnni;
@@ -27,7 +27,7 @@ use core::mem::MaybeUninit;
 use core::ops::Range;
 use umo_kernels_features::avx512vnni;
 
-/// Rows that VNNI multiplies sooner.
+/// Number of rows up to which VNNI is faster.
 const FEW_ROWS: usize = 6;
 /// Rows per block.
 const ROWS: usize = 2 * TILE;
@@ -41,18 +41,18 @@ const GATHERED_TILES: usize = 256;
 const OUTPUT_SPAN: usize = 512 << 10;
 /// Minimum of gated rows per step of the epilogue: the latencies of their divisions overlap.
 const GATED_ROWS: usize = 6;
-/// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
+/// Bytes of weights per chunk, which stays in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 
 /// Most rows gathered at once; their scales are stored too.
 const GROUP: usize = 512;
 
-/// Panels of sums in one block: integers as bits in the sum_index of the floats that they become.
+/// Panels of sums in one block: integers, stored as bits of the floats that later replace them.
 const SUMS: usize = ROWS * WIDTH;
 
 /// 16 rows of 64 bytes.
 type Tile = [[i8; BYTES]; TILE];
-/// A tile of inputs. It is not initialized before rows are gathered: rows that nothing reads
+/// A tile of inputs. It is not initialized before rows are gathered: rows that are never read
 /// cost nothing.
 type Inputs = [MaybeUninit<[i8; BYTES]>; TILE];
 /// Sums of one block.
@@ -76,7 +76,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[FEW_ROWS, TILE, ROWS, GROUP],
@@ -150,8 +150,8 @@ fn is_tile_loadable(x: &QuantInput, rows: usize) -> bool {
     x.rows.index.is_none() && whole && start.is_multiple_of(BYTES) && mat.stride().is_multiple_of(BYTES)
 }
 
-/// Gathers the inputs from `first` on of `rows` rows from `t` on, `steps` steps of one block.
-/// The contents behind the last row produce sums that nothing reads.
+/// Gathers the inputs from `first` on of `rows` rows from `t` on, for `steps` steps of one block.
+/// The contents behind the last row produce sums that are never read.
 #[avx512vnni]
 fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, gathered_tiles: &mut [Inputs]) {
     let last = (first + steps * BYTES).min(x.rows.cols());
@@ -169,7 +169,7 @@ fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, gat
     }
 }
 
-/// Where the inputs of a block are.
+/// Location of a block's inputs.
 #[derive(Clone, Copy)]
 struct Source<'a> {
     bytes: &'a [MaybeUninit<i8>],
@@ -219,12 +219,12 @@ struct Pair<'a> {
     epilogue: PairEpilogue,
 }
 
-/// The epilogue of a pair of panels.
+/// Constants of the epilogue of a pair of panels.
 #[derive(Clone, Copy)]
 struct PairEpilogue {
     kind: EpilogueKind,
     scale: [__m512; WIDTH],
-    /// -0 if there is none: adding it changes no sum.
+    /// -0 without a bias: adding it changes no sum.
     bias: [__m512; WIDTH],
 }
 
@@ -234,8 +234,8 @@ impl<'a> Pair<'a> {
     #[avx512vnni]
     fn new(task: &GemmTask<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
         let panels = (end - slot).min(WIDTH);
-        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one
-        // that has not.
+        // Not with `from_fn`: a closure has this function's features and cannot be inlined into a
+        // function without them.
         let (mut quads, mut ahead) = ([&[][..]; WIDTH], [&[][..]; WIDTH]);
         for p in 0..WIDTH {
             quads[p] = task.panel(slot + p.min(panels - 1));
@@ -243,7 +243,7 @@ impl<'a> Pair<'a> {
                 ahead[p] = task.panel(next + p);
             }
         }
-        // One tile of rows is done as soon as its weights are there: 3 to 8 % slower.
+        // A single tile of rows is bound by its weights: prefetching makes it 3 to 8 % slower.
         let lines = if rows <= TILE { 0 } else { TILE.div_ceil(rows.div_ceil(ROWS)) };
         Self { slot, panels, quads, ahead, lines, epilogue: PairEpilogue::new(task, slot) }
     }
@@ -296,7 +296,7 @@ struct BlockProduct<'a, 'b> {
 }
 
 impl BlockProduct<'_, '_> {
-    /// All inputs at once.
+    /// Multiplies all inputs at once.
     #[inline]
     #[avx512vnni]
     fn multiply_block(
@@ -314,7 +314,7 @@ impl BlockProduct<'_, '_> {
         self.by_epilogue(Steps { inputs, quads: pair.quads, ahead, start: true }, sums, before, y);
     }
 
-    /// As many inputs at a time as fit into the buffer.
+    /// Multiplies as many inputs at a time as fit into the buffer.
     #[avx512vnni]
     fn multiply_in_parts(
         &mut self,
@@ -370,7 +370,7 @@ impl BlockProduct<'_, '_> {
     }
 
     /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows,
-    /// P]`, or starts them; meanwhile, runs the epilogue of rows of the block before, of
+    /// P]`, or starts the sums; meanwhile, runs the epilogue of rows of the previous block, of
     /// kind `KIND`.
     #[avx512vnni]
     fn multiply<const R: usize, const P: usize, const KIND: u8>(
@@ -393,7 +393,7 @@ impl BlockProduct<'_, '_> {
         let mut outputs = Outputs::new(self, y, first.len());
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
-            // Few rows are bound by the bandwidth of their weights.
+            // Products of few rows are bound by the bandwidth of their weights.
             if R == 2 {
                 outputs.prefetch_rows();
             }
@@ -416,13 +416,13 @@ impl BlockProduct<'_, '_> {
     }
 }
 
-/// Outputs of a block, prefetched to L1 while it is multiplied and written while the next one
-/// is: another core or the last-level cache may hold them.
+/// Outputs of a block, prefetched to L1 while it is multiplied and written during the next
+/// block: they may be in another core's cache or the last-level cache.
 struct Outputs<'a> {
-    /// Those of row 0, and elements from a row to the next.
+    /// Start of row 0, and elements between rows.
     first: *const f32,
     stride: usize,
-    /// The block's rows that are left.
+    /// Remaining rows of the block.
     t: Range<usize>,
     /// The destination rows of a scatter.
     scatter: Option<&'a [u32]>,
@@ -452,7 +452,7 @@ impl<'a> Outputs<'a> {
         }
     }
 
-    /// Those of the next rows.
+    /// Prefetches the outputs of the next rows.
     #[inline]
     fn prefetch_rows(&mut self) {
         for t in self.t.by_ref().take(self.rows) {
@@ -498,10 +498,10 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize),
     }
 }
 
-/// The epilogue of a block's rows.
+/// Kind of epilogue of a block's rows.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum EpilogueKind {
-    /// All at once.
+    /// All rows at once.
     Block,
     Gated,
     Scatter,
@@ -534,7 +534,7 @@ impl PendingEpilogue {
         Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], epilogue }
     }
 
-    /// The rows from `t` on with a pair of panels.
+    /// Sets the rows, from `t` on, and the pair of panels.
     #[inline]
     #[avx512vnni]
     fn start(&mut self, pair: &Pair, scales: &[f32; ROWS], t: usize, rows: usize) {
@@ -542,7 +542,7 @@ impl PendingEpilogue {
         *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, epilogue };
     }
 
-    /// Ends the next `count` rows, or as many as are left.
+    /// Runs the epilogue of the next `count` rows, or as many as are left.
     #[inline]
     #[avx512vnni]
     fn rows<const KIND: u8>(&mut self, count: usize, task: &GemmTask, sums: &Sums, y: &mut MatMut<f32>) {
@@ -584,7 +584,7 @@ impl PendingEpilogue {
         }
     }
 
-    /// Ends all rows that are left.
+    /// Runs the epilogue of all remaining rows.
     #[avx512vnni]
     fn all(&mut self, x: &QuantInput, task: &GemmTask, sums: &mut Sums, y: &mut MatMut<f32>) {
         match self.epilogue.kind {
@@ -621,7 +621,7 @@ fn dequantize_tile(
     let value =
         |sum: &[f32; PANEL], x_scale: __m512, i: usize| scales[i].value(_mm512_castps_si512(load(sum)), x_scale);
     match task {
-        // The usual end, in one pass.
+        // The most common epilogue, in one pass.
         GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
             let outputs = slot * PANEL..((slot + width) * PANEL).min(y.cols());
             for (t, sums) in (t..).zip(sums.chunks_exact(width)) {

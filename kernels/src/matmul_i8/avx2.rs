@@ -36,11 +36,11 @@ const REGISTERS: usize = PANEL / OUTPUTS;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
-/// Quads of the longest row for which a small buffer is cleared, and rows of the fewest: clearing the
-/// largest takes longer than a small product.
+/// Length of a row in quads, and number of rows, up to which a smaller buffer is used: clearing the largest takes
+/// longer than a small product.
 const SHORT: usize = 128;
 const FEW_ROWS: usize = 2;
-/// Quads of a buffer's row behind the inputs: they keep rows off each other's cache sets.
+/// Quads in a buffer's row behind the inputs, to keep rows in different cache sets.
 const GAP: usize = 8;
 
 /// Inputs of one row, widened, `N` quads of them.
@@ -58,7 +58,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx2) -> Tiling {
     Tiling {
         rows: &[FEW_ROWS, ROWS],
@@ -115,7 +115,7 @@ fn product<const TILE: usize, const N: usize>(x: &QuantInput, task: &GemmTask, m
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, widened, as many of both as `buffer` holds.
+/// Widens the inputs from `first` on of the rows from `t` on, as many of both as `buffer` holds.
 #[avx2]
 fn convert<const N: usize>(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow<N>]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
@@ -205,7 +205,7 @@ fn quad_bits(x: [i16; QUAD]) -> i64 {
 #[inline]
 #[avx2]
 fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
-    // Outputs 0 1 4 5 | 2 3 6 7: the addition works on halves.
+    // Outputs 0 1 4 5 | 2 3 6 7: the addition works on halves of the registers.
     _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(low, high))
 }
 

@@ -2,8 +2,8 @@
 //! bytes.
 //!
 //! Inputs are offset to unsigned (`x + 128`), either beforehand in a buffer on the stack, a
-//! tile of rows at a time, or when they are loaded. The excess, `128 * sum(w)`, is subtracted
-//! from the sums at the end. All of it wraps in 32 bits, so that the sums are exact.
+//! tile of rows at a time, or when they are loaded. The epilogue subtracts the excess,
+//! `128 * sum(w)`, from the sums. All arithmetic wraps in 32 bits, so that the sums are exact.
 
 pub(crate) mod end;
 mod one_stream;
@@ -36,7 +36,7 @@ entry! {
     }
 }
 
-/// Where the loops change, with either profile.
+/// Sizes at which the loops change, with either profile.
 pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
     Tiling {
         rows: &[one_stream::UNFETCHED, FEW_ROWS, tiles::EVEN_ROWS, one_stream::ROWS, tiles::ROWS],

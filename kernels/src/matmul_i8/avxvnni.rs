@@ -2,7 +2,7 @@
 //! processors without AVX-512 have.
 //!
 //! As in `avx512vnni.rs`, inputs are offset to unsigned (`x + 128`), a tile of rows at a time,
-//! and the excess, `128 * sum(w)`, is subtracted from the sums at the end. A panel's quad is
+//! and the epilogue subtracts the excess, `128 * sum(w)`, from the sums. A panel's quad is
 //! two registers.
 
 use super::avx2::dequantize_tile;
@@ -22,9 +22,9 @@ use umo_kernels_features::avxvnni;
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers for
 /// weights and one for an input.
 const ROWS: usize = 6;
-/// Panels of few rows in one group, 12 sums of one row; an even number, as gated products need.
+/// Panels in one group for one row, which are 12 sums; an even number, as gated products need.
 const WIDE: usize = 6;
-/// Panels of more rows in one group: a gate and an up panel.
+/// Panels in one group for more rows: a gate and an up panel.
 const PAIR: usize = 2;
 /// Panels of sums of a group.
 const SUMS: usize = ROWS * PAIR;
@@ -47,7 +47,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: AvxVnni) -> Tiling {
     Tiling {
         rows: &[1, ROWS],
@@ -60,7 +60,7 @@ pub(super) fn tiling(_token: AvxVnni) -> Tiling {
 
 #[avxvnni]
 fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
-    // One row, as in a decoder's step, where clearing the large buffer would be measurable.
+    // One row, a decoder step, for which clearing the large buffer would be measurable.
     if x.rows.rows() == 1 { product::<1>(x, task, y) } else { product::<ROWS>(x, task, y) }
 }
 
@@ -106,7 +106,7 @@ fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     }
 }
 
-/// The rows from `t` on, `R` of them, with the slots of `chunk`, `WIDTH` in a group, `P` of them at
+/// Processes `R` rows from `t` on with the slots of `chunk`, `WIDTH` in a group, `P` of them at
 /// a time.
 #[avxvnni]
 fn tile<const R: usize, const P: usize, const WIDTH: usize>(
@@ -132,7 +132,7 @@ fn tile<const R: usize, const P: usize, const WIDTH: usize>(
     }
 }
 
-/// `R` rows with `WIDTH` slots from `slot` on, from the first input to the end of the product.
+/// Processes `R` rows with `WIDTH` slots from `slot` on, from the first input through the epilogue.
 #[avxvnni]
 fn group<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
@@ -151,8 +151,8 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
             convert(x, t, first, buffer);
         }
         for i in (0..WIDTH).step_by(P) {
-            // Not by `from_fn`: a closure has this function's features and cannot be inlined into
-            // one that has not.
+            // Not with `from_fn`: a closure has this function's features and cannot be inlined into
+            // a function without them.
             let mut panels = [&[][..]; P];
             for (p, panel) in panels.iter_mut().enumerate() {
                 let quads = task.panel(slot + i + p);
@@ -184,7 +184,7 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
 ) {
     let quads = panels[0].len();
     assert!(quads <= QUADS);
-    // A constant for one row, a decoder's step, where it matters.
+    // A constant for one row, a decoder step, where it matters.
     let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);

@@ -1,36 +1,36 @@
-//! Chunks of weights that stay in L2 while tiles of rows pass; the next chunk is prefetched
-//! meanwhile.
+//! Chunks of weights that stay in L2 while tiles of rows pass; meanwhile, the next chunk is
+//! prefetched.
 
 use super::input::GemmTask;
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::ops::Range;
 
-/// Rows of a tile that is bound by memory: there, clearing a large buffer is measurable, and
+/// Most rows of a memory-bound tile: for these, clearing a large buffer is measurable, and
 /// prefetching further weights does not pay.
 #[cfg(target_arch = "x86_64")]
 pub(super) const FEW_ROWS: usize = 4;
-/// Bytes of weights per chunk, which share a small L2 with the next chunk.
+/// Bytes of weights per chunk, which shares a small L2 with the next chunk.
 pub(super) const CHUNK_BYTES: usize = 256 << 10;
 /// Prefetch distances in quads: 8 steps of 13 cycles hide the latency of L2; the longer
 /// distance is for one tile of several rows, whose weights are read once, from memory.
 pub(super) const PREFETCH_DISTANCE: [usize; 2] = [8, 32];
 
-/// Some of a task's panels, for a group of them at a time to be multiplied.
+/// Some of a task's panels, multiplied in groups.
 pub(super) struct Chunk<'a> {
     pub(super) task: &'a GemmTask<'a>,
-    /// In L2 while tiles of rows go by.
+    /// Slots whose weights are in L2 while tiles of rows pass.
     pub(super) slots: Range<usize>,
-    /// Quads between a multiplication and its own weights' prefetch.
+    /// Prefetch distance of the chunk's own weights, in quads.
     pub(super) ahead: usize,
-    /// Not yet fetched, of the chunk after this.
+    /// Slots of the next chunk that are not yet prefetched.
     next: Range<usize>,
-    /// Panels of it that a group prefetches.
+    /// Panels of the next chunk that each group prefetches.
     each: usize,
 }
 
 impl<'a> Chunk<'a> {
-    /// These slots, as far as there are any, for `rows` rows in `tiles`, each of which
+    /// The part of `slots` that exists, for `rows` rows in `tiles`, each of which
     /// processes `group` panels at a time.
     pub(super) fn new(task: &'a GemmTask, slots: Range<usize>, rows: usize, (tiles, group): (usize, usize)) -> Self {
         let slots = slots.start..slots.end.min(task.slots());
@@ -41,7 +41,7 @@ impl<'a> Chunk<'a> {
         Self { task, slots, ahead, next, each }
     }
 
-    /// Panels of the next chunk to be prefetched now; if there are none, `panel`, which is
+    /// Panels of the next chunk to be prefetched now, padded with `panel`, which is
     /// in cache.
     #[inline]
     pub(super) fn fetch(&mut self, panel: &[[i8; PANEL * QUAD]]) -> [*const [i8; PANEL * QUAD]; 2] {

@@ -1,4 +1,4 @@
-//! Bytes multiplied to 16 bits (`smull`) and added in pairs to sums of 32 (`sadalp`), which is
+//! Bytes multiplied to 16 bits (`smull`) and added in pairs to 32-bit sums (`sadalp`), which is
 //! exact.
 //!
 //! ```text
@@ -6,8 +6,8 @@
 //! times inputs          0  1  2  3  0  1  2  3 |  0 ..  3     the same four in every output
 //! adds up to             o0    o0    o1    o1  |  o2 .. o3     two sums per output, added at the end
 //! ```
-//! Two products fit in 16 bits unless both are `-128 * -128`: inputs without -128, which are all
-//! that [`crate::quantize`] makes, are added up by two quads (`smlal`) first.
+//! Two products fit in 16 bits unless both are `-128 * -128`: for inputs without -128, which includes
+//! all outputs of [`crate::quantize`], two quads are first added (`smlal`).
 
 use super::input::{GemmTask, QuantInput};
 use crate::gemm::neon as float;
@@ -44,12 +44,12 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
     Tiling { rows: &[ROWS], outputs: &[PANEL, WIDTH * PANEL], inputs: &[QUAD, STEP], held: 0, chunk: 0 }
 }
 
-/// All rows pass by each pair of panels while it is in the cache.
+/// Processes all rows with each pair of panels while it is in the cache.
 #[neon]
 fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let fits = (0..x.rows.rows()).all(|t| !contains_min(x.rows.row(t)));
@@ -73,7 +73,7 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     }
 }
 
-/// Whether an input is -128.
+/// Whether any input is -128.
 #[neon]
 fn contains_min(row: &[i8]) -> bool {
     let (chunks, tail) = row.as_chunks();
@@ -84,7 +84,7 @@ fn contains_min(row: &[i8]) -> bool {
     vminvq_s8(least) == i8::MIN || tail.contains(&i8::MIN)
 }
 
-/// Exact sums of the rows from `t` on, `R` of them, with one panel, every `width`th of `sums`.
+/// Exact sums of `R` rows from `t` on with one panel, in every `width`th of `sums`.
 #[neon]
 fn panel<const R: usize, const PAIRED: bool>(
     x: &QuantInput,
@@ -117,7 +117,7 @@ fn panel<const R: usize, const PAIRED: bool>(
 }
 
 /// The innermost tile: adds the products of `R` rows with one panel. `PAIRED`: no input is -128.
-/// Kept out of line, so that all registers are its own.
+/// Kept out of line, so that it has all registers.
 #[inline(never)]
 #[neon]
 fn multiply<const R: usize, const PAIRED: bool>(
@@ -176,7 +176,7 @@ fn step<const R: usize, const PAIRED: bool>(
     }
 }
 
-/// 16 bytes.
+/// Loads 16 bytes.
 #[inline]
 #[neon]
 pub(super) fn load_bytes(src: &[i8; 16]) -> int8x16_t {
@@ -184,7 +184,7 @@ pub(super) fn load_bytes(src: &[i8; 16]) -> int8x16_t {
     unsafe { vld1q_s8(src.as_ptr()) }
 }
 
-/// Integer sums, as bits of floats.
+/// Loads integer sums, stored as bits of floats.
 #[inline]
 #[neon]
 pub(super) fn load_sums(src: &[f32; PANEL]) -> [int32x4_t; REGISTERS] {
@@ -192,7 +192,7 @@ pub(super) fn load_sums(src: &[f32; PANEL]) -> [int32x4_t; REGISTERS] {
     [as_integers(low[0]), as_integers(low[1]), as_integers(high[0]), as_integers(high[1])]
 }
 
-/// Integer sums as bits of floats.
+/// Stores integer sums as bits of floats.
 #[inline]
 #[neon]
 pub(super) fn store_sums(dst: &mut [f32; PANEL], [a, b, c, d]: [int32x4_t; REGISTERS]) {

@@ -1,5 +1,5 @@
 //! Four inputs of 4 outputs per instruction: `sdot` multiplies signed bytes, so that rows are read
-//! where they are, 16 inputs at a time, and the instruction selects the quad.
+//! in place, 16 inputs at a time, and the instruction selects the quad.
 
 use super::input::{GemmTask, QuantInput};
 use super::neon::{Quads, REGISTERS, dequantize_tile, load_bytes, load_sums, store_sums};
@@ -17,11 +17,11 @@ use umo_kernels_features::neon_dotprod;
 /// Rows of the largest tile: 6 rows x 1 panel are 24 registers of sums, which leaves 6 for inputs
 /// and 2 for weights.
 const ROWS: usize = 6;
-/// Panels of one row in one group, 16 registers of sums; an even number, as gated products need.
+/// Panels in one group for one row, which are 16 registers of sums; an even number, as gated products need.
 const WIDE: usize = 4;
-/// Panels of more rows in one group: a gate and an up panel.
+/// Panels in one group for more rows: a gate and an up panel.
 const PAIR: usize = 2;
-/// Inputs of a register, and quads of them.
+/// Inputs of a register, and their quads.
 const BYTES: usize = QUADS * QUAD;
 const QUADS: usize = 4;
 /// Prefetch distance in quads for one row, whose weights are read once, from memory.
@@ -37,7 +37,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
     Tiling {
         rows: &[1, ROWS],
@@ -48,7 +48,7 @@ pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
     }
 }
 
-/// All rows pass by each group of panels while it is in the cache.
+/// Processes all rows with each group of panels while it is in the cache.
 #[neon_dotprod]
 pub(super) fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let rows = x.rows.rows();
@@ -78,7 +78,7 @@ pub(super) fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     }
 }
 
-/// `R` rows from `t` on with `WIDTH` slots from `slot` on, `P` of them at a time.
+/// Processes `R` rows from `t` on with `WIDTH` slots from `slot` on, `P` of them at a time.
 #[neon_dotprod]
 fn group<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
@@ -102,7 +102,7 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
         for p in 0..P {
             let end;
             (panels[p], end) = task.panel(slot + i + p).as_chunks();
-            // Where the inputs end within the last quads, all of them are whole.
+            // If the inputs end within the last quads, the tail is processed with whole quads.
             if panels[p].len() > rows[0].len() {
                 ends[p][0] = panels[p][rows[0].len()];
                 panels[p] = &panels[p][..rows[0].len()];
@@ -125,7 +125,7 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
 }
 
 /// The innermost tile: stores `R x P` panels of sums to the first panels of `sums [R, width]`, or
-/// adds to them unless it is the `start`. Kept out of line, so that all registers are its own.
+/// adds to them unless it is the `start`. Kept out of line, so that it has all registers.
 #[inline(never)]
 #[neon_dotprod]
 fn multiply<const R: usize, const P: usize>(
@@ -191,13 +191,13 @@ fn step<const R: usize, const P: usize, const LANE: usize>(
     }
 }
 
-/// Adds to each sum the products of four bytes of `w` with those of quad `LANE` of `x`. By name:
-/// the compiler's function of it is not stable.
+/// Adds to each sum the products of four bytes of `w` with those of quad `LANE` of `x`. In assembly,
+/// as the intrinsic is not stable.
 #[inline]
 #[neon_dotprod]
 pub(crate) fn dot<const LANE: usize>(sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> int32x4_t {
     let mut sum = sum;
-    // SAFETY: this function enables the instruction, which touches the named registers alone.
+    // SAFETY: this function enables the instruction, which touches only the named registers.
     unsafe {
         asm!(
             "sdot {sum:v}.4s, {w:v}.16b, {x:v}.4b[{lane}]",

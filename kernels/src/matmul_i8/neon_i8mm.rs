@@ -22,7 +22,7 @@ use core::arch::aarch64::*;
 use core::arch::asm;
 use umo_kernels_features::neon_i8mm;
 
-/// Most rows that `sdot` multiplies as fast, for which nothing is interleaved.
+/// Most rows for which `sdot`, without interleaving, is as fast.
 const FEW_ROWS: usize = 3;
 /// Pairs of rows of the largest tile: 6 pairs x half a panel are 24 registers of sums, which leaves
 /// 4 for weights and 4 others.
@@ -38,7 +38,7 @@ const STEPS: usize = 128;
 /// Registers of sums of one pair of rows and half a panel.
 const SUMS: usize = PANEL / 4;
 
-/// Inputs of two rows, a step of each in turn.
+/// Inputs of two rows, alternating by steps.
 type PairOfRows = [[i8; 2 * STEP]; STEPS];
 
 entry! {
@@ -51,7 +51,7 @@ entry! {
     }
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: NeonI8mm) -> Tiling {
     Tiling {
         rows: &[FEW_ROWS, ROWS],
@@ -79,7 +79,7 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
                 let width = WIDTH.min(chunk.slots.end - slot);
                 let next = chunk.fetch(task.panel(slot));
                 let mut sums = [[0.0; PANEL]; ROWS * WIDTH];
-                // A tile of an odd number of rows has a row more.
+                // A tile with an odd number of rows has one more row.
                 let some = &mut sums[..2 * buffer.len() * width];
                 for (i, next) in next[..width].iter().enumerate() {
                     prefetch_scales(task, slot + i);
@@ -92,13 +92,13 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     }
 }
 
-/// The inputs from `first` on of `rows` rows from `t` on, as many as `buffer` holds of each.
+/// Prepares the inputs from `first` on of `rows` rows from `t` on, as many as `buffer` holds of each.
 #[neon_i8mm]
 fn prepare(x: &QuantInput, (t, rows): (usize, usize), first: usize, buffer: &mut [PairOfRows]) {
     let inputs = first..(first + STEPS * STEP).min(x.rows.cols());
     for (p, pair) in buffer.iter_mut().enumerate() {
         for side in 0..2 {
-            // Past the last row, it is repeated.
+            // The last row is repeated past the end.
             let row = &x.rows.row(t + (2 * p + side).min(rows - 1))[inputs.clone()];
             let (whole, tail) = row.as_chunks::<STEP>();
             for (x, to) in whole.iter().zip(pair.iter_mut()) {
@@ -112,7 +112,7 @@ fn prepare(x: &QuantInput, (t, rows): (usize, usize), first: usize, buffer: &mut
     }
 }
 
-/// Exact sums of the rows in `buffer` with one panel, every `width`th of `sums`. Prefetches the
+/// Exact sums of the rows in `buffer` with one panel, in every `width`th of `sums`. Prefetches the
 /// panel at the distance `ahead`, and the `next` one.
 #[neon_i8mm]
 fn panel(
@@ -140,7 +140,7 @@ fn panel(
     }
 }
 
-/// Adds the products of `N` pairs of rows with one half of the panel after the other to `sums`.
+/// Adds the products of `N` pairs of rows with each half of the panel in turn to `sums`.
 #[neon_i8mm]
 fn halves<const N: usize>(
     buffer: &[PairOfRows],
@@ -193,7 +193,7 @@ fn halves<const N: usize>(
 
 /// The innermost tile: adds the products of `N` pairs of rows with the half `HALF` of a panel.
 /// `FETCH`: prefetches weights at the distance `ahead`, and the `next` panel. Kept out of line, so
-/// that all registers are its own.
+/// that it has all registers.
 #[inline(never)]
 #[neon_i8mm]
 fn multiply<const N: usize, const HALF: usize, const FETCH: bool>(
@@ -233,13 +233,13 @@ fn multiply<const N: usize, const HALF: usize, const FETCH: bool>(
     *sums = acc;
 }
 
-/// Adds the product of two rows of 8 inputs and two outputs' weights. By name: the compiler's
-/// function of it is not stable.
+/// Adds the product of two rows of 8 inputs and two outputs' weights. In assembly, as the
+/// intrinsic is not stable.
 #[inline]
 #[neon_i8mm]
 fn matrix_product(sum: int32x4_t, x: int8x16_t, w: int8x16_t) -> int32x4_t {
     let mut sum = sum;
-    // SAFETY: this function enables the instruction, which touches the named registers alone.
+    // SAFETY: this function enables the instruction, which touches only the named registers.
     unsafe {
         asm!(
             "smmla {sum:v}.4s, {x:v}.16b, {w:v}.16b",

@@ -1,4 +1,4 @@
-//! Bytes widened to words, multiplied and added in pairs to sums of 32 bits
+//! Bytes widened to words, multiplied and added in pairs to 32-bit sums
 //! (`i32x4.dot_i16x8_s`), which is exact.
 //!
 //! ```text
@@ -41,12 +41,12 @@ pub(super) fn matmul_gated(
     run(&x, &GemmTask::Gated(gate, up), y);
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     Tiling { rows: &[ROWS], outputs: &[PANEL, WIDTH * PANEL], inputs: &[QUAD], held: 0, chunk: 0 }
 }
 
-/// All rows pass by each pair of panels while it is in the cache.
+/// Processes all rows with each pair of panels while it is in the cache.
 fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     for slot in (0..task.slots()).step_by(WIDTH) {
         let width = WIDTH.min(task.slots() - slot);
@@ -55,7 +55,7 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
             let sums = &mut sums[..rows * width];
             for i in 0..width {
                 let quads = task.panel(slot + i);
-                // One row has registers for the sums of a whole panel, more rows for half of one.
+                // One row has registers for the sums of a whole panel, more rows for half a panel.
                 match rows {
                     1 => panel::<1, PAIRS>(x, t, quads, &mut sums[i..], width),
                     2 => panel::<2, { PAIRS / 2 }>(x, t, quads, &mut sums[i..], width),
@@ -72,7 +72,7 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     }
 }
 
-/// Exact sums of the rows from `t` on, `R` of them, with one panel, `G` registers of it at a time, to
+/// Exact sums of `R` rows from `t` on with one panel, `G` of its registers at a time, in
 /// every `width`th of `sums`, as bits of floats.
 #[inline(never)]
 fn panel<const R: usize, const G: usize>(

@@ -4,7 +4,7 @@
 use crate::lanes::sum_of;
 use crate::mat::{Mat, MatMut};
 
-/// Channels whose sums stay in registers over all of the time.
+/// Channels whose sums stay in registers over the whole time.
 const CHANNELS: usize = 16;
 
 #[expect(clippy::cast_precision_loss, reason = "row lengths are far below 2^24")]
@@ -50,7 +50,7 @@ pub(super) fn channel_sums(x: Mat<f32>, sum: &mut [f64], squares: &mut [f64]) {
     }
 }
 
-/// Adds one moment.
+/// Adds one time step.
 #[inline(always)]
 fn add(x: &[f32], sum: &mut [f64], squares: &mut [f64]) {
     for ((&x, sum), squares) in x.iter().zip(sum).zip(squares) {

@@ -16,12 +16,12 @@ pub(super) const SUMS: usize = 12;
 
 entry! {
     /// `vpmaddwd` and an addition, the cost of an exact product of widened bytes. In
-    /// assembly, or the compiler would merge the equal products.
+    /// assembly, as the compiler would merge the equal products.
     pub(super) fn int8(_token: Avx2, rounds: usize) -> Option<usize> {
         if rounds == 0 {
             return Some(0);
         }
-        // SAFETY: this function enables AVX2, and only registers are touched, all of them named;
+        // SAFETY: this function enables AVX2, and only named registers are touched;
         // `rounds` is at least 1.
         unsafe {
             asm!(

@@ -6,7 +6,7 @@ use crate::isa::{Avx512Bf16, entry};
 use core::arch::x86_64::{_mm512_castsi512_ps, _mm512_set1_epi32, _mm512_setzero_ps};
 use core::hint::black_box;
 
-/// 1 and 1.
+/// A pair of ones.
 const ONES: i32 = 0x3f80_3f80;
 
 entry! {

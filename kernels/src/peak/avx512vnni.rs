@@ -10,7 +10,7 @@ use core::arch::x86_64::{
 use core::hint::black_box;
 use umo_kernels_features::avx512vnni;
 
-/// Independent sums: far more than an instruction's delay, and with two operands fewer than 32
+/// Independent sums: far more than an instruction's latency needs, and with two operands fewer than 32
 /// registers.
 pub(super) const SUMS: usize = 24;
 

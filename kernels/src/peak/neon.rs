@@ -12,13 +12,13 @@ use umo_kernels_features::neon;
 pub(super) const SUMS: usize = 24;
 
 entry! {
-    /// `smull`, `smlal` and `sadalp`, the cost of two exact products of bytes. In assembly, or the
+    /// `smull`, `smlal` and `sadalp`, the cost of two exact products of bytes. In assembly, as the
     /// compiler would merge the equal products.
     pub(super) fn int8(_token: Neon, rounds: usize) -> Option<usize> {
         if rounds == 0 {
             return Some(0);
         }
-        // SAFETY: this function enables NEON, and only registers are touched, all of them named;
+        // SAFETY: this function enables NEON, and only named registers are touched;
         // `rounds` is at least 1.
         unsafe {
             asm!(

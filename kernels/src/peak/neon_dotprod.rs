@@ -5,13 +5,13 @@ use crate::isa::{NeonDotprod, entry};
 use core::arch::asm;
 
 entry! {
-    /// `sdot`, by name: the compiler's function of it is not stable.
+    /// `sdot`, in assembly, as the intrinsic is not stable.
     pub(super) fn int8(_token: NeonDotprod, rounds: usize) -> Option<usize> {
         if rounds == 0 {
             return Some(0);
         }
-        // SAFETY: this function enables the instruction, and only registers are touched, all of them
-        // named; `rounds` is at least 1.
+        // SAFETY: this function enables the instruction, and only named registers are touched;
+        // `rounds` is at least 1.
         unsafe {
             asm!(
                 "2:",

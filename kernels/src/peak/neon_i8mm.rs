@@ -5,13 +5,13 @@ use crate::isa::{NeonI8mm, entry};
 use core::arch::asm;
 
 entry! {
-    /// `smmla`, by name: the compiler's function of it is not stable.
+    /// `smmla`, in assembly, as the intrinsic is not stable.
     pub(super) fn int8(_token: NeonI8mm, rounds: usize) -> Option<usize> {
         if rounds == 0 {
             return Some(0);
         }
-        // SAFETY: this function enables the instruction, and only registers are touched, all of them
-        // named; `rounds` is at least 1.
+        // SAFETY: this function enables the instruction, and only named registers are touched;
+        // `rounds` is at least 1.
         unsafe {
             asm!(
                 "2:",

@@ -1,4 +1,4 @@
-//! No peak to compare portable code with, but for memory.
+//! Portable code has no peak to compare with, except the memory bandwidth.
 
 use super::{Order, sum};
 

@@ -1,4 +1,4 @@
-//! No peak to compare with, but for memory: an engine decides what each operation costs.
+//! WebAssembly has no peak to compare with, except the memory bandwidth: engines determine the cost of operations.
 
 use super::{Order, scalar};
 use crate::isa::Simd128;

@@ -6,7 +6,7 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
 entry! {
-    /// The largest size of a value.
+    /// The largest absolute value.
     pub(super) fn largest(_token: Avx2, row: &[f32]) -> f32 {
         let (chunks, tail) = row.as_chunks::<HALF>();
         let sign = _mm256_set1_ps(-0.0);
@@ -28,7 +28,7 @@ entry! {
     }
 }
 
-/// The nearest codes, halves to even.
+/// The nearest codes, ties to even.
 #[inline]
 #[avx2]
 fn rounded(values: __m256) -> [i8; HALF] {

@@ -7,7 +7,7 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
 entry! {
-    /// The largest size of a value.
+    /// The largest absolute value.
     pub(super) fn largest(_token: Avx512Vnni, row: &[f32]) -> f32 {
         let (chunks, tail) = row.as_chunks::<LANES>();
         let mut max = _mm512_abs_ps(load_part(tail));
@@ -27,7 +27,7 @@ entry! {
     }
 }
 
-/// Rounds to the nearest codes, halves to even, and stores as many of the 16 as `dst` has room for.
+/// Rounds to the nearest codes, ties to even, and stores as many of the 16 as `dst` has room for.
 #[inline]
 #[avx512vnni]
 fn store_part(dst: &mut [i8], values: __m512) {

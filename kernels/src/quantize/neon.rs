@@ -6,7 +6,7 @@ use core::arch::aarch64::*;
 use umo_kernels_features::neon;
 
 entry! {
-    /// The largest size of a value.
+    /// The largest absolute value.
     pub(super) fn largest(_token: Neon, row: &[f32]) -> f32 {
         let (chunks, tail) = row.as_chunks::<HALF>();
         let mut max = size(load_part(tail));
@@ -34,7 +34,7 @@ fn size(x: Register) -> Register {
     [vabsq_f32(x[0]), vabsq_f32(x[1])]
 }
 
-/// The nearest codes, halves to even.
+/// The nearest codes, ties to even.
 #[inline]
 #[neon]
 fn rounded(values: Register, codes: &mut [i8; HALF]) {

@@ -10,12 +10,12 @@ pub(crate) fn quantize(row: &[f32], codes: &mut [i8]) -> f32 {
     scale
 }
 
-/// The largest size of a value.
+/// The largest absolute value.
 pub(super) fn largest(row: &[f32]) -> f32 {
     row.iter().fold(0.0, |max, x| max.max(x.abs()))
 }
 
-/// The nearest codes, halves to even.
+/// The nearest codes, ties to even.
 #[expect(clippy::cast_possible_truncation, reason = "rounded values lie in -127..=127")]
 pub(super) fn round(row: &[f32], per_unit: f32, codes: &mut [i8]) {
     for (code, x) in codes.iter_mut().zip(row) {
@@ -24,11 +24,11 @@ pub(super) fn round(row: &[f32], per_unit: f32, codes: &mut [i8]) {
 }
 
 /// The reciprocal of the scale, and the scale, of a row whose largest absolute value is `max`;
-/// none for a row of zeros.
+/// `None` for a row of zeros.
 #[inline]
 pub(super) fn per_unit(max: f32) -> Option<(f32, f32)> {
     let per_unit = 127.0 / max;
-    // Nor if a denormal maximum makes the quotient infinite: such a row is zero to any
-    // precision that matters.
+    // Also `None` if a denormal maximum makes the quotient infinite: such a row is zero to any
+    // relevant precision.
     per_unit.is_finite().then_some((per_unit, max / 127.0))
 }

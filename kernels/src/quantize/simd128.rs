@@ -5,7 +5,7 @@ use crate::lanes::LANES;
 use crate::lanes::simd128::{WIDTH, load, load_all, load_part, max_lanes, mul, reduce_max, splat};
 use core::arch::wasm32::*;
 
-/// The largest size of a value.
+/// The largest absolute value.
 pub(super) fn largest(_token: Simd128, row: &[f32]) -> f32 {
     let (chunks, tail) = row.as_chunks::<WIDTH>();
     let max = chunks.iter().fold(f32x4_abs(load_part(tail)), |max, x| max_lanes(max, f32x4_abs(load(x))));
@@ -23,7 +23,7 @@ pub(super) fn round(_token: Simd128, row: &[f32], per_unit: f32, codes: &mut [i8
     code_tail.copy_from_slice(&last_codes[..code_tail.len()]);
 }
 
-/// The nearest codes, halves to even.
+/// The nearest codes, ties to even.
 #[inline]
 fn rounded(values: &[f32; LANES], per_unit: f32, codes: &mut [i8; LANES]) {
     let factor = splat(per_unit);

@@ -26,15 +26,15 @@ pub(crate) fn bits(pose: &Pose, face: &[f32]) -> Vec<u32> {
     pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face).map(|value| value.to_bits()).collect()
 }
 
-/// What comes from a server.
+/// A message from a server.
 #[derive(Debug)]
 pub(crate) enum Event {
     Text(Value),
     Frames(Vec<FrameBits>),
     Packet(Vec<u8>),
-    /// A piece of a state.
+    /// Part of a state.
     State(Vec<u8>),
-    /// Its code.
+    /// The close code.
     Closed(Option<u16>),
 }
 
@@ -51,12 +51,12 @@ impl Client {
         Self { socket, ready: Value::Null }
     }
 
-    /// A session, or why there is none.
+    /// Opens a session, or returns the refusal.
     pub(crate) async fn new(address: SocketAddr, hello: Value) -> Result<Self, (String, String, u16)> {
         Self::with_state(address, hello, &[]).await
     }
 
-    /// The same with a state to go on from.
+    /// Opens a session from a saved state.
     pub(crate) async fn with_state(
         address: SocketAddr,
         mut hello: Value,
@@ -86,7 +86,7 @@ impl Client {
         self.socket.send(Message::binary(bytes.to_vec())).await.unwrap();
     }
 
-    /// Sends samples in messages of so many bytes.
+    /// Sends samples in messages of `piece` bytes.
     pub(crate) async fn speak(&mut self, samples: &[i16], piece: usize) {
         let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_le_bytes()).collect();
         for piece in bytes.chunks(piece) {
@@ -147,8 +147,8 @@ impl Client {
         state
     }
 
-    /// The word, the sentence and the number of the end that the server gives; what comes before it
-    /// counts for nothing.
+    /// The word, the sentence and the close code of the server's refusal; earlier messages are
+    /// ignored.
     pub(crate) async fn refusal(&mut self) -> (String, String, u16) {
         loop {
             match self.next().await {
@@ -182,7 +182,7 @@ fn frames(bytes: &[u8]) -> Vec<FrameBits> {
         .collect()
 }
 
-/// What a GET gives: status and body.
+/// Status and body of the answer to a GET.
 pub(crate) async fn http(address: SocketAddr, path: &str) -> (u16, String) {
     let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
     let text = raw(address, request.as_bytes()).await;
@@ -190,7 +190,7 @@ pub(crate) async fn http(address: SocketAddr, path: &str) -> (u16, String) {
     (status, text.split_once("\r\n\r\n").unwrap().1.to_owned())
 }
 
-/// The status of the answer to a request, which leaves the connection open.
+/// Status of the answer to a request that leaves the connection open.
 pub(crate) async fn status(address: SocketAddr, request: &str) -> u16 {
     let mut socket = TcpStream::connect(address).await.unwrap();
     socket.write_all(request.as_bytes()).await.unwrap();
@@ -199,12 +199,12 @@ pub(crate) async fn status(address: SocketAddr, request: &str) -> u16 {
     str::from_utf8(&answer).unwrap()[9..].parse().unwrap()
 }
 
-/// All that a server answers to these bytes.
+/// The server's whole answer to these bytes.
 pub(crate) async fn raw(address: SocketAddr, bytes: &[u8]) -> String {
     let mut socket = TcpStream::connect(address).await.unwrap();
     socket.write_all(bytes).await.unwrap();
     let mut answer = Vec::new();
-    // A server may reset what it does not understand.
+    // A server may reset the connection on invalid input.
     let _ = timeout(PATIENCE, socket.read_to_end(&mut answer)).await.expect("an answer or an end");
     String::from_utf8_lossy(&answer).into_owned()
 }

@@ -1,4 +1,4 @@
-//! The end of a server, and sessions that move to another one.
+//! Shutdown of a server, and sessions that move to another one.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ async fn a_server_that_stops_takes_nobody_and_lets_the_others_finish() {
         loop {
             match Client::new(server.address, json!({})).await {
                 Err(refusal) if refusal.0 == "draining" => return refusal,
-                // It has not heard yet.
+                // The server does not know of the shutdown yet.
                 early => drop(early),
             }
         }
@@ -55,7 +55,7 @@ async fn a_session_moves_to_another_server_without_a_seam() {
         let hello = json!({ "seed": 6, "handover": true, "output": output });
         let mut client = Client::new(first.address, hello.clone()).await.unwrap();
         client.speak(&audio[..20_001], 3_201).await;
-        // Some of it is computed before the move.
+        // Part of it is computed before the move.
         let (mut frames, mut packets) = (Vec::new(), Vec::new());
         while frames.is_empty() && packets.is_empty() {
             match client.next().await {
@@ -121,7 +121,7 @@ async fn a_state_is_saved_on_request_and_the_session_goes_on() {
     let (after, _) = client.frames_until_done().await;
     before.extend(after);
     assert_eq!(only_bits(&before), offline(&settings(8), &audio));
-    // Settings of another session do not go with it.
+    // A session with other settings refuses the state.
     let other = Client::with_state(server.address, json!({ "rate": 48_000 }), &state.unwrap()).await;
     assert_eq!(other.unwrap_err().0, "bad_request");
 }

@@ -1,4 +1,4 @@
-//! Places, tokens, and clients that go without a word.
+//! Limits on sessions, tokens, and clients that disconnect without a close.
 
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ async fn more_clients_than_places_are_refused_and_places_come_back() {
     for line in ["umo_serve_sessions 2", "umo_serve_sessions_refused_total{reason=\"full\"} 1"] {
         assert!(metrics.lines().any(|have| have == line), "{line}: {metrics}");
     }
-    // One that breaks off without a word, and one that closes.
+    // One disconnects without a close, and one closes.
     drop(first);
     second.socket.close(None).await.unwrap();
     server.sessions(0).await;
@@ -42,7 +42,7 @@ async fn twice_as_many_clients_as_places_leave_those_that_run_their_frames() {
     let server = Running::new(|config| config.sessions = 4).await;
     let speak = async |seed: u32| {
         let mut client = Client::new(server.address, json!({ "seed": seed })).await?;
-        // Nobody finishes before all have asked.
+        // All ask before any finishes.
         let asked = async {
             while !http(server.address, "/metrics").await.1.contains("refused_total{reason=\"full\"} 4") {
                 tokio::time::sleep(Duration::from_millis(10)).await;
@@ -85,7 +85,7 @@ async fn tokens_open_the_door_and_count_their_clients() {
     assert_eq!((code.as_str(), number), ("client_limit", 4429));
     let _game = Client::new(server.address, json!({ "token": GAME })).await.unwrap();
 
-    // In the request in place of the hello: a wrong one gets no WebSocket.
+    // A token in the request instead of the hello: a wrong one gets no WebSocket.
     let mut request = format!("ws://{}/v1/session", server.address).into_client_request().unwrap();
     request.headers_mut().insert("Authorization", "Bearer wrong-0123456789a".parse().unwrap());
     let Err(Error::Http(response)) = connect_async(request).await else { panic!("no WebSocket") };
@@ -95,23 +95,23 @@ async fn tokens_open_the_door_and_count_their_clients() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn clients_that_do_nothing_or_have_gone_lose_their_places() {
-    // It answers pings, and does nothing else.
+    // The client answers pings, and does nothing else.
     let server = Running::new(|config| config.idle = Duration::from_millis(300)).await;
     let mut idle = Client::new(server.address, json!({})).await.unwrap();
     assert_eq!(idle.refusal().await.2, 4408);
     server.sessions(0).await;
-    // Its connection is half open: nobody answers.
+    // The connection is half open: pings are not answered.
     let server = Running::new(|config| config.heartbeat = Duration::from_millis(150)).await;
     let mut silent = Client::new(server.address, json!({})).await.unwrap();
     server.sessions(0).await;
     assert_eq!(silent.refusal().await.2, 4409);
-    // It never says hello.
+    // The client never sends a hello.
     let server = Running::new(|config| config.hello_within = Duration::from_millis(200)).await;
     let mut mute = Client::connect(server.address).await;
     assert_eq!(mute.refusal().await.2, 4400);
 }
 
-/// Browsers say from which page they come, and by which name.
+/// Browsers send the page's origin and the host's name.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn pages_of_other_sites_do_not_come_in() {
     let site = "https://avatar.example.com";
@@ -147,7 +147,7 @@ async fn pages_of_other_sites_do_not_come_in() {
     server.sessions(0).await;
 }
 
-/// Connections that say nothing: of one address, they leave room for all others.
+/// Silent connections: those of one address leave room for other addresses.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn idle_connections_lock_nobody_out() {
     const IDLE: usize = 100;
@@ -156,7 +156,7 @@ async fn idle_connections_lock_nobody_out() {
     for _ in 0..IDLE {
         idle.push(TcpStream::connect(server.address).await.unwrap());
     }
-    // This machine has more addresses than one.
+    // This machine has several loopback addresses.
     let socket = TcpSocket::new_v4().unwrap();
     socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
     let other = socket.connect(server.address).await.unwrap();
@@ -165,7 +165,7 @@ async fn idle_connections_lock_nobody_out() {
     other.send(Message::text(r#"{"type":"hello"}"#)).await.unwrap();
     let ready = timeout(PATIENCE, other.next()).await.unwrap().unwrap().unwrap();
     assert!(ready.to_text().unwrap().contains("ready"), "{ready}");
-    // Those of one address that are too many are closed, and the others at the end of their time.
+    // Connections of one address above the limit are closed at once, the others after the timeout.
     let mut closed = 0;
     for socket in &mut idle {
         closed += usize::from(timeout(Duration::from_millis(20), socket.read(&mut [0])).await.is_ok());
@@ -173,7 +173,7 @@ async fn idle_connections_lock_nobody_out() {
     assert!((IDLE / 2..IDLE).contains(&closed), "{closed}");
 }
 
-/// A client that has a session is not among those that wait.
+/// Clients with a session do not count as waiting connections.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn one_address_may_have_more_sessions_than_connections_that_wait() {
     const SESSIONS: usize = 40;
@@ -184,7 +184,7 @@ async fn one_address_may_have_more_sessions_than_connections_that_wait() {
     }
 }
 
-/// Behind a proxy all connections are the proxy's: clients are counted by the address that it writes.
+/// Behind a proxy all connections are the proxy's: clients are counted by the address in its header.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn clients_behind_a_proxy_wait_each_for_itself() {
     let server = Running::new(|config| config.is_behind_proxy = true).await;
@@ -210,7 +210,7 @@ async fn a_client_that_does_not_read_ends_alone() {
     let server = Running::new(|config| config.stall = Duration::from_millis(300)).await;
     let mut slow = Client::new(server.address, json!({})).await.unwrap();
     let mut other = Client::new(server.address, json!({})).await.unwrap();
-    // Each answer is a state of some hundred kilobytes: what the system holds for the socket is soon full.
+    // Each answer is a state of some hundred kilobytes, which soon fills the system's socket buffers.
     let asking = async {
         loop {
             slow.text(r#"{"type":"save"}"#).await;

@@ -1,4 +1,4 @@
-//! Speech as packets of Opus.
+//! Speech in Opus packets.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ fn packets(name: &str) -> Vec<Vec<u8>> {
     packets
 }
 
-/// What packets decode to at 16 kHz; an empty one is a lost one.
+/// Packets decoded at 16 kHz; an empty packet counts as lost.
 fn decoded(packets: &[Vec<u8>], size: usize) -> Vec<i16> {
     let mut decoder = Decoder::new(16_000, Channels::Mono).unwrap();
     let mut samples = Vec::new();
@@ -49,7 +49,7 @@ async fn packets_animate_as_the_samples_that_they_decode_to() {
         }
         assert_eq!(finished(&mut client).await, offline(&settings(2), &decoded(&all, size)), "{name}");
     }
-    // Packets at the end that did not come.
+    // The last packets are lost.
     let mut all = packets("voice");
     let kept = all.len() - 3;
     all[kept..].fill(Vec::new());
@@ -65,7 +65,7 @@ async fn packets_animate_as_the_samples_that_they_decode_to() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_session_of_opus_goes_on_from_its_state() {
     const PACKET: usize = 320;
-    /// Packets from which a new decoder finds its way.
+    /// Number of packets after which a new decoder has converged.
     const BEFORE: usize = 5;
     let server = Running::new(|_| ()).await;
     let all = std::array::from_fn::<_, 3, _>(|_| packets("voice")).concat();
@@ -98,7 +98,7 @@ async fn a_session_of_opus_goes_on_from_its_state() {
     }
     client.text(r#"{"type":"finish"}"#).await;
     let (after, _) = client.frames_until_done().await;
-    // As many, and from where the state was: their bits are those of a decoder that began later.
+    // No frame after the state is missing, and the last is the same; bits differ, as the decoder began later.
     assert_eq!(after.last().map(|frame| frame.index), rest.last().map(|frame| frame.index));
     assert!(after.len() >= rest.len() && after.len() <= rest.len() + before.len() + 30);
 }
@@ -109,7 +109,7 @@ async fn what_is_no_packet_is_refused_with_a_reason() {
     for hello in [json!({ "audio": "opus", "rate": 44_100 }), json!({ "audio": "mp3" }), json!({ "skip": -1 })] {
         assert_eq!(Client::new(server.address, hello.clone()).await.unwrap_err().0, "bad_request", "{hello}");
     }
-    // Nothing; a count of frames that is 0; more frames than there are bytes; and bytes that no packet has.
+    // Empty; a frame count of 0; more frames than bytes; and bytes that are not a valid packet.
     for wrong in [&[][..], &[0x4b, 0], &[0x4a, 255, 255], &[0x0b, 0x3f, 1]] {
         let mut client = Client::new(server.address, json!({ "audio": "opus" })).await.unwrap();
         client.binary(&packets("voice")[0]).await;

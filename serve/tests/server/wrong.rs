@@ -1,4 +1,4 @@
-//! Garbage.
+//! Invalid input.
 
 use serde_json::json;
 use tokio::io::AsyncWriteExt;
@@ -22,7 +22,7 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
         let answer = raw(server.address, bytes).await;
         assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 4"), "{answer}");
     }
-    // After the handshake: no frames of a WebSocket.
+    // After the handshake: bytes that are not WebSocket frames.
     let upgrade = "GET /v1/session HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n";
     let answer = raw(server.address, &[upgrade.as_bytes(), &[0x7f; 300]].concat()).await;
@@ -66,7 +66,7 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
     client.text(r#"{"type":"finish"}"#).await;
     client.binary(&[0; 640]).await;
     assert_eq!(client.refusal().await.0, "bad_request");
-    // A message that is too long is not read to its end.
+    // An oversized message is not read to its end.
     let mut client = Client::new(server.address, json!({})).await.unwrap();
     client.binary(&[0; 70_000]).await;
     assert_eq!(client.refusal().await.0, "bad_request");
@@ -77,14 +77,14 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
     server.sessions(1).await;
 }
 
-/// A ping of 126 bytes: one more than it may have.
+/// A ping of 126 bytes: one more than allowed.
 const LONG_PING: [u8; 134] = {
     let mut frame = [0; 134];
     (frame[0], frame[1], frame[3]) = (0x89, 0xfe, 126);
     frame
 };
 
-/// Bytes that are no frame of a WebSocket's client, before and after the hello: the client is told how they are wrong.
+/// Invalid WebSocket frames of a client, before and after the hello: the server names the fault.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_breaks_the_protocol_is_closed_with_a_reason() {
     let server = Running::new(|_| ()).await;
@@ -120,7 +120,7 @@ async fn bytes_that_come_one_by_one_are_messages_all_the_same() {
     let MaybeTlsStream::Plain(socket) = client.socket.get_mut() else { panic!("no TLS here") };
     let samples: Vec<u8> = audio.iter().flat_map(|sample| sample.to_le_bytes()).collect();
     for piece in samples.chunks(125) {
-        // A binary message of a client: its length, a mask of zeros, its bytes.
+        // A client's binary message: length, a mask of zeros, payload.
         let length = u8::try_from(piece.len()).unwrap();
         for byte in [0x82, 0x80 | length, 0, 0, 0, 0].iter().chain(piece) {
             socket.write_all(&[*byte]).await.unwrap();

@@ -1,4 +1,4 @@
-//! An allocator that counts: known crates turn themselves off in release, so it is written out.
+//! A counting allocator, written out because known crates turn themselves off in release builds.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::hint::black_box;
@@ -15,7 +15,7 @@ unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         CALLS.fetch_add(1, Ordering::Relaxed);
         BYTES.fetch_add(layout.size(), Ordering::Relaxed);
-        // SAFETY: `layout` is what our own caller vouches for, of size above zero.
+        // SAFETY: our caller guarantees that `layout` has a size above zero.
         unsafe { System.alloc(layout) }
     }
 
@@ -23,7 +23,7 @@ unsafe impl GlobalAlloc for Counting {
         CALLS.fetch_add(1, Ordering::Relaxed);
         BYTES.fetch_sub(layout.size(), Ordering::Relaxed);
         // SAFETY: `start` came from `alloc` above with the same `layout`, as our own caller
-        // vouches.
+        // guarantees.
         unsafe { System.dealloc(start, layout) }
     }
 }
@@ -31,20 +31,20 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Calls of the allocator, by any thread, while `f` runs.
+/// Number of allocator calls, by any thread, while `f` runs.
 pub(crate) fn allocator_calls(f: impl FnOnce()) -> usize {
     let before = CALLS.load(Ordering::Relaxed);
     f();
     CALLS.load(Ordering::Relaxed) - before
 }
 
-/// Bytes that are allocated now.
+/// Bytes currently allocated.
 pub(crate) fn allocated() -> usize {
     BYTES.load(Ordering::Relaxed)
 }
 
-/// Fails where the counter does not count. Also starts the threads that load models, which allocate
-/// while they start.
+/// Fails if the counter does not count. Also starts the threads that load models, which allocate
+/// when they start.
 pub(crate) fn check_counter() {
     rayon::broadcast(|_| ());
     assert!(allocator_calls(|| drop(black_box(vec![0_u8; 64]))) >= 2, "the counter does not count");

@@ -1,5 +1,5 @@
-//! Rigs of the conventions that people have, each with its names, its hierarchy, its bones' axes, its
-//! rest pose, its unit and its up: a performance on each is what it is on ours.
+//! Rigs of common conventions, each with its names, hierarchy, bone axes, rest pose, unit and up
+//! axis: a performance on each matches ours.
 
 use super::rigs::*;
 use super::{angle_between, less, moved};
@@ -12,19 +12,19 @@ use umo_core::retarget::{Floor, Mapping, Retarget, Rig};
 struct Exported {
     program: &'static str,
     naming: &'static Naming,
-    /// To a metre.
+    /// Units per metre.
     unit: f32,
-    /// The first bone's scale.
+    /// Scale of the root bone.
     scale: f32,
     up: Up,
-    /// Which of a bone's axes points along it; none where bones have no axes of their own.
+    /// The axis along a bone; `None` if bones have no axes of their own.
     along: Option<Vector>,
-    /// How far arms hang below a T, and feet stand apart more than ours, radians.
+    /// Angle of the arms below a T-pose, and of the feet outward relative to ours, radians.
     droop: f32,
     spread: f32,
-    /// Thighs, shins and feet, relative to ours.
+    /// Lengths of thighs, shins and feet, relative to ours.
     legs: [f32; 3],
-    /// Bones between and beside: name, and what it hangs on.
+    /// Additional bones: name, and parent.
     more: &'static [(&'static str, &'static str)],
 }
 
@@ -32,7 +32,7 @@ struct Exported {
 enum Up {
     Y,
     Z,
-    /// Y up, and it looks backwards.
+    /// Y up, facing backwards.
     Back,
 }
 
@@ -123,7 +123,7 @@ impl Exported {
         body
     }
 
-    /// Turns our axes to the rig's.
+    /// Rotation from our axes to the rig's.
     fn world(&self) -> Quat {
         match self.up {
             Up::Y => IDENTITY,
@@ -141,7 +141,7 @@ impl Exported {
     }
 }
 
-/// The shortest turn from one unit vector to another.
+/// The shortest rotation from one unit vector to another.
 fn turn(from: Vector, to: Vector) -> Quat {
     let cross = cross(from, to);
     let dot: f32 = from.iter().zip(to).map(|(a, b)| a * b).sum();
@@ -162,9 +162,9 @@ fn length(v: Vector) -> f32 {
 
 const FRAMES: usize = 90;
 
-/// A frame of a performance on our skeleton: the body sways, turns and crouches over feet that stand;
-/// then the left foot takes a step, heel first up, and stands again; arms and fingers gesture. And
-/// which feet stand.
+/// A frame of a performance on our skeleton, and which feet are planted: the body sways, turns and
+/// crouches over planted feet; then the left foot takes a step, heel first, and is planted again;
+/// arms and fingers gesture.
 fn performance(frame: usize) -> (Pose, [bool; 2]) {
     let skeleton = source();
     let rest = standing(&skeleton);
@@ -185,7 +185,7 @@ fn performance(frame: usize) -> (Pose, [bool; 2]) {
         }
     }
     pose.rotations[15] = axis_angle_to_quat([0.1 * wave(3.0, 0.0), 0.2 * wave(1.0, 0.0), 0.0]);
-    // The step: up and ahead, in the middle third.
+    // The step: up and forward, in the middle third.
     let step = ((t - 0.4) / 0.3).clamp(0.0, 1.0);
     let stands = [step <= 0.0 || step >= 1.0, true];
     let lift = 0.10 * (std::f32::consts::PI * step).sin();
@@ -199,7 +199,7 @@ fn performance(frame: usize) -> (Pose, [bool; 2]) {
     (pose, stands)
 }
 
-/// Bends a leg of ours so that the ankle is at a place, and turns the foot.
+/// Bends one of our legs so that the ankle is at a position, and rotates the foot.
 fn plant(pose: &mut Pose, side: usize, ankle: Vector, foot: Quat) {
     let skeleton = source();
     let [hip, knee, end] = [1, 4, 7].map(|joint| joint + side);
@@ -254,7 +254,7 @@ fn every_programs_rigs_are_found_stand_and_gesture_as_ours_do() {
         let retarget = Retarget::new(&skeleton, &rig, &mapping, Floor::AtRest).unwrap();
         let (world, size) = (exported.world(), retarget.scale());
         let own = |v: Vector| rotate(inverse(world), v);
-        // One centimetre of a person's.
+        // One centimetre at human size.
         let cm = 0.01 * size;
         let mut first = None;
         for frame in 0..FRAMES {
@@ -273,18 +273,18 @@ fn every_programs_rigs_are_found_stand_and_gesture_as_ours_do() {
                 let off = (height - wanted).abs() / cm;
                 assert!(off < 1.0, "{program}, frame {frame}: a foot is {off} cm too high or low");
             }
-            // Where ours stand, and go, from where they stood at first.
+            // Planted feet are, and moving feet go, where ours do relative to their first position.
             let feet = [7, 8].map(|joint| (at(joint).unwrap(), ours[joint]));
             let before = *first.get_or_insert(feet);
             for (side, (now, then)) in feet.into_iter().zip(before).enumerate() {
                 let (went, wanted) = (less(now.0, then.0), less(now.1, then.1).map(|x| x * size));
-                // While the heel is up, the ball is what stands.
+                // While the heel is up, the ball is planted.
                 if pose_is_flat(&pose, side) {
                     let off = length(less(went, wanted)) / cm;
                     assert!(off < 1.0, "{program}, frame {frame}: foot {side} stands {off} cm from where it should");
                 }
             }
-            // Arms and hands point where ours do.
+            // Arms and hands point in our directions.
             for (from, to) in [(16, 18), (17, 19), (18, 20), (19, 21), (20, 28), (21, 43), (28, 29), (43, 44)] {
                 let Some((a, b)) = at(from).zip(at(to)) else { continue };
                 let angle = angle_between(less(b, a), less(ours[to], ours[from]));

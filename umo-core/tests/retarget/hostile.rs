@@ -1,4 +1,4 @@
-//! Rigs that are broken, and rigs that only look so.
+//! Broken rigs, and rigs that only look broken.
 
 use super::rigs::{ALL, MIXAMO, source};
 use super::{moved, pose};
@@ -58,7 +58,7 @@ fn scales_that_would_shear_are_refused_where_they_matter() {
         let found = refused(|bones| bones[0].scale = scale);
         assert_eq!(found, RetargetError::Scale("Armature".to_owned()));
         let mut bones = bones();
-        // Nothing hangs below the last bone of a finger.
+        // The last bone of a finger has no children.
         let last = at(&bones, "LeftHandIndex3");
         bones[last].scale = scale;
         let rig = Rig::new(bones).unwrap();
@@ -129,8 +129,8 @@ fn another_rigs_room_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Bones without length have no direction, and poses may hold anything: what comes out is a
-    /// rotation.
+    /// Bones without length have no direction, and poses may hold any values: the output is always unit
+    /// rotations.
     #[test]
     fn any_input_gives_unit_rotations(
         pose in pose(),
@@ -157,7 +157,7 @@ proptest! {
         }
     }
 
-    /// Any bones at all are refused or taken, and never worse.
+    /// Any tree of bones is accepted or refused, without a panic.
     #[test]
     fn random_trees_never_panic(
         parents in prop::collection::vec(prop::option::of(0_usize..70), 60),

@@ -1,4 +1,4 @@
-//! Rigs with fewer parts than a person: hands of fewer fingers, busts, heads.
+//! Rigs with missing parts: hands with fewer fingers, busts, heads.
 
 use super::rigs::*;
 use super::{angle_between, apart, less, moved, pose};
@@ -8,7 +8,7 @@ use umo_core::motion::rotation::{IDENTITY, axis_angle_to_quat, product};
 use umo_core::motion::skeleton::{JOINTS, joint_places};
 use umo_core::retarget::{Bone, Floor, Mapping, Retarget, RetargetError, Rig};
 
-/// Which fingers there are: index, middle, little, ring, thumb.
+/// Fingers that a hand has: index, middle, little, ring, thumb.
 const HANDS: [(&str, [bool; 5]); 6] = [
     ("four fingers, no ring", [true, true, true, false, true]),
     ("four fingers, no little", [true, true, false, true, true]),
@@ -21,7 +21,7 @@ const HANDS: [(&str, [bool; 5]); 6] = [
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Fingers that there are point where the source's do, and so do hands with any of them.
+    /// The existing fingers have the source's directions, and so do hands with any fingers.
     #[test]
     fn hands_of_fewer_fingers_move_as_the_sources(pose in pose(), hand in 0..HANDS.len(), droop in 0.0_f32..1.2) {
         let (name, has) = HANDS[hand];
@@ -49,7 +49,7 @@ proptest! {
     }
 }
 
-/// Cuts a rig down to the bones that are kept; what is above a kept one is kept.
+/// Reduces a rig to the bones that are kept and their ancestors.
 fn only(naming: &Naming, keep: &[&str]) -> Rig {
     let body = naming.body(&|_| 1.0, 0.0);
     let rig = body.rig(IDENTITY, 1.0, 1.0, &|_| IDENTITY);
@@ -68,7 +68,7 @@ fn find(rig: &Rig, name: &str) -> usize {
     rig.bones().iter().position(|bone| bone.name == name).unwrap()
 }
 
-/// A pose whose body leans and turns, and whose head nods.
+/// A pose with a leaning, turning body and a nodding head.
 fn nod() -> Pose {
     let mut pose = Pose { translation: standing(&source())[0], ..Pose::REST };
     pose.rotations[0] = axis_angle_to_quat([0.0, 0.4, 0.0]);
@@ -84,7 +84,7 @@ fn turn_of(joints: &[usize]) -> [f32; 4] {
 
 #[test]
 fn an_avatar_for_headsets_moves_without_arms_and_legs() {
-    // Ready Player Me's half body: there is no arm between chest and hands.
+    // Ready Player Me's half body has no arms between chest and hands.
     let mut rig = only(&READY_PLAYER_ME, &["Head", "LeftEye", "RightEye", "LeftHandIndex1", "RightHandIndex1"]);
     let bones = rig.bones().iter().map(|bone| {
         let between = ["Shoulder", "Arm", "ForeArm"].iter().any(|part| bone.name.ends_with(part));
@@ -147,7 +147,7 @@ fn a_body_whose_limbs_are_not_known_is_no_bust() {
     let rig = body.rig(IDENTITY, 1.0, 1.0, &|_| IDENTITY);
     let Err(RetargetError::Missing { joints, .. }) = Mapping::guess(&rig) else { panic!("legs are missing") };
     assert_eq!(joints, ["left_hip", "right_hip", "left_knee", "right_knee"]);
-    // What is said to be none is not looked for.
+    // A joint that is mapped to no bone is not searched for.
     let (mut mapping, _) = Mapping::closest(&rig);
     joints.iter().for_each(|joint| mapping.set(&rig, joint, &[]).unwrap());
     mapping.check(&rig).unwrap();

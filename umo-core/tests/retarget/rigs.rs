@@ -1,4 +1,4 @@
-//! Bodies in the ways that others name, size, turn and pose them.
+//! Bodies with the names, sizes, axes and rest poses of other programs.
 
 use umo_core::config::Skeleton;
 use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product, rotate};
@@ -12,7 +12,7 @@ const PARENTS: [i32; JOINTS] = [
     31, 32, 20, 34, 35, 20, 37, 38, 21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
 ];
 
-/// Centimetres from the parent: middle, then the left side, which the right one mirrors.
+/// Offsets from the parent, centimetres: middle, then the left side, which the right one mirrors.
 const OFFSETS: [(usize, Vector); 31] = [
     (0, [0.0, 0.0, 0.0]),
     (1, [8.5, -8.5, 0.0]),
@@ -57,7 +57,7 @@ pub(crate) fn mirrored(joint: usize) -> usize {
     JOINT_NAMES.iter().position(|&known| known == other).unwrap()
 }
 
-/// A person of 1.7 m in a T.
+/// A person of 1.7 m in a T-pose.
 pub(crate) fn source() -> Skeleton {
     let mut offsets_m = vec![[0.0; 3]; JOINTS];
     for (joint, cm) in OFFSETS {
@@ -68,7 +68,7 @@ pub(crate) fn source() -> Skeleton {
     Skeleton { parents: PARENTS.to_vec(), offsets_m }
 }
 
-/// Where the source's joints are, standing in a T on the floor, metres.
+/// Joint positions of the source in a T-pose on the floor, metres.
 pub(crate) fn standing(skeleton: &Skeleton) -> Vec<Vector> {
     let mut places: Vec<Vector> = Vec::new();
     for (joint, offset) in skeleton.offsets_m.iter().enumerate() {
@@ -79,22 +79,22 @@ pub(crate) fn standing(skeleton: &Skeleton) -> Vec<Vector> {
     places.iter().map(|place| [place[0], place[1] - lowest + 0.02, place[2]]).collect()
 }
 
-/// One bone of a rig in the making.
+/// One bone of a rig under construction.
 #[derive(Clone, Debug)]
 pub(crate) struct Piece {
     pub(crate) name: String,
     pub(crate) parent: Option<usize>,
-    /// In the body's own axes (X left, Y up, Z ahead), metres.
+    /// Position in the body's axes (X left, Y up, Z forward), metres.
     pub(crate) place: Vector,
-    /// Which joint it is, where it is one.
+    /// The joint, if the bone is one.
     pub(crate) joint: Option<usize>,
 }
 
-/// A body before it is turned, scaled and given axes.
+/// A body before it is rotated, scaled and given bone axes.
 #[derive(Clone, Debug)]
 pub(crate) struct Body(pub(crate) Vec<Piece>);
 
-/// How a convention names joints and how many bones it has where that differs.
+/// Names of joints in a convention, and its numbers of bones if they differ.
 pub(crate) struct Naming {
     pub(crate) label: &'static str,
     /// Names above the hips.
@@ -105,22 +105,22 @@ pub(crate) struct Naming {
     pub(crate) neck: &'static [&'static str],
     pub(crate) head: &'static str,
     pub(crate) jaw: &'static str,
-    /// `{}` is the side.
+    /// Name of an eye; `{}` is the side.
     pub(crate) eye: &'static str,
     pub(crate) arm: [&'static str; 4],
     pub(crate) leg: [&'static str; 4],
-    /// Index, middle, little, ring, thumb; `{}` the side, `#` the number of the bone.
+    /// Index, middle, little, ring, thumb; `{}` is the side, `#` the number of the bone.
     pub(crate) fingers: [&'static str; 5],
-    /// How the three bones of a finger are numbered.
+    /// Numbers of a finger's three bones.
     pub(crate) numbers: [&'static str; 3],
-    /// Those of a thumb, where they are others.
+    /// Numbers of a thumb's bones, if they differ.
     pub(crate) thumbs: Option<[&'static str; 3]>,
     pub(crate) sides: [&'static str; 2],
 }
 
 impl Naming {
-    /// A body of the source's proportions times `stretch[joint]` for each bone. Arms hang `droop`
-    /// radians below a T.
+    /// A body with the source's proportions times `stretch[joint]` for each bone. Arms are `droop`
+    /// radians below a T-pose.
     pub(crate) fn body(&self, stretch: &dyn Fn(usize) -> f32, droop: f32) -> Body {
         let mut skeleton = source();
         for (joint, offset) in skeleton.offsets_m.iter_mut().enumerate() {
@@ -172,7 +172,7 @@ impl Naming {
     }
 }
 
-/// Whether a joint is another or hangs below it.
+/// Whether a joint is `above` or a descendant of it.
 pub(crate) fn hangs_on(joint: usize, above: usize) -> bool {
     std::iter::successors(Some(joint), |&joint| usize::try_from(PARENTS[joint]).ok()).any(|joint| joint == above)
 }
@@ -187,7 +187,7 @@ impl Body {
         (!name.is_empty()).then(|| self.add(name, Some(parent), place, Some(joint)))
     }
 
-    /// Bones one after the other, evenly; the last at `to`.
+    /// Adds a chain of evenly spaced bones; the last is at `to`.
     fn chain(&mut self, names: &[&str], mut above: usize, from: Vector, to: Vector) -> usize {
         for (k, name) in names.iter().enumerate() {
             let share = (k + 1) as f32 / names.len() as f32;
@@ -197,8 +197,8 @@ impl Body {
         above
     }
 
-    /// The rig: the body turned by `world` and `unit` times as large, the first bone scaled by
-    /// `scale` (so that those below are `unit / scale` long), and each bone's own axes turned by
+    /// The rig: the body rotated by `world` and scaled by `unit`, the root bone scaled by `scale` (so
+    /// that the bones below are `unit / scale` long), and each bone's axes rotated by
     /// `axes`.
     pub(crate) fn rig(&self, world: Quat, unit: f32, scale: f32, axes: &dyn Fn(usize) -> Quat) -> Rig {
         let place = |bone: usize| rotate(world, self.0[bone].place.map(|x| x * unit));
@@ -220,8 +220,8 @@ impl Body {
         Rig::new(bones.collect()).unwrap()
     }
 
-    /// The way a bone points at rest, in the body's own axes: to the first that hangs on it, or as the
-    /// one that it hangs on.
+    /// Direction of a bone at rest, in the body's axes: to its first child, or else the direction of its
+    /// parent.
     pub(crate) fn points(&self, bone: usize) -> Vector {
         let child = self.0.iter().position(|piece| piece.parent == Some(bone) && piece.place != self.0[bone].place);
         let (from, to) = match (child, self.0[bone].parent) {
@@ -371,7 +371,7 @@ pub(crate) const BIPED: Naming = Naming {
     sides: DOT,
 };
 
-/// The old names of `.bvh` files: one bone of a spine, no fingers, no toes.
+/// The old names of `.bvh` files: one spine bone, no fingers, no toes.
 pub(crate) const POSER: Naming = Naming {
     label: "joint names",
     above: &[],
@@ -403,7 +403,7 @@ pub(crate) const READY_PLAYER_ME: Naming = Naming {
     ..MIXAMO
 };
 
-/// As `HumanIK` exports characters.
+/// `HumanIK`'s export of characters.
 pub(crate) const HUMAN_IK: Naming = Naming {
     above: &["Character1_Reference"],
     hips: "Character1_Hips",
@@ -423,7 +423,7 @@ pub(crate) const HUMAN_IK: Naming = Naming {
     ..MIXAMO
 };
 
-/// Unreal's first mannequin: three bones of a spine, one of a neck.
+/// Unreal's first mannequin: three spine bones, one neck bone.
 pub(crate) const UNREAL_4: Naming =
     Naming { spine: &["spine_01", "spine_02", "spine_03"], neck: &["neck_01"], ..UNREAL };
 
@@ -436,7 +436,7 @@ pub(crate) const GODOT: Naming = Naming {
     ..UNITY
 };
 
-/// Bones as people name them in Blender by hand.
+/// Common hand-written names in Blender.
 pub(crate) const BLENDER: Naming = Naming {
     label: "Blender",
     above: &["root"],
@@ -452,7 +452,7 @@ pub(crate) const BLENDER: Naming = Naming {
     ..RIGIFY
 };
 
-/// Biped as games of Valve's have it.
+/// Biped of Valve's games.
 pub(crate) const SOURCE: Naming = Naming {
     above: &[],
     hips: "ValveBiped.Bip01_Pelvis",

@@ -36,13 +36,13 @@ const BLOCK: usize = 512;
 /// Groups of 16 queries processed at once.
 const GROUPS: usize = 2;
 
-/// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
+/// Indexed by 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
 type Keys = [[Tile<Packed>; MAX_DIM / STEP]; KEYS / ROWS];
-/// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
+/// Indexed by 32 keys and 16 of `head_dim`: rows of pairs of keys.
 type Values = [[Tile<Packed>; MAX_DIM / LANES]; KEYS / STEP];
-/// By 16 queries and 32 of `head_dim`.
+/// Indexed by 16 queries and 32 of `head_dim`.
 type Queries = [[Tile<Packed>; MAX_DIM / STEP]; GROUPS];
-/// By 16 queries and 32 keys: two tiles of scores; then weights in the first.
+/// Indexed by 16 queries and 32 keys: two tiles of scores; then weights in the first.
 type Scores = [[[Tile; 2]; KEYS / STEP]; GROUPS];
 
 /// A register for each query.
@@ -55,12 +55,12 @@ struct Work {
     v: Values,
     q: Queries,
     sums: Sums,
-    /// By query: the largest score or the sum of weights, by lanes.
+    /// Per query: the largest score, or the sum of weights, by lane.
     lanes: Lanes,
     biases: [f32; BLOCK + KEYS],
 }
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Amx) -> Tiling {
     Tiling {
         rows: &[ROWS, GROUPS * ROWS, BLOCK],
@@ -118,7 +118,7 @@ fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     }
 }
 
-/// Whether there are tiles enough for heads of this width.
+/// Whether the tiles suffice for heads of this width.
 fn fits(x: &Operands<f32>) -> bool {
     x.q.cols() <= MAX_DIM
 }
@@ -135,7 +135,7 @@ fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) 
 struct Block<'a> {
     q: Mat<'a, f32>,
     scale: f32,
-    /// Offset of the last query's biases; those of each earlier query start one further on.
+    /// Offset of the last query's biases; the biases of each earlier query start one element later.
     biases: usize,
     keys: usize,
 }
@@ -144,8 +144,8 @@ impl Block<'_> {
     /// Adds the contribution of these keys to the first rows of `y`, in `G` groups of
     /// queries. `others`: there were keys before these; `last`: there are none after.
     ///
-    /// While the tiles compute the scores of 32 keys, the registers scale those of the 32
-    /// keys before; while the tiles sum the values of 32 keys, the registers compute the
+    /// While the tiles compute the scores of 32 keys, the registers scale the scores of the previous 32
+    /// keys; while the tiles sum the values of 32 keys, the registers compute the
     /// weights of the next.
     #[avx512bf16]
     fn run<const G: usize>(
@@ -216,7 +216,7 @@ impl Block<'_> {
         }
     }
 
-    /// The scores of all keys, and the largest of each query by lanes.
+    /// Computes the scores of all keys, and the largest of each query by lane.
     #[inline]
     #[avx512bf16]
     fn score_keys<const G: usize>(
@@ -311,18 +311,18 @@ fn softmax_weights(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &
     store(sums, _mm512_add_ps(so_far, _mm512_add_ps(a, b)));
 }
 
-/// Rounds two registers to one of bf16 values, to nearest, ties to even: those of `a`, then
-/// those of `b`.
+/// Rounds two registers to one of bf16 values, to nearest, ties to even: first `a`, then
+/// `b`.
 #[inline]
 #[avx512bf16]
 fn round_to_bf16(a: __m512, b: __m512) -> __m512 {
     let round_to_bf16 = _mm512_cvtne2ps_pbh(b, a);
-    // SAFETY: both are 64 bytes, and any bits are a value of either.
+    // SAFETY: both are 64 bytes, and any bits are valid for both.
     unsafe { core::mem::transmute::<__m512bh, __m512>(round_to_bf16) }
 }
 
 /// Packs queries as rows of pairs; rows beyond the last keep their old contents, whose results
-/// nothing reads.
+/// are never read.
 #[avx512bf16]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {

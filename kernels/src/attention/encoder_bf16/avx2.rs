@@ -10,7 +10,7 @@ use crate::isa::{Avx2, entry};
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx2) -> Tiling {
     loops::TILING
 }

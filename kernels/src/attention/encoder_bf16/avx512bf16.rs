@@ -1,6 +1,6 @@
 //! As `avx512vnni.rs`, but a lane of a factor holds two values of one sum, which `vdpbf16ps`
-//! adds in sequence: the upper one first, each product rounded with its addition, as two fused
-//! operations do (`isa` checks that at detection).
+//! adds in sequence: the upper one first, rounding after each addition, like two fused
+//! operations (`isa` checks that at detection).
 
 #[path = "loops.rs"]
 mod loops;
@@ -11,7 +11,7 @@ use crate::isa::{Avx512Bf16, entry};
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Avx512Bf16) -> Tiling {
     loops::TILING
 }

@@ -1,8 +1,8 @@
 //! The loops of the vector back-ends, lanes along keys and then along columns, compiled once per
-//! instruction set: every back-end includes this file as its module `loops`. What differs stands in
-//! its module `vector`: the register with its operations, `WIDTH` lanes of it, `QUERIES`, the
-//! attribute `features` and a `Token` that proves the instructions; and what a lane of a factor
-//! holds: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins neighbours in a
+//! instruction set: every back-end includes this file as its module `loops`. Its module `vector`
+//! holds the differences: the register of `WIDTH` lanes with its operations, `QUERIES`, the
+//! attribute `features` and a `Token` that proves the instructions; and the contents of a lane of a
+//! factor: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins neighbours in a
 //! row, `join`, which rounds and joins values of two rows, and `multiply_add`.
 //!
 //! ```text
@@ -22,7 +22,7 @@ use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use crate::tiling::Tiling;
 
-/// Queries per block, whose scores stay in L1.
+/// Queries per block; their scores stay in L1.
 const BLOCK: usize = 16;
 
 /// Queries that share one packing of keys and values.
@@ -56,7 +56,7 @@ struct Work<const N: usize> {
 /// Keys of a short sequence, for which smaller buffers are cleared.
 const FEW: usize = 64;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) const TILING: Tiling =
     Tiling { rows: &[QUERIES, BLOCK, GROUP], outputs: &[PANEL, FEW, KEYS], inputs: &[STEP, WIDE], held: 0, chunk: 0 };
 
@@ -276,7 +276,7 @@ fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bi
 }
 
 /// Adds the columns `at ..` of values, weighted, to the first rows of `y`, one for each of
-/// `weights`. `others` came before these keys, or they are the `last`.
+/// `weights`. `others`: there were keys before these; `last`: there are none after.
 #[features]
 fn add_values<const N: usize>(
     token: Token,

@@ -9,7 +9,7 @@ use crate::isa::{Neon, entry};
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
     loops::TILING
 }

@@ -9,7 +9,7 @@ use crate::math::LOG2_E;
 use crate::math::scalar::{exp2_bf16, mul_add};
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling() -> Tiling {
     Tiling { rows: &[1], outputs: &[STEP, KEYS], inputs: &[STEP], held: 0, chunk: 0 }
 }
@@ -60,7 +60,7 @@ fn sum_of_products(len: usize, product: impl Fn(usize) -> f32) -> f32 {
     sum
 }
 
-/// The sum of weights: those of 16 keys are added to those of the next 16 first.
+/// The sum of weights; in each pair of 16 keys, lanes are added first.
 fn sum(weights: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];
     for step in weights.chunks(STEP) {

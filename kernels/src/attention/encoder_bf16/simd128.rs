@@ -9,7 +9,7 @@ use crate::isa::Simd128;
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
 
-/// Where the loops change.
+/// Sizes at which the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
     loops::TILING
 }

@@ -4,6 +4,6 @@ pub(super) use crate::lanes::avx2::{Register, add, fmadd, load_two, mul, splat, 
 pub(super) use crate::math::avx2::{activate, gelu_tanh};
 pub(super) use umo_kernels_features::avx2 as features;
 
-/// Whether full tiles load a value again for the next input or panel, by the inputs of a row of a
-/// panel less one: sums leave two of 16 registers for values.
+/// Whether full tiles reload a value for the next input or panel, indexed by the inputs of a row of a
+/// panel minus one: sums leave two of 16 registers for values.
 pub(super) const RELOADS: [bool; 2] = [true, true];

@@ -4,6 +4,6 @@ pub(super) use crate::lanes::neon::{Register, add, fmadd, load_two, mul, splat, 
 pub(super) use crate::math::neon::{activate, gelu_tanh};
 pub(super) use umo_kernels_features::neon as features;
 
-/// Whether full tiles load a value again for the next input or panel, by the inputs of a row of a
-/// panel less one: rows of two inputs need a register more for their second weights.
+/// Whether full tiles reload a value for the next input or panel, indexed by the inputs of a row of a
+/// panel minus one: rows of two inputs need one more register for their second weights.
 pub(super) const RELOADS: [bool; 2] = [false, true];

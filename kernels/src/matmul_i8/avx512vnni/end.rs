@@ -1,4 +1,4 @@
-//! The end of a product: integer sums become floats, and the epilogue is applied.
+//! The epilogue of a product: integer sums become floats, and the epilogue's operations are applied.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -13,8 +13,8 @@ use crate::pack::PANEL;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// Ends the sums of `R` rows from `t` on with `P` slots from `slot` on, whose inputs were offset to unsigned if their
-/// weights have sums. The usual ends of whole panels are computed as the sums leave their registers.
+/// Runs the epilogue for the sums of `R` rows from `t` on with `P` slots from `slot` on, whose inputs were offset to
+/// unsigned if their weights have sums. Common epilogues of whole panels are computed in registers.
 #[inline]
 #[avx512vnni]
 pub(crate) fn end<'a, W: Scaled<'a>, const R: usize, const P: usize>(
@@ -73,7 +73,7 @@ pub(crate) fn end<'a, W: Scaled<'a>, const R: usize, const P: usize>(
     }
 }
 
-/// What makes floats of the integer sums of a slot, whose inputs were offset by `OFFSET`.
+/// Factors that convert the integer sums of a slot to floats, for inputs offset by `OFFSET`.
 #[derive(Clone, Copy)]
 pub(in crate::matmul_i8) struct Scales<const OFFSET: i32> {
     /// `OFFSET` times the sum of each output's weights.
@@ -103,6 +103,6 @@ impl<const OFFSET: i32> Scales<OFFSET> {
 #[inline]
 #[avx512vnni]
 fn load_sums_part(src: &[i32]) -> __m512i {
-    // SAFETY: the mask names the elements of `src` alone; others are not read.
+    // SAFETY: the mask selects only the elements of `src`; others are not read.
     unsafe { _mm512_maskz_loadu_epi32(lane_mask(src.len()), src.as_ptr()) }
 }

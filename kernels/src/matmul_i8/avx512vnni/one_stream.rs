@@ -1,5 +1,5 @@
-//! Few rows, one panel after another, its quads distributed over several accumulators, so that
-//! their latencies overlap: long rows on processors with the highest bandwidth in one stream
+//! Few rows, one panel after another, its quads distributed over several accumulators to overlap
+//! their latencies: long rows on processors with the highest bandwidth in one stream
 //! ([`Tuning`]), short ones on all. Integer sums are exact in any order. More rows are computed in
 //! tiles.
 
@@ -16,38 +16,38 @@ use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// Rows that are multiplied sooner than their weights arrive.
+/// Most rows for which the product is memory bound.
 pub(super) const ROWS: usize = 8;
-/// Quads of short rows, as small networks have them. Their buffer is short too: clearing the long one takes a twentieth of
-/// their products' time. Their weights come from L3, where the processor's own prefetcher is enough: with a prefetch
-/// for each line, a single row takes a twelfth longer.
+/// Number of quads of short rows, as in small networks. They get a short buffer: clearing the long one takes a
+/// twentieth of their products' time. Their weights come from L3, for which the hardware prefetcher is enough: with a
+/// prefetch for each line, a single row takes a twelfth longer.
 pub(super) const SHORT: usize = 128;
-/// Most rows that a Zen 4 multiplies fastest without prefetches, from two on: one takes as long with them, and more are
-/// so slow that the processor's own prefetcher falls behind.
+/// Most rows, from two on, that a Zen 4 multiplies fastest without prefetches: one row takes as long with them, and
+/// with more rows the product is so slow that the hardware prefetcher falls behind.
 pub(super) const UNFETCHED: usize = 3;
 
-/// What is prefetched of the weights.
+/// Kind of prefetch of the weights.
 type Lead = u8;
-/// Nothing: see [`SHORT`] and [`UNFETCHED`].
+/// No prefetch: see [`SHORT`] and [`UNFETCHED`].
 const NONE: Lead = 0;
 /// A line into L2, 4 KiB ahead.
 const NEAR: Lead = 1;
 /// A line into L1, 16 KiB ahead.
 const FAR: Lead = 2;
 
-/// How far ahead, in quads.
+/// Prefetch distance in quads.
 const fn distance(lead: Lead) -> usize {
     if lead == NEAR { 64 } else { 256 }
 }
 
-/// Whether rows are few, and not so long that they would be converted again and again; short, unless one stream is
-/// faster: then weights come from a cache.
+/// Whether rows are few, and short enough not to be converted repeatedly. If one stream is not faster, they must
+/// also be [`SHORT`], so that the weights come from a cache.
 pub(super) fn suits(x: &QuantInput, task: &GemmTask, tuning: Tuning) -> bool {
     let longest = if tuning.one_stream { QUADS } else { SHORT };
     (1..=ROWS).contains(&x.rows.rows()) && task.k() <= longest * QUAD
 }
 
-/// The product of rows that [`suits`].
+/// Computes the product of rows that satisfy [`suits`].
 #[avx512vnni]
 pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tuning) {
     match tuning.near_prefetch {
@@ -60,7 +60,7 @@ pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tunin
     }
 }
 
-/// The same in rows of `N` quads.
+/// Computes the product with rows of `N` quads.
 #[avx512vnni]
 fn rows<const N: usize, const LEAD: Lead>(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
     match x.rows.rows() {
@@ -76,7 +76,7 @@ fn rows<const N: usize, const LEAD: Lead>(x: &QuantInput, task: &GemmTask, y: Ma
     }
 }
 
-/// All rows, `R` of them.
+/// Computes the product of all rows, `R` of them.
 #[avx512vnni]
 fn product<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
     x: &QuantInput,
@@ -91,7 +91,7 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD
     }
 }
 
-/// One panel after another; the sums of `P` are ended together.
+/// Processes one panel after another; the epilogue runs for the sums of `P` panels at once.
 #[inline]
 #[avx512vnni]
 fn panels<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead, const P: usize>(
@@ -115,8 +115,8 @@ fn panels<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD:
     }
 }
 
-/// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it
-/// has, none beyond the weight's last panel.
+/// Start of the quads to be prefetched while the panel of a slot is multiplied: the same number as it
+/// has, never beyond the weight's last panel.
 #[inline]
 fn ahead(task: &GemmTask, slot: usize, distance: usize) -> *const [i8; BYTES] {
     let (w, p) = task.slot(slot);
@@ -124,8 +124,8 @@ fn ahead(task: &GemmTask, slot: usize, distance: usize) -> *const [i8; BYTES] {
     w.panel(p).as_ptr().wrapping_add(distance).min(last)
 }
 
-/// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in an accumulator of its
-/// own. As many quads are prefetched from `ahead` on, if any.
+/// The products of `R` rows with a panel, with quads distributed over `ACCUMULATORS` accumulators.
+/// Prefetches the same number of quads from `ahead` on, unless `LEAD` is [`NONE`].
 #[inline]
 #[avx512vnni]
 fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
@@ -134,14 +134,14 @@ fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEA
     ahead: *const [i8; BYTES],
 ) -> [__m512i; R] {
     assert!(panel.len() <= N);
-    // Pointers: lengths are known to agree. The fewer instructions there are between two
-    // lines, the more loads are in flight.
+    // Pointers: lengths are known to agree. Fewer instructions between two
+    // lines allow more loads in flight.
     let (w, mut x) = (panel.as_ptr(), [core::ptr::null(); R]);
     for r in 0..R {
         x[r] = buffer[r].as_ptr();
     }
     let mut acc = [[_mm512_setzero_si512(); R]; ACCUMULATORS];
-    // One row has so little to do with a line that the loop's own instructions count.
+    // One row has so little work per line that the loop's own instructions count.
     let turns = if R == 1 { 4 } else { 1 };
     let whole = panel.len() / (turns * ACCUMULATORS) * (turns * ACCUMULATORS);
     for first in (0..whole).step_by(turns * ACCUMULATORS) {

@@ -1,4 +1,4 @@
-//! Tiles of rows by panels of outputs, as many sums as there are registers.
+//! Tiles of rows by panels of outputs, with as many sums as fit the registers.
 
 use super::end::end;
 pub(in crate::matmul_i8) use crate::gemm::avx512vnni::MAX_PANELS;
@@ -15,7 +15,7 @@ use umo_kernels_features::avx512vnni;
 /// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers for
 /// weights and two others.
 pub(super) const ROWS: usize = 9;
-/// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
+/// Rows of the largest tile with an even number of panels, as gated products need: 6 rows x 4 panels.
 pub(super) const EVEN_ROWS: usize = 6;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.
 pub(super) const QUADS: usize = 1024;
@@ -39,7 +39,7 @@ pub(super) fn run(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
     }
 }
 
-/// The product with inputs offset when they are loaded, unless rows are few: no buffer is
+/// The product with inputs offset when loaded, unless rows are few: no buffer is
 /// written and read. This is free on a Zen 5, and takes a quarter longer on an Intel Xeon.
 #[avx512vnni]
 pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
@@ -51,7 +51,7 @@ pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
     }
 }
 
-/// The product in tiles of `TILE` rows, as many `CONVERTED` beforehand, or none.
+/// The product in tiles of `TILE` rows, with a buffer for `CONVERTED` converted rows: `TILE` or 0.
 #[avx512vnni]
 fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let mut buffer = [[[0; QUAD]; QUADS + SPARE]; CONVERTED];
@@ -92,7 +92,7 @@ pub(super) fn convert<const N: usize>(x: &QuantInput, t: usize, first: usize, bu
     }
 }
 
-/// `x + 128` of one row.
+/// Converts one row to `x + 128`.
 #[inline]
 #[avx512vnni]
 fn unsigned<const N: usize>(x: &[i8], buffer: &mut Row<N>) {
@@ -106,8 +106,8 @@ fn unsigned<const N: usize>(x: &[i8], buffer: &mut Row<N>) {
     store_bytes(&mut buffer[x.len()], _mm512_xor_si512(load_bytes_part(x_tail), flip));
 }
 
-/// The rows from `t` on, `R` of them, with the slots of `chunk`, `P` at a time; `buffer` has them
-/// converted, or nothing.
+/// Processes `R` rows from `t` on with the slots of `chunk`, `P` at a time; `buffer` has the rows
+/// converted, or is empty.
 #[avx512vnni]
 fn tile<const R: usize, const P: usize>(
     x: &QuantInput,
@@ -134,7 +134,7 @@ fn tile<const R: usize, const P: usize>(
     }
 }
 
-/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+/// Processes `R` rows with `P` slots from `slot` on, from the first input through the epilogue.
 #[avx512vnni]
 fn group<const R: usize, const P: usize>(
     x: &QuantInput,
@@ -145,8 +145,8 @@ fn group<const R: usize, const P: usize>(
     y: &mut MatMut<f32>,
 ) {
     let task = chunk.task;
-    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that
-    // has not.
+    // Not with `from_fn`: a closure has this function's features and cannot be inlined into a function
+    // without them.
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = task.panel(slot + p);
@@ -193,9 +193,9 @@ fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
     rows
 }
 
-/// The innermost tile: adds the products of quads of `rows`, which are `BIASED` or will be,
-/// with those of panels to `R x P` `sums` in registers. Prefetches weights at the distance
-/// `ahead`, and the `next` panels, quad by quad.
+/// The innermost tile: multiplies quads of `rows`, offset already (`BIASED`) or when loaded, by quads of panels,
+/// and adds the products to `R x P` `sums` in registers. Prefetches weights at the distance `ahead`, and the `next`
+/// panels, quad by quad.
 #[inline]
 #[avx512vnni]
 fn multiply<const R: usize, const P: usize, const BIASED: bool>(
@@ -212,7 +212,7 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
         x[r] = rows[r].as_ptr();
     }
     let flip = _mm512_set1_epi8(i8::MIN);
-    // A constant for one row, a decoder's step, where it matters.
+    // A constant for one row, a decoder step, where it matters.
     let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);
@@ -248,7 +248,7 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
 }
 
 /// Broadcasts quad `q` of `row` and flips the bits of `flip`, in one instruction: compilers
-/// flip them before the broadcast, which then needs a shuffle, in the port of a product.
+/// flip them before the broadcast, which then needs a shuffle, on a port that products use.
 ///
 /// # Safety
 /// The row has more than `q` quads.
@@ -276,7 +276,7 @@ pub(super) fn load_bytes(src: &[i8; BYTES]) -> __m512i {
 #[avx512vnni]
 fn load_bytes_part(src: &[i8]) -> __m512i {
     assert!(src.len() < BYTES);
-    // SAFETY: the mask names the bytes of `src` alone; others are not read.
+    // SAFETY: the mask selects only the bytes of `src`; others are not read.
     unsafe { _mm512_maskz_loadu_epi8((1 << src.len()) - 1, src.as_ptr()) }
 }
 

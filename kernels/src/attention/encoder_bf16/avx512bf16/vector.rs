@@ -15,11 +15,11 @@ pub(super) use umo_kernels_features::avx512vnni as features;
 /// Queries at once.
 pub(super) const QUERIES: usize = 4;
 
-/// Values of a lane.
+/// Values per lane.
 pub(super) const JOINED: usize = 2;
 
-/// Joins two rows: each lane holds the value of the first row in its upper half, of the second
-/// in its lower.
+/// Joins two rows: each lane holds the value of the first row in its upper half and that of the
+/// second in its lower half.
 #[inline]
 #[avx512vnni]
 pub(super) fn join(token: Token, first: Register, second: Register) -> Register {
@@ -27,8 +27,8 @@ pub(super) fn join(token: Token, first: Register, second: Register) -> Register 
     interleave_halves(words)
 }
 
-/// Of each four values the first and the third in the first lane, the second and the fourth in the
-/// second; the earlier in the upper half.
+/// Joins, of each four values, the first and the third in the first lane, the second and the fourth in the
+/// second; the earlier one is in the upper half.
 #[inline]
 #[avx512vnni]
 pub(super) fn factor(token: Token, [first, second]: [Register; JOINED]) -> Register {
@@ -37,7 +37,7 @@ pub(super) fn factor(token: Token, [first, second]: [Register; JOINED]) -> Regis
     _mm512_castsi512_ps(_mm512_shuffle_epi8(words, places))
 }
 
-/// `sum + x * w` of each lane's first values, then of its second.
+/// `sum + x * w` of each lane's first values, then of its second values.
 #[inline]
 #[avx512vnni]
 pub(super) fn multiply_add(token: Token, x: Register, w: Register, sum: Register) -> Register {

@@ -32,7 +32,7 @@ pub(super) fn multiply_add(_: Token, x: Register, w: Register, sum: Register) ->
     fmadd(x, w, sum)
 }
 
-/// The nearest bfloat16, ties to even; denormals are 0.
+/// The nearest bfloat16, ties to even; denormals become 0.
 #[inline]
 #[avx512vnni]
 fn round_to_bf16(x: Register) -> Register {

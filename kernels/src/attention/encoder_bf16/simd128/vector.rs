@@ -46,7 +46,7 @@ pub(super) fn transpose([a, b, c, d]: [Register; WIDTH]) -> [Register; WIDTH] {
     ]
 }
 
-/// The nearest bfloat16, ties to even; denormals are 0.
+/// The nearest bfloat16, ties to even; denormals become 0.
 #[inline]
 fn round_to_bf16(x: Register) -> Register {
     const QUIET: u32 = 0x40_0000;
