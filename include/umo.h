@@ -59,51 +59,48 @@
 #define UMO_MUST_USE
 #endif
 
-// The version of this interface: its major number in the upper 16 bits, its minor number in the
-// lower. A library serves programs of the same major number and no larger minor one.
+// Version of this interface: major number in the upper 16 bits, minor number in the lower. A library
+// serves programs with the same major number and at most its own minor number.
 #define UMO_ABI_VERSION 1
 
-// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and
-// Godot's.
+// glTF and Godot: Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X.
 #define UMO_AXES_GLTF 0
 
-// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y.
-// Unreal's.
+// Unreal: Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y.
 #define UMO_AXES_UNREAL 1
 
-// Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X. Unity's.
+// Unity: Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X.
 #define UMO_AXES_UNITY 2
 
-// The engine has threads of its own.
+// The engine computes on its own threads.
 #define UMO_ENGINE_THREADS 0
 
-// The host computes by `umo_engine_poll`.
+// The host computes by calling `umo_engine_poll`.
 #define UMO_ENGINE_POLLED 1
 
-// Threads have the priority of any new thread of the process.
+// Default priority of the process's new threads.
 #define UMO_PRIORITY_NORMAL 0
 
-// Threads run before those of normal priority: frames are nearly as fast beside a program that
-// keeps every core busy. Linux refuses it to most users; Windows, Android and Apple's systems
-// grant it.
+// Priority above normal: frames are nearly as fast beside a program that keeps every core busy. Linux
+// refuses it to most users; Windows, Android and Apple's systems grant it.
 #define UMO_PRIORITY_HIGH 1
 
-// Threads run behind those of normal priority, in the time that they leave.
+// Priority below normal: threads use the time that others leave.
 #define UMO_PRIORITY_LOW 2
 
-// Offset of a value that is not wanted.
+// Offset meaning: do not write this field.
 #define UMO_ABSENT 4294967295
 
-// The right hand; for a place to point at, the hand that is nearer to it.
+// The right hand; for a gesture with a target, the hand nearer to it.
 #define UMO_SIDE_AUTO 0
 
-// The left hand; the whole gesture is mirrored.
+// The left hand: the whole gesture is mirrored.
 #define UMO_SIDE_LEFT 1
 
 // The right hand.
 #define UMO_SIDE_RIGHT 2
 
-// Both hands, where a gesture of one hand can be done by both; else as `UMO_SIDE_AUTO`.
+// Both hands if the gesture supports it, otherwise as `UMO_SIDE_AUTO`.
 #define UMO_SIDE_BOTH 3
 
 // Neck and head.
@@ -112,10 +109,10 @@
 // Spine.
 #define UMO_GESTURE_TRUNK 2
 
-// From the left collar to the fingers.
+// Left arm, from collar to fingers.
 #define UMO_GESTURE_LEFT_ARM 4
 
-// From the right collar to the fingers.
+// Right arm, from collar to fingers.
 #define UMO_GESTURE_RIGHT_ARM 8
 
 // Log level: information.
@@ -127,7 +124,7 @@
 // Log level: error.
 #define UMO_LOG_ERROR 3
 
-// Weights as the file has them.
+// Weights as stored in the file.
 #define UMO_PRECISION_STORED 0
 
 // All products in f32.
@@ -139,7 +136,7 @@
 // Weights rounded to int8.
 #define UMO_PRECISION_INT8 3
 
-// The fastest instructions that the processor has.
+// The fastest instruction set of the processor.
 #define UMO_ISA_BEST 0
 
 // Portable code.
@@ -178,7 +175,7 @@
 // Notice that must be shown to users; may be empty.
 #define UMO_MODEL_NOTICE 3
 
-// The instructions that it was packed for, as `avx512vnni`.
+// Instruction set that the model was packed for, such as `avx512vnni`.
 #define UMO_MODEL_ISA 4
 
 // Visemes per frame.
@@ -187,35 +184,35 @@
 // Joints of every model.
 #define UMO_JOINT_COUNT 55
 
-// Sampling temperature: 0 always takes the likeliest code; the model says what it was tuned for.
+// Sampling temperature: 0 always takes the likeliest code; the model's default is the value it was tuned for.
 #define UMO_PARAMETER_TEMPERATURE 1
 
-// Top-k sampling: from this many of the likeliest codes; 0 is all.
+// Top-k sampling: number of the likeliest codes to sample from; 0 for all.
 #define UMO_PARAMETER_TOP_K 2
 
-// Top-p sampling: from the likeliest codes that together reach this probability.
+// Top-p sampling: samples from the likeliest codes that together reach this probability.
 #define UMO_PARAMETER_TOP_P 3
 
-// What is shown while no audio comes: one of `UMO_IDLE_…`.
+// Idle mode, while no audio comes: one of `UMO_IDLE_…`.
 #define UMO_PARAMETER_IDLE 4
 
-// How much the face moves, jaw and eyes included: 0 at rest, 1 as computed, 2 exaggerated.
+// Gain of the face's motion, jaw and eyes included: 0 is at rest, 1 as computed, 2 exaggerated.
 #define UMO_PARAMETER_GAIN_FACE 16
 
-// How much the fingers move.
+// Gain of the fingers' motion.
 #define UMO_PARAMETER_GAIN_HANDS 17
 
-// How much spine, neck, head and arms move.
+// Gain of the motion of spine, neck, head and arms.
 #define UMO_PARAMETER_GAIN_UPPER 18
 
-// How much pelvis and legs move, and the body through the world.
+// Gain of the motion of pelvis and legs, and of the body through the world.
 #define UMO_PARAMETER_GAIN_LOWER 19
 
-// What the avatar attends to: one of `UMO_ATTENTION_…`.
+// Attention of the avatar: one of `UMO_ATTENTION_…`.
 #define UMO_PARAMETER_ATTENTION 5
 
-// The output device's own delay, seconds from the sound that is played to the sound that is heard:
-// `umo_session_sample_pose` shows the pose of so much earlier. 0 to 2; some 0.2 by Bluetooth.
+// Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
+// shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 #define UMO_PARAMETER_OUTPUT_DELAY 6
 
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
@@ -224,33 +221,33 @@
 // Strength of breath, sway, weight shifts and fingers.
 #define UMO_PARAMETER_LAYER_IDLE 33
 
-// Strength of the differences between the face's left and right.
+// Strength of the asymmetry between the face's left and right.
 #define UMO_PARAMETER_LAYER_ASYMMETRY 34
 
 // Strength of nods on accents, and while listening.
 #define UMO_PARAMETER_LAYER_NODS 35
 
-// Strength of the mood's face and posture; without a mood, of what takes away a frown that nothing
-// asked for.
+// Strength of the mood's face and posture; without a mood, strength of removing a frown that no mood asked
+// for.
 #define UMO_PARAMETER_LAYER_MOOD 36
 
-// Strength of planted feet, steps, and the root's way back to where it stood.
+// Strength of planted feet, steps, and the root's return to where it stood.
 #define UMO_PARAMETER_LAYER_FEET 37
 
-// Speaking while its own audio is heard, listening while `umo_session_push_other_audio`'s is, else
-// idle.
+// Speaking while its own audio is heard, listening while audio of `umo_session_push_other_audio` is
+// heard, otherwise idle.
 #define UMO_ATTENTION_AUTO 0
 
 // Nothing in particular.
 #define UMO_ATTENTION_IDLE 1
 
-// Who speaks to it: it looks there, nods and raises its brows at pauses.
+// The interlocutor: the avatar looks there, nods, and raises its brows at pauses.
 #define UMO_ATTENTION_LISTENING 2
 
-// An answer: it looks away.
+// An answer to give: the avatar looks away.
 #define UMO_ATTENTION_THINKING 3
 
-// What it says.
+// Its own speech.
 #define UMO_ATTENTION_SPEAKING 4
 
 // No mood: the model's face without its frown.
@@ -292,33 +289,33 @@
 // The model runs on silence.
 #define UMO_IDLE_LIVE 2
 
-// Only whole numbers are allowed.
+// The parameter takes only whole numbers.
 #define UMO_PARAMETER_WHOLE 1
 
-// Bytes that a self-test's report may have, its end included.
+// Maximum length in bytes of a self-test's report, including its terminating zero.
 #define UMO_SELF_TEST_SIZE 8192
 
 // The mouth moves with the body, later than the sound by the session's latency.
 #define UMO_VOICE_DELAYED 0
 
-// The mouth moves as the sound is heard, later by `umo_latency.mouth_samples`: with the default model
-// 56 ms at 16 kHz, 63 ms at 48 kHz. The body follows by the session's latency, and the stream has as
-// many more frames at its end. For a microphone, or a voice that is played as it comes.
+// The mouth follows the sound after `umo_latency.mouth_samples`: with the default model 56 ms at 16 kHz,
+// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
+// frames at its end. For a microphone, or a voice that is played as it arrives.
 #define UMO_VOICE_LIVE 1
 
-// Chunks are given as frames alone.
+// Chunks are output as frames only.
 #define UMO_PACKETS_NONE 0
 
-// Chunks are given as frames and as packets: both are to be pulled.
+// Chunks are output as frames and as packets: pull both.
 #define UMO_PACKETS_BESIDE_FRAMES 1
 
-// Chunks are given as packets alone: for a server whose avatars are seen elsewhere.
+// Chunks are output as packets only, for a server whose avatars are shown elsewhere.
 #define UMO_PACKETS_ONLY 2
 
-// Bytes that an error's detail may have, its end included.
+// Maximum length in bytes of an error's detail, including its terminating zero.
 #define UMO_ERROR_SIZE 512
 
-// Binary glTF 2.0, `.glb`: the skeleton with a figure, or the bones alone.
+// Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 #define UMO_FORMAT_GLB 1
 
 // VRM Animation 1.0, `.vrma`, for any VRM avatar.
@@ -333,91 +330,89 @@ typedef struct umo_model umo_model;
 // A session: one avatar. A handle, never a pointer to memory.
 typedef struct umo_session umo_session;
 
-// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never used
-// again for anything else.
+// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never reused.
 typedef int32_t umo_status;
 
-// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
-// `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
-// it can, which computes until the poll is over and returns. It needs 1 MiB of stack. A job that
-// is run late, or never, costs speed and nothing else; one that is run after the engine was freed,
-// or by `submit` itself, returns at once.
+// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` calls `submit` once
+// for every compute thread except its own; the host then runs `job(context)` on another thread as soon
+// as it can. The job computes until the poll is over and needs 1 MiB of stack. A job that runs late, or
+// never, costs only speed. A job that runs after the engine was freed, or inside `submit`, returns at
+// once.
 typedef struct umo_jobs {
-    // Given to `submit`.
+    // Passed to `submit`.
     void *userdata;
-    // Hands a job over. Called by the thread that polls; must not wait for a job that another thread
-    // runs, and must not throw.
+    // Submits a job. Called on the polling thread; must not wait for a job that runs on another thread,
+    // and must not throw.
     void (*submit)(void *userdata, void (*job)(void *context), void *context);
 } umo_jobs;
 
-// A log callback. Called only by the functions that make and free models, engines and sessions, on
-// their thread; never by the audio thread's or the game thread's calls, nor by the engine's
-// threads.
+// A log callback. Called only by the functions that make and free models, engines and sessions, on the
+// calling thread; never by calls for the audio thread or the game thread, nor on the engine's threads.
 typedef struct umo_log {
-    // Given to `write`.
+    // Passed to `write`.
     void *userdata;
-    // Gets one of `UMO_LOG_…` and a text that ends with a zero byte, good until it returns. Must not throw.
+    // Receives one of `UMO_LOG_…` and a zero-terminated text, valid until it returns. Must not throw.
     void (*write)(void *userdata, uint32_t level, const char *message);
 } umo_log;
 
-// Configuration of an engine. Start it with `umo_engine_config_init`.
+// Configuration of an engine. Initialise it with `umo_engine_config_init`.
 typedef struct umo_engine_config {
     // `sizeof(umo_engine_config)`.
     uint32_t struct_size;
     // `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
     uint32_t mode;
-    // Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling
-    // thread and as many more of the engine's own as make up the number.
+    // Number of compute threads, 1 to 64. With `UMO_ENGINE_POLLED` the polling thread is one of them, and
+    // the engine starts the others unless `jobs` lends them.
     uint32_t threads;
-    // Most sessions at once, 1 to 4,096.
+    // Maximum number of sessions at once, 1 to 4,096.
     uint32_t max_sessions;
-    // Most sessions that are computed together, 1 to 64: more read the weights less often and need
-    // memory.
+    // Maximum number of sessions in a batch, 1 to 64: larger batches read the weights less often and need
+    // more memory.
     uint32_t max_batch;
-    // How many `cores` there are, 0 to 64.
+    // Number of `cores`, 0 to 64.
     uint32_t core_count;
-    // Processor numbers that the engine's own threads are bound to, one each, as far as they go;
-    // NULL leaves that to the system.
+    // Processor numbers to pin the engine's own threads to, one thread each; threads beyond `core_count`
+    // are not pinned. NULL pins none.
     const uint32_t *cores;
-    // The host's threads, where they are to compute in place of the engine's own, or NULL. Only
-    // with `UMO_ENGINE_POLLED`.
+    // Lends the host's threads, which compute in place of the engine's own; or NULL. Only with
+    // `UMO_ENGINE_POLLED`.
     const struct umo_jobs *jobs;
     // Log callback for this engine and its sessions, or NULL.
     const struct umo_log *log;
-    // `UMO_PRIORITY_…` of the engine's own threads. Where the system refuses it they are
-    // `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what it takes.
+    // `UMO_PRIORITY_…` of the engine's own threads. If the system refuses it, they run at
+    // `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what would permit it.
     uint32_t priority;
-    // The longest that a chunk which is due waits for others, to be computed together, milliseconds: with 50, 32 avatars
-    // take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a
-    // stream, once half of its length or less is left until it would be late, or where all sessions are due. 0: none waits.
+    // Batching window, milliseconds: the longest that a due chunk waits for others to be computed with. With 50, 32
+    // avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
+    // start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
+    // 0: no chunk waits.
     uint32_t gather_ms;
 } umo_engine_config;
 
-// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value
-// whose offset is `UMO_ABSENT` is not written; bytes between values are left alone, so that frames
-// can be the host's own structures. Start it with `umo_frame_layout_init`.
+// Layout of a frame in the host's memory: offsets in bytes from the frame's start. A value whose offset
+// is `UMO_ABSENT` is not written, and bytes between values are left alone, so that frames can be the
+// host's own structures. Initialise it with `umo_frame_layout_init`.
 //
-// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index`
-// and `sample` that of `uint64_t`, which `frame_stride` then has too. No two values overlap, not
-// in one byte; values of one kind may lie between those of another. A layout that breaks this is
+// Offsets and strides are multiples of the values' alignment in C: 4, and for `index` and `sample` that
+// of `uint64_t`, which then also applies to `frame_stride`. Values must not overlap, not even in one
+// byte, but values of different kinds may be interleaved. A layout that breaks this is
 // `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 typedef struct umo_frame_layout {
     // `sizeof(umo_frame_layout)`.
     uint32_t struct_size;
     // One of `UMO_AXES_…`.
     uint32_t axes;
-    // Bytes from one frame to the next, at least the end of the last value.
+    // Bytes from one frame to the next, at least up to the end of the last value.
     uint32_t frame_stride;
-    // `uint64_t`: the frame's number since the start or the last reset,
-    // `umo_model_info.frame_rate` a second.
+    // `uint64_t`: number of the frame since the start or the last reset; there are
+    // `umo_model_info.frame_rate` frames per second.
     uint32_t index;
-    // `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
+    // `uint64_t`: sample of the pushed audio, counted per channel, that the frame belongs to.
     uint32_t sample;
-    // `float[3]`: where the root is, to be added to the first joint's offset in
-    // `umo_model_get_skeleton`. The floor is at 0 where the model's is.
+    // `float[3]`: translation of the root, to be added to the first joint's offset in
+    // `umo_model_get_skeleton`. The floor is at 0 as in the model.
     uint32_t translation;
-    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y,
-    // z, w.
+    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
     uint32_t rotations;
     // Bytes from one joint's rotation to the next, at least 16.
     uint32_t rotation_stride;
@@ -425,237 +420,233 @@ typedef struct umo_frame_layout {
     uint32_t channels;
     // Bytes from one channel to the next, at least 4.
     uint32_t channel_stride;
-    // `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
+    // `float[UMO_VISEME_COUNT]`: weights of the visemes; they sum to 1.
     uint32_t visemes;
     // Zero, as `umo_frame_layout_init` sets it: anything else is `INVALID_ARGUMENT`.
     uint32_t reserved;
 } umo_frame_layout;
 
-// How a gesture is played. Start it with `umo_gesture_options_init`.
+// Playback options of a gesture. Initialise them with `umo_gesture_options_init`.
 typedef struct umo_gesture_options {
     // `sizeof(umo_gesture_options)`.
     uint32_t struct_size;
-    // Which hand: one of `UMO_SIDE_…`.
+    // The hand: one of `UMO_SIDE_…`.
     uint32_t side;
     // Axes and units of `target`: one of `UMO_AXES_…`.
     uint32_t axes;
-    // 1 where there is a `target`, else 0.
+    // 1 if `target` is set, else 0.
     uint32_t has_target;
-    // Seconds of the motion at which the stroke falls; the preparation begins that much earlier.
-    // Negative: as soon as no other gesture has its parts.
+    // Time of the stroke, in seconds of the motion; the preparation begins correspondingly earlier.
+    // Negative: as soon as no other gesture uses its parts.
     double at;
-    // How fast, 0.5 to 2.
+    // Playback speed, 0.5 to 2.
     float speed;
-    // How much of it, 0 to 1: less is nearer to what the model does.
+    // Strength, 0 to 1: lower values stay closer to the model's motion.
     float strength;
-    // A place in the avatar's space, for gestures that point; without one they point ahead.
+    // Point in the avatar's space, for pointing gestures; without one they point ahead.
     float target[3];
     // Zero.
     uint32_t reserved;
 } umo_gesture_options;
 
-// A clip of the host's own that becomes a gesture. Start it with `umo_gesture_clip_init`.
+// A clip of the host's to make a gesture from. Initialise it with `umo_gesture_clip_init`.
 typedef struct umo_gesture_clip {
     // `sizeof(umo_gesture_clip)`.
     uint32_t struct_size;
     // Axes of the rotations: one of `UMO_AXES_…`.
     uint32_t axes;
-    // Parts that it moves: a sum of `UMO_GESTURE_…`. Where the body stands and goes stays the
-    // model's.
+    // Parts of the body that it moves: a sum of `UMO_GESTURE_…`. The position and walking of the body stay
+    // the model's.
     uint32_t parts;
-    // Frames, 2 to 3,600.
+    // Number of frames, 2 to 3,600.
     uint32_t frame_count;
-    // Frames a second, 1 to 240.
+    // Frames per second, 1 to 240.
     float rate;
     // Seconds from the first frame to the stroke.
     float stroke;
-    // `float[frame_count][UMO_JOINT_COUNT][4]`: each joint's rotation in its parent's frame, a
-    // quaternion x, y, z, w; all joints at rest are a T-pose. Read during the call.
+    // `float[frame_count][UMO_JOINT_COUNT][4]`: rotation of each joint in its parent's frame, a quaternion
+    // x, y, z, w; identity in all joints is a T-pose. Read during the call.
     const float *rotations;
 } umo_gesture_clip;
 
-// How a model is loaded. Start it with `umo_model_config_init`.
+// Options for loading a model. Initialise them with `umo_model_config_init`.
 typedef struct umo_model_config {
     // `sizeof(umo_model_config)`.
     uint32_t struct_size;
     // One of `UMO_PRECISION_…`.
     uint32_t precision;
-    // The fastest instructions that may be used: one of `UMO_ISA_…`. Float products round
-    // differently on some of them, so that a session can give other frames: docs/spec.md, section 2.9, says which give
-    // the same.
+    // Upper bound on the instruction set: one of `UMO_ISA_…`. Float products round differently on some of
+    // them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
     uint32_t isa;
     // Zero.
     uint32_t reserved;
-    // Log callback for this model, or NULL. Read while the model is loaded.
+    // Log callback for this model, or NULL. The structure is copied while the model is loaded.
     const struct umo_log *log;
 } umo_model_config;
 
-// What a model has. Set `struct_size`, the rest is written by `umo_model_get_info`.
+// Properties of a model. Set `struct_size`; `umo_model_get_info` writes the rest.
 typedef struct umo_model_info {
     // `sizeof(umo_model_info)`.
     uint32_t struct_size;
     // Frames per second: 30.
     uint32_t frame_rate;
-    // Samples per second of the model's input; sessions take any rate and resample.
+    // Sample rate of the model's input in Hz; sessions take any rate and resample.
     uint32_t sample_rate;
-    // Joints of the body: 55, as SMPL-X has them.
+    // Joints of the body: the 55 of SMPL-X.
     uint32_t joints;
     // Face channels.
     uint32_t channels;
-    // 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X
-    // expression coefficients.
+    // 1 if face channels are the 52 ARKit blendshapes, 0 to 1; 0 if they are SMPL-X expression
+    // coefficients.
     uint32_t is_arkit;
     // Frames from one keyframe to the next.
     uint32_t keyframe_stride;
     // Keyframes predicted per chunk by default.
     uint32_t target;
-    // Most keyframes per chunk.
+    // Maximum number of keyframes per chunk.
     uint32_t max_target;
     // Frames held back by default.
     uint32_t lookahead;
-    // Frames of future speech that a frame needs at most, by default.
+    // Frames of future speech that a frame needs at most, with the default configuration.
     uint32_t latency_frames;
-    // Most ids of a prompt.
+    // Maximum number of ids in a prompt.
     uint32_t max_prompt;
-    // 1 where texts can be prompts, so that `umo_session_set_prompt` works.
+    // 1 if texts can be prompts, so that `umo_session_set_prompt` works.
     uint32_t has_text;
-    // 1 if `UMO_MODEL_NOTICE` must be shown to users: that the model was never trained,
-    // say.
+    // 1 if `UMO_MODEL_NOTICE` must be shown to users: for example, that the model was never trained.
     uint32_t has_notice;
-    // Bytes of the model file.
+    // Size of the model file in bytes.
     uint64_t file_size;
-    // 1 where the model has a mouth network, so that sessions may have `UMO_VOICE_LIVE`.
+    // 1 if the model has a mouth network, so that sessions can use `UMO_VOICE_LIVE`.
     uint32_t has_mouth;
-    // Most keyframes of audio behind a chunk that a session can wait for
-    // (`umo_session_config.horizon`): worth it where the whole recording is there. 0 where the
-    // model does not hear ahead.
+    // Upper bound on `umo_session_config.horizon`: keyframes of audio behind a chunk that a session can
+    // wait for. Useful if the whole recording is available. 0 if the model does not hear ahead.
     uint32_t max_horizon;
 } umo_model_info;
 
-// What a parameter is. Set `struct_size`, the rest is written by `umo_parameter_get_info`.
+// Description of a parameter. Set `struct_size`; `umo_parameter_get_info` writes the rest.
 typedef struct umo_parameter_info {
     // `sizeof(umo_parameter_info)`.
     uint32_t struct_size;
-    // `UMO_PARAMETER_…`.
+    // Number of the parameter, `UMO_PARAMETER_…`.
     uint32_t id;
     // `UMO_PARAMETER_WHOLE` or 0.
     uint32_t flags;
     // Zero.
     uint32_t reserved;
-    // Least value.
+    // Smallest value.
     double minimum;
     // Largest value.
     double maximum;
-    // Its name: static.
+    // Name of the parameter: static.
     const char *name;
 } umo_parameter_info;
 
-// Where a session's memory comes from. Both functions are needed. They are called by
-// `umo_session_new`, `umo_session_free` and, where a session was freed while a chunk of it was
-// computed, by the next of these or `umo_engine_free`; never by another thread than the one in
-// that call. They must not throw, nor call functions of this library.
+// Allocator for a session's memory. Both functions are required. They are called by `umo_session_new`,
+// by `umo_session_free` and, if a session was freed while a chunk of it was being computed, by the next
+// call of either or `umo_engine_free`; always on the thread of that call. They must not throw, nor call
+// functions of this library.
 typedef struct umo_allocator {
-    // Given to both.
+    // Passed to both functions.
     void *userdata;
-    // Gives `size` bytes aligned to `alignment`, a power of two, or NULL.
+    // Returns `size` bytes aligned to `alignment`, a power of two, or NULL.
     void *(*allocate)(void *userdata, size_t size, size_t alignment);
-    // Takes back what `allocate` gave.
+    // Releases memory from `allocate`.
     void (*release)(void *userdata, void *memory, size_t size, size_t alignment);
 } umo_allocator;
 
-// Configuration of a session. Start it with `umo_session_config_init`.
+// Configuration of a session. Initialise it with `umo_session_config_init`.
 typedef struct umo_session_config {
     // `sizeof(umo_session_config)`.
     uint32_t struct_size;
-    // Samples per second of the audio that is pushed, 8,000 to 192,000.
+    // Sample rate of the pushed audio in Hz, 8,000 to 192,000.
     uint32_t sample_rate;
-    // Interleaved channels of that audio, 1 to 64; they are mixed.
+    // Interleaved channels of the pushed audio, 1 to 64; they are mixed.
     uint32_t channels;
-    // Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more
-    // see more at once.
+    // Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer respond sooner, more give each
+    // chunk more context.
     uint32_t target;
-    // Frames held back until the next chunk, for smoother seams: that much later, too.
+    // Frames held back until the next chunk, for smoother seams; they add to the latency.
     uint32_t lookahead;
-    // What is shown during silence: one of `UMO_IDLE_…`.
+    // Behaviour during silence: one of `UMO_IDLE_…`.
     uint32_t idle;
-    // Milliseconds without audio after which that begins.
+    // Milliseconds without audio after which `idle` begins.
     uint32_t idle_after_ms;
-    // Milliseconds that an ease to rest takes, and the way back.
+    // Duration in milliseconds of the ease to rest, and of the way back.
     uint32_t ease_ms;
-    // Frames that wait for the host before the engine stops computing: at least two chunks' worth.
+    // Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.
     uint32_t queue_frames;
-    // When the mouth moves: one of `UMO_VOICE_…`.
+    // Timing of the mouth: one of `UMO_VOICE_…`.
     uint32_t voice;
-    // Seed of all draws: the same seed and audio give the same frames.
+    // Seed of all sampling: equal seeds and audio give equal frames.
     uint64_t seed;
-    // Which of the model's templates: NULL for `audio_to_motion`; `text_to_motion` needs no audio. For
-    // it, `umo text` takes a `guidance` of 2.5 and a temperature of 0.7 at most
-    // (`UMO_PARAMETER_TEMPERATURE`): the defaults here are those of speech.
+    // Template of the model: NULL for `audio_to_motion`; `text_to_motion` needs no audio. For the latter,
+    // `umo text` uses a `guidance` of 2.5 and a temperature of at most 0.7 (`UMO_PARAMETER_TEMPERATURE`);
+    // the defaults here are for speech.
     const char *template_name;
-    // Where the session's memory comes from, or NULL for the system's. Read while the session is
-    // made; what it names must live until the engine is freed.
+    // Allocator of the session's memory, or NULL for the system's. Read while the session is made; its
+    // functions and `userdata` must stay valid until the engine is freed.
     const struct umo_allocator *allocator;
-    // Standard deviation of the low-pass of the body's motion, frames, 0 to 1.5: 0 for the model's own
-    // motion. It looks two standard deviations ahead, 3 frames at most, where `lookahead` is less.
+    // Standard deviation, in frames, of a low-pass over the body's motion, 0 to 1.5; 0 for none. If
+    // `lookahead` is less, it looks two standard deviations ahead, 3 frames at most.
     float smoothing;
-    // How strongly the prompt steers, 1 to 3, with models of layout `frames`: 1 is the prompt alone,
-    // at half the cost of other values. Else 1.
+    // Strength of the prompt's guidance, 1 to 3, for models of layout `frames`: 1 uses the prompt alone, at
+    // half the cost of other values. Other models: 1.
     float guidance;
-    // Keyframes of audio behind a chunk that it waits for, where the model was made to hear ahead:
-    // that much later, too. Else 0.
+    // Keyframes of audio behind a chunk that the chunk waits for, if the model was trained to hear ahead;
+    // they add to the latency. Otherwise 0.
     uint32_t horizon;
-    // Whether chunks are given as packets: one of `UMO_PACKETS_…`.
+    // Output of chunks as packets: one of `UMO_PACKETS_…`.
     uint32_t packets;
-    // Keyframes before those of its chunk that a packet says again: one that is lost changes nothing
-    // where these are a chunk's. As many as fit the model's history.
+    // Keyframes before its chunk that a packet repeats, as many as fit the model's history. With a chunk's
+    // worth of them, the loss of one packet changes nothing.
     uint32_t packet_history;
-    // Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4.
+    // Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     uint32_t patience;
 } umo_session_config;
 
-// The range of times that `umo_session_sample_pose` could sample. Set `struct_size`, the rest is written.
+// Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
 typedef struct umo_sampled {
     // `sizeof(umo_sampled)`.
     uint32_t struct_size;
-    // 1 where the time asked for was later than the newest frame.
+    // 1 if the requested time was later than the newest frame.
     uint32_t is_ahead;
-    // Seconds of the oldest frame that is still there.
+    // Time in seconds of the oldest frame that is still available.
     double oldest;
-    // Seconds of the newest frame that is ready.
+    // Time in seconds of the newest frame that is ready.
     double newest;
 } umo_sampled;
 
-// How far motion is behind speech. Set `struct_size`, the rest is written by
-// `umo_session_latency`.
+// Delay of motion behind speech. Set `struct_size`; `umo_session_latency` writes the rest.
 typedef struct umo_latency {
     // `sizeof(umo_latency)`.
     uint32_t struct_size;
     // Zero.
     uint32_t reserved;
-    // Samples of future audio, at the session's rate, that a frame needs at most: what no
-    // processor can shorten. The configuration's `target`, `lookahead`, `smoothing`, `horizon` and
-    // `sample_rate` make it.
+    // Upper bound on the future audio that a frame needs, in samples at the session's rate: no processor
+    // can shorten it. It follows from the configuration's `target`, `lookahead`, `smoothing`, `horizon`
+    // and `sample_rate`.
     uint64_t algorithmic_samples;
-    // Seconds from a chunk's last sample, or the end of the chunk before where that is later, to
-    // its frames: median.
+    // Median computing time in seconds: from a chunk's last sample, or from the end of the previous chunk
+    // if that is later, to the chunk's frames.
     double compute_p50;
-    // Its 99th percentile.
+    // 99th percentile of the computing time.
     double compute_p99;
-    // Its 99.9th percentile.
+    // 99.9th percentile of the computing time.
     double compute_p999;
-    // Its largest.
+    // Largest computing time.
     double compute_max;
-    // Samples, at the session's rate, by which the newest frame is behind the newest audio now,
-    // beyond `algorithmic_samples`: 0 while the engine keeps up.
+    // Current delay of the newest frame behind the newest audio, beyond `algorithmic_samples`, in samples
+    // at the session's rate: 0 while the engine keeps up.
     uint64_t backlog_samples;
     // The largest backlog since the session was made.
     uint64_t backlog_max_samples;
-    // Samples of future audio, at the session's rate, that a frame's mouth needs at most:
+    // Upper bound on the future audio that a frame's mouth needs, in samples at the session's rate:
     // `algorithmic_samples`, or less with `UMO_VOICE_LIVE`.
     uint64_t mouth_samples;
 } umo_latency;
 
-// Statistics of a session. Set `struct_size`, the rest is written by `umo_session_stats`.
+// Statistics of a session. Set `struct_size`; `umo_session_stats` writes the rest.
 typedef struct umo_stats {
     // `sizeof(umo_stats)`.
     uint32_t struct_size;
@@ -665,72 +656,72 @@ typedef struct umo_stats {
     uint64_t chunks;
     // Frames computed.
     uint64_t frames;
-    // Frames whose chunk was done later than real time needs it.
+    // Frames whose chunk was computed too late for real time.
     uint64_t late_frames;
     // Frames that an interrupt or a reset dropped before they were shown.
     uint64_t dropped_frames;
-    // Samples of each channel that were not taken because there was no room.
+    // Samples per channel that were not taken because there was no room.
     uint64_t overruns;
-    // Samples that were NaN, infinite or beyond 1e6, and became silence.
+    // Samples that were NaN, infinite or beyond 1e6, and were replaced by silence.
     uint64_t silenced;
     // Chunks whose body was held because the engine did not keep up (`umo_engine_set_late_limit`).
     uint64_t held_chunks;
 } umo_stats;
 
-// What came of a decoder's packets. Set `struct_size`, the rest is written by `umo_decoder_stats`.
+// Statistics of a decoder's packets. Set `struct_size`; `umo_decoder_stats` writes the rest.
 typedef struct umo_received {
     // `sizeof(umo_received)`.
     uint32_t struct_size;
     // Zero.
     uint32_t reserved;
-    // Packets that were taken.
+    // Packets accepted.
     uint64_t packets;
-    // Packets that came after their time or a second time: they changed nothing.
+    // Packets that arrived too late or a second time and were ignored.
     uint64_t late;
-    // Chunks whose packet did not come in time.
+    // Chunks whose packet did not arrive in time.
     uint64_t lost;
-    // Keyframes of these that no other packet said: the last one was held.
+    // Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
     uint64_t held;
 } umo_received;
 
-// Frames that become a file, and whose they are. `umo_clip_init` fills in what is a model's;
-// `layout`, `frames` and `frame_count` are the host's. What it points to is read during the call that
-// is given it.
+// Frames to export, with their skeleton and channels. `umo_clip_init` fills in the model's fields; the
+// host sets `layout`, `frames` and `frame_count`. The memory that it points to is read only during the
+// call that takes the clip.
 typedef struct umo_clip {
     // `sizeof(umo_clip)`.
     uint32_t struct_size;
-    // As `umo_model_info.is_arkit`.
+    // Same as `umo_model_info.is_arkit`.
     uint32_t is_arkit;
-    // Face channels, at most 1,024.
+    // Number of face channels, at most 1,024.
     uint32_t channel_count;
-    // Frames in `frames`.
+    // Number of frames in `frames`.
     uint32_t frame_count;
-    // Frames a second.
+    // Frames per second.
     float rate;
     // Zero.
     uint32_t reserved;
-    // Names of the face channels, UTF-8, as of `umo_model_get_channel_name`. `[channel_count]`
+    // Names of the face channels, UTF-8, as from `umo_model_get_channel_name`. `[channel_count]`
     const char *const *channels;
-    // `int32_t[UMO_JOINT_COUNT]`: each joint's parent, as of `umo_model_get_skeleton`.
+    // `int32_t[UMO_JOINT_COUNT]`: index of each joint's parent, as from `umo_model_get_skeleton`.
     const int32_t *parents;
-    // `float[UMO_JOINT_COUNT][3]`: where each joint is in its parent's frame at rest, metres in
-    // `UMO_AXES_GLTF`, whatever the axes of the frames are.
+    // `float[UMO_JOINT_COUNT][3]`: rest position of each joint in its parent's frame, metres in
+    // `UMO_AXES_GLTF`, whatever the axes of the frames.
     const float *offsets;
-    // How the frames lie, and in which axes. It must have translation, rotations and channels.
+    // Layout and axes of the frames. It must have translation, rotations and channels.
     const struct umo_frame_layout *layout;
-    // The first frame; it is at second 0 of the file.
+    // The first frame, at second 0 of the file.
     const void *frames;
-    // Who wears the motion in `UMO_FORMAT_GLB`: one of `umo_figure_name`. NULL: nobody, the file has
-    // the bones alone, and no face.
+    // Figure to skin in `UMO_FORMAT_GLB`: a name from `umo_figure_name`. NULL: the skeleton alone, without
+    // a face.
     const char *figure;
 } umo_clip;
 
-// Where a file's bytes go.
+// Destination of a file's bytes.
 typedef struct umo_output {
-    // Given to `write`.
+    // Passed to `write`.
     void *userdata;
-    // Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
-    // them, any other number to stop. Called by the thread that called `umo_clip_write`. Must not throw.
+    // Takes the next bytes of the file, at least one; they are valid until it returns. Returns 0 to go on,
+    // any other number to stop. Called on the thread that called `umo_clip_write`. Must not throw.
     int32_t (*write)(void *userdata, const void *bytes, size_t size);
 } umo_output;
 
@@ -740,7 +731,7 @@ typedef struct umo_output {
 // A required pointer is NULL.
 #define UMO_STATUS_NULL_POINTER -1
 
-// An unknown or freed handle, or one of another kind.
+// A handle is unknown, freed, or of another kind.
 #define UMO_STATUS_INVALID_HANDLE -2
 
 // An argument is out of range.
@@ -752,16 +743,16 @@ typedef struct umo_output {
 // A buffer is too small for the output.
 #define UMO_STATUS_BUFFER_TOO_SMALL -5
 
-// The program was compiled with the header of another, incompatible version.
+// The program was compiled with the header of an incompatible version.
 #define UMO_STATUS_VERSION -6
 
 // A file cannot be read or written.
 #define UMO_STATUS_IO -7
 
-// Not a usable model file.
+// The file is not a usable model.
 #define UMO_STATUS_MODEL -8
 
-// There is not enough memory, or the host's allocator gave none.
+// There is not enough memory, or the host's allocator returned NULL.
 #define UMO_STATUS_OUT_OF_MEMORY -9
 
 // No free slot: free a model, an engine or a session first.
@@ -779,40 +770,40 @@ typedef struct umo_output {
 // The session's engine was freed: it gives no more frames. Free it.
 #define UMO_STATUS_CLOSED -14
 
-// A panic of this library was caught, without output; the session concerned can not be used any
-// more. Free it, and report the defect: `umo_session_last_error` (or `umo_last_error`) has
-// the panic's text and its place in the source.
+// A panic of this library was caught, without output; the session concerned cannot be used any more.
+// Free it, and report the defect: `umo_session_last_error` (or `umo_last_error`) has the panic's
+// message and its place in the source.
 #define UMO_STATUS_PANIC -15
 
 // This model, processor or engine cannot do that.
 #define UMO_STATUS_UNSUPPORTED -16
 
-// Not a state of such a session. Nothing was changed.
+// The bytes are not a state of such a session. Nothing was changed.
 #define UMO_STATUS_STATE -17
 
 // A worker thread could not be created or pinned.
 #define UMO_STATUS_THREAD -18
 
-// Not a packet for such a decoder. Nothing was changed.
+// The bytes are not a packet for such a decoder. Nothing was changed.
 #define UMO_STATUS_PACKET -19
 
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
 
-// `UMO_ABI_VERSION` of the library, for programs that look it up while they run.
+// Returns the library's `UMO_ABI_VERSION`, for programs that load the library at run time.
 //
 // Threads: any. Never allocates, never waits.
 UMO_API uint32_t umo_abi_version(void) UMO_NOEXCEPT;
 
-// The library's version, as `0.1.0`: static.
+// Returns the library's version, such as `0.1.0`, as a static string.
 //
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_version(void) UMO_NOEXCEPT;
 
-// Fills an engine configuration with its defaults: two threads of its own (one where there is one
-// core), 64 sessions, 8 of them together. A library that was built without threads has one that the
-// host polls. `size` is `sizeof *config`.
+// Fills an engine configuration with its defaults: two threads of its own (one on a single core), 64
+// sessions, batches of up to 8. In a library built without threads: one thread, polled by the host.
+// `size` is `sizeof *config`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -825,14 +816,13 @@ umo_status umo_engine_config_init(struct umo_engine_config *config,
                                   size_t size)
 UMO_NOEXCEPT;
 
-// Creates an engine for a model, which may be freed before it. `config` may be NULL.
+// Creates an engine for a model. The model may be freed before the engine. `config` may be NULL.
 //
 // Threads: any but the audio thread. Allocates everything that computing will need, and starts the
 // engine's threads.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 // number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
-// engines), `OUT_OF_MEMORY`, `UNSUPPORTED` (threads of its own, in a library that was built without
-// them).
+// engines), `OUT_OF_MEMORY`, `UNSUPPORTED` (threads of its own, in a library built without threads).
 //
 // Pointers:
 // `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
@@ -844,25 +834,25 @@ umo_status umo_engine_new(const struct umo_model *model,
                           struct umo_engine **engine)
 UMO_NOEXCEPT;
 
-// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready
-// can be pulled, then they say `CLOSED`. NULL is fine.
+// Stops an engine's threads and frees it. Its sessions remain: frames that were ready can still be
+// pulled, then calls return `CLOSED`. NULL is fine.
 //
 // Threads: any but the audio thread. Waits for the layer that is being computed, a few
 // milliseconds at most.
-// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, such as `umo_engine_poll`, or a job
 // that it gave to `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that
 // have not begun return at once; free it again when those in progress have returned:
 // `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
 UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
 
-// What happens when there is more to compute than time: while chunks begin later than `seconds` behind
-// real time, a growing share of them is computed without the language model, at a quarter of the cost.
-// In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
-// sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
-// them. While the engine keeps up, every frame has the same bits.
+// Sets the overload policy: while chunks start more than `seconds` behind real time, a growing share of
+// them skips the language model, at a quarter of the cost. In these chunks the body holds its pose, and
+// the mouth comes from the model's mouth network, if it has one; sessions take turns. The share shrinks
+// again once chunks are in time; `umo_stats.held_chunks` counts them. While the engine keeps up, frames
+// are bit-identical to those without a limit.
 //
-// A negative number, as an engine begins, holds no body: frames come later and later, up to the ten
-// seconds of audio that a session queues. Leave it so where audio is pushed faster than it is heard.
+// A negative number, the default, never holds the body: frames then come later and later, up to the ten
+// seconds of audio that a session queues. Keep the default if audio is pushed faster than real time.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (not finite).
@@ -872,14 +862,14 @@ umo_status umo_engine_set_late_limit(struct umo_engine *engine,
                                      double seconds)
 UMO_NOEXCEPT;
 
-// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
-// the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer
-// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where the budget left something that is due,
-// else 0: a session is due when the audio of its next chunk was pushed and its queue of frames has room, so that one whose
-// queue is full is due again once frames are pulled.
+// Computes on the calling thread, for an engine made with `UMO_ENGINE_POLLED`: until nothing is due, or until the next
+// layer would exceed `budget` microseconds, judged by the last one of its kind. It computes at least one layer; with
+// a budget of 0, exactly one. `more`, which may be NULL, becomes 1 if the budget left due work, else 0. A session is
+// due when the audio of its next chunk was pushed and its queue of frames has room. A session with a full queue is due
+// again once frames are pulled.
 //
 // Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
-// waits only for the engine's own threads and for work that lent ones have begun.
+// waits only for the engine's own threads and for work that lent threads have begun.
 // Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads
 // of its own).
 //
@@ -892,8 +882,8 @@ umo_status umo_engine_poll(struct umo_engine *engine,
                            uint32_t *more)
 UMO_NOEXCEPT;
 
-// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation,
-// rotations, channels, and visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+// Fills a layout for frames without gaps, in glTF's axes: index, sample, translation, rotations,
+// channels, and visemes if the model has ARKit channels. `size` is `sizeof *layout`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
@@ -907,11 +897,11 @@ umo_status umo_frame_layout_init(struct umo_frame_layout *layout,
                                  const struct umo_model *model)
 UMO_NOEXCEPT;
 
-// Checks a layout against a model, and computes how many frames `size` bytes have room for.
+// Checks a layout against a model, and computes the number of frames that fit in `size` bytes.
 //
 // Threads: any. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`:
-// `umo_last_error` says what.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`
+// (`umo_last_error` has the reason).
 //
 // Pointers:
 // `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
@@ -923,7 +913,7 @@ umo_status umo_frame_layout_check(const struct umo_frame_layout *layout,
                                   size_t *frames)
 UMO_NOEXCEPT;
 
-// Fills the options of a gesture with their defaults: as soon as possible, at its own speed, whole.
+// Fills gesture options with their defaults: as soon as possible, at normal speed and full strength.
 // `size` is `sizeof *options`.
 //
 // Threads: any. Never allocates, never waits.
@@ -937,8 +927,7 @@ umo_status umo_gesture_options_init(struct umo_gesture_options *options,
                                     size_t size)
 UMO_NOEXCEPT;
 
-// Fills a clip with its defaults: every part, 30 frames a second, no frames yet. `size` is
-// `sizeof *clip`.
+// Fills a clip with its defaults: all parts, 30 frames per second, no frames. `size` is `sizeof *clip`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -951,10 +940,10 @@ umo_status umo_gesture_clip_init(struct umo_gesture_clip *clip,
                                  size_t size)
 UMO_NOEXCEPT;
 
-// Adds a gesture of the host's own to those that sessions of an engine know which are made from now
-// on; one of the same name is replaced. `name` is 1 to 64 letters, digits, `_`, `-` and spaces.
-// The clip comes in over its first 0.4 seconds, or up to its stroke if that is earlier, and goes
-// out over its last 0.55 seconds. An engine takes 256.
+// Adds a gesture of the host's to an engine, for sessions that are created later; a gesture of the same
+// name is replaced. `name` is 1 to 64 letters, digits, `_`, `-` and spaces. The clip fades in over its
+// first 0.4 seconds, or up to its stroke if that is earlier, and fades out over its last 0.55 seconds. An
+// engine holds 256 added gestures.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
@@ -970,18 +959,18 @@ umo_status umo_engine_add_gesture(struct umo_engine *engine,
                                   const struct umo_gesture_clip *clip)
 UMO_NOEXCEPT;
 
-// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb`, `.gltf` or `.vrm` file
-// of any character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
-// `umo animate`'s names are known. Files that a `.gltf` names are read from its folder. The motion is
-// brought to the model's skeleton.
+// Adds a gesture, as `umo_engine_add_gesture` does, from the animation in a `.glb`, `.gltf` or `.vrm`
+// file of any humanoid character: bone names of Mixamo, VRM, Unreal, Unity, Godot and `umo animate` are
+// recognised. Files that a `.gltf` names are read from its folder. The motion is retargeted to the
+// model's skeleton.
 //
-// `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
-// minutes. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is seconds from its start to the stroke;
-// negative: its middle.
+// `path` is UTF-8. `animation` is the name of an animation in the file, or NULL for the first; it may
+// last two minutes at most. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is the time of the stroke in
+// seconds from the start; if negative, the middle.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
-// (`umo_last_error` says what of the file is wrong, which bones were not found, or which
+// (`umo_last_error` says which part of the file is wrong, which bones were not found, or which
 // argument), `UNSUPPORTED` (the library was built without files, or without umo-capi's feature
 // `retarget`).
 //
@@ -997,11 +986,11 @@ umo_status umo_engine_add_gesture_file(struct umo_engine *engine,
                                        float stroke)
 UMO_NOEXCEPT;
 
-// The same for a file's `size` bytes in memory, read during the call. A `.gltf` has its data in its
-// text then.
+// Adds a gesture, as `umo_engine_add_gesture_file` does, from a file's `size` bytes in memory, read
+// during the call. A `.gltf` must then embed its data.
 //
 // Threads: any but the audio thread. Allocates.
-// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
+// Errors: as `umo_engine_add_gesture_file`, except `IO`.
 //
 // Pointers:
 // `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
@@ -1017,8 +1006,8 @@ umo_status umo_engine_add_gesture_memory(struct umo_engine *engine,
                                          float stroke)
 UMO_NOEXCEPT;
 
-// The name of a gesture that sessions of an engine know: built-in ones first, in a fixed order,
-// then the host's. Good until the engine is freed. To list them, count `index` up from 0 until
+// Gets the name of a gesture that an engine's sessions know: built-in ones first, in a fixed order, then
+// the host's. Valid until the engine is freed. To list all, count `index` up from 0 until
 // `INVALID_ARGUMENT`.
 //
 // Threads: any but the audio thread. Waits for another thread's `umo_engine_add_gesture`.
@@ -1048,8 +1037,8 @@ UMO_NOEXCEPT;
 
 // Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
 //
-// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it
-// takes, and waits for them: a base-size int8 model takes some 0.3 s.
+// Threads: any but the audio thread. Allocates, reads the file, starts threads for the duration of the
+// call, and waits for them: a base-size int8 model takes some 0.3 s.
 // Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key),
 // `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`,
 // `UNSUPPORTED` (the library was built without files: docs/platforms.md, "Consoles").
@@ -1065,10 +1054,10 @@ umo_status umo_model_load(uint32_t abi,
                           struct umo_model **model)
 UMO_NOEXCEPT;
 
-// Loads a model from memory, which is not copied and not needed any more when the call returns:
-// weights are repacked for the processor.
+// Loads a model from memory, which is not copied and no longer needed when the call returns: weights are
+// repacked for the processor.
 //
-// Threads, errors: as `umo_model_load`, but for `IO` and `UNSUPPORTED`.
+// Threads, errors: as `umo_model_load`, except `IO` and `UNSUPPORTED`.
 //
 // Pointers:
 // As `umo_model_load`; `data` is NULL or has `size` readable bytes.
@@ -1081,14 +1070,14 @@ umo_status umo_model_load_memory(uint32_t abi,
                                  struct umo_model **model)
 UMO_NOEXCEPT;
 
-// Frees a model. Its engines keep what they need of it. NULL is fine.
+// Frees a model. Its engines keep the parts that they need. NULL is fine.
 //
 // Threads: any but the audio thread. Texts and names of the model are freed with it.
 // Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free`
 // again; it takes no other calls).
 UMO_API umo_status umo_model_free(struct umo_model *model) UMO_NOEXCEPT;
 
-// What a model has.
+// Gets the properties of a model.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
@@ -1101,7 +1090,7 @@ umo_status umo_model_get_info(const struct umo_model *model,
                               struct umo_model_info *info)
 UMO_NOEXCEPT;
 
-// One of the model's texts, UTF-8, good until the model is freed. `which` is one of `UMO_MODEL_…`.
+// Gets one of the model's texts, UTF-8, valid until the model is freed. `which` is one of `UMO_MODEL_…`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
@@ -1115,7 +1104,7 @@ umo_status umo_model_get_text(const struct umo_model *model,
                               const char **text)
 UMO_NOEXCEPT;
 
-// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below
+// Gets the name of a face channel, such as `jawOpen`, valid until the model is freed. `index` is below
 // `umo_model_info.channels`.
 //
 // Threads: any. Never allocates, never waits.
@@ -1130,21 +1119,22 @@ umo_status umo_model_get_channel_name(const struct umo_model *model,
                                       const char **name)
 UMO_NOEXCEPT;
 
-// The name of a joint, as `left_elbow`: static, NULL where `index` is not below `UMO_JOINT_COUNT`.
+// Returns the name of a joint, such as `left_elbow`: static, or NULL if `index` is not below
+// `UMO_JOINT_COUNT`.
 //
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_joint_name(uint32_t index) UMO_NOEXCEPT;
 
-// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below
+// Returns the name of a viseme of the Oculus set, such as `PP`: static, or NULL if `index` is not below
 // `UMO_VISEME_COUNT`.
 //
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_viseme_name(uint32_t index) UMO_NOEXCEPT;
 
-// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's
-// frame at rest, x y z, in `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL;
-// `joints` is how many there is room for, at least `UMO_JOINT_COUNT`. With rotations all identity
-// the body stands in a T-pose.
+// Gets the skeleton: for each joint its parent's index, -1 for the first, and its rest position in its
+// parent's frame, x y z, in the axes and units of `which` (one of `UMO_AXES_…`). Either array may be
+// NULL; `joints` is their capacity in joints, at least `UMO_JOINT_COUNT`. If all rotations are the
+// identity, the body stands in a T-pose.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
@@ -1161,8 +1151,8 @@ umo_status umo_model_get_skeleton(const struct umo_model *model,
                                   size_t joints)
 UMO_NOEXCEPT;
 
-// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of
-// them. `count` is written even where there is no room for them all.
+// Encodes a prompt as ids for `umo_session_set_prompt_ids`, at most `umo_model_info.max_prompt` of
+// them. `count` is written even if `capacity` is too small.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
@@ -1181,7 +1171,7 @@ umo_status umo_model_encode_text(const struct umo_model *model,
                                  size_t *count)
 UMO_NOEXCEPT;
 
-// What the parameter at `index` is, from 0 on: `INVALID_ARGUMENT` says that there are no more.
+// Gets the description of the parameter at `index`, from 0; `INVALID_ARGUMENT` past the last one.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT`.
@@ -1194,11 +1184,11 @@ umo_status umo_parameter_get_info(uint32_t index,
                                   struct umo_parameter_info *info)
 UMO_NOEXCEPT;
 
-// The gain of each channel at which a whole recording's speech is heard, `count` interleaved samples at
-// `sample_rate` per second. Ones for a plain recording; others are far from the level of speech, have
-// channels that cancel each other, or speech in the channel in front alone (of five channels and more, the
-// third). Multiply each channel with its gain before the samples are pushed into a session; `gains` has
-// room for `channels` values, 1 to 64.
+// Computes the gain of each channel that brings the speech of a whole recording to its normal level, for
+// `count` interleaved samples at `sample_rate` Hz. The gains are 1 for a plain recording. They differ if
+// its level is far from that of speech, if its channels cancel each other, or if only the centre channel
+// (the third, with five channels or more) has speech. Multiply each channel by its gain before you push
+// the samples into a session; `gains` has room for `channels` values, 1 to 64.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_ARGUMENT` (a rate or a number of channels out of range, or not a
@@ -1215,15 +1205,15 @@ umo_status umo_recording_gains(const float *samples,
                                float *gains)
 UMO_NOEXCEPT;
 
-// Tests this machine with a model, for about 10 seconds or less: every kernel of every back-end that the processor has is
-// compared with its scalar reference, the model's motion with recorded motion (a model without a record with a second
-// run), and the model's speed is measured if the library has threads and a clock. `passed` is 1 if nothing is wrong.
-// `report` is a text of several lines: processor, comparisons, faults, speed, and changes that would make it faster. It
-// names no path, host or user. `size` is at least `UMO_SELF_TEST_SIZE`.
+// Tests this machine with a model, for about 10 seconds or less. Every kernel of every back-end that the processor
+// supports is compared with its scalar reference. The model's motion is compared with recorded motion, or for a model
+// without a record with a second run. The model's speed is measured if the library has threads and a clock. `passed`
+// is 1 if no fault was found. `report` is a text of several lines: processor, comparisons, faults, speed, and changes
+// that would make it faster. It contains no path, host name or user name. `size` is at least `UMO_SELF_TEST_SIZE`.
 //
 // Threads: any but the audio thread. Allocates, starts threads, and waits for them.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. Faults that
-// the test finds are not errors of the call.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL` (nothing was tested), `OUT_OF_MEMORY`. Faults found by
+// the test are not errors of the call.
 //
 // Pointers:
 // `passed` is NULL or writable; `report` is NULL or has `size` writable bytes.
@@ -1235,7 +1225,7 @@ umo_status umo_self_test(const struct umo_model *model,
                          size_t size)
 UMO_NOEXCEPT;
 
-// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size`
+// Fills a session configuration with the model's defaults, for mono audio at the model's rate. `size`
 // is `sizeof *config`.
 //
 // Threads: any. Allocates for a moment.
@@ -1251,8 +1241,8 @@ umo_status umo_session_config_init(struct umo_session_config *config,
                                    const struct umo_model *model)
 UMO_NOEXCEPT;
 
-// How much memory `umo_session_new` takes from the allocator for such a session, in one piece:
-// bytes and alignment. Either may be NULL.
+// Gets the size and alignment, in bytes, of the single block that `umo_session_new` takes from the
+// allocator for this configuration. Either may be NULL.
 //
 // Threads: any but the audio thread. Allocates what `umo_session_new` takes from the system.
 // Errors: as `umo_session_new`.
@@ -1270,12 +1260,12 @@ UMO_NOEXCEPT;
 // Creates a session: one avatar at the start of its stream. `config` may be NULL.
 //
 // Threads: any but the audio thread. Allocates everything that the session will ever need, in one
-// piece from the configuration's allocator, of the size that `umo_session_memory` gives. The system
-// gives less than 1 KiB for the time of the call, and for the first session of a `sample_rate` that
-// is not the model's the filter that converts it, which the engine keeps: to 16,000 samples per
+// piece from the configuration's allocator, of the size that `umo_session_memory` gives. From the system
+// it takes less than 1 KiB for the duration of the call. The first session of a `sample_rate` that is
+// not the model's also takes the filter that converts it, which the engine keeps: to 16,000 samples per
 // second 3 KiB from 48,000, 390 KiB from 44,100, and at most 1 MiB from any rate.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
-// number), `STRUCT_SIZE`, `FULL` (the engine's places, or 16,384 sessions in all),
+// number), `STRUCT_SIZE`, `FULL` (the engine's `max_sessions`, or 16,384 sessions in all),
 // `OUT_OF_MEMORY`.
 //
 // Pointers:
@@ -1289,21 +1279,21 @@ umo_status umo_session_new(struct umo_engine *engine,
 UMO_NOEXCEPT;
 
 // Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that
-// threads that never pause do not keep it.
+// threads that call it without a pause cannot keep it alive.
 //
-// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a
-// chunk of it is just computed, its memory goes back with the next session that is made or freed,
-// or with the engine.
+// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. If a chunk of it
+// is being computed, its memory is released when the next session is made or freed, or with the
+// engine.
 // Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free`
 // again; nothing was freed).
 UMO_API umo_status umo_session_free(struct umo_session *session) UMO_NOEXCEPT;
 
-// The detail of the last failed call on the session, from any thread: a copy in
-// `buffer`, which has `size` bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets
-// its length without the end.
+// Copies the detail of the last failed call on the session, from any thread, to `buffer`, which has
+// `size` bytes; `UMO_ERROR_SIZE` is enough. `length`, which may be NULL, gets its length without the
+// terminating zero.
 //
 // Threads: any. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is just failing).
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is failing at this moment).
 //
 // Pointers:
 // `buffer` is NULL or has `size` writable bytes; `length` is NULL or writable.
@@ -1315,9 +1305,9 @@ umo_status umo_session_last_error(const struct umo_session *session,
                                   size_t *length)
 UMO_NOEXCEPT;
 
-// Takes audio for the avatar to speak: `count` interleaved samples, full scale 1, a multiple
-// of the session's channel count. `taken`, which may be NULL, gets how many of them there was room for:
-// the rest is to be pushed again later. Samples that are NaN, or beyond 1e6, become silence.
+// Pushes audio for the avatar to speak: `count` interleaved samples, full scale 1, a multiple of the
+// session's channel count. `taken`, which may be NULL, gets the number of samples that there was room
+// for: push the rest again later. Samples that are NaN, infinite or beyond 1e6 become silence.
 //
 // Threads: one at a time, meant for the audio thread. Never allocates, never waits; at most one
 // system call, to wake the engine.
@@ -1334,7 +1324,7 @@ umo_status umo_session_push_audio(struct umo_session *session,
                                   size_t *taken)
 UMO_NOEXCEPT;
 
-// `umo_session_push_audio` for 16-bit samples, whose full scale is 32,768.
+// Pushes 16-bit samples, with a full scale of 32,768, as `umo_session_push_audio` does.
 //
 // Threads, errors: as `umo_session_push_audio`.
 //
@@ -1348,11 +1338,11 @@ umo_status umo_session_push_audio_i16(struct umo_session *session,
                                       size_t *taken)
 UMO_NOEXCEPT;
 
-// Takes audio of who speaks to the avatar, so that it listens: `count` interleaved samples at the
-// session's rate and channels, full scale 1. Only their loudness is used; samples that are no
-// number count as silence.
+// Feeds the interlocutor's audio, so that the avatar listens: `count` interleaved samples at the
+// session's rate and channels, full scale 1. Only their loudness is used; NaN and infinite samples count
+// as silence.
 //
-// Threads: one at a time, beside any other call; meant for the thread that records. Never
+// Threads: one at a time, concurrently with any other call; meant for the recording thread. Never
 // allocates, never waits, makes no system call.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not a multiple of the channel
 // count), `BUSY` (another thread is in this call), `FAILED`, `CLOSED`, `PANIC`.
@@ -1366,22 +1356,21 @@ umo_status umo_session_push_other_audio(struct umo_session *session,
                                         size_t count)
 UMO_NOEXCEPT;
 
-// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second
-// call changes nothing.
+// Ends the audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second
+// call is a no-op.
 //
-// Threads: any; not beside a push. Never allocates, never waits.
+// Threads: any; not during a push. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pushes), `FAILED`, `CLOSED`,
 // `PANIC`.
 UMO_API UMO_MUST_USE umo_status umo_session_finish(struct umo_session *session) UMO_NOEXCEPT;
 
-// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds,
-// at most 10,000: barge-in. Audio pushed from now on starts a new
-// stream, whose frames follow the ease; the frame index goes on, and the avatar stays where it
-// stands: the new stream's first frame is number `last + 1 + ease`, where `last` is the last frame
-// that was handed out, by a pull or by a sample, and the ease takes
-// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
-// As many frames of the new stream, at most the session's `ease_ms`, come out of the rest pose, the face
-// in a quarter of them.
+// Barge-in: drops everything not shown yet and eases to the rest pose within `ease_ms` milliseconds, at
+// most 10,000. Audio pushed from now on starts a new stream, whose frames follow the ease. The frame
+// index continues, and the avatar stays where it stands. The new stream's first frame is number
+// `last + 1 + ease`: `last` is the last frame handed out by a pull or a sample, and the ease takes
+// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see the stream from its start.
+// The new stream blends out of the rest pose over the same number of frames, limited by the session's
+// `ease_ms`; the face takes a quarter of them.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.
@@ -1391,21 +1380,21 @@ umo_status umo_session_interrupt(struct umo_session *session,
                                  uint32_t ease_ms)
 UMO_NOEXCEPT;
 
-// Back to the start: everything that was pushed and not shown is dropped, the frame index starts
-// at 0, and what follows is what a new session with the same settings gives.
+// Resets the session to its start: everything pushed and not shown is dropped, the frame index starts
+// at 0, and the output is that of a new session with the same settings.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `FAILED`, `CLOSED`, `PANIC`.
 UMO_API UMO_MUST_USE umo_status umo_session_reset(struct umo_session *session) UMO_NOEXCEPT;
 
-// Takes frames that are ready, in order, each once: as many as there are and as `size` bytes have
-// room for in `layout`. `count` gets how many there were, 0 where none is ready.
+// Takes ready frames in order, each once, up to the number that fit in `size` bytes in `layout`. `count`
+// gets the number of frames, 0 if none is ready.
 //
-// Threads: one at a time, beside any other call. Never allocates, never waits.
+// Threads: one at a time, concurrently with any other call. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the layout),
-// `UNSUPPORTED` (the layout wants visemes that the model does not have), `BUFFER_TOO_SMALL` (not
-// one frame fits), `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` when all that was
-// ready has been pulled.
+// `UNSUPPORTED` (the layout has visemes, but the model does not), `BUFFER_TOO_SMALL` (not one frame
+// fits), `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` once all ready frames have been
+// pulled.
 //
 // Pointers:
 // `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `size` writable
@@ -1419,9 +1408,9 @@ umo_status umo_session_pull_frames(struct umo_session *session,
                                    size_t *count)
 UMO_NOEXCEPT;
 
-// How many frames `umo_session_pull_frames` would give.
+// Gets the number of frames that `umo_session_pull_frames` would give.
 //
-// Threads: any; not beside a pull. Never allocates, never waits.
+// Threads: any; not during a pull. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
 //
 // Pointers:
@@ -1432,26 +1421,26 @@ umo_status umo_session_ready_frames(struct umo_session *session,
                                     size_t *count)
 UMO_NOEXCEPT;
 
-// Whether the stream has ended: `done` becomes 1 when `umo_session_finish` was called and every
-// frame was handed out, by pulls or by samples; before that 0. A session whose frames are only
-// sampled learns here that no more will come.
+// Whether the stream has ended: `done` becomes 1 once `umo_session_finish` was called and all frames
+// were handed out by pulls or samples; before that it is 0. This is how a host that only samples learns
+// that no more frames will come.
 //
-// Threads: any; not beside a pull. Never allocates, never waits.
+// Threads: any; not during a pull. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls); `FAILED`, `CLOSED`,
-// `PANIC` where the rest will never come.
+// `PANIC` if the remaining frames will never come.
 //
 // Pointers:
 // `done` is NULL or writable.
 UMO_API UMO_MUST_USE umo_status umo_session_is_done(struct umo_session *session, uint32_t *done) UMO_NOEXCEPT;
 
-// What time it is for the host, in seconds from any moment on, 0 to 1e9: from the first call on, what
-// moves while no frames come, eases to it and back, and `idle_after_ms` go by this time, and no
-// longer by the system's clock. For hosts that render slower or faster than real time, pause, or
-// replay: call it with every picture, before `umo_session_sample_pose`. Times that go back are
-// held; `umo_session_restore` goes back to the state's.
+// Sets the host's time, in seconds from any origin, 0 to 1e9. From the first call on, motion while no
+// frames come, eases to it and back, and `idle_after_ms` follow this time instead of the system's clock.
+// For hosts that render slower or faster than real time, pause, or replay: call it for every picture,
+// before `umo_session_sample_pose`. The time never goes back: an earlier value counts as the latest so
+// far. Only `umo_session_restore` goes back, to the state's time.
 //
-// Threads: one at a time, beside any other call but a pull or a sample. Never allocates, never
-// waits.
+// Threads: one at a time, concurrently with any other call except a pull or a sample. Never allocates,
+// never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not in 0 to 1e9), `BUSY` (another
 // thread pulls), `PANIC`.
 UMO_API
@@ -1460,16 +1449,16 @@ umo_status umo_session_set_clock(struct umo_session *session,
                                  double seconds)
 UMO_NOEXCEPT;
 
-// The pose at `seconds` of the motion (frame index / 30), less `UMO_PARAMETER_OUTPUT_DELAY`, for a
-// renderer at a rate of its own: rotations turn the shorter way, all else is linear. Frames before
-// that time are taken as `umo_session_pull_frames` takes them. A time that is earlier than the oldest
-// frame gives the oldest; one that is later than the newest gives what the idle mode says; times that
-// go back are held. `sampled` may be NULL.
+// Interpolates the pose at `seconds` of the motion (frame index / 30), less `UMO_PARAMETER_OUTPUT_DELAY`,
+// for renderers at any rate: rotations take the shorter way, all other values are linear. Frames before
+// that time are consumed, as by `umo_session_pull_frames`. A time before the oldest frame gives the
+// oldest frame; a time after the newest frame gives the pose of the idle mode. The time never goes back:
+// an earlier value counts as the latest so far. `sampled` may be NULL.
 //
-// Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
-// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite;
-// but a session that failed, or whose engine is gone, goes on to give its last pose:
-// `umo_session_is_done` says so.
+// Threads: one at a time, concurrently with any other call except a pull. Never allocates, never waits.
+// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite.
+// However, a session that failed, or whose engine was freed, continues to give its last pose, and
+// `umo_session_is_done` returns the error.
 //
 // Pointers:
 // `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable
@@ -1484,12 +1473,12 @@ umo_status umo_session_sample_pose(struct umo_session *session,
                                    struct umo_sampled *sampled)
 UMO_NOEXCEPT;
 
-// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids'
-// worth. No bytes end it.
+// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. An empty text
+// removes the prompt.
 //
 // Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
-// `INVALID_ARGUMENT` (no UTF-8, too long), `OUT_OF_MEMORY`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+// `INVALID_ARGUMENT` (not UTF-8, too long), `OUT_OF_MEMORY`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `text` is NULL or has `length` readable bytes.
@@ -1500,7 +1489,7 @@ umo_status umo_session_set_prompt(struct umo_session *session,
                                   size_t length)
 UMO_NOEXCEPT;
 
-// The same as ids, as `umo_model_encode_text` gives them.
+// Sets the prompt from the next chunk on, as ids from `umo_model_encode_text`.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model
@@ -1515,15 +1504,14 @@ umo_status umo_session_set_prompt_ids(struct umo_session *session,
                                       size_t count)
 UMO_NOEXCEPT;
 
-// The seed of sampling from the next chunk on.
+// Sets the seed of sampling from the next chunk on.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 UMO_API UMO_MUST_USE umo_status umo_session_set_seed(struct umo_session *session, uint64_t seed) UMO_NOEXCEPT;
 
-// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says.
-// Sampling changes with the next chunk, the idle mode and gains with the next frame that is handed
-// out.
+// Sets a parameter, one of `UMO_PARAMETER_…`, within its range from `umo_parameter_get_info`. Sampling
+// changes with the next chunk, the idle mode and gains with the next frame that is handed out.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`,
@@ -1535,7 +1523,7 @@ umo_status umo_session_set_parameter(struct umo_session *session,
                                      double value)
 UMO_NOEXCEPT;
 
-// A parameter's value.
+// Gets a parameter's value.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `PANIC`.
@@ -1551,8 +1539,8 @@ UMO_NOEXCEPT;
 
 // Looks at a point from the next frame on: `point` is three coordinates in the avatar's space, in
 // the axes and units of `axes` (`UMO_AXES_…`), `strength` 0 to 1. The eyes turn first, then the
-// head, then the trunk, as far as a body turns. A strength of 0 ends it. The point may be set anew
-// for every frame.
+// head, then the trunk, within the limits of the body. A strength of 0 ends it. The point may be set
+// again for every frame.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (unknown axes, a coordinate that is
@@ -1581,17 +1569,17 @@ umo_status umo_session_set_mood(struct umo_session *session,
                                 float strength)
 UMO_NOEXCEPT;
 
-// Says that a sound is heard that one sees on the lips: `shape` is one of `UMO_LIPS_…`, `start` and
-// `duration` are seconds of the audio that was pushed since the session began or was reset. The lips
-// are in the shape then, and reach and leave it within 60 ms, whatever the model does; models without
-// ARKit's shapes show nothing of it. Sounds may come in any order, before their audio or after it; one
-// whose frames were pulled already shows no more. `umo_session_interrupt` drops those that wait.
+// Schedules a viseme hint, for a sound that is visible on the lips (bilabial, labiodental, rounded):
+// `shape` is one of `UMO_LIPS_…`, `start` and `duration` are seconds of the audio pushed since the
+// session began or was reset. The lips are in the shape during that time, and reach and leave it within
+// 60 ms, whatever the model does. Models without ARKit blendshapes ignore hints. Hints may come in any
+// order, before or after their audio; a hint whose frames were pulled already has no effect.
+// `umo_session_interrupt` drops pending hints.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (an unknown shape, a time that is no
-// number of seconds from 0 on, or a duration outside 0 to 2), `BUSY` (64 sounds wait already: call
-// again when the time of one has passed; or another thread is in a setter), `FAILED`, `CLOSED`,
-// `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (an unknown shape, a start that is
+// negative or not a number, or a duration outside 0 to 2), `BUSY` (64 hints are pending: call again
+// when the time of one has passed; or another thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
 UMO_API
 UMO_MUST_USE
 umo_status umo_session_hint_lips(struct umo_session *session,
@@ -1600,16 +1588,16 @@ umo_status umo_session_hint_lips(struct umo_session *session,
                                  double duration)
 UMO_NOEXCEPT;
 
-// Plays a gesture over what the model does: its parts of the body ease to it and back, the others
-// go on. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower case,
-// and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order
-// of the calls; one with a time takes their place. `umo_session_interrupt` lets go of what plays
-// and waits. `options` may be NULL.
+// Plays a gesture over the model's motion: the parts of the body that it moves ease to it and back, the
+// others continue. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower
+// case, and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order
+// of the calls; one with a time takes their place. `umo_session_interrupt` releases the playing gesture
+// and drops pending ones. `options` may be NULL.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (no gesture has the
-// name, or an option is out of its range), `BUSY` (eight gestures wait already: call again when
-// one has begun; or another thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (unknown name, or an
+// option out of range), `BUSY` (eight gestures are pending: call again when one has begun; or another
+// thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `name` is NULL or ends with a zero byte; `options` is NULL or as long as its `struct_size` says.
@@ -1620,7 +1608,7 @@ umo_status umo_session_play_gesture(struct umo_session *session,
                                     const struct umo_gesture_options *options)
 UMO_NOEXCEPT;
 
-// How far motion is behind speech.
+// Gets the delay of motion behind speech.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
@@ -1633,7 +1621,7 @@ umo_status umo_session_latency(const struct umo_session *session,
                                struct umo_latency *latency)
 UMO_NOEXCEPT;
 
-// Statistics of the session.
+// Gets statistics of the session.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
@@ -1646,7 +1634,7 @@ umo_status umo_session_stats(const struct umo_session *session,
                              struct umo_stats *stats)
 UMO_NOEXCEPT;
 
-// Most bytes that a state of the session can have: the same for as long as it lives.
+// Gets the maximum size of a state of the session, in bytes; it is constant for the session's lifetime.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
@@ -1659,13 +1647,13 @@ umo_status umo_session_state_size(const struct umo_session *session,
                                   size_t *size)
 UMO_NOEXCEPT;
 
-// Writes everything that the session is to `state`, which has `size` bytes, at least
-// `umo_session_state_size`: audio that waits, frames that wait, history, settings. `written` gets
-// how many bytes that took. They hold no address: they can be kept in a file, sent, and restored
-// in another process. The session goes on as if nothing had happened. A chunk that is just computed is
-// computed again by the session that is restored, which gives the frames that the state does not have.
+// Saves the session's whole state to `state`, which has `size` bytes, at least `umo_session_state_size`:
+// queued audio, queued frames, history, settings. `written` gets the number of bytes used. They hold no
+// addresses: they can be kept in a file, sent, and restored in another process. The session continues
+// as if nothing had happened. A chunk that is being computed is computed again by the restored session,
+// which then gives the frames that the state does not have.
 //
-// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits for a chunk.
+// Threads: one at a time; not during a push, a pull or a setter. Never allocates, never waits for a chunk.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (another
 // thread is in a call on the session: save again later), `FAILED`, `CLOSED`, `PANIC`.
 //
@@ -1679,15 +1667,15 @@ umo_status umo_session_save(struct umo_session *session,
                             size_t *written)
 UMO_NOEXCEPT;
 
-// Makes the session what it, or another one of the same model and configuration, was when it was
-// saved: the same calls then give the same frames, bit for bit, on any number of threads, whatever
-// seed the session was made with. `size` is what `umo_session_save` wrote.
+// Restores a state that was saved from this session or from another one of the same model and
+// configuration: equal calls then give equal frames, bit for bit, on any number of threads, whatever seed
+// the session was made with. `size` is the length that `umo_session_save` wrote.
 //
-// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits for a chunk.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session:
+// Threads: one at a time; not during a push, a pull or a setter. Never allocates, never waits for a chunk.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (not a state of such a session:
 // `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`, or a chunk of this
-// session is just computed: restore again later, or into a session to which no audio was pushed), `FAILED`,
-// `CLOSED`, `PANIC`.
+// session is being computed: restore again later, or into a session to which no audio was pushed),
+// `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `state` is NULL or has `size` readable bytes.
@@ -1698,7 +1686,7 @@ umo_status umo_session_restore(struct umo_session *session,
                                size_t size)
 UMO_NOEXCEPT;
 
-// Bytes of the longest packet of the session; 0 where it was made without packets.
+// Gets the maximum size of a packet of the session, in bytes; 0 for a session made without packets.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
@@ -1711,16 +1699,15 @@ umo_status umo_session_packet_size(const struct umo_session *session,
                                    size_t *size)
 UMO_NOEXCEPT;
 
-// Takes packets that are ready, in order, each once, of a session whose configuration has `packets`:
-// as many as there are, as `bytes` has room for and at most `most`, back to back. `lengths[i]` gets
-// the bytes of each, `count` how many there were. `size` is at least what `umo_session_packet_size`
-// says. Each packet is to be sent to the decoders as it is; what of it is lost, doubled or out of
-// order they make good.
+// Takes ready packets in order, each once, of a session whose configuration has `packets`: at most
+// `most`, and as many as fit in `bytes`, back to back. `lengths[i]` gets the length of each in bytes,
+// `count` their number. `size` is at least `umo_session_packet_size`. Send each packet to the decoders
+// unchanged; they tolerate loss, duplicates and reordering.
 //
-// Threads: one at a time, beside any other call. Never allocates, never waits.
+// Threads: one at a time, concurrently with any other call. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (a session without packets),
-// `BUFFER_TOO_SMALL`, `BUSY` (another thread pulls packets); `FAILED`, `CLOSED`, `PANIC` when all
-// that was ready has been pulled.
+// `BUFFER_TOO_SMALL`, `BUSY` (another thread pulls packets); `FAILED`, `CLOSED`, `PANIC` once all
+// ready packets have been pulled.
 //
 // Pointers:
 // `bytes` is NULL or has `size` writable bytes; `lengths` is NULL or has `most` writable values;
@@ -1735,12 +1722,12 @@ umo_status umo_session_pull_packets(struct umo_session *session,
                                     size_t *count)
 UMO_NOEXCEPT;
 
-// Creates a decoder: a session whose frames come of packets, on the side where an avatar is seen. It
-// needs no engine. Every `umo_session_…` call works on it but those that take audio, texts or a
-// state, and `umo_session_interrupt`: these are for its sender. `umo_session_free` frees it. Of
-// `config`, which may be NULL, `target`, `lookahead` and `smoothing` are the sender's, and the model is
-// the same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are its own.
-// `allocator` is NULL: its memory comes from the system.
+// Creates a decoder: a session that gets its frames from packets, where the avatar is shown. It needs no
+// engine. All `umo_session_…` calls work on it except those that take audio, texts or a state, and
+// `umo_session_interrupt`: these are for the sender. Free it with `umo_session_free`. In `config`, which
+// may be NULL, `target`, `lookahead` and `smoothing` must equal the sender's, and the model must be the
+// same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are the decoder's
+// own. `allocator` must be NULL: its memory comes from the system.
 //
 // Threads: any but the audio thread. Allocates everything that the decoder will ever need.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
@@ -1755,15 +1742,16 @@ umo_status umo_decoder_new(const struct umo_model *model,
                            struct umo_session **decoder)
 UMO_NOEXCEPT;
 
-// Takes a packet of `size` bytes, and computes the frames that it makes final. Packets may be lost,
-// come twice, late and in any order: what is missing when a later one has come, and `patience` more,
-// is made up for, and the next packet leads back. A refused packet changes nothing.
+// Decodes a packet of `size` bytes, and computes the frames that become final. Packets may be lost,
+// duplicated, late and in any order. A packet that is missing after a later one and `patience` more have
+// arrived is concealed, and the next packet leads back to the sender's motion. A refused packet changes
+// nothing.
 //
-// Threads: one at a time, beside any other call; meant for the thread that receives. Never
+// Threads: one at a time, concurrently with any other call; meant for the receiving thread. Never
 // allocates, never waits; takes the time of a chunk's motion decoders.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PACKET` (`umo_session_last_error` says what is wrong
-// with it), `INVALID_ARGUMENT` (a session that is no decoder), `BUSY` (another thread pushes, or
-// the queue of frames is full: take some, then push it again), `FAILED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PACKET` (`umo_session_last_error` has the reason),
+// `INVALID_ARGUMENT` (the session is not a decoder), `BUSY` (another thread pushes, or the queue of
+// frames is full: pull some, then push the packet again), `FAILED`, `PANIC`.
 //
 // Pointers:
 // `packet` is NULL or has `size` readable bytes.
@@ -1774,10 +1762,10 @@ umo_status umo_decoder_push_packet(struct umo_session *decoder,
                                    size_t size)
 UMO_NOEXCEPT;
 
-// What came of a decoder's packets.
+// Gets statistics of a decoder's packets.
 //
-// Threads: any; not beside a push. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (a session that is no
+// Threads: any; not during a push. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the session is not a
 // decoder), `BUSY` (another thread pushes), `PANIC`.
 //
 // Pointers:
@@ -1788,27 +1776,27 @@ umo_status umo_decoder_stats(const struct umo_session *decoder,
                              struct umo_received *stats)
 UMO_NOEXCEPT;
 
-// What a status says, and what to do about it: static, never NULL, in English.
+// Returns the message of a status, with a remedy: static, never NULL, in English.
 //
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 
-// The detail of this thread's last failed call of a function that names no session; with it, which
-// key, file, tensor or argument. Never NULL; in fixed storage of the thread's own, which the
-// thread's next failure overwrites.
+// Returns the detail of this thread's last failed call of a function without a session, such as the key,
+// file, tensor or argument. Never NULL; the storage belongs to the thread, and its next failure
+// overwrites it.
 //
 // Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
 // session: `umo_session_last_error`.
 UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
 
-// The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
-// NULL in a library that was built without the writer of glTF.
+// Returns the name of a figure, such as `alex`: static, or NULL if `index` is past the last one. The
+// first is the default. Always NULL in a library built without the glTF writer.
 //
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_figure_name(uint32_t index) UMO_NOEXCEPT;
 
-// Fills a clip with what is a model's: skeleton, face channels, frame rate, and with the default
-// figure. What it points to is good until the model is freed. `size` is `sizeof *clip`.
+// Fills a clip with the model's skeleton, face channels and frame rate, and the default figure. Its
+// pointers are valid until the model is freed. `size` is `sizeof *clip`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -1823,17 +1811,17 @@ umo_status umo_clip_init(struct umo_clip *clip,
 UMO_NOEXCEPT;
 
 // Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
-// `umo animate` writes. `umo_clip_write_file` writes one on disk.
+// `umo animate` writes. `umo_clip_write_file` writes to disk.
 //
 // Threads: any but the audio thread. Allocates up to six times the frames' size and 16 MB; a figure
-// takes some 0.7 s of a core, half of it on a second thread where the system starts one.
-// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
-// is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
-// without the writer of glTF).
+// takes some 0.7 s of a core, half of it on a second thread if the system can start one.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says which part of the
+// clip is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
+// without the glTF writer).
 //
 // Pointers:
-// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described; `output`
-// is NULL or readable, with a `write` that is NULL or as described.
+// `clip` is NULL or as long as its `struct_size` says, and its pointers are as described; `output` is
+// NULL or readable, and its `write` is NULL or as described.
 UMO_API
 UMO_MUST_USE
 umo_status umo_clip_write(const struct umo_clip *clip,
@@ -1841,12 +1829,12 @@ umo_status umo_clip_write(const struct umo_clip *clip,
                           const struct umo_output *output)
 UMO_NOEXCEPT;
 
-// The same into a file, which appears whole or not at all: on an error, one of that name stays as it
-// was. `path` is UTF-8, on every system.
+// Writes frames to a file, as `umo_clip_write` does. The file appears complete or not at all: after an
+// error, an existing file of that name is unchanged. `path` is UTF-8 on every system.
 //
 // Threads: any but the audio thread. Allocates, writes the file, and waits until it is on the disk.
-// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and what the system says),
-// `UNSUPPORTED` also where the library was built without files.
+// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and the system's message),
+// `UNSUPPORTED` also if the library was built without files.
 //
 // Pointers:
 // As `umo_clip_write`; `path` is NULL or ends with a zero byte.

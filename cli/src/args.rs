@@ -519,7 +519,7 @@ pub struct Serve {
     /// Let everybody in who reaches the address, without a token
     #[arg(long, conflicts_with = "tokens")]
     pub open: bool,
-    /// Web pages that may come in beside the server's own, by their origin: https://avatar.example.com;
+    /// Web pages that may come in beside the server's own, by their origin: `https://avatar.example.com`;
     /// repeatable
     #[arg(long, value_name = "ORIGIN")]
     pub origin: Vec<String>,

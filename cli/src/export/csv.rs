@@ -111,7 +111,7 @@ pub(crate) fn angles(rotations: &[[f32; 4]; JOINTS]) -> [f64; 9] {
     std::array::from_fn(|i| turned[i / 3][i % 3])
 }
 
-/// Writes one row per frame, with the angles from [`angles`].
+/// Writes one row per frame, with head and eye angles in radians.
 ///
 /// # Errors
 /// Errors of `out`, and an error wrapping [`FaceError`] if the face is unsuitable.
