@@ -19,33 +19,33 @@ pub use models::{
 #[derive(Debug, Parser)]
 #[command(name = "umo", version, about, max_term_width = 100)]
 pub struct Args {
-    /// What to do.
+    /// Command.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// What the program can do.
+/// Commands of the program.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Animate a speech recording
     Animate(Animate),
     /// Animate many recordings: a folder, or a manifest
     Batch(Batch),
-    /// Animate a description: an action that the model or the table of gestures knows
+    /// Animate an action from text that the model or the table of gestures knows
     Text(Text),
     /// List the gestures that `animate --gesture` and `text` know
     Gestures,
     /// Run one stage of a model alone, tensors in and tensors out
     Stage(Stage),
-    /// Say what a model or a character holds
+    /// Print the contents of a model or a character, and what a character lacks
     Inspect(Inspect),
-    /// Write a model of weights that others publish
+    /// Convert published weights to a model
     Convert(Convert),
-    /// Write a model with smaller weights
+    /// Quantize a model
     Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
-    /// Look at it: a page with the avatar, its speech, and how each frame was made
+    /// Write an HTML viewer of the avatar with its speech, or serve it live
     View(Page),
     /// Move an avatar in another program while somebody speaks: VRM avatars over the VMC protocol
     Live(Live),
@@ -54,29 +54,29 @@ pub enum Command {
     Serve(Serve),
     /// Write a figure as an avatar for other programs: .glb or .vrm
     Figure(FigureArgs),
-    /// Bring an animation to another character's skeleton and face
+    /// Retarget an animation to another character's skeleton and face
     Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
-    /// Test this machine: processor, kernels, the model's motion, speed; exits with 1 where something is wrong
+    /// Test this machine: processor, kernels, the model's motion, speed; exits with 1 if a test fails
     Doctor(Doctor),
     /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes
     Draw(Draw),
 }
 
-/// Where the animation goes, and how it is made: what `animate` and `text` share.
+/// Outputs and settings that `animate` and `text` share.
 #[derive(Debug, ClapArgs)]
 pub struct Output {
     /// File to write; may be given several times
     #[arg(short, long = "output", value_name = "FILE", required = true)]
     pub output: Vec<PathBuf>,
-    /// Format of all outputs: npz, bvh, glb, vrma, csv or jsonl; the extension's where not given
+    /// Format of all outputs: npz, bvh, glb, vrma, csv or jsonl [default: by extension]
     #[arg(long, value_name = "FORMAT")]
     pub format: Option<String>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
-    /// Say how long each stage took
+    /// Print the time of each stage
     #[arg(long)]
     pub timings: bool,
     /// Figure that wears the motion in .glb files
@@ -84,7 +84,7 @@ pub struct Output {
     pub figure: Figure,
 }
 
-/// The figures' names, with what each looks like.
+/// Names and looks of the figures.
 fn figure_parser() -> impl TypedValueParser<Value = Figure> {
     let names = Figure::ALL.map(|figure| PossibleValue::new(figure.name()).help(figure.summary()));
     PossibleValuesParser::new(names).try_map(|name| name.parse::<Figure>())
@@ -93,7 +93,7 @@ fn figure_parser() -> impl TypedValueParser<Value = Figure> {
 /// Write a figure in T-pose, with ARKit's 52 shapes, the 15 visemes of the Oculus set and, in .vrm files, VRM's expressions.
 #[derive(Debug, ClapArgs)]
 pub struct FigureArgs {
-    /// Which one
+    /// Name of the figure
     #[arg(value_name = "NAME", value_parser = figure_parser())]
     pub figure: Figure,
     /// File to write: glTF 2.0 with the bone names of Mixamo (.glb), or VRM 1.0 (.vrm)
@@ -101,54 +101,53 @@ pub struct FigureArgs {
     pub output: PathBuf,
 }
 
-/// How an animation is made.
+/// Settings of an animation.
 #[derive(Debug, ClapArgs)]
 pub struct GenerateArgs {
-    /// Model file; the one in the program where not given
+    /// Model file [default: the embedded one]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Keyframes predicted at a time: fewer answer sooner, more cost less
+    /// Keyframes per chunk: fewer lower the latency, more lower the cost
     #[arg(long, value_name = "N")]
     pub target: Option<usize>,
     /// Frames held back for smooth seams between chunks
     #[arg(long, value_name = "FRAMES")]
     pub lookahead: Option<usize>,
-    /// Keyframes of speech behind a chunk to wait for, where the model hears ahead: as many as it can of a recording, none
-    /// live
+    /// Keyframes of speech after a chunk that the model hears [default: as many as it can for a recording,
+    /// 0 live]
     #[arg(long, value_name = "KEYFRAMES")]
     pub horizon: Option<usize>,
-    /// How strongly the prompt steers, 1 to 3, in models of layout `frames`: 2.5 where a text alone is
-    /// animated, else 1
+    /// Strength of the prompt, 1 to 3, in models of layout `frames` [default: 2.5 for a text alone, else 1]
     #[arg(long, value_name = "STRENGTH")]
     pub guidance: Option<f32>,
     /// Low-pass of the body's motion: standard deviation in frames, 0 to 1.5; 0 for none
     #[arg(long, value_name = "FRAMES")]
     pub smoothing: Option<f32>,
-    /// How strong the layers over the model's motion are, 0 to 1: one number for all, or
-    /// LAYER=GAIN for one of gaze, idle, asymmetry, nods, mood and feet
+    /// Gain of the layers over the model's motion, 0 to 1: one number for all, or LAYER=GAIN for one
+    /// of gaze, idle, asymmetry, nods, mood and feet
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
     pub life: Vec<(Option<Layer>, f32)>,
-    /// Seed of the draws; the same seed gives the same motion
+    /// Random seed: the same seed gives the same motion
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     pub seed: u64,
-    /// Always the likeliest code instead of a draw
+    /// Take the likeliest code instead of sampling
     #[arg(long, conflicts_with = "seed")]
     pub greedy: bool,
-    /// How freely codes are drawn, 0 to 100: less is calmer, 0 takes the likeliest; where not given
-    /// the model's own, and for a text alone at most 0.7
+    /// Sampling temperature, 0 to 100: lower is calmer, 0 takes the likeliest code [default: the model's,
+    /// at most 0.7 for a text alone]
     #[arg(long, value_name = "NUMBER", conflicts_with = "greedy", value_parser = temperature)]
     pub temperature: Option<f32>,
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
-    /// Play a gesture over the motion: its name, the time of its stroke in seconds (`wave@2.5`; as
-    /// soon as may be without), and after commas left, right or both, speed=0.5 to 2, strength=0 to
-    /// 1, and to=X:Y:Z, a place in metres to point at; may be given several times
+    /// Play a gesture over the motion: its name, the time of its stroke in seconds (`wave@2.5`;
+    /// without a time as soon as possible), then after commas left, right or both, speed=0.5 to 2,
+    /// strength=0 to 1, and to=X:Y:Z, a point in metres; may be given several times
     #[arg(long, value_name = "NAME[@SECONDS][,OPTION]", value_parser = gesture)]
     pub gesture: Vec<GestureArg>,
-    /// A gesture of your own for --gesture: an animation that umo reads (glb, gltf, bvh, npz, jsonl), and
-    /// after commas the time of its stroke and the parts that it moves, all where none is named:
-    /// head, trunk, left-arm, right-arm (`salute=salute.glb,0.6,right-arm`)
+    /// Add a gesture for --gesture: NAME=FILE with an animation (glb, gltf, bvh, npz, jsonl), then after
+    /// commas the time of its stroke and the parts that it moves (default: all): head, trunk, left-arm,
+    /// right-arm (`salute=salute.glb,0.6,right-arm`)
     #[arg(long, value_name = "NAME=FILE[,SECONDS][,PART]", value_parser = gesture_clip)]
     pub gesture_clip: Vec<GestureClip>,
     #[command(flatten)]
@@ -161,7 +160,7 @@ fn temperature(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|value| (0.0..=100.0).contains(value)).ok_or_else(|| "expected 0 to 100".to_owned())
 }
 
-/// A gain of all layers, or of one.
+/// Gain of all layers, or of one.
 fn life_gain(text: &str) -> Result<(Option<Layer>, f32), String> {
     let (layer, gain) = match text.split_once('=') {
         Some((name, gain)) => {
@@ -182,7 +181,7 @@ fn life_gain(text: &str) -> Result<(Option<Layer>, f32), String> {
 pub struct GestureArg {
     /// Its name.
     pub name: String,
-    /// How.
+    /// Options.
     pub options: GestureOptions,
 }
 
@@ -212,16 +211,16 @@ fn gesture(text: &str) -> Result<GestureArg, String> {
     Ok(GestureArg { name: name.to_owned(), options })
 }
 
-/// A gesture out of a file.
+/// A gesture from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GestureClip {
     /// Its name.
     pub name: String,
     /// Its frames.
     pub file: PathBuf,
-    /// Seconds of its stroke; its middle where not given.
+    /// Time of its stroke in seconds; `None` for its middle.
     pub stroke: Option<f32>,
-    /// What it moves.
+    /// The parts that it moves.
     pub parts: GestureParts,
 }
 
@@ -247,16 +246,16 @@ fn gesture_clip(text: &str) -> Result<GestureClip, String> {
     Ok(GestureClip { name: name.to_owned(), file, stroke, parts: parts.unwrap_or(GestureParts::ALL) })
 }
 
-/// How products are computed.
+/// Settings of the computation.
 #[derive(Debug, ClapArgs)]
 pub struct Compute {
-    /// Precision of the products; `stored` where not given (`stage`: f32)
+    /// Precision of the products [default: stored; `stage`: f32]
     #[arg(long, value_enum)]
     pub precision: Option<PrecisionArg>,
-    /// Instruction set: scalar, avx2, avx512vnni …; the best of this processor where not given
+    /// Instruction set: scalar, avx2, avx512vnni … [default: the best of this processor]
     #[arg(long, value_name = "NAME")]
     pub isa: Option<String>,
-    /// Threads; as many as there are cores where not given
+    /// Threads [default: one per core]
     #[arg(long, value_name = "T")]
     pub threads: Option<usize>,
 }
@@ -264,9 +263,9 @@ pub struct Compute {
 /// Precision of the products.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PrecisionArg {
-    /// Each product as the file has its weights
+    /// As the weights are stored
     Stored,
-    /// Weights as the file has them, computed in f32
+    /// Weights as stored, computed in f32
     F32,
     /// Weights rounded to bfloat16
     Bf16,
@@ -275,7 +274,7 @@ pub enum PrecisionArg {
 }
 
 impl Compute {
-    /// The precision that was asked for, or `default`.
+    /// The given precision, or `default`.
     pub fn precision(&self, default: Precision) -> Precision {
         self.precision.map_or(default, Precision::from)
     }
@@ -295,21 +294,21 @@ impl From<PrecisionArg> for Precision {
 /// Animate a speech recording.
 #[derive(Debug, ClapArgs)]
 pub struct Animate {
-    /// Recording: WAV, FLAC, MP3, Ogg Vorbis, Opus, M4A or AAC; any rate, 1 to 8 channels
+    /// Recording of any common format, rate, length and level, with 1 to 8 channels
     pub speech: PathBuf,
-    /// Free text for models that take one: a style, an emotion, an action
+    /// Prompt, for models that take one: a style, an emotion, an action
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
-    /// Take what can be used of a damaged recording: what is there of one that was cut, silence for
-    /// samples that are no numbers
+    /// Read what is usable of a damaged recording: the part before a cut; silence for samples that are
+    /// not numbers
     #[arg(long)]
     pub repair: bool,
-    /// Tokenise the whole recording at once, as the paper does offline, and say how far that
-    /// differs from the stream
+    /// Tokenise the whole recording at once, as the paper does offline, and print the difference from
+    /// the stream
     #[arg(long)]
     pub whole_file_units: bool,
-    /// Move strokes of arms, trunk and head onto the accents of the voice, which is possible where the
-    /// whole recording is known; the frames are then not those of a stream
+    /// Move strokes of arms, trunk and head onto the accents of the voice; the frames then differ from
+    /// those of a stream
     #[arg(long)]
     pub retime: bool,
     #[command(flatten)]
@@ -320,33 +319,33 @@ pub struct Animate {
 /// Animate many recordings.
 #[derive(Debug, ClapArgs)]
 pub struct Batch {
-    /// Folder of recordings; or a manifest, .csv with a heading or .jsonl: file, and where wanted
-    /// output, seed, prompt, mood, start_pose, speaker; its paths begin at its own folder
+    /// Folder of recordings, or a manifest (.csv with a header row, or .jsonl) with file and optionally
+    /// output, seed, prompt, mood, start_pose, speaker; paths are relative to its folder
     pub input: PathBuf,
-    /// Folder that outputs go to; the input's where not given
+    /// Output folder [default: the input's]
     #[arg(short, long, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
     /// Formats of lines without an output: npz, bvh, glb, vrma, csv or jsonl
     #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "glb")]
     pub format: Vec<String>,
-    /// Lines that are computed together: more read the weights less often, and need memory
+    /// Lines computed together: more read the weights less often and need more memory
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = jobs)]
     pub jobs: usize,
-    /// Every n-th line alone, from the i-th on: for n machines
+    /// Only every n-th line, from the i-th on (i/n): for n machines
     #[arg(long, value_name = "I/N", value_parser = shard)]
     pub shard: Option<(usize, usize)>,
-    /// What was done, JSON lines with hashes; results.jsonl among the outputs where not given. Lines
-    /// that it has, of the same contents and settings, are kept
+    /// File of results, JSON lines with hashes [default: results.jsonl in the output folder]. Lines with
+    /// the same contents and settings are skipped
     #[arg(long, value_name = "FILE.jsonl")]
     pub results: Option<PathBuf>,
-    /// Make every line again
+    /// Compute every line again
     #[arg(long)]
     pub again: bool,
-    /// Take what can be used of damaged recordings
+    /// Read what is usable of damaged recordings
     #[arg(long)]
     pub repair: bool,
-    /// Move strokes of arms, trunk and head onto the accents of the voice, which is possible where the
-    /// whole recording is known; the frames are then not those of a stream
+    /// Move strokes of arms, trunk and head onto the accents of the voice; the frames then differ from
+    /// those of a stream
     #[arg(long)]
     pub retime: bool,
     /// Figure that wears the motion in .glb files
@@ -372,7 +371,7 @@ impl Batch {
     }
 }
 
-/// Lines at once.
+/// Number of lines at once.
 fn jobs(text: &str) -> Result<usize, String> {
     text.parse()
         .ok()
@@ -388,23 +387,23 @@ fn shard(text: &str) -> Result<(usize, usize), String> {
         .ok_or_else(|| "expected I/N, as 1/4 to 4/4".to_owned())
 }
 
-/// Look at it.
+/// Write or serve a viewer.
 #[derive(Debug, ClapArgs)]
 pub struct Page {
-    /// Recording; or a .glb, .npz or .jsonl made before, a character of `umo retarget` too; with
-    /// --live or --web a recording, or nothing for the microphone alone
+    /// Recording, or a finished .glb, .npz or .jsonl, also a character from `umo retarget`; with --live or
+    /// --web a recording, or nothing for the microphone alone
     #[arg(required_unless_present_any = ["live", "web"])]
     pub input: Option<PathBuf>,
-    /// Page to write; beside the input where not given
+    /// Page to write [default: beside the input]
     #[arg(short, long, value_name = "FILE.html", conflicts_with_all = ["live", "web"])]
     pub output: Option<PathBuf>,
-    /// The speech of an animation that was made before
+    /// Speech of a finished animation
     #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
     pub audio: Option<PathBuf>,
     /// Character that wears the motion, .glb, .gltf or .vrm, in place of the figure
     #[arg(long, value_name = "FILE", conflicts_with = "figure")]
     pub onto: Option<PathBuf>,
-    /// Which bone of the character is what, where the names do not tell: TOML or JSON
+    /// Mapping of the character's bones, for names that are not recognised: TOML or JSON
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone
@@ -414,21 +413,20 @@ pub struct Page {
     /// Write the page of --live as a folder for any web server: the model runs in the browser
     #[arg(long, value_name = "FOLDER", group = "stream")]
     pub web: Option<PathBuf>,
-    /// Folder of the npm package `umo-web`, for --web; node_modules/umo-web or bindings/web where
-    /// not given
+    /// Folder of the npm package `umo-web`, for --web [default: node_modules/umo-web or bindings/web]
     #[arg(long, value_name = "FOLDER", requires = "web")]
     pub package: Option<PathBuf>,
-    /// Port to serve at; any that is free where not given
+    /// Port to serve at [default: any free one]
     #[arg(long, value_name = "N", requires = "live")]
     pub port: Option<u16>,
-    /// When the mouth moves: with the sound, if the model has a mouth network, or with the body;
-    /// live for the microphone and delayed for a recording where not given
+    /// Timing of the mouth: with the sound, if the model has a mouth network, or with the body [default:
+    /// live for the microphone, delayed for a recording]
     #[arg(long, value_name = "WHEN", requires = "stream")]
     pub voice: Option<VoiceArg>,
-    /// Open no browser
+    /// Do not open a browser
     #[arg(long)]
     pub no_open: bool,
-    /// Take what can be used of a damaged recording
+    /// Read what is usable of a damaged recording
     #[arg(long)]
     pub repair: bool,
     /// Figure that wears the motion on the page
@@ -443,39 +441,39 @@ pub struct Page {
 #[derive(Debug, ClapArgs)]
 #[command(group(clap::ArgGroup::new("receivers").required(true).multiple(true).args(["vmc", "livelink"])))]
 pub struct Live {
-    /// Recording, which is spoken in real time; standard input where not given or `-`: 16-bit
-    /// little-endian mono samples without a header, from a microphone, a voice or a game
+    /// Recording, spoken in real time; `-` or nothing for standard input: 16-bit little-endian mono
+    /// samples without a header
     pub input: Option<PathBuf>,
-    /// Where a program listens for the VMC protocol
+    /// Address of a program that listens for the VMC protocol
     #[arg(long, value_name = "HOST:PORT")]
     pub vmc: Option<String>,
-    /// Where Unreal, or another program, listens for the Live Link Face app: the face and the head, for models
-    /// with an ARKit face
+    /// Address at which Unreal, or another program, listens for the Live Link Face app: face and head, for
+    /// models with an ARKit face
     #[arg(long, value_name = "HOST:PORT")]
     pub livelink: Option<String>,
-    /// The name by which Live Link knows the face
+    /// Subject name in Live Link
     #[arg(long, value_name = "NAME", default_value = "umo", requires = "livelink")]
     pub subject: String,
     /// Send `mouthClose` to Live Link as 0, and `jawOpen` less by as much: for a MetaHuman whose lips close too far
     #[arg(long, requires = "livelink")]
     pub no_mouth_close: bool,
-    /// Samples a second of standard input; 16000 where not given
+    /// Sample rate of standard input in Hz [default: 16000]
     #[arg(long, value_name = "HERTZ")]
     pub rate: Option<usize>,
-    /// Poses a second
+    /// Poses per second
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
-    /// How high the avatar's hips are above the floor, metres; as the model's where not given
+    /// Height of the avatar's hips above the floor in metres [default: the model's]
     #[arg(long, value_name = "METRES")]
     pub hips: Option<f32>,
-    /// When the mouth moves: with the sound, if the model has a mouth network, or with the body;
-    /// live where the model can
+    /// Timing of the mouth: with the sound, if the model has a mouth network, or with the body [default:
+    /// live if the model can]
     #[arg(long, value_name = "WHEN")]
     pub voice: Option<VoiceArg>,
-    /// Free text for models that take one: a style, an emotion
+    /// Prompt, for models that take one: a style, an emotion
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
-    /// Take what can be used of a damaged recording
+    /// Read what is usable of a damaged recording
     #[arg(long)]
     pub repair: bool,
     #[command(flatten)]
@@ -487,65 +485,64 @@ pub struct Live {
 ///
 /// Clients connect to ws://ADDRESS/v1/session, say hello in JSON, send 16-bit samples, and get frames or
 /// packets. /healthz says whether new clients may come, /metrics has numbers for Prometheus. SIGTERM ends
-/// it gently. TLS is a proxy's task.
+/// it gracefully. For TLS, put a proxy in front.
 #[cfg(feature = "serve")]
 #[derive(Debug, ClapArgs)]
 pub struct Serve {
-    /// Where to listen; other machines reach it by 0.0.0.0:PORT, which needs --tokens or --open
+    /// Address to listen at; 0.0.0.0:PORT accepts other machines and needs --tokens or --open
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8765")]
     pub listen: String,
-    /// Model file; the one in the program where not given
+    /// Model file [default: the embedded one]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Most sessions at once: `umo bench --sessions N` says how many this machine keeps up with
+    /// Most sessions at once; `umo bench --sessions N` measures how many this machine can take
     #[arg(long, value_name = "N", default_value_t = 32)]
     pub sessions: usize,
-    /// Most sessions of one token, or of one address where there are no tokens; --sessions where not
-    /// given
+    /// Most sessions of one token, or of one address without tokens [default: --sessions]
     #[arg(long, value_name = "N")]
     pub per_client: Option<usize>,
-    /// Most sessions that are computed together
+    /// Most sessions in a batch
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub batch: usize,
     /// Priority of the threads that compute
     #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
     pub priority: PriorityArg,
-    /// Longest wait of a chunk for others, to be computed together
+    /// Batching window: longest wait of a chunk for others
     #[arg(long, value_name = "MS", default_value_t = 0)]
     pub gather: u32,
     /// File of tokens, a line each: a name for the client, and its token of 16 characters or more
     #[arg(long, value_name = "FILE")]
     pub tokens: Option<PathBuf>,
-    /// Let everybody in who reaches the address, without a token
+    /// Accept clients without a token
     #[arg(long, conflicts_with = "tokens")]
     pub open: bool,
-    /// Web pages that may come in beside the server's own, by their origin: `https://avatar.example.com`;
-    /// repeatable
+    /// Origin of web pages that may connect beside the server's own (`https://avatar.example.com`); may be
+    /// given several times
     #[arg(long, value_name = "ORIGIN")]
     pub origin: Vec<String>,
-    /// A proxy in front names the clients' addresses in X-Forwarded-For
+    /// Take clients' addresses from a proxy's X-Forwarded-For
     #[arg(long)]
     pub behind_proxy: bool,
-    /// Audio that is computed before its time, so that a client that sends a recording at once does not
-    /// delay the others; 0 for no limit
+    /// Audio computed ahead of real time, so that a client that sends a recording at once does not delay
+    /// others; 0 for no limit
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = seconds)]
     pub ahead: f64,
-    /// Audio of a session that waits here, before its client has to
+    /// Audio of a session queued here before its client has to wait
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds)]
     pub buffer: f64,
-    /// Time for a client to say hello
+    /// Timeout of a client's hello
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = seconds)]
     pub hello_within: f64,
-    /// Time without audio and commands after which a session ends
+    /// Timeout of a session without audio and commands
     #[arg(long, value_name = "SECONDS", default_value_t = 300.0, value_parser = seconds)]
     pub idle: f64,
-    /// Time between pings; a client that is silent for twice as long has gone
+    /// Time between pings; a client silent for twice as long is disconnected
     #[arg(long, value_name = "SECONDS", default_value_t = 20.0, value_parser = seconds)]
     pub heartbeat: f64,
-    /// Time that a client may take to read one message
+    /// Timeout of a client that reads a message
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
     pub stall: f64,
-    /// Time that running sessions have to finish after SIGTERM
+    /// Time for running sessions to finish after SIGTERM
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds)]
     pub drain: f64,
     #[command(flatten)]
@@ -556,11 +553,11 @@ pub struct Serve {
 /// Priority of an engine's threads.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PriorityArg {
-    /// That of this program
+    /// The priority of this program
     Normal,
-    /// Before other programs; Linux refuses it to most users
+    /// Above other programs; Linux refuses it to most users
     High,
-    /// Behind other programs
+    /// Below other programs
     Low,
 }
 
@@ -574,26 +571,26 @@ impl From<PriorityArg> for Priority {
     }
 }
 
-/// A time of a server.
+/// A timeout of a server.
 #[cfg(feature = "serve")]
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| (0.0..=86_400.0).contains(seconds));
     seconds.ok_or_else(|| "expected 0 to 86400 seconds".to_owned())
 }
 
-/// When the mouth moves.
+/// Timing of the mouth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum VoiceArg {
-    /// As the sound is heard; the body follows
+    /// With the sound; the body follows
     Live,
     /// With the body
     Delayed,
 }
 
-/// Animate a description.
+/// Animate an action from text.
 #[derive(Debug, ClapArgs)]
 pub struct Text {
-    /// What to do, in words
+    /// The action, in words
     pub text: String,
     /// Length of the animation
     #[arg(long, value_name = "S", default_value_t = 4.0)]
@@ -603,29 +600,28 @@ pub struct Text {
     pub output: Output,
 }
 
-/// Bring an animation to another character.
+/// Retarget an animation to another character.
 #[derive(Debug, ClapArgs)]
 pub struct Retarget {
-    /// Speech, .wav, .flac, .mp3, .ogg, .opus, .m4a or .aac; or an animation that umo wrote: .npz, .glb,
-    /// .bvh or .jsonl
+    /// Recording of speech, or an animation: .npz, .glb, .gltf, .bvh or .jsonl
     #[arg(required_unless_present = "print_mapping")]
     pub input: Option<PathBuf>,
     /// The character: .glb, .gltf or .vrm, or a skeleton, .bvh
     #[arg(long, value_name = "FILE")]
     pub onto: PathBuf,
-    /// File to write, of the character's format
+    /// File to write, in the character's format
     #[arg(short, long, value_name = "FILE", required_unless_present_any = ["print_mapping", "sheet"])]
     pub output: Option<PathBuf>,
-    /// Picture to write, of the motion on the figure and on the character
+    /// Picture to write of the motion on the figure and on the character
     #[arg(long, value_name = "FILE.png")]
     pub sheet: Option<PathBuf>,
-    /// Which bone is what, and which shape, where the names do not tell: TOML or JSON
+    /// Mapping of bones and shapes, for names that are not recognised: TOML or JSON
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
-    /// Say which bone was taken for what, and what was not found
+    /// Print the mapping that was found, and what is missing
     #[arg(long)]
     pub print_mapping: bool,
-    /// Take what can be used of a damaged recording
+    /// Read what is usable of a damaged recording
     #[arg(long)]
     pub repair: bool,
     #[command(flatten)]
@@ -636,16 +632,15 @@ pub struct Retarget {
 /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes.
 #[derive(Debug, ClapArgs)]
 pub struct Draw {
-    /// Animation as `animate -o FILE.jsonl` writes it; the shapes, each under its name, where not
-    /// given
+    /// Animation as `animate -o FILE.jsonl` writes it [default: draw each shape under its name]
     pub animation: Option<PathBuf>,
     /// Picture to write
     #[arg(short, long, value_name = "FILE.png")]
     pub output: PathBuf,
-    /// Time of a frame; may be given several times, the frames are drawn beside one another
+    /// Time of a frame; may be given several times, frames are drawn side by side
     #[arg(long, value_name = "SECONDS", requires = "animation")]
     pub at: Vec<f32>,
-    /// What the picture shows
+    /// View
     #[arg(long, value_enum, default_value_t = View::Front, requires = "animation")]
     pub view: View,
     /// Figure to draw
@@ -659,10 +654,10 @@ pub struct Draw {
     pub height: usize,
 }
 
-/// What a picture shows of the figure.
+/// Views of the figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum View {
-    /// The whole figure from ahead
+    /// The whole figure from the front
     Front,
     /// The whole figure, a little from its left
     ThreeQuarter,

@@ -10,10 +10,10 @@ use super::Compute;
 /// Run one stage alone.
 #[derive(Debug, ClapArgs)]
 pub struct Stage {
-    /// Which: hubert, mel, encoder, decoder, generate, depth, interp, motion or mouth
+    /// Stage: hubert, mel, encoder, decoder, generate, depth, interp, motion or mouth
     #[arg(value_name = "STAGE")]
     pub stage: String,
-    /// Model file; the one in the program where not given
+    /// Model file [default: the embedded one]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Input tensors, a safetensors file
@@ -25,10 +25,10 @@ pub struct Stage {
     /// Keyframes to generate
     #[arg(long, value_name = "N")]
     pub target: Option<usize>,
-    /// Seed of the draws
+    /// Random seed
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     pub seed: u64,
-    /// Always the likeliest code instead of a draw
+    /// Take the likeliest code instead of sampling
     #[arg(long, conflicts_with = "seed")]
     pub greedy: bool,
     #[command(flatten)]
@@ -36,30 +36,30 @@ pub struct Stage {
     pub compute: Compute,
 }
 
-/// Say what a model or a character holds.
+/// Print the contents of a model or a character.
 #[derive(Debug, ClapArgs)]
 pub struct Inspect {
-    /// Model file, the one in the program where not given; or a character, .glb, .gltf or .vrm, or a
-    /// skeleton, .bvh: what was found of it, what is missing
+    /// Model file [default: the embedded one]; or a character (.glb, .gltf, .vrm) or a skeleton (.bvh), to
+    /// print the bones and shapes that were found and that are missing
     pub model: Option<PathBuf>,
-    /// Every tensor with its type, shape and size
+    /// Print every tensor with its type, shape and size
     #[arg(long)]
     pub tensors: bool,
-    /// The config as the file has it
+    /// Print the config as stored
     #[arg(long)]
     pub config: bool,
-    /// Compare the file with its checksum, and say nothing else
+    /// Check the file against its checksum, and print nothing else
     #[arg(long, conflicts_with_all = ["tensors", "config"])]
     pub verify: bool,
 }
 
-/// Write a model of weights that others publish.
+/// Convert published weights to a model.
 ///
-/// Sources are safetensors files, or folders whose safetensors files belong together; each may be
+/// Sources are safetensors files, or folders of safetensors files that belong together; each may be
 /// given several times.
 #[derive(Debug, ClapArgs)]
 pub struct Convert {
-    /// Every dimension of the model, JSON; `umo inspect --config` prints one to begin with
+    /// Dimensions of the model, JSON; `umo inspect --config` prints one to start from
     #[arg(long, value_name = "FILE.json")]
     pub config: PathBuf,
     /// Hugging Face's HuBERT
@@ -68,32 +68,31 @@ pub struct Convert {
     /// Rows of the k-means over HuBERT's features
     #[arg(long, value_name = "FILE")]
     pub centroids: PathBuf,
-    /// Hugging Face's T5 1.1 or Flan-T5, or the one that Language of Motion trained
+    /// T5 1.1 or Flan-T5 from Hugging Face, or the T5 of Language of Motion
     #[arg(long, value_name = "FILE", required = true)]
     pub t5: Vec<PathBuf>,
-    /// Motion codecs of EMAGE, one a file, or of Language of Motion; those of a list of parts by its
-    /// names
+    /// Motion codecs of EMAGE (a file each) or Language of Motion; codecs of a list of parts by its names
     #[arg(long, value_name = "FILE", required = true)]
     pub vq: Vec<PathBuf>,
-    /// Depth network and tables of keyframes of layout `frames`, which training/ makes
+    /// Depth network and keyframe tables of layout `frames`, made by training/
     #[arg(long, value_name = "FILE")]
     pub depth: Vec<PathBuf>,
-    /// Interpolation network, which training/ makes
+    /// Interpolation network, made by training/
     #[arg(long, value_name = "FILE")]
     pub interp: PathBuf,
     /// SentencePiece model of the text vocabulary
     #[arg(long, value_name = "FILE.model")]
     pub tokenizer: Option<PathBuf>,
-    /// Experts that each feed-forward becomes; the config's number where not given
+    /// Experts per feed-forward layer [default: the config's]
     #[arg(long, value_name = "E")]
     pub experts: Option<usize>,
-    /// Experts that a row is sent to; the config's number where not given
+    /// Experts per row [default: the config's]
     #[arg(long, value_name = "K")]
     pub top_k: Option<usize>,
-    /// How rows of the vocabulary start that the T5 lacks; refused where not given
+    /// Initial values of vocabulary rows that the T5 lacks [default: refuse]
     #[arg(long, value_enum)]
     pub new_rows: Option<NewRows>,
-    /// How weights and tables are stored; what decides codes and experts stays F32
+    /// Type of weights and tables; routers and codebooks stay F32
     #[arg(long, value_enum, default_value_t = FloatArg::Bf16)]
     pub dtype: FloatArg,
     /// Seed of the routers
@@ -104,17 +103,17 @@ pub struct Convert {
     pub output: PathBuf,
 }
 
-/// How new rows of the vocabulary start.
+/// Initial values of new vocabulary rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum NewRows {
-    /// At the mean of the rows that there are
+    /// Mean of the existing rows
     Mean,
 }
 
-/// A type of floats.
+/// A float type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FloatArg {
-    /// Brain floats
+    /// bfloat16
     Bf16,
     /// 32-bit floats
     F32,
@@ -132,7 +131,7 @@ impl From<FloatArg> for Storage {
     }
 }
 
-/// Write a model with smaller weights.
+/// Quantize a model.
 #[derive(Debug, ClapArgs)]
 pub struct Quantize {
     /// Model file with float weights
@@ -140,34 +139,33 @@ pub struct Quantize {
     /// File to write
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-    /// How the weights of products are stored; tables, norms, the router and what decides codes
-    /// stay as they are
+    /// Type of the weights of products; tables, norms, routers and codebooks stay as they are
     #[arg(long, value_enum)]
     pub weights: WeightsArg,
-    /// Tensors that stay as they are, as `*.moe.experts.*.wo.*`; may be given several times
+    /// Tensors that stay as they are, such as `*.moe.experts.*.wo.*`; may be given several times
     #[arg(long, value_name = "GLOB")]
     pub keep: Vec<String>,
-    /// Type of certain tensors: f32, bf16, int8 or int4; the last that matches counts, before any --keep
+    /// Type of tensors, GLOB=TYPE: f32, bf16, int8 or int4; the last match counts, before any --keep
     #[arg(long, value_name = "GLOB=TYPE")]
     pub set: Vec<String>,
-    /// Rotate the residual streams so that outlier channels are spread over all others, with the same
-    /// function: for trained models of layout `frames`, or of layout `parts` with a head of their own
+    /// Rotate the residual streams to spread outlier channels, without changing the function: for trained
+    /// models of layout `frames`, or of layout `parts` with an untied head
     #[arg(long)]
     pub rotate: bool,
-    /// Recording of speech that the float model animates first, to round weights to what they are multiplied
-    /// with; may be given several times. A quarter of an hour of several voices is enough
+    /// Calibration recording of speech: weights are rounded for the inputs that it gives; may be given
+    /// several times. A quarter of an hour of several voices is enough
     #[arg(long, value_name = "SPEECH")]
     pub calibrate: Vec<PathBuf>,
 }
 
-/// How the weights of products are stored.
+/// Types of the weights of products.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WeightsArg {
     /// Int8 steps with a scale per row
     Int8,
-    /// As int8, and int4 codes in groups of 32 for the decoder's experts; --set names more
+    /// As int8, with int4 in groups of 32 for the decoder's experts; --set for more
     Int4,
-    /// Brain floats
+    /// bfloat16
     Bf16,
 }
 
@@ -177,13 +175,13 @@ pub struct MakeRandom {
     /// Dimensions: `base` is the paper's, `small` the default model's
     #[arg(long, value_enum, default_value_t = Size::Small)]
     pub size: Size,
-    /// What one position of the decoder stands for
+    /// Layout of the decoder's positions
     #[arg(long, value_enum, default_value_t = LayoutArg::Parts)]
     pub layout: LayoutArg,
     /// File to write
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-    /// How weights are stored
+    /// Type of the weights
     #[arg(long, value_enum, default_value_t = StorageArg::Bf16)]
     pub store: StorageArg,
     /// Seed of the weights
@@ -198,7 +196,7 @@ pub enum Size {
     Base,
     /// A few million parameters, mel features, ARKit face
     Small,
-    /// The least that is a model, for tests
+    /// The smallest valid model, for tests
     Tiny,
 }
 
@@ -211,12 +209,12 @@ pub enum LayoutArg {
     Frames,
 }
 
-/// How weights are stored.
+/// Types of the weights.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum StorageArg {
     /// 32-bit floats
     F32,
-    /// Brain floats
+    /// bfloat16
     Bf16,
     /// Int8 steps with a scale per row, for the products
     Int8,
