@@ -1,8 +1,7 @@
 """Times us beside the peers, side by side in turn, and writes a row for each pair to benches/results/<cpu>.csv.
 
 `run` calls it; `--only` runs one group of measurements, whose rows then replace those of the same name in the file, and
-`--table` measures nothing; it puts the tables of one processor into docs/performance.md, those of the others
-into benches/notes.
+`--table` measures nothing; it puts the table of all processors' files into docs/performance.md.
 """
 
 import argparse
@@ -16,7 +15,6 @@ import re
 import statistics
 import subprocess
 import sys
-import textwrap
 import time
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -31,14 +29,23 @@ REST = 0.1
 NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}
 PACKAGES = {"pytorch": "torch"}
 READING = "reading as many bytes"
-# What the documentation calls the processors of the files, and which of them docs/performance.md has.
+# Rows of the documentation's table: the measurement, and threads.
+SHOWN = [
+    ("encoder; 256 tokens", "2"),
+    ("encode 256 tokens and generate 20 codes", "1"),
+    ("encode 256 tokens and generate 20 codes; with markers", "2"),
+    ("HuBERT to layer 9; 3 s of audio", "2"),
+    ("half a second of an avatar; a peer's face alone", "1"),
+    ("attention; encoder; 256 x 256 x 12 heads", "1"),
+]
+# Products of so many rows, of all shapes together.
+SHOWN_PRODUCTS = ("256 rows", "1")
+# Names of the files' processors in the documentation; of the Zen 3 the face alone was measured.
 PROCESSORS = {
-    "amd-epyc": "AMD EPYC (Zen 5)",
-    "amd-epyc-zen-3": "AMD EPYC (Zen 3)",
-    "amd-epyc-zen-4": "AMD EPYC (Zen 4)",
-    "intel-xeon-processor": "Intel Xeon (Sapphire Rapids, busy host)",
+    "amd-epyc-zen-4": "Zen 4",
+    "amd-epyc": "Zen 5",
+    "intel-xeon-processor": "Sapphire Rapids",
 }
-SHOWN = "amd-epyc-zen-4"
 # What is timed: the part, threads, and the peers with the precision of their weights.
 PARTS = [
     ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
@@ -227,41 +234,28 @@ def grid(head, rows):
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *rows])
 
 
-def beside(rows):
-    """A row for each measurement, a column for each peer: its time, and that over ours."""
-    peers = list(dict.fromkeys(bare(row["peer"]) for row in rows))
-    found = {}
+def shown_cells(name, rows):
+    """A processor's cells of the documentation's table by row: umo's time, and the fastest peer's over it."""
+    found, products = {}, {}
     for row in rows:
-        found.setdefault((row["what"], row["ours"], row["threads"]), {})[bare(row["peer"])] = row
-    lines = []
-    for key, by_peer in found.items():
-        first = next(iter(by_peer.values()))
-        times = [f"{row['peer_ms']} ({row['ratio']})" if (row := by_peer.get(peer)) else "–" for peer in peers]
-        lines.append([*key, first["our_ms"], share(first), *times])
-    return grid(["what", "ours", "threads", "ms", "of the floor", *peers], lines)
-
-
-def products_beside(rows, peers):
-    """A row for each peer: its time over ours, from the least to the greatest of all shapes."""
-    found = {}
-    for row in rows:
-        if bare(row["peer"]).split()[0] in peers:
-            count = row["what"].split("; ")[2]
-            key = row["ours"], row["threads"], bare(row["peer"])
-            found.setdefault(key, {}).setdefault(count, []).append(float(row["ratio"]))
-    counts = list(dict.fromkeys(count for ratios in found.values() for count in ratios))
-    lines = [
-        [*key, *[f"{min(ratios[count]):.2f} to {max(ratios[count]):.2f}" for count in counts]]
-        for key, ratios in found.items()
-    ]
-    return grid(["product", "threads", "peer's time / ours", *counts], lines)
-
-
-def tables(name, rows):
-    """What docs/performance.md has of a processor: parts, attention, products."""
-    kinds = {kind: [row for row in rows if row["what"].startswith(kind)] for kind in ["attention", "product"]}
-    parts = [row for row in rows if not row["what"].startswith(tuple(kinds))]
-    return "\n\n".join([beside(parts), beside(kinds["attention"]), products_beside(kinds["product"], product_peers(name))])
+        kind = row["ours"].split()[0]
+        if (row["what"], row["threads"]) in SHOWN:
+            found.setdefault((row["what"], kind, row["threads"]), []).append(row)
+        elif row["what"].startswith("product") and (row["what"].split("; ")[2], row["threads"]) == SHOWN_PRODUCTS:
+            # Beside tiles the same product without them is timed, too.
+            isa, peer = row["ours"].split()[1], bare(row["peer"])
+            if peer.split()[0] in product_peers(name):
+                key = f"products, {SHOWN_PRODUCTS[0]}{' without tiles' if kind == 'int8' and isa != 'amx' else ''}"
+                products.setdefault((key, kind, row["threads"]), {}).setdefault(peer, []).append(float(row["ratio"]))
+    cells = {}
+    for key, of in found.items():
+        best = min(of, key=lambda row: float(row["peer_ms"]))
+        part = "" if share(best) == "–" else f", floor {share(best)}"
+        cells[key] = f"{best['our_ms']} ms{part}", f"{best['ratio']}, {bare(best['peer'])}"
+    for key, by_peer in products.items():
+        peer, ratios = min(by_peer.items(), key=lambda each: statistics.median(each[1]))
+        cells[key] = "–", f"{min(ratios):.2f} to {max(ratios):.2f}, {peer}"
+    return cells
 
 
 def product_peers(name):
@@ -276,36 +270,26 @@ def read(path):
         return {(r["what"], r["ours"], r["peer"], r["threads"]): r for r in csv.DictReader(file)}
 
 
-def section(path):
-    """The tables of a processor's file; its newest date."""
-    rows = list(read(path).values())
-    dates = sorted({row["date"] for row in rows})
-    versions = {found[0] for row in rows if (found := re.match(r".+? \d[\d.]*", row["peer"]))}
-    peers = ", ".join(sorted(peer for peer in versions if not peer.startswith("MKL") or "MKL" in product_peers(path.stem)))
-    measured = " to ".join(dict.fromkeys([dates[0], dates[-1]]))
-    # As seen from docs/ and from benches/notes/.
-    folder = "../benches/results" if path.stem == SHOWN else "../results"
-    link = f"Rows: [{path.name}]({folder}/{path.name})."
-    heading = textwrap.fill(f"Measured {measured}, with {peers}.", 100)
-    return f"{heading}\n\n{link}\n\n{tables(path.stem, rows)}\n", dates[-1]
-
-
 def document(paths):
-    """Puts the tables of one processor in their place in the documentation, those of the others into notes."""
+    """Puts the table into the documentation."""
     page = ROOT / "docs" / "performance.md"
     begin, end = "<!-- made by benches/peers/run --table -->\n", "<!-- end -->"
-    for path in paths:
-        if not any(row["what"].startswith("product") for row in read(path).values()):
-            continue  # one part alone was measured there
-        text, date = section(path)
-        title = PROCESSORS.get(path.stem, path.stem)
-        if path.stem == SHOWN:
-            before, rest = page.read_text().split(begin)
-            after = rest.split(end)[1]
-            page.write_text(f"{before}{begin}### {title}\n\n{text}{end}{after}")
-        else:
-            note = HERE.parent / "notes" / f"{date}-peers-{path.stem}.md"
-            note.write_text(f"# Beside the peers: {title}\n\n```sh\nbenches/peers/run\n```\n\n{text}")
+    by_stem = {path.stem: list(read(path).values()) for path in paths if path.stem in PROCESSORS}
+    files = [
+        f"[{PROCESSORS[stem]}](../benches/results/{stem}.csv) {max(row['date'] for row in by_stem[stem])}"
+        for stem in PROCESSORS
+    ]
+    cells = {stem: shown_cells(stem, by_stem[stem]) for stem in PROCESSORS}
+    keys = sorted({key for of in cells.values() for key in of}, key=lambda key: ([*dict(SHOWN), key[0]].index(key[0]), key))
+    head = ["umo, and the fastest peer's time over it", "threads"]
+    head += [column for name in PROCESSORS.values() for column in (name, "peer")]
+    lines = [
+        [f"{what}, {kind}", threads, *(cell for of in cells.values() for cell in of.get((what, kind, threads), ("–", "–")))]
+        for what, kind, threads in keys
+    ]
+    before, rest = page.read_text().split(begin)
+    text = f"{grid(head, lines)}\n\nAll rows: {', '.join(files)}.\n"
+    page.write_text(f"{before}{begin}{text}{end}{rest.split(end)[1]}")
 
 
 def main():

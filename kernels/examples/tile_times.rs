@@ -1,6 +1,6 @@
 //! What a step of the int8 tile loop takes, four products of 16 x 16 outputs with 64 inputs: alone,
 //! with its four tiles loaded from L1 or L2, and beside so many 512-bit register operations.
-//! Nanoseconds, best of many; `benches/notes/2026-11-22-tiles.md` quotes them.
+//! Nanoseconds, best of many; `docs/kernels.md` quotes them.
 
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux")))]
 fn main() {
