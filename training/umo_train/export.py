@@ -63,7 +63,7 @@ def checksum(value: int) -> str:
 
 
 def add_checksum(path: Path, config: str) -> None:
-    """Puts the checksum of the config's text and all bytes behind the header in the place of 0, and the header's own."""
+    """Replaces the zeros of both checksums: of the config and all bytes behind the header, and of the header."""
     with path.open("r+b") as file:
         length = int.from_bytes(file.read(8), "little")
         header = file.read(length)
