@@ -272,8 +272,13 @@ pub unsafe extern "C" fn umo_engine_add_gesture(
 
 #[cfg(feature = "files")]
 fn read(path: &str) -> Result<Vec<u8>, Failure> {
+    // Without retargeting, `File::gesture` refuses every file.
+    #[cfg(not(feature = "retarget"))]
+    use umo_core::file::read;
+    #[cfg(feature = "retarget")]
+    use umo_core::glb::read;
     let unread = |cause| Failure::io(&cause, format_args!("cannot read {path}: {cause}"));
-    umo_core::memory::catch(|| umo_core::glb::read(path.as_ref()))?.map_err(unread)
+    umo_core::memory::catch(|| read(path.as_ref()))?.map_err(unread)
 }
 
 #[cfg(not(feature = "files"))]
