@@ -50,7 +50,6 @@ impl Reserving {
     }
 
     /// Takes a piece of the reserve; NULL if there is none. Never waits for another thread.
-    #[cold]
     fn take(&self, layout: Layout) -> *mut u8 {
         let wanted = units(layout);
         let free = UNITS.saturating_sub(self.used.load(Ordering::Relaxed));
@@ -64,8 +63,17 @@ impl Reserving {
         };
         self.used.fetch_add(wanted, Ordering::Relaxed);
         self.next.store(start + wanted, Ordering::Relaxed);
-        memory::rescued(layout.size());
         self.start().wrapping_add(start * UNIT)
+    }
+
+    /// Takes a piece of the reserve and reports it; NULL if there is none.
+    #[cold]
+    fn rescue(&self, layout: Layout) -> *mut u8 {
+        let piece = self.take(layout);
+        if !piece.is_null() {
+            memory::rescued(layout.size());
+        }
+        piece
     }
 
     /// Takes the first `wanted` free units from `from` on; returns the index of the first one.
@@ -115,7 +123,7 @@ unsafe impl GlobalAlloc for Reserving {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: guaranteed by the caller.
         let piece = unsafe { System.alloc(layout) };
-        if piece.is_null() { self.take(layout) } else { piece }
+        if piece.is_null() { self.rescue(layout) } else { piece }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
@@ -124,7 +132,7 @@ unsafe impl GlobalAlloc for Reserving {
         if !piece.is_null() {
             return piece;
         }
-        let piece = self.take(layout);
+        let piece = self.rescue(layout);
         if !piece.is_null() {
             // SAFETY: the piece has at least `layout.size()` bytes.
             unsafe { piece.write_bytes(0, layout.size()) };
