@@ -20,14 +20,12 @@ use umo::session::settings::umo_session_get_parameter;
 use umo::session::stream::{umo_session_push_audio, umo_session_reset, umo_session_sample_pose};
 use umo::session::{UmoSession, UmoSessionConfig, umo_session_config_init, umo_session_new};
 use umo::status::UMO_STATUS_OK;
-use umo_core::audio::resample::Resampler;
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::model::Model;
-use umo_core::mouth::{Mouth, MouthStream};
-use umo_core::session::{Session, SessionConfig};
-use umo_core::weights::Loader;
-use umo_core::{Layer, LifeConfig, ModelFile, Precision};
+use umo_core::{
+    Clock, Engine, EngineConfig, Layer, LifeConfig, Model, ModelFile, Precision, Resampler, Session, SessionConfig,
+    Threads,
+};
+use umo_core_model::mouth::{Mouth, MouthStream};
+use umo_core_model::weights::Loader;
 use umo_kernels::Isa;
 
 static MODEL: &[u8] = include_bytes!("../models/umo-people/model.safetensors");
@@ -108,7 +106,7 @@ fn layers(c: &mut Criterion) {
     let one = |layer| (format!("{} alone", Layer::name(layer)), LifeConfig::OFF.with(layer, 1.0));
     for (name, life) in [("all".to_owned(), LifeConfig::ON)].into_iter().chain(Layer::ALL.map(one)) {
         let mut config = SessionConfig::new(engine.model().config());
-        config.avatar.life = life;
+        config.layers = life;
         let session = engine.session(&config).expect("there is a place");
         c.bench_function(&format!("layers/{name}, and a pose between two ticks"), |b| {
             b.iter(|| {

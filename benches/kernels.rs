@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use umo_benches::{Random, is_test};
-use umo_core::floor;
-use umo_core::weights::AlignedBox;
+use umo_core_model::weights::AlignedBox;
+use umo_core_tools::floor;
 use umo_kernels::activation::{Activation, apply, argmax, softmax};
 use umo_kernels::attention::{
     Operands, RelativeBias, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,

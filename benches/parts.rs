@@ -6,17 +6,17 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use umo_core::audio::Tokenizer;
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::lm::decoder::Sequence;
-use umo_core::lm::depth::{DepthNet, DepthScratch, Task};
-use umo_core::lm::generate::{ChunkSampling, Generator};
-use umo_core::lm::sampler::Sampler;
-use umo_core::lm::{Lengths, Lm, LmScratch};
-use umo_core::model::Model;
-use umo_core::session::{Session, SessionConfig};
-use umo_core::weights::{AlignedBox, Loader};
-use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, floor};
+use umo_core::{
+    Compute, Config, Engine, EngineConfig, Model, ModelFile, Part, PerPart, Poll, Precision, Sampler, Session,
+    SessionConfig, Threads,
+};
+use umo_core_model::audio::Tokenizer;
+use umo_core_model::lm::decoder::Sequence;
+use umo_core_model::lm::depth::{DepthNet, DepthScratch, Task};
+use umo_core_model::lm::generate::{ChunkSampling, Generator};
+use umo_core_model::lm::{Lengths, Lm, LmScratch};
+use umo_core_model::weights::{AlignedBox, Loader};
+use umo_core_tools::floor;
 use umo_kernels::activation::argmax;
 use umo_kernels::{Mat, peak};
 

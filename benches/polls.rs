@@ -11,11 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::model::Model;
-use umo_core::session::{Session, SessionConfig};
-use umo_core::{ModelFile, Precision};
+use umo_core::{Clock, Engine, EngineConfig, Model, ModelFile, Poll, Precision, Session, SessionConfig, Threads};
 use umo_kernels::Isa;
 
 /// Timed chunks of all sessions together, and their limits per session; as many come before, untimed.
@@ -49,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             threads: Threads::Host(0),
             clock: if held { Clock::Manual(Arc::clone(&nanos)) } else { Clock::system() },
             max_sessions: sessions,
-            max_batch: sessions.min(umo_core::engine::MAX_BATCH),
+            max_batch: sessions.min(umo_core::MAX_BATCH),
             ..EngineConfig::default()
         };
         let engine = Engine::new(Arc::clone(&model), &config)?;

@@ -17,16 +17,15 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use umo_benches::Random;
-use umo_core::audio::{Tokenizer, resample};
-use umo_core::lm::decoder::Sequence;
-use umo_core::lm::generate::{ChunkSampling, Generator};
-use umo_core::lm::layout::{Prompt, Template, window_tokens};
-use umo_core::lm::sampler::Sampler;
-use umo_core::lm::{Lengths, Lm, LmScratch};
-use umo_core::weights::Loader;
-use umo_core::weights::layout::{self, Kind, Spec};
-use umo_core::weights::writer::{self, NewTensor, Storage, Values};
-use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
+use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Sampler, Team};
+use umo_core_model::audio::{Tokenizer, resample};
+use umo_core_model::lm::decoder::Sequence;
+use umo_core_model::lm::generate::{ChunkSampling, Generator};
+use umo_core_model::lm::layout::{Prompt, Template, window_tokens};
+use umo_core_model::lm::{Lengths, Lm, LmScratch};
+use umo_core_model::weights::layout::{Kind, Spec};
+use umo_core_model::weights::writer::{NewTensor, Storage, Values};
+use umo_core_model::weights::{Loader, layout, writer};
 use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Mat};
 

@@ -17,11 +17,7 @@ use std::sync::{Arc, Barrier};
 use std::time::{Duration, Instant};
 
 use counting::{allocated, allocator_calls, check_counter};
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::model::Model;
-use umo_core::session::{Idle, Session, SessionConfig};
-use umo_core::{ModelFile, Precision};
+use umo_core::{Clock, Engine, EngineConfig, Idle, Model, ModelFile, Poll, Precision, Session, SessionConfig, Threads};
 use umo_kernels::Isa;
 
 /// Audio comes in pieces of 10 ms, 48 kHz stereo.
@@ -226,13 +222,13 @@ impl Soak {
     /// Prints the avatars' statistics; returns the number of late frames.
     fn report(&self) -> u64 {
         let stats: Vec<_> = self.avatars.iter().map(|avatar| avatar.session.stats()).collect();
-        let sum = |of: fn(&umo_core::session::Stats) -> u64| stats.iter().map(of).sum::<u64>();
+        let sum = |of: fn(&umo_core::Stats) -> u64| stats.iter().map(of).sum::<u64>();
         println!("chunks                       {}", sum(|s| s.chunks));
         println!("frames                       {}", sum(|s| s.frames));
         println!("dropped by interrupts        {}", sum(|s| s.dropped_frames));
         println!("overruns                     {}", sum(|s| s.overruns));
         println!("late frames                  {}", sum(|s| s.late_frames));
-        let worst = |of: fn(&umo_core::session::Latency) -> Duration| {
+        let worst = |of: fn(&umo_core::Latency) -> Duration| {
             let all = self.avatars.iter().map(|avatar| of(&avatar.session.latency()));
             1e3 * all.max().unwrap_or_default().as_secs_f64()
         };

@@ -5,10 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::model::Model;
-use umo_core::session::{Session, SessionConfig};
-use umo_core::{ModelFile, Precision};
+use umo_core::{Engine, EngineConfig, Model, ModelFile, Poll, Precision, Session, SessionConfig, Threads};
 use umo_kernels::Isa;
 
 /// Number of saves and restores per median.

@@ -6,7 +6,7 @@ pub mod parts;
 use std::path::Path;
 
 use umo_core::ModelFile;
-use umo_core::floor::Machine;
+use umo_core_tools::floor::Machine;
 use umo_kernels::Isa;
 
 /// Memory over which the bandwidth is measured: the size of the decoder's weights.

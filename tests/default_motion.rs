@@ -13,8 +13,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use umo_core::model::Model;
-use umo_core::{ModelFile, Precision};
+use umo_core::{Model, ModelFile, Precision};
 use umo_kernels::Isa;
 use umo_self_test::motion::{self, Motion, Recorded, Records, difference, recorded_name};
 use umo_tests::for_each_isa;

@@ -6,12 +6,9 @@ mod names;
 
 use std::sync::Arc;
 
-use umo_core::avatar::AvatarConfig;
-use umo_core::config::Config;
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::model::Model;
-use umo_core::session::{SessionConfig, Voice};
-use umo_core::{ModelFile, Precision};
+use umo_core::{
+    AvatarConfig, Config, Engine, EngineConfig, Model, ModelFile, Precision, SessionConfig, Threads, Voice,
+};
 use umo_kernels::Isa;
 use umo_tests::pages::{Table, root, tables};
 

@@ -20,16 +20,11 @@ use std::time::{Duration, Instant};
 
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
-use umo_core::animation::Animation;
-use umo_core::audio::resample;
-use umo_core::avatar::AvatarConfig;
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, EngineError, Lender, Poll, PollError, Threads};
-use umo_core::life::LifeConfig;
-use umo_core::model::Model;
-use umo_core::motion::Pose;
-use umo_core::session::{Frame, Idle, Session, SessionConfig, SessionError};
-use umo_core::{Compute, ModelFile, Precision, Team};
+use umo_core::{
+    Animation, AvatarConfig, Clock, Compute, Engine, EngineConfig, EngineError, Frame, Idle, Lender, LifeConfig, Model,
+    ModelFile, Poll, PollError, Pose, Precision, Session, SessionConfig, SessionError, Team, Threads,
+};
+use umo_core_model::audio::resample;
 use umo_kernels::Isa;
 use umo_tests::{Ends, Noise};
 
@@ -92,7 +87,7 @@ fn config(model: &Model, target: usize, lookahead: usize, seed: u64) -> SessionC
 
 /// The session without layers, which continue during an interrupt and without audio.
 fn without_layers(mut session: SessionConfig) -> SessionConfig {
-    session.avatar.life = LifeConfig::OFF;
+    session.layers = LifeConfig::OFF;
     session
 }
 
@@ -101,11 +96,12 @@ fn offline(model: &Model, session: &SessionConfig, samples: &[f32]) -> Vec<Vec<u
     let rate = model.config().audio.sample_rate;
     let count = samples.len() / session.channels;
     let mut mono = vec![0.0; count];
-    resample::mix(samples, session.channels, &mut mono);
+    umo_core_base::samples::mix(samples, session.channels, &mut mono);
     let mono = resample::to_rate(&mono, session.sample_rate, rate).unwrap();
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };
-    let mut animation = Animation::new(model, &session.avatar).unwrap();
+    let mut animation =
+        Animation::with_layers(model, &session.avatar, session.layers, session.gestures.clone()).unwrap();
     animation.push_audio(&mono).unwrap();
     animation.finish(count * model.config().frame_rate / session.sample_rate);
     let mut frames = Vec::new();

@@ -11,12 +11,11 @@ use std::path::{Path, PathBuf};
 
 use golden_report::{Cases, Report};
 use serde::Deserialize;
-use umo_core::lm::sampler::Sampler;
-use umo_core::lm::text::TextTokenizer;
-use umo_core::motion::MotionEncoder;
-use umo_core::stage::{self, Inputs, Options, Output, Stage, Values};
-use umo_core::weights::Loader;
-use umo_core::{Compute, LoadError, ModelFile, Part, PerPart, Precision, StepError, Team};
+use umo_core::{Compute, LoadError, ModelFile, Part, PerPart, Precision, Sampler, StepError, Team, TextTokenizer};
+use umo_core_model::motion::MotionEncoder;
+use umo_core_model::weights::Loader;
+use umo_core_tools::stage;
+use umo_core_tools::stage::{Inputs, Options, Output, Stage, Values};
 use umo_kernels::Isa;
 use umo_tests::for_each_isa;
 
@@ -68,7 +67,7 @@ fn encode_motion(bytes: &[u8], case: &str, loader: &Loader, team: &Team) -> Vec<
         assert_eq!(codes, Part::ALL.map(|part| paper[part].clone()));
     }
     let parts = config.part_list().into_iter().zip(codes).filter(|(part, _)| !part.is_annotation());
-    let output = |(part, codes): (umo_core::config::PartSpec, Vec<u16>)| {
+    let output = |(part, codes): (umo_core_model::config::PartSpec, Vec<u16>)| {
         let rows = codes.len() / part.levels;
         let shape = if config.is_frames() { vec![rows, part.levels] } else { vec![rows] };
         let values = Values::Integers(codes.into_iter().map(i64::from).collect());

@@ -8,14 +8,13 @@ use std::collections::BTreeMap;
 use model_bytes::{ModelBytes, Stored, file};
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::lm::text::TOKENIZER;
-use umo_core::model::Model;
-use umo_core::motion::MotionEncoder;
-use umo_core::weights::Loader;
-use umo_core::weights::writer::{self, NewTensor, Storage, Values};
-use umo_core::{Compute, Config, LoadError, ModelFile, Part, Precision, StepError, Team};
+use umo_core::{
+    Animation, AvatarConfig, Compute, Config, LoadError, Model, ModelFile, Part, Precision, StepError, Team,
+};
+use umo_core_model::lm::text::TOKENIZER;
+use umo_core_model::motion::MotionEncoder;
+use umo_core_model::weights::writer::{NewTensor, Storage, Values};
+use umo_core_model::weights::{Loader, writer};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 
@@ -268,7 +267,7 @@ fn animate(model: &Model) -> Result<(), StepError> {
     let samples: Vec<f32> = (0..model.config().audio.sample_rate).map(|_| noise.float(0.3)).collect();
     animation.push_audio(&samples).unwrap();
     animation.finish(30);
-    let mut sound = |frame: umo_core::motion::FrameRef| {
+    let mut sound = |frame: umo_core::FrameRef| {
         let values = frame.pose.rotations.as_flattened().iter().chain(&frame.pose.translation).chain(frame.face);
         assert!(values.into_iter().all(|v| v.is_finite() && v.abs() < 1e4), "a frame that no body has was played");
     };
@@ -553,7 +552,7 @@ fn the_four_parts_may_be_listed() {
             animation.finish(30);
             let mut bits = Vec::new();
             let cx = Compute { isa: model.isa(), team: &team };
-            let mut take = |frame: umo_core::motion::FrameRef| {
+            let mut take = |frame: umo_core::FrameRef| {
                 bits.extend(frame.pose.rotations.as_flattened().iter().chain(frame.face).map(|value| value.to_bits()));
             };
             while animation.step(&model, cx, &mut take).unwrap() {}
@@ -775,7 +774,7 @@ proptest! {
         let mut pieces = model.tensors[TOKENIZER].bytes.clone();
         let at = at.index(pieces.len() - bytes.len());
         pieces[at..at + bytes.len()].copy_from_slice(&bytes);
-        if let Ok(tokenizer) = umo_core::lm::text::TextTokenizer::from_bytes(&pieces, 400) {
+        if let Ok(tokenizer) = umo_core::TextTokenizer::from_bytes(&pieces, 400) {
             tokenizer.split(&text);
         }
     }

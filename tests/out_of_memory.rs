@@ -5,12 +5,11 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-use umo_core::engine::{Engine, EngineConfig, EngineError, Threads};
-use umo_core::memory::{self, OutOfMemory};
-use umo_core::model::Model;
-use umo_core::session::SessionConfig;
-use umo_core::weights::AlignedBox;
-use umo_core::{LoadError, ModelFile, Precision};
+use umo_core::{
+    Engine, EngineConfig, EngineError, LoadError, Model, ModelFile, OutOfMemory, Precision, SessionConfig, Threads,
+};
+use umo_core_base::memory;
+use umo_core_model::weights::AlignedBox;
 use umo_kernels::Isa;
 
 /// Smallest size, in bytes, of an allocation that scales with a model's file or a configuration, in

@@ -8,14 +8,14 @@ use std::sync::LazyLock;
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
 use serde_json::json;
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::lm::sampler::Sampler;
-use umo_core::model::Model;
-use umo_core::motion::{FrameRef, Latents, MotionStream, Pose, Smoothing};
-use umo_core::stage::{self, Inputs, Options, Output, Stage, Values};
-use umo_core::weights::Loader;
-use umo_core::{Compute, ModelFile, Part, PerPart, Precision, StepError, Team};
+use umo_core::{
+    Animation, AvatarConfig, Compute, FrameRef, Model, ModelFile, Part, PerPart, Pose, Precision, Sampler, StepError,
+    Team,
+};
+use umo_core_model::motion::{Latents, MotionStream, Smoothing};
+use umo_core_model::weights::Loader;
+use umo_core_tools::stage;
+use umo_core_tools::stage::{Inputs, Options, Output, Stage, Values};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 

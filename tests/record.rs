@@ -4,13 +4,10 @@
 mod model_bytes;
 
 use model_bytes::ModelBytes;
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::lm::layout::window_tokens;
-use umo_core::lm::tally::kind_names;
-use umo_core::model::Model;
-use umo_core::motion::Latents;
-use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
+use umo_core::{Animation, AvatarConfig, Compute, Config, Model, ModelFile, Part, PerPart, Precision, Team};
+use umo_core_model::lm::layout::window_tokens;
+use umo_core_model::lm::tally::kind_names;
+use umo_core_model::motion::Latents;
 use umo_kernels::Isa;
 use umo_tests::Noise;
 
@@ -43,7 +40,7 @@ fn run(model: &Model, cx: Compute, config: &AvatarConfig, keep: bool) -> Run {
     animation.push_audio(&audio).unwrap();
     animation.finish(FRAMES);
     let mut run = Run::default();
-    let mut take = |frame: umo_core::motion::FrameRef| {
+    let mut take = |frame: umo_core::FrameRef| {
         for part in Part::ALL {
             run.channels[part].extend(frame.channels[part].iter().map(|v| v.to_bits()));
         }
@@ -162,7 +159,7 @@ fn chunks_follow_each_other_from_keyframe_to_keyframe() {
 fn rows(config: &Config, target: usize, encoder: bool) -> Vec<usize> {
     let p = config.prefix + 2;
     let template = &config.templates["audio_to_motion"];
-    let text = template.iter().filter(|item| matches!(item, umo_core::config::TemplateItem::Id(_))).count();
+    let text = template.iter().filter(|item| matches!(item, umo_core_model::config::TemplateItem::Id(_))).count();
     let audio = window_tokens(config, target) + 2;
     match (config.is_frames(), encoder) {
         (true, true) => vec![text, audio, config.prefix, 0],

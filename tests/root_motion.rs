@@ -4,11 +4,7 @@
 
 use std::path::Path;
 
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::lm::sampler::Sampler;
-use umo_core::model::Model;
-use umo_core::{Compute, ModelFile, Part, PerPart, Precision, Team};
+use umo_core::{Animation, AvatarConfig, Compute, Model, ModelFile, Part, PerPart, Precision, Sampler, Team};
 use umo_kernels::Isa;
 use umo_tests::Noise;
 
@@ -28,7 +24,7 @@ fn translations(model: &Model, cx: Compute, config: &AvatarConfig, audio: &[f32]
     animation.push_audio(audio).unwrap();
     animation.finish(FRAMES);
     let (mut streamed, mut codes) = (Vec::new(), PerPart::<Vec<u16>>::default());
-    let mut take = |frame: umo_core::motion::FrameRef| streamed.push(frame.pose.translation);
+    let mut take = |frame: umo_core::FrameRef| streamed.push(frame.pose.translation);
     while animation.step(model, cx, &mut take).unwrap() {
         if let Some(chunk) = animation.chunk() {
             Part::ALL.into_iter().for_each(|part| codes[part].extend_from_slice(chunk.codes[part]));
@@ -82,7 +78,7 @@ fn the_first_frame_of_a_live_setting_has_the_height_of_rest() {
                     animation.push_audio(&audio[..16_000]).unwrap();
                     let mut heights = Vec::new();
                     while heights.is_empty() {
-                        let mut take = |frame: umo_core::motion::FrameRef| heights.push(frame.pose.translation[1]);
+                        let mut take = |frame: umo_core::FrameRef| heights.push(frame.pose.translation[1]);
                         assert!(animation.step(model, cx, &mut take).unwrap(), "a second has frames");
                     }
                     let first = heights[0];
@@ -94,7 +90,7 @@ fn the_first_frame_of_a_live_setting_has_the_height_of_rest() {
     });
 }
 
-/// [`Clip::channels`](umo_core::motion::clip::Clip::channels) writes contacts in the model's order,
+/// [`Clip::channels`](umo_core_pose::clip::Clip::channels) writes contacts in the model's order,
 /// in which the ankle and foot of a side go together.
 #[test]
 fn contacts_of_a_side_go_together() {
@@ -106,8 +102,8 @@ fn contacts_of_a_side_go_together() {
             let mut animation = Animation::new(model, &AvatarConfig { sampler, ..defaults }).unwrap();
             animation.push_audio(audio).unwrap();
             animation.finish(FRAMES);
-            let mut take = |frame: umo_core::motion::FrameRef| {
-                let contacts = &frame.channels.lower[umo_core::motion::root::FIRST_CONTACT..];
+            let mut take = |frame: umo_core::FrameRef| {
+                let contacts = &frame.channels.lower[umo_core_model::motion::root::FIRST_CONTACT..];
                 let apart = |a: usize, b: usize| (contacts[a] - contacts[b]).abs();
                 within += apart(0, 1) + apart(2, 3);
                 across += apart(0, 2) + apart(1, 3);

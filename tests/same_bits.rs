@@ -4,15 +4,11 @@
 mod model_bytes;
 
 use model_bytes::ModelBytes;
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::config::{AudioKind, PartSpec};
-use umo_core::lm::sampler::Sampler;
-use umo_core::model::Model;
-use umo_core::motion::FrameRef;
-use umo_core::stage::{self, Inputs, Options, Output, Stage, Values};
-use umo_core::weights::Loader;
-use umo_core::{Compute, ModelFile, Part, Precision, Team};
+use umo_core::{Animation, AvatarConfig, Compute, FrameRef, Model, ModelFile, Part, Precision, Sampler, Team};
+use umo_core_model::config::{AudioKind, PartSpec};
+use umo_core_model::weights::Loader;
+use umo_core_tools::stage;
+use umo_core_tools::stage::{Inputs, Options, Output, Stage, Values};
 use umo_kernels::Isa;
 use umo_tests::Noise;
 use umo_tests::pages::{root, same_bits};

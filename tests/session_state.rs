@@ -9,12 +9,10 @@ use std::time::{Duration, Instant};
 
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::life::{Attention, GestureOptions, Layer, LipShape, Mood, Side};
-use umo_core::model::Model;
-use umo_core::session::{Frame, Idle, PacketConfig, Session, SessionConfig, SessionError, StateError, Voice};
-use umo_core::{ModelFile, Part, Precision};
+use umo_core::{
+    Attention, Clock, Engine, EngineConfig, Frame, GestureOptions, Idle, Layer, LipShape, Model, ModelFile, Mood,
+    PacketConfig, Part, Poll, Precision, Session, SessionConfig, SessionError, Side, StateError, Threads, Voice,
+};
 use umo_kernels::Isa;
 use umo_tests::{Ends, Noise};
 
@@ -189,7 +187,7 @@ impl<'a> Run<'a> {
             Call::Seed(seed) => session.set_seed(*seed).unwrap(),
             Call::Temperature(temperature) => {
                 let sampling = session.sampling().unwrap();
-                session.set_sampling(umo_core::config::Sampling { temperature: *temperature, ..sampling }).unwrap();
+                session.set_sampling(umo_core::Sampling { temperature: *temperature, ..sampling }).unwrap();
             }
             Call::Gain(part, gain) => session.set_gain(*part, *gain).unwrap(),
             Call::SetIdle(idle) => session.set_idle(*idle),

@@ -10,7 +10,7 @@ use crate::{MAX_CHANNELS, SAMPLE_RATES};
 /// A problem of a file that does not prevent reading.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note {
-    /// Samples that were NaN or above the amplitude limit ([`umo_core::audio::MAX_AMPLITUDE`]), replaced by silence.
+    /// Samples that were NaN or above the amplitude limit ([`umo_core_base::samples::MAX_AMPLITUDE`]), replaced by silence.
     Unusable {
         /// Number of samples.
         samples: u64,

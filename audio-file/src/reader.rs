@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use umo_core::audio::{self, resample::mix};
-use umo_core::defect;
+use umo_core_base::defect;
+use umo_core_base::samples::{self, mix};
 
 use crate::bytes::Bytes;
 use crate::compressed;
@@ -74,7 +74,7 @@ impl Reader {
     /// [`ReadError`] naming the path and the cause.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let io = |cause| ReadError::Io(path.to_owned(), cause);
-        let bytes = umo_core::file::open(path).and_then(Bytes::of_file).map_err(io)?;
+        let bytes = umo_core_base::file::open(path).and_then(Bytes::of_file).map_err(io)?;
         let start = bytes.peek(0, START).map_err(io)?;
         let format = Format::of_start(&start).or_else(|| Format::of_extension(path));
         Self::new(bytes, format).map_err(|error| ReadError::new(path, error))
@@ -110,7 +110,7 @@ impl Reader {
         let Self { blocks, block, name, .. } = self;
         block.clear();
         let spec = contain(name, || blocks.next(block))?;
-        self.unusable += audio::silence_unusable(&mut self.block) as u64;
+        self.unusable += samples::silence_unusable(&mut self.block) as u64;
         Ok(spec)
     }
 

@@ -3,7 +3,7 @@
 use std::ffi::{CStr, CString, c_void};
 use std::mem::transmute_copy;
 
-use umo_core::weights::AlignedBox;
+use umo_core_model::weights::AlignedBox;
 
 type Size = unsafe extern "C" fn(i32, i32, i32, i32) -> usize;
 type PackI8 = unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, *const i8, i32, *mut c_void);
@@ -50,7 +50,7 @@ impl Shape {
 }
 
 /// Weights packed by the library for a shape, in several copies.
-pub struct Packed<T: umo_core::weights::Plain> {
+pub struct Packed<T: umo_core_model::weights::Plain> {
     shape: Shape,
     copies: AlignedBox<T>,
     /// Elements of one copy.

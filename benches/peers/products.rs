@@ -18,8 +18,9 @@ use std::time::{Duration, Instant};
 
 use mkl::{Mkl, Shape};
 use umo_benches::Random;
-use umo_core::weights::AlignedBox;
-use umo_core::{Team, floor};
+use umo_core_model::weights::AlignedBox;
+use umo_core::Team;
+use umo_core_tools::floor;
 use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_f32::matmul_f32;
 use umo_kernels::matmul_i8::matmul_i8;

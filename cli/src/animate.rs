@@ -3,15 +3,13 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::lm::depth::is_guidable;
-use umo_core::lm::sampler::Sampler;
-use umo_core::model::Model;
-use umo_core::motion::clip::Clip;
-use umo_core::session::SessionConfig;
-use umo_core::weights::Loader;
-use umo_core::{Compute, Config, Layer, ModelFile, Precision, StepError, Team};
+use umo_core::{
+    Animation, AvatarConfig, Compute, Config, Layer, LifeConfig, Model, ModelFile, Precision, Sampler, SessionConfig,
+    StepError, Team,
+};
+use umo_core_model::lm::depth::is_guidable;
+use umo_core_model::weights::Loader;
+use umo_core_pose::clip::Clip;
 
 use crate::args::{Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
@@ -105,7 +103,7 @@ impl<'a> Maker<'a> {
         let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
         let template = named(config, template, text.is_some())?;
         let gestures = gestures::known(&self.args.gesture_clip, &config.skeleton)?;
-        let mut avatar = AvatarConfig { template, text: ids, gestures: gestures.clone(), ..self.avatar() };
+        let mut avatar = AvatarConfig { template, text: ids, ..self.avatar() };
         if !self.args.greedy {
             avatar.sampler.seed = seed;
         }
@@ -116,7 +114,7 @@ impl<'a> Maker<'a> {
                 *of_text = of_text.min(TEXT_TEMPERATURE);
             }
         }
-        let mut animation = Animation::new(&self.model, &avatar)?;
+        let mut animation = Animation::with_layers(&self.model, &avatar, layers(self.args), gestures.clone())?;
         if let Some(path) = start_pose {
             let precision = self.args.compute.precision(Precision::Stored);
             let loader = Loader::new(&self.file, precision, self.model.isa());
@@ -136,7 +134,7 @@ impl<'a> Maker<'a> {
         frames: usize,
         mut look: impl FnMut(&Animation),
     ) -> Result<Clip, Failure> {
-        let mut clip = Clip::new(self.model.config());
+        let mut clip = self.model.config().clip();
         let bar = progress::frames(frames);
         while animation.step(&self.model, self.compute(), &mut |frame| clip.push(frame.pose, frame.face))? {
             bar.set_position(clip.len().max(animation.waiting()) as u64);
@@ -159,12 +157,6 @@ const TEXT_TEMPERATURE: f32 = 0.7;
 /// Returns the speech-to-motion avatar configuration; `horizon` applies if the arguments do not set one.
 pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> AvatarConfig {
     let defaults = SessionConfig::new(config).avatar;
-    let mut life = defaults.life;
-    for &(layer, gain) in &args.life {
-        for &layer in layer.as_ref().map_or(&Layer::ALL[..], std::slice::from_ref) {
-            life = life.with(layer, gain);
-        }
-    }
     let mut sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
     sampler.sampling.temperature = args.temperature.unwrap_or(sampler.sampling.temperature);
     AvatarConfig {
@@ -174,9 +166,19 @@ pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> Av
         guidance: args.guidance.unwrap_or(defaults.guidance),
         smoothing: args.smoothing.unwrap_or(defaults.smoothing),
         sampler,
-        life,
         ..defaults
     }
+}
+
+/// Returns the initial gain of each layer.
+pub(crate) fn layers(args: &GenerateArgs) -> LifeConfig {
+    let mut gains = LifeConfig::ON;
+    for &(layer, gain) in &args.life {
+        for &layer in layer.as_ref().map_or(&Layer::ALL[..], std::slice::from_ref) {
+            gains = gains.with(layer, gain);
+        }
+    }
+    gains
 }
 
 /// A loaded model and its open outputs.
@@ -256,7 +258,7 @@ fn named(config: &Config, name: &str, text: bool) -> Result<String, Failure> {
     if !text {
         return Ok(name.to_owned());
     }
-    let has_text = |name: &str| umo_core::lm::layout::Template::new(config, name).is_ok_and(|t| t.has_text());
+    let has_text = |name: &str| umo_core_model::lm::layout::Template::new(config, name).is_ok_and(|t| t.has_text());
     let candidates = [name.to_owned(), format!("{name}_with_text")];
     candidates
         .into_iter()

@@ -6,7 +6,7 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use clap::ArgMatches;
-use umo_core::file::AtomicFile;
+use umo_core_base::file::AtomicFile;
 
 use crate::args::GestureClip;
 use crate::failure::Failure;

@@ -16,11 +16,11 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use umo_core::animation::{Animation, Group};
-use umo_core::motion::clip::Clip;
-use umo_core::{ModelFile, Team};
+use umo_core::{Animation, ModelFile, Team};
+use umo_core_pose::clip::Clip;
+use umo_core_stream::animation::Group;
 
-use crate::animate::Maker;
+use crate::animate::{self, Maker};
 use crate::args::Batch;
 use crate::export::{self, Format};
 use crate::failure::Failure;
@@ -101,7 +101,7 @@ fn settings(args: &Batch, maker: &Maker) -> String {
         config.horizon,
         config.guidance,
         config.smoothing,
-        config.life,
+        animate::layers(&args.generate),
         args.generate.gesture,
         args.generate.gesture_clip,
         args.generate.start_pose,
@@ -210,7 +210,7 @@ fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSend
             match ready.recv() {
                 Ok(Ready { line, key, animation, frames }) => {
                     group.add(animation);
-                    let clip = Clip::new(model.config());
+                    let clip = model.config().clip();
                     places.push(Place { line, key, clip, frames, start: Instant::now() });
                 }
                 Err(_) => is_over = true,

@@ -7,14 +7,14 @@ mod report;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use umo_core::avatar::StageTimes;
-use umo_core::engine::{Engine, EngineConfig, Priority, Threads};
-use umo_core::floor::{self, Floor, Machine, Stored};
-use umo_core::model::Model;
-use umo_core::session::SessionConfig;
-use umo_core::weights::layout::{self, Kind};
-use umo_core::weights::writer::Storage;
-use umo_core::{LoadError, ModelFile, Precision};
+use umo_core::{
+    Engine, EngineConfig, LoadError, Model, ModelFile, Precision, Priority, SessionConfig, StageTimes, Threads,
+};
+use umo_core_model::weights::layout;
+use umo_core_model::weights::layout::Kind;
+use umo_core_model::weights::writer::Storage;
+use umo_core_tools::floor;
+use umo_core_tools::floor::{Floor, Machine, Stored};
 use umo_self_test::speed::Runner;
 
 use crate::args::Bench;

@@ -8,9 +8,10 @@ use std::cell::RefCell;
 use std::io;
 use std::path::Path;
 
-use umo_core::lm::text::TOKENIZER;
-use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Config, LoadError};
+use umo_core_model::lm::text::TOKENIZER;
+use umo_core_model::weights::writer;
+use umo_core_model::weights::writer::{NewTensor, Storage, Values};
 
 use crate::args::Convert;
 use crate::atomic_file;
@@ -71,7 +72,8 @@ fn config(args: &Convert) -> Result<Config, Failure> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    umo_core::file::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
+    umo_core_base::file::read(path)
+        .map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
 }
 
 /// Returns the new tensor. Its values are computed when they are written; an error among them is left in `failed`.

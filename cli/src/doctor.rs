@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use umo_core::Precision;
-use umo_core::defect::keep_quiet;
-use umo_core::model::Model;
+use umo_core::{Model, Precision};
+use umo_core_base::defect::keep_quiet;
 use umo_self_test::Report;
 
 use crate::args::Doctor;
@@ -13,7 +12,7 @@ use crate::model;
 
 pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     // A kernel that panics appears in the report.
-    keep_quiet(&[file!()]);
+    keep_quiet(&[umo_core::SOURCES, &[file!()]]);
     let file = model::open(args.model.as_deref())?;
     let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
     let model = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use umo_core::config::{FaceKind, Skeleton};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core::{ARKIT_NAMES, FaceKind, Skeleton};
+use umo_core_pose::clip::Clip;
 
 use crate::args::{Draw, View};
 use crate::export::jsonl;
@@ -26,7 +25,7 @@ pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<Clip, Failure> {
     let cannot = |cause: &dyn std::fmt::Display| Failure::input(format!("cannot read `{}`: {cause}", path.display()));
-    let text = umo_core::file::read_to_string(path).map_err(|cause| cannot(&cause))?;
+    let text = umo_core_base::file::read_to_string(path).map_err(|cause| cannot(&cause))?;
     jsonl::read(&text).map_err(|cause| cannot(&cause))
 }
 

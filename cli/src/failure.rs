@@ -3,8 +3,8 @@
 
 use std::fmt;
 
-use umo_core::stage::StageError;
 use umo_core::{LoadError, StepError};
+use umo_core_tools::stage::StageError;
 use umo_figure::FigureError;
 use umo_self_test::speed::SpeedError;
 

@@ -2,12 +2,9 @@
 
 use std::path::Path;
 
-use umo_core::animation::Animation;
-use umo_core::config::Skeleton;
-use umo_core::glb::clip;
-use umo_core::memory;
-use umo_core::motion::skeleton::JOINTS;
-use umo_core::{Gesture, GestureOptions, Gestures, Quat, SessionError};
+use umo_core::{Animation, Gesture, GestureOptions, Gestures, JOINTS, Quat, SessionError, Skeleton};
+use umo_core_base::memory;
+use umo_core_rig::glb::clip;
 
 use crate::args::GestureClip;
 use crate::failure::Failure;
@@ -51,7 +48,7 @@ fn frames(file: &Path, skeleton: &Skeleton) -> Result<(f32, Vec<[Quat; JOINTS]>)
         Some(Err(failure)) if !is_character(file) => Err(failure),
         _ => {
             let wrong = |problem: String| Failure::Input(format!("{}: {problem}", file.display()));
-            let bytes = umo_core::glb::read(file).map_err(|error| wrong(error.to_string()))?;
+            let bytes = umo_core_rig::glb::read(file).map_err(|error| wrong(error.to_string()))?;
             let frames = memory::catch(|| clip::read(&bytes, None, skeleton)).map_err(Failure::input)?;
             Ok((clip::RATE, frames.map_err(wrong)?))
         }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use umo_core::config::{AudioKind, FaceKind};
-use umo_core::weights::layout;
-use umo_core::{Config, ModelFile};
+use umo_core::{Config, FaceKind, ModelFile};
+use umo_core_model::config::AudioKind;
+use umo_core_model::weights::layout;
 
 use crate::args::Inspect;
 use crate::failure::Failure;

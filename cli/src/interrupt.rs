@@ -5,7 +5,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once, OnceLock};
 
-use umo_core::file::remove_parts;
+use umo_core_base::file::remove_parts;
 
 use crate::failure::Failure;
 

@@ -16,10 +16,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::model::Model;
-use umo_core::session::{Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice};
-use umo_core::{AudioSource, Precision};
+use umo_core::{
+    AudioSource, Engine, EngineConfig, Frame, MAX_RATE, MIN_RATE, Model, Precision, Pushed, Session, SessionConfig,
+    SessionError, Threads, Voice,
+};
 
 use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
@@ -228,9 +228,10 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     let config = engine.model().config();
     let mut avatar = animate::avatar(&args.generate, config, 0);
     avatar.target = args.generate.target.unwrap_or(TARGET);
-    avatar.gestures = crate::gestures::known(&args.generate.gesture_clip, &config.skeleton)?;
+    let gestures = crate::gestures::known(&args.generate.gesture_clip, &config.skeleton)?;
+    let layers = animate::layers(&args.generate);
     let made = engine
-        .session(&SessionConfig { avatar, sample_rate: rate, voice, ..SessionConfig::new(config) })
+        .session(&SessionConfig { avatar, layers, gestures, sample_rate: rate, voice, ..SessionConfig::new(config) })
         .map_err(Failure::input)?;
     if let Some(text) = &args.prompt {
         made.set_prompt(&animate::prompt(engine.model(), text)?).map_err(Failure::input)?;

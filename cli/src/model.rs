@@ -3,8 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use umo_core::config::Skeleton;
-use umo_core::{Config, ModelFile, Team};
+use umo_core::{Config, ModelFile, Skeleton, Team};
 use umo_kernels::Isa;
 
 use crate::args::Compute;
@@ -129,7 +128,7 @@ pub(crate) fn isa(compute: &Compute) -> Result<Isa, Failure> {
 
 /// Returns the requested number of threads, or the number of cores.
 pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
-    let most = umo_core::team::MAX_THREADS;
+    let most = umo_core::MAX_THREADS;
     match compute.threads {
         Some(threads) if (1..=most).contains(&threads) => Ok(threads),
         Some(threads) => Err(Failure::input(format!("--threads {threads}: expected 1 to {most}"))),

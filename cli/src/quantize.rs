@@ -13,11 +13,12 @@ use std::path::Path;
 
 use clap::ValueEnum;
 use glob::Pattern;
-use umo_core::calibration::Calibration;
-use umo_core::file::TemporaryFile;
-use umo_core::weights::layout::{self, Kind, Spec};
-use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{LoadError, ModelFile};
+use umo_core_base::file::TemporaryFile;
+use umo_core_model::calibration::Calibration;
+use umo_core_model::weights::layout::{Kind, Spec};
+use umo_core_model::weights::writer::{NewTensor, Storage, Values};
+use umo_core_model::weights::{layout, writer};
 
 use crate::args::{Quantize, StorageArg, WeightsArg};
 use crate::atomic_file;

@@ -5,10 +5,11 @@ mod sizes;
 
 use std::cell::RefCell;
 
-use umo_core::motion::skeleton::joints_of;
-use umo_core::weights::layout::{self, Kind, Spec};
-use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Config, Part};
+use umo_core_model::weights::layout::{Kind, Spec};
+use umo_core_model::weights::writer::{NewTensor, Storage, Values};
+use umo_core_model::weights::{layout, writer};
+use umo_core_pose::skeleton::joints_of;
 
 use crate::args::{LayoutArg, MakeRandom, StorageArg};
 use crate::atomic_file;
@@ -29,7 +30,7 @@ pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
     let mut tensors: Vec<NewTensor> =
         specs.iter().enumerate().map(|(i, spec)| tensor(&config, spec, args, i as u64)).collect();
     tensors.push(NewTensor {
-        name: umo_core::lm::text::TOKENIZER.to_owned(),
+        name: umo_core_model::lm::text::TOKENIZER.to_owned(),
         shape: vec![TEXT_MODEL.len()],
         storage: Storage::Bytes,
         values: Values::Bytes(TEXT_MODEL),

@@ -13,12 +13,11 @@
 
 use std::path::Path;
 
-use umo_core::config::{Face, FaceKind, Skeleton};
-use umo_core::glb::{Faces, Given};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{IDENTITY, Quat};
-use umo_core::motion::skeleton::ARKIT_NAMES;
-use umo_core::retarget::{Floor, Mapping, Retarget, Rig, other_bodies, undecorated};
+use umo_core::{ARKIT_NAMES, Face, FaceKind, Floor, Mapping, Quat, Retarget, Rig, Skeleton};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::rotation::IDENTITY;
+use umo_core_rig::glb::{Faces, Given};
+use umo_core_rig::retarget::{other_bodies, undecorated};
 
 use crate::args;
 use crate::failure::Failure;
@@ -113,8 +112,8 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
 /// Reads a character's file as one `.glb`, or another file unchanged.
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     let bytes = match is_character(path) {
-        true => umo_core::glb::read(path).and_then(|file| draco::decompressed(file).map_err(std::io::Error::other)),
-        false => umo_core::file::read(path),
+        true => umo_core_rig::glb::read(path).and_then(|file| draco::decompressed(file).map_err(std::io::Error::other)),
+        false => umo_core_base::file::read(path),
     };
     bytes.map_err(|problem| Failure::input(format!("{}: {problem}", path.display())))
 }

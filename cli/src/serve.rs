@@ -4,8 +4,7 @@ use std::net::ToSocketAddrs;
 use std::sync::Arc;
 use std::time::Duration;
 
-use umo_core::Precision;
-use umo_core::model::Model;
+use umo_core::{Model, Precision};
 use umo_serve::{Config, ServerError, Tokens};
 
 use crate::args::Serve;

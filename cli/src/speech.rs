@@ -4,9 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use umo_audio_file::{ReadError, Reader};
-use umo_core::audio::level::{Gains, Meter};
-use umo_core::audio::resample::{Resampler, mix};
-use umo_core::{AudioSource, StepError};
+use umo_core::{AudioSource, Resampler, StepError};
+use umo_core_base::level::{Gains, Meter};
+use umo_core_base::samples::mix;
 
 use crate::failure::Failure;
 

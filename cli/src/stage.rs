@@ -3,10 +3,10 @@
 use std::io::Write;
 use std::path::Path;
 
-use umo_core::Precision;
-use umo_core::lm::sampler::Sampler;
-use umo_core::stage::{self, Inputs, Options};
-use umo_core::weights::Loader;
+use umo_core::{Precision, Sampler};
+use umo_core_model::weights::Loader;
+use umo_core_tools::stage;
+use umo_core_tools::stage::{Inputs, Options};
 
 use crate::args::Stage;
 use crate::failure::Failure;
@@ -36,5 +36,5 @@ pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    umo_core::file::read(path).map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
+    umo_core_base::file::read(path).map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
 }

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use umo_core::animation::Animation;
-use umo_core::motion::clip::{Clip, MotionEncoder};
-use umo_core::weights::Loader;
-use umo_core::{Compute, Config, PerPart, Precision};
+use umo_core::{Animation, Compute, Config, PerPart, Precision};
+use umo_core_model::motion::MotionEncoder;
+use umo_core_model::weights::Loader;
+use umo_core_pose::clip::Clip;
 
 use crate::failure::Failure;
 use crate::import::npz;
@@ -40,7 +40,7 @@ pub(crate) fn begin(cx: Compute, loader: &Loader, path: &Path, animation: &mut A
 
 /// Reads the motion of an SMPL-X `.npz` file with the model's bones and face, resampled to the model's rate.
 fn read(path: &Path, config: &Config) -> Result<Clip, String> {
-    let empty = Clip::new(config);
+    let empty = config.clip();
     let wanted = empty.frame_rate;
     let (clip, notes) = npz::fill(&mut npz::open(path)?, empty)?;
     notes.iter().for_each(|note| eprintln!("note: {}: {note}", path.display()));

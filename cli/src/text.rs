@@ -1,9 +1,7 @@
 //! `umo text`: animates a description, by the model or by the table of gestures.
 
-use umo_core::animation::Animation;
-use umo_core::config::Config;
-use umo_core::lm::layout::Template;
-use umo_core::{GestureOptions, Gestures};
+use umo_core::{Animation, Config, GestureOptions, Gestures};
+use umo_core_model::lm::layout::Template;
 
 use crate::animate::{Job, TEXT};
 use crate::args::Text;

@@ -10,9 +10,10 @@ use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use umo_core::weights::layout::{self, Kind};
-use umo_core::weights::writer::Storage;
 use umo_core::{Config, ModelFile};
+use umo_core_model::weights::layout;
+use umo_core_model::weights::layout::Kind;
+use umo_core_model::weights::writer::Storage;
 
 const POSITION: &str = "encoder.pos_conv_embed.conv";
 const ROUTER: &str = "lm.encoder.block.1.layer.1.moe.router.weight";

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use tempfile::TempDir;
-use umo_core::animation::Animation;
-use umo_core::calibration::Calibration;
-use umo_core::session::SessionConfig;
-use umo_core::weights::layout::{self, Kind};
-use umo_core::weights::writer::Storage;
-use umo_core::{Compute, Isa, Model, ModelFile, Team};
+use umo_core::{Animation, Compute, Isa, Model, ModelFile, SessionConfig, Team};
+use umo_core_model::calibration::Calibration;
+use umo_core_model::weights::layout;
+use umo_core_model::weights::layout::Kind;
+use umo_core_model::weights::writer::Storage;
 
 /// Suffixes of the tensors whose channels are equalised: two that produce them, two that consume them.
 const EVENED: [&str; 4] = [".v.weight", ".wi_1.weight", ".o.weight", ".wo.weight"];

@@ -6,8 +6,8 @@
 
 use super::rest::{Rest, joint};
 use super::vector::{V, hypot, sub, unit};
-use umo_core::motion::rotation::{IDENTITY, Quat, inverse, normalized, product, slerp};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core_pose::rotation::{IDENTITY, Quat, inverse, normalized, product, slerp};
+use umo_core_pose::skeleton::JOINTS;
 
 /// A joint at the position of another one that takes shares of its rotation: of the bone's swing, and of the twist
 /// about it. Helper `i` of [`Mesh::helpers`](crate::Mesh::helpers) has the joint index 55 + i.

@@ -21,9 +21,8 @@
 use std::collections::HashMap;
 use std::fmt;
 
-use umo_core::config::Skeleton;
-use umo_core::memory;
-use umo_core::motion::skeleton::JOINTS;
+use umo_core_base::memory;
+use umo_core_pose::skeleton::{JOINTS, Skeleton};
 
 mod body;
 pub mod detail;

@@ -2,9 +2,8 @@
 
 use super::Mesh;
 use super::vector::{V, add, dot, scale, sub, unit};
-use umo_core::config::Skeleton;
-use umo_core::motion::rotation::{IDENTITY, Matrix, Quat, product, quat_to_matrix, rotate};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core_pose::rotation::{IDENTITY, Matrix, Quat, product, quat_to_matrix, rotate};
+use umo_core_pose::skeleton::{JOINTS, Skeleton};
 
 /// Positions and normals of all vertices.
 pub struct Posed {

@@ -2,8 +2,7 @@
 
 use super::vector::{V, add, distance, length, mix, scale, sub};
 use crate::FigureError;
-use umo_core::config::Skeleton;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS, Skeleton};
 
 /// The joints of a skeleton in its rest pose.
 pub(super) struct Rest {

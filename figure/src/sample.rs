@@ -1,8 +1,8 @@
 //! A person's skeleton and an animation of it, for tests.
 
-use umo_core::config::{Face, FaceKind, Skeleton};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{ARKIT_NAMES, JOINTS};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::face::{Face, FaceKind};
+use umo_core_pose::skeleton::{ARKIT_NAMES, JOINTS, Skeleton};
 
 const PARENTS: [i32; JOINTS] = [
     -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15, 20, 25, 26, 20, 28, 29, 20,

@@ -4,7 +4,7 @@ use super::*;
 use crate::sample;
 use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
-use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core_pose::skeleton::ARKIT_NAMES;
 use vector::{distance, mirrored, sub};
 
 mod clothes;
@@ -212,7 +212,7 @@ fn the_skin_under_the_sleeve_goes_with_the_forearm() {
     assert!(hidden.len() > 20, "{}", hidden.len());
     for axis in 0..3 {
         for angle in [-1.0_f32, 1.0] {
-            let mut rotations = [umo_core::motion::rotation::IDENTITY; umo_core::motion::skeleton::JOINTS];
+            let mut rotations = [umo_core_pose::rotation::IDENTITY; umo_core_pose::skeleton::JOINTS];
             rotations[joint][axis] = (0.5 * angle).sin();
             rotations[joint][3] = (0.5 * angle).cos();
             let posed = mesh.posed(&skeleton, &rotations, [0.0; 3], &[]);

@@ -6,12 +6,12 @@ use std::io::{self, Write};
 use gltf_json as json;
 use json::{Index, Node};
 use serde_json::{Map, Value, json};
-use umo_core::config::{Face, FaceKind, Skeleton};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::pose::{Assembly, GAZE_SIDEWAYS, GAZE_UPWARDS};
-use umo_core::motion::rotation::{IDENTITY, rotate};
-use umo_core::motion::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
-use umo_core::motion::visemes::{VISEME_NAMES, VISEMES};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::face::{Face, FaceKind};
+use umo_core_pose::pose::{Assembly, GAZE_SIDEWAYS, GAZE_UPWARDS};
+use umo_core_pose::rotation::{IDENTITY, rotate};
+use umo_core_pose::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS, Skeleton};
+use umo_core_pose::visemes::{VISEME_NAMES, VISEMES};
 use umo_figure::{Figure, FigureError};
 
 use crate::builder::{self, Builder};

@@ -9,7 +9,7 @@ use json::{Accessor, Index, Node, buffer, image, material, texture};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::ops::Range;
-use umo_core::memory::{append, collected};
+use umo_core_base::memory::{append, collected};
 use umo_figure::Mesh as Figure;
 use umo_figure::detail::Detail;
 use umo_figure::palette::Palette;
@@ -32,7 +32,7 @@ pub(crate) struct Builder {
     bin: Vec<u8>,
 }
 
-/// Growing byte buffer. Unwinds to [`umo_core::memory::catch`] if memory is exhausted.
+/// Growing byte buffer. Unwinds to [`umo_core_base::memory::catch`] if memory is exhausted.
 #[derive(Default)]
 struct Bytes(Vec<u8>);
 

@@ -8,10 +8,10 @@ use gltf_json as json;
 use json::animation::Property;
 use json::validation::Checked::Valid;
 use json::{Index, Node, mesh};
-use umo_core::config::FaceKind;
-use umo_core::memory::collected;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core_base::memory::collected;
+use umo_core_pose::clip::Clip;
+use umo_core_pose::face::FaceKind;
+use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS};
 use umo_figure::palette::Palette;
 use umo_figure::{Figure, Helper, Mesh};
 

@@ -1,8 +1,8 @@
 //! Assigns the figure's shapes to face channels.
 
 use std::collections::BTreeMap;
-use umo_core::motion::rotation::{Quat, rotate};
-use umo_core::motion::visemes;
+use umo_core_pose::rotation::{Quat, rotate};
+use umo_core_pose::visemes;
 use umo_figure::{Mesh, Morph};
 
 /// Shape of one channel: vertex indices, ascending and relative to the head's first vertex, with the displacements.

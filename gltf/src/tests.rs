@@ -1,9 +1,9 @@
 //! Files are read back by the `gltf` crate, which shares no code with the writer.
 
 use proptest::prelude::*;
-use umo_core::config::FaceKind;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS, joint_places};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::face::FaceKind;
+use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS, joint_places};
 use umo_figure::{Figure, sample};
 
 mod avatar;

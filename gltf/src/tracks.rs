@@ -4,8 +4,8 @@ use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
 use json::validation::Checked::Valid;
 use json::{Accessor, Index, Node};
-use umo_core::memory::collected;
-use umo_core::motion::clip::Clip;
+use umo_core_base::memory::collected;
+use umo_core_pose::clip::Clip;
 
 use crate::builder::{self, Builder};
 

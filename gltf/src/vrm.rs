@@ -1,7 +1,7 @@
 //! VRM's names of bones and expressions, and the standing height of an avatar.
 
-use umo_core::motion::rotation::{IDENTITY, Quat, normalized};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core_pose::rotation::{IDENTITY, Quat, normalized};
+use umo_core_pose::skeleton::JOINTS;
 
 /// Joints from the pelvis to the ball of the left foot.
 const LEG: [usize; 4] = [1, 4, 7, 10];

@@ -7,12 +7,12 @@ use gltf_json as json;
 use json::animation::Property;
 use json::{Index, Node};
 use serde_json::{Map, Value, json};
-use umo_core::config::FaceKind;
-use umo_core::memory::{collected, with_capacity};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{Quat, inverse, normalized, product};
-use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::face::FaceMap;
+use umo_core_base::memory::{collected, with_capacity};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::face::FaceKind;
+use umo_core_pose::rotation::{Quat, inverse, normalized, product};
+use umo_core_pose::skeleton::JOINTS;
+use umo_core_rig::retarget::face::FaceMap;
 
 use crate::builder::{self, Builder};
 use crate::tracks::{Tracks, track};

@@ -9,8 +9,8 @@ mod tests;
 
 use std::time::Duration;
 
-use umo_core::defect::contain_quietly;
-use umo_core::time::Instant;
+use umo_core_base::defect::contain_quietly;
+use umo_core_base::time::Instant;
 use umo_kernels::Isa;
 
 pub use calls::{CALLS, Call};

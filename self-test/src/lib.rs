@@ -25,7 +25,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use umo_core::model::Model;
+use umo_core::Model;
 use umo_kernels::Isa;
 
 use kernels::Checked;

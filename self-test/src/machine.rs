@@ -1,6 +1,6 @@
 //! The machine: processor, instruction sets, cores.
 
-use umo_core::thread;
+use umo_core_base::thread;
 use umo_kernels::Isa;
 
 /// Properties of the machine, without host name, user name or path.

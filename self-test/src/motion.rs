@@ -5,12 +5,8 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use umo_core::animation::Animation;
-use umo_core::avatar::AvatarConfig;
-use umo_core::model::Model;
-use umo_core::motion::FrameRef;
-use umo_core::motion::skeleton::{JOINT_NAMES, joint_places};
-use umo_core::{Compute, Team};
+use umo_core::{Animation, AvatarConfig, Compute, FrameRef, JOINT_NAMES, Model, Team};
+use umo_core_pose::skeleton::joint_places;
 use umo_kernels::Isa;
 
 use crate::voice;

@@ -4,10 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use umo_core::Config;
-use umo_core::engine::{Engine, EngineConfig, EngineError, Threads};
-use umo_core::model::Model;
-use umo_core::session::{Session, SessionConfig, SessionError};
+use umo_core::{Config, Engine, EngineConfig, EngineError, Model, Session, SessionConfig, SessionError, Threads};
 
 use crate::voice;
 

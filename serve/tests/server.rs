@@ -95,7 +95,7 @@ fn offline(config: &SessionConfig, samples: &[i16]) -> Vec<Vec<u32>> {
     let samples: Vec<f32> = samples.iter().map(|&sample| f32::from(sample) / 32768.0).collect();
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };
-    let mut animation = Animation::new(model, &config.avatar).unwrap();
+    let mut animation = Animation::with_layers(model, &config.avatar, config.layers, config.gestures.clone()).unwrap();
     animation.push_audio(&samples).unwrap();
     animation.finish(samples.len() * model.config().frame_rate / config.sample_rate);
     let mut frames = Vec::new();
@@ -147,7 +147,7 @@ async fn packets_decode_to_the_bits_of_the_library() {
     let packets = client.packets_until_done().await;
 
     let mut config = settings(3);
-    config.avatar.life = LifeConfig::OFF;
+    config.layers = LifeConfig::OFF;
     let decoder = Session::decoder(&MODEL, &config).unwrap();
     let mut frames = Vec::new();
     for packet in &packets {

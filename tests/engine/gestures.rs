@@ -1,8 +1,7 @@
 //! Gestures on command: streamed and offline frames are the same, and the effects of a host's calls.
 
 use super::*;
-use umo_core::life::{Gesture, GestureOptions, GestureParts, LifeConfig, MAX_PENDING_GESTURES, Side};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{Gesture, GestureOptions, GestureParts, JOINTS, LifeConfig, MAX_PENDING_GESTURES, Side};
 
 /// Gestures that these tests play, with their times in no order.
 fn asked() -> Vec<(&'static str, GestureOptions)> {
@@ -24,7 +23,7 @@ fn offline_with(
     asked: &[(&str, GestureOptions)],
 ) -> Vec<Vec<u32>> {
     let team = Team::new(1).unwrap();
-    let mut animation = Animation::new(model, &config.avatar).unwrap();
+    let mut animation = Animation::with_layers(model, &config.avatar, config.layers, config.gestures.clone()).unwrap();
     for (name, options) in asked {
         animation.play_gesture(name, options).unwrap();
     }
@@ -37,7 +36,7 @@ fn offline_with(
 }
 
 fn with_layers(mut config: SessionConfig, life: LifeConfig) -> SessionConfig {
-    config.avatar.life = life;
+    config.layers = life;
     config
 }
 
@@ -193,7 +192,7 @@ fn a_restored_session_goes_on_with_its_gesture() {
     assert!(pull(&other) == pull(&session));
     let mut config = config;
     let clip = Gesture::new("salute", 30.0, &[[[0.0, 0.0, 0.0, 1.0]; JOINTS]; 30], 0.5, GestureParts::ALL).unwrap();
-    config.avatar.gestures.add(clip).unwrap();
+    config.gestures.add(clip).unwrap();
     let other = engine.session(&config).unwrap();
     let error = other.restore(&state[..len]).unwrap_err().to_string();
     assert!(error.contains("gestures"), "{error}");

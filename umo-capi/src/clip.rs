@@ -2,7 +2,7 @@
 
 use std::ffi::{c_char, c_void};
 
-use umo_core::config::FaceKind;
+use umo_core::FaceKind;
 
 use crate::ffi::{self, Sized32, guard};
 use crate::frame::UmoFrameLayout;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use umo_core::engine::{Engine, EngineConfig, Lender, Poll, Priority, Threads};
-use umo_core::memory;
+use umo_core::{Engine, EngineConfig, Lender, Poll, Priority, Threads};
+use umo_core_base::memory;
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
 use crate::gesture::Known;

@@ -3,7 +3,7 @@
 
 use std::ffi::{CStr, c_char};
 
-use umo_core::defect::{contain_quietly, keep_quiet};
+use umo_core_base::defect::{contain_quietly, keep_quiet};
 
 use crate::status::{
     Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_OK, UMO_STATUS_STRUCT_SIZE, UmoStatus, remember,
@@ -18,7 +18,7 @@ const MAX_BYTES: usize = isize::MAX as usize;
 
 /// Runs a call without a session; the detail of a failure is kept for `umo_last_error`.
 pub(crate) fn guard(call: impl FnOnce() -> Result<(), Failure>) -> UmoStatus {
-    keep_quiet(&[file!()]);
+    keep_quiet(&[umo_core::SOURCES, &[file!()]]);
     // State that a caught panic may leave inconsistent is behind a handle: a session is poisoned, and engines
     // and models are not changed.
     let result = contain_quietly(call).unwrap_or_else(|defect| Err(Failure::defect(&defect)));

@@ -2,12 +2,9 @@
 
 use std::ffi::c_void;
 
-use umo_core::motion::axes::Axes;
 #[cfg(feature = "gltf")]
-use umo_core::motion::pose::Pose;
-use umo_core::motion::skeleton::JOINTS;
-use umo_core::motion::visemes::VISEMES;
-use umo_core::session::Frame;
+use umo_core::{Frame, JOINTS, Pose, VISEMES};
+use umo_core_pose::axes::Axes;
 
 use crate::ffi::{self, Sized32, guard};
 use crate::model::{self, ModelHandle, UmoModel};

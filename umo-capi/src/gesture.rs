@@ -3,10 +3,8 @@
 use std::ffi::{CString, c_char, c_void};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use umo_core::error::LoadError;
-use umo_core::life::{Gesture, GestureOptions, GestureParts, Gestures, MAX_GESTURE_FRAMES, Side};
-use umo_core::memory;
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{Gesture, GestureOptions, GestureParts, Gestures, JOINTS, LoadError, MAX_GESTURE_FRAMES, Side};
+use umo_core_base::memory;
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put};
@@ -274,11 +272,11 @@ pub unsafe extern "C" fn umo_engine_add_gesture(
 fn read(path: &str) -> Result<Vec<u8>, Failure> {
     // Without retargeting, `File::gesture` refuses every file.
     #[cfg(not(feature = "retarget"))]
-    use umo_core::file::read;
+    use umo_core_base::file::read;
     #[cfg(feature = "retarget")]
-    use umo_core::glb::read;
+    use umo_core_rig::glb::read;
     let unread = |cause| Failure::io(&cause, format_args!("cannot read {path}: {cause}"));
-    umo_core::memory::catch(|| read(path.as_ref()))?.map_err(unread)
+    umo_core_base::memory::catch(|| read(path.as_ref()))?.map_err(unread)
 }
 
 #[cfg(not(feature = "files"))]

@@ -7,7 +7,8 @@ use std::ptr::NonNull;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
 
-use umo_core::memory::{self, Arena, Boxed};
+use umo_core_base::memory;
+use umo_core_base::memory::{Arena, Boxed};
 
 use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALID_HANDLE};
 
@@ -167,7 +168,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
                 if look < SPINS {
                     std::hint::spin_loop()
                 } else {
-                    umo_core::thread::yield_now()
+                    umo_core_base::thread::yield_now()
                 }
                 continue;
             }

@@ -41,7 +41,7 @@ pub mod clip;
 
 use std::ffi::c_char;
 
-use umo_core::motion::axes::Axes;
+use umo_core_pose::axes::Axes;
 
 use status::Failure;
 

@@ -2,7 +2,7 @@
 
 use std::ffi::c_void;
 
-use umo_core::memory::{BlockError, HostMemory};
+use umo_core_base::memory::{BlockError, HostMemory};
 
 use crate::status::Failure;
 

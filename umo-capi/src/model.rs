@@ -5,15 +5,11 @@ pub mod inspect;
 use std::ffi::{CString, c_char, c_void};
 use std::sync::Arc;
 
-use umo_core::config::FaceKind;
-use umo_core::lm::layout::MAX_PROMPT_TOKENS;
-use umo_core::memory;
-use umo_core::model::Model;
-use umo_core::motion::skeleton::JOINTS;
-use umo_core::motion::visemes::{VISEMES, Visemes};
-use umo_core::session::SessionConfig;
-use umo_core::time::Instant;
-use umo_core::{LoadError, ModelFile, Precision};
+use umo_core::{
+    FaceKind, JOINTS, LoadError, MAX_PROMPT_TOKENS, Model, ModelFile, Precision, SessionConfig, VISEMES, Visemes,
+};
+use umo_core_base::memory;
+use umo_core_base::time::Instant;
 use umo_kernels::Isa;
 
 use crate::UMO_ABI_VERSION;
@@ -240,7 +236,7 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
 #[cfg(all(feature = "threads", not(target_family = "wasm")))]
 fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
     use std::sync::{Mutex, PoisonError};
-    use umo_core::thread;
+    use umo_core_base::thread;
 
     let count = thread::available();
     let threads = Mutex::new(Vec::with_capacity(count));

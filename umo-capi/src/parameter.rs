@@ -2,10 +2,7 @@
 
 use std::ffi::{CStr, c_char};
 
-use umo_core::config::Sampling;
-use umo_core::life::{Attention, Layer, LipShape, Mood};
-use umo_core::part::Part;
-use umo_core::session::{Idle, MAX_GAIN, MAX_OUTPUT_DELAY, Session};
+use umo_core::{Attention, Idle, Layer, LipShape, MAX_GAIN, MAX_OUTPUT_DELAY, Mood, Part, Sampling, Session};
 
 use crate::ffi::{self, Sized32, guard};
 use crate::status::{Failure, UmoStatus};

@@ -1,7 +1,7 @@
 //! Level of whole recordings.
 
-use umo_core::audio::level::{MAX_CHANNELS, Meter};
-use umo_core::audio::resample::{MAX_RATE, MIN_RATE};
+use umo_core_base::level::{MAX_CHANNELS, Meter};
+use umo_core_model::audio::resample::{MAX_RATE, MIN_RATE};
 
 use crate::ffi::{self, guard, wanted};
 use crate::status::{Failure, UmoStatus};

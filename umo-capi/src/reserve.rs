@@ -3,14 +3,14 @@
 //! The standard library and other crates abort the process if they get no memory for a name or a map. Here such a piece
 //! comes from the reserve, the work continues to the end of its [`memory::watch`], and the call fails with
 //! `UMO_STATUS_OUT_OF_MEMORY`. The result is dropped, and the reserve is whole again. Pieces that are large because of
-//! a model file or a configuration are refused, and handled by [`umo_core::memory`].
+//! a model file or a configuration are refused, and handled by [`umo_core_base::memory`].
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::UnsafeCell;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use umo_core::memory;
+use umo_core_base::memory;
 
 /// Size of a unit of the reserve, in bytes.
 const UNIT: usize = 16;

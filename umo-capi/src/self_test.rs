@@ -2,8 +2,8 @@
 
 use std::ffi::c_char;
 
-use umo_core::team::MAX_THREADS;
-use umo_core::{memory, thread};
+use umo_core::MAX_THREADS;
+use umo_core_base::{memory, thread};
 
 use crate::ffi::{self, guard, put, wanted};
 use crate::model::{UmoModel, get};

@@ -16,9 +16,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use umo_core::defect::contain;
-use umo_core::memory::{self, Arena, Boxed, HostMemory};
-use umo_core::session::{PacketConfig, Session, SessionConfig, Voice};
+use umo_core::{PacketConfig, Session, SessionConfig, Voice};
+use umo_core_base::defect::contain;
+use umo_core_base::memory;
+use umo_core_base::memory::{Arena, Boxed, HostMemory};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
@@ -267,6 +268,8 @@ impl UmoSessionConfig {
     fn defaults(model: &ModelHandle) -> Self {
         let SessionConfig {
             avatar,
+            layers: _,
+            gestures: _,
             sample_rate,
             channels,
             voice,
@@ -430,7 +433,7 @@ pub unsafe extern "C" fn umo_session_memory(
         let layout = memory::watch(|| {
             // SAFETY: guaranteed by the caller (see # Safety).
             let (mut config, _) = unsafe { read_config(config, &engine.model)? };
-            config.avatar.gestures = engine.gestures.gestures();
+            config.gestures = engine.gestures.gestures();
             plan(&engine, &config)
         })??;
         // SAFETY: guaranteed by the caller (see # Safety).
@@ -467,7 +470,7 @@ pub unsafe extern "C" fn umo_session_new(
         let made = memory::watch(|| {
             // SAFETY: guaranteed by the caller (see # Safety).
             let (mut config, allocator) = unsafe { read_config(config, &engine.model)? };
-            config.avatar.gestures = engine.gestures.gestures();
+            config.gestures = engine.gestures.gestures();
             make(&engine, &config, allocator)
         });
         let handle = made.map_err(Failure::from).flatten().and_then(|made| SESSIONS.insert(made));

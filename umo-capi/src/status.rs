@@ -4,10 +4,7 @@ use std::cell::UnsafeCell;
 use std::ffi::{CStr, c_char};
 use std::fmt::{self, Write as _};
 
-use umo_core::engine::{EngineError, PollError};
-use umo_core::memory::OutOfMemory;
-use umo_core::session::SessionError;
-use umo_core::{Defect, LoadError, PacketError};
+use umo_core::{Defect, EngineError, LoadError, OutOfMemory, PacketError, PollError, SessionError};
 
 /// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never reused.
 pub type UmoStatus = i32;

@@ -5,9 +5,8 @@ use std::alloc::{Layout, alloc, dealloc};
 use std::ffi::{CString, c_char};
 use std::sync::{Mutex, PoisonError};
 
-use umo_core::glb::{FollowScratch, Follower};
-use umo_core::motion::pose::Pose;
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{JOINTS, Pose};
+use umo_core_rig::glb::{FollowScratch, Follower};
 
 use crate::ffi::{self, guard};
 use crate::handle::{self, Table};
@@ -53,7 +52,7 @@ struct Character {
 static CHARACTERS: Table<Character, MAX_CHARACTERS> = Table::new(4, "character");
 
 /// Reads a character from a `.glb` file of `size` bytes, to follow poses of the kind that `source` describes
-/// (`umo_core::glb::Follower::read`). Both are read during the call. `description` is JSON, valid
+/// (`umo_core_rig::glb::Follower::read`). Both are read during the call. `description` is JSON, valid
 /// until the character is freed.
 ///
 /// # Safety

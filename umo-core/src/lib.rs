@@ -38,115 +38,102 @@
 //! | `mmap` | yes | model files are mapped and not read: less memory while loading. Implies `files` |
 //! | `resample` | yes | sessions at any sample rate, not at the model's alone |
 //! | `retarget` | yes | poses on other skeletons, face channels on other blendshapes, gestures out of characters' files |
-//! | `internals` | no | every module, for tools of this repository. **Unstable:** any release may change it |
 #![deny(unsafe_code)]
 #![cfg_attr(docsrs, feature(doc_cfg))]
-// Without `internals` the modules are private, and some of what they hold serves only the tools.
-#![cfg_attr(not(feature = "internals"), allow(unreachable_pub, dead_code, unused_imports, reason = "for `internals`"))]
-
-#[path = "."]
-mod inner {
-    pub mod aligned;
-    pub mod animation;
-    pub mod audio;
-    pub mod avatar;
-    pub mod batch;
-    #[cfg(feature = "internals")]
-    pub mod calibration;
-    pub mod clock;
-    pub mod config;
-    pub mod defect;
-    pub mod engine;
-    pub mod error;
-    #[cfg(feature = "files")]
-    pub mod file;
-    pub mod floor;
-    #[cfg(feature = "retarget")]
-    pub mod glb;
-    pub mod interp;
-    pub mod life;
-    pub mod linear;
-    pub mod lm;
-    pub mod memory;
-    pub mod model;
-    pub mod motion;
-    pub mod mouth;
-    pub mod names;
-    pub mod packet;
-    pub mod part;
-    pub mod record;
-    #[cfg(feature = "retarget")]
-    pub mod retarget;
-    pub mod retime;
-    pub mod session;
-    pub mod stage;
-    pub(crate) mod state;
-    pub(crate) mod stream;
-    pub(crate) mod sync;
-    pub mod team;
-    pub mod thread;
-    pub mod time;
-    pub mod weights;
-}
-
-#[cfg(feature = "internals")]
-pub use inner::*;
-#[cfg(not(feature = "internals"))]
-use inner::*;
-use inner::{state, stream, sync};
 
 // Models.
-pub use inner::config::{Config, Face, FaceKind, Sampling, Skeleton};
-pub use inner::linear::Precision;
-pub use inner::lm::text::TextTokenizer;
-pub use inner::model::Model;
-pub use inner::weights::ModelFile;
+#[doc(inline)]
+pub use umo_core_model::config::{Config, Sampling};
+#[doc(inline)]
+pub use umo_core_model::linear::Precision;
+#[doc(inline)]
+pub use umo_core_model::lm::text::TextTokenizer;
+#[doc(inline)]
+pub use umo_core_model::model::Model;
+#[doc(inline)]
+pub use umo_core_model::weights::ModelFile;
+#[doc(inline)]
+pub use umo_core_pose::face::{Face, FaceKind};
+#[doc(inline)]
+pub use umo_core_pose::skeleton::Skeleton;
+#[doc(inline)]
 pub use umo_kernels::Isa;
 
 // Live speech.
-pub use inner::audio::MAX_AMPLITUDE;
-pub use inner::avatar::{AvatarConfig, StageTimes};
-pub use inner::clock::Clock;
-pub use inner::engine::{Engine, EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Poll, Priority, Threads};
-pub use inner::life::{
-    Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LifeConfig, LipShape,
-    MAX_GESTURE_FRAMES, MAX_GESTURES, MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, Mood, Side,
+#[doc(inline)]
+pub use umo_core_base::clock::Clock;
+#[doc(inline)]
+pub use umo_core_base::samples::MAX_AMPLITUDE;
+#[doc(inline)]
+pub use umo_core_layers::{
+    Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LifeConfig, LipShape, MAX_GESTURES,
+    MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, Mood, Side,
 };
-pub use inner::lm::layout::MAX_PROMPT_TOKENS;
-pub use inner::lm::sampler::Sampler;
-pub use inner::session::{
+#[doc(inline)]
+pub use umo_core_model::avatar::{AvatarConfig, StageTimes};
+#[doc(inline)]
+pub use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
+#[doc(inline)]
+pub use umo_core_model::lm::sampler::Sampler;
+#[doc(inline)]
+pub use umo_core_pose::clip::MAX_GESTURE_FRAMES;
+#[doc(inline)]
+pub use umo_core_stream::engine::{Engine, EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Poll, Priority, Threads};
+#[doc(inline)]
+pub use umo_core_stream::session::{
     AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_OUTPUT_DELAY, MAX_RATE, MIN_RATE,
     PacketConfig, Pushed, Sampled, Session, SessionConfig, Stats, Voice,
 };
 
 // Recordings.
-pub use inner::animation::{Animation, AudioSource};
+#[doc(inline)]
+pub use umo_core_base::team::{MAX_THREADS, Team};
 #[cfg(feature = "resample")]
-pub use inner::audio::resample::Resampler;
-pub use inner::linear::Compute;
-pub use inner::motion::FrameRef;
-pub use inner::team::{MAX_THREADS, Team};
+#[doc(inline)]
+pub use umo_core_model::audio::resample::Resampler;
+#[doc(inline)]
+pub use umo_core_model::linear::Compute;
+#[doc(inline)]
+pub use umo_core_model::motion::FrameRef;
+#[doc(inline)]
+pub use umo_core_stream::animation::{Animation, AudioSource};
 
 // Packets.
-pub use inner::packet::{Decoder, PacketError, PacketHead, PacketLayout, Received};
+#[doc(inline)]
+pub use umo_core_stream::packet::{Decoder, PacketError, PacketHead, PacketLayout, Received};
 
 // Poses.
-pub use inner::motion::Pose;
-pub use inner::motion::rotation::Quat;
-pub use inner::motion::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
-pub use inner::motion::visemes::{VISEME_NAMES, VISEMES, Visemes};
-pub use inner::part::{Part, PerPart};
+#[doc(inline)]
+pub use umo_core_pose::part::{Part, PerPart};
+#[doc(inline)]
+pub use umo_core_pose::pose::Pose;
+#[doc(inline)]
+pub use umo_core_pose::rotation::Quat;
+#[doc(inline)]
+pub use umo_core_pose::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
+#[doc(inline)]
+pub use umo_core_pose::visemes::{VISEME_NAMES, VISEMES, Visemes};
 #[cfg(feature = "retarget")]
-pub use inner::retarget::{
-    Bone, Floor, Follow, MAX_BONES, Mapping, Retarget, RetargetError, Rig, Scratch as RetargetScratch, face::FaceMap,
+#[doc(inline)]
+pub use umo_core_rig::retarget::face::FaceMap;
+#[cfg(feature = "retarget")]
+#[doc(inline)]
+pub use umo_core_rig::retarget::{
+    Bone, Floor, Follow, MAX_BONES, Mapping, Retarget, RetargetError, Rig, Scratch as RetargetScratch,
 };
 
 // Errors.
-pub use inner::defect::Defect;
-pub use inner::engine::{EngineError, PollError};
-pub use inner::error::{LoadError, StepError};
-pub use inner::memory::OutOfMemory;
-pub use inner::session::{SessionError, StateError};
+#[doc(inline)]
+pub use umo_core_base::defect::Defect;
+#[doc(inline)]
+pub use umo_core_base::error::{LoadError, StepError};
+#[doc(inline)]
+pub use umo_core_base::memory::OutOfMemory;
+#[doc(inline)]
+pub use umo_core_stream::engine::{EngineError, PollError};
+#[doc(inline)]
+pub use umo_core_stream::session::{SessionError, StateError};
 
-/// This crate's folder of sources, as panics name it.
-const SOURCE: &str = file!();
+/// A source file of each crate of this library, as panics name them.
+#[doc(hidden)]
+pub use umo_core_stream::SOURCES;

@@ -5,9 +5,9 @@ mod counting;
 use std::path::PathBuf;
 
 use counting::{allocator_calls, check_counter};
-use umo_core::audio::Tokenizer;
-use umo_core::weights::Loader;
 use umo_core::{Compute, ModelFile, Precision, Team};
+use umo_core_model::audio::Tokenizer;
+use umo_core_model::weights::Loader;
 use umo_kernels::Isa;
 
 fn main() {

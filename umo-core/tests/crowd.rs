@@ -7,12 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::life::LifeConfig;
-use umo_core::model::Model;
-use umo_core::session::{Session, SessionConfig};
-use umo_core::{ModelFile, Precision};
+use umo_core::{Clock, Engine, EngineConfig, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Threads};
 use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;
@@ -61,7 +56,7 @@ impl Crowd {
         let engine = Engine::new(model, &config).unwrap();
         engine.set_late_limit(limit);
         let mut config = SessionConfig::new(engine.model().config());
-        config.avatar.life = LifeConfig::OFF;
+        config.layers = LifeConfig::OFF;
         let avatar = |number: usize| {
             let session = engine.session(&config).unwrap();
             Avatar { session, start: 400 * MILLISECOND * number as u64 / MANY as u64, pushed: 0, frames: Vec::new() }
@@ -101,7 +96,7 @@ impl Crowd {
                     avatar.start = now.saturating_sub(avatar.pushed as u64 * MILLISECOND / 16);
                 }
                 let frames = &mut avatar.frames;
-                let keep = |frame: umo_core::session::Frame| {
+                let keep = |frame: umo_core::Frame| {
                     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
                     frames.push((bits(frame.face), bits(frame.pose.rotations[..22].as_flattened())));
                 };

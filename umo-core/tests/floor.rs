@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use umo_core::ModelFile;
-use umo_core::floor::{self, Stages, Stored};
+use umo_core_tools::floor;
+use umo_core_tools::floor::{Stages, Stored};
 
 /// Number of values in the matrices and convolutions whose names match.
 fn weights(file: &ModelFile, wanted: impl Fn(&str) -> bool) -> usize {
@@ -53,8 +54,8 @@ fn floors_read_every_weight_of_a_stage_once() {
 
         let centroids = 4 * weights(&file, |n| n.contains("kmeans"));
         let audio = match config.audio.kind {
-            umo_core::config::AudioKind::Hubert => weights(&file, of("audio.hubert.")),
-            umo_core::config::AudioKind::Mel => {
+            umo_core_model::config::AudioKind::Hubert => weights(&file, of("audio.hubert.")),
+            umo_core_model::config::AudioKind::Mel => {
                 let product =
                     |n: &str| n.ends_with(".weight") && (n.contains("mel.filters") || n.contains("mel.network"));
                 4 * weights(&file, product)
@@ -69,13 +70,13 @@ fn the_encoder_reads_as_many_tokens_as_the_template_writes() {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit");
     let file = ModelFile::open(&folder.join("model.safetensors")).unwrap();
     let config = file.config();
-    let template = umo_core::lm::layout::Template::new(config, "audio_to_motion").unwrap();
+    let template = umo_core_model::lm::layout::Template::new(config, "audio_to_motion").unwrap();
     for target in 1..=config.max_target {
-        let units = vec![0; umo_core::lm::layout::window_tokens(config, target)];
+        let units = vec![0; umo_core_model::lm::layout::window_tokens(config, target)];
         let codes = vec![0; config.prefix];
         let history = umo_core::PerPart::from_fn(|_| &*codes);
-        let mut ids = vec![0; umo_core::lm::layout::max_encoder_tokens(config)];
-        let prompt = umo_core::lm::layout::Prompt { units: &units, history, text: &[] };
+        let mut ids = vec![0; umo_core_model::lm::layout::max_encoder_tokens(config)];
+        let prompt = umo_core_model::lm::layout::Prompt { units: &units, history, text: &[] };
         assert_eq!(floor::encoder_tokens(config, target), template.write(prompt, &mut ids).unwrap());
     }
 }

@@ -5,11 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::model::Model;
-use umo_core::session::{Session, SessionConfig};
-use umo_core::{ModelFile, Precision};
+use umo_core::{Clock, Engine, EngineConfig, Model, ModelFile, Poll, Precision, Session, SessionConfig, Threads};
 use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;

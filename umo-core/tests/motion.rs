@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use proptest::prelude::*;
-use umo_core::config::FaceKind;
-use umo_core::interp::Interp;
-use umo_core::motion::rotation::quat_to_axis_angle;
-use umo_core::motion::{Clip, MotionDecoder, MotionEncoder, MotionStream, Pose, Smoothing};
-use umo_core::weights::Loader;
-use umo_core::{Compute, ModelFile, Part, PerPart, Precision, StepError, Team};
+use umo_core::{Compute, FaceKind, ModelFile, Part, PerPart, Pose, Precision, StepError, Team};
+use umo_core_model::interp::Interp;
+use umo_core_model::motion::{MotionDecoder, MotionEncoder, MotionStream, Smoothing};
+use umo_core_model::weights::Loader;
+use umo_core_pose::clip::Clip;
+use umo_core_pose::rotation::quat_to_axis_angle;
 use umo_kernels::Isa;
 
 const MODELS: [&str; 4] = ["hubert_k1_smplx", "mel_k2_arkit", "mel_k1_upcycled", "hubert_k3_i8"];
@@ -99,7 +99,7 @@ fn smoothed_stream(
     let mut scratch = decoder.scratch(decoder.stream_rows(max_push, lookahead));
     let mut out = Streamed::default();
     let (mut at, mut size) = (0, sizes.iter().cycle());
-    let mut take = |frame: umo_core::motion::FrameRef| {
+    let mut take = |frame: umo_core::FrameRef| {
         assert_eq!(frame.index, out.poses.len(), "every frame once and in order");
         for part in Part::ALL {
             out.channels[part].extend_from_slice(frame.channels[part]);
@@ -297,7 +297,7 @@ fn a_stream_starts_anew_after_a_reset() {
         state.push(cx, decoder, &mut scratch, slices(&first), 0, &mut |_| ()).unwrap();
         state.reset();
         let mut poses = Vec::new();
-        let mut take = |frame: umo_core::motion::FrameRef| poses.push(*frame.pose);
+        let mut take = |frame: umo_core::FrameRef| poses.push(*frame.pose);
         state.push(cx, decoder, &mut scratch, slices(&codes), 3, &mut take).unwrap();
         state.finish(cx, decoder, &mut scratch, 30, &mut take).unwrap();
         assert_eq!(poses, want.poses);
@@ -482,19 +482,19 @@ fn bad_windows_are_not_interpolated() {
 fn a_clip_gives_the_channels_that_it_was_made_from() {
     let model = ALL.iter().find(|model| model.encoder.is_some()).unwrap();
     let config = model.file.config();
-    let mut clip = Clip::new(config);
+    let mut clip = config.clip();
     let face = vec![0.25; config.face.names.len()];
     let mut pose = Pose::REST;
     for frame in 0..9 {
         pose.translation = [0.002 * frame as f32, 1.0, -0.02 * frame as f32];
-        pose.rotations[4] = umo_core::motion::rotation::axis_angle_to_quat([0.1 * frame as f32, 0.0, 0.0]);
+        pose.rotations[4] = umo_core_pose::rotation::axis_angle_to_quat([0.1 * frame as f32, 0.0, 0.0]);
         clip.push(&pose, &face);
     }
     let channels = clip.channels();
     let width = model.decoder.channels(Part::Lower);
     for (frame, row) in channels.lower.chunks_exact(width).enumerate() {
         let six = [18, 19, 20, 21, 22, 23].map(|i| row[i]);
-        let turned = quat_to_axis_angle(umo_core::motion::rotation::six_to_quat(six));
+        let turned = quat_to_axis_angle(umo_core_pose::rotation::six_to_quat(six));
         assert!((turned[0] - 0.1 * frame as f32).abs() < 1e-5, "the knee is the fourth of the lower joints");
         assert!((row[54] - 0.06).abs() < 1e-4 && (row[55] - 1.0).abs() < 1e-6 && (row[56] + 0.6).abs() < 1e-4);
         assert_eq!(row[57..], [0.0; 4], "2 cm a frame is no standing foot");
@@ -503,7 +503,7 @@ fn a_clip_gives_the_channels_that_it_was_made_from() {
     assert!(channels.face.chunks_exact(58).all(|row| row[6..] == face));
 
     // At rest, both feet are in contact.
-    let mut still = Clip::new(config);
+    let mut still = config.clip();
     still.push(&Pose::REST, &face);
     assert_eq!(still.channels().lower[54..], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
 
@@ -514,7 +514,7 @@ fn a_clip_gives_the_channels_that_it_was_made_from() {
     with_compute(1, |cx| {
         let encoder = model.encoder.as_ref().unwrap();
         assert_eq!(encoder.encode_clip(cx, &half).unwrap().face.len(), 9);
-        assert_eq!(encoder.encode_clip(cx, &Clip::new(config)), Err(StepError::Empty("motion frames")));
+        assert_eq!(encoder.encode_clip(cx, &config.clip()), Err(StepError::Empty("motion frames")));
         let odd = |frame_rate| Clip { frame_rate, ..clip.clone() };
         for rate in [0.0, -30.0, f32::NAN, f32::INFINITY, 1e-6] {
             assert!(matches!(encoder.encode_clip(cx, &odd(rate)), Err(StepError::Disagree(_))));

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use proptest::prelude::*;
-use umo_core::mouth::{Mouth, MouthStream};
-use umo_core::weights::Loader;
 use umo_core::{ModelFile, Precision};
+use umo_core_model::mouth::{Mouth, MouthStream};
+use umo_core_model::weights::Loader;
 use umo_kernels::Isa;
 
 /// Not a whole number of samples per frame.
@@ -34,7 +34,7 @@ type Frame = (u64, Vec<u32>, u32);
 /// Frames of the samples, pushed in pieces of these lengths, repeated in a cycle, to the end.
 fn run(mouth: &Mouth, stream: &mut MouthStream, mut samples: &[f32], cuts: &[usize]) -> Vec<Frame> {
     let mut frames = Vec::new();
-    let mut take = |frame: umo_core::mouth::MouthFrame| {
+    let mut take = |frame: umo_core_model::mouth::MouthFrame| {
         let bits = frame.channels.iter().map(|value| value.to_bits()).collect();
         frames.push((frame.index, bits, frame.voiced.to_bits()));
     };

@@ -5,9 +5,9 @@ mod counting;
 use std::path::PathBuf;
 
 use counting::{allocator_calls, check_counter};
-use umo_core::mouth::{Mouth, MouthStream};
-use umo_core::weights::Loader;
 use umo_core::{ModelFile, Precision};
+use umo_core_model::mouth::{Mouth, MouthStream};
+use umo_core_model::weights::Loader;
 use umo_kernels::Isa;
 
 fn main() {

@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
-use umo_core::motion::FrameRef;
 use umo_core::{
-    Animation, AvatarConfig, Compute, Decoder, Isa, Model, ModelFile, PacketError, Part, Precision, Received, Team,
+    Animation, AvatarConfig, Compute, Decoder, FrameRef, Isa, Model, ModelFile, PacketError, PacketLayout, Part,
+    Precision, Received, Team,
 };
 
 const MODELS: [&str; 5] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k2_arkit", "frames_four", "frames_seven"];
@@ -50,7 +50,7 @@ fn send(model: &Model, config: &AvatarConfig, stream: u8, history: usize, late_e
     let samples = FRAMES * model.config().audio.sample_rate / model.config().frame_rate;
     let mut animation = Animation::new(model, config).unwrap();
     animation.push_audio(&(0..samples).map(|i| 0.3 * (i as f32 * 0.07).sin()).collect::<Vec<_>>()).unwrap();
-    let layout = model.packets();
+    let layout = PacketLayout::new(model);
     let mut sent = Sent { packets: Vec::new(), frames: Vec::new() };
     if !late_end {
         animation.finish(FRAMES);

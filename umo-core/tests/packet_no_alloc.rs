@@ -8,11 +8,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use counting::{allocator_calls, check_counter};
-use umo_core::motion::FrameRef;
-use umo_core::session::Session;
 use umo_core::{
-    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, Isa, Model, ModelFile, PacketConfig, Poll,
-    Precision, SessionConfig, Team, Threads,
+    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, FrameRef, Isa, Model, ModelFile, PacketConfig,
+    PacketLayout, Poll, Precision, Session, SessionConfig, Team, Threads,
 };
 
 fn main() {
@@ -31,7 +29,7 @@ fn run(model: &Model, name: &str) {
     let team = Team::new(1).expect("no thread is needed");
     let cx = Compute { isa: model.isa(), team: &team };
     let config = AvatarConfig::new(model.config());
-    let layout = model.packets();
+    let layout = PacketLayout::new(model);
     let mut packets = Vec::new();
     for stream in [3, 4] {
         let mut animation = Animation::new(model, &config).expect("sound settings");

@@ -5,10 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use umo_core::session::{Frame, Session, SessionError};
 use umo_core::{
-    Engine, EngineConfig, Isa, LifeConfig, Model, ModelFile, PacketConfig, PacketError, Poll, Precision, SessionConfig,
-    Threads,
+    Engine, EngineConfig, Frame, Isa, LifeConfig, Model, ModelFile, PacketConfig, PacketError, Poll, Precision,
+    Session, SessionConfig, SessionError, Threads,
 };
 
 /// The default model, and small ones of random weights in both layouts.
@@ -103,7 +102,7 @@ fn packets(session: &Session) -> Vec<Vec<u8>> {
 /// Settings of both sides.
 fn settings(model: &Model, life: LifeConfig) -> SessionConfig {
     let mut config = SessionConfig::new(model.config());
-    config.avatar.life = life;
+    config.layers = life;
     config
 }
 

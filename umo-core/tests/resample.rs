@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use umo_core::StepError;
-use umo_core::audio::resample::{Resampler, mix};
+use umo_core::{Resampler, StepError};
+use umo_core_base::samples::mix;
 
 const OUT: usize = 16_000;
 const RATES: [usize; 15] = [

@@ -12,10 +12,9 @@ mod rigs;
 
 use proptest::prelude::*;
 use rigs::{ALL, Body, MAKEHUMAN, MIXAMO, Naming, POSER, UNITY, UNREAL, Vector, source, standing};
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, normalized, product, rotate};
-use umo_core::motion::skeleton::{JOINTS, joint_places};
-use umo_core::retarget::{Bone, Floor, Mapping, Retarget, Rig};
+use umo_core::{Bone, Floor, JOINTS, Mapping, Pose, Quat, Retarget, Rig};
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, inverse, normalized, product, rotate};
+use umo_core_pose::skeleton::joint_places;
 
 /// Radians.
 const TOLERANCE: f64 = 1e-4;
@@ -136,7 +135,7 @@ proptest! {
     #[test]
     fn the_same_skeleton_gets_the_same_pose(pose in pose()) {
         let skeleton = source();
-        let bones = umo_core::motion::skeleton::JOINT_NAMES.iter().enumerate().map(|(joint, name)| {
+        let bones = umo_core::JOINT_NAMES.iter().enumerate().map(|(joint, name)| {
             Bone::new(*name, usize::try_from(skeleton.parents[joint]).ok(), skeleton.offsets_m[joint])
         });
         let rig = Rig::new(bones.collect()).unwrap();

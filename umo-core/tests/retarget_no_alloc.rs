@@ -9,12 +9,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use counting::{allocated, allocator_calls, check_counter};
-use umo_core::config::{Face, FaceKind};
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::{IDENTITY, axis_angle_to_quat};
-use umo_core::motion::skeleton::ARKIT_NAMES;
-use umo_core::retarget::face::FaceMap;
-use umo_core::retarget::{Floor, Mapping, Retarget};
+use umo_core::{ARKIT_NAMES, Face, FaceKind, FaceMap, Floor, Mapping, Pose, Retarget};
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat};
 
 const FRAMES: u16 = 1000;
 

@@ -10,11 +10,8 @@ use std::sync::Arc;
 use counting::{allocated, allocator_calls, check_counter};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::memory::Arena;
-use umo_core::model::Model;
-use umo_core::session::{SessionConfig, Voice};
-use umo_core::{ModelFile, Precision};
+use umo_core::{Engine, EngineConfig, Model, ModelFile, Precision, SessionConfig, Threads, Voice};
+use umo_core_base::memory::Arena;
 use umo_kernels::Isa;
 
 /// Models of both layouts, of both kinds of audio, with and without a live mouth.

@@ -10,12 +10,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use counting::{allocated, allocator_calls, check_counter};
-use umo_core::clock::Clock;
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::life::{GestureOptions, LipShape};
-use umo_core::model::Model;
-use umo_core::session::{Idle, Session, SessionConfig, SessionError};
-use umo_core::{ModelFile, Precision};
+use umo_core::{
+    Clock, Engine, EngineConfig, GestureOptions, Idle, LipShape, Model, ModelFile, Poll, Precision, Session,
+    SessionConfig, SessionError, Threads,
+};
 use umo_kernels::Isa;
 
 /// Simulated seconds for each model on each kind of threads.

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 
 use ogg::{OggReadError, Packet, PacketReader};
 use ropus::{Channels, DecodeMode, Decoder};
-use umo_core::defect;
+use umo_core_base::defect;
 
 use crate::bytes::Bytes;
 use crate::error::{AudioError, Note};

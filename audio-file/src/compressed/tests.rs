@@ -196,7 +196,7 @@ fn what_a_cut_file_lacks_is_noted_or_refused() {
 
 #[test]
 fn damaged_files_give_errors_or_usable_samples() {
-    umo_core::defect::keep_quiet(&[]);
+    umo_core_base::defect::keep_quiet(&[]);
     let mut random = 7_u64;
     let mut next = move || {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

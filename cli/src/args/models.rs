@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, ValueEnum};
-use umo_core::weights::writer::Storage;
+use umo_core_model::weights::writer::Storage;
 
 use super::Compute;
 

@@ -4,8 +4,8 @@ use std::fmt;
 use std::time::Duration;
 
 use serde_json::json;
-use umo_core::engine::Priority;
-use umo_core::floor::Machine;
+use umo_core::Priority;
+use umo_core_tools::floor::Machine;
 use umo_self_test::speed::{Crowd, quantile};
 
 use super::Stage;

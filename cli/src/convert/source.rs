@@ -29,7 +29,7 @@ impl Source {
     /// Reads the header and checks that the file has the announced length.
     fn open(path: &Path) -> Result<Self, Failure> {
         let failure = |problem: &dyn fmt::Display| Failure::input(format!("{}: {problem}", path.display()));
-        let mut file = umo_core::file::open(path).map_err(|cause| failure(&cause))?;
+        let mut file = umo_core_base::file::open(path).map_err(|cause| failure(&cause))?;
         let (header, len) =
             header(&mut file).map_err(|cause| failure(&format_args!("no safetensors file: {cause}")))?;
         let metadata: Metadata =

@@ -2,8 +2,8 @@
 
 use super::{rotation, tip};
 use std::io::{self, Write};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core::{JOINT_NAMES, JOINTS};
+use umo_core_pose::clip::Clip;
 
 const CM: f64 = 100.0;
 

@@ -2,9 +2,8 @@
 
 use super::{FaceError, rotation};
 use std::io::{self, Write};
-use umo_core::config::{Face, FaceKind};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core::{Face, FaceKind, JOINT_NAMES, JOINTS};
+use umo_core_pose::clip::Clip;
 
 /// Names of the blendshape columns, in the app's order (which swaps some of Apple's left and right).
 const COLUMNS: [&str; 52] = [

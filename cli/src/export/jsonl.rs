@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
-use umo_core::config::{self, FaceKind, Skeleton};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core::{FaceKind, JOINT_NAMES, JOINTS, Skeleton};
+use umo_core_model::config;
+use umo_core_pose::clip::Clip;
 
 #[derive(Serialize)]
 struct Header<'a> {

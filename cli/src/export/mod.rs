@@ -12,8 +12,8 @@
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
-use umo_core::config::Face;
-use umo_core::motion::clip::Clip;
+use umo_core::Face;
+use umo_core_pose::clip::Clip;
 use umo_figure::Figure;
 
 use crate::failure::Failure;

@@ -3,9 +3,8 @@
 use super::rotation;
 use npyz::{DType, WriteOptions, WriterBuilder};
 use std::io::{self, Cursor, Write};
-use umo_core::config::FaceKind;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{FaceKind, JOINTS};
+use umo_core_pose::clip::Clip;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 

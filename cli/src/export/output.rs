@@ -3,8 +3,8 @@
 use super::{ExportError, Format, bvh, csv, jsonl, npz};
 use std::io;
 use std::path::Path;
-use umo_core::file::AtomicFile;
-use umo_core::motion::clip::Clip;
+use umo_core_base::file::AtomicFile;
+use umo_core_pose::clip::Clip;
 use umo_figure::Figure;
 use umo_gltf::glb::BuiltFigure;
 use umo_gltf::vrma;

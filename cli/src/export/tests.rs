@@ -2,8 +2,7 @@
 
 use super::*;
 use proptest::prelude::*;
-use umo_core::config::FaceKind;
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{FaceKind, JOINTS};
 use umo_figure::sample;
 
 mod bvh;

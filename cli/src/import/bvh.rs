@@ -1,8 +1,8 @@
 //! Reader of `.bvh` files written by `umo`: the 55 joints by name, centimetres.
 
-use umo_core::config::Skeleton;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, product};
+use umo_core::{Quat, Skeleton};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, product};
 
 use crate::bvh::{Bvh, Channel, Joint};
 

@@ -1,14 +1,13 @@
 //! Reader of `.glb` files written by `umo`: the 55 joints by name, one animation, named morph weights.
 
-use umo_core::config::Skeleton;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{IDENTITY, normalized};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{JOINTS, Skeleton};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::rotation::{IDENTITY, normalized};
 
 use super::MAX_FRAMES;
-use umo_core::glb::Glb;
-use umo_core::glb::accessor::floats;
-use umo_core::glb::document::{Animation, Document};
+use umo_core_rig::glb::Glb;
+use umo_core_rig::glb::accessor::floats;
+use umo_core_rig::glb::document::{Animation, Document};
 
 pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     let file = Glb::split(bytes)?;

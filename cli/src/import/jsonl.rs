@@ -1,10 +1,8 @@
 //! Reader of `.jsonl` files written by `umo`: a header line, then a line per frame.
 
 use serde::Deserialize;
-use umo_core::config::{Face, FaceKind, Skeleton};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::Quat;
-use umo_core::motion::skeleton::JOINT_NAMES;
+use umo_core::{Face, FaceKind, JOINT_NAMES, Quat, Skeleton};
+use umo_core_pose::clip::Clip;
 
 use super::MAX_FRAMES;
 

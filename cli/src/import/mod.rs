@@ -9,9 +9,8 @@
 
 use std::path::Path;
 
-use umo_core::config::{Face, FaceKind};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
+use umo_core::{ARKIT_NAMES, Face, FaceKind, JOINT_NAMES, JOINTS};
+use umo_core_pose::clip::Clip;
 
 use crate::export::Format;
 use crate::failure::Failure;
@@ -35,7 +34,7 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let is_gltf = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
     let format = if is_gltf { Format::Glb } else { Format::from_extension(path)? };
-    let bytes = || umo_core::file::read(path).map_err(|error| wrong(error.to_string()));
+    let bytes = || umo_core_base::file::read(path).map_err(|error| wrong(error.to_string()));
     let clip = match format {
         Format::Npz => {
             let (clip, notes) = npz::read(path).map_err(wrong)?;
@@ -43,7 +42,7 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
             clip
         }
         Format::Glb => {
-            let bytes = umo_core::glb::read(path).map_err(|error| wrong(error.to_string()))?;
+            let bytes = umo_core_rig::glb::read(path).map_err(|error| wrong(error.to_string()))?;
             glb::read(&bytes).map_err(wrong)?
         }
         Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,

@@ -5,11 +5,9 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use npyz::{DType, NpyFile, TypeChar};
-use umo_core::config::{Face, FaceKind};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::{IDENTITY, axis_angle_to_quat, product, rotate};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{Face, FaceKind, JOINTS, Pose};
+use umo_core_pose::clip::Clip;
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, product, rotate};
 use zip::ZipArchive;
 
 /// Upper bound on the values of one array: an hour of poses at 240 a second.
@@ -38,7 +36,7 @@ type Array = (Vec<usize>, Vec<f32>);
 /// # Errors
 /// A description of the file system's error, or that the file is not a zip archive.
 pub(crate) fn open(path: &Path) -> Result<Archive, String> {
-    let file = umo_core::file::open(path).map_err(|error| error.to_string())?;
+    let file = umo_core_base::file::open(path).map_err(|error| error.to_string())?;
     ZipArchive::new(BufReader::new(file)).map_err(|error| format!("not an npz file: {error}"))
 }
 

@@ -1,6 +1,6 @@
 use super::*;
 use proptest::prelude::*;
-use umo_core::motion::rotation::normalized;
+use umo_core_pose::rotation::normalized;
 use umo_figure::sample;
 
 /// Writes a clip and reads it back.

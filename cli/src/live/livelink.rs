@@ -10,9 +10,8 @@
 //! | 1 | number of values, 61 |
 //! | 4 × 61 | floats: ARKit's 52 blendshapes in Apple's order; yaw, pitch, roll of head, left eye, right eye, radians |
 
-use umo_core::Config;
-use umo_core::motion::pose::Pose;
-use umo_core::names::ARKIT_NAMES;
+use umo_core::{Config, Pose};
+use umo_core_pose::names::ARKIT_NAMES;
 
 use crate::args::Live;
 use crate::export::csv;

@@ -2,11 +2,7 @@
 //! axes, the face as ARKit's blendshapes ("perfect sync") and as VRM's vowels and blinks.
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
-use umo_core::Config;
-use umo_core::config::FaceKind;
-use umo_core::motion::pose::Pose;
-use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::face::FaceMap;
+use umo_core::{Config, FaceKind, FaceMap, JOINTS, Pose};
 
 use crate::failure::Failure;
 use umo_gltf::vrm::{EXPRESSIONS, UNITY_BONES, standing_height};

@@ -5,12 +5,10 @@ use std::io;
 use std::path::PathBuf;
 use std::thread;
 
-use umo_core::animation::Animation;
-use umo_core::calibration::Calibration;
-use umo_core::session::SessionConfig;
-use umo_core::weights::int4;
-use umo_core::weights::writer::{Codes, Storage};
-use umo_core::{AvatarConfig, Compute, Isa, Model, ModelFile, Sampler, Team};
+use umo_core::{Animation, AvatarConfig, Compute, Isa, Model, ModelFile, Sampler, SessionConfig, Team};
+use umo_core_model::calibration::Calibration;
+use umo_core_model::weights::int4;
+use umo_core_model::weights::writer::{Codes, Storage};
 use umo_kernels::pack::{CODES_I4, GROUP};
 use umo_kernels::quantize::quantize_weight_row;
 

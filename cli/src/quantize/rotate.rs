@@ -8,8 +8,7 @@
 //! smaller (Ashkboos et al. 2024, "QuaRot: Outlier-Free 4-Bit Inference in Rotated LLMs", section 4). The
 //! function is unchanged, no data is needed, and inference costs nothing extra.
 
-use umo_core::config::Config;
-use umo_core::{LoadError, ModelFile};
+use umo_core::{Config, LoadError, ModelFile};
 
 use crate::failure::Failure;
 

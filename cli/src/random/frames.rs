@@ -1,8 +1,8 @@
 //! Dimensions of random models of layout `frames`: like [`sizes`](super::sizes), with more
 //! parts and levels, and a depth network.
 
-use umo_core::config::{Codec, Depth, Layout, Modality, PartSpec, TemplateItem, channel_names};
 use umo_core::{Config, Part, PerPart};
+use umo_core_model::config::{Codec, Depth, Layout, Modality, PartSpec, TemplateItem, channel_names};
 
 use super::sizes;
 use crate::args::Size;

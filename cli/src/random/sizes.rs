@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
-use umo_core::config::{
-    Audio, AudioKind, Codec, Face, FaceKind, Hubert, Interp, Layout, Lm, Mel, Modality, Sampling, Skeleton,
-    TemplateItem, Vocab, Vq,
+use umo_core::{ARKIT_NAMES, Config, Face, FaceKind, PerPart, Sampling, Skeleton};
+use umo_core_model::config::{
+    Audio, AudioKind, Codec, Hubert, Interp, Layout, Lm, Mel, Modality, TemplateItem, Vocab, Vq,
 };
-use umo_core::motion::skeleton::ARKIT_NAMES;
-use umo_core::{Config, PerPart};
 
 use crate::args::Size;
 

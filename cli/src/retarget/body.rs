@@ -2,10 +2,10 @@
 
 use glam::{Mat3, Mat4, Quat, Vec3};
 use serde::Deserialize;
-use umo_core::glb::Glb;
-use umo_core::glb::accessor::{floats, numbers};
-use umo_core::glb::document::Document;
-use umo_core::retarget::Mapping;
+use umo_core::Mapping;
+use umo_core_rig::glb::Glb;
+use umo_core_rig::glb::accessor::{floats, numbers};
+use umo_core_rig::glb::document::Document;
 
 use super::Character;
 

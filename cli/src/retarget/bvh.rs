@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use umo_core::retarget::{Bone, Retarget, Rig};
+use umo_core::{Bone, Retarget, Rig};
 
 use super::Motion;
 use crate::bvh::{Bvh, Channel, Joint};

@@ -2,13 +2,12 @@
 
 use serde_json::json;
 use serde_json::value::RawValue;
-use umo_core::glb::Faces;
-use umo_core::glb::document::Document;
-use umo_core::glb::splice::{Members, raw};
-use umo_core::glb::{self, Glb, container, transform};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::Quat;
-use umo_core::retarget::{Floor, Mapping, Retarget};
+use umo_core::{Floor, Mapping, Quat, Retarget};
+use umo_core_pose::clip::Clip;
+use umo_core_rig::glb;
+use umo_core_rig::glb::document::Document;
+use umo_core_rig::glb::splice::{Members, raw};
+use umo_core_rig::glb::{Faces, Glb, container, transform};
 
 use super::Motion;
 use super::body::Body;

@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use draco_core::{DecodeLimits, DecoderBuffer, FaceIndex, Mesh, MeshDecoder, PointAttribute, PointIndex};
 use serde::Deserialize;
 use serde_json::json;
-use umo_core::glb::accessor::view_bytes;
-use umo_core::glb::document::{Accessor, Document};
-use umo_core::glb::splice::{Members, raw};
-use umo_core::glb::{Glb, container};
+use umo_core_rig::glb::accessor::view_bytes;
+use umo_core_rig::glb::document::{Accessor, Document};
+use umo_core_rig::glb::splice::{Members, raw};
+use umo_core_rig::glb::{Glb, container};
 
 const NAME: &str = "KHR_draco_mesh_compression";
 /// Upper bounds of one mesh: points and faces, and decoded bytes.

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use umo_core::glb::{Faces, Given};
-use umo_core::motion::visemes::VISEME_NAMES;
-use umo_core::retarget::{Mapping, Rig};
+use umo_core::{Mapping, Rig, VISEME_NAMES};
+use umo_core_rig::glb::{Faces, Given};
 
 use super::body::Body;
 use super::{Character, Target, arkit, is_character, read};
@@ -136,7 +135,7 @@ fn shapes(character: &Character, faces: &Faces) -> Vec<String> {
     lines.push(said(driven.len(), face.names.len(), "ARKit's", &others));
     lines.push(said(visemes.len(), VISEME_NAMES.len(), "Oculus'", &lacking));
     if character.is_vrm() {
-        let expressions = umo_core::glb::expressions(character.document());
+        let expressions = umo_core_rig::glb::expressions(character.document());
         let names: Vec<_> = expressions.iter().map(|expression| expression.name.as_str()).collect();
         lines.push(format!("{} VRM expressions with shapes: {}", names.len(), names.join(", ")));
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use umo_core::glb::Given;
+use umo_core_rig::glb::Given;
 
 use crate::failure::Failure;
 
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 /// The position and description of the first error.
 pub(crate) fn read(path: &Path) -> Result<Given, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    let text = umo_core::file::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+    let text = umo_core_base::file::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
     let json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     parse(&text, json).map_err(wrong)
 }

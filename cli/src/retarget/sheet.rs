@@ -1,12 +1,10 @@
 //! A picture of a motion on the figure and on a character: several moments side by side.
 
 use glam::{Mat4, Vec3};
-use umo_core::config::FaceKind;
-use umo_core::glb::Glb;
-use umo_core::glb::accessor::view_bytes;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::ARKIT_NAMES;
-use umo_core::retarget::{Mapping, Retarget};
+use umo_core::{ARKIT_NAMES, FaceKind, Mapping, Retarget};
+use umo_core_pose::clip::Clip;
+use umo_core_rig::glb::Glb;
+use umo_core_rig::glb::accessor::view_bytes;
 use umo_figure::Figure;
 use umo_figure::picture::surface::{Cover, Surface, Texture};
 use umo_figure::picture::{Camera, Frame, Picture};

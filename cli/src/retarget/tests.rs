@@ -7,16 +7,16 @@ mod kinds;
 use glam::{DMat4, DQuat, DVec3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use umo_core::config::FaceKind;
-use umo_core::motion::rotation::{product, rotate};
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS, joint_places};
+use umo_core::{FaceKind, JOINT_NAMES, JOINTS};
+use umo_core_pose::rotation::{product, rotate};
+use umo_core_pose::skeleton::joint_places;
 
 use super::*;
 use character::{Made, mixamo, vrm};
-use umo_core::glb::Glb;
-use umo_core::glb::accessor::floats;
-use umo_core::glb::document::Document;
-use umo_core::glb::splice::Members;
+use umo_core_rig::glb::Glb;
+use umo_core_rig::glb::accessor::floats;
+use umo_core_rig::glb::document::Document;
+use umo_core_rig::glb::splice::Members;
 use umo_figure::sample;
 
 pub(super) type Vector = [f32; 3];
@@ -169,7 +169,7 @@ fn vrm_files_of_both_versions_move_by_their_own_tables() {
         let half = if version == 0 { [0.0, 1.0, 0.0, 0.0] } else { IDENTITY };
         check_limbs(&moved, &made, &clip, half);
         let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
-        let map = umo_core::retarget::face::FaceMap::new(&clip.face, &["aa", "blink"]);
+        let map = umo_core::FaceMap::new(&clip.face, &["aa", "blink"]);
         for frame in 0..clip.len() {
             let mut want = [0.0; 2];
             map.apply(clip.face(frame), &mut want);

@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use umo_core::glb::accessor::floats;
-use umo_core::glb::document::Document;
-use umo_core::glb::{Follower, Given, Glb, nodes};
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::Mapping;
+use umo_core::{JOINTS, Mapping};
+use umo_core_pose::clip::Clip;
+use umo_core_rig::glb::accessor::floats;
+use umo_core_rig::glb::document::Document;
+use umo_core_rig::glb::{Follower, Given, Glb, nodes};
 
 use super::{Character, is_character, mapping, motion, read};
 use crate::failure::Failure;

@@ -4,10 +4,9 @@ use std::collections::BTreeSet;
 
 use data_encoding::BASE64;
 use serde::Serialize;
-use umo_core::config::FaceKind;
-use umo_core::glb::Given;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::JOINT_NAMES;
+use umo_core::{FaceKind, JOINT_NAMES};
+use umo_core_pose::clip::Clip;
+use umo_core_rig::glb::Given;
 
 use super::scene::{self, PageEngine, Record, Scene};
 use umo_figure::Mesh;

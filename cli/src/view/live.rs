@@ -16,12 +16,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::glb::Follower;
-use umo_core::model::Model;
-use umo_core::motion::clip::Clip;
-use umo_core::session::{MAX_RATE, MIN_RATE, SessionConfig, Voice};
-use umo_core::{Config, Precision};
+use umo_core::{Config, Engine, EngineConfig, MAX_RATE, MIN_RATE, Model, Precision, SessionConfig, Threads, Voice};
+use umo_core_rig::glb::Follower;
 
 use super::scene::{self, Audio, LiveInfo, Scene};
 use super::{browser, page};
@@ -209,7 +205,7 @@ impl Shown {
         let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
         let live = rest(engine, session)?;
         let config = engine.model().config();
-        let mut still = Clip::new(config);
+        let mut still = config.clip();
         still.push(&live.rest, &live.rest_face);
         let (character, follower) = wearer.map(|wearer| wearer.follow(&still)).transpose()?.unzip();
         let mut scene = Scene::of_stream(&title, config, args, live, character)?;
@@ -240,7 +236,7 @@ const LIVE_TARGET: usize = 1;
 pub(super) fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {
     let mut avatar = animate::avatar(generate, config, 0);
     avatar.target = generate.target.unwrap_or(LIVE_TARGET);
-    SessionConfig { avatar, ..SessionConfig::new(config) }
+    SessionConfig { avatar, layers: animate::layers(generate), ..SessionConfig::new(config) }
 }
 
 /// Returns the pose that a page shows before its stream begins, and the stream's algorithmic latency.

@@ -3,13 +3,11 @@
 use std::path::Path;
 
 use serde::Serialize;
-use umo_core::animation::Animation;
-use umo_core::config::{Face, FaceKind, PartSpec};
-use umo_core::glb::Glb;
-use umo_core::lm::tally::kind_names;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::pose::Pose;
-use umo_core::{Config, Part};
+use umo_core::{Animation, Config, Face, FaceKind, Part, Pose};
+use umo_core_model::config::PartSpec;
+use umo_core_model::lm::tally::kind_names;
+use umo_core_pose::clip::Clip;
+use umo_core_rig::glb::Glb;
 
 use crate::animate::{self, Maker};
 use crate::args::{GenerateArgs, Page};
@@ -133,7 +131,7 @@ impl Scene {
     /// Reads a finished animation.
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
         // A file not written by umo may be a character with an animation, with umo's joint names or others.
-        let is_own = || umo_core::glb::read(path).is_ok_and(|bytes| is_written_here(&bytes));
+        let is_own = || umo_core_rig::glb::read(path).is_ok_and(|bytes| is_written_here(&bytes));
         let mut scene = match import::read(path) {
             Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
             Ok(_) if args.onto.is_none() && is_character(path) && !is_own() => Self::of_character(path, args)?,
@@ -157,7 +155,7 @@ impl Scene {
         live: LiveInfo,
         character: Option<Worn>,
     ) -> Result<Self, Failure> {
-        let (path, clip) = (Path::new(title), Clip::new(config));
+        let (path, clip) = (Path::new(title), config.clip());
         let mut scene = match character {
             Some(worn) => Self { character: Some(worn), ..Self::plain(path, clip) },
             None => Self::new(path, clip, args.figure)?,

@@ -9,11 +9,7 @@ use std::sync::Arc;
 
 use flate2::write::GzEncoder;
 use serde_json::json;
-use umo_core::Precision;
-use umo_core::engine::{Engine, EngineConfig, Threads};
-use umo_core::model::Model;
-use umo_core::motion::clip::Clip;
-use umo_core::session::SessionConfig;
+use umo_core::{Engine, EngineConfig, Model, Precision, SessionConfig, Threads};
 
 use super::live::{check_voice, rest, session};
 use super::page;
@@ -112,7 +108,7 @@ fn scene(args: &Page, wearer: Option<Wearer>) -> Result<Scene, Failure> {
     let config = engine.model().config();
     let mut character = None;
     if let Some(wearer) = wearer {
-        let mut still = Clip::new(config);
+        let mut still = config.clip();
         still.push(&live.rest, &live.rest_face);
         character = Some(wearer.follow(&still)?.0);
     }
@@ -126,8 +122,8 @@ fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {
         parameters.push((TEMPERATURE, if generate.greedy { 0.0 } else { avatar.sampler.sampling.temperature }));
     }
     if !generate.life.is_empty() {
-        let gain = |layer| (FIRST_LAYER + layer as u32, avatar.life.gain(layer));
-        parameters.extend(umo_core::life::Layer::ALL.map(gain));
+        let gain = |layer| (FIRST_LAYER + layer as u32, session.layers.gain(layer));
+        parameters.extend(umo_core::Layer::ALL.map(gain));
     }
     PageEngine {
         package: MODULE,

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use umo_core::ModelFile;
-use umo_core::weights::layout;
+use umo_core_model::weights::layout;
 
 use super::program::{Folder, golden, golden_file, umo};
 

@@ -15,7 +15,7 @@ use super::vector::{V, add, ramp, scale, sub};
 use super::{Finish, Mesh, Morph, Part};
 use base::Base;
 use sheet::Sheet;
-use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core_pose::skeleton::ARKIT_NAMES;
 
 mod base;
 mod delaunay;

@@ -3,10 +3,10 @@
 use super::letters::write;
 use super::{Camera, Picture};
 use crate::{Mesh, Morph};
-use umo_core::config::{Face, FaceKind, Skeleton};
-use umo_core::motion::pose::Assembly;
-use umo_core::motion::rotation::IDENTITY;
-use umo_core::motion::skeleton::{ARKIT_NAMES, JOINTS};
+use umo_core_pose::face::{Face, FaceKind};
+use umo_core_pose::pose::Assembly;
+use umo_core_pose::rotation::IDENTITY;
+use umo_core_pose::skeleton::{ARKIT_NAMES, JOINTS, Skeleton};
 
 const COLUMNS: usize = 8;
 /// Size of one face, and height of the line below it, in pixels.

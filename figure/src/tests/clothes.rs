@@ -1,9 +1,8 @@
 //! Skin under clothes stays hidden, fingers do not touch, and every figure has its name.
 
 use super::*;
-use umo_core::config::Skeleton;
-use umo_core::motion::rotation::{IDENTITY, Quat, product};
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core_pose::rotation::{IDENTITY, Quat, product};
+use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS, Skeleton};
 use vector::{dot, scale};
 
 /// Vertices of one hand's skin.
@@ -248,7 +247,7 @@ fn rest_poses() -> [[Quat; JOINTS]; 2] {
             _ if finger && plain.ends_with(['1', '2', '3']) => -18.0,
             _ => continue,
         };
-        standing[joint] = umo_core::motion::rotation::axis_angle_to_quat([0.0, 0.0, sign * f32::to_radians(degrees)]);
+        standing[joint] = umo_core_pose::rotation::axis_angle_to_quat([0.0, 0.0, sign * f32::to_radians(degrees)]);
     }
     [[IDENTITY; JOINTS], standing]
 }

@@ -1,8 +1,8 @@
 //! Helper joints take their shares of a rotation, and cloth keeps its thickness.
 
 use super::*;
-use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product};
-use umo_core::motion::skeleton::JOINTS;
+use umo_core_pose::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product};
+use umo_core_pose::skeleton::JOINTS;
 use vector::{dot, length, scale, unit};
 
 fn helper<'a>(mesh: &'a Mesh, name: &str) -> &'a Helper {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use gltf::{Gltf, Node};
 use serde_json::Value;
-use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core_pose::skeleton::ARKIT_NAMES;
 
 use super::*;
 use crate::avatar::{Kind, write};

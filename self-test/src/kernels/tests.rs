@@ -26,7 +26,7 @@ fn a_wrong_bit_of_one_back_end_is_found_and_named() {
 /// Wrong scalar code is detected by comparison with the recorded digests, and so is a kernel that panics.
 #[test]
 fn a_wrong_reference_and_a_panic_are_found() {
-    umo_core::defect::keep_quiet(&[file!()]);
+    umo_core_base::defect::keep_quiet(&[&[file!()]]);
     let spoilt = |panics: bool| {
         let checked = check_calls(Duration::MAX, |name, call, isa, seed, values| {
             let mut results = call(isa, seed, values);

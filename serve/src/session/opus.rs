@@ -3,7 +3,7 @@
 use std::fmt;
 
 use ropus::{Channels, DecodeMode, Decoder};
-use umo_core::defect;
+use umo_core_base::defect;
 
 /// Sample rates that Opus decodes to, in Hz.
 const RATES: [usize; 5] = [8_000, 12_000, 16_000, 24_000, 48_000];

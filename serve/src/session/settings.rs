@@ -1,8 +1,7 @@
 //! Session settings from a hello.
 
-use umo_core::lm::layout::Template;
-use umo_core::{AvatarConfig, Layer};
-use umo_core::{LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
+use umo_core::{AvatarConfig, Layer, LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
+use umo_core_model::lm::layout::Template;
 
 use crate::protocol::{Hello, Output, VoiceKind};
 
@@ -22,7 +21,7 @@ pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> 
     settings.avatar.target = hello.target.unwrap_or(settings.avatar.target);
     settings.avatar.horizon = hello.horizon;
     settings.avatar.sampler.seed = hello.seed;
-    settings.avatar.life = Layer::ALL.into_iter().fold(LifeConfig::ON, |life, layer| life.with(layer, hello.layers));
+    settings.layers = Layer::ALL.into_iter().fold(LifeConfig::ON, |life, layer| life.with(layer, hello.layers));
     if let Some(text) = &hello.prompt {
         with_prompt(&mut settings.avatar, text, model)?;
     }

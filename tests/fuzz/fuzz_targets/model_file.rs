@@ -3,8 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use umo_core::model::Model;
-use umo_core::{ModelFile, Precision};
+use umo_core::{Model, ModelFile, Precision};
 use umo_kernels::Isa;
 
 fuzz_target!(|data: &[u8]| {

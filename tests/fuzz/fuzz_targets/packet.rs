@@ -4,8 +4,7 @@
 use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
-use umo_core::motion::FrameRef;
-use umo_core::{AvatarConfig, Compute, Decoder, Isa, Model, ModelFile, Precision, Team};
+use umo_core::{AvatarConfig, Compute, Decoder, FrameRef, Isa, Model, ModelFile, Precision, Team};
 
 static BYTES: &[u8] = include_bytes!("../../golden/frames_seven/model.safetensors");
 static MODEL: OnceLock<(Model, Team)> = OnceLock::new();
@@ -27,7 +26,7 @@ fuzz_target!(|data: &[u8]| {
     let mut next = 0;
     // A length before each packet; the model's number is put in, which nobody would guess.
     let mut sound = vec![0; 64];
-    let layout = model.packets();
+    let layout = PacketLayout::new(model);
     let head = umo_core::PacketHead {
         stream: 0,
         sequence: 0,

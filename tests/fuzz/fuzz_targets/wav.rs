@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use umo_core::audio::resample;
+use umo_core_model::audio::resample;
 
 /// Longest recording that is resampled here, so that one input does not take seconds.
 const MAX_SAMPLES: usize = 2_000;

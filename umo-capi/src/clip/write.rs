@@ -3,10 +3,9 @@
 use std::ffi::c_void;
 use std::io::{self, Write};
 
-use umo_core::config::{Face, FaceKind, Skeleton};
-use umo_core::memory;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::JOINTS;
+use umo_core::{Face, FaceKind, JOINTS, Skeleton};
+use umo_core_base::memory;
+use umo_core_pose::clip::Clip;
 use umo_figure::Figure;
 use umo_gltf::{glb, vrma};
 
@@ -58,7 +57,7 @@ pub(super) unsafe fn to_file(clip: *const UmoClip, format: u32, path: &str) -> R
     let unwritten = |cause| Failure::io(&cause, format_args!("cannot write {path}: {cause}"));
     // SAFETY: guaranteed by the caller (see # Safety).
     let content = unsafe { Content::read(clip, format)? };
-    let file = memory::watch(|| umo_core::file::AtomicFile::create(path.as_ref()))?.map_err(unwritten)?;
+    let file = memory::watch(|| umo_core_base::file::AtomicFile::create(path.as_ref()))?.map_err(unwritten)?;
     let no_memory = |_| Err(io::ErrorKind::OutOfMemory.into());
     let written = file.commit(|out| memory::catch(|| content.write(out)).unwrap_or_else(no_memory));
     written.map_err(|cause| match cause.kind() {

@@ -2,11 +2,9 @@
 
 use std::ffi::c_char;
 
-use umo_core::memory;
-use umo_core::model::Model;
-use umo_core::motion::axes::Axes;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
-use umo_core::motion::visemes::{VISEME_NAMES, VISEMES};
+use umo_core::{JOINT_NAMES, JOINTS, Model, VISEME_NAMES, VISEMES};
+use umo_core_base::memory;
+use umo_core_pose::axes::Axes;
 
 use super::{UmoModel, UmoModelInfo, get};
 use crate::axes;

@@ -5,8 +5,8 @@ use std::ffi::c_void;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use umo_core::memory;
-use umo_core::session::Session;
+use umo_core::Session;
+use umo_core_base::memory;
 
 use super::{Detail, SESSIONS, SessionHandle, UmoSession, UmoSessionConfig, on, read_config};
 use crate::ffi::{self, Sized32, guard, put, wanted};

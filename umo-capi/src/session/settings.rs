@@ -2,8 +2,8 @@
 
 use std::ffi::c_char;
 
-use umo_core::memory;
-use umo_core::session::SessionError;
+use umo_core::SessionError;
+use umo_core_base::memory;
 
 use super::{UmoLatency, UmoSession, UmoStats, on};
 use crate::ffi::{self, put};

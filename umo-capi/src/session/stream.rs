@@ -3,7 +3,7 @@
 use std::ffi::c_void;
 use std::time::Duration;
 
-use umo_core::session::{Pushed, Session, SessionError};
+use umo_core::{Pushed, Session, SessionError};
 
 use super::{UmoSampled, UmoSession, on};
 use crate::ffi::{self, put, put_if_wanted, wanted};

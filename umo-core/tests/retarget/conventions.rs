@@ -3,10 +3,9 @@
 
 use super::rigs::*;
 use super::{angle_between, less, moved};
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product, rotate};
-use umo_core::motion::skeleton::{JOINTS, joint_places};
-use umo_core::retarget::{Floor, Mapping, Retarget, Rig};
+use umo_core::{Floor, JOINTS, Mapping, Pose, Quat, Retarget, Rig};
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, inverse, product, rotate};
+use umo_core_pose::skeleton::joint_places;
 
 /// A rig as a program exports it.
 struct Exported {

@@ -3,10 +3,8 @@
 use super::rigs::{ALL, MIXAMO, source};
 use super::{moved, pose};
 use proptest::prelude::*;
-use umo_core::error::StepError;
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::IDENTITY;
-use umo_core::retarget::{Bone, Floor, MAX_BONES, Mapping, Retarget, RetargetError, Rig};
+use umo_core::{Bone, Floor, MAX_BONES, Mapping, Pose, Retarget, RetargetError, Rig, StepError};
+use umo_core_pose::rotation::IDENTITY;
 
 fn bones() -> Vec<Bone> {
     MIXAMO.body(&|_| 1.0, 0.0).rig(IDENTITY, 1.0, 1.0, &|_| IDENTITY).bones().to_vec()
@@ -104,7 +102,7 @@ fn a_bone_of_two_joints_is_refused() {
 fn a_source_that_is_no_skeleton_is_refused() {
     let rig = Rig::new(bones()).unwrap();
     let (mapping, _) = Mapping::guess(&rig).unwrap();
-    let refused = |change: fn(&mut umo_core::config::Skeleton)| {
+    let refused = |change: fn(&mut umo_core::Skeleton)| {
         let mut source = source();
         change(&mut source);
         Retarget::new(&source, &rig, &mapping, Floor::AtRest).unwrap_err()

@@ -3,10 +3,9 @@
 use super::rigs::*;
 use super::{angle_between, apart, less, moved, pose};
 use proptest::prelude::*;
-use umo_core::motion::pose::Pose;
-use umo_core::motion::rotation::{IDENTITY, axis_angle_to_quat, product};
-use umo_core::motion::skeleton::{JOINTS, joint_places};
-use umo_core::retarget::{Bone, Floor, Mapping, Retarget, RetargetError, Rig};
+use umo_core::{Bone, Floor, JOINTS, Mapping, Pose, Retarget, RetargetError, Rig};
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, product};
+use umo_core_pose::skeleton::joint_places;
 
 /// Fingers that a hand has: index, middle, little, ring, thumb.
 const HANDS: [(&str, [bool; 5]); 6] = [

@@ -1,9 +1,7 @@
 //! Bodies with the names, sizes, axes and rest poses of other programs.
 
-use umo_core::config::Skeleton;
-use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product, rotate};
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
-use umo_core::retarget::{Bone, Rig};
+use umo_core::{Bone, JOINT_NAMES, JOINTS, Quat, Rig, Skeleton};
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, inverse, product, rotate};
 
 pub(crate) type Vector = [f32; 3];
 

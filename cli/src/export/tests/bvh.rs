@@ -129,7 +129,7 @@ proptest! {
             let found = bvh.positions(frame);
             prop_assert_eq!(found.len(), JOINTS);
             for (name, place) in found {
-                let joint = umo_core::motion::skeleton::JOINT_NAMES.iter().position(|&n| n == name).unwrap();
+                let joint = umo_core::JOINT_NAMES.iter().position(|&n| n == name).unwrap();
                 let cm = want[joint].map(|x| x * 100.0);
                 prop_assert!(distance(place, cm) < 1e-3, "{} {:?} {:?}", name, place, cm);
             }

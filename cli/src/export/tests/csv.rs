@@ -1,6 +1,6 @@
 use super::*;
 use std::collections::HashMap;
-use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core::ARKIT_NAMES;
 
 fn rows(clip: &Clip) -> Vec<HashMap<String, String>> {
     let bytes = bytes_of(|clip, out| super::super::csv::write(clip, out), clip);

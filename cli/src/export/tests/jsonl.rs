@@ -21,7 +21,7 @@ fn jsonl_describes_itself_in_its_first_line() {
     assert_eq!(get::<u32>(header, "/version"), 1);
     assert_eq!(get::<f32>(header, "/frame_rate"), 30.0);
     assert_eq!(get::<usize>(header, "/frames"), 4);
-    assert_eq!(get::<Vec<String>>(header, "/joints"), umo_core::motion::skeleton::JOINT_NAMES);
+    assert_eq!(get::<Vec<String>>(header, "/joints"), umo_core::JOINT_NAMES);
     assert_eq!(get::<Vec<i32>>(header, "/parents"), clip.skeleton.parents);
     assert_eq!(get::<Vec<[f32; 3]>>(header, "/offsets"), clip.skeleton.offsets_m);
     assert_eq!(get::<String>(header, "/face/kind"), "arkit");

@@ -1,7 +1,7 @@
 use super::*;
 use npyz::{Deserialize, NpyFile, NpyHeader};
 use std::io::{Cursor, Read};
-use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core::ARKIT_NAMES;
 use zip::ZipArchive;
 
 struct Npz(ZipArchive<Cursor<Vec<u8>>>);

@@ -105,7 +105,7 @@ fn what_cannot_be_sent_is_refused() {
         assert!(said.contains("--subject"), "{said}");
     }
     let mut smplx = config;
-    smplx.face.kind = umo_core::config::FaceKind::SmplxExpression;
+    smplx.face.kind = umo_core::FaceKind::SmplxExpression;
     let Err(Failure::Input(said)) = Sender::new(&smplx, &args(&[])) else { panic!("another face") };
     assert!(said.contains("Live Link Face needs an ARKit face"), "{said}");
 }

@@ -2,9 +2,8 @@
 
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
-use umo_core::config::FaceKind;
-use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product, rotate};
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core::{FaceKind, JOINT_NAMES, JOINTS, Quat};
+use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, inverse, product, rotate};
 
 use super::Vector;
 use umo_figure::sample;

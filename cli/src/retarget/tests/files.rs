@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use proptest::prelude::*;
-use umo_core::motion::rotation::axis_angle_to_quat;
+use umo_core_pose::rotation::axis_angle_to_quat;
 
 use super::*;
 use crate::bvh::{Bvh, Channel};
@@ -90,7 +90,7 @@ fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
 
 fn check(bvh: &Bvh, clip: &Clip, scale: f32, replaces: bool) {
     // The file's feet have only ankles. They stand as high above the floor as the source's ankles above its soles.
-    let rest = joint_places(&clip.skeleton, &umo_core::motion::Pose::REST);
+    let rest = joint_places(&clip.skeleton, &umo_core::Pose::REST);
     let sole = [7, 8, 10, 11].map(|joint| rest[joint][1]).into_iter().fold(f32::MAX, f32::min) - 0.02;
     let standing = rest[7][1] - sole;
     for frame in 0..clip.len() {

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use umo_core::glb::container;
+use umo_core_rig::glb::container;
 
 use super::*;
 use crate::bvh::Bvh;

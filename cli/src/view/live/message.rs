@@ -1,8 +1,7 @@
 //! Messages between page and program: commands, news, samples and frames.
 
 use serde::{Deserialize, Serialize};
-use umo_core::audio::MAX_AMPLITUDE;
-use umo_core::session::{Frame, Latency, MAX_RATE, MIN_RATE, Stats};
+use umo_core::{Frame, Latency, MAX_AMPLITUDE, MAX_RATE, MIN_RATE, Stats};
 
 /// Upper bound on the samples of one message.
 pub(super) const MAX_SAMPLES: usize = 1 << 16;

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use tungstenite::protocol::frame::coding::CloseCode;
 use tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
-use umo_core::glb::{FollowScratch, Follower};
-use umo_core::session::{Session, SessionConfig, SessionError, Voice};
+use umo_core::{Session, SessionConfig, SessionError, Voice};
+use umo_core_rig::glb::{FollowScratch, Follower};
 
 use super::Host;
 use super::http::is_wait;

@@ -1,4 +1,4 @@
-use umo_core::config::FaceKind;
+use umo_core::FaceKind;
 
 use super::*;
 use crate::view::scene::tests::scene;

@@ -1,5 +1,5 @@
 use hound::{SampleFormat, WavSpec, WavWriter};
-use umo_core::motion::clip::Clip;
+use umo_core_pose::clip::Clip;
 
 use super::*;
 

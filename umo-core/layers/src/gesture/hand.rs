@@ -1,0 +1,139 @@
+//! Hand shapes: the bend of each finger.
+
+use std::f32::consts::PI;
+
+use umo_core_pose::rotation::{IDENTITY, Quat, axis_angle_to_quat, product};
+
+/// Finger joints of one hand: index, middle, pinky, ring, thumb, three each.
+pub(super) const FINGER_JOINTS: usize = 15;
+
+/// Number of angles of a shape.
+pub(super) const ANGLES: usize = 20;
+
+/// Joint angles of a hand, degrees. For index, middle, ring and pinky: the bends of the three joints, and
+/// the lean towards the thumb. For the thumb: its angle away from the index, its angle in front of the
+/// palm, and the bends of its two outer joints.
+pub(super) type Shape = [f32; ANGLES];
+
+/// Axis of the left thumb's bend: the tip moves across the palm.
+const THUMB_BEND: [f32; 3] = [0.41, 0.86, -0.26];
+
+const STRAIGHT: [f32; 4] = [3.0, 4.0, 2.0, 0.0];
+const CURLED: [f32; 4] = [82.0, 98.0, 62.0, 0.0];
+
+const fn shape(index: [f32; 4], middle: [f32; 4], ring: [f32; 4], pinky: [f32; 4], thumb: [f32; 4]) -> Shape {
+    let fingers = [index, middle, ring, pinky, thumb];
+    let mut flat = [0.0; ANGLES];
+    let mut at = 0;
+    while at < ANGLES {
+        flat[at] = fingers[at / 4][at % 4];
+        at += 1;
+    }
+    flat
+}
+
+const fn leaning(finger: [f32; 4], lean: f32) -> [f32; 4] {
+    [finger[0], finger[1], finger[2], lean]
+}
+
+/// Hanging hand.
+pub(super) const RELAXED: Shape = shape(
+    [18.0, 24.0, 14.0, 3.0],
+    [24.0, 30.0, 17.0, 0.0],
+    [29.0, 33.0, 19.0, -2.0],
+    [30.0, 34.0, 20.0, -6.0],
+    [2.0, 18.0, 10.0, 14.0],
+);
+/// Fingers straight and together, as for "stop".
+pub(super) const FLAT: Shape = shape(
+    [2.0, 5.0, 3.0, 1.0],
+    [1.0, 5.0, 3.0, 0.0],
+    [3.0, 6.0, 4.0, 0.0],
+    [5.0, 8.0, 5.0, -2.0],
+    [6.0, 10.0, 4.0, 6.0],
+);
+/// Fingers straight and a little apart, as for a wave.
+pub(super) const OPEN: Shape = shape(
+    [4.0, 8.0, 4.0, 6.0],
+    [3.0, 9.0, 5.0, 1.0],
+    [5.0, 11.0, 6.0, -5.0],
+    [6.0, 12.0, 7.0, -12.0],
+    [14.0, 8.0, 6.0, 8.0],
+);
+/// Fingers spread, as for five.
+pub(super) const FIVE: Shape = shape(
+    leaning(STRAIGHT, 11.0),
+    leaning(STRAIGHT, 2.0),
+    leaning(STRAIGHT, -8.0),
+    leaning(STRAIGHT, -18.0),
+    [20.0, 4.0, 0.0, 2.0],
+);
+/// Thumb of a fist: across the fingers.
+const OVER_FINGERS: [f32; 4] = [-22.0, 48.0, 26.0, 46.0];
+/// Thumb on the palm.
+const ON_PALM: [f32; 4] = [-26.0, 52.0, 40.0, 52.0];
+/// Index straight, the others curled.
+pub(super) const POINT: Shape = shape([1.0, 1.0, 1.0, 0.0], CURLED, CURLED, CURLED, OVER_FINGERS);
+/// One: the index.
+pub(super) const ONE: Shape = shape(STRAIGHT, CURLED, CURLED, CURLED, OVER_FINGERS);
+/// Two: index and middle.
+pub(super) const TWO: Shape = shape(leaning(STRAIGHT, 9.0), leaning(STRAIGHT, -7.0), CURLED, CURLED, ON_PALM);
+/// Three: without pinky and thumb.
+pub(super) const THREE: Shape = shape(leaning(STRAIGHT, 10.0), STRAIGHT, leaning(STRAIGHT, -10.0), CURLED, ON_PALM);
+/// Four: without the thumb.
+pub(super) const FOUR: Shape =
+    shape(leaning(STRAIGHT, 9.0), leaning(STRAIGHT, 2.0), leaning(STRAIGHT, -6.0), leaning(STRAIGHT, -14.0), ON_PALM);
+/// Thumb away from a fist.
+pub(super) const THUMB: Shape = shape(CURLED, CURLED, CURLED, CURLED, [50.0, -6.0, -8.0, -14.0]);
+/// Hand at the chin: index along the cheek, the others loosely curled.
+pub(super) const CHIN: Shape = shape(
+    [30.0, 38.0, 20.0, 2.0],
+    [58.0, 72.0, 40.0, 0.0],
+    [64.0, 78.0, 44.0, 0.0],
+    [66.0, 80.0, 46.0, -2.0],
+    [10.0, 22.0, 0.0, 4.0],
+);
+/// Cupped hand, as for a clap.
+pub(super) const CUP: Shape = shape(
+    [10.0, 12.0, 6.0, 2.0],
+    [9.0, 12.0, 6.0, 0.0],
+    [10.0, 13.0, 7.0, -1.0],
+    [12.0, 15.0, 8.0, -4.0],
+    [10.0, 14.0, 6.0, 8.0],
+);
+/// Fingers bent towards the palm but not closed: the end of a beckon.
+pub(super) const HOOK: Shape = shape(
+    [52.0, 58.0, 26.0, 2.0],
+    [58.0, 64.0, 28.0, 0.0],
+    [62.0, 66.0, 30.0, -1.0],
+    [62.0, 66.0, 30.0, -3.0],
+    [6.0, 24.0, 10.0, 16.0],
+);
+
+/// Returns the joints of a hand of this shape, in the skeleton's order: of the left hand, else mirrored.
+pub(super) fn joints(shape: &Shape, is_left: bool) -> [Quat; FINGER_JOINTS] {
+    let angle = |at: usize| shape[at] * PI / 180.0;
+    let mut joints = [IDENTITY; FINGER_JOINTS];
+    // The skeleton has the pinky before the ring finger.
+    for (finger, first) in [(0, 0), (1, 3), (2, 9), (3, 6)] {
+        let lean = axis_angle_to_quat([0.0, -angle(4 * finger + 3), 0.0]);
+        for bone in 0..3 {
+            let bend = axis_angle_to_quat([0.0, 0.0, -angle(4 * finger + bone)]);
+            joints[first + bone] = if bone == 0 { product(lean, bend) } else { bend };
+        }
+    }
+    let [away, before] = [angle(16), angle(17)];
+    joints[12] = product(axis_angle_to_quat([0.0, -away, 0.0]), axis_angle_to_quat([before, 0.0, 0.0]));
+    for bone in [13, 14] {
+        joints[bone] = axis_angle_to_quat(THUMB_BEND.map(|axis| axis * angle(bone + 5)));
+    }
+    if !is_left {
+        joints.iter_mut().for_each(|joint| *joint = mirrored(*joint));
+    }
+    joints
+}
+
+/// Returns a rotation mirrored between left and right.
+pub(super) fn mirrored([x, y, z, w]: Quat) -> Quat {
+    [x, -y, -z, w]
+}

@@ -1,0 +1,353 @@
+//! Head motion on accents and while listening.
+
+use super::Tick;
+use super::noise::{Stream, smooth, uniform};
+use super::rig::{DEGREE, HEAD, NECK, angle_between, arkit, ease, step, turn_in_parent};
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::rotation::{IDENTITY, Quat};
+
+/// Number of pulses that may overlap.
+const PULSES: usize = 4;
+
+/// Standard deviation of the sway, degrees: pitch, yaw, roll.
+const SWAY: [f32; 3] = [2.4, 2.5, 1.6];
+
+/// Direction changes per second of the slow and the fast part of the sway, and their shares.
+const RATES: [f64; 2] = [0.55, 1.25];
+const SHARES: [f32; 2] = [0.88, 0.48];
+
+/// Sway at rest, while listening, thinking and speaking.
+const STATES: [f32; 4] = [0.8, 0.7, 0.7, 1.0];
+
+/// Speeds of the model's head, degrees a second: below the first it is nearly still, above the second
+/// it needs no added motion.
+const STILL: f32 = 8.0;
+const LIVELY: f32 = 30.0;
+
+/// Time constant of the measured speed, seconds.
+const MEASURE: f32 = 0.8;
+
+/// Share of the sway and of the nods that remains while the head is lively.
+const LEAST_SWAY: f32 = 0.35;
+const LEAST_NOD: f32 = 0.15;
+
+/// Share of accents that bring a nod, and least seconds between two accents with a response.
+const ON_ACCENT: f32 = 0.7;
+const ACCENT_GAP: f32 = 0.45;
+
+/// Share of accents that raise the brows.
+const FLASH: f32 = 0.35;
+
+/// Least seconds between two responses of a listener, and upper bound of the random extra.
+const ANSWER_GAP: f32 = 2.0;
+const ANSWER_MORE: f32 = 2.0;
+
+/// Seconds until a listener responds without a pause in the other's speech, and bound of the extra.
+const ANSWER_LATEST: f32 = 5.0;
+const ANSWER_LATEST_MORE: f32 = 4.0;
+
+const DRAWS: Stream = Stream(300);
+const SLOW: Stream = Stream(301);
+const FAST: Stream = Stream(302);
+
+const BROWS: [(usize, f32); 3] =
+    [(arkit("browInnerUp"), 1.0), (arkit("browOuterUpLeft"), 0.8), (arkit("browOuterUpRight"), 0.8)];
+
+/// State of the nods layer.
+#[derive(Debug)]
+pub(super) struct Nods {
+    draws: u64,
+    /// Rotations of neck and head at the previous tick, and the head's speed, degrees a second.
+    before: [Quat; 2],
+    is_started: bool,
+    speed: f32,
+    pulses: [Pulse; PULSES],
+    /// Index of the pulse to replace next.
+    next: u64,
+    /// Seconds since the last response to an accent; seconds until a listener may respond; and seconds
+    /// until one responds without a pause.
+    since_accent: f32,
+    answer: f32,
+    latest: f32,
+}
+
+impl Nods {
+    pub(crate) fn new() -> Self {
+        Self {
+            draws: 0,
+            before: [IDENTITY; 2],
+            is_started: false,
+            speed: 0.0,
+            pulses: [Pulse::default(); PULSES],
+            next: 0,
+            since_accent: ACCENT_GAP,
+            answer: 0.0,
+            latest: ANSWER_LATEST,
+        }
+    }
+
+    /// Applies one tick to the frame.
+    pub(crate) fn apply(&mut self, frame: &mut OwnedFrame, tick: &Tick) {
+        let lively = self.measure(frame, tick);
+        self.speak(tick, lively);
+        self.listen(tick);
+
+        let weights = &tick.weights;
+        let states = [weights.idle, weights.listening, weights.thinking, weights.speaking];
+        let state: f32 = states.iter().zip(STATES).map(|(weight, share)| weight * share).sum();
+        let amount = state * (1.0 - (1.0 - LEAST_SWAY) * lively) / 0.4;
+        let [slow, fast] =
+            [(SLOW, RATES[0]), (FAST, RATES[1])].map(|(stream, rate)| smooth(tick.seed, stream, tick.time(), rate));
+        // Pitch, yaw, roll in degrees.
+        let mut turn: [f32; 3] =
+            std::array::from_fn(|axis| amount * SWAY[axis] * (SHARES[0] * slow[axis] + SHARES[1] * fast[axis]));
+        let mut brows = 0.0;
+        for pulse in &mut self.pulses {
+            let at = pulse.advance(tick.seconds);
+            for (sum, angle) in turn.iter_mut().zip(pulse.turn) {
+                *sum += at * angle;
+            }
+            brows += pulse.brows();
+        }
+        // A listener tilts the head slightly.
+        turn[2] += weights.listening * 2.0 * slow[3];
+        for (joint, share) in [(NECK, 0.4), (HEAD, 0.6)] {
+            turn_in_parent(&mut frame.pose.rotations[joint], turn.map(|angle| share * tick.gain * angle * DEGREE));
+        }
+        if brows > 0.0 {
+            for (shape, share) in BROWS {
+                let value = tick.rig.shape(&frame.face, shape);
+                let rise = (share * brows * tick.gain).min(0.5);
+                tick.rig.set_shape(&mut frame.face, shape, value + (1.0 - value) * rise);
+            }
+        }
+    }
+
+    /// Draws a number in `0..1`.
+    fn draw(&mut self, tick: &Tick) -> f32 {
+        self.draws += 1;
+        uniform(tick.seed, DRAWS, self.draws)
+    }
+
+    /// Measures the liveliness of the model's head, 0 to 1.
+    fn measure(&mut self, frame: &OwnedFrame, tick: &Tick) -> f32 {
+        let now = [frame.pose.rotations[NECK], frame.pose.rotations[HEAD]];
+        if std::mem::replace(&mut self.is_started, true) {
+            let angle: f32 = now.iter().zip(&self.before).map(|(&now, &before)| angle_between(before, now)).sum();
+            let speed = angle / DEGREE / tick.seconds;
+            self.speed += step(tick.seconds, MEASURE) * (speed.min(500.0) - self.speed);
+        }
+        self.before = now;
+        ease((self.speed - STILL) / (LIVELY - STILL))
+    }
+
+    /// Nods and raises the brows on accents of the avatar's speech.
+    fn speak(&mut self, tick: &Tick, lively: f32) {
+        self.since_accent = (self.since_accent + tick.seconds).min(LONG);
+        let accent = tick.weights.own.accent;
+        if accent <= 0.0 || tick.weights.speaking < 0.3 || self.since_accent < ACCENT_GAP {
+            return;
+        }
+        let [nods, flashes, size, side, lasts] = std::array::from_fn(|_| self.draw(tick));
+        let is_nod = nods < ON_ACCENT;
+        let is_flash = flashes < FLASH;
+        if !is_nod && !is_flash {
+            return;
+        }
+        self.since_accent = 0.0;
+        let still = 1.0 - (1.0 - LEAST_NOD) * lively;
+        let down = if is_nod { still * (1.0 + 2.4 * accent * (0.4 + 0.6 * size)) } else { 0.0 };
+        self.begin(Pulse {
+            passed: 0.0,
+            lasts: 0.3 + 0.12 * lasts,
+            // A nod is never quite straight: a little yaw and roll.
+            turn: [down, 0.5 * down * (side - 0.5), 0.5 * down * (size - 0.5)],
+            rise: if is_flash { 0.12 + 0.2 * accent } else { 0.0 },
+        });
+    }
+
+    /// Nods and raises the brows at pauses of the interlocutor.
+    fn listen(&mut self, tick: &Tick) {
+        self.answer = (self.answer - tick.seconds).max(0.0);
+        if tick.weights.listening < 0.5 {
+            self.latest = ANSWER_LATEST;
+            return;
+        }
+        self.latest -= tick.seconds;
+        let is_pause = tick.weights.other.ends && self.answer <= 0.0;
+        if !(is_pause || self.latest <= 0.0) {
+            return;
+        }
+        let [kind, size, twice, gap, latest] = std::array::from_fn(|_| self.draw(tick));
+        self.answer = ANSWER_GAP + ANSWER_MORE * gap;
+        self.latest = ANSWER_LATEST + ANSWER_LATEST_MORE * latest;
+        let is_nod = kind < 0.75;
+        let rise = if kind > 0.55 { 0.15 + 0.2 * size } else { 0.0 };
+        let down = if is_nod { 2.2 + 2.3 * size } else { -0.8 };
+        let lasts = 0.36 + 0.1 * size;
+        let turn = [down, 0.2 * (size - 0.5), 0.6 * (size - 0.5)];
+        self.begin(Pulse { passed: 0.0, lasts, turn, rise });
+        if is_nod && twice < 0.5 {
+            // The second nod is smaller and begins before the first has ended.
+            let turn = turn.map(|angle| 0.6 * angle);
+            self.begin(Pulse { passed: -0.85 * lasts, lasts, turn, rise: 0.0 });
+        }
+    }
+
+    fn begin(&mut self, pulse: Pulse) {
+        self.pulses[usize::try_from(self.next).unwrap_or_default() % PULSES] = pulse;
+        self.next = (self.next + 1) % PULSES as u64;
+    }
+
+    /// Saves or loads the layer between two ticks.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.number("draws of the nods", &mut self.draws, 1 << 60)?;
+        pass.rotations(&mut self.before)?;
+        pass.switch("nods", &mut self.is_started)?;
+        pass.number("nods", &mut self.next, PULSES as u64 - 1)?;
+        for pulse in &mut self.pulses {
+            pulse.state(pass)?;
+        }
+        let mut values = [self.speed, self.since_accent, self.answer, self.latest];
+        pass.moderate(&mut values)?;
+        [self.speed, self.since_accent, self.answer, self.latest] = values;
+        Ok(())
+    }
+}
+
+/// Cap of the time counters, seconds.
+const LONG: f32 = 1e3;
+
+/// A nod, a brow raise or both.
+#[derive(Clone, Copy, Debug)]
+struct Pulse {
+    /// Seconds since it began; negative before that.
+    passed: f32,
+    lasts: f32,
+    /// Pitch, yaw and roll at the peak, degrees.
+    turn: [f32; 3],
+    /// Brow raise at the peak, 0 to 1.
+    rise: f32,
+}
+
+impl Default for Pulse {
+    fn default() -> Self {
+        Self { passed: LONG, lasts: 0.3, turn: [0.0; 3], rise: 0.0 }
+    }
+}
+
+impl Pulse {
+    /// Advances by one tick and returns the current share of the turn.
+    fn advance(&mut self, seconds: f32) -> f32 {
+        self.passed = (self.passed + seconds).min(LONG);
+        bump(self.passed / self.lasts)
+    }
+
+    /// Current brow raise: brows stay up longer than the head is down.
+    fn brows(&self) -> f32 {
+        self.rise * bump(self.passed / (1.6 * self.lasts))
+    }
+
+    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.moderate(&mut self.turn)?;
+        pass.moderate(std::slice::from_mut(&mut self.passed))?;
+        pass.within(&mut self.lasts, 0.1..=LONG)?;
+        pass.share(&mut self.rise)
+    }
+}
+
+/// Pulse from 0 to 1 and back for `t` from 0 to 1, rising faster than it falls; 0 outside.
+fn bump(t: f32) -> f32 {
+    const HEIGHT: f32 = 0.4;
+    if t < HEIGHT { ease(t / HEIGHT) } else { ease((1.0 - t) / (1.0 - HEIGHT)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::trial::{Trial, assert_sound, deviation, shape, speech, turned, yawed};
+    use super::super::{Attention, Layer};
+    use super::*;
+
+    #[test]
+    fn a_speaking_head_is_never_still_and_nods() {
+        let mut trial = Trial::new(&[Layer::Nods], 11);
+        let shown = trial.speak(5400);
+        shown.iter().for_each(assert_sound);
+        let turns: Vec<[f32; 3]> = shown.iter().map(|frame| turned(&trial, frame, HEAD)).collect();
+        for (axis, (least, most)) in [(2.2, 4.0), (1.8, 3.5), (1.3, 3.0)].into_iter().enumerate() {
+            let got = deviation(turns.iter().map(|turn| turn[axis]));
+            assert!((least..most).contains(&got), "{axis} {got}");
+        }
+        // No jumps: 90 degrees a second at most.
+        assert!(turns.windows(2).all(|pair| (0..3).all(|axis| (pair[1][axis] - pair[0][axis]).abs() < 3.0)));
+        let raises = shown
+            .windows(2)
+            .filter(|pair| shape(&pair[0], "browInnerUp") < 0.1 && shape(&pair[1], "browInnerUp") >= 0.1);
+        let a_minute = raises.count() / 3;
+        assert!((3..40).contains(&a_minute), "{a_minute}");
+    }
+
+    #[test]
+    fn a_lively_head_is_left_alone() {
+        let sway = |swing: f32| {
+            let mut trial = Trial::new(&[Layer::Nods], 11);
+            let rest = trial.frame.pose;
+            let mut added = Vec::new();
+            for tick in 0..900_u16 {
+                let angle = swing * (f32::from(tick) * 0.4).sin();
+                trial.frame.pose.rotations[HEAD] = yawed(rest.rotations[HEAD], angle);
+                let shown = trial.tick();
+                added.push(turned(&trial, &shown, HEAD)[0] - angle);
+            }
+            deviation(added[100..].iter().copied())
+        };
+        let (still, lively) = (sway(0.0), sway(10.0));
+        assert!(lively < 0.5 * still, "{still} {lively}");
+    }
+
+    #[test]
+    fn a_listener_answers_at_pauses_and_not_more_often_than_every_2_s() {
+        let mut trial = Trial::new(&[Layer::Nods], 2);
+        let mut answers = Vec::new();
+        let mut before = trial.life.nods.next;
+        for tick in 0..5400 {
+            trial.other = speech(tick);
+            trial.tick();
+            if trial.life.nods.next != before {
+                answers.push(tick);
+            }
+            before = trial.life.nods.next;
+        }
+        assert!((30..=85).contains(&answers.len()), "{}", answers.len());
+        assert!(answers.windows(2).all(|pair| pair[1] - pair[0] >= 60));
+        // Most are within pauses.
+        let inside = answers.iter().filter(|&&tick| tick % 78 >= 60).count();
+        assert!(inside * 10 > answers.len() * 8, "{inside} of {}", answers.len());
+        // The bound also holds if pauses are closer together.
+        let mut last = None;
+        for tick in 0..1800 {
+            trial.other = speech(2 * tick);
+            trial.tick();
+            if std::mem::replace(&mut before, trial.life.nods.next) != trial.life.nods.next {
+                assert!(last.is_none_or(|last| tick - last >= 60), "{last:?} {tick}");
+                last = Some(tick);
+            }
+        }
+        // A listener who hears nothing also nods; an idle avatar does not.
+        trial.other = 0.0;
+        let count = |trial: &mut Trial, attention| {
+            trial.controls.attention = attention;
+            trial.ticks(90);
+            let mut before = trial.life.nods.next;
+            let ticks = (0..1800).filter(|_| {
+                trial.tick();
+                std::mem::replace(&mut before, trial.life.nods.next) != before
+            });
+            ticks.count()
+        };
+        let heard = count(&mut trial, Attention::Listening);
+        assert!((5..=14).contains(&heard), "{heard}");
+        assert_eq!(count(&mut trial, Attention::Idle), 0);
+    }
+}

@@ -1,0 +1,612 @@
+//! State that one avatar keeps between two chunks: windows, history, motion (paper section 3.1; SPEC 2, 2.8). A
+//! [`Batch`](crate::batch::Batch) computes its chunks.
+
+mod history;
+mod keyframes;
+
+use std::time::Duration;
+
+use crate::audio::AudioStream;
+use crate::config::Config;
+use crate::lm::LayerTimes;
+use crate::lm::depth;
+use crate::lm::generate::ChunkSampling;
+use crate::lm::layout::{FramePrompt, MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
+use crate::lm::sampler::Sampler;
+use crate::model::Model;
+use crate::motion::{MotionStream, Smoothing};
+use history::History;
+use keyframes::Keyframes;
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::state::{Fingerprint, StateError, StatePass};
+use umo_core_pose::part::PerPart;
+
+/// Upper bound on a stream's chunks: 6,900 years at five a second.
+const MAX_CHUNKS: u64 = 1 << 40;
+/// Upper bound on a stream's frames.
+const MAX_FRAMES: u64 = 1 << 50;
+
+/// Settings of an avatar.
+#[derive(Clone, Debug)]
+pub struct AvatarConfig {
+    /// Keyframes per chunk, `1..=max_target`.
+    pub target: usize,
+    /// Frames held back until the next chunk (SPEC 2.8); more if [`Self::smoothing`] looks further ahead.
+    pub lookahead: usize,
+    /// Standard deviation of the low-pass over the body's motion, frames, 0 to 1.5. 0 leaves the decoders' motion
+    /// unchanged, bit for bit. The filter looks two standard deviations ahead, 3 frames at most. The face is not
+    /// smoothed.
+    pub smoothing: f32,
+    /// Sampling of codes.
+    pub sampler: Sampler,
+    /// Name of the encoder's template.
+    pub template: String,
+    /// Token ids of a free text, for templates that take one.
+    pub text: Vec<u32>,
+    /// Keyframes of audio after a chunk that must have arrived before it, `0..=audio.ahead`: the motion anticipates
+    /// speech, and latency grows by the same amount (SPEC 2.15).
+    pub horizon: usize,
+    /// Strength of classifier-free guidance by the text, 1 to 3: logits are extrapolated from those without the text
+    /// towards and beyond those with it. 1 uses the logits with the text only, at half the cost of other values (SPEC
+    /// 2.16).
+    pub guidance: f32,
+}
+
+/// Upper bound of [`AvatarConfig::guidance`].
+pub const MAX_GUIDANCE: f32 = 3.0;
+
+impl AvatarConfig {
+    /// The model's own defaults, speech to motion: the decoders' motion without smoothing.
+    pub fn new(config: &Config) -> Self {
+        Self {
+            target: config.target,
+            lookahead: config.lookahead,
+            smoothing: 0.0,
+            sampler: Sampler { sampling: config.sampling, seed: 0 },
+            template: "audio_to_motion".to_owned(),
+            text: Vec::new(),
+            horizon: 0,
+            guidance: 1.0,
+        }
+    }
+
+    /// Maximum number of frames of future speech that a frame needs with these settings: [`Config::latency_frames`],
+    /// with frames held back for smoothing, plus the horizon.
+    pub fn latency_frames(&self, config: &Config) -> usize {
+        config.latency_frames(self.target, self.held_back()) + self.horizon * config.keyframe_stride
+    }
+
+    /// Frames held back until the next chunk, including those that smoothing needs.
+    pub fn held_back(&self) -> usize {
+        self.lookahead.max(Smoothing::new(self.smoothing).map_or(0, |smoothing| smoothing.radius()))
+    }
+
+    /// Checks the settings against the model's ranges.
+    pub fn check(&self, config: &Config) -> Result<(), LoadError> {
+        if !(1..=config.max_target).contains(&self.target) {
+            return Err(LoadError::config(
+                "target",
+                format!("expected 1 to {}, got {}", config.max_target, self.target),
+            ));
+        }
+        let most = config.keyframe_stride * config.prefix;
+        if self.lookahead > most {
+            return Err(LoadError::config("lookahead", format!("expected 0 to {most}, got {}", self.lookahead)));
+        }
+        let ahead = config.audio.ahead;
+        if self.horizon > ahead {
+            return Err(LoadError::config("horizon", format!("expected 0 to {ahead}, got {}", self.horizon)));
+        }
+        let most = if depth::is_guidable(config) { MAX_GUIDANCE } else { 1.0 };
+        if !(1.0..=most).contains(&self.guidance) {
+            return Err(LoadError::config("guidance", format!("expected 1 to {most}, got {}", self.guidance)));
+        }
+        Smoothing::new(self.smoothing).map(drop)
+    }
+}
+
+/// Time spent in each stage (the rows of the paper's runtime table).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct StageTimes {
+    /// Audio tokenizer.
+    pub tokenizer: Duration,
+    /// T5 encoder.
+    pub encoder: Duration,
+    /// T5 decoder, including the cross-attention's keys and values.
+    pub decoder: Duration,
+    /// Interpolation network.
+    pub interp: Duration,
+    /// VQ decoders and root network.
+    pub motion: Duration,
+    /// Depth network, in layout `frames`.
+    pub depth: Duration,
+    /// Layers of the encoder; included in `encoder`.
+    pub encoder_layers: LayerTimes,
+    /// Layers of the decoder; included in `decoder`.
+    pub decoder_layers: LayerTimes,
+}
+
+impl StageTimes {
+    /// Sum over all stages.
+    pub fn total(&self) -> Duration {
+        self.tokenizer + self.encoder + self.decoder + self.depth + self.interp + self.motion
+    }
+
+    /// Time added since `before`.
+    #[must_use]
+    pub fn since(&self, before: Self) -> Self {
+        Self {
+            tokenizer: self.tokenizer - before.tokenizer,
+            encoder: self.encoder - before.encoder,
+            decoder: self.decoder - before.decoder,
+            interp: self.interp - before.interp,
+            motion: self.motion - before.motion,
+            depth: self.depth - before.depth,
+            encoder_layers: self.encoder_layers.since(before.encoder_layers),
+            decoder_layers: self.decoder_layers.since(before.decoder_layers),
+        }
+    }
+
+    /// Adds the times of another thread.
+    pub fn add(&mut self, more: Self) {
+        self.tokenizer += more.tokenizer;
+        self.encoder += more.encoder;
+        self.decoder += more.decoder;
+        self.interp += more.interp;
+        self.motion += more.motion;
+        self.depth += more.depth;
+        self.encoder_layers += more.encoder_layers;
+        self.decoder_layers += more.decoder_layers;
+    }
+}
+
+/// One avatar: all state that a chunk leaves for the next.
+#[derive(Debug)]
+pub struct Avatar {
+    /// Keyframes per chunk.
+    pub target: usize,
+    /// Frames held back, including those that smoothing needs.
+    pub lookahead: usize,
+    /// Keyframes of audio after the chunk.
+    horizon: usize,
+    pub(crate) guidance: f32,
+    /// Standard deviation of the low-pass, frames.
+    smoothing: f32,
+    pub(crate) sampler: Sampler,
+    template: Template,
+    /// Hash of the template's name.
+    template_name: u64,
+    /// `[MAX_PROMPT_TOKENS]`; the first `text_len` are in use.
+    text: Slice<u32>,
+    text_len: usize,
+    /// Chunks done.
+    pub chunk: u64,
+    /// Frames of the whole stream, once the end is known.
+    pub total: Option<usize>,
+    pub(crate) audio: Option<AudioStream>,
+    /// Audio of the next chunk, silence after the end of the stream. Sized for the first chunk, which also takes the
+    /// keyframes up to the horizon.
+    samples: Slice<f32>,
+    /// Samples per keyframe, 0 without audio.
+    keyframe_samples: usize,
+    /// Units of the window, `[(P + N + horizon) * tokens_per_keyframe]`.
+    pub(crate) units: Slice<u32>,
+    /// Tokens of the window that lie after the horizon.
+    hidden_units: usize,
+    whole: Option<WholeFile>,
+    /// Codes of the window.
+    pub history: Window,
+    /// Frames from the codes.
+    pub motion: MotionStream,
+    #[cfg(feature = "faults")]
+    #[doc(hidden)]
+    pub plant: Option<crate::batch::Plant>,
+}
+
+/// Codes of the window.
+#[derive(Debug)]
+pub enum Window {
+    /// Layout `parts`: codes of four parts, frame by frame.
+    Codes(History),
+    /// Layout `frames`: codes of keyframes, and vectors of all frames.
+    Keyframes(Keyframes),
+}
+
+impl Window {
+    /// Creates a window of `target` new keyframes, with a history of rest codes.
+    pub fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
+        match config.is_frames() {
+            true => Self::Keyframes(Keyframes::new_in(config, target, arena)),
+            false => Self::Codes(History::new_in(config, target, arena)),
+        }
+    }
+
+    /// Resets the history to rest codes.
+    pub fn rest(&mut self) {
+        match self {
+            Self::Codes(history) => history.rest(),
+            Self::Keyframes(keyframes) => keyframes.rest(),
+        }
+    }
+
+    /// Number of keyframes in the history.
+    fn prefix(&self) -> usize {
+        match self {
+            Self::Codes(history) => history.prefix().face.len(),
+            Self::Keyframes(keyframes) => keyframes.prefix().len(),
+        }
+    }
+
+    /// Writes `codes [keyframes, codes of a keyframe]`, starting at keyframe `first` of the window.
+    fn put(&mut self, first: usize, codes: &[u16]) {
+        match self {
+            Self::Codes(history) => history.put(first, codes),
+            Self::Keyframes(keyframes) => keyframes.put(first, codes),
+        }
+    }
+
+    /// Writes the codes of the first new keyframes.
+    pub fn write(&mut self, codes: &[u16]) {
+        self.put(self.prefix(), codes);
+    }
+
+    /// Overwrites the codes of the last `keyframes` of the history.
+    pub fn correct(&mut self, codes: &[u16], keyframes: usize) {
+        self.put(self.prefix() - keyframes, codes);
+    }
+
+    /// Sets the new keyframes to the last one of the history.
+    pub(crate) fn hold(&mut self) {
+        match self {
+            Self::Codes(history) => history.hold(),
+            Self::Keyframes(keyframes) => keyframes.hold(),
+        }
+    }
+
+    /// Reads the codes of the last `keyframes` of the history.
+    pub fn last(&self, keyframes: usize, codes: &mut [u16]) {
+        let first = self.prefix() - keyframes;
+        match self {
+            Self::Codes(history) => history.get(first, codes),
+            Self::Keyframes(history) => history.get(first, codes),
+        }
+    }
+}
+
+/// Audio units of a whole recording, used instead of the stream's.
+#[derive(Debug)]
+struct WholeFile {
+    units: Vec<u32>,
+    /// Unit of silence, used before and after the recording.
+    silence: u32,
+    /// Number of the stream's units that were compared, and number that differed.
+    compared: usize,
+    differed: usize,
+}
+
+/// Next work of an avatar.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Due {
+    /// A chunk can be computed.
+    Chunk,
+    /// A chunk can be computed without the language model: the body holds its pose.
+    Held,
+    /// All chunks are done; the frames held back at the end are due.
+    Flush,
+    /// More audio is needed.
+    Audio,
+    /// None: all frames were emitted.
+    Nothing,
+}
+
+impl Avatar {
+    /// Creates an avatar at the start of its stream and allocates everything it will need.
+    ///
+    /// # Errors
+    /// [`LoadError::Config`] if the template is missing or a number is out of range.
+    pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
+        Self::new_in(model, config, &Arena::system())
+    }
+
+    /// Creates an avatar in memory of `arena`.
+    ///
+    /// # Errors
+    /// As in [`Self::new`].
+    pub fn new_in(model: &Model, config: &AvatarConfig, arena: &Arena) -> Result<Self, LoadError> {
+        let c = &model.config;
+        config.check(c)?;
+        let (got, limit) = (config.text.len(), MAX_PROMPT_TOKENS);
+        if got > limit {
+            return Err(LoadError::config(
+                "text",
+                StepError::TooLong { what: "prompt tokens", got, limit }.to_string(),
+            ));
+        }
+        let template = Template::new_in(c, &config.template, arena)?;
+        let (tokens, new) = (c.tokens_per_keyframe(), (config.target + config.horizon) * c.tokens_per_keyframe());
+        let hidden_units = (c.audio.ahead - config.horizon) * tokens;
+        let window = window_tokens(c, config.target) - hidden_units;
+        let audio = template.has_audio().then(|| model.tokenizer.stream_in(window, new, arena));
+        let lookahead = config.held_back();
+        let mut template_name = Fingerprint::new();
+        template_name.add(config.template.as_bytes());
+        Ok(Self {
+            target: config.target,
+            lookahead,
+            horizon: config.horizon,
+            guidance: config.guidance,
+            smoothing: config.smoothing,
+            sampler: config.sampler,
+            template,
+            template_name: template_name.0,
+            text: arena.collect_len(MAX_PROMPT_TOKENS, config.text.iter().copied().chain(std::iter::repeat(0))),
+            text_len: config.text.len(),
+            chunk: 0,
+            total: None,
+            samples: arena.filled(0.0, if audio.is_some() { new * c.hop() } else { 0 }),
+            keyframe_samples: if audio.is_some() { c.samples_per_keyframe() } else { 0 },
+            audio,
+            units: arena.filled(0, window),
+            hidden_units,
+            whole: None,
+            history: Window::new_in(c, config.target, arena),
+            motion: MotionStream::new_in(
+                &model.motion,
+                (config.target * c.keyframe_stride, lookahead),
+                Smoothing::new(config.smoothing)?,
+                c.is_frames(),
+                arena,
+            ),
+            #[cfg(feature = "faults")]
+            plant: None,
+        })
+    }
+
+    /// Returns to the start of a stream, with rest codes as history; text and sampler are kept. Never allocates.
+    pub fn reset(&mut self) {
+        (self.chunk, self.total, self.whole) = (0, None, None);
+        if let Some(audio) = &mut self.audio {
+            audio.reset();
+        }
+        self.history.rest();
+        self.motion.reset();
+    }
+
+    /// Properties that a saved state must share with this avatar, besides the model.
+    pub fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.same("target", self.target as u64)?;
+        pass.same("lookahead", self.lookahead as u64)?;
+        pass.same("smoothing", self.smoothing.to_bits().into())?;
+        pass.same("template", self.template_name)?;
+        // Only layout `frames` has these.
+        if let Window::Keyframes(_) = &self.history {
+            pass.same("horizon", self.horizon as u64)?;
+            pass.same("guidance", self.guidance.to_bits().into())?;
+        }
+        Ok(())
+    }
+
+    /// Describes all state that the last chunk leaves for the next; returns the samples of audio consumed so far.
+    /// Units are omitted, because each chunk writes them before it reads them, and so are whole-recording units,
+    /// which sessions never have.
+    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    pub fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<u64, StateError> {
+        let config = &model.config;
+        let chunk = pass.number("chunks", &mut self.chunk, MAX_CHUNKS)?;
+        let mut total = self.total.map(|total| total as u64);
+        pass.maybe("frames in all", &mut total, MAX_FRAMES)?;
+        let text = pass.count("prompt", self.text_len, MAX_PROMPT_TOKENS)?;
+        if pass.loads() {
+            (self.total, self.text_len) = (total.map(|total| total as usize), text);
+        }
+        pass.ids(&mut self.text[..text])?;
+        self.sampler.state(pass)?;
+        let consumed = self.consumed(chunk);
+        if let Some(audio) = &mut self.audio {
+            audio.state(pass, consumed)?;
+        }
+        match &mut self.history {
+            Window::Codes(history) => history.state(pass)?,
+            Window::Keyframes(keyframes) => keyframes.state(pass)?,
+        }
+        // The chunk count of the state, not of this avatar: they differ while the state is checked.
+        self.motion.state(pass, &model.motion, self.known_frames(config, chunk))?;
+        Ok(consumed)
+    }
+
+    /// Whether it reads audio.
+    pub fn has_audio(&self) -> bool {
+        self.audio.is_some()
+    }
+
+    /// Sets the free text's token ids from the next chunk on.
+    ///
+    /// # Errors
+    /// [`StepError::TooLong`] for more than [`MAX_PROMPT_TOKENS`] ids.
+    pub fn set_text(&mut self, ids: &[u32]) -> Result<(), StepError> {
+        let (got, limit) = (ids.len(), MAX_PROMPT_TOKENS);
+        let room = self.text.get_mut(..got);
+        room.ok_or(StepError::TooLong { what: "prompt tokens", got, limit })?.copy_from_slice(ids);
+        self.text_len = got;
+        Ok(())
+    }
+
+    /// Sets the sampler from the next chunk on.
+    pub fn set_sampler(&mut self, sampler: Sampler) {
+        self.sampler = sampler;
+    }
+
+    /// Sets the codes before the start of the stream, oldest first, instead of rest codes. Only the last `P` are
+    /// used; if there are fewer, the first is repeated in front.
+    ///
+    /// # Errors
+    /// [`StepError`] after the first chunk, if `codes` is empty, or if a code is out of range.
+    pub fn set_history(&mut self, codes: PerPart<&[u16]>) -> Result<(), StepError> {
+        if self.chunk > 0 {
+            return Err(StepError::Order("history can only be set before the first chunk"));
+        }
+        match &mut self.history {
+            Window::Codes(history) => history.set(codes),
+            Window::Keyframes(_) => Err(StepError::Missing("history of four parts: its layout is frames")),
+        }
+    }
+
+    /// Sets the history in layout `frames`: `codes [T, codes of a keyframe]` of the last keyframes.
+    ///
+    /// # Errors
+    /// As in [`Self::set_history`].
+    pub fn set_keyframes(&mut self, codes: &[u16]) -> Result<(), StepError> {
+        if self.chunk > 0 {
+            return Err(StepError::Order("history can only be set before the first chunk"));
+        }
+        match &mut self.history {
+            Window::Keyframes(keyframes) => keyframes.set(codes),
+            Window::Codes(_) => Err(StepError::Missing("history of keyframes: its layout is parts")),
+        }
+    }
+
+    /// Uses the units of a whole recording instead of the stream's: the paper's offline setting. The stream's are
+    /// still computed, for comparison ([`Self::unit_disagreement`]).
+    pub fn use_whole_file_units(&mut self, units: Vec<u32>, silence: u32) {
+        self.whole = Some(WholeFile { units, silence, compared: 0, differed: 0 });
+    }
+
+    /// Number of the stream's units that were compared with the whole recording's, and number that differed.
+    pub fn unit_disagreement(&self) -> Option<(usize, usize)> {
+        self.whole.as_ref().map(|whole| (whole.compared, whole.differed))
+    }
+
+    /// Ends the audio: the stream ends after `frames` frames.
+    pub fn finish(&mut self, frames: usize) {
+        self.total = Some(frames);
+    }
+
+    /// Samples that the next chunk takes; 0 without audio.
+    pub fn chunk_samples(&self) -> usize {
+        (self.target + if self.chunk == 0 { self.horizon } else { 0 }) * self.keyframe_samples
+    }
+
+    /// Maximum number of samples that a chunk takes; 0 without audio.
+    pub fn most_samples(&self) -> usize {
+        if self.has_audio() { (self.target + self.horizon) * self.keyframe_samples } else { 0 }
+    }
+
+    /// Buffer for the next chunk's samples.
+    pub fn samples_mut(&mut self) -> &mut [f32] {
+        let count = self.chunk_samples();
+        &mut self.samples[..count]
+    }
+
+    /// Returns the audio stream, the next chunk's samples and the units of its window.
+    pub(crate) fn audio_parts(&mut self) -> Option<(&mut AudioStream, &[f32], &mut [u32])> {
+        let count = self.chunk_samples();
+        self.audio.as_mut().map(|audio| (audio, &self.samples[..count], &mut *self.units))
+    }
+
+    /// Samples consumed by this number of chunks.
+    pub fn consumed(&self, chunks: u64) -> u64 {
+        let ahead = if chunks == 0 { 0 } else { self.horizon as u64 };
+        (chunks * self.target as u64 + ahead) * self.keyframe_samples as u64
+    }
+
+    /// Maximum number of frames that one chunk makes final.
+    pub fn chunk_frames(&self, config: &Config) -> usize {
+        self.target * config.keyframe_stride + self.lookahead
+    }
+
+    /// Frames of the horizon.
+    pub fn horizon_frames(&self, config: &Config) -> usize {
+        self.horizon * config.keyframe_stride
+    }
+
+    /// Number of chunks of the whole stream, once the end is known: up to the keyframe at or after the last frame.
+    pub fn chunks(&self, config: &Config) -> Option<u64> {
+        let last = match self.total? {
+            0 => return Some(0),
+            total => (total - 1).div_ceil(config.keyframe_stride),
+        };
+        Some((last / self.target + 1) as u64)
+    }
+
+    /// Next work, given `available` samples that no chunk has used.
+    pub fn due(&self, config: &Config, available: usize) -> Due {
+        match (self.total, self.chunks(config)) {
+            (Some(_), Some(chunks)) if self.chunk < chunks => Due::Chunk,
+            (Some(total), _) if self.chunk > 0 && self.motion.emitted() < total => Due::Flush,
+            (Some(_), _) => Due::Nothing,
+            (None, _) if available >= self.chunk_samples() => Due::Chunk,
+            (None, _) => Due::Audio,
+        }
+    }
+
+    /// Number of frames whose codes are known after this number of chunks: up to the last keyframe.
+    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    pub fn known_frames(&self, config: &Config, chunks: u64) -> usize {
+        let frames = chunks as usize * self.target * config.keyframe_stride;
+        if chunks == 0 { 0 } else { frames + 1 - config.keyframe_stride }
+    }
+
+    /// Writes the encoder's ids of the current window, including the text if `prompted`. In layout `frames` the ids
+    /// of the history start at `keyframes`.
+    pub(crate) fn prompt(&self, prompted: bool, keyframes: usize, ids: &mut [u32]) -> Result<usize, StepError> {
+        let text = if prompted { &self.text[..self.text_len] } else { &[] };
+        match &self.history {
+            Window::Codes(history) => {
+                self.template.write(Prompt { units: &self.units, history: history.prefix(), text }, ids)
+            }
+            Window::Keyframes(history) => {
+                let prompt = Prompt { units: &self.units, history: PerPart::default(), text };
+                #[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
+                let (first, count) = (keyframes as u32, history.prefix().len() as u32);
+                let frames = FramePrompt { keyframes: first..first + count, hidden_units: self.hidden_units };
+                self.template.write_frames(prompt, &frames, ids)
+            }
+        }
+    }
+
+    /// Whether its logits are combined with logits without the text.
+    pub(crate) fn is_guided(&self) -> bool {
+        self.guidance > 1.0 && self.text_len > 0 && self.template.has_text()
+    }
+
+    pub(crate) fn chunk_sampling(&self) -> ChunkSampling {
+        ChunkSampling { sampler: self.sampler, chunk: self.chunk, target: self.target }
+    }
+
+    /// Appends the units of the last chunk's audio.
+    pub fn append_units(&self, config: &Config, units: &mut Vec<u32>) {
+        let tokens = config.tokens_per_keyframe();
+        let chunks = usize::try_from(self.chunk).unwrap_or(usize::MAX);
+        let end = chunks.saturating_mul(self.target * tokens).saturating_add(self.horizon * tokens);
+        let new = end.saturating_sub(units.len()).min(self.units.len());
+        units.extend_from_slice(&self.units[self.units.len() - new..]);
+    }
+
+    /// Replaces the window's units by the whole recording's, if set.
+    pub(crate) fn replace_units(&mut self, config: &Config) {
+        if let Some(whole) = &mut self.whole {
+            let new = self.target * config.tokens_per_keyframe();
+            whole.replace(&mut self.units, self.chunk, new, self.horizon * config.tokens_per_keyframe());
+        }
+    }
+}
+
+impl WholeFile {
+    /// Replaces the window's units, and counts how many of its `new` last ones differ from the stream's; the window
+    /// ends `ahead` units after the chunk.
+    fn replace(&mut self, units: &mut [u32], chunk: u64, new: usize, ahead: usize) {
+        let end = (usize::try_from(chunk).unwrap_or(usize::MAX)).saturating_add(1).saturating_mul(new);
+        let end = end.saturating_add(ahead);
+        let window = units.len();
+        for (i, unit) in units.iter_mut().enumerate() {
+            let at = (end + i).checked_sub(window).and_then(|token| self.units.get(token));
+            if let (Some(&whole), true) = (at, i + new >= window) {
+                self.compared += 1;
+                self.differed += usize::from(whole != *unit);
+            }
+            *unit = at.copied().unwrap_or(self.silence);
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! A worker: selects the next sessions and computes their batch layer by layer.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use super::load::LEAD;
+use super::{EngineConfig, Inner, Threads};
+use crate::session::{Failure, Member, Members, PacketWriter, Schedule};
+use umo_core_base::defect::contain;
+use umo_core_base::memory::with_capacity;
+use umo_core_base::team::{ExternalWorkers, Placement, Team};
+use umo_core_base::time::Instant;
+use umo_core_model::avatar::{Avatar, Due, StageTimes};
+use umo_core_model::batch::Batch;
+use umo_core_model::linear::Compute;
+
+/// A batch, and the sessions in it.
+#[derive(Debug)]
+pub(super) struct Worker {
+    /// Index among the engine's workers.
+    index: usize,
+    team: Arc<Team>,
+    batch: Batch,
+    /// The members of the batch, in its order: avatars, schedules, slots.
+    avatars: Vec<Avatar>,
+    schedules: Vec<Schedule>,
+    slots: Vec<usize>,
+    /// Deadline and slot of every due session.
+    candidates: Vec<(u64, usize)>,
+    /// Kind of chunk of each member.
+    due: Vec<Due>,
+    packets: PacketWriter,
+    /// Batching window: the longest that due chunks wait for others, nanoseconds.
+    gather: u64,
+    /// Remaining batching delay of the sessions that the last turn found due; `None` if they do not
+    /// wait.
+    gathers: Option<Duration>,
+    /// Time that the mouth network took for the last chunk.
+    heard: Duration,
+    /// Stage times of the batch that were already added to the engine's.
+    told: StageTimes,
+}
+
+impl Worker {
+    /// Creates worker `index` of the engine. The [`LEAD`] has the engine's threads as its team.
+    /// Each other worker is one thread, on the core of the team thread with the same number; one of
+    /// the two sleeps while the other computes.
+    pub(crate) fn new(inner: &Inner, config: &EngineConfig, index: usize) -> std::io::Result<Self> {
+        let threads = config.threads.count();
+        let width = config.max_batch.min(config.max_sessions);
+        // The host's thread polls.
+        let (own, others) = match (config.threads, &*config.cores) {
+            (Threads::Own(_), [own, others @ ..]) => (Some(*own), others),
+            (_, cores) => (None, cores),
+        };
+        let team = match (&config.lender, config.threads) {
+            (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
+            _ if index != LEAD => {
+                Team::placed(1, Placement { caller: config.cores.get(index).copied(), ..Placement::default() })?
+            }
+            _ => Team::placed(threads, Placement { caller: own, cores: others, priority: config.priority })?,
+        };
+        // Set after the team's threads have started, because they would inherit it.
+        let is_set = matches!(config.threads, Threads::Host(_)) || config.priority.set();
+        if !is_set || !team.has_priority() {
+            inner.refused.store(true, Ordering::Relaxed);
+        }
+        let mut batch = Batch::new(inner.model(), width);
+        if matches!(config.threads, Threads::Host(_)) {
+            batch.bound(inner.model().config());
+        }
+        Ok(Self {
+            index,
+            team: Arc::new(team),
+            batch,
+            avatars: with_capacity(width),
+            schedules: with_capacity(width),
+            slots: with_capacity(width),
+            candidates: with_capacity(config.max_sessions),
+            due: with_capacity(width),
+            packets: PacketWriter::new(inner.model()),
+            gather: u64::try_from(config.gather.as_nanos()).unwrap_or(u64::MAX),
+            gathers: None,
+            heard: Duration::ZERO,
+            told: StageTimes::default(),
+        })
+    }
+
+    /// Index among the engine's workers.
+    pub(super) fn index(&self) -> usize {
+        self.index
+    }
+
+    /// Remaining batching delay of the chunks that the last turn found due.
+    pub(super) fn gathers(&self) -> Option<Duration> {
+        self.gathers
+    }
+
+    /// The threads that compute.
+    pub(super) fn team(&self) -> Arc<Team> {
+        Arc::clone(&self.team)
+    }
+
+    /// Expected duration of the next turn.
+    pub(super) fn expected(&self) -> Duration {
+        if self.is_mouth_next() { self.heard } else { self.batch.expected() }
+    }
+
+    /// Name of the next turn's step.
+    pub(super) fn next_step(&self) -> &'static str {
+        if self.is_mouth_next() { "mouth" } else { self.batch.next_step() }
+    }
+
+    /// Entry point of the threads that the host lends.
+    pub(super) fn external_workers(&self) -> ExternalWorkers {
+        self.team.external_workers()
+    }
+
+    /// Computes one layer or starts the next batch; returns whether there was work. Never
+    /// allocates.
+    pub(super) fn turn(&mut self, inner: &Inner) -> bool {
+        if !self.batch.is_busy() {
+            return self.begin(inner);
+        }
+        if let Some(member) = self.schedules.iter().position(Schedule::awaits_mouth) {
+            self.hear_mouth(member);
+            return true;
+        }
+        let Self { team, batch, avatars, schedules, .. } = self;
+        batch.set_alone(inner.load.is_shared());
+        let cx = Compute { isa: inner.model().isa(), team };
+        let result = contain(|| batch.step(inner.model(), cx, avatars, &mut Members(schedules)));
+        let failure = match result {
+            Ok(Ok(_)) => None,
+            Ok(Err(error)) => Some(Failure::Step(error)),
+            Err(defect) => Some(Failure::Defect(defect)),
+        };
+        if let Some(failure) = failure
+            && let Some(member) = self.batch.exclude()
+        {
+            self.schedules[member].fail(failure);
+        }
+        if !self.batch.is_busy() {
+            self.end(inner);
+        }
+        true
+    }
+
+    /// Ends the chunks of the completed batch, except for failed members.
+    fn end(&mut self, inner: &Inner) {
+        let now = inner.clock.nanos();
+        let members = self.schedules.iter_mut().zip(&self.avatars).zip(&self.due);
+        for ((schedule, avatar), &due) in members.filter(|((schedule, _), _)| schedule.is_running()) {
+            schedule.write_packet(&mut self.packets, avatar, inner.model(), due);
+            schedule.end(now);
+        }
+        // If another thread reads the times now, they are added after the next batch.
+        if let Ok(mut times) = inner.times.try_lock() {
+            let now = self.batch.stage_times();
+            times.add(now.since(std::mem::replace(&mut self.told, now)));
+        }
+        self.put_back(inner);
+    }
+
+    /// Feeds one member's chunk to the mouth network. This is a separate step, so that a poll keeps
+    /// its budget however many bodies are held.
+    fn hear_mouth(&mut self, member: usize) {
+        let start = Instant::now();
+        let (schedule, avatar) = (&mut self.schedules[member], &mut self.avatars[member]);
+        let failure = match contain(|| schedule.hear_mouth(avatar)) {
+            Ok(Ok(())) => None,
+            Ok(Err(error)) => Some(Failure::Step(error)),
+            Err(defect) => Some(Failure::Defect(defect)),
+        };
+        if let Some(failure) = failure {
+            schedule.fail(failure);
+            self.batch.remove(member);
+        }
+        self.heard = start.elapsed();
+    }
+
+    /// Whether the next turn runs the mouth network.
+    fn is_mouth_next(&self) -> bool {
+        self.schedules.iter().any(Schedule::awaits_mouth)
+    }
+
+    /// Puts this worker's part of the due sessions, those with the earliest deadlines, into a
+    /// batch.
+    fn begin(&mut self, inner: &Inner) -> bool {
+        let (now, model) = (inner.clock.nanos(), inner.model());
+        self.candidates.clear();
+        self.gathers = None;
+        let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
+        let (gather, mut sessions, mut patience) = (self.gather, 0, u64::MAX);
+        inner.slots.for_each_unlocked(|slot, member| {
+            sessions += 1;
+            if let Some((due, deadline)) = member.due(model, now) {
+                candidates.push((deadline, slot));
+                latest = latest.max(member.schedule.late());
+                if gather > 0 {
+                    patience = patience.min(member.patience((due, deadline), gather, now));
+                }
+            }
+        });
+        let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
+        if part == 0 && !self.candidates.is_empty() {
+            // The lead may have looked while this worker held one of their slots.
+            inner.signal().call(LEAD);
+            return false;
+        }
+        let has_room = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
+        if gather > 0 && has_room && patience > 0 {
+            self.gathers = Some(Duration::from_nanos(patience));
+            return false;
+        }
+        self.candidates.sort_unstable();
+        let share = inner.pace.full_share(now, latest);
+        let mut left = self.candidates.len();
+        for &(_, slot) in &self.candidates {
+            if self.avatars.len() == part {
+                break;
+            }
+            left -= 1;
+            // It may have been interrupted or dropped in the meantime, or taken by another worker.
+            let mut due = None;
+            let is_due = |member: &mut Member| {
+                due = member.due(model, now).and_then(|(due, _)| member.prepare(due, share, slot, model));
+                due.is_some()
+            };
+            let Some(mut member) = inner.slots.take_if(slot, is_due) else { continue };
+            let Some(due) = due else { continue };
+            member.begin(due, share < 1.0, model.config());
+            self.avatars.push(member.avatar);
+            self.schedules.push(member.schedule);
+            self.slots.push(slot);
+            self.due.push(due);
+        }
+        if self.avatars.is_empty() {
+            return false;
+        }
+        inner.load.begin(self.avatars.len());
+        if left > 0 && inner.load.workers() > 1 {
+            inner.signal().notify();
+        }
+        self.batch.begin(self.due.iter().copied()).expect("no batch is under way, and there are no more than fit");
+        true
+    }
+
+    /// Ends the batch, finished or not, and returns its members to their slots.
+    pub(super) fn put_back(&mut self, inner: &Inner) {
+        self.batch.abandon();
+        if !self.avatars.is_empty() {
+            inner.load.end(self.avatars.len());
+        }
+        let members = self.avatars.drain(..).zip(self.schedules.drain(..));
+        for ((avatar, schedule), slot) in members.zip(self.slots.drain(..)) {
+            inner.slots.put_back(slot, Member { avatar, schedule });
+        }
+        self.due.clear();
+    }
+}

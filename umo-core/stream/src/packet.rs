@@ -1,0 +1,279 @@
+//! Network format for chunk codes: encoder and decoder (SPEC 2.18).
+//!
+//! The sender runs the language model; [`Decoder`] runs the stages after it, interpolation and motion decoders, at a
+//! fraction of the cost. Without packet loss, its frames are bit-identical to the sender's.
+
+mod decoder;
+mod room;
+
+use std::fmt;
+
+pub(crate) use decoder::PacketSink;
+pub use decoder::{Decoder, Received};
+pub(crate) use room::PacketRoom;
+
+use umo_core_base::error::StepError;
+use umo_core_model::model::Model;
+
+/// The version of packets that this library writes and reads.
+const VERSION: u8 = 1;
+/// Flag in the first byte, beside the version: this is the last packet of the stream.
+const LAST: u8 = 0x10;
+/// Size of the head, bytes, in packets before the last.
+const HEAD: usize = 26;
+/// Upper bound of a root coordinate, metres, so that sums of positions stay finite.
+const MAX_PLACE: f32 = 1e7;
+/// Bytes of the frame count, in the last packet.
+const TOTAL: usize = 4;
+
+/// Error from pushing a packet. The decoder is unchanged, except after [`Self::Step`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PacketError {
+    /// Not a packet of this version; names the problem.
+    Malformed(&'static str),
+    /// Made with another model, or for another target; names the difference.
+    Other(&'static str),
+    /// No room for its frames: it may be pushed again after some were taken.
+    Full,
+    /// Its frames could not be computed; the decoder needs [`Decoder::reset`].
+    Step(StepError),
+}
+
+impl fmt::Display for PacketError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Malformed(what) => write!(f, "no packet: {what}"),
+            Self::Other(what) => write!(f, "packet of another {what}: make both sides with the same"),
+            Self::Full => write!(f, "the queue is full: take frames, then push the packet again"),
+            Self::Step(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for PacketError {}
+
+impl From<StepError> for PacketError {
+    fn from(error: StepError) -> Self {
+        Self::Step(error)
+    }
+}
+
+/// Contents of a packet other than its codes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PacketHead {
+    /// Number of the stream, modulo 256; incremented by every reset and interrupt of the sender.
+    pub stream: u8,
+    /// Number of the packet in its stream, which is its chunk's number.
+    pub sequence: u32,
+    /// Position in the stream of the first new keyframe, samples at the model's rate.
+    pub sample: u64,
+    /// Position of the root in the last frame that the chunk makes final: x and z, metres.
+    pub root: [f32; 2],
+    /// Number of new keyframes: the target, or 0 if the stream ended after its last chunk was sent.
+    pub keyframes: usize,
+    /// Number of earlier keyframes repeated before the new ones.
+    pub history: usize,
+    /// Frames of the whole stream, in its last packet only.
+    pub total: Option<u32>,
+}
+
+/// Packet layout of a model.
+#[derive(Clone, Debug)]
+pub struct PacketLayout {
+    /// Low bits of the model's fingerprint.
+    model: u16,
+    /// Number of values of each code of a keyframe.
+    limits: Box<[u16]>,
+    /// Bits of each code.
+    bits: Box<[u8]>,
+    keyframe_bits: usize,
+    prefix: usize,
+}
+
+impl PacketLayout {
+    /// Layout of the packets of a model's avatars.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "codes fit 16 bits by the config's checks; a tell-tale is short"
+    )]
+    pub fn new(model: &Model) -> Self {
+        let (config, id) = (model.config(), model.fingerprint());
+        let places =
+            config.part_list().into_iter().flat_map(|part| std::iter::repeat_n(part.codes as u16, part.levels));
+        let id = id ^ (id >> 16) ^ (id >> 32) ^ (id >> 48);
+        Self::of(places.collect(), config.prefix, id as u16)
+    }
+
+    /// Layout for keyframes with these numbers of values per code.
+    #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
+    fn of(limits: Box<[u16]>, prefix: usize, model: u16) -> Self {
+        let bits: Box<[u8]> = limits.iter().map(|&codes| (u16::BITS - (codes - 1).leading_zeros()) as u8).collect();
+        let keyframe_bits = bits.iter().map(|&bits| usize::from(bits)).sum();
+        Self { model, limits, bits, keyframe_bits, prefix }
+    }
+
+    /// Size of the longest packet, bytes.
+    pub fn most_bytes(&self) -> usize {
+        HEAD + TOTAL + self.prefix + (self.prefix * self.keyframe_bits).div_ceil(8)
+    }
+
+    /// Codes per keyframe.
+    pub fn codes(&self) -> usize {
+        self.limits.len()
+    }
+
+    /// Maximum number of keyframes in a packet.
+    pub fn max_keyframes(&self) -> usize {
+        self.prefix
+    }
+
+    /// Size of a packet with this number of new and of repeated keyframes, bytes.
+    pub fn bytes(&self, keyframes: usize, history: usize, is_last: bool) -> usize {
+        let total = if is_last { TOTAL } else { 0 };
+        HEAD + total + keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
+    }
+
+    /// Writes a packet with the audio `levels` of the new keyframes, as SPEC 2.18 defines them, and `codes [history +
+    /// keyframes, codes of a keyframe]`, oldest first; returns its length. Never allocates.
+    ///
+    /// # Errors
+    /// [`StepError`] if `out` is too small, the numbers of keyframes disagree or exceed the model's `prefix`, or a
+    /// code is out of range.
+    pub fn encode(&self, head: &PacketHead, levels: &[u8], codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
+        let keyframes = head.history + head.keyframes;
+        let limit = self.prefix.min(u8::MAX.into());
+        if keyframes > limit {
+            return Err(StepError::TooLong { what: "keyframes of a packet", got: keyframes, limit });
+        }
+        if codes.len() != keyframes * self.codes() || levels.len() != head.keyframes {
+            return Err(StepError::Disagree("a packet's codes or levels and its number of keyframes"));
+        }
+        let wrong = codes.iter().zip(self.limits.iter().cycle()).find(|(code, limit)| code >= limit);
+        if let Some((&code, &limit)) = wrong {
+            return Err(StepError::OutOfRange { what: "code", got: code.into(), limit: limit.into() });
+        }
+        let (want, limit) = (self.bytes(head.keyframes, head.history, head.total.is_some()), out.len());
+        let out = out.get_mut(..want).ok_or(StepError::TooLong { what: "bytes of a packet", got: want, limit })?;
+        out.fill(0);
+        #[expect(clippy::cast_possible_truncation, reason = "at most 255 by the check above")]
+        let counts = [head.keyframes as u8, head.history as u8];
+        out[0] = VERSION | if head.total.is_some() { LAST } else { 0 };
+        out[1] = head.stream;
+        out[2..4].copy_from_slice(&self.model.to_le_bytes());
+        out[4..8].copy_from_slice(&head.sequence.to_le_bytes());
+        out[8..16].copy_from_slice(&head.sample.to_le_bytes());
+        out[16..20].copy_from_slice(&head.root[0].to_le_bytes());
+        out[20..24].copy_from_slice(&head.root[1].to_le_bytes());
+        out[24..26].copy_from_slice(&counts);
+        let mut start = HEAD;
+        if let Some(total) = head.total {
+            out[HEAD..HEAD + TOTAL].copy_from_slice(&total.to_le_bytes());
+            start += TOTAL;
+        }
+        out[start..start + levels.len()].copy_from_slice(levels);
+        start += levels.len();
+        let mut at = 8 * start;
+        for (&code, &bits) in codes.iter().zip(self.bits.iter().cycle()) {
+            for bit in 0..bits {
+                out[at / 8] |= ((code >> bit & 1) as u8) << (at % 8);
+                at += 1;
+            }
+        }
+        Ok(want)
+    }
+
+    /// Reads a packet. Writes its levels and codes to the start of `levels` and `codes`, which have room for
+    /// [`Self::max_keyframes`]. Never allocates.
+    ///
+    /// # Errors
+    /// [`PacketError`] if it is not a packet of this version and model; the contents of `levels` and `codes` are then
+    /// unspecified.
+    pub fn decode(&self, bytes: &[u8], levels: &mut [u8], codes: &mut [u16]) -> Result<PacketHead, PacketError> {
+        let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
+            return Err(PacketError::Malformed("it is too short"));
+        };
+        match head[0] & 0x0F {
+            VERSION => {}
+            _ => return Err(PacketError::Malformed("its version is not 1")),
+        }
+        if head[0] & !(0x0F | LAST) != 0 {
+            return Err(PacketError::Malformed("it has flags that version 1 does not have"));
+        }
+        if u16::from_le_bytes(field(head, 2)) != self.model {
+            return Err(PacketError::Other("model"));
+        }
+        let (keyframes, history) = (usize::from(head[24]), usize::from(head[25]));
+        let (count, is_last) = (keyframes + history, head[0] & LAST != 0);
+        if count > self.prefix || count * self.codes() > codes.len() || keyframes > levels.len() {
+            return Err(PacketError::Malformed("it has more keyframes than the model's history"));
+        }
+        if bytes.len() != self.bytes(keyframes, history, is_last) {
+            return Err(PacketError::Malformed("its length is not that of its keyframes"));
+        }
+        let root = [f32::from_le_bytes(field(head, 16)), f32::from_le_bytes(field(head, 20))];
+        if !root.iter().all(|v| v.abs() <= MAX_PLACE) {
+            return Err(PacketError::Malformed("its root is nowhere on earth"));
+        }
+        if head[4..8] == [0xFF; 4] {
+            return Err(PacketError::Malformed("nothing can follow its sequence number"));
+        }
+        if keyframes == 0 && !is_last {
+            return Err(PacketError::Malformed("it has no keyframes and does not end the stream"));
+        }
+        let total = is_last.then(|| u32::from_le_bytes(field(rest, 0)));
+        let (heard, packed) = rest[if is_last { TOTAL } else { 0 }..].split_at(keyframes);
+        levels[..keyframes].copy_from_slice(heard);
+        let mut at = 0;
+        for ((code, &bits), &limit) in
+            codes[..count * self.codes()].iter_mut().zip(self.bits.iter().cycle()).zip(self.limits.iter().cycle())
+        {
+            *code = 0;
+            for bit in 0..bits {
+                *code |= u16::from(packed[at / 8] >> (at % 8) & 1) << bit;
+                at += 1;
+            }
+            if *code >= limit {
+                return Err(PacketError::Malformed("a code is out of range"));
+            }
+        }
+        if packed.last().is_some_and(|last| at % 8 != 0 && last >> (at % 8) != 0) {
+            return Err(PacketError::Malformed("bits after the codes are not 0"));
+        }
+        Ok(PacketHead {
+            stream: head[1],
+            sequence: u32::from_le_bytes(field(head, 4)),
+            sample: u64::from_le_bytes(field(head, 8)),
+            root,
+            keyframes,
+            history,
+            total,
+        })
+    }
+}
+
+/// Steps of a level byte per factor of ten.
+const LEVEL_STEPS: f32 = 50.0;
+
+/// Whether a well-formed packet is the last of its stream.
+pub(crate) fn is_last(packet: &[u8]) -> bool {
+    packet.first().is_some_and(|first| first & LAST != 0)
+}
+
+/// Encodes an audio level as a byte: 255 for a root mean square of full scale, 0.4 dB a step, 0 for silence.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
+pub fn level_byte(level: f32) -> u8 {
+    if level > 0.0 { (255.0 + LEVEL_STEPS * level.log10()).round().clamp(0.0, 255.0) as u8 } else { 0 }
+}
+
+/// Decodes a level byte to the root mean square.
+pub fn byte_level(byte: u8) -> f32 {
+    if byte == 0 { 0.0 } else { 10.0_f32.powf((f32::from(byte) - 255.0) / LEVEL_STEPS) }
+}
+
+/// Reads `N` bytes at `at`; the caller has checked the length.
+fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    *bytes[at..].first_chunk().expect("lengths were checked")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,65 @@
+//! The sending side: writes a packet of the last chunk.
+
+use super::{PacketHead, PacketLayout, level_byte};
+use crate::levels::Levels;
+use umo_core_base::error::StepError;
+use umo_core_base::memory::filled;
+use umo_core_model::avatar::{Avatar, Due};
+use umo_core_model::config::Config;
+
+/// Buffers for the contents of a packet.
+#[derive(Debug)]
+pub(crate) struct PacketRoom {
+    levels: Box<[u8]>,
+    codes: Box<[u16]>,
+}
+
+impl PacketRoom {
+    /// Creates buffers for any avatar of a model.
+    pub(crate) fn new(config: &Config) -> Self {
+        let count = config.prefix * config.codes_per_keyframe();
+        Self { levels: filled(0, config.prefix).into(), codes: filled(0, count).into() }
+    }
+
+    /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
+    /// keyframes. Returns its length, or `None` if nothing was computed. Never allocates.
+    #[expect(clippy::too_many_arguments, reason = "an avatar, what was computed of it, and where it goes")]
+    pub(crate) fn write(
+        &mut self,
+        avatar: &Avatar,
+        config: &Config,
+        layout: &PacketLayout,
+        stepped: Due,
+        (stream, history): (u8, usize),
+        levels: &Levels,
+        out: &mut [u8],
+    ) -> Result<Option<usize>, StepError> {
+        let keyframes = match stepped {
+            Due::Chunk | Due::Held => avatar.target,
+            Due::Flush => 0,
+            Due::Audio | Due::Nothing => return Ok(None),
+        };
+        // No more than the stream has sent.
+        let done = usize::try_from(avatar.chunk).unwrap_or(usize::MAX).saturating_mul(avatar.target) - keyframes;
+        let history = history.min(config.prefix - keyframes).min(done);
+        let is_last = avatar.total.is_some() && Some(avatar.chunk) >= avatar.chunks(config);
+        let sequence = avatar.chunk - if keyframes > 0 { 1 } else { 0 };
+        let head = PacketHead {
+            stream,
+            sequence: u32::try_from(sequence).unwrap_or(u32::MAX),
+            sample: sequence * (avatar.target * config.samples_per_keyframe()) as u64,
+            root: avatar.motion.place(),
+            keyframes,
+            history,
+            total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
+        };
+        let heard = &mut self.levels[..keyframes];
+        for (i, level) in heard.iter_mut().enumerate() {
+            let first = (sequence * avatar.target as u64 + i as u64) * config.keyframe_stride as u64;
+            *level = level_byte(levels.mean(first, config.keyframe_stride));
+        }
+        let codes = &mut self.codes[..(history + keyframes) * layout.codes()];
+        avatar.history.last(history + keyframes, codes);
+        layout.encode(&head, heard, codes, out).map(Some)
+    }
+}

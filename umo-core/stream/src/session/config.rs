@@ -1,0 +1,155 @@
+//! Settings of a session.
+
+use std::time::Duration;
+
+use super::voice::Voice;
+use umo_core_base::error::LoadError;
+use umo_core_layers::{Gestures, LifeConfig};
+use umo_core_model::audio::resample;
+use umo_core_model::avatar::AvatarConfig;
+use umo_core_model::config::Config;
+use umo_core_model::lm::layout::Template;
+
+/// Least amount of queued audio, in seconds, at which
+/// [`Session::push_audio`](super::Session::push_audio) may refuse more.
+pub const AUDIO_SECONDS: usize = 10;
+/// Lowest sample rate of a session, per second.
+pub const MIN_RATE: usize = 8_000;
+/// Highest sample rate of a session, per second.
+pub const MAX_RATE: usize = 192_000;
+/// Most channels of a session's audio.
+pub const MAX_CHANNELS: usize = 64;
+/// Largest gain of a part.
+pub const MAX_GAIN: f32 = 2.0;
+/// Longest [`Session::interrupt`](super::Session::interrupt).
+pub const MAX_EASE: Duration = Duration::from_secs(10);
+
+/// Upper bound of [`SessionConfig::queue_frames`].
+pub(super) const MAX_QUEUE: usize = 1 << 16;
+
+/// Default [`smoothing`](AvatarConfig::smoothing) of a session: removes the decoders' jitter and
+/// keeps the strokes.
+const SMOOTHING: f32 = 1.2;
+
+/// Packets of a session (SPEC 2.18).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PacketConfig {
+    /// Keyframes before its own chunk that a packet repeats, at most as many as the model's history
+    /// holds.
+    pub history: usize,
+    /// Whether frames are queued, too. Without them, nothing waits for
+    /// [`Session::pull_frames`](super::Session::pull_frames).
+    pub with_frames: bool,
+}
+
+impl PacketConfig {
+    /// Packets in addition to frames. Each packet repeats the previous chunk, so that a single lost
+    /// packet changes nothing.
+    pub fn new(target: usize) -> Self {
+        Self { history: target, with_frames: true }
+    }
+}
+
+/// Settings of a session.
+#[derive(Clone, Debug)]
+pub struct SessionConfig {
+    /// The avatar.
+    pub avatar: AvatarConfig,
+    /// Initial gain of each layer over the model's frames.
+    pub layers: LifeConfig,
+    /// Available gestures.
+    pub gestures: Gestures,
+    /// Sample rate of the pushed audio, [`MIN_RATE`] to [`MAX_RATE`].
+    pub sample_rate: usize,
+    /// Number of interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed down.
+    pub channels: usize,
+    /// Timing of the mouth. [`Voice::Live`] needs a model with a mouth network.
+    pub voice: Voice,
+    /// Behaviour while no audio comes.
+    pub idle: Idle,
+    /// Time without audio after which [`Idle::Rest`] and [`Idle::Live`] begin.
+    pub idle_after: Duration,
+    /// Duration of the ease to rest, and of the way back.
+    pub ease: Duration,
+    /// Capacity of the frame queue; the engine pauses while a chunk does not fit. At least two
+    /// chunks' worth.
+    pub queue_frames: usize,
+    /// Packets for [`Session::decoder`](super::Session::decoder)s elsewhere, if any.
+    pub packets: Option<PacketConfig>,
+    /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
+    /// may arrive before a missing one counts as lost.
+    pub patience: usize,
+}
+
+/// Behaviour while no audio comes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Idle {
+    /// Holds the last pose.
+    #[default]
+    Hold,
+    /// Eases to the rest pose; only [`Session::sample_pose`](super::Session::sample_pose) shows it.
+    Rest,
+    /// Runs the model on silence.
+    Live,
+}
+
+impl SessionConfig {
+    /// The model's defaults, speech to motion, mono audio at the model's rate, with smoothing and
+    /// all layers.
+    pub fn new(config: &Config) -> Self {
+        Self {
+            avatar: {
+                let mut avatar = AvatarConfig::new(config);
+                avatar.smoothing = SMOOTHING;
+                avatar
+            },
+            layers: LifeConfig::ON,
+            gestures: Gestures::new(),
+            sample_rate: config.audio.sample_rate,
+            channels: 1,
+            voice: Voice::Delayed,
+            idle: Idle::Hold,
+            idle_after: Duration::from_millis(300),
+            ease: Duration::from_millis(500),
+            queue_frames: 4 * config.max_target * config.keyframe_stride,
+            packets: None,
+            patience: 0,
+        }
+    }
+
+    /// Upper bound on the future audio that a frame needs, in samples at the session's rate,
+    /// including resampling: the [`algorithmic_samples`](super::Latency::algorithmic_samples) of a
+    /// session with these settings.
+    ///
+    /// # Errors
+    /// [`LoadError::Config`] if the template is missing, or the target, the lookahead or the rate
+    /// is out of range.
+    pub fn latency_samples(&self, config: &Config) -> Result<usize, LoadError> {
+        self.avatar.check(config)?;
+        let has_audio = Template::new(config, &self.avatar.template)?.has_audio();
+        resample::check_rates(self.sample_rate, config.audio.sample_rate)
+            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+        Ok(self.latency_with(config, has_audio))
+    }
+
+    /// Checks the ranges of rate and channels.
+    pub fn check(&self) -> Result<(), LoadError> {
+        in_range("sample_rate", self.sample_rate, MIN_RATE, MAX_RATE)?;
+        in_range("channels", self.channels, 1, MAX_CHANNELS)
+    }
+
+    /// [`Self::latency_samples`] of checked settings.
+    pub(super) fn latency_with(&self, config: &Config, has_audio: bool) -> usize {
+        let frames = self.avatar.latency_frames(config);
+        let delay = if has_audio { resample::most_delay(self.sample_rate, config.audio.sample_rate) } else { 0 };
+        (frames * self.sample_rate).div_ceil(config.frame_rate) + delay
+    }
+}
+
+/// Checks that a setting is in `from..=to`.
+pub(super) fn in_range(key: &str, got: usize, from: usize, to: usize) -> Result<(), LoadError> {
+    if (from..=to).contains(&got) {
+        return Ok(());
+    }
+    Err(LoadError::config(key, format!("expected {from} to {to}, got {got}")))
+}

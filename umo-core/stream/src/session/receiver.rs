@@ -1,0 +1,199 @@
+//! Sessions whose frames come from packets (SPEC 2.18).
+//!
+//! ```text
+//!  network thread                        game thread
+//!  push_packet ──► decoder ──ring──►     pull_frames, sample_pose
+//! ```
+//! A chunk is computed on the thread that pushes its packet. Everything after the ring is as in a
+//! session with an engine: layers, idle motion, gains, gestures.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use super::shared::{SessionInit, Shared, try_lock};
+use super::{Session, SessionConfig, SessionError, Source, Voice};
+use crate::engine::EngineError;
+use crate::link::{Epoch, Stamp};
+use crate::packet::{Decoder, PacketError, PacketSink, Received};
+use umo_core_base::clock::Clock;
+use umo_core_base::error::LoadError;
+use umo_core_base::memory;
+use umo_core_base::memory::Arena;
+use umo_core_base::team::Team;
+use umo_core_model::audio::resample::Resampler;
+use umo_core_model::linear::Compute;
+use umo_core_model::model::Model;
+use umo_core_model::motion::FrameRef;
+
+/// Name of the call, for [`SessionError::Busy`].
+const PUSH: &str = "push_packet";
+
+/// The side that receives packets.
+#[derive(Debug)]
+pub(super) struct Receiver {
+    model: Arc<Model>,
+    decoder: Decoder,
+    team: Team,
+    /// Epoch of the frames.
+    epoch: Epoch,
+    /// Frames of the ease between two streams.
+    ease: u16,
+}
+
+/// Sink of the decoder's frames.
+struct Frames<'a> {
+    shared: &'a Shared,
+    epoch: &'a mut Epoch,
+    ease: u16,
+    count: u64,
+}
+
+impl PacketSink for Frames<'_> {
+    fn room(&self) -> usize {
+        self.shared.link.frames.room()
+    }
+
+    fn begin(&mut self) {
+        let link = &self.shared.link;
+        link.begin_epoch(|epoch| epoch.interrupted(self.ease));
+        *self.epoch = link.epoch();
+        link.start_input(*self.epoch, 0);
+    }
+
+    fn frame(&mut self, frame: FrameRef, level: f32) {
+        let index = frame.index as u64;
+        let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.sample_of(index) };
+        let written = self.shared.link.frames.push(stamp, crate::levels::cue(&frame, level), frame.pose, frame.face);
+        debug_assert!(written, "a packet is taken only where its frames have room");
+        self.count += 1;
+    }
+}
+
+impl Session {
+    /// Creates a session whose frames come from packets: [`Self::push_packet`] replaces audio, and
+    /// everything that shows or changes frames works as in a session with an engine. It needs no
+    /// engine and little processor time.
+    ///
+    /// Target, lookahead and smoothing of `config` must be the sender's; patience, layers,
+    /// gestures, idle mode, ease and queue are its own. Allocates everything that it will need.
+    ///
+    /// # Errors
+    /// [`EngineError`] if a number is out of range, the voice is live, or `config` asks for
+    /// packets.
+    pub fn decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
+        memory::catch(|| Self::make_decoder(model, config))?
+    }
+
+    fn make_decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
+        let mut config = config.clone();
+        if config.voice != Voice::Delayed || config.packets.is_some() {
+            let what = "a decoder has neither a live voice nor packets of its own";
+            return Err(LoadError::config("voice", what).into());
+        }
+        // A decoder takes no audio.
+        (config.sample_rate, config.channels) = (model.config().audio.sample_rate, 1);
+        let decoder = Decoder::new(model, &config.avatar, config.patience)?;
+        // Room for the frames that wait for the host, and for the frames that one packet adds after
+        // losses.
+        config.queue_frames = config.queue_frames.saturating_add(decoder.most_frames());
+        let rest = model.rest().map_err(EngineError::Rest)?;
+        let arena = Arena::system();
+        let rate = model.config().audio.sample_rate;
+        let init = SessionInit {
+            model,
+            assembly: model.motion().assembly(),
+            rest: &rest,
+            chunk_frames: config.avatar.target * model.config().keyframe_stride + config.avatar.held_back(),
+            chunk_samples: 0,
+            kept: 0,
+            clock: Clock::system(),
+            signal: Arc::default(),
+            resampler: Resampler::new_in(rate, rate, None, &arena),
+            is_decoder: true,
+            arena: &arena,
+        };
+        let receiver = Receiver {
+            model: Arc::clone(model),
+            decoder,
+            team: Team::new(1).map_err(EngineError::Thread)?,
+            epoch: Epoch::default(),
+            ease: frames_of(config.ease, model.config().frame_rate),
+        };
+        let shared = arena.counted(Shared::new(init, &config)?);
+        let source = Source::Packets(Box::new(Mutex::new(receiver)));
+        Ok(Self { shared, source, state_size: 0, output_delay: AtomicU64::new(0) })
+    }
+
+    fn receiver(&self) -> Result<&Mutex<Receiver>, SessionError> {
+        match &self.source {
+            Source::Packets(receiver) => Ok(receiver),
+            Source::Engine(_) => Err(SessionError::Range("packets are for decoders; this session takes audio")),
+        }
+    }
+
+    /// Takes a packet, in any order and any number of times, and computes the frames that it makes
+    /// final. Once a later packet has arrived, missing ones are concealed.
+    ///
+    /// Meant for the thread that receives: never allocates, never waits, and takes the time of a
+    /// chunk's motion decoders.
+    ///
+    /// # Errors
+    /// [`SessionError::Packet`] if the bytes are not a packet of this model and these settings, or
+    /// the frame queue is full: nothing changes. Also if a step fails: the stream is then joined
+    /// anew. [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session
+    /// with an engine.
+    pub fn push_packet(&self, bytes: &[u8]) -> Result<(), SessionError> {
+        let shared = &*self.shared;
+        shared.check()?;
+        let mut receiver = try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?;
+        let Receiver { model, decoder, team, epoch, ease } = &mut *receiver;
+        let present = shared.link.epoch();
+        if present != *epoch {
+            // The host has reset the session: it joins the stream at this packet.
+            decoder.reset();
+            *epoch = present;
+            shared.link.start_input(present, 0);
+        }
+        let cx = Compute { isa: model.isa(), team };
+        let taken = decoder.received().packets;
+        let mut frames = Frames { shared, epoch, ease: *ease, count: 0 };
+        let pushed = decoder.push_to(model, cx, bytes, &mut frames);
+        let count = frames.count;
+        shared.stats.frames.fetch_add(count, Ordering::Relaxed);
+        if decoder.received().packets > taken {
+            shared.stats.chunks.fetch_add(1, Ordering::Relaxed);
+            shared.heard.store(shared.now(), Ordering::Relaxed);
+        }
+        match pushed {
+            Ok(()) => {
+                if let Some(total) = decoder.total() {
+                    shared.link.end_input(total.into(), shared.clock.nanos());
+                }
+                Ok(())
+            }
+            Err(error) => {
+                // The stream's state is undefined after a failed step: join it anew.
+                if let PacketError::Step(_) = error {
+                    decoder.reset();
+                }
+                Err(SessionError::Packet(error))
+            }
+        }
+    }
+
+    /// Statistics of the packets so far.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session with
+    /// an engine.
+    pub fn received(&self) -> Result<Received, SessionError> {
+        Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())
+    }
+}
+
+/// Number of frames in a duration, rounded up.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 16 bits")]
+pub(super) fn frames_of(time: Duration, frame_rate: usize) -> u16 {
+    (time.as_secs_f64() * frame_rate as f64).ceil().min(f64::from(u16::MAX)) as u16
+}
