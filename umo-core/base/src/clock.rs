@@ -36,6 +36,7 @@ impl Clock {
 
     #[expect(clippy::cast_possible_truncation, reason = "2^62 nanoseconds are 146 years")]
     /// Time since the clock's start plus a fixed offset, nanoseconds.
+    #[doc(hidden)]
     pub fn nanos(&self) -> u64 {
         START + self.now().as_nanos() as u64
     }

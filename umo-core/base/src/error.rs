@@ -39,11 +39,13 @@ pub enum LoadError {
 
 impl LoadError {
     /// Error of the config's `key`.
+    #[doc(hidden)]
     pub fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Config { key: key.into(), problem: problem.into() }
     }
 
     /// Error of the tensor `name`.
+    #[doc(hidden)]
     pub fn tensor(name: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Tensor { name: name.into(), problem: problem.into() }
     }

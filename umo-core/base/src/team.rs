@@ -203,11 +203,13 @@ impl Team {
 
     /// Creates a team of `threads` that owns no threads: the caller, and external workers that join while admitted
     /// (`admit`). Without external workers the caller computes everything.
+    #[doc(hidden)]
     pub fn with_external_workers(threads: usize) -> Self {
         Self::bare(threads.clamp(1, MAX_THREADS), true)
     }
 
     /// Creates a team of the calling thread only.
+    #[doc(hidden)]
     pub fn alone() -> Self {
         Self::bare(1, false)
     }
@@ -226,17 +228,20 @@ impl Team {
     }
 
     /// Entry point for external workers.
+    #[doc(hidden)]
     pub fn external_workers(&self) -> ExternalWorkers {
         ExternalWorkers { shared: Arc::clone(&self.shared) }
     }
 
     /// Admits external workers until the result is dropped.
+    #[doc(hidden)]
     pub fn admit(&self) -> JoinGuard<'_> {
         self.shared.joining.fetch_or(1, Ordering::SeqCst);
         JoinGuard(&self.shared)
     }
 
     /// Sets whether the caller runs its next jobs without the others, which go to sleep.
+    #[doc(hidden)]
     pub fn set_alone(&self, alone: bool) {
         self.is_alone.store(alone, Ordering::Relaxed);
     }
@@ -247,6 +252,7 @@ impl Team {
     }
 
     /// Maximum number of pieces that a job is divided into.
+    #[doc(hidden)]
     pub fn pieces(&self) -> usize {
         if self.threads == 1 { 1 } else { self.threads + DYNAMIC_CHUNKS }
     }
@@ -325,6 +331,7 @@ impl Team {
     ///
     /// # Errors
     /// One of the errors that `f` returned.
+    #[doc(hidden)]
     pub fn rows<'a, T: Send>(
         &self,
         y: MatMut<'a, T>,
@@ -339,6 +346,7 @@ impl Team {
     ///
     /// # Errors
     /// One of the errors that `f` returned.
+    #[doc(hidden)]
     pub fn rows_of_two<'a, T: Send, U: Send>(
         &self,
         y: MatMut<'a, T>,
@@ -358,6 +366,7 @@ impl Team {
     ///
     /// # Errors
     /// One of the errors that `f` returned.
+    #[doc(hidden)]
     pub fn split<Y: Send>(
         &self,
         y: Y,

@@ -78,11 +78,13 @@ impl AvatarConfig {
     }
 
     /// Frames held back until the next chunk, including those that smoothing needs.
+    #[doc(hidden)]
     pub fn held_back(&self) -> usize {
         self.lookahead.max(Smoothing::new(self.smoothing).map_or(0, |smoothing| smoothing.radius()))
     }
 
     /// Checks the settings against the model's ranges.
+    #[doc(hidden)]
     pub fn check(&self, config: &Config) -> Result<(), LoadError> {
         if !(1..=config.max_target).contains(&self.target) {
             return Err(LoadError::config(
@@ -150,6 +152,7 @@ impl StageTimes {
     }
 
     /// Adds the times of another thread.
+    #[doc(hidden)]
     pub fn add(&mut self, more: Self) {
         self.tokenizer += more.tokenizer;
         self.encoder += more.encoder;

@@ -577,6 +577,7 @@ impl Config {
     }
 
     /// Returns an empty motion with this model's frame rate, bones and face.
+    #[doc(hidden)]
     pub fn clip(&self) -> Clip {
         Clip::new(self.frame_rate as f32, self.skeleton.clone(), self.face.clone())
     }

@@ -115,6 +115,7 @@ impl Model {
     }
 
     /// The pose that the rest codes decode to, away from a clip's ends.
+    #[doc(hidden)]
     pub fn rest(&self) -> Result<OwnedFrame, StepError> {
         let motion = &self.motion;
         let team = Team::new(1).map_err(|_| StepError::Missing("thread"))?;

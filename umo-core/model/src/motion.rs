@@ -3,11 +3,9 @@
 //! | module | contents |
 //! |---|---|
 //! | [`vq`], [`root`] | the codecs of the parts, the root network |
-//! | [`rotation`], [`skeleton`], [`pose`] | rotations, the 55 joints, conversion of channels to one frame's pose |
 //! | [`stream`] | frames from codes that become known incrementally |
 //! | [`smoothing`] | low-pass filter of the body's motion |
-//! | [`axes`], [`visemes`] | poses in an engine's axes and units; mouth shapes |
-//! | [`clip`] | a whole motion, and its conversion back to channels and codes |
+//! | `encoder` | codes of a whole motion |
 
 mod conv;
 mod encoder;

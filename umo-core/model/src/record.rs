@@ -4,7 +4,7 @@ use crate::config::Config;
 use crate::lm::tally::Tally;
 use umo_core_pose::part::{Part, PerPart};
 
-/// Record of the last chunk of an [`Animation`](umo_core_stream::animation::Animation).
+/// Record of the last chunk of an animation.
 #[derive(Clone, Copy, Debug)]
 pub struct Chunk<'a> {
     /// Number of the chunk in the stream.

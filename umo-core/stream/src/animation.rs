@@ -279,7 +279,7 @@ impl Animation {
     }
 
     /// Writes the packet of the last [`Self::step`] into `out`, repeating up to `history` earlier keyframes; returns
-    /// its length, or `None` if the step computed nothing. `layout` is [`Model::packets`] of its model, `stream` the
+    /// its length, or `None` if the step computed nothing. `layout` is that of its model, `stream` the
     /// number of the stream. Never allocates.
     ///
     /// # Errors

@@ -17,6 +17,7 @@ pub enum Priority {
 
 impl Priority {
     /// Gives the calling thread this priority; returns whether the system allowed it.
+    #[doc(hidden)]
     pub fn set(self) -> bool {
         self == Self::Normal || system::set(self)
     }

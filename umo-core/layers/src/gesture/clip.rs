@@ -142,6 +142,7 @@ impl Gesture {
 
     /// Blends the joints of its parts by `share` towards their rotations `t` seconds after the first
     /// frame.
+    #[doc(hidden)]
     pub fn apply(&self, rotations: &mut [Quat; JOINTS], t: f32, share: f32, is_mirrored: bool) {
         let at = (t * self.rate).clamp(0.0, (self.frames.len() - 1) as f32);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the clip")]

@@ -47,6 +47,7 @@ impl Resampler {
     }
 
     /// Like [`Self::new`], in memory of `arena`, with the [`plan`] of these rates.
+    #[doc(hidden)]
     pub fn new_in(rate_in: usize, rate_out: usize, plan: Option<Arc<FilterPlan>>, arena: &Arena) -> Self {
         let filter = plan.map(|plan| Filter::new_in(plan, arena));
         Self { rate_in, rate_out, filter, taken: 0, given: 0 }
@@ -95,6 +96,7 @@ impl Resampler {
     /// Describes the stream after `taken` samples, a count that its owner also stores. Returns the number of
     /// samples that [`Self::finish`] would output. The other counts follow from `taken`.
     #[expect(clippy::cast_possible_truncation, reason = "no more samples than were taken at a time")]
+    #[doc(hidden)]
     pub fn state(&mut self, pass: &mut StatePass, taken: u64) -> Result<usize, StateError> {
         let (given, all) = match &mut self.filter {
             None => (taken, taken),

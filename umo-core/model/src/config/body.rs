@@ -79,6 +79,7 @@ impl PartSpec {
 impl Config {
     /// Audio tokens, counted from a keyframe's first, whose encoder states the depth network reads: none, one for all
     /// parts, or one for the face's parts and one for the others.
+    #[doc(hidden)]
     pub fn heard_tokens(&self) -> impl Iterator<Item = usize> + Clone + use<> {
         let depth = self.depth.as_ref();
         [depth.and_then(|depth| depth.heard), depth.and_then(|depth| depth.body_heard)].into_iter().flatten()
@@ -100,6 +101,7 @@ impl Config {
     }
 
     /// Number of codes of each of the four parts in layout `parts`.
+    #[doc(hidden)]
     pub fn part_codes(&self) -> usize {
         self.parts.as_ref().and_then(|parts| parts.first()).map_or(self.vq.codes, |first| first.codes)
     }

@@ -38,6 +38,7 @@ impl Sampler {
         clippy::cast_possible_truncation,
         reason = "the bits of a float fit 32, and no more codes are kept than there are"
     )]
+    #[doc(hidden)]
     pub fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("seed", &mut self.seed, u64::MAX)?;
         let Sampling { temperature, top_k, top_p } = &mut self.sampling;

@@ -13,7 +13,7 @@ impl Retarget {
     /// Returns the local rotation of each joint for a posed rig: the inverse of [`apply`](Self::apply), for joints
     /// that have bones. `rotations` are the bones' local rotations, in the rig's order. A joint without a bone is at
     /// rest; a spine joint without one is interpolated between its neighbours. Used for clips of a host's character,
-    /// such as gestures ([`Gesture`](umo_core_layers::Gesture)). Does not allocate.
+    /// such as gestures. Does not allocate.
     ///
     /// # Errors
     /// [`StepError::Disagree`] if the length of `scratch` or `rotations` is not that of this rig.

@@ -65,6 +65,7 @@ pub enum Threads {
 
 impl Threads {
     /// Number of threads that compute.
+    #[doc(hidden)]
     pub fn count(self) -> usize {
         match self {
             Self::Own(threads) => threads,

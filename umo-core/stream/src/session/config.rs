@@ -133,6 +133,7 @@ impl SessionConfig {
     }
 
     /// Checks the ranges of rate and channels.
+    #[doc(hidden)]
     pub fn check(&self) -> Result<(), LoadError> {
         in_range("sample_rate", self.sample_rate, MIN_RATE, MAX_RATE)?;
         in_range("channels", self.channels, 1, MAX_CHANNELS)
