@@ -32,7 +32,7 @@ export class Follower {
     }
     this.#library = library;
     this.#character = library.view.getUint32(scratch, true);
-    /** What the values are of: `umo_core::glb::Follower::read` lists it. */
+    /** What the values are of: `umo_core_rig::glb::Follower::read` lists it. */
     this.description = JSON.parse(library.text(library.view.getUint32(scratch + 4, true)));
     const { driven, hips, tracks, expressions } = this.description;
     this.#pose = 4 * parents.length + 3 + channelNames.length;
