@@ -7,6 +7,10 @@ fn main() {
     println!("cargo::rustc-check-cfg=cfg(umo_embedded_model)");
     let Ok(path) = std::env::var("UMO_EMBED_MODEL") else { return };
     if !path.is_empty() {
+        assert!(
+            std::path::Path::new(&path).is_file(),
+            "{path} is missing: run scripts/build/fetch-model, or build without a model in the program: UMO_EMBED_MODEL="
+        );
         println!("cargo::rerun-if-changed={path}");
         println!("cargo::rustc-cfg=umo_embedded_model");
         println!("cargo::rustc-env=UMO_EMBED_MODEL={path}");

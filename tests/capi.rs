@@ -1,6 +1,6 @@
 //! The C interface, from C: programs in `tests/capi` and `examples/c`, compiled by the machine's C
 //! compiler against the header and the built libraries. Tests that need more than that are in
-//! `scripts/test-hosts`.
+//! `scripts/test/hosts`.
 #![cfg(unix)]
 
 use std::collections::BTreeSet;
@@ -105,7 +105,7 @@ fn a_refused_allocation_is_a_status() {
 #[test]
 fn an_exception_of_a_host_s_function_is_an_error() {
     if Command::new("c++").arg("--version").output().is_err() {
-        eprintln!("SKIPPED: no C++ compiler; scripts/test-hosts has one");
+        eprintln!("SKIPPED: no C++ compiler; scripts/test/hosts has one");
         return;
     }
     run(&compile("tests/capi/throws.cpp", Link::Shared), &[MODEL.as_ref()]);
@@ -123,7 +123,7 @@ fn the_header_compiles_alone() {
         check(cc(), "c", standard);
     }
     if Command::new("c++").arg("--version").output().is_err() {
-        eprintln!("SKIPPED: no C++ compiler; scripts/test-hosts has one");
+        eprintln!("SKIPPED: no C++ compiler; scripts/test/hosts has one");
         return;
     }
     for standard in ["c++11", "c++14", "c++17", "c++20"] {

@@ -40,14 +40,14 @@ fn samples(path: &Path) -> Vec<f32> {
     wav.samples::<i16>().map(|sample| f32::from(sample.unwrap()) / 32_768.0).collect()
 }
 
-fn model(name: &str, isa: Isa) -> Model {
-    let file = ModelFile::open(&root().join("models").join(name).join("model.safetensors")).unwrap();
+fn model(isa: Isa) -> Model {
+    let file = ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap();
     Model::load(&file, Precision::Stored, isa).unwrap()
 }
 
 /// Compares the motion of the shipped model on `assets/hello.wav` at its default settings.
 fn the_default_model_moves_as_recorded(isa: Isa) {
-    let model = model("umo-people", isa);
+    let model = model(isa);
     assert_eq!(model.config().audio.sample_rate, 16_000);
     let frames = motion::frames(&model, &samples(&root().join("assets/hello.wav")), &FRAMES).unwrap();
     assert_eq!(frames.iter().map(|frame| frame.frame).collect::<Vec<_>>(), FRAMES, "every frame once");
@@ -65,28 +65,26 @@ fn the_default_model_moves_as_recorded(isa: Isa) {
     assert_eq!(difference(&frames, expected).map(drop), Ok(()));
 }
 
-/// The self-test of an installed library has a file with frames of both models that umo ships.
-fn the_self_test_knows_the_shipped_models(isa: Isa) {
+/// The self-test of an installed library has a file with frames of the default model.
+fn the_self_test_knows_the_default_model(isa: Isa) {
     let name = recorded_name(isa);
-    for shipped in ["umo-people", "umo-small"] {
-        let model = model(shipped, isa);
-        if std::env::var_os("UMO_RECORD_MOTION").is_some() {
-            record_for_self_test(&model, motion::of_voice(&model).unwrap());
-            continue;
-        }
-        let mut records = motion::records();
-        match motion::check(&model, &records).unwrap() {
-            Motion::AsRecorded(count, _) => assert_eq!(count, 4),
-            Motion::Repeated(_) => assert!(NOT_RECORDED.contains(&name), "{shipped} has no frames for {name}"),
-        }
-        // A frame that differs from the recorded one is found and named.
-        let Some(frames) = records.get_mut(&motion::key(&model)).and_then(|of_model| of_model.get_mut(name)) else {
-            continue;
-        };
-        frames[2].places[1][0] += 0.001;
-        let error = motion::check(&model, &records).unwrap_err();
-        assert!(error.starts_with("frame 45, head: "), "{error}");
+    let model = model(isa);
+    if std::env::var_os("UMO_RECORD_MOTION").is_some() {
+        record_for_self_test(&model, motion::of_voice(&model).unwrap());
+        return;
     }
+    let mut records = motion::records();
+    match motion::check(&model, &records).unwrap() {
+        Motion::AsRecorded(count, _) => assert_eq!(count, 4),
+        Motion::Repeated(_) => assert!(NOT_RECORDED.contains(&name), "no frames for {name}"),
+    }
+    // A frame that differs from the recorded one is found and named.
+    let Some(frames) = records.get_mut(&motion::key(&model)).and_then(|of_model| of_model.get_mut(name)) else {
+        return;
+    };
+    frames[2].places[1][0] += 0.001;
+    let error = motion::check(&model, &records).unwrap_err();
+    assert!(error.starts_with("frame 45, head: "), "{error}");
 }
 
 /// Replaces the frames of one instruction set in the file.
@@ -122,4 +120,4 @@ fn record_for_self_test(model: &Model, mut frames: Vec<Recorded>) {
     std::fs::write(path, format!("{{\n{text}\n}}\n")).unwrap();
 }
 
-for_each_isa!(the_default_model_moves_as_recorded, the_self_test_knows_the_shipped_models => every);
+for_each_isa!(the_default_model_moves_as_recorded, the_self_test_knows_the_default_model => every);

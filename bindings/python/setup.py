@@ -1,6 +1,6 @@
-"""Builds the wheel: the package with libumo, the default model and the licences of both, as scripts/install lays them out.
+"""Builds the wheel: the package with libumo, the default model and the licences of both, as scripts/build/install lays them out.
 
-UMO_PREFIX names a folder that scripts/install made; where it is not set, scripts/install makes one.
+UMO_PREFIX names a folder that scripts/build/install made; where it is not set, scripts/build/install makes one.
 """
 
 import os
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def repository() -> Path:
-    if not (ROOT / "scripts" / "install").is_file():
+    if not (ROOT / "scripts/build/install").is_file():
         raise SetupError("umo's wheel is built inside umo's repository: pip install ./bindings/python")
     return ROOT
 
@@ -36,7 +36,7 @@ def library(prefix: Path) -> Path:
     """The shared library of an install."""
     file = prefix / {"win32": "bin/umo.dll", "darwin": "lib/libumo.dylib"}.get(sys.platform, "lib/libumo.so")
     if not file.is_file():
-        raise SetupError(f"{file} is missing: {prefix} is no folder that scripts/install made")
+        raise SetupError(f"{file} is missing: {prefix} is no folder that scripts/build/install made")
     return file
 
 
@@ -53,7 +53,7 @@ class BuildWithLibrary(build_py):
             return
         with tempfile.TemporaryDirectory() as prefix:
             # Through bash: Windows does not start scripts by their first line.
-            subprocess.run(["bash", str(repository() / "scripts" / "install"), "--prefix", prefix], check=True)
+            subprocess.run(["bash", str(repository() / "scripts/build/install"), "--prefix", prefix], check=True)
             self.bundle(Path(prefix), package)
 
     def bundle(self, prefix, package):

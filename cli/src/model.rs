@@ -89,7 +89,7 @@ fn default(named: Option<PathBuf>, embedded: Option<&'static [u8]>, installed: &
     }
 }
 
-/// Returns the candidate paths of an installed default model: beside the program, as `scripts/install` and
+/// Returns the candidate paths of an installed default model: beside the program, as `scripts/build/install` and
 /// packages install it, and in the user's and the system's data folders.
 fn installed() -> Vec<PathBuf> {
     let mut places = Vec::new();

@@ -1,4 +1,4 @@
-/* What libumo.so asks of bionic that musl has by another name or number, or not at all: for scripts/test-android alone, where musl stands in the
+/* What libumo.so asks of bionic that musl has by another name or number, or not at all: for scripts/test/android alone, where musl stands in the
  * place of bionic. */
 
 #define _GNU_SOURCE

@@ -25,15 +25,15 @@ class Umo(ConanFile):
         self.version = re.search(r'^version = "([^"]+)"$', (ROOT / "Cargo.toml").read_text("utf-8"), re.MULTILINE)[1]
 
     def export_sources(self):
-        # What Cargo and scripts/install read: the whole workspace, without what builds and clones leave.
+        # What Cargo and scripts/build/install read: the whole workspace, without what builds and clones leave.
         excludes = (".git/*", "target/*", "*/target/*", "*/build/*", "docs/*", "training/*", "benches/results/*")
         copy(self, "*", src=str(ROOT), dst=self.export_sources_folder, excludes=excludes)
 
     def validate(self):
         if cross_building(self):
-            raise ConanInvalidConfiguration("scripts/install builds for the machine that it runs on")
+            raise ConanInvalidConfiguration("scripts/build/install builds for the machine that it runs on")
         if self.settings.os == "Windows" and not self.options.shared:
-            raise ConanInvalidConfiguration("scripts/install lays out no static library on Windows")
+            raise ConanInvalidConfiguration("scripts/build/install lays out no static library on Windows")
 
     def package_id(self):
         # Rust builds it, always optimised, with a C interface: it is the same for every compiler and build type.
@@ -41,8 +41,8 @@ class Umo(ConanFile):
         del self.info.settings.build_type
 
     def package(self):
-        # Built here, since scripts/install builds and lays out in one.
-        self.run(f'bash scripts/install --prefix "{self.package_folder}"', cwd=self.build_folder)
+        # Built here, since scripts/build/install builds and lays out in one.
+        self.run(f'bash scripts/build/install --prefix "{self.package_folder}"', cwd=self.build_folder)
         libraries = Path(self.package_folder) / "lib"
         if self.options.shared:
             rm(self, "libumo.a", str(libraries))

@@ -69,7 +69,10 @@ fn every_registry_has_the_name_of_the_manifest() {
     of_python.extend(extras());
     let web = json_name("bindings/web/package.json");
     let unity = json_name("bindings/unity/package.json");
-    assert!(text("scripts/release").contains(&format!("<id>{}</id>", nuget())), "scripts/release has another id");
+    assert!(
+        text("scripts/release/archives").contains(&format!("<id>{}</id>", nuget())),
+        "scripts/release/archives has another id"
+    );
 
     let found = tables(|header| header[0] == "registry");
     let [Table { rows, .. }] = &found[..] else { panic!("not one table of names") };
@@ -88,7 +91,7 @@ fn every_registry_has_the_name_of_the_manifest() {
     assert_eq!(said("Unity's package manager"), [unity]);
 }
 
-/// Crates inherit the repository address; scripts/release and setup.py write it into the other packages.
+/// Crates inherit the repository address; scripts/release/archives and setup.py write it into the other packages.
 #[test]
 fn packages_have_one_address_from_one_place() {
     let workspace = text("Cargo.toml");

@@ -15,7 +15,6 @@ import { read } from "./frames.mjs";
 
 const OPTIONS = { target: 2, lookahead: 4, horizon: 0, seed: 7n };
 const PACKAGE = path.join(import.meta.dirname, "../../bindings/web");
-const SMALL = path.join(import.meta.dirname, "../../models/umo-small/model.safetensors");
 const VISEMES = ["sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou"].map((name) => `viseme_${name}`);
 /** One's own characters: with ARKit's shapes and legs of other proportions, with the Oculus set, with VRM's vowels and a blink. */
 const CHARACTERS = {
@@ -31,11 +30,11 @@ export async function prepare({ run, at, short }) {
   const options = ["--target", "2", "--lookahead", "4", "--seed", "7"];
   run("view", "--web", folder, short, "--package", PACKAGE, "--no-open", ...options);
   server = await serve(folder);
-  run("animate", short, "-o", at("local.jsonl"), "-o", at("local.glb"), "--model", SMALL);
+  run("animate", short, "-o", at("local.jsonl"), "-o", at("local.glb"));
   const { header } = read(at("local.jsonl"));
   for (const [name, change] of Object.entries(CHARACTERS)) {
     fs.writeFileSync(at(`local-${name}.glb`), change(stranger(fs.readFileSync(at("local.glb")), header.joints)));
-    run("view", "--web", at(`local-${name}`), short, "--onto", at(`local-${name}.glb`), "--package", PACKAGE, "--model", SMALL, ...options);
+    run("view", "--web", at(`local-${name}`), short, "--onto", at(`local-${name}.glb`), "--package", PACKAGE, ...options);
   }
 }
 

@@ -12,14 +12,12 @@ import { Chromium, pictures } from "./chromium.mjs";
 const { UMO: umo, CHROMIUM: chromium, OUT: out } = process.env;
 const root = path.join(import.meta.dirname, "../..");
 const speech = path.join(root, "assets/hello.wav");
-// The default model's layout has no parts.
-const parts = path.join(root, "models/umo-small/model.safetensors");
 const SECONDS = 3.3;
 const CLIP = { width: 640, height: 760 };
 const PICTURES = [
   { name: "view", width: 1280, height: 800 },
   { name: "view-phone", width: 390, height: 844, phone: true, keys: ["1"] },
-  { name: "view-made", width: 1440, height: 900, model: parts, keys: ["d"] },
+  { name: "view-made", width: 1440, height: 900, keys: ["d"] },
   { name: "cloth-0", width: 3600, height: 3600, light: true, seconds: 1.5, clip: { x: 2160, y: 1350, ...CLIP } },
   { name: "cloth-1", width: 3600, height: 3600, light: true, seconds: 1.5, figure: "bea", clip: { x: 1440, y: 1050, ...CLIP } },
   { name: "cloth-2", width: 3600, height: 3600, light: true, seconds: 1.5, figure: "bea", clip: { x: 1440, y: 2570, ...CLIP } },
@@ -29,10 +27,10 @@ const wanted = process.argv.slice(2);
 const profile = fs.mkdtempSync(path.join(out, "profile-"));
 const browser = new Chromium(chromium, profile, speech);
 try {
-  for (const { name, model, figure, light, clip, seconds = SECONDS, keys = [], ...screen } of PICTURES) {
+  for (const { name, figure, light, clip, seconds = SECONDS, keys = [], ...screen } of PICTURES) {
     if (wanted.length > 0 && !wanted.includes(name.replace(/-\d$/, ""))) continue;
     const html = path.join(out, `${name}.html`);
-    const options = [...(model ? ["--model", model] : []), ...(figure ? ["--figure", figure] : [])];
+    const options = figure ? ["--figure", figure] : [];
     execFileSync(umo, ["view", speech, "-o", html, "--no-open", ...options]);
     const media = [
       { name: "prefers-reduced-motion", value: "reduce" },

@@ -13,7 +13,7 @@ use crate::args::Size;
 /// Notice that every run with such a model prints.
 const NOTICE: &str = "untrained model: structure only";
 
-/// Number of pieces of the small text vocabulary; see `models/umo-small/README.md`.
+/// Number of pieces of the small text vocabulary, `cli/assets/text.model`.
 const PIECES: usize = 180;
 
 /// Returns the config of a random model.

@@ -358,19 +358,19 @@ fn all_else_in_the_file_stays_as_it_was() {
     }
 }
 
-/// Validates results with the Khronos validator if `scripts/validate-glb` has installed it. Not on Windows: under
+/// Validates results with the Khronos validator if `scripts/test/validate-glb` has installed it. Not on Windows: under
 /// Wine, Linux's validator would get Windows paths.
 #[cfg(not(windows))]
 #[test]
 fn the_validator_finds_nothing_wrong() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     if !root.join("target/gltf-validator/node_modules").is_dir() {
-        println!("SKIPPED: scripts/validate-glb was never run");
+        println!("SKIPPED: scripts/test/validate-glb was never run");
         return;
     }
     let folder = tempfile::tempdir().unwrap();
     let clip = sample::clip(FaceKind::Arkit, 4, 1);
-    let mut command = std::process::Command::new(root.join("scripts/validate-glb"));
+    let mut command = std::process::Command::new(root.join("scripts/test/validate-glb"));
     // Not VRM 0.x, because the validator rejects its extension's name.
     let mut posed = mixamo();
     posed.bind(DMat4::IDENTITY);

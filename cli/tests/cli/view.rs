@@ -1,5 +1,5 @@
 //! `umo view`: its pages and its refusals. The rendering is tested in a browser
-//! (`scripts/test-page`).
+//! (`scripts/test/page`).
 
 use super::program::{Ended, Folder, golden, umo};
 

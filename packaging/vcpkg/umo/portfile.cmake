@@ -2,7 +2,7 @@
 # Builds with Cargo, which must be in the PATH, and downloads the Rust crates of Cargo.lock.
 
 get_filename_component(SOURCE_PATH "${CMAKE_CURRENT_LIST_DIR}/../../.." ABSOLUTE)
-if(NOT EXISTS "${SOURCE_PATH}/scripts/install")
+if(NOT EXISTS "${SOURCE_PATH}/scripts/build/install")
   message(FATAL_ERROR "${PORT}: ${SOURCE_PATH} is not umo's repository: use this port as an overlay from there")
 endif()
 find_program(CARGO cargo PATHS "$ENV{HOME}/.cargo/bin" REQUIRED)
@@ -14,7 +14,7 @@ set(VCPKG_BUILD_TYPE release)
 vcpkg_execute_required_process(
   COMMAND "${CMAKE_COMMAND}" -E env "PATH=${CARGO_DIR}:$ENV{PATH}"
           "CARGO_TARGET_DIR=${CURRENT_BUILDTREES_DIR}/${TARGET_TRIPLET}-target"
-          bash "${SOURCE_PATH}/scripts/install" --prefix "${CURRENT_PACKAGES_DIR}"
+          bash "${SOURCE_PATH}/scripts/build/install" --prefix "${CURRENT_PACKAGES_DIR}"
   WORKING_DIRECTORY "${SOURCE_PATH}"
   LOGNAME "install-${TARGET_TRIPLET}")
 

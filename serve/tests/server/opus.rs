@@ -8,7 +8,7 @@ use serde_json::json;
 use super::client::{Client, Event};
 use super::{Running, offline, only_bits, settings};
 
-/// Packets that `scripts/opus-test-files` makes.
+/// Packets that `scripts/test/opus-files` makes.
 fn packets(name: &str) -> Vec<Vec<u8>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/opus").join(name).with_extension("packets");
     let bytes = std::fs::read(path).unwrap();
