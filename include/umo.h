@@ -805,7 +805,8 @@ UMO_API const char *umo_version(void) UMO_NOEXCEPT;
 // sessions, batches of up to 8. In a library built without threads: one thread, polled by the host.
 // `size` is `sizeof *config`.
 //
-// Threads: any. Never allocates, never waits.
+// Threads: any but the audio thread. Asks the system for the number of processors, which may allocate for a
+// moment and read files.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
 //
 // Pointers:
