@@ -343,7 +343,7 @@ impl<'a> File<'a> {
         let Self { name, animation, parts, stroke } = *self;
         let skeleton = &engine.model.model.config().skeleton;
         let refused = |error: LoadError| match error {
-            LoadError::Config { problem, .. } => Failure::argument(format_args!("{from}: {problem}")),
+            LoadError::Argument { problem, .. } => Failure::argument(format_args!("{from}: {problem}")),
             error => error.into(),
         };
         Gesture::from_glb(name, bytes, animation, skeleton, stroke, parts).map_err(refused)

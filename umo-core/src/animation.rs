@@ -18,7 +18,7 @@ use crate::packet::{PacketLayout, PacketRoom};
 use crate::part::PerPart;
 use crate::record::Chunk;
 use crate::retime::{self, TimeMap};
-use crate::session::SessionError;
+use crate::session::{Argument, SessionError};
 use crate::stream::OwnedFrame;
 
 /// Audio source that an animation reads on demand.
@@ -127,7 +127,7 @@ impl Animation {
     /// Creates an animation at its start.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if the template is missing or a number is out of range.
+    /// [`LoadError::Config`] if the template is missing; [`LoadError::Argument`] if a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         let avatar = Avatar::new(model, config)?;
         Ok(Self {
@@ -216,7 +216,7 @@ impl Animation {
     /// [`SessionError::Range`] if the strength is not in 0 to 1.
     pub fn set_mood(&mut self, mood: Mood, strength: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&strength) {
-            return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
+            return Err(SessionError::Range(Argument::MoodStrength));
         }
         let controls = &mut self.track.layers.controls;
         (controls.mood, controls.mood_strength) = (mood, strength);

@@ -121,7 +121,7 @@ impl Inner {
         }
         plans.retain(|plan| Arc::strong_count(plan) > 1);
         let plan = memory::catch(|| resample::plan(rates.0, rates.1))?
-            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+            .map_err(|error| LoadError::argument("sample_rate", error.to_string()))?;
         plans.extend(plan.clone());
         Ok(plan)
     }
@@ -213,11 +213,11 @@ impl Engine {
 
     /// Creates an engine without workers.
     fn bare(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
-        let range = |key: &str, got: usize, to: usize| {
+        let range = |name: &'static str, got: usize, to: usize| {
             if (1..=to).contains(&got) {
                 return Ok(());
             }
-            Err(LoadError::config(key, format!("expected 1 to {to}, got {got}")))
+            Err(LoadError::argument(name, format!("expected 1 to {to}, got {got}")))
         };
         range("max_sessions", config.max_sessions, MAX_SESSIONS)?;
         range("max_batch", config.max_batch, MAX_BATCH)?;

@@ -146,7 +146,7 @@ pub use inner::defect::Defect;
 pub use inner::engine::{EngineError, PollError};
 pub use inner::error::{LoadError, StepError};
 pub use inner::memory::OutOfMemory;
-pub use inner::session::{SessionError, StateError};
+pub use inner::session::{Argument, SessionError, StateError};
 
 /// This crate's folder of sources, as panics name it.
 const SOURCE: &str = file!();

@@ -9,7 +9,7 @@ use super::Heard;
 use super::gesture::is_older;
 use super::rig::{Rig, arkit, toward};
 use crate::motion::skeleton::JAW;
-use crate::session::SessionError;
+use crate::session::{Argument, SessionError};
 use crate::state::{StateError, StatePass};
 use crate::stream::OwnedFrame;
 
@@ -110,7 +110,7 @@ impl Hints {
     ) -> Result<(), SessionError> {
         let last = MAX_SAMPLE as f64 / rate as f64;
         if !(0.0..=last).contains(&start) || !(0.0..=MAX_HINT_SECONDS).contains(&duration) {
-            return Err(SessionError::Range("a hint needs a time from 0 on and a duration of 0 to 2 seconds"));
+            return Err(SessionError::Range(Argument::VisemeHint));
         }
         if self.count.saturating_sub(passed) >= MAX_PENDING_HINTS as u64 {
             return Err(SessionError::HintsFull);
