@@ -346,8 +346,9 @@ typedef struct umo_jobs {
     void (*submit)(void *userdata, void (*job)(void *context), void *context);
 } umo_jobs;
 
-// A log callback. Called only by the functions that make and free models, engines and sessions, on the
-// calling thread; never by calls for the audio thread or the game thread, nor on the engine's threads.
+// A log callback. Called only by the functions that make and free models, engines and sessions or encode a
+// text, on the calling thread; never by calls for the audio thread or the game thread, nor on the engine's
+// threads.
 typedef struct umo_log {
     // Passed to `write`.
     void *userdata;
@@ -1153,7 +1154,8 @@ umo_status umo_model_get_skeleton(const struct umo_model *model,
 UMO_NOEXCEPT;
 
 // Encodes a prompt as ids for `umo_session_set_prompt_ids`, at most `umo_model_info.max_prompt` of
-// them. `count` is written even if `capacity` is too small.
+// them. `count` is written even if `capacity` is too small. The model's log gets a warning if the model has a
+// list of prompts that lacks `text`.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
@@ -1475,7 +1477,7 @@ umo_status umo_session_sample_pose(struct umo_session *session,
 UMO_NOEXCEPT;
 
 // Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. An empty text
-// removes the prompt.
+// removes the prompt. The engine's log gets a warning if the model has a list of prompts that lacks `text`.
 //
 // Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),

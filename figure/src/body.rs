@@ -667,7 +667,8 @@ impl Hand<'_> {
 
     fn palm(&self) -> Solid {
         let &Self { wrist, arm, s, r, .. } = self;
-        let mut palm = Solid::default().with(Shape::cone(self.low(arm, 0.0), wrist, 0.0275 * r, 0.0235 * r), Union(0.0));
+        let mut palm =
+            Solid::default().with(Shape::cone(self.low(arm, 0.0), wrist, 0.0275 * r, 0.0235 * r), Union(0.0));
         for (finger, radius) in FINGERS.iter().zip(FINGER_RADII) {
             let knuckle = self.at(&format!("{finger}1"));
             let (from, to) = match *finger {
@@ -685,10 +686,7 @@ impl Hand<'_> {
         let hollow = low(mix(wrist, middle, 0.58), -0.0205);
         palm.with(Shape::cone(ball.0, ball.1, 0.0125 * r, 0.0100 * r), Union(0.014 * s))
             .with(Shape::cone(edge.0, edge.1, 0.0115 * r, 0.0100 * r), Union(0.012 * s))
-            .with(
-                Shape::Ellipsoid { centre: hollow, radii: [0.024 * r, 0.0075 * r, 0.016 * r] },
-                Cut(0.012 * s),
-            )
+            .with(Shape::Ellipsoid { centre: hollow, radii: [0.024 * r, 0.0075 * r, 0.016 * r] }, Cut(0.012 * s))
     }
 
     fn fingers(&self, mut palm: Solid) -> Solid {

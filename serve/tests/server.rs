@@ -21,7 +21,9 @@ use serde_json::json;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
-use umo_core::{Animation, Compute, Isa, JOINT_NAMES, JOINTS, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team};
+use umo_core::{
+    Animation, Compute, Isa, JOINT_NAMES, JOINTS, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team,
+};
 use umo_serve::{Config, Server};
 
 /// A small model of random weights.
@@ -194,7 +196,12 @@ async fn commands_reach_the_session() {
     assert!(change(&happy, channel("mouthSmileLeft")) > 0.05, "{}", change(&happy, channel("mouthSmileLeft")));
     let waving = run(&[r#"{"type":"gesture","name":"wave"}"#]).await;
     let turned = |name: &str| (0..4).map(|i| change(&waving, joint(name) + i).abs()).fold(0.0, f32::max);
-    assert!(turned("right_elbow") > 0.1 && turned("left_elbow") < 0.01, "{} {}", turned("right_elbow"), turned("left_elbow"));
+    assert!(
+        turned("right_elbow") > 0.1 && turned("left_elbow") < 0.01,
+        "{} {}",
+        turned("right_elbow"),
+        turned("left_elbow")
+    );
     // A point on the avatar's left.
     let looking = run(&[r#"{"type":"look_at","point":[1,1.5,1]}"#]).await;
     assert!(change(&looking, channel("eyeLookOutLeft")) > 0.01, "{}", change(&looking, channel("eyeLookOutLeft")));

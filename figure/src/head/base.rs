@@ -202,8 +202,8 @@ fn with_middle(mut solid: Solid, nose: f32) -> Solid {
         );
     }
     // Bulge of the teeth behind the lips.
-    solid = solid
-        .with(Shape::Ellipsoid { centre: [0.0, -0.0660, 0.0020], radii: [0.0260, 0.0200, 0.0190] }, Union(0.014));
+    solid =
+        solid.with(Shape::Ellipsoid { centre: [0.0, -0.0660, 0.0020], radii: [0.0260, 0.0200, 0.0190] }, Union(0.014));
     // Groove under the nose, and groove between lip and chin.
     solid = solid
         .with(Shape::cone([0.0, -0.0515, 0.0275], [0.0, -0.0590, 0.0278], 0.0022, 0.0030), Cut(0.005))

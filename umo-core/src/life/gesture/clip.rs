@@ -62,7 +62,8 @@ impl Gesture {
         parts: GestureParts,
     ) -> Result<Self, LoadError> {
         check_name(name)?;
-        let refuse = |key: &'static str, problem: String| Err(LoadError::argument(key, format!("gesture {name:?}: {problem}")));
+        let refuse =
+            |key: &'static str, problem: String| Err(LoadError::argument(key, format!("gesture {name:?}: {problem}")));
         if !(1.0..=240.0).contains(&rate) {
             return refuse("rate", format!("expected 1 to 240 frames a second, got {rate}"));
         }
