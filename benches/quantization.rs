@@ -23,9 +23,9 @@ use umo_core_model::lm::decoder::Sequence;
 use umo_core_model::lm::generate::{ChunkSampling, Generator};
 use umo_core_model::lm::layout::{Prompt, Template, window_tokens};
 use umo_core_model::lm::{Lengths, Lm, LmScratch};
-use umo_core_model::weights::layout::{Kind, Spec};
-use umo_core_model::weights::writer::{NewTensor, Storage, Values};
-use umo_core_model::weights::{Loader, layout, writer};
+use umo_core_model::weights::Loader;
+use umo_core_model::weights::layout::{self, Kind, Spec};
+use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
 use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Mat};
 

@@ -13,8 +13,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use umo_benches::parts::{Audio, Depth, Language, TOKENS};
 use umo_benches::{frames_model, isa, machine, model};
 use umo_core::{Compute, ModelFile, Team};
-use umo_core_tools::floor;
-use umo_core_tools::floor::{Floor, Machine, Stored};
+use umo_core_tools::floor::{self, Floor, Machine, Stored};
 
 /// Times `call` under `name` and prints the median and the floor of its sequence of operations.
 fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floor], mut call: impl FnMut()) {

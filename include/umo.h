@@ -346,8 +346,9 @@ typedef struct umo_jobs {
     void (*submit)(void *userdata, void (*job)(void *context), void *context);
 } umo_jobs;
 
-// A log callback. Called only by the functions that make and free models, engines and sessions, on the
-// calling thread; never by calls for the audio thread or the game thread, nor on the engine's threads.
+// A log callback. Called only by the functions that make and free models, engines and sessions or encode a
+// text, on the calling thread; never by calls for the audio thread or the game thread, nor on the engine's
+// threads.
 typedef struct umo_log {
     // Passed to `write`.
     void *userdata;
@@ -805,7 +806,8 @@ UMO_API const char *umo_version(void) UMO_NOEXCEPT;
 // sessions, batches of up to 8. In a library built without threads: one thread, polled by the host.
 // `size` is `sizeof *config`.
 //
-// Threads: any. Never allocates, never waits.
+// Threads: any but the audio thread. Asks the system for the number of processors, which may allocate for a
+// moment and read files.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
 //
 // Pointers:
@@ -1152,7 +1154,8 @@ umo_status umo_model_get_skeleton(const struct umo_model *model,
 UMO_NOEXCEPT;
 
 // Encodes a prompt as ids for `umo_session_set_prompt_ids`, at most `umo_model_info.max_prompt` of
-// them. `count` is written even if `capacity` is too small.
+// them. `count` is written even if `capacity` is too small. The model's log gets a warning if the model has a
+// list of prompts that lacks `text`.
 //
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
@@ -1474,7 +1477,7 @@ umo_status umo_session_sample_pose(struct umo_session *session,
 UMO_NOEXCEPT;
 
 // Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. An empty text
-// removes the prompt.
+// removes the prompt. The engine's log gets a warning if the model has a list of prompts that lacks `text`.
 //
 // Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),

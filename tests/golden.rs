@@ -14,8 +14,7 @@ use serde::Deserialize;
 use umo_core::{Compute, LoadError, ModelFile, Part, PerPart, Precision, Sampler, StepError, Team, TextTokenizer};
 use umo_core_model::motion::MotionEncoder;
 use umo_core_model::weights::Loader;
-use umo_core_tools::stage;
-use umo_core_tools::stage::{Inputs, Options, Output, Stage, Values};
+use umo_core_tools::stage::{self, Inputs, Options, Output, Stage, Values};
 use umo_kernels::Isa;
 use umo_tests::for_each_isa;
 

@@ -13,8 +13,8 @@ use umo_core::{
 };
 use umo_core_model::lm::text::TOKENIZER;
 use umo_core_model::motion::MotionEncoder;
-use umo_core_model::weights::writer::{NewTensor, Storage, Values};
-use umo_core_model::weights::{Loader, writer};
+use umo_core_model::weights::Loader;
+use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 

@@ -14,8 +14,7 @@ use umo_core::{
 };
 use umo_core_model::motion::{Latents, MotionStream, Smoothing};
 use umo_core_model::weights::Loader;
-use umo_core_tools::stage;
-use umo_core_tools::stage::{Inputs, Options, Output, Stage, Values};
+use umo_core_tools::stage::{self, Inputs, Options, Output, Stage, Values};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 

@@ -387,7 +387,7 @@ fn a_full_session_fits_the_size_that_was_said() {
     let chunk = 4 * (config.avatar.target * 3_200 + 1_920) + 4 * config.avatar.target * 6 * (5 + 223 + 100);
     assert!(empty < full && full <= most && full + chunk > most, "{empty}, {full}, {most}");
     let mut short = vec![0; most - 1];
-    assert!(matches!(session.save(&mut short), Err(SessionError::Range(_))));
+    assert_eq!(session.save(&mut short), Err(SessionError::Short { needed: most }));
     let fresh = timed.engine.session(&config).unwrap();
     assert_eq!(fresh.state_size(), most);
     fresh.restore(&save(&session)).unwrap();

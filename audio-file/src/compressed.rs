@@ -13,10 +13,10 @@ use symphonia::core::io::MediaSourceStream;
 use symphonia::core::packet::Packet;
 use symphonia::core::units::{Duration, TimeBase};
 
+use crate::blocks::{Blocks, Spec};
 use crate::bytes::Bytes;
 use crate::error::{AudioError, Note};
 use crate::format::{Format, START};
-use crate::reader::{Blocks, Spec};
 use edits::{Edits, List};
 use opus::{Head, OggOpus, Packets};
 

@@ -4,10 +4,12 @@
 //! | module | contents |
 //! |---|---|
 //! | `format` | format detection by the first bytes |
+//! | `blocks` | interface of a format's decoder |
 //! | `bytes` | random access to a file or a range of it |
 //! | `wav` | WAV, RF64, RIFX and Wave64, with untrusted headers |
 //! | `compressed` | all other formats, decoded by `symphonia`; Opus by `ropus` |
 
+mod blocks;
 mod bytes;
 mod compressed;
 mod error;

@@ -5,54 +5,16 @@ use std::path::Path;
 use umo_core_base::defect;
 use umo_core_base::samples::{self, mix};
 
+use crate::blocks::{Blocks, Spec};
 use crate::bytes::Bytes;
 use crate::compressed;
 use crate::error::{AudioError, Note, ReadError};
 use crate::format::{Format, START};
 use crate::wav::{Content, Wav};
-use crate::{MAX_CHANNELS, SAMPLE_RATES};
 
 /// Upper bound on the samples of a recording that is read as a whole: six hours in stereo at 48 kHz. A few bytes may
 /// claim any number.
 const MAX_SAMPLES: usize = 1 << 31;
-
-/// Rate and channels of a recording.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Spec {
-    pub(crate) sample_rate: u32,
-    pub(crate) channels: u16,
-    /// Index of the centre channel, for three channels or more.
-    pub(crate) centre: Option<usize>,
-}
-
-impl Spec {
-    /// # Errors
-    /// [`AudioError`] for an unsupported sample rate or number of channels.
-    pub(crate) fn new(sample_rate: u32, channels: usize, centre: Option<usize>) -> Result<Self, AudioError> {
-        let channels = u16::try_from(channels).unwrap_or(u16::MAX);
-        if !(1..=MAX_CHANNELS).contains(&channels) {
-            return Err(AudioError::Channels(channels));
-        }
-        if !SAMPLE_RATES.contains(&sample_rate) {
-            return Err(AudioError::SampleRate(sample_rate));
-        }
-        Ok(Self { sample_rate, channels, centre: centre.filter(|_| channels > 2) })
-    }
-
-    pub(crate) fn width(self) -> usize {
-        self.channels.into()
-    }
-}
-
-/// A decoder of one format.
-pub(crate) trait Blocks: Send {
-    /// Writes the next interleaved samples into `block`, which is empty. Returns rate and channels, which are
-    /// constant over the recording, or `None` at the end.
-    fn next(&mut self, block: &mut Vec<f32>) -> Result<Option<Spec>, AudioError>;
-
-    /// Problems found so far; complete after the end.
-    fn notes(&self) -> Vec<Note>;
-}
 
 /// Reads a recording in blocks, with memory use independent of its length.
 pub struct Reader {

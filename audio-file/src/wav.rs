@@ -10,9 +10,9 @@ use symphonia::core::codecs::audio::{AudioDecoder, AudioDecoderOptions};
 use symphonia::core::packet::PacketRef;
 use symphonia::core::units::{Duration, Timestamp};
 
+use crate::blocks::{Blocks, Spec};
 use crate::bytes::Bytes;
 use crate::error::{AudioError, Note};
-use crate::reader::{Blocks, Spec};
 use chunks::{Chunk, Layout};
 use format::{Encoding, Format};
 

@@ -15,8 +15,7 @@ use std::time::Instant;
 
 use umo_benches::parts::{Audio, Language, Reading, Speaker, TOKENS};
 use umo_benches::{isa, machine};
-use umo_core_tools::floor;
-use umo_core_tools::floor::{Floor, Stored};
+use umo_core_tools::floor::{self, Floor, Stored};
 use umo_core::{Compute, Config, Team};
 
 fn main() {

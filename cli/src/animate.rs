@@ -15,7 +15,7 @@ use crate::args::{Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
-use crate::{gestures, model, progress, start_pose, text};
+use crate::{gestures, model, progress, start_pose};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
@@ -247,7 +247,7 @@ fn print_times(load: Duration, animation: &Animation, config: &Config) {
 pub(crate) fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
     let tokenizer =
         model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
-    if let Some(prompts) = text::strange_prompt(model.config(), text) {
+    if let Some(prompts) = model.config().unknown_prompt(text) {
         eprintln!("note: `{text}` is no prompt that the model was trained with, so what it does is chance: {prompts}");
     }
     Ok(tokenizer.encode(text)?)

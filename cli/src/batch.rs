@@ -8,6 +8,7 @@
 //! | `manifest` | the lines to process: a folder, CSV, JSON lines |
 //! | `results` | finished lines, with hashes |
 
+mod hash;
 mod manifest;
 mod results;
 

@@ -4,22 +4,22 @@ mod neighbours;
 mod plot;
 mod report;
 
+use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umo_core::{
-    Engine, EngineConfig, LoadError, Model, ModelFile, Precision, Priority, SessionConfig, StageTimes, Threads,
+    Config, Engine, EngineConfig, Isa, LoadError, Model, ModelFile, Precision, Priority, SessionConfig, StageTimes,
+    Threads,
 };
-use umo_core_model::weights::layout;
-use umo_core_model::weights::layout::Kind;
+use umo_core_model::weights::layout::{self, Kind};
 use umo_core_model::weights::writer::Storage;
-use umo_core_tools::floor;
-use umo_core_tools::floor::{Floor, Machine, Stored};
+use umo_core_tools::floor::{self, Floor, Machine, Stored};
 use umo_self_test::speed::Runner;
 
 use crate::args::Bench;
 use crate::failure::Failure;
-use crate::model;
+use crate::{atomic_file, model};
 use neighbours::Neighbours;
 use report::Report;
 
@@ -33,6 +33,24 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         neighbours::be(kind);
         return Ok(());
     }
+    check(args)?;
+    let picture = args.plot.as_deref().map(atomic_file::create).transpose()?;
+    let report = measure(args)?;
+    if args.json {
+        println!("{}", report.json())
+    } else {
+        print!("{report}")
+    }
+    match picture {
+        Some(file) => {
+            let svg = plot::draw(&report).map_err(Failure::environment)?;
+            atomic_file::commit(file, |out| out.write_all(svg.as_bytes()))
+        }
+        None => Ok(()),
+    }
+}
+
+fn check(args: &Bench) -> Result<(), Failure> {
     for (name, value) in [("--chunks", args.chunks), ("--starts", args.starts), ("--sessions", args.sessions)] {
         if !(1..=100_000).contains(&value) {
             return Err(Failure::input(format!("{name} {value}: expected 1 to 100000")));
@@ -41,17 +59,35 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     if !(0.0..=86_400.0).contains(&args.seconds) {
         return Err(Failure::input(format!("--seconds {}: expected 0 to 86400", args.seconds)));
     }
-    let file = model::open(args.model.as_deref())?;
-    let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
-    let start = Instant::now();
-    let model = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);
-    let load = start.elapsed();
-    let config = file.config().clone();
-    let stored = stored(&file, args.compute.precision(Precision::Stored))?;
-    let weights = file.tensors().iter().map(|&(.., bytes)| bytes).sum();
-    drop(file);
-    let mut session = SessionConfig::new(&config);
-    session.avatar.target = args.target.unwrap_or(config.target);
+    Ok(())
+}
+
+/// A loaded model, and what its floors and its report need of its file.
+struct Loaded {
+    model: Arc<Model>,
+    /// Time of loading.
+    load: Duration,
+    config: Config,
+    stored: Stored,
+    /// Size of all tensors in bytes.
+    weights: usize,
+}
+
+impl Loaded {
+    fn new(args: &Bench, isa: Isa) -> Result<Self, Failure> {
+        let file = model::open(args.model.as_deref())?;
+        let precision = args.compute.precision(Precision::Stored);
+        let start = Instant::now();
+        let model = Arc::new(Model::load(&file, precision, isa)?);
+        let load = start.elapsed();
+        let weights = file.tensors().iter().map(|&(.., bytes)| bytes).sum();
+        Ok(Self { model, load, config: file.config().clone(), stored: stored(&file, precision)?, weights })
+    }
+}
+
+fn runner(args: &Bench, loaded: &Loaded, threads: usize) -> Result<Runner, Failure> {
+    let mut session = SessionConfig::new(&loaded.config);
+    session.avatar.target = args.target.unwrap_or(loaded.config.target);
     // No frames held back, as the paper counts.
     session.avatar.lookahead = 0;
     let priority = Priority::from(args.priority);
@@ -63,12 +99,19 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         gather: Duration::from_millis(args.gather.into()),
         ..EngineConfig::default()
     };
-    let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;
+    let engine = Engine::new(Arc::clone(&loaded.model), &engine).map_err(Failure::input)?;
     if engine.priority() != priority {
         let what = format!("--priority {priority}: the system refuses it: {}", Priority::advice());
         return Err(Failure::environment(what));
     }
-    let bench = Runner::new(engine, session);
+    Ok(Runner::new(engine, session))
+}
+
+fn measure(args: &Bench) -> Result<Report, Failure> {
+    let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
+    let loaded = Loaded::new(args, isa)?;
+    let bench = runner(args, &loaded, threads)?;
+    let target = bench.session.avatar.target;
 
     let neighbours = || args.busy.then(Neighbours::start).transpose();
     let others = neighbours()?;
@@ -79,8 +122,8 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     drop(others);
     let times = Times::between(before, bench.engine.stage_times(), args.chunks);
     let memory = peak_memory();
-    let cached = floor::depth_layers(&config, stored);
-    let peaks = || Machine::measure(threads, isa, usize::min(weights, MAX_READ), cached);
+    let cached = floor::depth_layers(&loaded.config, loaded.stored);
+    let peaks = || Machine::measure(threads, isa, usize::min(loaded.weights, MAX_READ), cached);
     let machine = peaks();
     let others = neighbours()?;
     if let Some(limit) = args.late_limit {
@@ -93,13 +136,13 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let crowd_processor = since(before_crowd);
     drop(others);
     let machine = machine.best(peaks());
-    let floors = floor::Stages::of(&config, stored, bench.session.avatar.target);
-    let report = Report {
-        model: config.name.clone(),
+    let floors = floor::Stages::of(&loaded.config, loaded.stored, target);
+    Ok(Report {
+        model: loaded.config.name.clone(),
         isa: isa.name(),
         threads,
-        target: bench.session.avatar.target,
-        load,
+        target,
+        load: loaded.load,
         first,
         chunks,
         frames,
@@ -108,19 +151,10 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         memory,
         processor,
         is_busy: args.busy,
-        priority,
+        priority: Priority::from(args.priority),
         crowd,
         crowd_processor,
-    };
-    if args.json {
-        println!("{}", report.json())
-    } else {
-        print!("{report}")
-    }
-    if let Some(path) = &args.plot {
-        plot::draw(&report, path).map_err(|error| Failure::environment(format!("{}: {error}", path.display())))?;
-    }
-    Ok(())
+    })
 }
 
 /// Returns the storage of the language model's product weights during computation: the smallest of all products.

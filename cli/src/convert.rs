@@ -10,8 +10,7 @@ use std::path::Path;
 
 use umo_core::{Config, LoadError};
 use umo_core_model::lm::text::TOKENIZER;
-use umo_core_model::weights::writer;
-use umo_core_model::weights::writer::{NewTensor, Storage, Values};
+use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
 
 use crate::args::Convert;
 use crate::atomic_file;

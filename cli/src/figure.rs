@@ -3,9 +3,8 @@
 use umo_gltf::avatar::{self, Kind};
 
 use crate::args::FigureArgs;
-use crate::atomic_file;
 use crate::failure::Failure;
-use crate::model;
+use crate::{atomic_file, model};
 
 pub(crate) fn run(args: &FigureArgs) -> Result<(), Failure> {
     let extension = args.output.extension().map(|extension| extension.to_string_lossy().to_lowercase());

@@ -16,9 +16,8 @@ use glob::Pattern;
 use umo_core::{LoadError, ModelFile};
 use umo_core_base::file::TemporaryFile;
 use umo_core_model::calibration::Calibration;
-use umo_core_model::weights::layout::{Kind, Spec};
-use umo_core_model::weights::writer::{NewTensor, Storage, Values};
-use umo_core_model::weights::{layout, writer};
+use umo_core_model::weights::layout::{self, Kind, Spec};
+use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
 
 use crate::args::{Quantize, StorageArg, WeightsArg};
 use crate::atomic_file;

@@ -6,15 +6,13 @@ mod sizes;
 use std::cell::RefCell;
 
 use umo_core::{Config, Part};
-use umo_core_model::weights::layout::{Kind, Spec};
-use umo_core_model::weights::writer::{NewTensor, Storage, Values};
-use umo_core_model::weights::{layout, writer};
+use umo_core_model::weights::layout::{self, Kind, Spec};
+use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core_pose::skeleton::joints_of;
 
 use crate::args::{LayoutArg, MakeRandom, StorageArg};
-use crate::atomic_file;
 use crate::failure::Failure;
-use crate::quantize;
+use crate::{atomic_file, quantize};
 
 /// Small text vocabulary of random models.
 static TEXT_MODEL: &[u8] = include_bytes!("../assets/text.model");

@@ -19,10 +19,9 @@ use umo_core_pose::rotation::IDENTITY;
 use umo_core_rig::glb::{Faces, Given};
 use umo_core_rig::retarget::{other_bodies, undecorated};
 
-use crate::args;
 use crate::failure::Failure;
 use crate::speech::Speech;
-use crate::{animate, atomic_file, import, model};
+use crate::{animate, args, atomic_file, import, model};
 use character::Character;
 pub(crate) use inspect::{inspect, is_inspected};
 pub(crate) use wear::{Wearer, Worn};

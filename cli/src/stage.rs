@@ -5,8 +5,7 @@ use std::path::Path;
 
 use umo_core::{Precision, Sampler};
 use umo_core_model::weights::Loader;
-use umo_core_tools::stage;
-use umo_core_tools::stage::{Inputs, Options};
+use umo_core_tools::stage::{self, Inputs, Options};
 
 use crate::args::Stage;
 use crate::failure::Failure;

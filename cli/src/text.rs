@@ -51,7 +51,7 @@ enum Action<'a> {
 /// Returns the source of the motion for a text: the model's own prompts come first, then the gestures.
 fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &str) -> Result<Action<'a>, Failure> {
     let takes_text = has_text && Template::new(config, TEXT).is_ok_and(|template| template.has_text());
-    let strange = strange_prompt(config, text);
+    let strange = config.unknown_prompt(text);
     if takes_text && strange.is_none() {
         return Ok(Action::Prompt);
     }
@@ -61,16 +61,6 @@ fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &st
     let prompts = strange.filter(|_| takes_text).unwrap_or_else(|| "the model takes no text".to_owned());
     let gestures = gestures::list(gestures);
     Err(Failure::Input(format!("`{text}` is no action that is known: {prompts}; the gestures are {gestures}")))
-}
-
-/// Returns the model's prompts as a sentence if it has a list of them that lacks `text`.
-pub(crate) fn strange_prompt(config: &Config, text: &str) -> Option<String> {
-    let prompts = config.prompts.as_ref()?;
-    if prompts.iter().any(|known| known.eq_ignore_ascii_case(text.trim())) {
-        return None;
-    }
-    let named: Vec<&str> = prompts.iter().map(String::as_str).filter(|prompt| !prompt.is_empty()).collect();
-    Some(format!("the model's prompts are {}", named.join(", ")))
 }
 
 /// Returns the model's animation of silence.

@@ -11,8 +11,7 @@ use safetensors::tensor::TensorView;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use umo_core::{Config, ModelFile};
-use umo_core_model::weights::layout;
-use umo_core_model::weights::layout::Kind;
+use umo_core_model::weights::layout::{self, Kind};
 use umo_core_model::weights::writer::Storage;
 
 const POSITION: &str = "encoder.pos_conv_embed.conv";

@@ -6,8 +6,7 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 use umo_core::{Animation, Compute, Isa, Model, ModelFile, SessionConfig, Team};
 use umo_core_model::calibration::Calibration;
-use umo_core_model::weights::layout;
-use umo_core_model::weights::layout::Kind;
+use umo_core_model::weights::layout::{self, Kind};
 use umo_core_model::weights::writer::Storage;
 
 /// Suffixes of the tensors whose channels are equalised: two that produce them, two that consume them.

@@ -631,102 +631,127 @@ pub(super) fn laces(rest: &Rest, side: &str, upper: &Solid) -> Part {
     all
 }
 
+/// Radii of the fingers, in the order of [`FINGERS`].
+const FINGER_RADII: [f32; 5] = [0.0102, 0.0088, 0.0091, 0.0086, 0.0076];
+
+/// Measures of one hand.
+struct Hand<'a> {
+    rest: &'a Rest,
+    side: &'a str,
+    wrist: V,
+    /// Start of the forearm, inside the sleeve.
+    arm: V,
+    /// Scale of lengths.
+    s: f32,
+    /// Scale of thicknesses.
+    r: f32,
+}
+
 /// The hand of one side, starting inside the sleeve.
 pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
-    let at = |name: &str| rest.side(side, name);
-    let (wrist, elbow) = (at("wrist"), at("elbow"));
+    let (wrist, elbow) = (rest.side(side, "wrist"), rest.side(side, "elbow"));
     let s = hand_size(rest, side);
-    let r = s * build.hand;
     let arm = add(wrist, scale(sub(elbow, wrist), CUFF + OPENING + 0.03));
-    let low = |p: V, by: f32| add(p, [0.0, by * r, 0.0]);
-    let mut palm = Solid::default().with(Shape::cone(low(arm, 0.0), wrist, 0.0275 * r, 0.0235 * r), Union(0.0));
-    let radii = [0.0102, 0.0088, 0.0091, 0.0086, 0.0076];
-    for (finger, radius) in FINGERS.iter().zip(radii) {
-        let knuckle = at(&format!("{finger}1"));
-        let (from, to) = match *finger {
-            "thumb" => (mix(wrist, knuckle, 0.35), knuckle),
-            _ => (low(mix(wrist, knuckle, 0.22), -0.002), low(mix(wrist, knuckle, 0.93), -0.0015)),
-        };
-        let (wide, end) = if *finger == "thumb" { (0.0160, 0.0145) } else { (0.0145, radius + 0.0030) };
-        palm = palm.with(Shape::cone(from, to, wide * r, end * r), Union(0.013 * s));
+    let hand = Hand { rest, side, wrist, arm, s, r: s * build.hand };
+    Piece { solid: hand.webs(hand.fingers(hand.palm())), grid: hand.grid() }
+}
+
+impl Hand<'_> {
+    fn at(&self, name: &str) -> V {
+        self.rest.side(self.side, name)
     }
-    // Ball of the thumb, and edge of the hand.
-    let [thumb, index, pinky] = ["thumb1", "index1", "pinky1"].map(at);
-    palm = palm
-        .with(
-            Shape::cone(
-                low(mix(wrist, thumb, 0.55), -0.008),
-                low(mix(thumb, index, 0.35), -0.010),
-                0.0125 * r,
-                0.0100 * r,
-            ),
-            Union(0.014 * s),
-        )
-        .with(
-            Shape::cone(
-                low(mix(wrist, pinky, 0.25), -0.007),
-                low(mix(wrist, pinky, 0.75), -0.006),
-                0.0115 * r,
-                0.0100 * r,
-            ),
-            Union(0.012 * s),
-        )
-        .with(
-            Shape::Ellipsoid {
-                centre: low(mix(wrist, at("middle1"), 0.58), -0.0205),
-                radii: [0.024 * r, 0.0075 * r, 0.016 * r],
-            },
-            Cut(0.012 * s),
-        );
-    for (finger, radius) in FINGERS.iter().zip(radii) {
-        let [a, b, c] = [1, 2, 3].map(|bone| at(&format!("{finger}{bone}")));
-        let tip = rest.finger_tip(side, finger);
-        let r = radius * r;
-        let (blend, root) = if *finger == "thumb" { (0.012 * s, 1.25) } else { (0.004 * s, 1.06) };
-        let shaft = |a, b, radii: &[f32]| {
-            let radii: Vec<f32> = radii.iter().map(|x| x * r).collect();
-            tube(a, b, &radii, 1.0)
-        };
-        palm = palm
-            .with(shaft(a, b, &[root, 1.02, 0.96, 1.0]), Union(blend))
-            .with(shaft(b, c, &[1.02, 0.92, 0.88, 0.93]), Union(0.002 * s))
-            .with(shaft(c, tip, &[0.95, 0.93, 0.90, 0.76]), Union(0.002 * s))
-            // Knuckles on the back, pads on the front.
-            .with(Shape::ball(add(b, [0.0, 0.30 * r, 0.0]), 0.80 * r), Union(0.003 * s))
-            .with(Shape::ball(add(mix(c, tip, 0.5), [0.0, -0.22 * r, 0.0]), 0.80 * r), Union(0.003 * s));
-        if *finger != "thumb" {
-            palm = palm.with(Shape::ball(add(a, [0.0, 0.42 * r, 0.0]), 0.85 * r), Union(0.005 * s));
+
+    fn low(&self, p: V, by: f32) -> V {
+        add(p, [0.0, by * self.r, 0.0])
+    }
+
+    fn palm(&self) -> Solid {
+        let &Self { wrist, arm, s, r, .. } = self;
+        let mut palm =
+            Solid::default().with(Shape::cone(self.low(arm, 0.0), wrist, 0.0275 * r, 0.0235 * r), Union(0.0));
+        for (finger, radius) in FINGERS.iter().zip(FINGER_RADII) {
+            let knuckle = self.at(&format!("{finger}1"));
+            let (from, to) = match *finger {
+                "thumb" => (mix(wrist, knuckle, 0.35), knuckle),
+                _ => (self.low(mix(wrist, knuckle, 0.22), -0.002), self.low(mix(wrist, knuckle, 0.93), -0.0015)),
+            };
+            let (wide, end) = if *finger == "thumb" { (0.0160, 0.0145) } else { (0.0145, radius + 0.0030) };
+            palm = palm.with(Shape::cone(from, to, wide * r, end * r), Union(0.013 * s));
         }
+        // Ball of the thumb, and edge of the hand.
+        let [thumb, index, pinky, middle] = ["thumb1", "index1", "pinky1", "middle1"].map(|name| self.at(name));
+        let low = |p: V, by: f32| self.low(p, by);
+        let ball = (low(mix(wrist, thumb, 0.55), -0.008), low(mix(thumb, index, 0.35), -0.010));
+        let edge = (low(mix(wrist, pinky, 0.25), -0.007), low(mix(wrist, pinky, 0.75), -0.006));
+        let hollow = low(mix(wrist, middle, 0.58), -0.0205);
+        palm.with(Shape::cone(ball.0, ball.1, 0.0125 * r, 0.0100 * r), Union(0.014 * s))
+            .with(Shape::cone(edge.0, edge.1, 0.0115 * r, 0.0100 * r), Union(0.012 * s))
+            .with(Shape::Ellipsoid { centre: hollow, radii: [0.024 * r, 0.0075 * r, 0.016 * r] }, Cut(0.012 * s))
     }
-    // Webs between the fingers, and between thumb and index finger.
-    for pair in ["index", "middle", "ring", "pinky"].windows(2) {
-        let web = |share: f32| {
-            let [p, q] = [0, 1].map(|k| mix(at(&format!("{}1", pair[k])), at(&format!("{}2", pair[k])), share));
-            low(mix(p, q, 0.5), -0.002)
+
+    fn fingers(&self, mut palm: Solid) -> Solid {
+        let s = self.s;
+        for (finger, radius) in FINGERS.iter().zip(FINGER_RADII) {
+            let [a, b, c] = [1, 2, 3].map(|bone| self.at(&format!("{finger}{bone}")));
+            let tip = self.rest.finger_tip(self.side, finger);
+            let r = radius * self.r;
+            let (blend, root) = if *finger == "thumb" { (0.012 * s, 1.25) } else { (0.004 * s, 1.06) };
+            let shaft = |a, b, radii: &[f32]| {
+                let radii: Vec<f32> = radii.iter().map(|x| x * r).collect();
+                tube(a, b, &radii, 1.0)
+            };
+            palm = palm
+                .with(shaft(a, b, &[root, 1.02, 0.96, 1.0]), Union(blend))
+                .with(shaft(b, c, &[1.02, 0.92, 0.88, 0.93]), Union(0.002 * s))
+                .with(shaft(c, tip, &[0.95, 0.93, 0.90, 0.76]), Union(0.002 * s))
+                // Knuckles on the back, pads on the front.
+                .with(Shape::ball(add(b, [0.0, 0.30 * r, 0.0]), 0.80 * r), Union(0.003 * s))
+                .with(Shape::ball(add(mix(c, tip, 0.5), [0.0, -0.22 * r, 0.0]), 0.80 * r), Union(0.003 * s));
+            if *finger != "thumb" {
+                palm = palm.with(Shape::ball(add(a, [0.0, 0.42 * r, 0.0]), 0.85 * r), Union(0.005 * s));
+            }
+        }
+        palm
+    }
+
+    /// Adds the webs between the fingers, and between thumb and index finger.
+    fn webs(&self, mut palm: Solid) -> Solid {
+        let &Self { wrist, s, r, .. } = self;
+        for pair in ["index", "middle", "ring", "pinky"].windows(2) {
+            let web = |share: f32| {
+                let knuckle = |k: usize| self.at(&format!("{}1", pair[k]));
+                let [p, q] = [0, 1].map(|k| mix(knuckle(k), self.at(&format!("{}2", pair[k])), share));
+                self.low(mix(p, q, 0.5), -0.002)
+            };
+            palm = palm.with(Shape::cone(web(-0.45), web(0.22), 0.0085 * r, 0.0050 * r), Union(0.007 * s));
+        }
+        let [thumb, next, index] = ["thumb1", "thumb2", "index1"].map(|name| self.at(name));
+        palm.with(
+            Shape::cone(mix(thumb, next, 0.35), mix(wrist, index, 0.80), 0.0075 * r, 0.0085 * r),
+            Union(0.016 * s),
+        )
+    }
+
+    fn grid(&self) -> Grid {
+        let &Self { rest, side, wrist, arm, s, .. } = self;
+        let ends = FINGERS.iter().flat_map(|f| [self.at(&format!("{f}1")), rest.finger_tip(side, f)]);
+        let points: Vec<V> = ends.chain([arm, wrist]).collect();
+        let range = |axis: usize, beyond: f32| {
+            let low = points.iter().map(|p| p[axis]).fold(f32::MAX, f32::min) - beyond * s;
+            let high = points.iter().map(|p| p[axis]).fold(f32::MIN, f32::max) + beyond * s;
+            (low, high)
         };
-        palm = palm.with(Shape::cone(web(-0.45), web(0.22), 0.0085 * r, 0.0050 * r), Union(0.007 * s));
+        let (x, y, z) = (range(0, 0.048), range(1, 0.044), range(2, 0.044));
+        // Measured from the wrist, so the other hand's planes are mirrored. Denser at the round fingertips.
+        let last = self.at("pinky3")[0].abs();
+        let step = |x: f32| if x > last - 0.002 * s { 0.0056 * s } else { 0.0076 * s };
+        let x = if wrist[0] < 0.0 {
+            planes(-x.1, -x.0, step).into_iter().rev().map(|x| -x).collect()
+        } else {
+            planes(x.0, x.1, step)
+        };
+        Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0048 * s)])
     }
-    palm = palm.with(
-        Shape::cone(mix(thumb, at("thumb2"), 0.35), mix(wrist, index, 0.80), 0.0075 * r, 0.0085 * r),
-        Union(0.016 * s),
-    );
-    let points: Vec<V> =
-        FINGERS.iter().flat_map(|f| [at(&format!("{f}1")), rest.finger_tip(side, f)]).chain([arm, wrist]).collect();
-    let range = |axis: usize, beyond: f32| {
-        let low = points.iter().map(|p| p[axis]).fold(f32::MAX, f32::min) - beyond * s;
-        let high = points.iter().map(|p| p[axis]).fold(f32::MIN, f32::max) + beyond * s;
-        (low, high)
-    };
-    let (x, y, z) = (range(0, 0.048), range(1, 0.044), range(2, 0.044));
-    // Measured from the wrist, so the other hand's planes are mirrored. Denser at the round fingertips.
-    let last = at("pinky3")[0].abs();
-    let step = |x: f32| if x > last - 0.002 * s { 0.0056 * s } else { 0.0076 * s };
-    let x = if wrist[0] < 0.0 {
-        planes(-x.1, -x.0, step).into_iter().rev().map(|x| -x).collect()
-    } else {
-        planes(x.0, x.1, step)
-    };
-    Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0048 * s)]) }
 }
 
 /// Size of the hand relative to the one for which the measures are given.

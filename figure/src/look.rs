@@ -76,6 +76,12 @@ impl FromStr for Figure {
 
 pub(crate) type Color = [u8; 3];
 
+/// Interpolates between two colours: `a` at 0, `b` at 1.
+pub(crate) fn mix_color(a: Color, b: Color, t: f32) -> Color {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between two bytes")]
+    std::array::from_fn(|i| (f32::from(a[i]) * (1.0 - t) + f32::from(b[i]) * t).round() as u8)
+}
+
 /// Measures of a body of size 1, metres, or factors.
 pub(crate) struct Build {
     /// Half widths and half depths of the trunk by height over the pelvis.

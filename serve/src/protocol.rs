@@ -312,6 +312,8 @@ pub struct Ready<'a> {
     pub latency_samples: usize,
     pub mouth_samples: usize,
     pub state_bytes: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }
 
 /// Machine-readable reason why a session ended or was refused.

@@ -337,6 +337,10 @@ impl Live {
             latency_samples: latency.algorithmic_samples,
             mouth_samples: latency.mouth_samples,
             state_bytes: self.session.state_size(),
+            note: hello.prompt.as_deref().and_then(|prompt| {
+                let prompts = config.unknown_prompt(prompt)?;
+                Some(format!("the model was not trained with the prompt `{prompt}`: {prompts}"))
+            }),
         };
         self.say(writer, &Reply::Ready(ready)).await
     }

@@ -21,15 +21,19 @@ use serde_json::json;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
-use umo_core::{Animation, Compute, Isa, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team};
+use umo_core::{
+    Animation, Compute, Isa, JOINT_NAMES, JOINTS, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team,
+};
 use umo_serve::{Config, Server};
 
 /// A small model of random weights.
-static MODEL: LazyLock<Arc<Model>> = LazyLock::new(|| {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/mel_k2_arkit/model.safetensors");
+static MODEL: LazyLock<Arc<Model>> = LazyLock::new(|| load("tests/golden/mel_k2_arkit"));
+
+fn load(folder: &str) -> Arc<Model> {
+    let path = format!("{}/../{folder}/model.safetensors", env!("CARGO_MANIFEST_DIR"));
     let file = ModelFile::open(path.as_ref()).unwrap();
     Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap())
-});
+}
 
 /// Timeout of every wait.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -44,9 +48,13 @@ struct Running {
 impl Running {
     /// Starts a server that computes as fast as it can, unless `change` says otherwise.
     async fn new(change: impl FnOnce(&mut Config)) -> Self {
+        Self::of(Arc::clone(&MODEL), change).await
+    }
+
+    async fn of(model: Arc<Model>, change: impl FnOnce(&mut Config)) -> Self {
         let mut config = Config { threads: 1, ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
         change(&mut config);
-        let server = Server::bind("127.0.0.1:0", config, Arc::clone(&MODEL)).await.unwrap();
+        let server = Server::bind("127.0.0.1:0", config, model).await.unwrap();
         let (stop, told) = oneshot::channel();
         let address = server.address();
         let ended = tokio::spawn(server.run(async {
@@ -164,6 +172,7 @@ async fn packets_decode_to_the_bits_of_the_library() {
 async fn commands_reach_the_session() {
     let server = Running::new(|_| ()).await;
     let audio = speech(32_000, 5);
+    let face = MODEL.config().face.names.clone();
     let run = async |commands: &[&str]| {
         let mut client = Client::new(server.address, json!({ "mood_strength": 0.5 })).await.unwrap();
         for command in commands {
@@ -174,16 +183,42 @@ async fn commands_reach_the_session() {
         only_bits(&client.frames_until_done().await.0)
     };
     let plain = run(&[]).await;
-    for command in [
-        r#"{"type":"mood","mood":"joy"}"#,
-        r#"{"type":"gesture","name":"wave"}"#,
-        r#"{"type":"look_at","point":[1,1.5,1]}"#,
-    ] {
-        let moved = run(&[command]).await;
-        assert!(moved.len() == plain.len() && moved != plain, "{command}");
-    }
+    // The mean of a value's change over all frames.
+    let change = |moved: &[Vec<u32>], value: usize| {
+        let sum = |frames: &[Vec<u32>]| frames.iter().map(|frame| f32::from_bits(frame[value])).sum::<f32>();
+        assert_eq!(moved.len(), plain.len());
+        (sum(moved) - sum(&plain)) / plain.len() as f32
+    };
+    // Values of a frame: rotations, translation, face.
+    let channel = |name: &str| JOINTS * 4 + 3 + face.iter().position(|known| known == name).unwrap();
+    let joint = |name: &str| 4 * JOINT_NAMES.iter().position(|&known| known == name).unwrap();
+    let happy = run(&[r#"{"type":"mood","mood":"joy"}"#]).await;
+    assert!(change(&happy, channel("mouthSmileLeft")) > 0.05, "{}", change(&happy, channel("mouthSmileLeft")));
+    let waving = run(&[r#"{"type":"gesture","name":"wave"}"#]).await;
+    let turned = |name: &str| (0..4).map(|i| change(&waving, joint(name) + i).abs()).fold(0.0, f32::max);
+    assert!(
+        turned("right_elbow") > 0.1 && turned("left_elbow") < 0.01,
+        "{} {}",
+        turned("right_elbow"),
+        turned("left_elbow")
+    );
+    // A point on the avatar's left.
+    let looking = run(&[r#"{"type":"look_at","point":[1,1.5,1]}"#]).await;
+    assert!(change(&looking, channel("eyeLookOutLeft")) > 0.01, "{}", change(&looking, channel("eyeLookOutLeft")));
+    assert!(change(&looking, joint("head") + 1) > 0.01, "{}", change(&looking, joint("head") + 1));
     let mut client = Client::new(server.address, json!({})).await.unwrap();
     client.text(r#"{"type":"gesture","name":"moonwalk"}"#).await;
     let (code, reason, number) = client.refusal().await;
     assert_eq!((code.as_str(), number), ("bad_request", 4400), "{reason}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_prompt_that_the_model_does_not_know_is_noted() {
+    let server = Running::of(load("models/umo-people"), |_| ()).await;
+    for (prompt, is_known) in [("joyful", true), ("a backflip", false)] {
+        let client = Client::new(server.address, json!({ "prompt": prompt })).await.unwrap();
+        let note = client.ready.get("note").map(|note| note.as_str().unwrap());
+        assert_eq!(note.is_none(), is_known, "{note:?}");
+        assert!(note.is_none_or(|note| note.contains("`a backflip`") && note.contains("joyful")), "{note:?}");
+    }
 }

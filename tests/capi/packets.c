@@ -43,11 +43,6 @@ int main(int argc, char **argv) {
     OK(umo_decoder_new(model, NULL, &decoder));
     config.patience = 1;
     OK(umo_decoder_new(model, &config, &lossy));
-    /* A program that was compiled before there were packets. */
-    config.struct_size = 80;
-    umo_session *old = NULL;
-    OK(umo_session_new(engine, &config, &old));
-    OK(umo_session_free(old));
 
     size_t size = 0, count = 0, taken = 0;
     OK(umo_session_packet_size(plain, &size));

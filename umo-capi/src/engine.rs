@@ -10,11 +10,14 @@ use umo_core::{Engine, EngineConfig, Lender, Poll, Priority, Threads};
 use umo_core_base::memory;
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
-use crate::gesture::Known;
 use crate::handle::{self, Held, Table};
 use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UMO_STATUS_UNSUPPORTED, UmoStatus};
+
+use gestures::Known;
+
+pub(crate) mod gestures;
 
 /// An engine. A handle, never a pointer to memory.
 pub struct UmoEngine {
@@ -96,7 +99,7 @@ pub struct UmoEngineConfig {
 
 // SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
 unsafe impl Sized32 for UmoEngineConfig {
-    const FIRST: usize = 24 + 3 * size_of::<*const u32>();
+    const FIRST: usize = 32 + 3 * size_of::<*const u32>();
 }
 
 /// Object of an engine's handle.
@@ -254,7 +257,8 @@ unsafe extern "C" fn work(context: *mut c_void) {
 /// sessions, batches of up to 8. In a library built without threads: one thread, polled by the host.
 /// `size` is `sizeof *config`.
 ///
-/// Threads: any. Never allocates, never waits.
+/// Threads: any but the audio thread. Asks the system for the number of processors, which may allocate for a
+/// moment and read files.
 /// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
 ///
 /// # Safety

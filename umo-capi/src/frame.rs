@@ -3,7 +3,8 @@
 use std::ffi::c_void;
 
 #[cfg(feature = "gltf")]
-use umo_core::{Frame, JOINTS, Pose, VISEMES};
+use umo_core::Pose;
+use umo_core::{Frame, JOINTS, VISEMES};
 use umo_core_pose::axes::Axes;
 
 use crate::ffi::{self, Sized32, guard};

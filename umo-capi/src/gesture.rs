@@ -1,11 +1,13 @@
 //! Gestures on command: built-in ones, the host's own, and playback options.
 
-use std::ffi::{CString, c_char, c_void};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::ffi::{c_char, c_void};
 
-use umo_core::{Gesture, GestureOptions, GestureParts, Gestures, JOINTS, LoadError, MAX_GESTURE_FRAMES, Side};
+#[cfg(feature = "retarget")]
+use umo_core::LoadError;
+use umo_core::{Gesture, GestureOptions, GestureParts, JOINTS, MAX_GESTURE_FRAMES, Side};
 use umo_core_base::memory;
 
+use crate::engine::gestures::refused;
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put};
 use crate::status::{Failure, UmoStatus};
@@ -83,59 +85,6 @@ pub struct UmoGestureClip {
 // SAFETY: `repr(C)`, starts with its size, numbers and a pointer that may be NULL.
 unsafe impl Sized32 for UmoGestureClip {
     const FIRST: usize = 24 + size_of::<*const f32>();
-}
-
-/// Gestures for an engine's new sessions.
-pub(crate) struct Known(Mutex<Set>);
-
-struct Set {
-    gestures: Gestures,
-    /// Names with their zero bytes. A string that was handed out is never moved.
-    names: Vec<CString>,
-}
-
-impl Known {
-    pub(crate) fn new() -> Self {
-        let gestures = Gestures::new();
-        let names = gestures.names().filter_map(|name| CString::new(name).ok()).collect();
-        Self(Mutex::new(Set { gestures, names }))
-    }
-
-    /// Adds or replaces a gesture; a replaced one keeps its index.
-    fn add(&self, gesture: Gesture) -> Result<(), Failure> {
-        let mut set = self.lock();
-        let Set { gestures, names } = &mut *set;
-        // All memory is allocated before anything changes.
-        let (changed, new) = memory::watch(|| {
-            let mut changed = gestures.clone();
-            changed.add(gesture).map_err(refused)?;
-            let listed = |name: &str| names.iter().any(|known| known.to_bytes() == name.as_bytes());
-            let new = changed.names().find(|name| !listed(name)).and_then(|name| CString::new(name).ok());
-            names.reserve(1);
-            Ok::<_, Failure>((changed, new))
-        })??;
-        *gestures = changed;
-        names.extend(new);
-        Ok(())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Set> {
-        // A panic while it was locked left the set unchanged or fully updated.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Clones the gestures, which share their data.
-    pub(crate) fn gestures(&self) -> Gestures {
-        self.lock().gestures.clone()
-    }
-}
-
-/// Converts the error of a gesture that could not be made.
-fn refused(error: LoadError) -> Failure {
-    match error {
-        LoadError::Memory(missing) => missing.into(),
-        error => Failure::argument(error),
-    }
 }
 
 impl UmoGestureOptions {
@@ -393,7 +342,7 @@ impl<'a> File<'a> {
         let Self { name, animation, parts, stroke } = *self;
         let skeleton = &engine.model.model.config().skeleton;
         let refused = |error: LoadError| match error {
-            LoadError::Config { problem, .. } => Failure::argument(format_args!("{from}: {problem}")),
+            LoadError::Argument { problem, .. } => Failure::argument(format_args!("{from}: {problem}")),
             error => error.into(),
         };
         Gesture::from_glb(name, bytes, animation, skeleton, stroke, parts).map_err(refused)
@@ -423,10 +372,7 @@ pub unsafe extern "C" fn umo_engine_get_gesture_name(
 ) -> UmoStatus {
     guard(|| {
         let engine = engine::get(engine)?;
-        let known = engine.gestures.lock();
-        let none = || Failure::argument(format_args!("gesture {index}: there are {}", known.names.len()));
-        let found = known.names.get(index as usize).ok_or_else(none)?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        unsafe { put(name, "name", found.as_ptr()) }
+        unsafe { put(name, "name", engine.gestures.name(index)?) }
     })
 }

@@ -7,8 +7,7 @@ use std::ptr::NonNull;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
 
-use umo_core_base::memory;
-use umo_core_base::memory::{Arena, Boxed};
+use umo_core_base::memory::{self, Arena, Boxed};
 
 use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALID_HANDLE};
 

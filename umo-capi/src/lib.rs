@@ -23,6 +23,8 @@ mod ffi;
 pub mod frame;
 pub mod gesture;
 mod handle;
+#[cfg(all(test, target_pointer_width = "64"))]
+mod layout;
 pub mod log;
 pub mod memory;
 pub mod model;

@@ -10,8 +10,9 @@ pub const UMO_LOG_WARNING: u32 = 2;
 /// Log level: error.
 pub const UMO_LOG_ERROR: u32 = 3;
 
-/// A log callback. Called only by the functions that make and free models, engines and sessions, on the
-/// calling thread; never by calls for the audio thread or the game thread, nor on the engine's threads.
+/// A log callback. Called only by the functions that make and free models, engines and sessions or encode a
+/// text, on the calling thread; never by calls for the audio thread or the game thread, nor on the engine's
+/// threads.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoLog {

@@ -119,7 +119,7 @@ pub struct UmoModelInfo {
 
 // SAFETY: `repr(C)`, starts with its size, integers.
 unsafe impl Sized32 for UmoModelInfo {
-    const FIRST: usize = 64;
+    const FIRST: usize = 72;
 }
 
 /// Name of the model.

@@ -18,8 +18,7 @@ use std::time::Duration;
 
 use umo_core::{PacketConfig, Session, SessionConfig, Voice};
 use umo_core_base::defect::contain;
-use umo_core_base::memory;
-use umo_core_base::memory::{Arena, Boxed, HostMemory};
+use umo_core_base::memory::{self, Arena, Boxed, HostMemory};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
@@ -105,14 +104,8 @@ pub struct UmoSessionConfig {
 
 // SAFETY: `repr(C)`, starts with its size, numbers and pointers that may be NULL.
 unsafe impl Sized32 for UmoSessionConfig {
-    const FIRST: usize = 48 + 2 * size_of::<*const c_char>();
+    const FIRST: usize = 72 + 2 * size_of::<*const c_char>();
 }
-
-/// Size of a configuration up to `smoothing`, `guidance` and `horizon`; a shorter one gets their
-/// defaults.
-const WITH_SMOOTHING: usize = UmoSessionConfig::FIRST + 16;
-/// Size of a configuration up to `packet_history` and `patience`; a shorter one gets their defaults.
-const WITH_PACKETS: usize = WITH_SMOOTHING + 8;
 
 /// Delay of motion behind speech. Set `struct_size`; `umo_session_latency` writes the rest.
 #[repr(C)]
@@ -147,7 +140,7 @@ pub struct UmoLatency {
 
 // SAFETY: `repr(C)`, starts with its size, numbers.
 unsafe impl Sized32 for UmoLatency {
-    const FIRST: usize = 48;
+    const FIRST: usize = 72;
 }
 
 /// Statistics of a session. Set `struct_size`; `umo_session_stats` writes the rest.
@@ -176,7 +169,7 @@ pub struct UmoStats {
 
 // SAFETY: `repr(C)`, starts with its size, integers.
 unsafe impl Sized32 for UmoStats {
-    const FIRST: usize = 56;
+    const FIRST: usize = 64;
 }
 
 /// Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
@@ -324,14 +317,10 @@ unsafe fn read_config(
     let mut wanted = SessionConfig::new(model.model.config());
     (wanted.sample_rate, wanted.channels) = (given.sample_rate as usize, given.channels as usize);
     (wanted.avatar.target, wanted.avatar.lookahead) = (given.target as usize, given.lookahead as usize);
-    if given.struct_size as usize >= WITH_SMOOTHING || config.is_null() {
-        (wanted.avatar.smoothing, wanted.avatar.guidance) = (given.smoothing, given.guidance);
-        wanted.avatar.horizon = given.horizon as usize;
-    }
+    (wanted.avatar.smoothing, wanted.avatar.guidance) = (given.smoothing, given.guidance);
+    (wanted.avatar.horizon, wanted.patience) = (given.horizon as usize, given.patience as usize);
     let mut packets = PacketConfig::new(wanted.avatar.target);
-    if given.struct_size as usize >= WITH_PACKETS || config.is_null() {
-        (packets.history, wanted.patience) = (given.packet_history as usize, given.patience as usize);
-    }
+    packets.history = given.packet_history as usize;
     packets.with_frames = given.packets == UMO_PACKETS_BESIDE_FRAMES;
     wanted.packets = match given.packets {
         UMO_PACKETS_NONE => None,

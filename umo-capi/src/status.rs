@@ -170,9 +170,13 @@ impl From<SessionError> for Failure {
         let status = match error {
             SessionError::Busy(_) | SessionError::GesturesFull | SessionError::HintsFull => UMO_STATUS_BUSY,
             SessionError::Finished => UMO_STATUS_FINISHED,
-            SessionError::Uneven { .. } | SessionError::Range(_) | SessionError::UnknownGesture => {
-                UMO_STATUS_INVALID_ARGUMENT
-            }
+            SessionError::Uneven { .. }
+            | SessionError::Range(_)
+            | SessionError::NotDecoder
+            | SessionError::IsDecoder
+            | SessionError::NoPackets
+            | SessionError::Short { .. }
+            | SessionError::UnknownGesture => UMO_STATUS_INVALID_ARGUMENT,
             SessionError::Failed(_) => UMO_STATUS_FAILED,
             SessionError::Panicked => UMO_STATUS_PANIC,
             SessionError::Closed => UMO_STATUS_CLOSED,

@@ -132,7 +132,7 @@ pub use umo_core_base::memory::OutOfMemory;
 #[doc(inline)]
 pub use umo_core_stream::engine::{EngineError, PollError};
 #[doc(inline)]
-pub use umo_core_stream::session::{SessionError, StateError};
+pub use umo_core_stream::session::{Argument, SessionError, StateError};
 
 /// A source file of each crate of this library, as panics name them.
 #[doc(hidden)]

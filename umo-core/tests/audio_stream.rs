@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use umo_core::{Compute, ModelFile, Precision, StepError, Team};
 use umo_core_model::audio::{AudioStream, Tokenizer};
 use umo_core_model::config::Hubert;
-use umo_core_model::weights::writer::{NewTensor, Storage, Values};
-use umo_core_model::weights::{Loader, layout, writer};
+use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
+use umo_core_model::weights::{Loader, layout};
 use umo_kernels::{Isa, ShapeError};
 
 const HOP: usize = 320;

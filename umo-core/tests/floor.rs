@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use umo_core::ModelFile;
-use umo_core_tools::floor;
-use umo_core_tools::floor::{Stages, Stored};
+use umo_core_tools::floor::{self, Stages, Stored};
 
 /// Number of values in the matrices and convolutions whose names match.
 fn weights(file: &ModelFile, wanted: impl Fn(&str) -> bool) -> usize {

@@ -6,10 +6,10 @@ use ogg::{OggReadError, Packet, PacketReader};
 use ropus::{Channels, DecodeMode, Decoder};
 use umo_core_base::defect;
 
+use crate::blocks::{Blocks, Spec};
 use crate::bytes::Bytes;
 use crate::error::{AudioError, Note};
 use crate::format::Format;
-use crate::reader::{Blocks, Spec};
 
 /// Output rate of the decoder and unit of granule positions, whatever the original rate.
 const RATE: u32 = 48_000;

@@ -9,8 +9,8 @@ use symphonia::core::codecs::audio::well_known::{
 use symphonia::core::codecs::audio::{AudioCodecId, AudioCodecParameters};
 
 use super::PIECE;
+use crate::blocks::Spec;
 use crate::error::AudioError;
-use crate::reader::Spec;
 
 const TAG_PCM: u16 = 1;
 const TAG_MS_ADPCM: u16 = 2;

@@ -199,6 +199,11 @@ def test_wrong_lines_are_refused_before_any_work():
         ([{"file": "a.wav", "seed": "1"}], "expected int"),
         ([{"seed": 1}], "expected a `file`"),
         ([{"file": "a.wav", "output": "a.fbx"}], "fbx"),
+        ([{"file": "a.wav", "output": "/a.npz"}], "outside the outputs' folder"),
+        ([{"file": "a.wav", "output": "b/../../a.npz"}], "outside the outputs' folder"),
+        ([{"file": "a.wav", "output": "s3://bucket/a.npz"}], "outside the outputs' folder"),
+        ([{"file": "motion/a.npz", "output": "b/../a.npz"}], "an input and an output"),
+        ([{"file": "a.wav", "output": "x.npz"}, {"file": "b.wav", "output": "y/../x.npz"}], "one output"),
     ):
         with pytest.raises(ValueError, match=message):
             umo.ray.animate(lines, "motion")

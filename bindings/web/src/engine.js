@@ -42,7 +42,7 @@ export class UmoError extends Error {
 
 /** Sizes and offsets of the structures of `umo.h` where pointers have 32 bits. */
 const MODEL_CONFIG = { size: 20, precision: 4, isa: 8 };
-const ENGINE_CONFIG = { size: 36, mode: 4, threads: 8, maxSessions: 12, maxBatch: 16 };
+const ENGINE_CONFIG = { size: 44, mode: 4, threads: 8, maxSessions: 12, maxBatch: 16 };
 const SESSION_CONFIG = {
   size: 80, sampleRate: 4, channels: 8, target: 12, lookahead: 16, idle: 20, idleAfterMs: 24, easeMs: 28, queueFrames: 32, voice: 36, seed: 40,
   smoothing: 56, guidance: 60, horizon: 64, packets: 68, packetHistory: 72, patience: 76,

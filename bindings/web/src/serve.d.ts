@@ -54,6 +54,8 @@ export interface Ready {
   latency_samples: number;
   mouth_samples: number;
   state_bytes: number;
+  /** What to tell the developer: the model was not trained with the prompt. */
+  note?: string;
 }
 
 /** A session of a server. */

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use umo_core::Mood;
 
-use super::results::file_hash;
+use super::hash::file_hash;
 use crate::args::Batch;
 use crate::atomic_file::refuse_inputs;
 use crate::export::Format;

@@ -3,13 +3,13 @@
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
-use std::io::{BufRead, BufReader, Read, Write};
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, BufReader, Write};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
+use super::hash::file_hash;
 use super::manifest::Line;
 use crate::atomic_file;
 use crate::failure::Failure;
@@ -88,20 +88,6 @@ impl Done {
     pub(super) fn kept(&self, line: &Line) -> Self {
         let own = Self::of(line, &self.key);
         Self { file: own.file, line: own.line, speaker: own.speaker, is_kept: true, ..self.clone() }
-    }
-}
-
-/// Returns the SHA-256 of a file's contents.
-pub(super) fn file_hash(path: &Path) -> Result<String, Failure> {
-    let wrong = |cause: std::io::Error| Failure::input(format!("{}: {cause}", path.display()));
-    let mut file = File::open(path).map_err(wrong)?;
-    let (mut hash, mut piece) = (Sha256::new(), vec![0; 1 << 16]);
-    loop {
-        let count = file.read(&mut piece).map_err(wrong)?;
-        if count == 0 {
-            return Ok(data_encoding::HEXLOWER.encode(&hash.finalize()));
-        }
-        hash.update(&piece[..count]);
     }
 }
 

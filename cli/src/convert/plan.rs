@@ -5,8 +5,7 @@ use std::collections::BTreeSet;
 use glob::Pattern;
 use half::f16;
 use umo_core::Config;
-use umo_core_model::weights::layout;
-use umo_core_model::weights::layout::{Kind, Spec};
+use umo_core_model::weights::layout::{self, Kind, Spec};
 use umo_core_model::weights::writer::Storage;
 
 use super::catalogue::{Catalogue, Entry};

@@ -4,10 +4,9 @@ use serde_json::json;
 use serde_json::value::RawValue;
 use umo_core::{Floor, Mapping, Quat, Retarget};
 use umo_core_pose::clip::Clip;
-use umo_core_rig::glb;
 use umo_core_rig::glb::document::Document;
 use umo_core_rig::glb::splice::{Members, raw};
-use umo_core_rig::glb::{Faces, Glb, container, transform};
+use umo_core_rig::glb::{self, Faces, Glb, container, transform};
 
 use super::Motion;
 use super::body::Body;

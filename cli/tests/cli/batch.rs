@@ -30,7 +30,9 @@ fn a_folder_is_animated_and_what_is_done_is_kept() {
     let ended = umo(&batch).success();
     assert!(ended.out.contains("8 made, 0 kept, 0 failed"), "{}", ended.out);
     // The bits of single runs.
-    for recording in ["a.wav", "deep/b.wav", "flac-hello.flac", "ogg-hello.ogg"] {
+    for recording in
+        ["a.wav", "deep/b.wav", "flac-hello.flac", "mp3-hello.mp3", "ogg-hello.ogg", "opus-hello.opus", "m4a-hello.m4a"]
+    {
         let (alone, name) = (folder.at("alone.jsonl"), recording.split_once('.').unwrap().0);
         umo(&["animate", &folder.at(&format!("lines/{recording}")), "--model", &model, "-o", &alone]).success();
         assert!(folder.read("alone.jsonl") == folder.read(&format!("out/{name}.jsonl")), "{name}");

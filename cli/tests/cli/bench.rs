@@ -49,6 +49,7 @@ fn bench_writes_json_with_every_stage_beside_its_floor_and_a_picture() {
     assert_eq!((number(&crowd["sessions"]), number(&crowd["overruns"])), (2.0, 0.0));
     assert!((0.0..=1.0).contains(&number(&crowd["busy"])) && number(&crowd["sessions_at_full_load"]) >= 2.0);
     let svg = std::fs::read_to_string(&picture).unwrap();
+    assert_eq!(folder.names(), ["bench.svg"]);
     assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && svg.contains("3 chunks"));
 }
 
@@ -105,10 +106,6 @@ fn bench_refuses_numbers_out_of_range() {
         assert_eq!(ended.code, 2, "{args:?}: {}", ended.err);
         assert!(ended.err.contains(words) && ended.out.is_empty(), "{args:?}: {}", ended.err);
     }
-    let folder = Folder::new();
-    let nowhere = folder.at("no/such/folder/bench.svg");
-    let ended = umo(&[&QUICK[..], &["--plot", &nowhere]].concat());
-    assert_eq!(ended.code, 1, "{}", ended.err);
 }
 
 /// Every line of the report, the shipped model's recorded motion, and nothing that identifies the machine.
@@ -136,4 +133,13 @@ fn doctor_runs_a_model_without_records_twice() {
     let ended = umo(&["doctor", "--model", &model, "--isa", "scalar", "--threads", "1"]).success();
     assert!(ended.out.contains("the same twice") && ended.out.contains("none are recorded"), "{}", ended.out);
     assert!(ended.out.contains("scalar: as was asked") && ended.out.contains("1 thread)"), "{}", ended.out);
+}
+
+#[test]
+fn a_picture_that_cannot_be_written_is_refused_before_the_measurement() {
+    let folder = Folder::new();
+    let start = std::time::Instant::now();
+    let refused = folder.refused(&["bench", "--seconds", "600", "--plot", &folder.at("missing/bench.svg")]);
+    assert!(refused.contains("cannot write") && refused.contains("bench.svg"), "{refused}");
+    assert!(start.elapsed() < std::time::Duration::from_secs(60));
 }

@@ -5,7 +5,7 @@
 
 use crate::field::Join::{Cut, Union};
 use crate::field::{Shape, Solid, occlusion};
-use crate::look::Look;
+use crate::look::{Color, Face, Look};
 use crate::vector::{V, add, curve, hypot, ramp, scale, unit};
 
 /// Depth of the vertical line at which the rays that find the skin start.
@@ -26,7 +26,7 @@ impl Base {
     pub(super) fn new(neck: V, look: &'static Look) -> Self {
         let face = &look.build.face;
         let (jaw, nose, n) = (face.jaw, face.nose, look.build.neck);
-        let mut solid = Solid::default()
+        let solid = Solid::default()
             .with(Shape::Ellipsoid { centre: [0.0, 0.020, -0.068], radii: [0.0725, 0.090, 0.089] }, Union(0.0))
             .with(
                 Shape::Ellipsoid { centre: [0.0, -0.038, -0.036], radii: [0.0470 * jaw, 0.066, 0.0525] },
@@ -41,54 +41,9 @@ impl Base {
                 Shape::Ellipsoid { centre: [0.0, -0.0915, 0.0000], radii: [0.0175 * jaw, 0.0130, 0.0155] },
                 Union(0.016),
             );
-        for x in [1.0, -1.0] {
-            let over = |p: V| [p[0] * x, p[1], p[2]];
-            solid = solid
-                // Jaw, cheekbone, brow ridge, socket.
-                .with(
-                    Shape::cone(over([0.0420 * jaw, -0.060, -0.052]), over([0.010, -0.0925, -0.007]), 0.0110, 0.0125),
-                    Union(0.024),
-                )
-                .with(Shape::ball(over([0.0405 * jaw, -0.046, -0.0460]), 0.0140), Union(0.026))
-                .with(
-                    Shape::cone(over([0.0300, -0.0300, -0.0060]), over([0.0480, -0.0225, -0.0330]), 0.0180, 0.0150),
-                    Union(0.028),
-                )
-                .with(Shape::ball(over([0.0270, -0.051, -0.0090]), 0.0190), Union(0.026))
-                .with(
-                    Shape::cone(
-                        over([0.010, 0.0195, 0.0038 + face.brow]),
-                        over([0.042, 0.0215, -0.0130 + face.brow]),
-                        0.0125,
-                        0.0115,
-                    ),
-                    Union(0.018),
-                )
-                .with(
-                    Shape::Ellipsoid { centre: over([0.0335, 0.000, 0.0145]), radii: [0.0190, 0.0118, 0.0095] },
-                    Cut(0.015),
-                );
-        }
-        solid = solid
-            .with(Shape::cone([0.0, 0.014, 0.0068], [0.0, -0.030, 0.0275], 0.0058 * nose, 0.0086 * nose), Union(0.010))
-            .with(Shape::ball([0.0, -0.0365, 0.0300], 0.0100 * nose), Union(0.006))
-            .with(Shape::cone([0.0, -0.0440, 0.0270], [0.0, -0.0480, 0.0200], 0.0036, 0.0040), Union(0.005));
-        for x in [1.0, -1.0] {
-            solid = solid.with(
-                Shape::Ellipsoid { centre: [0.0128 * x * nose, -0.0405, 0.0205], radii: [0.0060, 0.0066, 0.0080] },
-                Union(0.0078),
-            );
-        }
-        // Bulge of the teeth behind the lips.
-        solid = solid
-            .with(Shape::Ellipsoid { centre: [0.0, -0.0660, 0.0020], radii: [0.0260, 0.0200, 0.0190] }, Union(0.014));
-        // Groove under the nose, and groove between lip and chin.
-        solid = solid
-            .with(Shape::cone([0.0, -0.0515, 0.0275], [0.0, -0.0590, 0.0278], 0.0022, 0.0030), Cut(0.005))
-            .with(Shape::Ellipsoid { centre: [0.0, -0.0840, 0.0230], radii: [0.0150, 0.0040, 0.0032] }, Cut(0.010));
         Self {
             look,
-            solid,
+            solid: with_middle(with_sides(solid, face), nose),
             start: vec![
                 (-0.24, -0.235),
                 (-0.19, -0.185),
@@ -199,4 +154,73 @@ impl Base {
 
     /// Bounds of the map: half circumference, bottom and top.
     pub(super) const BOUNDS: (f32, f32, f32) = (std::f32::consts::PI * ROUND, -0.192, 0.085);
+}
+
+/// Adds jaw, cheekbones, brow ridges and sockets.
+fn with_sides(mut solid: Solid, face: &Face) -> Solid {
+    for x in [1.0, -1.0] {
+        let over = |p: V| [p[0] * x, p[1], p[2]];
+        solid = solid
+            // Jaw, cheekbone, brow ridge, socket.
+            .with(
+                Shape::cone(over([0.0420 * face.jaw, -0.060, -0.052]), over([0.010, -0.0925, -0.007]), 0.0110, 0.0125),
+                Union(0.024),
+            )
+            .with(Shape::ball(over([0.0405 * face.jaw, -0.046, -0.0460]), 0.0140), Union(0.026))
+            .with(
+                Shape::cone(over([0.0300, -0.0300, -0.0060]), over([0.0480, -0.0225, -0.0330]), 0.0180, 0.0150),
+                Union(0.028),
+            )
+            .with(Shape::ball(over([0.0270, -0.051, -0.0090]), 0.0190), Union(0.026))
+            .with(
+                Shape::cone(
+                    over([0.010, 0.0195, 0.0038 + face.brow]),
+                    over([0.042, 0.0215, -0.0130 + face.brow]),
+                    0.0125,
+                    0.0115,
+                ),
+                Union(0.018),
+            )
+            .with(
+                Shape::Ellipsoid { centre: over([0.0335, 0.000, 0.0145]), radii: [0.0190, 0.0118, 0.0095] },
+                Cut(0.015),
+            );
+    }
+    solid
+}
+
+/// Adds nose, teeth and grooves.
+fn with_middle(mut solid: Solid, nose: f32) -> Solid {
+    solid = solid
+        .with(Shape::cone([0.0, 0.014, 0.0068], [0.0, -0.030, 0.0275], 0.0058 * nose, 0.0086 * nose), Union(0.010))
+        .with(Shape::ball([0.0, -0.0365, 0.0300], 0.0100 * nose), Union(0.006))
+        .with(Shape::cone([0.0, -0.0440, 0.0270], [0.0, -0.0480, 0.0200], 0.0036, 0.0040), Union(0.005));
+    for x in [1.0, -1.0] {
+        solid = solid.with(
+            Shape::Ellipsoid { centre: [0.0128 * x * nose, -0.0405, 0.0205], radii: [0.0060, 0.0066, 0.0080] },
+            Union(0.0078),
+        );
+    }
+    // Bulge of the teeth behind the lips.
+    solid =
+        solid.with(Shape::Ellipsoid { centre: [0.0, -0.0660, 0.0020], radii: [0.0260, 0.0200, 0.0190] }, Union(0.014));
+    // Groove under the nose, and groove between lip and chin.
+    solid = solid
+        .with(Shape::cone([0.0, -0.0515, 0.0275], [0.0, -0.0590, 0.0278], 0.0022, 0.0030), Cut(0.005))
+        .with(Shape::Ellipsoid { centre: [0.0, -0.0840, 0.0230], radii: [0.0150, 0.0040, 0.0032] }, Cut(0.010));
+    solid
+}
+
+/// Colour of the skin: slightly red on cheeks and nose, darker where it is occluded.
+pub(super) fn skin_color(base: &Base, p: V) -> Color {
+    let spot =
+        |x: f32, y: f32, wide: f32, tall: f32| (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp();
+    let ahead = ramp(-0.03, 0.0, p[2]);
+    let red = 0.34 * spot(0.042, -0.034, 0.020, 0.014)
+        + 0.34 * spot(0.0, -0.037, 0.011, 0.009)
+        + 0.12 * spot(0.0, -0.103, 0.014, 0.010)
+        + 0.25 * spot(0.030, 0.010, 0.018, 0.006);
+    // The nose's underside is too steep for smooth shading.
+    let nose = 1.0 - 0.75 * (spot(0.0, -0.045, 0.014, 0.007) + spot(0.0135, -0.041, 0.007, 0.009)).min(1.0) * ahead;
+    base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * nose * ramp(-0.125, -0.105, p[1]))
 }

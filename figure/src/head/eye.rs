@@ -1,10 +1,10 @@
 //! Lids and eyeball of the left eye.
 
-use super::base::Base;
-use super::lids::{Lid, Point, Turn};
+use super::Kind;
+use super::base::{Base, skin_color};
+use super::lids::{Lid, Point, RADIUS, Turn};
 use super::sheet::Sheet;
-use super::{Kind, mouth};
-use crate::look::{Color, Look};
+use crate::look::{Color, Look, mix_color};
 use crate::vector::{V, add, cross, mix, ramp, scale, sub, unit};
 use std::f32::consts::TAU;
 
@@ -14,8 +14,6 @@ pub(super) struct Eye {
     look: &'static Look,
 }
 
-/// Radius of the eyeball in metres.
-pub(super) const RADIUS: f32 = 0.0180;
 /// Vertices around the opening; a multiple of four.
 const AROUND: usize = 36;
 /// Rings of the lids, from the opening outwards.
@@ -70,7 +68,7 @@ pub(super) fn add_lids(sheet: &mut Sheet, base: &Base, eye: &Eye) -> Vec<usize> 
                     (2, true) => skin.toned(0.5, 0.42),
                     (3, true) => skin.toned(0.35, 0.20),
                     (2, false) => skin.toned(0.4, 0.16),
-                    _ => mouth::skin_color(base, place),
+                    _ => skin_color(base, place),
                 };
                 sheet.add(place, Kind::Lid(point), color)
             })
@@ -133,11 +131,6 @@ fn target(base: &Base, eye: &Eye, ring: usize, angle: f32) -> V {
     let x = eye.centre[0] + cos * if cos > 0.0 { temple } else { nose };
     let y = eye.centre[1] + sin * if sin > 0.0 { up } else { down };
     base.behind(x, y)
-}
-
-pub(super) fn mix_color(a: [u8; 3], b: [u8; 3], t: f32) -> [u8; 3] {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between two bytes")]
-    std::array::from_fn(|i| (f32::from(a[i]) * (1.0 - t) + f32::from(b[i]) * t).round() as u8)
 }
 
 /// Rings of the eyeball from the pupil backwards: degrees from the front, the colour up to the ring, and the colour

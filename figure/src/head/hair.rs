@@ -2,11 +2,11 @@
 
 use super::Kind;
 use super::base::Base;
-use super::eye::{mix_color, spike};
+use super::eye::spike;
 use super::sheet::Sheet;
 use crate::field::Join::{Cut, Union};
 use crate::field::{Shape, Solid, occlusion};
-use crate::look::{Color, Hair};
+use crate::look::{Color, Hair, mix_color};
 use crate::nets::{self, Grid, planes};
 use crate::vector::{V, add, cross, curve, mix, ramp, scale, sub, unit};
 use std::f32::consts::{PI, TAU};

@@ -1,6 +1,5 @@
 //! The lids: rings on the eyeball that open and close by rotation about its centre.
 
-use super::eye::RADIUS;
 use crate::vector::{V, blend};
 
 /// A direction from the eye's centre, in degrees towards the temple and up.
@@ -26,6 +25,8 @@ pub(super) struct Point {
     pub(super) share: f32,
 }
 
+/// Radius of the eyeball in metres.
+pub(super) const RADIUS: f32 = 0.0180;
 /// Half width of the opening, and its height above and below the line between the corners, in degrees.
 const WIDE: f32 = 55.0;
 const HIGH: f32 = 17.5;

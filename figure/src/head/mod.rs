@@ -209,7 +209,7 @@ fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
         if at[0] == 0.0 || at[0] == end {
             place[0] = 0.0;
         }
-        vertices.push(sheet.add(place, Kind::Skin, mouth::skin_color(base, place)));
+        vertices.push(sheet.add(place, Kind::Skin, base::skin_color(base, place)));
         places.push(at);
     };
     let columns = |from: f32, to: f32| {

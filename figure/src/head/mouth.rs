@@ -1,11 +1,10 @@
 //! Lips, the mouth behind them, teeth and tongue.
 
 use super::Kind;
-use super::base::Base;
-use super::eye::mix_color;
+use super::base::{Base, skin_color};
 use super::lips::{Point, WIDE, line};
 use super::sheet::Sheet;
-use crate::look::{Color, Look};
+use crate::look::{Color, Look, mix_color};
 use crate::vector::{V, ramp};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -16,20 +15,6 @@ const DEEP: [u8; 3] = [38, 14, 18];
 const TEETH: [u8; 3] = [246, 242, 232];
 const GUMS: [u8; 3] = [196, 104, 104];
 const TONGUE: [u8; 3] = [206, 110, 112];
-
-/// Colour of the skin: slightly red on cheeks and nose, darker where it is occluded.
-pub(super) fn skin_color(base: &Base, p: V) -> Color {
-    let spot =
-        |x: f32, y: f32, wide: f32, tall: f32| (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp();
-    let ahead = ramp(-0.03, 0.0, p[2]);
-    let red = 0.34 * spot(0.042, -0.034, 0.020, 0.014)
-        + 0.34 * spot(0.0, -0.037, 0.011, 0.009)
-        + 0.12 * spot(0.0, -0.103, 0.014, 0.010)
-        + 0.25 * spot(0.030, 0.010, 0.018, 0.006);
-    // The nose's underside is too steep for smooth shading.
-    let nose = 1.0 - 0.75 * (spot(0.0, -0.045, 0.014, 0.007) + spot(0.0135, -0.041, 0.007, 0.009)).min(1.0) * ahead;
-    base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * nose * ramp(-0.125, -0.105, p[1]))
-}
 
 /// Colour of a ring of the lips.
 #[derive(Clone, Copy)]

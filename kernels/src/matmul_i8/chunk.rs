@@ -46,9 +46,9 @@ impl<'a> Chunk<'a> {
     #[inline]
     pub(super) fn fetch(&mut self, panel: &[[i8; PANEL * QUAD]]) -> [*const [i8; PANEL * QUAD]; 2] {
         let mut some = [panel.as_ptr(); 2];
-        for sum_index in &mut some[..self.each] {
+        for pointer in &mut some[..self.each] {
             if let Some(slot) = self.next.next() {
-                *sum_index = self.task.panel(slot).as_ptr();
+                *pointer = self.task.panel(slot).as_ptr();
             }
         }
         some

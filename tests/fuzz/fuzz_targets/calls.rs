@@ -232,9 +232,14 @@ fn model_config(changes: &Changes) -> UmoModelConfig {
     config
 }
 
+/// Size of a structure, for its `struct_size`.
+fn sized<T>() -> u32 {
+    u32::try_from(size_of::<T>()).expect("a structure is small")
+}
+
 fn layout(model: *const UmoModel, changes: &Changes) -> UmoFrameLayout {
     let mut layout: UmoFrameLayout = unsafe { std::mem::zeroed() };
-    layout.struct_size = 48;
+    layout.struct_size = sized::<UmoFrameLayout>();
     check(unsafe { umo_frame_layout_init(&mut layout, size_of::<UmoFrameLayout>(), model) });
     change(&mut layout, changes);
     layout
@@ -262,7 +267,8 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
         Call::ModelFree(which) => umo_model_free(model(*which)),
         Call::ModelAsk(which, what) => {
             let (mut info, mut text) = (unsafe { std::mem::zeroed::<UmoModelInfo>() }, null());
-            info.struct_size = if what % 3 == 0 { *what % 64 } else { 64 };
+            let whole = sized::<UmoModelInfo>();
+            info.struct_size = if what % 3 == 0 { *what % whole } else { whole };
             check(unsafe { umo_model_get_info(model(*which), &mut info) });
             // The text itself may be gone by now: another thread may free the model.
             check(unsafe { umo_model_get_text(model(*which), *what, &mut text) });
@@ -339,7 +345,7 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             let (size, there) = size.of(ROOM);
             let frame = if there { hands.room.as_mut_ptr() } else { null_mut() };
             let (layout, mut sampled) = (layout(any_model(), changes), unsafe { std::mem::zeroed::<UmoSampled>() });
-            sampled.struct_size = 24;
+            sampled.struct_size = sized::<UmoSampled>();
             unsafe { umo_session_sample_pose(session(*which), *seconds, &layout, frame.cast(), size, &mut sampled) }
         }
         Call::Ready(which) => {
@@ -360,7 +366,9 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
         Call::Ask(which, size) => {
             let (mut latency, mut stats) =
                 (unsafe { std::mem::zeroed::<UmoLatency>() }, unsafe { std::mem::zeroed::<UmoStats>() });
-            (latency.struct_size, stats.struct_size) = (48, if size % 2 == 0 { 56 } else { size % 57 });
+            let whole = sized::<UmoStats>();
+            latency.struct_size = sized::<UmoLatency>();
+            stats.struct_size = if size % 2 == 0 { whole } else { size % (whole + 1) };
             check(unsafe { umo_session_latency(session(*which), &mut latency) });
             unsafe { umo_session_stats(session(*which), &mut stats) }
         }
@@ -480,7 +488,7 @@ fn place() -> &'static AtomicUsize {
 
 fn kept_model() -> usize {
     let mut info = unsafe { std::mem::zeroed::<UmoModelInfo>() };
-    info.struct_size = 64;
+    info.struct_size = sized::<UmoModelInfo>();
     let kept = place().load(Ordering::Relaxed);
     if unsafe { umo_model_get_info(std::ptr::without_provenance(kept), &mut info) } == UMO_STATUS_OK {
         return kept;

@@ -2,13 +2,14 @@
 
 use std::ffi::c_char;
 
-use umo_core::{JOINT_NAMES, JOINTS, Model, VISEME_NAMES, VISEMES};
+use umo_core::{JOINT_NAMES, JOINTS, VISEME_NAMES, VISEMES};
 use umo_core_base::memory;
 use umo_core_pose::axes::Axes;
 
-use super::{UmoModel, UmoModelInfo, get};
+use super::{ModelHandle, UmoModel, UmoModelInfo, get};
 use crate::axes;
 use crate::ffi::{self, guard, put, wanted};
+use crate::log::{Log, UMO_LOG_WARNING};
 use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
 /// Zero-terminated names of the joints.
@@ -152,7 +153,8 @@ pub unsafe extern "C" fn umo_model_get_skeleton(
 }
 
 /// Encodes a prompt as ids for `umo_session_set_prompt_ids`, at most `umo_model_info.max_prompt` of
-/// them. `count` is written even if `capacity` is too small.
+/// them. `count` is written even if `capacity` is too small. The model's log gets a warning if the model has a
+/// list of prompts that lacks `text`.
 ///
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
@@ -176,7 +178,7 @@ pub unsafe extern "C" fn umo_model_encode_text(
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
         let model = get(model)?;
-        let found = memory::catch(|| encode(&model.model, text))??;
+        let found = memory::catch(|| encode(&model, model.log, text))??;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(count, "count", found.len())? };
         if found.len() > capacity {
@@ -189,8 +191,8 @@ pub unsafe extern "C" fn umo_model_encode_text(
     })
 }
 
-/// Encodes a text as ids; refuses bytes that are not UTF-8.
-pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
+/// Encodes a text as ids; refuses bytes that are not UTF-8. `log` gets a warning if the model was not trained with it.
+pub(crate) fn encode(model: &ModelHandle, log: Log, text: &[u8]) -> Result<Vec<u32>, Failure> {
     if text.len() > ffi::MAX_TEXT {
         return Err(Failure::argument(format_args!("`text` has more than {} bytes", ffi::MAX_TEXT)));
     }
@@ -201,5 +203,9 @@ pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
     let none = || Failure::new(UMO_STATUS_UNSUPPORTED, "this model takes no texts");
     // The encoder allocates the normalised text, and a step of its search for each byte of it.
     memory::check(128 * text.len() + memory::SPARE)?;
-    model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)
+    let ids = model.model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)?;
+    if let Some(prompts) = model.model.config().unknown_prompt(text) {
+        log.say(UMO_LOG_WARNING, format_args!("the model was not trained with the prompt `{text}`: {prompts}"));
+    }
+    Ok(ids)
 }

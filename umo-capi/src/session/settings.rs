@@ -12,7 +12,7 @@ use crate::status::{Failure, UmoStatus};
 use crate::{model, parameter};
 
 /// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. An empty text
-/// removes the prompt.
+/// removes the prompt. The engine's log gets a warning if the model has a list of prompts that lacks `text`.
 ///
 /// Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
@@ -30,7 +30,7 @@ pub unsafe extern "C" fn umo_session_set_prompt(
     on(session, |handle| {
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
-        let ids = memory::catch(|| model::inspect::encode(&handle.model.model, text))??;
+        let ids = memory::catch(|| model::inspect::encode(&handle.model, handle.log, text))??;
         Ok(handle.session.set_prompt(&ids)?)
     })
 }

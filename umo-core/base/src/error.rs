@@ -7,7 +7,7 @@ use umo_kernels::ShapeError;
 
 use crate::memory::OutOfMemory;
 
-/// Error from loading a model.
+/// Error from loading a model, or from making something of one.
 #[derive(Debug)]
 pub enum LoadError {
     /// The file cannot be opened or mapped.
@@ -21,7 +21,14 @@ pub enum LoadError {
     Memory(OutOfMemory),
     /// The file is not a safetensors file, is truncated, or is not a umo model of a known version.
     File(String),
-    /// A number or name in the config is missing, out of range, or disagrees with another.
+    /// An argument of the call is out of range, or asks for what the model cannot do.
+    Argument {
+        /// Name of the argument, such as `target`.
+        name: &'static str,
+        /// Value expected, and value given.
+        problem: String,
+    },
+    /// A number or name in the model's config is missing, out of range, or disagrees with another.
     Config {
         /// Path in the config, such as `lm.d_model`.
         key: String,
@@ -38,6 +45,12 @@ pub enum LoadError {
 }
 
 impl LoadError {
+    /// Error of the argument `name`.
+    #[doc(hidden)]
+    pub fn argument(name: &'static str, problem: impl Into<String>) -> Self {
+        Self::Argument { name, problem: problem.into() }
+    }
+
     /// Error of the config's `key`.
     #[doc(hidden)]
     pub fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
@@ -63,6 +76,7 @@ impl fmt::Display for LoadError {
             Self::Io { path, cause } => write!(f, "cannot read model {}: {cause}", path.display()),
             Self::Memory(missing) => write!(f, "cannot load the model: {missing}"),
             Self::File(problem) => write!(f, "not a usable model file: {problem}"),
+            Self::Argument { name, problem } => write!(f, "`{name}`: {problem}"),
             Self::Config { key, problem } => write!(f, "config `{key}`: {problem}"),
             Self::Tensor { name, problem } => write!(f, "tensor `{name}`: {problem}"),
         }
@@ -74,7 +88,7 @@ impl std::error::Error for LoadError {
         match self {
             Self::Io { cause, .. } => Some(cause),
             Self::Memory(missing) => Some(missing),
-            Self::File(_) | Self::Config { .. } | Self::Tensor { .. } => None,
+            Self::File(_) | Self::Argument { .. } | Self::Config { .. } | Self::Tensor { .. } => None,
         }
     }
 }

@@ -34,8 +34,7 @@ use crate::defect::{Defect, contain, contain_quietly, resume};
 use crate::error::StepError;
 use crate::memory;
 use crate::sync::{wait, wake_all, wake_one};
-use crate::thread;
-use crate::thread::JoinHandle;
+use crate::thread::{self, JoinHandle};
 use crate::time::Instant;
 
 /// Maximum number of threads in a team.

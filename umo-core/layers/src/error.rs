@@ -3,8 +3,14 @@
 /// A request that was refused; it changed nothing. `Copy`: reporting one allocates nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RequestError {
-    /// An argument is out of range; the text gives the range.
-    Range(&'static str),
+    /// Speed or strength of a gesture out of range.
+    GestureOptions,
+    /// Target of a gesture out of range.
+    GestureTarget,
+    /// Time of a gesture out of range.
+    GestureTime,
+    /// Time or duration of a viseme hint out of range.
+    VisemeHint,
     /// No gesture has this name.
     UnknownGesture,
     /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) gestures are already pending.

@@ -169,14 +169,14 @@ impl Request {
         let gesture = gestures.find(name).ok_or(RequestError::UnknownGesture)?;
         let GestureOptions { at, speed, strength, side, target } = *options;
         if !(0.5..=2.0).contains(&speed) || !(0.0..=1.0).contains(&strength) {
-            return Err(RequestError::Range("a gesture's speed must be 0.5 to 2, and its strength 0 to 1"));
+            return Err(RequestError::GestureOptions);
         }
         if target.is_some_and(|place| !place.iter().all(|value| value.abs() <= MAX_DISTANCE)) {
-            return Err(RequestError::Range("a gesture's target must be a place within 10 km"));
+            return Err(RequestError::GestureTarget);
         }
         let last = MAX_INDEX as f64 / frame_rate as f64;
         if at.is_some_and(|at| !(0.0..=last).contains(&at)) {
-            return Err(RequestError::Range("a gesture's time must be a number of seconds from 0 on"));
+            return Err(RequestError::GestureTime);
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the limits")]
         let at = at.map(|at| (at * frame_rate as f64).round() as u64);

@@ -109,7 +109,7 @@ impl Hints {
     ) -> Result<(), RequestError> {
         let last = MAX_SAMPLE as f64 / rate as f64;
         if !(0.0..=last).contains(&start) || !(0.0..=MAX_HINT_SECONDS).contains(&duration) {
-            return Err(RequestError::Range("a hint needs a time from 0 on and a duration of 0 to 2 seconds"));
+            return Err(RequestError::VisemeHint);
         }
         if self.count.saturating_sub(passed) >= MAX_PENDING_HINTS as u64 {
             return Err(RequestError::HintsFull);
@@ -385,7 +385,7 @@ mod tests {
         for (start, duration) in [(-0.1, 0.1), (f64::NAN, 0.1), (0.0, 2.1), (0.0, -0.1), (0.0, f64::NAN), (1e300, 0.0)]
         {
             let wrong = hint(&mut trial, start, duration, LipShape::Closed);
-            assert!(matches!(wrong, Err(RequestError::Range(_))), "{start} {duration}");
+            assert_eq!(wrong, Err(RequestError::VisemeHint), "{start} {duration}");
         }
     }
 

@@ -8,11 +8,10 @@ use std::time::Duration;
 
 use crate::audio::AudioStream;
 use crate::config::Config;
-use crate::lm::LayerTimes;
-use crate::lm::depth;
 use crate::lm::generate::ChunkSampling;
 use crate::lm::layout::{FramePrompt, MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
 use crate::lm::sampler::Sampler;
+use crate::lm::{LayerTimes, depth};
 use crate::model::Model;
 use crate::motion::{MotionStream, Smoothing};
 use history::History;
@@ -87,22 +86,22 @@ impl AvatarConfig {
     #[doc(hidden)]
     pub fn check(&self, config: &Config) -> Result<(), LoadError> {
         if !(1..=config.max_target).contains(&self.target) {
-            return Err(LoadError::config(
+            return Err(LoadError::argument(
                 "target",
                 format!("expected 1 to {}, got {}", config.max_target, self.target),
             ));
         }
         let most = config.keyframe_stride * config.prefix;
         if self.lookahead > most {
-            return Err(LoadError::config("lookahead", format!("expected 0 to {most}, got {}", self.lookahead)));
+            return Err(LoadError::argument("lookahead", format!("expected 0 to {most}, got {}", self.lookahead)));
         }
         let ahead = config.audio.ahead;
         if self.horizon > ahead {
-            return Err(LoadError::config("horizon", format!("expected 0 to {ahead}, got {}", self.horizon)));
+            return Err(LoadError::argument("horizon", format!("expected 0 to {ahead}, got {}", self.horizon)));
         }
         let most = if depth::is_guidable(config) { MAX_GUIDANCE } else { 1.0 };
         if !(1.0..=most).contains(&self.guidance) {
-            return Err(LoadError::config("guidance", format!("expected 1 to {most}, got {}", self.guidance)));
+            return Err(LoadError::argument("guidance", format!("expected 1 to {most}, got {}", self.guidance)));
         }
         Smoothing::new(self.smoothing).map(drop)
     }
@@ -308,7 +307,7 @@ impl Avatar {
     /// Creates an avatar at the start of its stream and allocates everything it will need.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if the template is missing or a number is out of range.
+    /// [`LoadError::Config`] if the template is missing; [`LoadError::Argument`] if a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         Self::new_in(model, config, &Arena::system())
     }
@@ -322,7 +321,7 @@ impl Avatar {
         config.check(c)?;
         let (got, limit) = (config.text.len(), MAX_PROMPT_TOKENS);
         if got > limit {
-            return Err(LoadError::config(
+            return Err(LoadError::argument(
                 "text",
                 StepError::TooLong { what: "prompt tokens", got, limit }.to_string(),
             ));

@@ -563,6 +563,17 @@ pub struct Sampling {
 }
 
 impl Config {
+    /// Returns the model's prompts as a clause if it has a list of them that lacks `text`: it was not trained with
+    /// `text`, and its motion is then arbitrary.
+    pub fn unknown_prompt(&self, text: &str) -> Option<String> {
+        let prompts = self.prompts.as_ref()?;
+        if prompts.iter().any(|known| known.eq_ignore_ascii_case(text.trim())) {
+            return None;
+        }
+        let named: Vec<&str> = prompts.iter().map(String::as_str).filter(|prompt| !prompt.is_empty()).collect();
+        Some(format!("the model's prompts are {}", named.join(", ")))
+    }
+
     /// Parses and checks a config.
     ///
     /// # Errors

@@ -15,8 +15,7 @@ use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Isa, Mat, MatMut};
 
 use crate::audio::spectrum::{Spectrum, SpectrumScratch};
-use crate::config;
-use crate::config::Config;
+use crate::config::{self, Config};
 use crate::weights::Loader;
 use gate::Gate;
 use level::{Level, LevelControl};

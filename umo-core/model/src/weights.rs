@@ -24,8 +24,7 @@ pub use umo_core_base::aligned::{AlignedBox, Plain};
 use crate::config::Config;
 use source::Source;
 use umo_core_base::error::LoadError;
-use umo_core_base::memory;
-use umo_core_base::memory::{SPARE, filled};
+use umo_core_base::memory::{self, SPARE, filled};
 use umo_core_base::state::Fingerprint;
 use writer::Storage;
 

@@ -5,9 +5,8 @@ use std::fmt;
 
 use crate::levels::Levels;
 use crate::packet::{PacketLayout, PacketRoom};
-use crate::retime;
-use crate::retime::TimeMap;
-use crate::session::SessionError;
+use crate::retime::{self, TimeMap};
+use crate::session::{Argument, SessionError};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
@@ -140,7 +139,7 @@ impl Animation {
     /// Creates an animation at its start, with all layers off.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if the template is missing or a number is out of range.
+    /// [`LoadError::Config`] if the template is missing; [`LoadError::Argument`] if a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         Self::with_layers(model, config, LifeConfig::OFF, Gestures::new())
     }
@@ -242,7 +241,7 @@ impl Animation {
     /// [`SessionError::Range`] if the strength is not in 0 to 1.
     pub fn set_mood(&mut self, mood: Mood, strength: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&strength) {
-            return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
+            return Err(SessionError::Range(Argument::MoodStrength));
         }
         let controls = &mut self.track.layers.controls;
         (controls.mood, controls.mood_strength) = (mood, strength);

@@ -31,14 +31,12 @@ use pace::Pace;
 use umo_core_base::clock::Clock;
 use umo_core_base::defect::{Defect, contain_quietly};
 use umo_core_base::error::LoadError;
-use umo_core_base::memory::{Arena, Counted};
+use umo_core_base::memory::{self, Arena, Counted};
 pub use umo_core_base::sync::{wait, wake_one};
 use umo_core_base::team::{ExternalWorkers, MAX_THREADS};
-use umo_core_base::thread::JoinHandle;
+use umo_core_base::thread::{self, JoinHandle};
 use umo_core_base::time::Instant;
-use umo_core_base::{memory, thread};
-use umo_core_model::audio::resample;
-use umo_core_model::audio::resample::{FilterPlan, Resampler};
+use umo_core_model::audio::resample::{self, FilterPlan, Resampler};
 use umo_core_model::avatar::{Avatar, StageTimes};
 use umo_core_model::model::Model;
 use umo_core_pose::frame::OwnedFrame;
@@ -123,7 +121,7 @@ impl Inner {
         }
         plans.retain(|plan| Arc::strong_count(plan) > 1);
         let plan = memory::catch(|| resample::plan(rates.0, rates.1))?
-            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+            .map_err(|error| LoadError::argument("sample_rate", error.to_string()))?;
         plans.extend(plan.clone());
         Ok(plan)
     }
@@ -215,11 +213,11 @@ impl Engine {
 
     /// Creates an engine without workers.
     fn bare(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
-        let range = |key: &str, got: usize, to: usize| {
+        let range = |name: &'static str, got: usize, to: usize| {
             if (1..=to).contains(&got) {
                 return Ok(());
             }
-            Err(LoadError::config(key, format!("expected 1 to {to}, got {got}")))
+            Err(LoadError::argument(name, format!("expected 1 to {to}, got {got}")))
         };
         range("max_sessions", config.max_sessions, MAX_SESSIONS)?;
         range("max_batch", config.max_batch, MAX_BATCH)?;

@@ -43,7 +43,7 @@ use crate::link::Epoch;
 pub use config::{
     AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig,
 };
-pub use error::SessionError;
+pub use error::{Argument, SessionError};
 pub use output::{Frame, Sampled};
 use packets::PacketQueue;
 pub(crate) use packets::PacketWriter;
@@ -180,7 +180,7 @@ impl Session {
     pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
         match &self.source {
             Source::Engine(slot) => Ok(slot),
-            Source::Packets(_) => Err(SessionError::Range("a decoder takes no audio, text or state: its sender does")),
+            Source::Packets(_) => Err(SessionError::IsDecoder),
         }
     }
 
@@ -328,7 +328,7 @@ impl Session {
     /// finite.
     pub fn sample_pose(&self, seconds: f64, mut frame: impl FnMut(Frame)) -> Result<Sampled, SessionError> {
         if !seconds.is_finite() {
-            return Err(SessionError::Range("the time of a pose must be a number"));
+            return Err(SessionError::Range(Argument::PoseTime));
         }
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
@@ -345,7 +345,7 @@ impl Session {
     /// [`SessionError::Range`] if the delay is out of range.
     pub fn set_output_delay(&self, seconds: f64) -> Result<(), SessionError> {
         if !(0.0..=MAX_OUTPUT_DELAY).contains(&seconds) {
-            return Err(SessionError::Range("the output device's delay must be 0 to 2 seconds"));
+            return Err(SessionError::Range(Argument::OutputDelay));
         }
         self.output_delay.store(seconds.to_bits(), Ordering::Relaxed);
         Ok(())
@@ -367,7 +367,7 @@ impl Session {
     /// in 0 to 1e9.
     pub fn set_clock(&self, seconds: f64) -> Result<(), SessionError> {
         if !(0.0..=1e9).contains(&seconds) {
-            return Err(SessionError::Range("the host's time must be 0 to 1e9 seconds"));
+            return Err(SessionError::Range(Argument::HostTime));
         }
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
@@ -385,7 +385,7 @@ impl Session {
     /// [`SessionError::Range`] if `ease` is longer.
     pub fn interrupt(&self, ease: Duration) -> Result<(), SessionError> {
         if ease > MAX_EASE {
-            return Err(SessionError::Range("an interrupt may ease for 10 seconds at most"));
+            return Err(SessionError::Range(Argument::Ease));
         }
         self.shared.check()?;
         self.slot()?;
@@ -413,7 +413,7 @@ impl Session {
     /// [`SessionError::Range`] for more than [`MAX_PROMPT_TOKENS`] ids.
     pub fn set_prompt(&self, ids: &[u32]) -> Result<(), SessionError> {
         if ids.len() > MAX_PROMPT_TOKENS {
-            return Err(SessionError::Range("a prompt has 128 tokens at most"));
+            return Err(SessionError::Range(Argument::PromptLength));
         }
         self.slot()?;
         self.set(|settings| {
@@ -437,7 +437,7 @@ impl Session {
     /// [`SessionError::Range`] if the temperature is not in 0 to 100, or `top_p` not in 0 to 1.
     pub fn set_sampling(&self, sampling: Sampling) -> Result<(), SessionError> {
         if !(0.0..=100.0).contains(&sampling.temperature) || !(0.0..=1.0).contains(&sampling.top_p) {
-            return Err(SessionError::Range("temperature must be 0 to 100, and top_p 0 to 1"));
+            return Err(SessionError::Range(Argument::Sampling));
         }
         self.set(|settings| settings.sampler.sampling = sampling)
     }
@@ -456,7 +456,7 @@ impl Session {
     /// [`SessionError::Range`] if the gain is not in 0 to [`MAX_GAIN`].
     pub fn set_gain(&self, part: Part, gain: f32) -> Result<(), SessionError> {
         if !(0.0..=MAX_GAIN).contains(&gain) {
-            return Err(SessionError::Range("the gain of a part must be 0 to 2"));
+            return Err(SessionError::Range(Argument::PartGain));
         }
         self.shared.gains[part].store(gain.to_bits(), Ordering::Relaxed);
         Ok(())
@@ -475,7 +475,7 @@ impl Session {
     /// thread sets something.
     pub fn set_layer(&self, layer: Layer, gain: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&gain) {
-            return Err(SessionError::Range("the gain of a layer must be 0 to 1"));
+            return Err(SessionError::Range(Argument::LayerGain));
         }
         self.control(|controls| controls.layers = controls.layers.with(layer, gain))
     }
@@ -489,7 +489,7 @@ impl Session {
     /// not in 0 to 1; [`SessionError::Busy`] if another thread sets something.
     pub fn look_at(&self, point: [f32; 3], strength: f32) -> Result<(), SessionError> {
         if !point.iter().all(|value| value.abs() <= MAX_DISTANCE) || !(0.0..=1.0).contains(&strength) {
-            return Err(SessionError::Range("a look-at needs a point within 10 km and a strength of 0 to 1"));
+            return Err(SessionError::Range(Argument::LookAt));
         }
         self.control(|controls| (controls.look_at, controls.look_at_strength) = (point, strength))
     }
@@ -510,7 +510,7 @@ impl Session {
     /// thread sets something.
     pub fn set_mood(&self, mood: Mood, strength: f32) -> Result<(), SessionError> {
         if !(0.0..=1.0).contains(&strength) {
-            return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
+            return Err(SessionError::Range(Argument::MoodStrength));
         }
         self.control(|controls| (controls.mood, controls.mood_strength) = (mood, strength))
     }

@@ -9,6 +9,7 @@ import numpy as np
 
 from . import _library
 from ._library import JOINT_COUNT, lib
+from ._names import is_arkit
 
 if TYPE_CHECKING:
     from ._motion import Motion
@@ -35,8 +36,6 @@ def vrma(motion: Motion) -> bytes:
 
 
 def _written(motion: Motion, format: str, figure: Optional[str]) -> bytes:
-    from ._save import is_arkit
-
     if motion.skeleton is None:
         raise ValueError(f"{format} needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
     parents, offsets = (np.ascontiguousarray(values, kind) for values, kind in zip(motion.skeleton, (np.int32, np.float32)))

@@ -14,13 +14,11 @@ import numpy.typing as npt
 from . import _library, _save
 from ._gltf import FIGURES
 from ._library import lib
+from ._names import JOINTS, VISEMES
 
 Floats = npt.NDArray[np.float32]
 # Each joint's parent [55], and where it is in its parent's frame at rest [55, 3].
 Skeleton = tuple[npt.NDArray[np.int32], Floats]
-
-JOINTS: tuple[str, ...] = tuple(lib.umo_joint_name(i).decode() for i in range(_library.JOINT_COUNT))
-VISEMES: tuple[str, ...] = tuple(lib.umo_viseme_name(i).decode() for i in range(_library.VISEME_COUNT))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ._gltf import FIGURES, glb, vrma
 from ._library import JOINT_COUNT, suggestion
+from ._names import JOINTS, SHAPES, is_arkit
 
 if TYPE_CHECKING:
     from ._motion import Motion
@@ -24,18 +25,7 @@ Doubles = npt.NDArray[np.float64]
 # What SMPL-X tools expect: shape coefficients of the neutral body, and expression coefficients per frame.
 BETAS, EXPRESSIONS = 300, 100
 
-# The columns of the Live Link Face app, in its order and spelling.
-SHAPES = (
-    *("EyeBlinkLeft", "EyeLookDownLeft", "EyeLookInLeft", "EyeLookOutLeft", "EyeLookUpLeft", "EyeSquintLeft"),
-    *("EyeWideLeft", "EyeBlinkRight", "EyeLookDownRight", "EyeLookInRight", "EyeLookOutRight", "EyeLookUpRight"),
-    *("EyeSquintRight", "EyeWideRight", "JawForward", "JawRight", "JawLeft", "JawOpen", "MouthClose", "MouthFunnel"),
-    *("MouthPucker", "MouthRight", "MouthLeft", "MouthSmileLeft", "MouthSmileRight", "MouthFrownLeft"),
-    *("MouthFrownRight", "MouthDimpleLeft", "MouthDimpleRight", "MouthStretchLeft", "MouthStretchRight"),
-    *("MouthRollLower", "MouthRollUpper", "MouthShrugLower", "MouthShrugUpper", "MouthPressLeft", "MouthPressRight"),
-    *("MouthLowerDownLeft", "MouthLowerDownRight", "MouthUpperUpLeft", "MouthUpperUpRight", "BrowDownLeft"),
-    *("BrowDownRight", "BrowInnerUp", "BrowOuterUpLeft", "BrowOuterUpRight", "CheekPuff", "CheekSquintLeft"),
-    *("CheekSquintRight", "NoseSneerLeft", "NoseSneerRight", "TongueOut"),
-)
+# After the shapes, the angles of the Live Link Face app.
 ANGLES = (
     *("HeadYaw", "HeadPitch", "HeadRoll", "LeftEyeYaw", "LeftEyePitch", "LeftEyeRoll"),
     *("RightEyeYaw", "RightEyePitch", "RightEyeRoll"),
@@ -90,10 +80,6 @@ def shape_columns(names: tuple[str, ...]) -> list[int]:
     return [places[shape.lower()] for shape in SHAPES]
 
 
-def is_arkit(names: tuple[str, ...]) -> bool:
-    return {name.lower() for name in names} == {shape.lower() for shape in SHAPES}
-
-
 def npz(motion: Motion) -> bytes:
     """SMPL-X arrays, and the channels of an ARKit face."""
     frames, arkit = len(motion), is_arkit(motion.names)
@@ -121,8 +107,6 @@ def npz(motion: Motion) -> bytes:
 
 def csv(motion: Motion) -> bytes:
     """The face and the head's angles, as Live Link Face writes them."""
-    from ._motion import JOINTS
-
     places = shape_columns(motion.names)
     joints = ("neck", "head", "left_eye", "right_eye")
     neck, head, left, right = (matrices(motion.rotations[:, JOINTS.index(joint)]) for joint in joints)
@@ -148,8 +132,6 @@ def jsonl(motion: Motion) -> bytes:
 
 
 def json_lines(motion: Motion) -> Iterator[str]:
-    from ._motion import JOINTS
-
     if motion.skeleton is None:
         raise ValueError("jsonl needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
     parents, offsets = motion.skeleton
@@ -175,8 +157,6 @@ def json_lines(motion: Motion) -> Iterator[str]:
 
 def bvh(motion: Motion) -> bytes:
     """The skeleton's motion, in centimetres and degrees; a joint's matrix is Z X Y."""
-    from ._motion import JOINTS
-
     if motion.skeleton is None:
         raise ValueError("bvh needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
     parents, offsets = motion.skeleton

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 import posixpath
 import uuid
 from collections.abc import Iterable, Mapping
@@ -62,10 +63,14 @@ def animate(
             raise ValueError(f"{name} {value}: expected at least 1")
     work = [_line(line, output, format) for line in lines]
     seen: dict[str, str] = {}
+    inputs = {_canonical(line["file"]) for line in work}
     for line in work:
-        if line["output"] in seen:
-            raise ValueError(f"`{line['file']}` and `{seen[line['output']]}` have one output: `{line['output']}`")
-        seen[line["output"]] = line["file"]
+        place = _canonical(line["output"])
+        if place in inputs:
+            raise ValueError(f"`{line['output']}` is an input and an output: name another output")
+        if place in seen:
+            raise ValueError(f"`{line['file']}` and `{seen[place]}` have one output: `{line['output']}`")
+        seen[place] = line["file"]
     if not work:
         raise ValueError("no lines: expected at least one recording")
     # As text: columns of numpy have no place for what is left out. A block is what a dead worker loses.
@@ -91,9 +96,19 @@ def _line(line: Union[str, Mapping[str, Any]], folder: str, suffix: str) -> dict
     if not fields.get("file"):
         raise ValueError(f"line {dict(fields)}: expected a `file`")
     name = fields.pop("output", None) or posixpath.splitext(posixpath.basename(fields["file"]))[0] + suffix
+    if posixpath.isabs(name) or "://" in name or posixpath.normpath(name).split("/")[0] == "..":
+        raise ValueError(f"line {dict(fields)}: output `{name}` is outside the outputs' folder, {folder}")
     path = posixpath.join(folder, name)
     _save.writer(path)
     return {**fields, "output": path}
+
+
+def _canonical(path: str) -> str:
+    """One spelling of a path: an absolute one on this machine, or a URL without detours."""
+    system, separator, place = path.partition("://")
+    if not separator or system in ("file", "local"):
+        return os.path.realpath(place or path)
+    return f"{system}://{posixpath.normpath(place)}"
 
 
 class Animator:

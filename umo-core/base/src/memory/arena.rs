@@ -7,7 +7,9 @@
 //!                              host's or system's memory ◄───────────┘ gives the block back
 //! ```
 //! The same constructors run twice. Under a plan, every [`Slice`] is empty and every [`Boxed`] and [`Counted`] has no
-//! value, so constructors must not read what they have just made.
+//! value, so constructors must not read what they have just made. A host learns a session's size before it exists, and
+//! gives one piece of that size: only the constructors know their allocations, and sizes written a second time by hand
+//! could disagree with them.
 #![expect(unsafe_code, reason = "the standard library's boxes cannot take their memory from a block of the host's")]
 
 use std::alloc::{Layout, alloc, dealloc};

@@ -50,7 +50,7 @@ impl Gesture {
     /// or until its stroke if that is earlier, and fades out over its last 0.55 seconds.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if the name is not 1 to 64 bytes of letters, digits, `_`, `-` and spaces, there
+    /// [`LoadError::Argument`] if the name is not 1 to 64 bytes of letters, digits, `_`, `-` and spaces, there
     /// are fewer than 2 or more than [`MAX_GESTURE_FRAMES`] frames, the rate is not 1 to 240, the stroke is
     /// outside the clip, a number is not finite, or no part is given; [`LoadError::Memory`].
     pub fn new(
@@ -61,7 +61,8 @@ impl Gesture {
         parts: GestureParts,
     ) -> Result<Self, LoadError> {
         check_name(name)?;
-        let refuse = |key: &str, problem: String| Err(LoadError::config(key, format!("gesture {name:?}: {problem}")));
+        let refuse =
+            |key: &'static str, problem: String| Err(LoadError::argument(key, format!("gesture {name:?}: {problem}")));
         if !(1.0..=240.0).contains(&rate) {
             return refuse("rate", format!("expected 1 to 240 frames a second, got {rate}"));
         }
@@ -89,7 +90,7 @@ impl Gesture {
     /// `stroke`, it is in the middle.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if the file is not glTF, violates the format, or lacks bones, and as for
+    /// [`LoadError::Argument`] if the file is not glTF, violates the format, or lacks bones, and as for
     /// [`Self::new`]; [`LoadError::Memory`]. The message names the violation or the missing bones.
     #[cfg(feature = "retarget")]
     pub fn from_glb(
@@ -103,7 +104,7 @@ impl Gesture {
         use umo_core_rig::glb::clip::{RATE, read};
         check_name(name)?;
         let frames = memory::catch(|| read(bytes, animation, skeleton))?
-            .map_err(|problem| LoadError::config("file", format!("gesture {name:?}: {problem}")))?;
+            .map_err(|problem| LoadError::argument("file", format!("gesture {name:?}: {problem}")))?;
         let middle = 0.5 * frames.len().saturating_sub(1) as f32 / RATE;
         Self::new(name, RATE, &frames, stroke.unwrap_or(middle), parts)
     }

@@ -77,14 +77,14 @@ impl Gestures {
     /// avatars keep their set. Returns whether the name is new.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if there would be more than [`MAX_GESTURES`].
+    /// [`LoadError::Argument`] if there would be more than [`MAX_GESTURES`].
     pub fn add(&mut self, gesture: Gesture) -> Result<bool, LoadError> {
         let is_new = self.find(gesture.name()).is_none();
         let added = Arc::make_mut(&mut self.added);
         match added.iter().position(|known| known.name() == gesture.name()) {
             Some(known) => added[known] = Arc::new(gesture),
             None if added.len() >= MAX_GESTURES => {
-                return Err(LoadError::config("gestures", format!("a host may add {MAX_GESTURES} gestures at most")));
+                return Err(LoadError::argument("gestures", format!("a host may add {MAX_GESTURES} gestures at most")));
             }
             None => added.push(Arc::new(gesture)),
         }
@@ -154,7 +154,7 @@ pub(super) fn check_name(name: &str) -> Result<(), LoadError> {
         return Ok(());
     }
     let problem = format!("expected 1 to {MAX_NAME} bytes of letters, digits, _, - and spaces, got {name:?}");
-    Err(LoadError::config("gesture's name", problem))
+    Err(LoadError::argument("gesture's name", problem))
 }
 
 fn plain(c: char) -> char {

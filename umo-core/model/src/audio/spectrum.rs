@@ -10,8 +10,7 @@ use rustfft::{Fft, FftPlannerScalar};
 use crate::linear::Linear;
 use crate::weights::Loader;
 use umo_core_base::error::LoadError;
-use umo_core_base::memory;
-use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::memory::{self, Arena, Slice};
 
 /// Power spectra of real numbers. Even and odd elements are the real and imaginary parts of one complex
 /// transform of half the length.

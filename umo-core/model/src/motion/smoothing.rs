@@ -29,11 +29,11 @@ impl Smoothing {
     /// Creates a filter with a standard deviation of `sigma` frames; 0 gives [`Self::OFF`].
     ///
     /// # Errors
-    /// [`LoadError::Config`] if `sigma` is not within 0 to [`MAX_SMOOTHING`].
+    /// [`LoadError::Argument`] if `sigma` is not within 0 to [`MAX_SMOOTHING`].
     pub fn new(sigma: f32) -> Result<Self, LoadError> {
         if !(0.0..=MAX_SMOOTHING).contains(&sigma) {
             let found = format!("expected 0 to {MAX_SMOOTHING}, got {sigma}");
-            return Err(LoadError::config("smoothing", found));
+            return Err(LoadError::argument("smoothing", found));
         }
         if sigma == 0.0 {
             return Ok(Self::OFF);

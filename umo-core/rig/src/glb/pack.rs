@@ -9,8 +9,7 @@ use serde_json::json;
 
 use super::splice::{Members, raw};
 use super::{Glb, container, meshopt};
-use umo_core_base::memory;
-use umo_core_base::memory::with_capacity;
+use umo_core_base::memory::{self, with_capacity};
 
 /// Upper bound on the size of the result, in bytes.
 const MAX_BYTES: usize = 2 << 30;

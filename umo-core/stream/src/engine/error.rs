@@ -4,8 +4,7 @@ use std::fmt;
 
 use umo_core_base::defect::Defect;
 use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory;
-use umo_core_base::memory::OutOfMemory;
+use umo_core_base::memory::{self, OutOfMemory};
 
 /// Reason why an engine or a session cannot be created.
 #[derive(Debug)]

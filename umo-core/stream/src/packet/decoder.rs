@@ -2,8 +2,7 @@
 
 use super::{PacketError, PacketHead, PacketLayout, byte_level};
 use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory;
-use umo_core_base::memory::{Arena, filled, with_capacity};
+use umo_core_base::memory::{self, Arena, filled, with_capacity};
 use umo_core_model::avatar::{AvatarConfig, Window};
 use umo_core_model::config::Config;
 use umo_core_model::interp::InterpScratch;
@@ -165,7 +164,7 @@ impl Decoder {
     /// arrive before it. Allocates everything it will need.
     ///
     /// # Errors
-    /// [`LoadError::Config`] if a number is out of range; [`LoadError::Memory`] if out of memory.
+    /// [`LoadError::Argument`] if a number is out of range; [`LoadError::Memory`] if out of memory.
     pub fn new(model: &Model, config: &AvatarConfig, patience: usize) -> Result<Self, LoadError> {
         memory::catch(|| Self::make(model, config, patience))?
     }
@@ -174,7 +173,7 @@ impl Decoder {
         let c = model.config();
         config.check(c)?;
         if patience > WAITING {
-            return Err(LoadError::config("patience", format!("expected 0 to {WAITING}, got {patience}")));
+            return Err(LoadError::argument("patience", format!("expected 0 to {WAITING}, got {patience}")));
         }
         let (stride, lookahead) = (c.keyframe_stride, config.held_back());
         let frames = stride * (c.prefix + config.target - 1) + 1;

@@ -148,9 +148,9 @@ impl SessionConfig {
 }
 
 /// Checks that a setting is in `from..=to`.
-pub(super) fn in_range(key: &str, got: usize, from: usize, to: usize) -> Result<(), LoadError> {
+pub(super) fn in_range(name: &'static str, got: usize, from: usize, to: usize) -> Result<(), LoadError> {
     if (from..=to).contains(&got) {
         return Ok(());
     }
-    Err(LoadError::config(key, format!("expected {from} to {to}, got {got}")))
+    Err(LoadError::argument(name, format!("expected {from} to {to}, got {got}")))
 }

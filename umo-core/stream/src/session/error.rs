@@ -7,6 +7,60 @@ use umo_core_base::error::StepError;
 use umo_core_base::state::StateError;
 use umo_core_layers::RequestError;
 
+/// Argument of a session's call that can be out of range. Its text gives the range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Argument {
+    /// Strength of a mood.
+    MoodStrength,
+    /// Time of a pose.
+    PoseTime,
+    /// Delay of the host's output device.
+    OutputDelay,
+    /// Time of the host's clock.
+    HostTime,
+    /// Ease of an interrupt.
+    Ease,
+    /// Number of a prompt's tokens.
+    PromptLength,
+    /// Temperature and `top_p`.
+    Sampling,
+    /// Gain of a part of the body.
+    PartGain,
+    /// Gain of a layer.
+    LayerGain,
+    /// Point and strength of a look-at.
+    LookAt,
+    /// Speed and strength of a gesture.
+    GestureOptions,
+    /// Target of a gesture.
+    GestureTarget,
+    /// Time of a gesture.
+    GestureTime,
+    /// Time and duration of a viseme hint.
+    VisemeHint,
+}
+
+impl fmt::Display for Argument {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::MoodStrength => "the strength of a mood must be 0 to 1",
+            Self::PoseTime => "the time of a pose must be a number",
+            Self::OutputDelay => "the output device's delay must be 0 to 2 seconds",
+            Self::HostTime => "the host's time must be 0 to 1e9 seconds",
+            Self::Ease => "an interrupt may ease for 10 seconds at most",
+            Self::PromptLength => "a prompt has 128 tokens at most",
+            Self::Sampling => "temperature must be 0 to 100, and top_p 0 to 1",
+            Self::PartGain => "the gain of a part must be 0 to 2",
+            Self::LayerGain => "the gain of a layer must be 0 to 1",
+            Self::LookAt => "a look-at needs a point within 10 km and a strength of 0 to 1",
+            Self::GestureOptions => "a gesture's speed must be 0.5 to 2, and its strength 0 to 1",
+            Self::GestureTarget => "a gesture's target must be a place within 10 km",
+            Self::GestureTime => "a gesture's time must be a number of seconds from 0 on",
+            Self::VisemeHint => "a hint needs a time from 0 on and a duration of 0 to 2 seconds",
+        })
+    }
+}
+
 /// A call that failed; it changed nothing. `Copy`: reporting one allocates nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SessionError {
@@ -23,8 +77,19 @@ pub enum SessionError {
         /// The session's channel count.
         channels: usize,
     },
-    /// An argument is out of range; the text gives the range.
-    Range(&'static str),
+    /// An argument is out of range.
+    Range(Argument),
+    /// The buffer is too small for what the call writes.
+    Short {
+        /// Bytes needed.
+        needed: usize,
+    },
+    /// The session has an engine; the call is for decoders.
+    NotDecoder,
+    /// The session is a decoder, which takes packets alone.
+    IsDecoder,
+    /// The session was made without packets.
+    NoPackets,
     /// The avatar's computation failed: the session produces no more frames.
     Failed(StepError),
     /// The avatar's computation panicked: the session produces no more frames.
@@ -55,7 +120,11 @@ impl fmt::Display for SessionError {
             Self::Uneven { got, channels } => {
                 write!(f, "sample count {got} is not a multiple of the channel count {channels}")
             }
-            Self::Range(what) => write!(f, "{what}"),
+            Self::Range(argument) => write!(f, "{argument}"),
+            Self::Short { needed } => write!(f, "the buffer needs {needed} bytes"),
+            Self::NotDecoder => write!(f, "packets are for decoders; this session takes audio"),
+            Self::IsDecoder => write!(f, "a decoder takes no audio, text or state: its sender does"),
+            Self::NoPackets => write!(f, "the session was made without packets"),
             Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
             Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
             Self::Closed => write!(f, "the session's engine is gone"),
@@ -82,7 +151,10 @@ impl std::error::Error for SessionError {
 impl From<RequestError> for SessionError {
     fn from(error: RequestError) -> Self {
         match error {
-            RequestError::Range(what) => Self::Range(what),
+            RequestError::GestureOptions => Self::Range(Argument::GestureOptions),
+            RequestError::GestureTarget => Self::Range(Argument::GestureTarget),
+            RequestError::GestureTime => Self::Range(Argument::GestureTime),
+            RequestError::VisemeHint => Self::Range(Argument::VisemeHint),
             RequestError::UnknownGesture => Self::UnknownGesture,
             RequestError::GesturesFull => Self::GesturesFull,
             RequestError::HintsFull => Self::HintsFull,

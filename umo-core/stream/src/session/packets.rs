@@ -199,15 +199,14 @@ impl Session {
     /// Never waits and never allocates.
     ///
     /// # Errors
-    /// [`SessionError::Range`] for a session without packets, or if `bytes` is shorter than
+    /// [`SessionError::NoPackets`]; [`SessionError::Short`] if `bytes` is shorter than
     /// [`Self::packet_size`]; [`SessionError::Busy`] if another thread pulls packets;
     /// [`SessionError::Failed`], `Panicked` or `Closed` once all ready packets have been pulled.
     pub fn pull_packets(&self, bytes: &mut [u8], lengths: &mut [usize]) -> Result<usize, SessionError> {
         let shared = &*self.shared;
-        let queue = shared.packets.as_ref();
-        let queue = queue.ok_or(SessionError::Range("the session was made without packets"))?;
+        let queue = shared.packets.as_ref().ok_or(SessionError::NoPackets)?;
         if bytes.len() < queue.most {
-            return Err(SessionError::Range("packets need as many bytes as packet_size says"));
+            return Err(SessionError::Short { needed: queue.most });
         }
         let reader = queue.lock()?;
         let (mut count, mut used) = (0, 0);

@@ -18,8 +18,7 @@ use crate::link::{Epoch, Stamp};
 use crate::packet::{Decoder, PacketError, PacketSink, Received};
 use umo_core_base::clock::Clock;
 use umo_core_base::error::LoadError;
-use umo_core_base::memory;
-use umo_core_base::memory::Arena;
+use umo_core_base::memory::{self, Arena};
 use umo_core_base::team::Team;
 use umo_core_model::audio::resample::Resampler;
 use umo_core_model::linear::Compute;
@@ -87,9 +86,11 @@ impl Session {
 
     fn make_decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
         let mut config = config.clone();
-        if config.voice != Voice::Delayed || config.packets.is_some() {
-            let what = "a decoder has neither a live voice nor packets of its own";
-            return Err(LoadError::config("voice", what).into());
+        if config.voice != Voice::Delayed {
+            return Err(LoadError::argument("voice", "a decoder has no live voice").into());
+        }
+        if config.packets.is_some() {
+            return Err(LoadError::argument("packets", "a decoder makes no packets").into());
         }
         // A decoder takes no audio.
         (config.sample_rate, config.channels) = (model.config().audio.sample_rate, 1);
@@ -128,7 +129,7 @@ impl Session {
     fn receiver(&self) -> Result<&Mutex<Receiver>, SessionError> {
         match &self.source {
             Source::Packets(receiver) => Ok(receiver),
-            Source::Engine(_) => Err(SessionError::Range("packets are for decoders; this session takes audio")),
+            Source::Engine(_) => Err(SessionError::NotDecoder),
         }
     }
 
@@ -141,7 +142,7 @@ impl Session {
     /// # Errors
     /// [`SessionError::Packet`] if the bytes are not a packet of this model and these settings, or
     /// the frame queue is full: nothing changes. Also if a step fails: the stream is then joined
-    /// anew. [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session
+    /// anew. [`SessionError::Busy`] if another thread pushes; [`SessionError::NotDecoder`] for a session
     /// with an engine.
     pub fn push_packet(&self, bytes: &[u8]) -> Result<(), SessionError> {
         let shared = &*self.shared;
@@ -185,7 +186,7 @@ impl Session {
     /// Statistics of the packets so far.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] if another thread pushes; [`SessionError::Range`] for a session with
+    /// [`SessionError::Busy`] if another thread pushes; [`SessionError::NotDecoder`] for a session with
     /// an engine.
     pub fn received(&self) -> Result<Received, SessionError> {
         Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())

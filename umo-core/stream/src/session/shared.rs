@@ -281,7 +281,8 @@ impl Shared {
             Voice::Live => {
                 let frames = (algorithmic_samples * config.frame_rate).div_ceil(session.sample_rate) + MORE_FRAMES;
                 let voice = LiveVoice::new_in(Arc::clone(model), frames as u64, rest, arena).filter(|_| has_audio);
-                let missing = || LoadError::config("voice", "live: the model has no mouth network, or takes no audio");
+                let missing =
+                    || LoadError::argument("voice", "live: the model has no mouth network, or takes no audio");
                 let voice = voice.ok_or_else(missing)?;
                 let delay = voice.latency_samples() * session.sample_rate;
                 mouth_samples = delay.div_ceil(rate) + input.resampler().most_delay();

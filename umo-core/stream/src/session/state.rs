@@ -69,10 +69,10 @@ impl Session {
     ///
     /// # Errors
     /// [`SessionError::Busy`] while another thread is in a call that pushes, pulls or sets;
-    /// [`SessionError::Range`] if `bytes` is too short.
+    /// [`SessionError::Short`].
     pub fn save(&self, bytes: &mut [u8]) -> Result<usize, SessionError> {
         if bytes.len() < self.state_size {
-            return Err(SessionError::Range("a state may take as many bytes as state_size says"));
+            return Err(SessionError::Short { needed: self.state_size });
         }
         self.with_sides(true, |mut sides| {
             let mut pass = StatePass::save(bytes, sides.shared.clock.nanos(), sides.shared.now());

@@ -7,8 +7,7 @@ use umo_kernels::Isa;
 use umo_kernels::filter::dot;
 
 use umo_core_base::error::StepError;
-use umo_core_base::memory;
-use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::memory::{self, Arena, Slice};
 use umo_core_base::samples::MAX_AMPLITUDE;
 use umo_core_base::state::{Span, StateError, StatePass};
 
