@@ -74,6 +74,7 @@ mod inner {
     pub mod names;
     pub mod packet;
     pub mod part;
+    pub(crate) mod playback;
     pub mod record;
     #[cfg(feature = "retarget")]
     pub mod retarget;
@@ -93,7 +94,7 @@ mod inner {
 pub use inner::*;
 #[cfg(not(feature = "internals"))]
 use inner::*;
-use inner::{state, stream, sync};
+use inner::{playback, state, stream, sync};
 
 // Models.
 pub use inner::config::{Config, Face, FaceKind, Sampling, Skeleton};

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use super::voice::Voice;
 use crate::audio::resample;
 use crate::avatar::AvatarConfig;
 use crate::config::Config;
 use crate::error::LoadError;
 use crate::life::LifeConfig;
 use crate::lm::layout::Template;
+use crate::playback::{Idle, Voice};
 
 /// Least amount of queued audio, in seconds, at which
 /// [`Session::push_audio`](super::Session::push_audio) may refuse more.
@@ -19,8 +19,6 @@ pub const MIN_RATE: usize = 8_000;
 pub const MAX_RATE: usize = 192_000;
 /// Most channels of a session's audio.
 pub const MAX_CHANNELS: usize = 64;
-/// Largest gain of a part.
-pub const MAX_GAIN: f32 = 2.0;
 /// Longest [`Session::interrupt`](super::Session::interrupt).
 pub const MAX_EASE: Duration = Duration::from_secs(10);
 
@@ -77,19 +75,6 @@ pub struct SessionConfig {
     /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
     /// may arrive before a missing one counts as lost.
     pub patience: usize,
-}
-
-/// Behaviour while no audio comes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
-pub enum Idle {
-    /// Holds the last pose.
-    #[default]
-    Hold,
-    /// Eases to the rest pose; only [`Session::sample_pose`](super::Session::sample_pose) shows it.
-    Rest,
-    /// Runs the model on silence.
-    Live,
 }
 
 impl SessionConfig {

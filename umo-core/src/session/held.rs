@@ -20,7 +20,7 @@ use crate::motion::rotation::{axis_angle_to_quat, slerp};
 use crate::motion::skeleton::JAW;
 use crate::mouth::MouthStream;
 
-use super::voice::{JAW_OPEN, TO_REST};
+use crate::playback::{JAW_OPEN, TO_REST};
 
 /// Share of the blend between the two mouths that one frame advances, so that neither jumps.
 const FADE: f32 = 0.25;

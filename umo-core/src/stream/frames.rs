@@ -53,6 +53,34 @@ pub(crate) struct OwnedFrame {
     pub(crate) cue: Cue,
 }
 
+impl OwnedFrame {
+    pub(crate) fn new(pose: Pose, face: &[f32]) -> Self {
+        Self { index: 0, sample: 0, pose, face: Arena::system().copied(face), cue: Cue::default() }
+    }
+
+    /// Returns a copy in memory of `arena`.
+    pub(crate) fn clone_in(&self, arena: &Arena) -> Self {
+        Self { face: arena.copied(&self.face), ..*self }
+    }
+
+    /// Copies `other` without allocating.
+    pub(crate) fn copy(&mut self, other: &Self) {
+        (self.index, self.sample, self.pose, self.cue) = (other.index, other.sample, other.pose, other.cue);
+        self.face.copy_from_slice(&other.face);
+    }
+
+    /// Describes the frame.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.number("frame index", &mut self.index, 2 * MAX_INDEX)?;
+        pass.number("frame's sample", &mut self.sample, 2 * MAX_SAMPLE)?;
+        pass.rotations(&mut self.pose.rotations)?;
+        pass.places(&mut self.pose.translation)?;
+        pass.f32s(std::slice::from_mut(&mut self.cue.level))?;
+        pass.moderate(&mut self.cue.contacts)?;
+        pass.moderate(&mut self.face)
+    }
+}
+
 /// Wait-free queue of frames with one producer and one consumer.
 #[derive(Debug)]
 pub(crate) struct FrameRing {

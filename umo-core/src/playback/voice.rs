@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use super::Shared;
+use crate::error::StepError;
 use crate::life::Cue;
 use crate::memory::{Arena, Slice};
 use crate::model::Model;
@@ -18,18 +18,16 @@ use crate::motion::rotation::axis_angle_to_quat;
 use crate::motion::skeleton::JAW;
 use crate::mouth::{Mouth, MouthFrame, MouthStream};
 use crate::state::{StateError, StatePass};
-use crate::stream::{Epoch, MAX_INDEX, OwnedFrame};
-
-use super::shared::Failure;
+use crate::stream::{Epoch, Link, MAX_INDEX, OwnedFrame};
 
 /// Samples that the network takes at a time: few enough that at most one frame comes out.
 const PIECE: usize = 128;
 /// Capacity in frames: upper bound on the frames that the end of a stream flushes at once.
 const QUEUE: usize = 16;
 /// Rotation of the jaw at a jawOpen of 1, radians: that of the default model's performer.
-pub(super) const JAW_OPEN: f32 = 0.35;
+pub(crate) const JAW_OPEN: f32 = 0.35;
 /// Share of the remaining way to rest that the mouth moves in each frame after the last sound.
-pub(super) const TO_REST: f32 = 0.3;
+pub(crate) const TO_REST: f32 = 0.3;
 
 /// Timing of the mouth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,7 +45,7 @@ pub enum Voice {
 
 /// The live mouth's state in one session.
 #[derive(Debug)]
-pub(super) struct LiveVoice {
+pub(crate) struct LiveVoice {
     model: Arc<Model>,
     stream: MouthStream,
     /// Whether the waiting samples belong to this epoch.
@@ -70,13 +68,13 @@ pub(super) struct LiveVoice {
     /// Frames by which the body lags.
     delay: u64,
     /// The newest due frame of the body, and its index.
-    pub(super) body: OwnedFrame,
+    body: OwnedFrame,
     body_index: Option<u64>,
 }
 
 impl LiveVoice {
     /// `None` if the model has no mouth network.
-    pub(super) fn new_in(model: Arc<Model>, delay: u64, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
+    pub(crate) fn new_in(model: Arc<Model>, delay: u64, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
         let mouth = model.mouth.as_ref()?;
         let channels = mouth.channels().len();
         let jaw_open = model.config.face.names.iter().position(|name| name == "jawOpen");
@@ -104,26 +102,25 @@ impl LiveVoice {
     }
 
     /// Samples, at the model's rate, after a frame's time that its mouth needs.
-    pub(super) fn latency_samples(&self) -> usize {
+    pub(crate) fn latency_samples(&self) -> usize {
         Self::mouth(&self.model).latency_samples()
     }
 
     /// Number of frames that can be shown without more audio.
-    pub(super) fn ready(&mut self, shared: &Shared, epoch: Epoch) -> usize {
-        if !self.join(shared, epoch) {
+    pub(super) fn ready(&mut self, link: &Link, epoch: Epoch) -> usize {
+        if !self.join(link, epoch) {
             return 0;
         }
-        let link = &shared.link;
         let known = match link.total() {
-            Some(total) => total + self.tail_known(shared, epoch, total),
+            Some(total) => total + self.tail_known(link, epoch, total),
             None => Self::mouth(&self.model).frames_after(&self.stream, link.voice().len()),
         };
         usize::try_from(known.saturating_sub(self.first)).unwrap_or(usize::MAX)
     }
 
     /// Number of frames after the end of a stream of `total` frames whose body has arrived.
-    fn tail_known(&self, shared: &Shared, epoch: Epoch, total: u64) -> u64 {
-        let frames = &shared.link.frames;
+    fn tail_known(&self, link: &Link, epoch: Epoch, total: u64) -> u64 {
+        let frames = &link.frames;
         let waiting = frames.next().filter(|stamp| stamp.epoch == epoch.number);
         let newest = waiting.map(|stamp| stamp.index + frames.len() as u64 - 1).or(self.body_index);
         newest.map_or(0, |newest| (newest + 1 + self.delay).min(total + self.delay).saturating_sub(total))
@@ -146,11 +143,11 @@ impl LiveVoice {
     }
 
     /// Drops the samples of other epochs; returns whether the remaining ones belong to this one.
-    fn join(&mut self, shared: &Shared, epoch: Epoch) -> bool {
+    fn join(&mut self, link: &Link, epoch: Epoch) -> bool {
         if !self.joined
-            && let Some(start) = shared.link.input_start_in(epoch)
+            && let Some(start) = link.input_start_in(epoch)
         {
-            shared.link.voice().skip_to(start);
+            link.voice().skip_to(start);
             self.joined = true;
         }
         self.joined
@@ -158,11 +155,13 @@ impl LiveVoice {
 
     /// Computes the next frame's mouth, unless it is known; returns the frame's index, or `None` if
     /// audio is missing.
-    pub(super) fn next(&mut self, shared: &Shared, epoch: Epoch) -> Option<u64> {
-        if !self.join(shared, epoch) {
-            return None;
+    ///
+    /// # Errors
+    /// [`StepError`] of the network.
+    pub(super) fn next(&mut self, link: &Link, epoch: Epoch) -> Result<Option<u64>, StepError> {
+        if !self.join(link, epoch) {
+            return Ok(None);
         }
-        let link = &shared.link;
         let Self { model, stream, mouths, levels, known, sum, heard, .. } = self;
         let mouth = Self::mouth(model);
         let width = mouth.channels().len();
@@ -181,7 +180,7 @@ impl LiveVoice {
             // is set and there are none, none will come.
             let total = link.total();
             let count = link.voice().peek(&mut words);
-            let result = if count > 0 {
+            if count > 0 {
                 link.voice().skip(count);
                 samples.iter_mut().zip(words).for_each(|(sample, word)| *sample = f32::from_bits(word));
                 *sum += samples[..count].iter().map(|sample| f64::from(*sample).powi(2)).sum::<f64>();
@@ -191,40 +190,37 @@ impl LiveVoice {
                     let level = (*sum / f64::from((*heard).max(1))).sqrt() as f32;
                     levels[keep(frame, mouths, known)] = level;
                     (*sum, *heard) = (0.0, 0);
-                })
+                })?;
             } else if total.is_some() && !self.ended {
                 self.ended = true;
-                stream.finish(mouth, model.isa, |frame| levels[keep(frame, mouths, known)] = 0.0)
+                stream.finish(mouth, model.isa, |frame| levels[keep(frame, mouths, known)] = 0.0)?;
             } else {
                 break;
-            };
-            if let Err(error) = result {
-                shared.fail(Failure::Step(error));
-                return None;
             }
         }
         let is_tail = self.ended && link.total().is_some_and(|total| total > 0 && self.first < total + self.delay);
-        (self.first < self.known || is_tail).then_some(self.first)
+        Ok((self.first < self.known || is_tail).then_some(self.first))
     }
 
     /// Takes the body's frames that are due at frame `index`; returns whether the frame can be
     /// shown. In the tail, which has no sound, that requires its body.
-    pub(super) fn take_body(&mut self, shared: &Shared, epoch: Epoch, index: u64, enough: usize) -> bool {
+    pub(super) fn take_body(&mut self, link: &Link, epoch: Epoch, index: u64, enough: usize) -> bool {
         let Some(due) = index.checked_sub(self.delay) else { return true };
-        let frames = &shared.link.frames;
+        let frames = &link.frames;
         while let Some(stamp) = frames.next()
             && stamp.epoch == epoch.number
             && stamp.index <= due
         {
             frames.pop(&mut self.body);
-            shared.link.frame_taken(enough);
+            link.frame_taken(enough);
             self.body_index = Some(stamp.index);
         }
         index < self.known || self.body_index == Some(due)
     }
 
-    /// Puts the next frame's mouth into `frame`, which has its body.
-    pub(super) fn put_mouth(&mut self, frame: &mut OwnedFrame) {
+    /// Makes `frame` the next frame: its body, with its mouth.
+    pub(super) fn apply(&mut self, frame: &mut OwnedFrame) {
+        frame.copy(&self.body);
         let mouth = Self::mouth(&self.model);
         let width = mouth.channels().len();
         let mut level = 0.0;
