@@ -87,7 +87,8 @@ struct Seam {
 }
 
 impl IdleBlend {
-    /// Blends from one of the frames that `frame` makes.
+    /// Starts without idle time; `frame` makes the buffers. `after` is the time without audio after
+    /// which idle begins, `ease` the duration of an ease.
     pub(crate) fn new(frame: impl Fn() -> OwnedFrame, after: Duration, ease: Duration, frame_rate: usize) -> Self {
         let ease = seconds_of(ease);
         Self {

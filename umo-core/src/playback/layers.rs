@@ -45,7 +45,8 @@ impl Layers {
         self.life.apply(frame, &self.controls, other_level, Some(heard));
     }
 
-    /// [`Self::apply`] with the host's newest requests, which it learns have begun.
+    /// [`Self::apply`] with the host's newest requests. Publishes the number of those that have
+    /// begun.
     pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame) {
         self.follow(host);
         self.apply(frame, host.other_level());

@@ -41,7 +41,7 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// Shows none of the frames that `frame` makes.
+    /// Starts without a frame shown; `frame` makes the buffers.
     pub(crate) fn new(frame: impl Fn() -> OwnedFrame) -> Self {
         let layered = || Layered { frame: frame(), raw: frame() };
         Self { last: layered(), any: false, next: layered(), has_next: false }

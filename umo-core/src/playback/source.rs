@@ -98,8 +98,7 @@ impl Source {
     fn take_delayed(&mut self, frame: &mut OwnedFrame, link: &Link, dropped: &AtomicU64) -> bool {
         let count = || count(dropped);
         let Some(stamp) = link.take_frame(self.epoch, self.chunk_frames, frame, count) else { return false };
-        frame.index = self.base + stamp.index;
-        frame.sample = link.input_base() + stamp.sample;
+        (frame.index, frame.sample) = (self.base + stamp.index, stamp.sample);
         true
     }
 
@@ -107,11 +106,7 @@ impl Source {
     fn take_live(&mut self, frame: &mut OwnedFrame, link: &Link, dropped: &AtomicU64) -> Result<bool, StepError> {
         self.drop_other_epochs(link, dropped);
         let Some(voice) = &mut self.voice else { return Ok(false) };
-        let Some(index) = voice.next(link, self.epoch)? else { return Ok(false) };
-        if !voice.take_body(link, self.epoch, index, self.chunk_frames) {
-            return Ok(false);
-        }
-        voice.apply(frame);
+        let Some(index) = voice.apply(frame, link, self.epoch, self.chunk_frames)? else { return Ok(false) };
         frame.index = self.base + index;
         let (sample_rate, frame_rate) = self.rates;
         frame.sample = link.input_base() + index * sample_rate / frame_rate;

@@ -153,12 +153,29 @@ impl LiveVoice {
         self.joined
     }
 
-    /// Computes the next frame's mouth, unless it is known; returns the frame's index, or `None` if
-    /// audio is missing.
+    /// Makes `frame` the next frame: the body that is due, with its mouth. Returns the frame's index,
+    /// or `None` if audio is missing, or in the tail its body.
     ///
     /// # Errors
     /// [`StepError`] of the network.
-    pub(super) fn next(&mut self, link: &Link, epoch: Epoch) -> Result<Option<u64>, StepError> {
+    pub(super) fn apply(
+        &mut self,
+        frame: &mut OwnedFrame,
+        link: &Link,
+        epoch: Epoch,
+        enough: usize,
+    ) -> Result<Option<u64>, StepError> {
+        let index = self.next(link, epoch)?.filter(|&index| self.take_body(link, epoch, index, enough));
+        if index.is_some() {
+            frame.copy(&self.body);
+            self.put_mouth(frame);
+        }
+        Ok(index)
+    }
+
+    /// Computes the next frame's mouth, unless it is known; returns the frame's index, or `None` if
+    /// audio is missing.
+    fn next(&mut self, link: &Link, epoch: Epoch) -> Result<Option<u64>, StepError> {
         if !self.join(link, epoch) {
             return Ok(None);
         }
@@ -204,7 +221,7 @@ impl LiveVoice {
 
     /// Takes the body's frames that are due at frame `index`; returns whether the frame can be
     /// shown. In the tail, which has no sound, that requires its body.
-    pub(super) fn take_body(&mut self, link: &Link, epoch: Epoch, index: u64, enough: usize) -> bool {
+    fn take_body(&mut self, link: &Link, epoch: Epoch, index: u64, enough: usize) -> bool {
         let Some(due) = index.checked_sub(self.delay) else { return true };
         let frames = &link.frames;
         while let Some(stamp) = frames.next()
@@ -218,9 +235,8 @@ impl LiveVoice {
         index < self.known || self.body_index == Some(due)
     }
 
-    /// Makes `frame` the next frame: its body, with its mouth.
-    pub(super) fn apply(&mut self, frame: &mut OwnedFrame) {
-        frame.copy(&self.body);
+    /// Puts the next frame's mouth into `frame`, which has its body.
+    fn put_mouth(&mut self, frame: &mut OwnedFrame) {
         let mouth = Self::mouth(&self.model);
         let width = mouth.channels().len();
         let mut level = 0.0;

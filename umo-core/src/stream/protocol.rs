@@ -360,7 +360,7 @@ impl Link {
     }
 
     /// Moves the next frame of `epoch` to `frame`, after [`Self::drop_other_epochs`]; returns its
-    /// stamp, if there is one.
+    /// stamp, if there is one, with the sample counted since the last reset.
     pub(crate) fn take_frame(
         &self,
         epoch: Epoch,
@@ -371,7 +371,7 @@ impl Link {
         let stamp = self.drop_other_epochs(epoch, enough, dropped)?;
         self.frames.pop(frame);
         self.frame_taken(enough);
-        Some(stamp)
+        Some(Stamp { sample: self.input_base() + stamp.sample, ..stamp })
     }
 
     /// Drops frames of other epochs, which precede those of `epoch`, and calls `dropped` for each;
