@@ -58,6 +58,17 @@ impl OwnedFrame {
         pass.moderate(&mut self.face)
     }
 
+    /// Takes over pose, face and cue, without allocating.
+    pub fn take(&mut self, index: u64, (pose, face): (&Pose, &[f32]), cue: Cue, sample: u64) {
+        (self.index, self.sample, self.pose, self.cue) = (index, sample, *pose, cue);
+        self.face.copy_from_slice(face);
+    }
+
+    /// Stands where `other` stands.
+    pub fn stay_at(&mut self, other: [f32; 3]) {
+        (self.pose.translation[0], self.pose.translation[2]) = (other[0], other[2]);
+    }
+
     /// Copies `other` without allocating.
     pub fn copy(&mut self, other: &Self) {
         (self.index, self.sample, self.pose, self.cue) = (other.index, other.sample, other.pose, other.cue);

@@ -5,13 +5,14 @@ use std::fmt;
 
 use crate::levels::Levels;
 use crate::packet::{PacketLayout, PacketRoom};
+use crate::playback::Layers;
 use crate::retime::{self, TimeMap};
 use crate::session::{Argument, SessionError};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
 use umo_core_layers::gesture::Request;
-use umo_core_layers::{Controls, GestureOptions, Gestures, Heard, Life, LifeConfig, LipShape, Mood};
+use umo_core_layers::{Controls, GestureOptions, Gestures, Life, LifeConfig, LipShape, Mood};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};
@@ -43,7 +44,7 @@ pub struct Animation {
     said: PacketRoom,
 }
 
-/// Audio of an avatar, and the layers over its frames.
+/// Audio of an avatar, and the stages of its frames.
 struct Track {
     /// Source of further samples, if they are read on demand.
     source: Option<Box<dyn AudioSource>>,
@@ -51,6 +52,10 @@ struct Track {
     pending: Vec<f32>,
     /// Total number of samples pushed.
     samples: usize,
+    /// Levels of the frames' sound.
+    levels: Levels,
+    /// The frame that the layers modify.
+    frame: OwnedFrame,
     layers: Boxed<Layers>,
     gestures: Gestures,
     frame_rate: usize,
@@ -79,61 +84,6 @@ struct Retiming {
 
 /// Time units per frame for placing lip hints.
 const HINT_UNITS: usize = 1000;
-
-/// Layers over the decoders' frames, and the frame that they modify.
-#[derive(Debug)]
-struct Layers {
-    levels: Levels,
-    life: Life,
-    controls: Controls,
-    frame: OwnedFrame,
-    frame_rate: usize,
-}
-
-impl Layers {
-    fn new(
-        model: &Model,
-        config: &AvatarConfig,
-        avatar: &Avatar,
-        (gains, gestures): (LifeConfig, Gestures),
-    ) -> Result<Self, LoadError> {
-        let frame = model.rest().map_err(|error| LoadError::config("rest", error.to_string()))?;
-        Ok(Self {
-            levels: Levels::new_in(avatar, model.config(), &Arena::system()),
-            life: Life::new(
-                (&model.config().skeleton, &model.config().face),
-                model.config().frame_rate,
-                &frame,
-                config.sampler.seed,
-                gestures,
-            ),
-            controls: Controls::new(gains),
-            frame,
-            frame_rate: model.config().frame_rate,
-        })
-    }
-
-    /// Applies the layers to the decoders' next frame.
-    fn apply<'a>(&'a mut self, frame: FrameRef<'a>) -> FrameRef<'a> {
-        let cue = self.levels.cue(&frame);
-        self.apply_to(frame, cue)
-    }
-
-    /// Applies the layers to a frame whose cue is known.
-    fn apply_to<'a>(&'a mut self, frame: FrameRef<'a>, cue: Cue) -> FrameRef<'a> {
-        let Self { life, controls, frame: shown, frame_rate, .. } = self;
-        if life.is_off(controls) {
-            return frame;
-        }
-        shown.index = frame.index as u64;
-        shown.pose = *frame.pose;
-        shown.face.copy_from_slice(frame.face);
-        shown.cue = cue;
-        let heard = Heard { sample: HINT_UNITS as u64 * shown.index, rate: HINT_UNITS * *frame_rate };
-        life.apply(shown, controls, 0.0, Some(heard));
-        FrameRef { pose: &shown.pose, face: &shown.face, ..frame }
-    }
-}
 
 impl Animation {
     /// Creates an animation at its start, with all layers off.
@@ -230,8 +180,9 @@ impl Animation {
     /// [`SessionError::Range`] if a time is out of range; [`SessionError::HintsFull`] if
     /// [`MAX_PENDING_HINTS`](umo_core_layers::MAX_PENDING_HINTS) are pending.
     pub fn hint_lips(&mut self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
-        let Layers { life, controls, frame_rate, .. } = &mut *self.track.layers;
-        Ok(controls.hints.push((start, duration), shape, HINT_UNITS * *frame_rate, (0, life.passed_hints()))?)
+        let rate = HINT_UNITS * self.track.frame_rate;
+        let Layers { life, controls, .. } = &mut *self.track.layers;
+        Ok(controls.hints.push((start, duration), shape, rate, (0, life.passed_hints()))?)
     }
 
     /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1, like
@@ -295,7 +246,7 @@ impl Animation {
         if track.retiming.is_some() {
             return Err(StepError::Order("packets cannot say a motion that is retimed"));
         }
-        said.write(avatar, model.config(), layout, *stepped, (stream, history), &track.layers.levels, out)
+        said.write(avatar, model.config(), layout, *stepped, (stream, history), &track.levels, out)
     }
 
     /// Time spent in each stage so far.
@@ -341,15 +292,22 @@ impl Track {
         model: &Model,
         config: &AvatarConfig,
         avatar: &Avatar,
-        layers: (LifeConfig, Gestures),
+        (gains, gestures): (LifeConfig, Gestures),
     ) -> Result<Self, LoadError> {
+        let frame = model.rest().map_err(|error| LoadError::config("rest", error.to_string()))?;
+        let Config { skeleton, face, frame_rate, .. } = model.config();
+        let frame_rate = *frame_rate;
+        let life = Life::new((skeleton, face), frame_rate, &frame, config.sampler.seed, gestures.clone());
+        let layers = Layers::new(life, Controls::new(gains), HINT_UNITS * frame_rate);
         Ok(Self {
             source: None,
             pending: Vec::new(),
             samples: 0,
-            gestures: layers.1.clone(),
-            layers: Arena::system().boxed(Layers::new(model, config, avatar, layers)?),
-            frame_rate: model.config().frame_rate,
+            levels: Levels::new_in(avatar, model.config(), &Arena::system()),
+            frame,
+            layers: Arena::system().boxed(layers),
+            gestures,
+            frame_rate,
             retiming: None,
         })
     }
@@ -392,16 +350,31 @@ impl Track {
             here.copy_from_slice(&self.pending[..count]);
             ended.fill(0.0);
             self.pending.drain(..count);
-            self.layers.levels.push(avatar.samples_mut());
+            self.levels.push(avatar.samples_mut());
         }
     }
 
     /// Emits the decoders' next frame with its layers, or keeps it to be retimed.
     fn take(&mut self, raw: FrameRef, frame: &mut dyn FnMut(FrameRef)) {
-        let Some(retiming) = &mut self.retiming else { return frame(self.layers.apply(raw)) };
-        let mut kept = OwnedFrame::new(*raw.pose, raw.face);
-        (kept.index, kept.cue) = (raw.index as u64, self.layers.levels.cue(&raw));
-        retiming.frames.push(kept);
+        let cue = self.levels.cue(&raw);
+        match &mut self.retiming {
+            None => frame(self.layered(raw, cue)),
+            Some(retiming) => {
+                let kept = OwnedFrame::new(*raw.pose, raw.face);
+                retiming.frames.push(OwnedFrame { index: raw.index as u64, cue, ..kept });
+            }
+        }
+    }
+
+    /// Applies the layers to a frame of the decoders; returns `raw` itself if they are off.
+    fn layered<'a>(&'a mut self, raw: FrameRef<'a>, cue: Cue) -> FrameRef<'a> {
+        let Self { frame, layers, .. } = self;
+        if layers.is_off() {
+            return raw;
+        }
+        frame.take(raw.index as u64, (raw.pose, raw.face), cue, (HINT_UNITS * raw.index) as u64);
+        layers.apply(frame, 0.0);
+        FrameRef { pose: &frame.pose, face: &frame.face, ..raw }
     }
 
     /// Ends a step: collects its audio units, and after the last step retimes and emits the waiting frames.
@@ -423,7 +396,7 @@ impl Track {
             #[expect(clippy::cast_possible_truncation, reason = "as many frames are in memory")]
             let index = kept.index as usize;
             let raw = FrameRef { index, pose: &pose, face: &kept.face, channels: PerPart::default() };
-            frame(self.layers.apply_to(raw, kept.cue));
+            frame(self.layered(raw, kept.cue));
         }
     }
 }

@@ -8,6 +8,7 @@ pub mod engine;
 pub mod levels;
 pub mod link;
 pub mod packet;
+pub(crate) mod playback;
 pub mod retime;
 pub mod session;
 

@@ -12,20 +12,21 @@
 //! | module | part |
 //! |---|---|
 //! | `input`, `other`, `output`, `schedule` | the sides of the host's audio thread, of its game thread, and of the engine |
-//! | `shared` | the state they share; their protocol is in `stream` |
+//! | `shared`, `backlog`, `outcome` | the state they share; their protocol is in `stream`, and the stages of `output` are in `playback` |
 //! | `slots` | where the engine finds its sessions |
 //! | `packets`, `receiver` | chunks as packets, and sessions whose frames come from packets |
 //! | `state` | saving and restoring |
-//! | `config`, `error`, `delay`, `gain` | settings, errors, the compute-time histogram, gains of the parts |
+//! | `config`, `error`, `delay` | settings, errors, the compute-time histogram |
 
+mod backlog;
 mod config;
 pub(crate) mod delay;
 mod error;
-mod gain;
 mod held;
 mod input;
 mod kept;
 mod other;
+mod outcome;
 mod output;
 mod packets;
 mod receiver;
@@ -33,23 +34,21 @@ mod schedule;
 mod shared;
 mod slots;
 mod state;
-mod voice;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
 use crate::link::Epoch;
-pub use config::{
-    AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig,
-};
+pub use crate::playback::{Frame, Idle, MAX_GAIN, Sampled, Voice};
+pub use config::{AUDIO_SECONDS, MAX_CHANNELS, MAX_EASE, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig};
 pub use error::{Argument, SessionError};
-pub use output::{Frame, Sampled};
+pub(crate) use outcome::Failure;
 use packets::PacketQueue;
 pub(crate) use packets::PacketWriter;
 use receiver::Receiver;
 pub(crate) use schedule::{Member, Members, Schedule};
-pub(crate) use shared::{Failure, SessionInit, Shared};
+pub(crate) use shared::{SessionInit, Shared};
 use shared::{Settings, try_lock};
 pub(crate) use slots::{SlotHandle, Slots};
 pub(crate) use state::state_size;
@@ -61,7 +60,6 @@ use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood
 use umo_core_model::config::Sampling;
 use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
 use umo_core_pose::part::Part;
-pub use voice::Voice;
 
 /// Names of the calls that exclude each other, for [`SessionError::Busy`].
 const INPUT: &str = "push_audio, finish, save or restore";
@@ -207,21 +205,10 @@ impl Session {
 
     fn push<T>(&self, samples: &[T], float: impl Fn(&T) -> f32) -> Result<Pushed, SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         self.slot()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
-        let frames = samples.len() / input.channels();
-        if !samples.len().is_multiple_of(input.channels()) {
-            return Err(SessionError::Uneven { got: samples.len(), channels: input.channels() });
-        }
-        let pushed = input.push(shared, samples, float)?;
-        shared.stats.overruns.fetch_add((frames - pushed.taken) as u64, Ordering::Relaxed);
-        shared.stats.silenced.fetch_add(pushed.silenced as u64, Ordering::Relaxed);
-        if pushed.taken > 0 {
-            shared.link.audio_pushed(shared.clock.nanos());
-            shared.heard.store(shared.now(), Ordering::Relaxed);
-        }
-        Ok(pushed)
+        input.push(shared, samples, float)
     }
 
     /// Feeds the interlocutor's audio, as interleaved samples at the session's rate and channels,
@@ -235,7 +222,7 @@ impl Session {
     /// another thread is in this call.
     pub fn push_other_audio(&self, samples: &[f32]) -> Result<(), SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         try_lock(&shared.other).ok_or(SessionError::Busy(OTHER))?.push(shared, samples)
     }
 
@@ -246,7 +233,7 @@ impl Session {
     /// [`SessionError::Busy`] if another thread is pushing.
     pub fn finish(&self) -> Result<(), SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         self.slot()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         input.finish(shared);
@@ -264,12 +251,14 @@ impl Session {
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         let mut count = 0;
-        while count < most && output.next(shared) {
-            frame(output.shown(shared));
+        while count < most
+            && let Some(shown) = output.next(shared)
+        {
+            frame(shown);
             count += 1;
         }
         if count == 0 && most > 0 {
-            shared.check()?;
+            shared.outcome.check()?;
             output.want_silence(shared);
         }
         Ok(count)
@@ -287,7 +276,7 @@ impl Session {
     /// Message and location of the panic that ended the session with
     /// [`SessionError::Panicked`].
     pub fn defect(&self) -> Option<&Defect> {
-        self.shared.defect()
+        self.shared.outcome.defect()
     }
 
     /// Whether [`Self::finish`] was called and every frame up to the end was handed out, or every
@@ -310,7 +299,7 @@ impl Session {
             }
         }
         if output.ready(shared) == 0 {
-            shared.check()?;
+            shared.outcome.check()?;
         }
         Ok(false)
     }
@@ -332,8 +321,8 @@ impl Session {
         }
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
-        let sampled = output.sample(shared, seconds - self.output_delay());
-        frame(output.sampled(shared));
+        let (sampled, pose) = output.sample(shared, seconds - self.output_delay());
+        frame(pose);
         Ok(sampled)
     }
 
@@ -370,8 +359,8 @@ impl Session {
             return Err(SessionError::Range(Argument::HostTime));
         }
         let shared = &*self.shared;
-        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
-        output.set_clock(shared, Duration::from_secs_f64(seconds));
+        let _output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+        shared.host.clock.set(Duration::from_secs_f64(seconds));
         Ok(())
     }
 
@@ -387,10 +376,10 @@ impl Session {
         if ease > MAX_EASE {
             return Err(SessionError::Range(Argument::Ease));
         }
-        self.shared.check()?;
+        self.shared.outcome.check()?;
         self.slot()?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10 seconds of frames")]
-        let frames = (ease.as_secs_f64() * self.shared.frame_rate as f64).ceil() as u16;
+        let frames = (ease.as_secs_f64() * self.shared.format.frame_rate as f64).ceil() as u16;
         self.shared.link.begin_epoch(|epoch| epoch.interrupted(frames));
         Ok(())
     }
@@ -401,7 +390,7 @@ impl Session {
     /// # Errors
     /// [`SessionError`] if the session has failed.
     pub fn reset(&self) -> Result<(), SessionError> {
-        self.shared.check()?;
+        self.shared.outcome.check()?;
         self.shared.link.begin_epoch(Epoch::reset);
         Ok(())
     }
@@ -444,7 +433,7 @@ impl Session {
 
     /// Sets the idle mode.
     pub fn set_idle(&self, idle: Idle) {
-        self.shared.idle.store(idle as u8, Ordering::Relaxed);
+        self.shared.host.idle.store(idle as u8, Ordering::Relaxed);
     }
 
     /// Sets the gain of `part`'s motion from the next frame handed out: 0 keeps it at rest, 1 shows
@@ -458,13 +447,13 @@ impl Session {
         if !(0.0..=MAX_GAIN).contains(&gain) {
             return Err(SessionError::Range(Argument::PartGain));
         }
-        self.shared.gains[part].store(gain.to_bits(), Ordering::Relaxed);
+        self.shared.host.gains[part].store(gain.to_bits(), Ordering::Relaxed);
         Ok(())
     }
 
     /// Gain of `part`, as set.
     pub fn gain(&self, part: Part) -> f32 {
-        f32::from_bits(self.shared.gains[part].load(Ordering::Relaxed))
+        f32::from_bits(self.shared.host.gains[part].load(Ordering::Relaxed))
     }
 
     /// Sets the gain of a layer over the decoders' frames, 0 to 1, from the next frame on. At 0 the
@@ -528,12 +517,12 @@ impl Session {
     /// if an option is out of range; [`SessionError::Busy`] if another thread sets something.
     pub fn play_gesture(&self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         let epoch = shared.link.epoch().number;
-        let request = Request::new(&shared.gestures, name, options, shared.frame_rate, epoch)?;
-        let begun = shared.begun_gestures.load(Ordering::Acquire);
-        spin_lock(&shared.controls)?.gestures.push(request, begun)?;
-        shared.unseen_controls.store(true, Ordering::Release);
+        let request = Request::new(&shared.host.gestures, name, options, shared.format.frame_rate, epoch)?;
+        let begun = shared.host.begun_gestures.load(Ordering::Acquire);
+        spin_lock(&shared.host.controls.value)?.gestures.push(request, begun)?;
+        shared.host.controls.changed();
         Ok(())
     }
 
@@ -551,23 +540,28 @@ impl Session {
     /// another thread sets something.
     pub fn hint_lips(&self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         let epoch = shared.link.epoch().number;
-        let passed = shared.passed_hints.load(Ordering::Acquire);
-        spin_lock(&shared.controls)?.hints.push((start, duration), shape, shared.sample_rate, (epoch, passed))?;
-        shared.unseen_controls.store(true, Ordering::Release);
+        let passed = shared.host.passed_hints.load(Ordering::Acquire);
+        spin_lock(&shared.host.controls.value)?.hints.push(
+            (start, duration),
+            shape,
+            shared.format.sample_rate,
+            (epoch, passed),
+        )?;
+        shared.host.controls.changed();
         Ok(())
     }
 
     /// Names of the gestures that the avatar knows.
     pub fn gesture_names(&self) -> impl Iterator<Item = &str> {
-        self.shared.gestures.names()
+        self.shared.host.gestures.names()
     }
 
     fn control(&self, change: impl FnOnce(&mut Controls)) -> Result<(), SessionError> {
-        self.shared.check()?;
-        change(&mut *spin_lock(&self.shared.controls)?);
-        self.shared.unseen_controls.store(true, Ordering::Release);
+        self.shared.outcome.check()?;
+        change(&mut *spin_lock(&self.shared.host.controls.value)?);
+        self.shared.host.controls.changed();
         Ok(())
     }
 
@@ -576,7 +570,7 @@ impl Session {
     /// # Errors
     /// [`SessionError::Busy`] if another thread sets something.
     pub fn layer(&self, layer: Layer) -> Result<f32, SessionError> {
-        Ok(spin_lock(&self.shared.controls)?.layers.gain(layer))
+        Ok(spin_lock(&self.shared.host.controls.value)?.layers.gain(layer))
     }
 
     /// Attention, as set.
@@ -584,12 +578,12 @@ impl Session {
     /// # Errors
     /// [`SessionError::Busy`] if another thread sets something.
     pub fn attention(&self) -> Result<Attention, SessionError> {
-        Ok(spin_lock(&self.shared.controls)?.attention)
+        Ok(spin_lock(&self.shared.host.controls.value)?.attention)
     }
 
     /// The idle mode.
     pub fn idle(&self) -> Idle {
-        self.shared.idle()
+        self.shared.host.idle()
     }
 
     /// Current sampling settings.
@@ -601,20 +595,20 @@ impl Session {
     }
 
     fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<(), SessionError> {
-        self.shared.check()?;
+        self.shared.outcome.check()?;
         change(&mut *self.settings()?);
-        self.shared.unseen.store(true, Ordering::Release);
+        self.shared.settings.changed();
         Ok(())
     }
 
     /// Locks the settings. The engine holds this lock only while it copies them.
     fn settings(&self) -> Result<MutexGuard<'_, Settings>, SessionError> {
-        spin_lock(&self.shared.settings)
+        spin_lock(&self.shared.settings.value)
     }
 
     /// Number of interleaved channels of the audio.
     pub fn channels(&self) -> usize {
-        self.shared.channels
+        self.shared.format.channels
     }
 
     /// Counters so far.
@@ -634,15 +628,15 @@ impl Session {
 
     /// Latency from speech to motion.
     pub fn latency(&self) -> Latency {
-        let delays = &self.shared.delays;
-        let (backlog_samples, backlog_max_samples) = self.shared.backlog();
+        let Shared { stats, format, .. } = &*self.shared;
+        let (backlog_samples, backlog_max_samples) = self.shared.backlog.measure();
         Latency {
-            algorithmic_samples: self.shared.algorithmic_samples,
-            mouth_samples: self.shared.mouth_samples,
-            compute_p50: delays.quantile(0.5),
-            compute_p99: delays.quantile(0.99),
-            compute_p999: delays.quantile(0.999),
-            compute_max: delays.largest(),
+            algorithmic_samples: format.algorithmic_samples,
+            mouth_samples: format.mouth_samples,
+            compute_p50: stats.delays.quantile(0.5),
+            compute_p99: stats.delays.quantile(0.99),
+            compute_p999: stats.delays.quantile(0.999),
+            compute_max: stats.delays.largest(),
             backlog_samples,
             backlog_max_samples,
         }
@@ -651,7 +645,7 @@ impl Session {
 
 impl Drop for Session {
     fn drop(&mut self) {
-        self.shared.dropped.store(true, Ordering::SeqCst);
+        self.shared.outcome.dropped.store(true, Ordering::SeqCst);
         if let Source::Engine(slot) = &self.source {
             slot.sweep();
         }

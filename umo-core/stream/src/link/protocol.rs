@@ -29,13 +29,12 @@
 
 use std::sync::Arc;
 
-#[cfg(all(test, loom))]
-use super::Stamp;
 use super::ring::Ring;
-use super::{FrameRing, Signal};
+use super::{FrameRing, Signal, Stamp};
 use umo_core_base::memory::Arena;
 use umo_core_base::state::{StateError, StatePass, is_sample};
 pub(super) use umo_core_base::sync::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
+use umo_core_pose::frame::OwnedFrame;
 
 /// Value of `audio_wanted` while the engine does not wait.
 const NOT_WAITING: u64 = u64::MAX;
@@ -359,6 +358,36 @@ impl Link {
     /// Sample frames pushed before the epoch that the input is in.
     pub(crate) fn input_base(&self) -> u64 {
         self.input_base.load(Ordering::Relaxed)
+    }
+
+    /// Moves the next frame of `epoch` to `frame`, after [`Self::drop_other_epochs`]; returns its
+    /// stamp, if there is one, with the sample counted since the last reset.
+    pub(crate) fn take_frame(
+        &self,
+        epoch: Epoch,
+        enough: usize,
+        frame: &mut OwnedFrame,
+        dropped: impl Fn(),
+    ) -> Option<Stamp> {
+        let stamp = self.drop_other_epochs(epoch, enough, dropped)?;
+        self.frames.pop(frame);
+        self.frame_taken(enough);
+        Some(Stamp { sample: self.input_base() + stamp.sample, ..stamp })
+    }
+
+    /// Drops frames of other epochs, which precede those of `epoch`, and calls `dropped` for each;
+    /// returns the stamp of the next frame of `epoch`, if there is one. Wakes the engine as
+    /// [`Self::frame_taken`] does.
+    pub(crate) fn drop_other_epochs(&self, epoch: Epoch, enough: usize, dropped: impl Fn()) -> Option<Stamp> {
+        while let Some(stamp) = self.frames.next() {
+            if stamp.epoch == epoch.number {
+                return Some(stamp);
+            }
+            self.frames.skip();
+            self.frame_taken(enough);
+            dropped();
+        }
+        None
     }
 
     /// Reports that a frame was taken. Wakes the engine if it waits for room and `enough` frames

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::voice::Voice;
+use crate::playback::{Idle, Voice};
 use umo_core_base::error::LoadError;
 use umo_core_layers::{Gestures, LifeConfig};
 use umo_core_model::audio::resample;
@@ -19,8 +19,6 @@ pub const MIN_RATE: usize = 8_000;
 pub const MAX_RATE: usize = 192_000;
 /// Most channels of a session's audio.
 pub const MAX_CHANNELS: usize = 64;
-/// Largest gain of a part.
-pub const MAX_GAIN: f32 = 2.0;
 /// Longest [`Session::interrupt`](super::Session::interrupt).
 pub const MAX_EASE: Duration = Duration::from_secs(10);
 
@@ -79,18 +77,6 @@ pub struct SessionConfig {
     /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
     /// may arrive before a missing one counts as lost.
     pub patience: usize,
-}
-
-/// Behaviour while no audio comes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Idle {
-    /// Holds the last pose.
-    #[default]
-    Hold,
-    /// Eases to the rest pose; only [`Session::sample_pose`](super::Session::sample_pose) shows it.
-    Rest,
-    /// Runs the model on silence.
-    Live,
 }
 
 impl SessionConfig {

@@ -20,7 +20,7 @@ use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{axis_angle_to_quat, slerp};
 use umo_core_pose::skeleton::JAW;
 
-use super::voice::{JAW_OPEN, TO_REST};
+use crate::playback::{JAW_OPEN, TO_REST};
 
 /// Share of the blend between the two mouths that one frame advances, so that neither jumps.
 const FADE: f32 = 0.25;

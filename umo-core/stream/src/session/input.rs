@@ -57,19 +57,6 @@ impl Input {
         }
     }
 
-    pub(super) fn channels(&self) -> usize {
-        self.channels
-    }
-
-    pub(super) fn resampler(&self) -> &Resampler {
-        &self.resampler
-    }
-
-    /// Upper bound on the samples that the end of a stream adds.
-    pub(super) fn most_left(&self) -> usize {
-        self.reserve
-    }
-
     /// Settings that a state must share with this session, besides the model.
     pub(super) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.same("sample rate", self.sample_rate as u64)?;
@@ -87,7 +74,7 @@ impl Input {
         let left = self.resampler.state(pass, if finished { 0 } else { taken - base.min(taken) })?;
         pass.must(waiting + left <= shared.link.audio.capacity(), "room for audio")?;
         if pass.loads() {
-            shared.begin_backlog(taken - base);
+            shared.backlog.begin(taken - base);
             shared.link.restore_input(self.epoch, start, base, finished.then(|| self.frames()));
         }
         Ok(())
@@ -111,16 +98,20 @@ impl Input {
         }
         self.base = self.taken;
         self.epoch = epoch;
-        shared.begin_backlog(0);
+        shared.backlog.begin(0);
         shared.link.start_input(epoch, self.taken);
     }
 
+    /// Takes as many whole frames of `samples` as there is room for, and reports them to the engine.
     pub(super) fn push<T>(
         &mut self,
         shared: &Shared,
         samples: &[T],
         float: impl Fn(&T) -> f32,
     ) -> Result<Pushed, SessionError> {
+        if !samples.len().is_multiple_of(self.channels) {
+            return Err(SessionError::Uneven { got: samples.len(), channels: self.channels });
+        }
         self.sync_epoch(shared);
         if self.finished {
             return Err(SessionError::Finished);
@@ -148,7 +139,13 @@ impl Input {
                 break;
             }
         }
-        shared.pushed.store(self.taken - self.base, Ordering::Relaxed);
+        shared.backlog.push(self.taken - self.base);
+        shared.stats.overruns.fetch_add((samples.len() / self.channels - pushed.taken) as u64, Ordering::Relaxed);
+        shared.stats.silenced.fetch_add(pushed.silenced as u64, Ordering::Relaxed);
+        if pushed.taken > 0 {
+            shared.link.audio_pushed(shared.host.clock.nanos());
+            shared.host.clock.hear();
+        }
         Ok(pushed)
     }
 
@@ -158,8 +155,8 @@ impl Input {
         if !self.finished {
             self.finished = true;
             self.resampler.finish(|samples| shared.link.push_audio(samples));
-            shared.link.end_input(self.frames(), shared.clock.nanos());
-            shared.heard.store(shared.now(), Ordering::Relaxed);
+            shared.link.end_input(self.frames(), shared.host.clock.nanos());
+            shared.host.clock.hear();
         }
     }
 }

@@ -1,14 +1,9 @@
 //! The interlocutor's audio, of which only the loudness is used.
 
-use std::sync::atomic::Ordering;
-
 use super::{SessionError, Shared};
 use umo_core_base::samples::MAX_AMPLITUDE;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_model::config::Config;
-
-/// Age in nanoseconds at which a level expires and counts as silence.
-const STALE: u64 = 250_000_000;
 
 /// Loudness of the interlocutor's audio, measured per frame.
 #[derive(Debug)]
@@ -44,19 +39,10 @@ impl OtherInput {
             if self.count == self.frame {
                 #[expect(clippy::cast_possible_truncation, reason = "a level's precision is enough")]
                 let level = (self.sum / self.frame as f64).sqrt() as f32;
-                shared.other_level.store(level.to_bits(), Ordering::Relaxed);
-                shared.other_time.store(shared.now(), Ordering::Relaxed);
+                shared.host.set_other_level(level);
                 (self.sum, self.count) = (0.0, 0);
             }
         }
         Ok(())
-    }
-}
-
-impl Shared {
-    /// Current loudness of the interlocutor.
-    pub(super) fn other_level(&self) -> f32 {
-        let age = self.now().saturating_sub(self.other_time.load(Ordering::Relaxed));
-        if age > STALE { 0.0 } else { f32::from_bits(self.other_level.load(Ordering::Relaxed)) }
     }
 }

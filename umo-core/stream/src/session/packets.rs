@@ -228,7 +228,7 @@ impl Session {
         }
         drop(reader);
         if count == 0 && !lengths.is_empty() {
-            shared.check()?;
+            shared.outcome.check()?;
             if let Some(output) = try_lock(&shared.output) {
                 output.want_silence(shared);
             }

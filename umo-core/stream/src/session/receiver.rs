@@ -9,13 +9,13 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
 use super::shared::{SessionInit, Shared, try_lock};
 use super::{Session, SessionConfig, SessionError, Source, Voice};
 use crate::engine::EngineError;
 use crate::link::{Epoch, Stamp};
 use crate::packet::{Decoder, PacketError, PacketSink, Received};
+use crate::playback::frames_of;
 use umo_core_base::clock::Clock;
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{self, Arena};
@@ -62,7 +62,7 @@ impl PacketSink for Frames<'_> {
 
     fn frame(&mut self, frame: FrameRef, level: f32) {
         let index = frame.index as u64;
-        let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.sample_of(index) };
+        let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.format.sample_of(index) };
         let written = self.shared.link.frames.push(stamp, crate::levels::cue(&frame, level), frame.pose, frame.face);
         debug_assert!(written, "a packet is taken only where its frames have room");
         self.count += 1;
@@ -146,7 +146,7 @@ impl Session {
     /// with an engine.
     pub fn push_packet(&self, bytes: &[u8]) -> Result<(), SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         let mut receiver = try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?;
         let Receiver { model, decoder, team, epoch, ease } = &mut *receiver;
         let present = shared.link.epoch();
@@ -164,12 +164,12 @@ impl Session {
         shared.stats.frames.fetch_add(count, Ordering::Relaxed);
         if decoder.received().packets > taken {
             shared.stats.chunks.fetch_add(1, Ordering::Relaxed);
-            shared.heard.store(shared.now(), Ordering::Relaxed);
+            shared.host.clock.hear();
         }
         match pushed {
             Ok(()) => {
                 if let Some(total) = decoder.total() {
-                    shared.link.end_input(total.into(), shared.clock.nanos());
+                    shared.link.end_input(total.into(), shared.host.clock.nanos());
                 }
                 Ok(())
             }
@@ -191,10 +191,4 @@ impl Session {
     pub fn received(&self) -> Result<Received, SessionError> {
         Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())
     }
-}
-
-/// Number of frames in a duration, rounded up.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 16 bits")]
-pub(super) fn frames_of(time: Duration, frame_rate: usize) -> u16 {
-    (time.as_secs_f64() * frame_rate as f64).ceil().min(f64::from(u16::MAX)) as u16
 }

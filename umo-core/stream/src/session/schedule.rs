@@ -140,18 +140,18 @@ impl Schedule {
 
     /// Ends the session: it produces no more frames.
     pub(crate) fn fail(&self, failure: Failure) {
-        self.shared.fail(failure);
+        self.shared.outcome.fail(failure);
     }
 
     /// Whether the session has not ended.
     pub(crate) fn is_running(&self) -> bool {
-        self.shared.is_running()
+        self.shared.outcome.is_running()
     }
 
     /// Lateness of the next chunk, which is due, if it began now, and the chunk's duration, both in
     /// nanoseconds. A chunk is late if its audio has waited longer than a chunk lasts.
     pub(crate) fn late(&self) -> (i64, i64) {
-        let (backlog, _) = self.shared.backlog();
+        let (backlog, _) = self.shared.backlog.measure();
         let signed = |nanos: u64| i64::try_from(nanos).unwrap_or(i64::MAX);
         let waited = backlog.saturating_mul(NANOS) / self.sample_rate;
         (signed(waited).saturating_sub(signed(self.period)), signed(self.period))
@@ -172,7 +172,7 @@ impl Schedule {
         let Self { shared, times: Times { arrived, release, finished }, period, begun, .. } = self;
         *begun = Begun::default();
         let (stats, since) = (&shared.stats, arrived.take().unwrap_or(now));
-        shared.delays.add(Duration::from_nanos(now.saturating_sub(since.max(*finished))));
+        stats.delays.add(Duration::from_nanos(now.saturating_sub(since.max(*finished))));
         stats.chunks.fetch_add(1, Ordering::Relaxed);
         stats.frames.fetch_add(self.frames, Ordering::Relaxed);
         *release += *period;
@@ -209,7 +209,7 @@ impl Schedule {
         }
         // A stream that has begun in the meantime counts its own backlog.
         if self.shared.link.epoch().number == epoch {
-            self.shared.cover(sample + self.sample_rate / self.frame_rate);
+            self.shared.backlog.cover(sample + self.sample_rate / self.frame_rate);
         }
         self.frames += 1;
     }
@@ -245,12 +245,12 @@ impl Member {
 
     /// Whether the host has dropped the session.
     pub(crate) fn is_dropped(&self) -> bool {
-        self.schedule.shared.dropped.load(Ordering::SeqCst)
+        self.schedule.shared.outcome.dropped.load(Ordering::SeqCst)
     }
 
     /// Marks the session's engine as gone.
     pub(crate) fn close(&self) {
-        self.schedule.shared.close();
+        self.schedule.shared.outcome.close();
     }
 
     /// Makes the next frame panic.
@@ -298,7 +298,7 @@ impl Member {
     /// The work that can be done now, and its deadline; `None` while it waits for audio or room,
     /// and the host's side then wakes the engine.
     pub(crate) fn due(&mut self, model: &Model, now: u64) -> Option<(Due, u64)> {
-        if self.is_dropped() || !self.schedule.shared.is_running() {
+        if self.is_dropped() || !self.schedule.shared.outcome.is_running() {
             return None;
         }
         let shared = Counted::clone(&self.schedule.shared);
@@ -340,7 +340,7 @@ impl Member {
                     avatar.finish(usize::try_from(total).unwrap_or(usize::MAX));
                 }
                 let due = avatar.due(model.config(), samples);
-                let silence = due == Due::Audio && shared.idle() == Idle::Live && shared.link.is_silence_wanted();
+                let silence = due == Due::Audio && shared.host.idle() == Idle::Live && shared.link.is_silence_wanted();
                 if silence { Due::Chunk } else { due }
             }
         }
@@ -390,7 +390,7 @@ impl Member {
                 samples: room.min(shared.link.audio.len()) as u64,
                 ..Begun::default()
             };
-            shared.take_settings(|settings| {
+            shared.settings.take(|settings| {
                 self.avatar.set_sampler(settings.sampler);
                 let text = self.avatar.set_text(&settings.text[..settings.text_len]);
                 text.expect("a prompt was checked when it was set");

@@ -3,7 +3,6 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use super::gain::gain_bits;
 use super::input::Input;
 use super::kept::EngineSide;
 use super::other::OtherInput;
@@ -13,6 +12,7 @@ use super::schedule::Member;
 use super::shared::{Counters, Settings, Shared, try_lock};
 use super::slots::lock;
 use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
+use crate::playback::{Host, gain_bits};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_layers::Controls;
 use umo_core_model::model::Model;
@@ -40,9 +40,9 @@ struct Sides<'a> {
 pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) -> usize {
     let free = "nobody else knows the session yet";
     let (mut input, mut output) = (try_lock(&shared.input).expect(free), try_lock(&shared.output).expect(free));
-    let mut settings = try_lock(&shared.settings).expect(free);
+    let mut settings = try_lock(&shared.settings.value).expect(free);
     let mut other = try_lock(&shared.other).expect(free);
-    let mut controls = try_lock(&shared.controls).expect(free);
+    let mut controls = try_lock(&shared.host.controls.value).expect(free);
     let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
     assert!(try_lock(&shared.kept).expect(free).fits(member, model), "the engine's side has room to be kept");
     let mut pass = StatePass::size();
@@ -75,7 +75,7 @@ impl Session {
             return Err(SessionError::Short { needed: self.state_size });
         }
         self.with_sides(true, |mut sides| {
-            let mut pass = StatePass::save(bytes, sides.shared.clock.nanos(), sides.shared.now());
+            let mut pass = StatePass::save(bytes, sides.shared.host.clock.nanos(), sides.shared.host.clock.now());
             sides.state(&mut pass)?;
             Ok(pass.end()?)
         })
@@ -94,7 +94,7 @@ impl Session {
     /// session, which it does as soon as there is audio for one, or at once if text alone drives
     /// the avatar. The session is unchanged after an error.
     pub fn restore(&self, bytes: &[u8]) -> Result<(), SessionError> {
-        let now = self.shared.clock.nanos();
+        let now = self.shared.host.clock.nanos();
         self.with_sides(false, |mut sides| {
             let mut pass = StatePass::check(bytes, now)?;
             sides.state(&mut pass)?;
@@ -113,14 +113,14 @@ impl Session {
         f: impl FnOnce(Sides) -> Result<R, SessionError>,
     ) -> Result<R, SessionError> {
         let shared = &*self.shared;
-        shared.check()?;
+        shared.outcome.check()?;
         let result = {
             let _reader = shared.packets.as_ref().map(PacketQueue::lock).transpose()?;
             let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
             let mut other = try_lock(&shared.other).ok_or(SessionError::Busy(OTHER))?;
             let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
-            let mut settings = try_lock(&shared.settings).ok_or(SessionError::Busy(SETTER))?;
-            let mut controls = try_lock(&shared.controls).ok_or(SessionError::Busy(SETTER))?;
+            let mut settings = try_lock(&shared.settings.value).ok_or(SessionError::Busy(SETTER))?;
+            let mut controls = try_lock(&shared.host.controls.value).ok_or(SessionError::Busy(SETTER))?;
             let (slot, mut f) = (self.slot()?, Some(f));
             let mut with = |engine: EngineSide<'_>| {
                 let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
@@ -152,16 +152,16 @@ impl Sides<'_> {
         let packets = shared.packets.as_ref().map_or(Ok(0), |packets| packets.state(pass))?;
         input.state(pass, shared, waiting)?;
         other.state(pass)?;
-        output.clock_state(pass, shared)?;
+        shared.host.clock.state(pass)?;
         output.state(pass)?;
         engine.state(pass, shared, model, (frames, packets))?;
         shared.state(pass, engine.counted())?;
         settings.state(pass)?;
         controls.state(pass)?;
-        word(pass, &shared.begun_gestures)?;
-        word(pass, &shared.passed_hints)?;
-        switch(pass, "settings", &shared.unseen)?;
-        switch(pass, "controls", &shared.unseen_controls)
+        word(pass, &shared.host.begun_gestures)?;
+        word(pass, &shared.host.passed_hints)?;
+        switch(pass, "settings", &shared.settings.is_unseen)?;
+        switch(pass, "controls", &shared.host.controls.is_unseen)
     }
 }
 
@@ -169,27 +169,27 @@ impl Shared {
     /// Describes the state that belongs to no side; if the engine's side is in a batch, with the
     /// values of its snapshot.
     fn state(&self, pass: &mut StatePass, kept: Option<(&[u64; Counters::OF_ENGINE], bool)>) -> Result<(), StateError> {
-        let idle = pass.limited("idle mode", self.idle.load(Ordering::Relaxed).into(), Idle::Live as u64)?;
+        let Host { clock, idle, gains, other_level, other_time, .. } = &self.host;
+        let mode = pass.limited("idle mode", idle.load(Ordering::Relaxed).into(), Idle::Live as u64)?;
         if pass.loads() {
-            self.idle.store(u8::try_from(idle).unwrap_or_default(), Ordering::Relaxed);
+            idle.store(u8::try_from(mode).unwrap_or_default(), Ordering::Relaxed);
         }
         self.link.waiting_state(pass, kept.is_some_and(|(_, silence_wanted)| silence_wanted))?;
         for part in Part::ALL {
-            let bits = gain_bits(pass, self.gains[part].load(Ordering::Relaxed))?;
+            let bits = gain_bits(pass, gains[part].load(Ordering::Relaxed))?;
             if pass.loads() {
-                self.gains[part].store(bits, Ordering::Relaxed);
+                gains[part].store(bits, Ordering::Relaxed);
             }
         }
-        let level = pass.limited("other's level", self.other_level.load(Ordering::Relaxed).into(), u32::MAX.into())?;
+        let level = pass.limited("other's level", other_level.load(Ordering::Relaxed).into(), u32::MAX.into())?;
         let level = u32::try_from(level).unwrap_or_default();
         pass.must(f32::from_bits(level).is_finite(), "other's level")?;
-        let time = pass.host_moment("other's time", self.other_time.load(Ordering::Relaxed))?;
-        let heard = pass.host_moment("time of sound", self.heard.load(Ordering::Relaxed))?;
+        let time = pass.host_moment("other's time", other_time.load(Ordering::Relaxed))?;
         if pass.loads() {
-            self.heard.store(heard, Ordering::Relaxed);
-            self.other_level.store(level, Ordering::Relaxed);
-            self.other_time.store(time, Ordering::Relaxed);
+            other_level.store(level, Ordering::Relaxed);
+            other_time.store(time, Ordering::Relaxed);
         }
+        clock.heard_state(pass)?;
         self.stats.state(pass, kept.map(|(counters, _)| counters))
     }
 }

@@ -1,27 +1,29 @@
 //! Gains of the parts, as set by the host: applied to the frames that are handed out, and to no
 //! stored frame.
 
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU32, Ordering};
 
-use super::output::Frame;
-use super::{MAX_GAIN, Shared};
+use super::{Frame, Start};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::part::{Part, PerPart};
 use umo_core_pose::rotation::scaled;
 use umo_core_pose::skeleton::{JAW, joints_of};
 
+/// Largest gain of a part.
+pub const MAX_GAIN: f32 = 2.0;
+
 /// Rate at which a gain follows its setting, per second.
 const SPEED: f64 = 8.0;
 
 /// The gains in force, and the frame that they are applied to.
 #[derive(Debug)]
-pub(super) struct Gained {
+pub(crate) struct Gained {
     now: PerPart<f32>,
     /// Time of the last frame that they were applied to, seconds.
     time: f64,
     /// Whether any frame was handed out; the first takes its gains at once.
-    pub(super) started: bool,
+    started: bool,
     frame: OwnedFrame,
     is_arkit: bool,
 }
@@ -38,7 +40,7 @@ impl Gained {
     }
 
     /// Describes the gains in force.
-    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         for part in Part::ALL {
             let bits = gain_bits(pass, self.now[part].to_bits())?;
             if pass.loads() {
@@ -50,16 +52,20 @@ impl Gained {
         Ok(())
     }
 
-    /// Scales the deviation of `frame`, shown at `time`, from `rest` by the gains; returns `frame`
-    /// itself if all are 1.
-    pub(super) fn apply<'a>(
+    pub(crate) fn reset(&mut self, start: &Start) {
+        self.started &= !start.is_reset;
+    }
+
+    /// Scales the deviation of `frame`, shown at `time`, from `rest` by the gains, which follow the
+    /// `wanted` ones, bits of floats; returns `frame` itself if all are 1.
+    pub(crate) fn apply<'a>(
         &'a mut self,
-        shared: &Shared,
+        wanted: &PerPart<AtomicU32>,
         time: f64,
         frame: &'a OwnedFrame,
         rest: &OwnedFrame,
     ) -> Frame<'a> {
-        self.follow(shared, time);
+        self.follow(wanted, time);
         if Part::ALL.iter().all(|&part| self.now[part] == 1.0) {
             return frame.into();
         }
@@ -96,12 +102,12 @@ impl Gained {
 
     /// Moves the gains towards their settings.
     #[expect(clippy::cast_possible_truncation, reason = "a gain's precision is enough")]
-    fn follow(&mut self, shared: &Shared, time: f64) {
+    fn follow(&mut self, wanted: &PerPart<AtomicU32>, time: f64) {
         let step = (SPEED * (time - self.time).max(0.0)) as f32;
         let at_once = !std::mem::replace(&mut self.started, true);
         self.time = time;
         for part in Part::ALL {
-            let wanted = f32::from_bits(shared.gains[part].load(Ordering::Relaxed));
+            let wanted = f32::from_bits(wanted[part].load(Ordering::Relaxed));
             let now = self.now[part];
             self.now[part] = if at_once { wanted } else { now + (wanted - now).clamp(-step, step) };
         }
@@ -109,7 +115,7 @@ impl Gained {
 }
 
 /// Describes a gain as the bits of a float.
-pub(super) fn gain_bits(pass: &mut StatePass, present: u32) -> Result<u32, StateError> {
+pub(crate) fn gain_bits(pass: &mut StatePass, present: u32) -> Result<u32, StateError> {
     let bits = u32::try_from(pass.limited("gain", present.into(), u32::MAX.into())?).unwrap_or_default();
     pass.must((0.0..=MAX_GAIN).contains(&f32::from_bits(bits)), "gain")?;
     Ok(bits)

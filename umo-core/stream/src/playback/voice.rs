@@ -10,8 +10,8 @@
 
 use std::sync::Arc;
 
-use super::Shared;
-use crate::link::Epoch;
+use crate::link::{Epoch, Link};
+use umo_core_base::error::StepError;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_model::model::Model;
@@ -20,16 +20,14 @@ use umo_core_pose::frame::{Cue, MAX_INDEX, OwnedFrame};
 use umo_core_pose::rotation::axis_angle_to_quat;
 use umo_core_pose::skeleton::JAW;
 
-use super::shared::Failure;
-
 /// Samples that the network takes at a time: few enough that at most one frame comes out.
 const PIECE: usize = 128;
 /// Capacity in frames: upper bound on the frames that the end of a stream flushes at once.
 const QUEUE: usize = 16;
 /// Rotation of the jaw at a jawOpen of 1, radians: that of the default model's performer.
-pub(super) const JAW_OPEN: f32 = 0.35;
+pub(crate) const JAW_OPEN: f32 = 0.35;
 /// Share of the remaining way to rest that the mouth moves in each frame after the last sound.
-pub(super) const TO_REST: f32 = 0.3;
+pub(crate) const TO_REST: f32 = 0.3;
 
 /// Timing of the mouth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,7 +44,7 @@ pub enum Voice {
 
 /// The live mouth's state in one session.
 #[derive(Debug)]
-pub(super) struct LiveVoice {
+pub(crate) struct LiveVoice {
     model: Arc<Model>,
     stream: MouthStream,
     /// Whether the waiting samples belong to this epoch.
@@ -69,7 +67,7 @@ pub(super) struct LiveVoice {
     /// Frames by which the body lags.
     delay: u64,
     /// The newest due frame of the body, and its index.
-    pub(super) body: OwnedFrame,
+    body: OwnedFrame,
     body_index: Option<u64>,
 }
 
@@ -103,26 +101,25 @@ impl LiveVoice {
     }
 
     /// Samples, at the model's rate, after a frame's time that its mouth needs.
-    pub(super) fn latency_samples(&self) -> usize {
+    pub(crate) fn latency_samples(&self) -> usize {
         Self::mouth(&self.model).latency_samples()
     }
 
     /// Number of frames that can be shown without more audio.
-    pub(super) fn ready(&mut self, shared: &Shared, epoch: Epoch) -> usize {
-        if !self.join(shared, epoch) {
+    pub(super) fn ready(&mut self, link: &Link, epoch: Epoch) -> usize {
+        if !self.join(link, epoch) {
             return 0;
         }
-        let link = &shared.link;
         let known = match link.total() {
-            Some(total) => total + self.tail_known(shared, epoch, total),
+            Some(total) => total + self.tail_known(link, epoch, total),
             None => Self::mouth(&self.model).frames_after(&self.stream, link.voice().len()),
         };
         usize::try_from(known.saturating_sub(self.first)).unwrap_or(usize::MAX)
     }
 
     /// Number of frames after the end of a stream of `total` frames whose body has arrived.
-    fn tail_known(&self, shared: &Shared, epoch: Epoch, total: u64) -> u64 {
-        let frames = &shared.link.frames;
+    fn tail_known(&self, link: &Link, epoch: Epoch, total: u64) -> u64 {
+        let frames = &link.frames;
         let waiting = frames.next().filter(|stamp| stamp.epoch == epoch.number);
         let newest = waiting.map(|stamp| stamp.index + frames.len() as u64 - 1).or(self.body_index);
         newest.map_or(0, |newest| (newest + 1 + self.delay).min(total + self.delay).saturating_sub(total))
@@ -145,23 +142,42 @@ impl LiveVoice {
     }
 
     /// Drops the samples of other epochs; returns whether the remaining ones belong to this one.
-    fn join(&mut self, shared: &Shared, epoch: Epoch) -> bool {
+    fn join(&mut self, link: &Link, epoch: Epoch) -> bool {
         if !self.joined
-            && let Some(start) = shared.link.input_start_in(epoch)
+            && let Some(start) = link.input_start_in(epoch)
         {
-            shared.link.voice().skip_to(start);
+            link.voice().skip_to(start);
             self.joined = true;
         }
         self.joined
     }
 
+    /// Makes `frame` the next frame: the body that is due, with its mouth. Returns the frame's index,
+    /// or `None` if audio is missing, or in the tail its body.
+    ///
+    /// # Errors
+    /// [`StepError`] of the network.
+    pub(super) fn apply(
+        &mut self,
+        frame: &mut OwnedFrame,
+        link: &Link,
+        epoch: Epoch,
+        enough: usize,
+    ) -> Result<Option<u64>, StepError> {
+        let index = self.next(link, epoch)?.filter(|&index| self.take_body(link, epoch, index, enough));
+        if index.is_some() {
+            frame.copy(&self.body);
+            self.put_mouth(frame);
+        }
+        Ok(index)
+    }
+
     /// Computes the next frame's mouth, unless it is known; returns the frame's index, or `None` if
     /// audio is missing.
-    pub(super) fn next(&mut self, shared: &Shared, epoch: Epoch) -> Option<u64> {
-        if !self.join(shared, epoch) {
-            return None;
+    fn next(&mut self, link: &Link, epoch: Epoch) -> Result<Option<u64>, StepError> {
+        if !self.join(link, epoch) {
+            return Ok(None);
         }
-        let link = &shared.link;
         let Self { model, stream, mouths, levels, known, sum, heard, .. } = self;
         let mouth = Self::mouth(model);
         let width = mouth.channels().len();
@@ -180,7 +196,7 @@ impl LiveVoice {
             // is set and there are none, none will come.
             let total = link.total();
             let count = link.voice().peek(&mut words);
-            let result = if count > 0 {
+            if count > 0 {
                 link.voice().skip(count);
                 samples.iter_mut().zip(words).for_each(|(sample, word)| *sample = f32::from_bits(word));
                 *sum += samples[..count].iter().map(|sample| f64::from(*sample).powi(2)).sum::<f64>();
@@ -190,40 +206,36 @@ impl LiveVoice {
                     let level = (*sum / f64::from((*heard).max(1))).sqrt() as f32;
                     levels[keep(frame, mouths, known)] = level;
                     (*sum, *heard) = (0.0, 0);
-                })
+                })?;
             } else if total.is_some() && !self.ended {
                 self.ended = true;
-                stream.finish(mouth, model.isa(), |frame| levels[keep(frame, mouths, known)] = 0.0)
+                stream.finish(mouth, model.isa(), |frame| levels[keep(frame, mouths, known)] = 0.0)?;
             } else {
                 break;
-            };
-            if let Err(error) = result {
-                shared.fail(Failure::Step(error));
-                return None;
             }
         }
         let is_tail = self.ended && link.total().is_some_and(|total| total > 0 && self.first < total + self.delay);
-        (self.first < self.known || is_tail).then_some(self.first)
+        Ok((self.first < self.known || is_tail).then_some(self.first))
     }
 
     /// Takes the body's frames that are due at frame `index`; returns whether the frame can be
     /// shown. In the tail, which has no sound, that requires its body.
-    pub(super) fn take_body(&mut self, shared: &Shared, epoch: Epoch, index: u64, enough: usize) -> bool {
+    fn take_body(&mut self, link: &Link, epoch: Epoch, index: u64, enough: usize) -> bool {
         let Some(due) = index.checked_sub(self.delay) else { return true };
-        let frames = &shared.link.frames;
+        let frames = &link.frames;
         while let Some(stamp) = frames.next()
             && stamp.epoch == epoch.number
             && stamp.index <= due
         {
             frames.pop(&mut self.body);
-            shared.link.frame_taken(enough);
+            link.frame_taken(enough);
             self.body_index = Some(stamp.index);
         }
         index < self.known || self.body_index == Some(due)
     }
 
     /// Puts the next frame's mouth into `frame`, which has its body.
-    pub(super) fn put_mouth(&mut self, frame: &mut OwnedFrame) {
+    fn put_mouth(&mut self, frame: &mut OwnedFrame) {
         let mouth = Self::mouth(&self.model);
         let width = mouth.channels().len();
         let mut level = 0.0;

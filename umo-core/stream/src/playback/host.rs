@@ -1,0 +1,160 @@
+//! What the host sets for the frame side, from any thread.
+
+use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
+
+use crate::link::Handover;
+use umo_core_base::clock::Clock;
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_layers::{Controls, Gestures};
+use umo_core_pose::part::PerPart;
+
+use super::Idle;
+
+/// Upper bound of the host's time, nanoseconds: 36 years, below the count at which the clock
+/// starts.
+const MAX_HOST_TIME: u64 = 1 << 60;
+
+/// Age in nanoseconds at which the interlocutor's level expires and counts as silence.
+const STALE: u64 = 250_000_000;
+
+/// Settings, requests and times that the stages read.
+#[derive(Debug)]
+pub(crate) struct Host {
+    pub(crate) clock: HostClock,
+    /// Requests to the layers.
+    pub(crate) controls: Handover<Controls>,
+    /// Gestures that the avatar knows, and the number of requested ones that have begun.
+    pub(crate) gestures: Gestures,
+    pub(crate) begun_gestures: AtomicU64,
+    /// Number of viseme hints that were shown or dropped.
+    pub(crate) passed_hints: AtomicU64,
+    /// Value of an [`Idle`].
+    pub(crate) idle: AtomicU8,
+    /// Gain of each part, as the bits of floats.
+    pub(crate) gains: PerPart<AtomicU32>,
+    /// Loudness of the interlocutor, as the bits of a float.
+    pub(crate) other_level: AtomicU32,
+    /// Time of that measurement, by [`HostClock::now`].
+    pub(crate) other_time: AtomicU64,
+}
+
+impl Host {
+    pub(crate) fn new(clock: Clock, controls: Controls, gestures: Gestures, idle: Idle) -> Self {
+        let clock = HostClock::new(clock);
+        Self {
+            other_time: AtomicU64::new(clock.nanos()),
+            clock,
+            controls: Handover::new(controls, true),
+            gestures,
+            begun_gestures: AtomicU64::new(0),
+            passed_hints: AtomicU64::new(0),
+            idle: AtomicU8::new(idle as u8),
+            gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
+            other_level: AtomicU32::new(0.0_f32.to_bits()),
+        }
+    }
+
+    /// The idle mode.
+    pub(crate) fn idle(&self) -> Idle {
+        match self.idle.load(Ordering::Relaxed) {
+            1 => Idle::Rest,
+            2 => Idle::Live,
+            _ => Idle::Hold,
+        }
+    }
+
+    /// Current loudness of the interlocutor.
+    pub(crate) fn other_level(&self) -> f32 {
+        let age = self.clock.now().saturating_sub(self.other_time.load(Ordering::Relaxed));
+        if age > STALE { 0.0 } else { f32::from_bits(self.other_level.load(Ordering::Relaxed)) }
+    }
+
+    /// Sets the loudness of the interlocutor.
+    pub(crate) fn set_other_level(&self, level: f32) {
+        self.other_level.store(level.to_bits(), Ordering::Relaxed);
+        self.other_time.store(self.clock.now(), Ordering::Relaxed);
+    }
+}
+
+/// The session's clock, and the host's time if it sets one.
+#[derive(Debug)]
+pub(crate) struct HostClock {
+    clock: Clock,
+    /// The host's time, in nanoseconds of the clock's count; 0 while the clock is used.
+    time: AtomicU64,
+    /// Origin of the host's time, nanoseconds of the clock's count.
+    base: AtomicU64,
+    /// Time of the last push of audio, by [`Self::now`].
+    heard: AtomicU64,
+}
+
+impl HostClock {
+    fn new(clock: Clock) -> Self {
+        let (time, base) = (AtomicU64::new(0), AtomicU64::new(0));
+        Self { heard: AtomicU64::new(clock.nanos()), clock, time, base }
+    }
+
+    /// The clock's count, nanoseconds.
+    pub(crate) fn nanos(&self) -> u64 {
+        self.clock.nanos()
+    }
+
+    /// Time for idle motion, nanoseconds: the host's if it sets one, otherwise the clock's.
+    pub(crate) fn now(&self) -> u64 {
+        match self.time.load(Ordering::Relaxed) {
+            0 => self.clock.nanos(),
+            time => time,
+        }
+    }
+
+    /// Sets the host's time; it never goes back. One thread at a time.
+    pub(crate) fn set(&self, time: Duration) {
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^60 nanoseconds")]
+        let nanos = time.as_nanos() as u64;
+        let before = self.time.load(Ordering::Relaxed);
+        if before == 0 {
+            // The host's count continues from the clock's, so that eases in progress continue.
+            let now = self.clock.nanos();
+            self.base.store(now - nanos, Ordering::Relaxed);
+            self.time.store(now, Ordering::Relaxed);
+        } else {
+            self.time.store(before.max(self.base.load(Ordering::Relaxed) + nanos), Ordering::Relaxed);
+        }
+    }
+
+    /// Reports that audio was pushed.
+    pub(crate) fn hear(&self) {
+        self.heard.store(self.now(), Ordering::Relaxed);
+    }
+
+    /// Nanoseconds since the last push of audio.
+    pub(super) fn silence(&self) -> u64 {
+        self.now().saturating_sub(self.heard.load(Ordering::Relaxed))
+    }
+
+    /// Describes the host's time; a restored state maps it to the present.
+    pub(crate) fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        let time = self.time.load(Ordering::Relaxed);
+        let is_given = pass.flag("host's time", time != 0)?;
+        let mut nanos = time.saturating_sub(self.base.load(Ordering::Relaxed));
+        if pass.follows(is_given) {
+            nanos = pass.limited("host's time", nanos, MAX_HOST_TIME)?;
+        }
+        if pass.loads() {
+            let now = if is_given { pass.now() } else { 0 };
+            self.time.store(now, Ordering::Relaxed);
+            self.base.store(now.saturating_sub(nanos), Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Describes the time of the last push of audio.
+    pub(crate) fn heard_state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        let heard = pass.host_moment("time of sound", self.heard.load(Ordering::Relaxed))?;
+        if pass.loads() {
+            self.heard.store(heard, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,82 @@
+//! Procedural layers (`life`) over the frames, with the host's requests to them.
+
+use std::sync::atomic::Ordering;
+
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_layers::{Controls, Heard, Life};
+use umo_core_pose::frame::OwnedFrame;
+
+use super::Start;
+use super::host::Host;
+
+/// The layers of one avatar, and the requests in force.
+#[derive(Debug)]
+pub(crate) struct Layers {
+    pub(crate) life: Life,
+    pub(crate) controls: Controls,
+    /// Rate of the frames' samples, per second.
+    rate: usize,
+}
+
+impl Layers {
+    pub(crate) fn new(life: Life, controls: Controls, rate: usize) -> Self {
+        Self { life, controls, rate }
+    }
+
+    pub(crate) fn reset(&mut self, start: &Start, host: &Host) {
+        self.follow(host);
+        if start.is_reset {
+            self.life.reset(start.epoch.number, &self.controls);
+        } else {
+            self.life.interrupt(start.epoch.number, start.ease, &self.controls);
+        }
+        self.publish(host);
+    }
+
+    /// Whether they leave a frame unchanged.
+    pub(crate) fn is_off(&self) -> bool {
+        self.life.is_off(&self.controls)
+    }
+
+    /// Completes the next frame of the stream with a tick of the layers. `other_level` is the level
+    /// of the interlocutor's voice.
+    pub(crate) fn apply(&mut self, frame: &mut OwnedFrame, other_level: f32) {
+        let heard = Heard { sample: frame.sample, rate: self.rate };
+        self.life.apply(frame, &self.controls, other_level, Some(heard));
+    }
+
+    /// [`Self::apply`] with the host's newest requests. Publishes the number of those that have
+    /// begun.
+    pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame) {
+        self.follow(host);
+        self.apply(frame, host.other_level());
+        self.publish(host);
+    }
+
+    /// Applies a tick of the layers to a frame without audio, outside of the stream.
+    pub(super) fn apply_to_still(&mut self, host: &Host, frame: &mut OwnedFrame) {
+        self.life.apply(frame, &self.controls, host.other_level(), None);
+        host.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
+    }
+
+    /// Takes over the host's requests; if the host is writing them, the next frame does.
+    pub(super) fn follow(&mut self, host: &Host) {
+        host.controls.take(|controls| self.controls = *controls);
+    }
+
+    /// Publishes the numbers of begun gestures and passed hints for the host's setters.
+    fn publish(&self, host: &Host) {
+        host.passed_hints.store(self.life.passed_hints(), Ordering::Release);
+        host.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
+    }
+
+    /// Describes the layers; [`Self::controls_state`] follows later in a state.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.life.state(pass)
+    }
+
+    /// Describes the requests in force.
+    pub(crate) fn controls_state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.controls.state(pass)
+    }
+}
