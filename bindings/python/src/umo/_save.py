@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ._gltf import FIGURES, glb, vrma
-from ._library import JOINT_COUNT, suggestion
+from ._generated import JOINT_COUNT
+from ._library import suggestion
 
 if TYPE_CHECKING:
     from ._motion import Motion
