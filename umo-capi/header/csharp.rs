@@ -50,14 +50,13 @@ pub(crate) fn native(interface: &Interface) -> String {
 pub(crate) fn runtime(interface: &Interface) -> String {
     let structure = interface.structure("engine_config");
     let mut out = head("", "Umo.Unity");
-    out += "    // Settings of engines that are made from now on; 0 is the library's default.\n";
     out += "    public static partial class UmoRuntime\n    {\n";
-    for field in structure.settings() {
+    for field in structure.numbers() {
         out += &summary(interface, "        ", &field.docs.join(" "), Some(structure));
         out += &format!("        public static {} {} {{ get; set; }}\n\n", kind(field), pascal(&field.name));
     }
     out += "        private static void Configure(ref EngineConfig config)\n        {\n";
-    for field in structure.settings() {
+    for field in structure.numbers() {
         let name = pascal(&field.name);
         out += &format!("            if ({name} != 0) config.{name} = {name};\n");
     }

@@ -109,7 +109,7 @@ impl EngineConfig {
         };
 ",
     );
-    for field in structure.settings() {
+    for field in structure.numbers() {
         assert!(matches!(field.kind, Kind::U32), "{}: settings of engines are whole numbers so far", field.name);
         out += &format!("        set(\"umo/{}\", &mut self.{});\n", field.name, field.name);
     }

@@ -81,8 +81,8 @@ const GROUPS: [Group; 18] = [
 /// Constants that have a group's prefix but number none of its values.
 const SINGLE: [&str; 1] = ["PARAMETER_WHOLE"];
 
-/// Fields that are not settings: the size, and those that a binding sets from other arguments.
-const NOT_SETTINGS: [&str; 4] = ["struct_size", "mode", "core_count", "reserved"];
+/// Fields that are not for hosts to set: the size, and those that a binding sets from other arguments.
+const NOT_SET: [&str; 4] = ["struct_size", "mode", "core_count", "reserved"];
 
 /// Spelling of names in a language.
 pub(crate) trait Spelling {
@@ -172,14 +172,9 @@ impl Interface {
 }
 
 impl Structure {
-    /// Plain numbers that a host may set.
-    pub(crate) fn settings(&self) -> impl Iterator<Item = &Field> {
-        self.fields.iter().filter(|field| field.is_number() && !NOT_SETTINGS.contains(&field.name.as_str()))
-    }
-
-    /// Numbers that a call writes.
-    pub(crate) fn results(&self) -> impl Iterator<Item = &Field> {
-        self.settings()
+    /// Numbers that a host sets, or that a call writes for it.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = &Field> {
+        self.fields.iter().filter(|field| field.is_number() && !NOT_SET.contains(&field.name.as_str()))
     }
 
     /// Bytes, and the offset of each field, where a pointer has `pointer` bytes and 64-bit numbers are aligned to 8.

@@ -160,7 +160,7 @@ fn result(interface: &Interface, structure: &Structure) -> String {
     let docs = structure.docs.join(" ");
     let (summary, _) = docs.split_once(" Set `struct_size`").unwrap_or((&docs, ""));
     let mut out = format!("\n\nclass {}(NamedTuple):\n    \"\"\"{summary}\"\"\"\n\n", pascal(&structure.name));
-    for field in structure.results() {
+    for field in structure.numbers() {
         let kind = if matches!(field.kind, Kind::F32 | Kind::F64) { "float" } else { "int" };
         out += &format!("    {}: {kind}\n", field.name);
         out += &docstring(interface, "    ", &field.docs.join(" "), Some(structure));
@@ -198,18 +198,18 @@ class EngineArguments:
         cores: Sequence[int] = (),
 ",
     );
-    for field in structure.settings() {
+    for field in structure.numbers() {
         let (name, kind, _) = argument(field);
         out += &format!("        {name}: Optional[{kind}] = None,\n");
     }
     out += "    ) -> None:\n        \"\"\"Makes an engine. What is None is the library's default.\n\n";
-    for field in structure.settings() {
+    for field in structure.numbers() {
         let (name, _, docs) = argument(field);
         let docs = interface.translated(&[format!("`{name}`: {docs}")], &Python, Some(structure)).concat();
         let lines = wrapped(&docs, WIDTH - 8);
         out += &format!("        - {}\n", lines.join("\n          "));
     }
-    let values: Vec<_> = structure.settings().map(|field| format!("{}={}", field.name, argument(field).0)).collect();
+    let values: Vec<_> = structure.numbers().map(|field| format!("{}={}", field.name, argument(field).0)).collect();
     out + &format!(
         "        \"\"\"
         self._make(model, polled, cores, {})

@@ -33,7 +33,7 @@ pub(crate) fn settings(interface: &Interface) -> String {
         "// SPDX-License-Identifier: MIT OR Apache-2.0\n// {NOTICE}\n\n#pragma once\n\n#include \"CoreMinimal.h\"\n\
          #include \"Subsystems/EngineSubsystem.h\"\n\n#include \"UmoEngineSettings.generated.h\"\n"
     );
-    for group in structure.settings().filter_map(Field::group) {
+    for group in structure.numbers().filter_map(Field::group) {
         out += &enumeration(interface, group);
     }
     out += "
@@ -46,7 +46,7 @@ class UMO_API UUmoEngineSettings : public UEngineSubsystem
 public:
 ";
     let mut set = String::new();
-    for field in structure.settings() {
+    for field in structure.numbers() {
         assert!(matches!(field.kind, Kind::U32), "{}: settings of engines are whole numbers so far", field.name);
         let name = pascal(&field.name);
         let (kind, zero) = field.group().map_or(("int32".to_owned(), "0".to_owned()), |group| {

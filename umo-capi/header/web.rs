@@ -81,7 +81,7 @@ pub(crate) fn types(interface: &Interface) -> String {
     for (name, options) in OPTIONS {
         let structure = interface.structure(name);
         out += &format!("\nexport interface {options} {{\n");
-        for field in structure.settings() {
+        for field in structure.numbers() {
             out += &comment(interface, "  ", &field.docs.join(" "), Some(structure));
             out += &format!("  {}?: {};\n", camel(&field.name), option(interface, field));
         }
@@ -89,7 +89,7 @@ pub(crate) fn types(interface: &Interface) -> String {
     }
     let received = interface.structure("received");
     out += "\n/** Statistics of a decoder's packets. */\nexport interface Received {\n";
-    for field in received.results() {
+    for field in received.numbers() {
         out += &comment(interface, "  ", &field.docs.join(" "), Some(received));
         out += &format!("  {}: number;\n", camel(&field.name));
     }
@@ -139,7 +139,7 @@ fn layout(structure: &Structure) -> String {
     }
     out += "  },\n";
     if OPTIONS.iter().any(|(name, _)| *name == structure.name) {
-        let names: Vec<_> = structure.settings().map(|field| format!("\"{}\"", camel(&field.name))).collect();
+        let names: Vec<_> = structure.numbers().map(|field| format!("\"{}\"", camel(&field.name))).collect();
         out += &format!("  options: [{}],\n", names.join(", "));
     }
     out + "};\n"

@@ -3,7 +3,6 @@
 
 namespace Umo.Unity
 {
-    // Settings of engines that are made from now on; 0 is the library's default.
     public static partial class UmoRuntime
     {
         /// <summary>

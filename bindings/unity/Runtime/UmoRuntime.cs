@@ -8,7 +8,8 @@ namespace Umo.Unity
 {
     /// <summary>
     /// One engine per model file for the whole process, as long as somebody uses it. To keep a model loaded from scene to
-    /// scene, acquire it once more. For the main thread.
+    /// scene, acquire it once more. For the main thread. Settings are those of engines that are made from now on; 0 is the
+    /// library's default.
     /// </summary>
     public static partial class UmoRuntime
     {
