@@ -103,7 +103,7 @@ fn settings(structure: &Structure) -> String {
 impl EngineConfig {
     /// Sets what a project sets: numbers by their names. 0 is the library's default.
     pub(crate) fn set(&mut self, setting: impl Fn(&str) -> u32) {
-        let mut set = |name, field: &mut u32| match setting(name) {
+        let set = |name, field: &mut u32| match setting(name) {
             0 => {}
             value => *field = value,
         };
