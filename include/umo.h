@@ -360,7 +360,7 @@ typedef struct umo_log {
 typedef struct umo_engine_config {
     // `sizeof(umo_engine_config)`.
     uint32_t struct_size;
-    // `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
+    // Threads that compute: one of `UMO_ENGINE_…`.
     uint32_t mode;
     // Number of compute threads, 1 to 64. With `UMO_ENGINE_POLLED` the polling thread is one of them, and
     // the engine starts the others unless `jobs` lends them.
@@ -380,11 +380,11 @@ typedef struct umo_engine_config {
     const struct umo_jobs *jobs;
     // Log callback for this engine and its sessions, or NULL.
     const struct umo_log *log;
-    // `UMO_PRIORITY_…` of the engine's own threads. If the system refuses it, they run at
+    // Priority of the engine's own threads: one of `UMO_PRIORITY_…`. If the system refuses it, they run at
     // `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what would permit it.
     uint32_t priority;
-    // Batching window, milliseconds: the longest that a due chunk waits for others to be computed with. With 50, 32
-    // avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
+    // Batching window, milliseconds: the longest that a due chunk waits for others to be computed with. With 50 ms,
+    // 32 avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
     // start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
     // 0: no chunk waits.
     uint32_t gather_ms;

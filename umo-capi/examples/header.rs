@@ -1,8 +1,8 @@
-//! Writes `include/umo.h`: `cargo run -p umo-capi --example header`.
+//! Writes `include/umo.h` and the generated files of the bindings: `cargo run --release -p umo-capi --example header`.
 
 #[path = "../header/generate.rs"]
 mod generate;
 
 fn main() -> std::io::Result<()> {
-    std::fs::write(generate::PATH, generate::header())
+    generate::files().iter().try_for_each(generate::File::write)
 }

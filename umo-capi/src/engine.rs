@@ -67,7 +67,7 @@ pub struct UmoJobs {
 pub struct UmoEngineConfig {
     /// `sizeof(umo_engine_config)`.
     pub struct_size: u32,
-    /// `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
+    /// Threads that compute: one of `UMO_ENGINE_…`.
     pub mode: u32,
     /// Number of compute threads, 1 to 64. With `UMO_ENGINE_POLLED` the polling thread is one of them, and
     /// the engine starts the others unless `jobs` lends them.
@@ -87,11 +87,11 @@ pub struct UmoEngineConfig {
     pub jobs: *const UmoJobs,
     /// Log callback for this engine and its sessions, or NULL.
     pub log: *const UmoLog,
-    /// `UMO_PRIORITY_…` of the engine's own threads. If the system refuses it, they run at
+    /// Priority of the engine's own threads: one of `UMO_PRIORITY_…`. If the system refuses it, they run at
     /// `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what would permit it.
     pub priority: u32,
-    /// Batching window, milliseconds: the longest that a due chunk waits for others to be computed with. With 50, 32
-    /// avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
+    /// Batching window, milliseconds: the longest that a due chunk waits for others to be computed with. With 50 ms,
+    /// 32 avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
     /// start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
     /// 0: no chunk waits.
     pub gather_ms: u32,

@@ -14,7 +14,7 @@ use crate::parameter::UmoParameterInfo;
 use crate::session::packets::UmoReceived;
 use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
 
-/// These numbers are also in `tests/capi/layout.c` and in the bindings.
+/// Programs are compiled with these numbers; `tests/capi/generated.h` has all.
 #[test]
 fn structures_have_the_layout_that_c_has() {
     fn sized<T: Sized32>(bytes: usize) {

@@ -11,7 +11,7 @@ use godot::prelude::*;
 use crate::ffi;
 use crate::rig::{Face, Rig};
 use crate::source::{self, Source};
-use crate::umo::{Engine, FileGesture, Hint, Model, Play, Session, Settings, Shown};
+use crate::umo::{FileGesture, Hint, Model, Play, Session, Settings, Shown};
 
 /// Where a project keeps umo's library, beside this one: a folder a platform, as `umo.gdextension` says.
 const ADDON: &str = "res://addons/umo/bin/";
@@ -34,7 +34,10 @@ const LIBRARY: &str = if cfg!(target_os = "windows") {
     "libumo.so"
 };
 
-const IDLE_REST: i32 = 1;
+const IDLE_REST: i32 = ffi::IDLE_REST.cast_signed();
+// Attributes of properties cannot take the numbers of their values from constants.
+const _: () =
+    assert!(ffi::IDLE_REST == 1 && ffi::IDLE_LIVE == 2 && ffi::ATTENTION_SPEAKING == 4 && ffi::MOOD_AFRAID == 6);
 /// Hints of lips that wait for a line, and as many as the library keeps.
 const MOST_HINTS: usize = 64;
 const VOICE_AUTO: i32 = 0;
@@ -588,7 +591,7 @@ impl UmoAvatar3D {
     /// Names of the joints, in the order of a frame's rotations.
     #[func]
     fn get_joint_names(&self) -> PackedStringArray {
-        self.names(ffi::JOINTS, |model, index| model.joint_name(index))
+        self.names(ffi::JOINT_COUNT, |model, index| model.joint_name(index))
     }
 
     /// For each joint its parent, -1 for the first.
@@ -614,7 +617,7 @@ impl UmoAvatar3D {
     /// Names of the visemes, in a frame's order.
     #[func]
     fn get_viseme_names(&self) -> PackedStringArray {
-        self.names(ffi::VISEMES, |model, index| model.viseme_name(index))
+        self.names(ffi::VISEME_COUNT, |model, index| model.viseme_name(index))
     }
 
     #[func]
@@ -751,13 +754,7 @@ impl UmoAvatar3D {
             }
             Ok(bytes)
         };
-        let engine = Engine {
-            threads: setting("umo/threads"),
-            max_sessions: setting("umo/max_avatars"),
-            priority: setting("umo/priority"),
-            gather_ms: setting("umo/gather_ms"),
-        };
-        let model = Model::shared(&path.to_string(), &places(), engine, read)?;
+        let model = Model::shared(&path.to_string(), &places(), setting, read)?;
         self.own_gestures.iter().try_for_each(|gesture| model.add_gesture(gesture))?;
         self.shared = Some(model);
         self.open_session(None, self.voice == VOICE_LIVE)

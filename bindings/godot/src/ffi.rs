@@ -1,171 +1,16 @@
-//! What `umo.h` declares, as far as it is used here, and the library itself, opened while the game
-//! runs: a project without it still starts, and its avatars say what is missing.
-//!
-//! `tests/layout.c` holds the sizes and offsets at the end of this file against the header.
+//! What `umo.h` declares, and the library itself, opened while the game runs: a project without it
+//! still starts, and its avatars say what is missing.
 
 use std::ffi::{CStr, c_char, c_void};
 use std::path::{Path, PathBuf};
 
-/// `UMO_ABI_VERSION` of the header that this was written by.
-pub(crate) const ABI_VERSION: u32 = 1;
-/// `UMO_STATUS_BUSY`.
-pub(crate) const STATUS_BUSY: Status = -11;
-pub(crate) const AXES_GLTF: u32 = 0;
-pub(crate) const ABSENT: u32 = u32::MAX;
-pub(crate) const MODEL_NOTICE: u32 = 3;
-pub(crate) const PARAMETER_IDLE: u32 = 4;
-pub(crate) const PARAMETER_ATTENTION: u32 = 5;
-pub(crate) const PARAMETER_OUTPUT_DELAY: u32 = 6;
-pub(crate) const PARAMETER_GAIN_FACE: u32 = 16;
-pub(crate) const PARAMETER_GAIN_HANDS: u32 = 17;
-pub(crate) const PARAMETER_GAIN_UPPER: u32 = 18;
-pub(crate) const PARAMETER_GAIN_LOWER: u32 = 19;
-pub(crate) const PARAMETER_LAYER_GAZE: u32 = 32;
-pub(crate) const PARAMETER_LAYER_IDLE: u32 = 33;
-pub(crate) const PARAMETER_LAYER_ASYMMETRY: u32 = 34;
-pub(crate) const PARAMETER_LAYER_NODS: u32 = 35;
-pub(crate) const PARAMETER_LAYER_MOOD: u32 = 36;
-pub(crate) const PARAMETER_LAYER_FEET: u32 = 37;
-pub(crate) const VOICE_DELAYED: u32 = 0;
-pub(crate) const VOICE_LIVE: u32 = 1;
-pub(crate) const JOINTS: usize = 55;
-pub(crate) const VISEMES: usize = 15;
-pub(crate) const ERROR_SIZE: usize = 512;
+mod generated;
+
+pub(crate) use generated::*;
 
 pub(crate) type Status = i32;
 /// `umo_model`, `umo_engine`, `umo_session`: handles, never pointers to memory.
 pub(crate) type Handle = *mut c_void;
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub(crate) struct EngineConfig {
-    pub(crate) struct_size: u32,
-    pub(crate) mode: u32,
-    pub(crate) threads: u32,
-    pub(crate) max_sessions: u32,
-    pub(crate) max_batch: u32,
-    pub(crate) core_count: u32,
-    pub(crate) cores: *const u32,
-    pub(crate) jobs: *const c_void,
-    pub(crate) log: *const c_void,
-    pub(crate) priority: u32,
-    pub(crate) gather_ms: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub(crate) struct FrameLayout {
-    pub(crate) struct_size: u32,
-    pub(crate) axes: u32,
-    pub(crate) frame_stride: u32,
-    pub(crate) index: u32,
-    pub(crate) sample: u32,
-    pub(crate) translation: u32,
-    pub(crate) rotations: u32,
-    pub(crate) rotation_stride: u32,
-    pub(crate) channels: u32,
-    pub(crate) channel_stride: u32,
-    pub(crate) visemes: u32,
-    pub(crate) reserved: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-pub(crate) struct ModelInfo {
-    pub(crate) struct_size: u32,
-    pub(crate) frame_rate: u32,
-    pub(crate) sample_rate: u32,
-    pub(crate) joints: u32,
-    pub(crate) channels: u32,
-    pub(crate) is_arkit: u32,
-    pub(crate) keyframe_stride: u32,
-    pub(crate) target: u32,
-    pub(crate) max_target: u32,
-    pub(crate) lookahead: u32,
-    pub(crate) latency_frames: u32,
-    pub(crate) max_prompt: u32,
-    pub(crate) has_text: u32,
-    pub(crate) has_notice: u32,
-    pub(crate) file_size: u64,
-    pub(crate) has_mouth: u32,
-    pub(crate) max_horizon: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub(crate) struct SessionConfig {
-    pub(crate) struct_size: u32,
-    pub(crate) sample_rate: u32,
-    pub(crate) channels: u32,
-    pub(crate) target: u32,
-    pub(crate) lookahead: u32,
-    pub(crate) idle: u32,
-    pub(crate) idle_after_ms: u32,
-    pub(crate) ease_ms: u32,
-    pub(crate) queue_frames: u32,
-    pub(crate) voice: u32,
-    pub(crate) seed: u64,
-    pub(crate) template_name: *const c_char,
-    pub(crate) allocator: *const c_void,
-    pub(crate) smoothing: f32,
-    pub(crate) guidance: f32,
-    pub(crate) horizon: u32,
-    pub(crate) packets: u32,
-    pub(crate) packet_history: u32,
-    pub(crate) patience: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub(crate) struct GestureOptions {
-    pub(crate) struct_size: u32,
-    pub(crate) side: u32,
-    pub(crate) axes: u32,
-    pub(crate) has_target: u32,
-    pub(crate) at: f64,
-    pub(crate) speed: f32,
-    pub(crate) strength: f32,
-    pub(crate) target: [f32; 3],
-    pub(crate) reserved: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Sampled {
-    pub(crate) struct_size: u32,
-    pub(crate) is_ahead: u32,
-    pub(crate) oldest: f64,
-    pub(crate) newest: f64,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Latency {
-    pub(crate) struct_size: u32,
-    pub(crate) reserved: u32,
-    pub(crate) algorithmic_samples: u64,
-    pub(crate) compute_p50: f64,
-    pub(crate) compute_p99: f64,
-    pub(crate) compute_p999: f64,
-    pub(crate) compute_max: f64,
-    pub(crate) backlog_samples: u64,
-    pub(crate) backlog_max_samples: u64,
-    pub(crate) mouth_samples: u64,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Stats {
-    pub(crate) struct_size: u32,
-    pub(crate) reserved: u32,
-    pub(crate) chunks: u64,
-    pub(crate) frames: u64,
-    pub(crate) late_frames: u64,
-    pub(crate) dropped_frames: u64,
-    pub(crate) overruns: u64,
-    pub(crate) silenced: u64,
-    pub(crate) held_chunks: u64,
-}
 
 /// The library's functions by their names in `umo.h`, without `umo_`.
 macro_rules! library {
@@ -280,17 +125,3 @@ pub(crate) unsafe fn text(text: *const c_char) -> String {
     // SAFETY: guaranteed by the caller (see # Safety).
     unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
 }
-
-#[cfg(target_pointer_width = "64")]
-const _: () = {
-    use std::mem::{offset_of, size_of};
-    assert!(size_of::<EngineConfig>() == 56 && offset_of!(EngineConfig, priority) == 48);
-    assert!(size_of::<FrameLayout>() == 48 && offset_of!(FrameLayout, visemes) == 40);
-    assert!(size_of::<ModelInfo>() == 72 && offset_of!(ModelInfo, has_mouth) == 64);
-    assert!(size_of::<SessionConfig>() == 88 && offset_of!(SessionConfig, seed) == 40);
-    assert!(offset_of!(SessionConfig, voice) == 36 && offset_of!(SessionConfig, horizon) == 72);
-    assert!(size_of::<GestureOptions>() == 48 && offset_of!(GestureOptions, target) == 32);
-    assert!(size_of::<Sampled>() == 24 && offset_of!(Sampled, newest) == 16);
-    assert!(size_of::<Latency>() == 72 && offset_of!(Latency, mouth_samples) == 64);
-    assert!(size_of::<Stats>() == 64 && offset_of!(Stats, held_chunks) == 56);
-};

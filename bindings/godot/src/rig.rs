@@ -7,7 +7,7 @@ use godot::prelude::*;
 
 use umo_core::{Follow, Mapping, RetargetError};
 
-use crate::ffi::JOINTS;
+use crate::ffi::JOINT_COUNT;
 use crate::umo::{CHANNELS_AT, Model};
 
 const ANKLES: [usize; 2] = [7, 8];
@@ -33,7 +33,7 @@ pub(crate) struct Rig {
     version: u64,
     /// Parents first.
     bones: Vec<Bone>,
-    parents: [i32; JOINTS],
+    parents: [i32; JOINT_COUNT],
     /// The hips; where umo's origin, on the floor, is in the skeleton; from there to the hips'
     /// parent; a metre of umo's.
     root: Option<(i32, Vector3, Transform3D, f32)>,
@@ -47,7 +47,7 @@ impl Rig {
         let (mapping, problem) =
             names(skeleton).unwrap_or_else(|problem| (Mapping::default(), Some(problem.to_string())));
         let index = |bone: usize| i32::try_from(bone).ok();
-        let bone_of: [Option<i32>; JOINTS] = std::array::from_fn(|joint| mapping.bone(joint).and_then(index));
+        let bone_of: [Option<i32>; JOINT_COUNT] = std::array::from_fn(|joint| mapping.bone(joint).and_then(index));
         let follows = || mapping.follows().filter_map(|follow| Some((index(follow.bone)?, follow)));
         let joint_of: HashMap<i32, Follow> = follows().collect();
         let corrections = corrections(skeleton, model, &bone_of);
@@ -95,7 +95,7 @@ impl Rig {
 
     /// Shows a frame.
     pub(crate) fn pose(&mut self, skeleton: &mut Gd<Skeleton3D>, frame: &[f32], moves_root: bool) {
-        let mut body = [Quaternion::default(); JOINTS];
+        let mut body = [Quaternion::default(); JOINT_COUNT];
         for (joint, q) in frame[3..CHANNELS_AT].chunks_exact(4).enumerate() {
             let q = Quaternion::new(q[0], q[1], q[2], q[3]);
             body[joint] = match usize::try_from(self.parents[joint]) {
@@ -154,8 +154,12 @@ fn offset(model: &Model, joint: usize) -> Vector3 {
 
 /// How far each joint's bone is turned from the skeleton's rest to umo's T: arms only, for whose
 /// rest artists choose anything from a T to an A; hands and fingers go along.
-fn corrections(skeleton: &Gd<Skeleton3D>, model: &Model, bone_of: &[Option<i32>; JOINTS]) -> [Quaternion; JOINTS] {
-    let mut corrections = [Quaternion::default(); JOINTS];
+fn corrections(
+    skeleton: &Gd<Skeleton3D>,
+    model: &Model,
+    bone_of: &[Option<i32>; JOINT_COUNT],
+) -> [Quaternion; JOINT_COUNT] {
+    let mut corrections = [Quaternion::default(); JOINT_COUNT];
     for (joint, child) in ARMS {
         let (Some(bone), Some(child_bone)) = (bone_of[joint], bone_of[child]) else { continue };
         let place = |bone| skeleton.get_bone_global_rest(bone).origin;
@@ -168,7 +172,7 @@ fn corrections(skeleton: &Gd<Skeleton3D>, model: &Model, bone_of: &[Option<i32>;
         let axis = from.cross(to);
         corrections[joint] = Quaternion::new(axis.x, axis.y, axis.z, 1.0 + from.dot(to)).normalized();
     }
-    for joint in 0..JOINTS {
+    for joint in 0..JOINT_COUNT {
         let Ok(parent) = usize::try_from(model.parents[joint]) else { continue };
         let below_elbow = ELBOWS.contains(&parent) || parent > ELBOWS[1] && is_below(model, parent, &ELBOWS);
         if below_elbow {
@@ -190,7 +194,7 @@ fn is_below(model: &Model, joint: usize, above: &[usize]) -> bool {
 fn root(
     skeleton: &Gd<Skeleton3D>,
     model: &Model,
-    bone_of: &[Option<i32>; JOINTS],
+    bone_of: &[Option<i32>; JOINT_COUNT],
 ) -> Option<(i32, Vector3, Transform3D, f32)> {
     let hips = bone_of[0]?;
     let rest = skeleton.get_bone_global_rest(hips).origin;

@@ -12,20 +12,10 @@ use std::sync::OnceLock;
 
 use godot::builtin::PackedByteArray;
 
-use crate::ffi::{self, Handle, JOINTS, Latency, Library, ModelInfo, Stats, Status, VISEMES};
+use crate::ffi::{self, Handle, JOINT_COUNT, Latency, Library, ModelInfo, Stats, Status, VISEME_COUNT};
 
 /// Floats of a translation and of all rotations: where the channels begin in a frame.
-pub(crate) const CHANNELS_AT: usize = 3 + 4 * JOINTS;
-
-/// How many avatars an engine takes, and with how many threads of which priority it computes, and how many milliseconds
-/// chunks wait for others; 0 is umo's default.
-#[derive(Clone, Copy)]
-pub(crate) struct Engine {
-    pub(crate) threads: u32,
-    pub(crate) max_sessions: u32,
-    pub(crate) priority: u32,
-    pub(crate) gather_ms: u32,
-}
+pub(crate) const CHANNELS_AT: usize = 3 + 4 * JOINT_COUNT;
 
 /// A loaded model and its engine: shared by all avatars that name the same file.
 pub(crate) struct Model {
@@ -34,9 +24,9 @@ pub(crate) struct Model {
     engine: Handle,
     pub(crate) info: ModelInfo,
     pub(crate) channels: Vec<String>,
-    pub(crate) parents: [i32; JOINTS],
+    pub(crate) parents: [i32; JOINT_COUNT],
     /// Where each joint is in its parent's frame at rest, metres.
-    pub(crate) offsets: [[f32; 3]; JOINTS],
+    pub(crate) offsets: [[f32; 3]; JOINT_COUNT],
 }
 
 thread_local! {
@@ -73,18 +63,19 @@ fn check(library: &Library, status: Status) -> Result<(), String> {
 }
 
 impl Model {
-    /// The model of that name, loaded from what `read` gives where no avatar has it yet.
+    /// The model of that name, loaded from what `read` gives where no avatar has it yet; `setting` is a number of the
+    /// project's settings, for its engine.
     pub(crate) fn shared(
         name: &str,
         places: &[PathBuf],
-        engine: Engine,
+        setting: impl Fn(&str) -> u32,
         read: impl FnOnce() -> Result<PackedByteArray, String>,
     ) -> Result<Rc<Self>, String> {
         let there = MODELS.with_borrow(|models| models.get(name).and_then(Weak::upgrade));
         if let Some(model) = there {
             return Ok(model);
         }
-        let model = Rc::new(Self::load(library(places)?, read()?.as_slice(), engine)?);
+        let model = Rc::new(Self::load(library(places)?, read()?.as_slice(), setting)?);
         MODELS.with_borrow_mut(|models| {
             models.retain(|_, model| model.strong_count() > 0);
             models.insert(name.into(), Rc::downgrade(&model));
@@ -92,7 +83,7 @@ impl Model {
         Ok(model)
     }
 
-    fn load(library: &'static Library, bytes: &[u8], engine: Engine) -> Result<Self, String> {
+    fn load(library: &'static Library, bytes: &[u8], setting: impl Fn(&str) -> u32) -> Result<Self, String> {
         // What is made up to a failure is freed with it.
         let mut model = Self {
             library,
@@ -100,8 +91,8 @@ impl Model {
             engine: null_mut(),
             info: ModelInfo { struct_size: ffi::size::<ModelInfo>(), ..ModelInfo::default() },
             channels: Vec::new(),
-            parents: [-1; JOINTS],
-            offsets: [[0.0; 3]; JOINTS],
+            parents: [-1; JOINT_COUNT],
+            offsets: [[0.0; 3]; JOINT_COUNT],
         };
         let (data, size, into) = (bytes.as_ptr(), bytes.len(), &mut model.model);
         // SAFETY: `data` has `size` bytes, not needed later; a NULL configuration is allowed.
@@ -120,7 +111,8 @@ impl Model {
         }
         let (parents, offsets) = (model.parents.as_mut_ptr(), model.offsets.as_flattened_mut().as_mut_ptr());
         // SAFETY: both have room for all joints.
-        let status = unsafe { (library.model_get_skeleton)(model.model, ffi::AXES_GLTF, parents, offsets, JOINTS) };
+        let status =
+            unsafe { (library.model_get_skeleton)(model.model, ffi::AXES_GLTF, parents, offsets, JOINT_COUNT) };
         check(library, status)?;
 
         let mut config = std::mem::MaybeUninit::uninit();
@@ -128,15 +120,8 @@ impl Model {
         let status = unsafe { (library.engine_config_init)(config.as_mut_ptr(), size_of::<ffi::EngineConfig>()) };
         check(library, status)?;
         // SAFETY: just initialised.
-        let mut config = unsafe { config.assume_init() };
-        if engine.threads > 0 {
-            config.threads = engine.threads;
-        }
-        if engine.max_sessions > 0 {
-            config.max_sessions = engine.max_sessions;
-        }
-        config.priority = engine.priority;
-        config.gather_ms = engine.gather_ms;
+        let mut config: ffi::EngineConfig = unsafe { config.assume_init() };
+        config.set(setting);
         // SAFETY: no cores, jobs or log are given.
         let status = unsafe { (library.engine_new)(model.model, &config, &mut model.engine) };
         check(library, status)?;
@@ -206,7 +191,7 @@ impl Model {
     /// Floats of a frame: translation, rotations, channels, visemes where the model has ARKit's
     /// channels.
     pub(crate) fn frame_floats(&self) -> usize {
-        CHANNELS_AT + self.channels.len() + if self.info.is_arkit == 1 { VISEMES } else { 0 }
+        CHANNELS_AT + self.channels.len() + if self.info.is_arkit == 1 { VISEME_COUNT } else { 0 }
     }
 
     /// Where a frame's values go, behind `head` bytes that are left alone.

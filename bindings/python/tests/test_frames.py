@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import umo
-from umo import _library
+from umo import _generated, _library
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def reference(prefix, tmp_path_factory):
     subprocess.run(command, check=True)
 
     def run(samples, rate, channels=1, axes="gltf"):
-        arguments = [prefix, str(rate), str(channels), str(_library.AXES[axes])]
+        arguments = [prefix, str(rate), str(channels), str(_generated.AXES[axes])]
         return subprocess.run([program, *arguments], input=samples.tobytes(), check=True, stdout=subprocess.PIPE).stdout
 
     return run

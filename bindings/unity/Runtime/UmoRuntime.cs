@@ -8,9 +8,10 @@ namespace Umo.Unity
 {
     /// <summary>
     /// One engine per model file for the whole process, as long as somebody uses it. To keep a model loaded from scene to
-    /// scene, acquire it once more. For the main thread.
+    /// scene, acquire it once more. For the main thread. Settings are those of engines that are made from now on; 0 is the
+    /// library's default.
     /// </summary>
-    public static class UmoRuntime
+    public static partial class UmoRuntime
     {
         private sealed class Shared
         {
@@ -19,21 +20,6 @@ namespace Umo.Unity
         }
 
         private static readonly Dictionary<string, Shared> Engines = new Dictionary<string, Shared>();
-
-        /// <summary>Threads of engines that are made from now on; 0 is the library's default.</summary>
-        public static uint Threads { get; set; }
-
-        /// <summary>
-        /// Priority of the threads of engines that are made from now on. High: frames come in time while the game keeps every
-        /// core busy; Linux refuses it to most users. Low: the game has its cores first.
-        /// </summary>
-        public static Priority Priority { get; set; }
-
-        /// <summary>
-        /// The longest that a chunk waits for others, to be computed together, milliseconds, in engines that are made from now
-        /// on. With 50, 32 avatars take about a fifth less processor time, and frames come later by the wait.
-        /// </summary>
-        public static uint GatherMs { get; set; }
 
         /// <summary>
         /// Whether engines compute on the main thread, in <see cref="Compute"/>: a player of a browser has no other threads.
@@ -68,9 +54,7 @@ namespace Umo.Unity
                 try
                 {
                     EngineConfig config = Engine.Defaults;
-                    if (Threads > 0) config.Threads = Threads;
-                    config.Priority = Priority;
-                    config.GatherMs = GatherMs;
+                    Configure(ref config);
                     if (IsPolled)
                     {
                         config.Mode = EngineMode.Polled;

@@ -552,6 +552,17 @@ namespace Umo.Unity.Tests
         }
 
         [Test]
+        public void settings_are_those_of_the_engines_made_from_then_on()
+        {
+            string path = Path.Combine(Application.streamingAssetsPath, avatar.model), problem = "";
+            UmoRuntime.MaxBatch = 65;
+            try { UmoRuntime.Acquire(path); }
+            catch (UmoException error) { problem = error.Message; }
+            finally { UmoRuntime.MaxBatch = 0; }
+            Assert.IsTrue(problem.Contains("65"), problem);
+        }
+
+        [Test]
         public void what_is_wrong_is_said_in_the_inspector()
         {
             var inspector = new Editing.UmoAvatarInspector { target = avatar };

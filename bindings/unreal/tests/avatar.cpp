@@ -38,6 +38,12 @@ namespace {
 
 constexpr std::uint32_t rate = 16000;
 
+umo_engine_config one_thread() {
+    umo_engine_config config = umo::engine::defaults();
+    config.threads = 1;
+    return config;
+}
+
 /// The samples of a 16-bit mono recording of 16 kHz with a header of 44 bytes, as the file in assets/ is.
 std::vector<float> recording(const char *path) {
     std::ifstream file(path, std::ios::binary);
@@ -175,10 +181,10 @@ void a_model_of_memory_is_that_of_the_file(const char *model) {
     std::string problem;
     Hosts hosts;
     EXPECT(!hosts.has("assets/model"));
-    const auto host = hosts.open("assets/model", {1}, problem, content.data(), content.size());
+    const auto host = hosts.open("assets/model", one_thread(), problem, content.data(), content.size());
     EXPECT(host != nullptr && hosts.has("assets/model"));
-    EXPECT(hosts.open("assets/model", {1}, problem) == host);
-    EXPECT(hosts.open("assets/other", {1}, problem, content.data(), 16) == nullptr && !problem.empty());
+    EXPECT(hosts.open("assets/model", one_thread(), problem) == host);
+    EXPECT(hosts.open("assets/other", one_thread(), problem, content.data(), 16) == nullptr && !problem.empty());
 }
 
 /// Speech is heard at once, and the mouth's frames are those of what is heard, computed or not.
@@ -224,7 +230,7 @@ void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<f
 void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float> &samples) {
     std::string problem;
     Hosts hosts;
-    const auto host = hosts.open(model, {1}, problem);
+    const auto host = hosts.open(model, one_thread(), problem);
     EXPECT(host != nullptr && host->info.has_mouth == 1);
     if (!host) return;
     Settings settings = plain();
@@ -386,10 +392,10 @@ void idle_modes_go_on_without_audio(const std::shared_ptr<Host> &host) {
 void hosts_are_shared_and_errors_say_what(const char *model) {
     Hosts hosts;
     std::string problem;
-    EXPECT(hosts.open("no/such/model.safetensors", {}, problem) == nullptr);
+    EXPECT(hosts.open("no/such/model.safetensors", umo::engine::defaults(), problem) == nullptr);
     EXPECT(problem.find("no/such/model.safetensors") != std::string::npos);
-    auto host = hosts.open(model, {1}, problem);
-    EXPECT(host != nullptr && hosts.open(model, {1}, problem) == host && hosts.count() == 1);
+    auto host = hosts.open(model, one_thread(), problem);
+    EXPECT(host != nullptr && hosts.open(model, one_thread(), problem) == host && hosts.count() == 1);
     if (!host) return;
     // The curves are ARKit's, as MetaHuman's face and Live Link Face name them.
     EXPECT(host->info.is_arkit == 1 && host->channels.size() == 52);
@@ -457,7 +463,7 @@ void gestures_and_settings_are_the_host_s(const std::shared_ptr<Host> &host, con
 void a_lost_engine_is_told_once(const char *model) {
     std::string problem;
     Hosts hosts;
-    auto host = hosts.open(model, {1}, problem);
+    auto host = hosts.open(model, one_thread(), problem);
     auto avatar = Avatar::make(host, plain(), problem);
     EXPECT(avatar && avatar->failure().empty());
     host->engine.reset();
@@ -484,7 +490,7 @@ int main(int count, char **arguments) {
     a_live_mouth_goes_with_the_sound(arguments[3], samples);
     Hosts hosts;
     std::string problem;
-    const auto host = hosts.open(arguments[1], {}, problem);
+    const auto host = hosts.open(arguments[1], umo::engine::defaults(), problem);
     EXPECT(host != nullptr);
     if (host) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);

@@ -1,35 +1,13 @@
 // The engine in this thread: models, sessions and poses, over the C interface of `umo.wasm`. In a page it belongs in a worker
 // (`avatar.js`, `worker.js`); in Node it can be called as it is.
 
-const ABI = 1;
-const POLLED = 1;
-const AXES_GLTF = 0;
-const ABSENT = 0xffff_ffff;
-const PRECISIONS = { stored: 0, f32: 1, bf16: 2, int8: 3 };
-const VOICES = { delayed: 0, live: 1 };
-const PACKETS = { none: 0, besideFrames: 1, only: 2 };
-/** Options of a session that are names. */
-const NAMED = { voice: VOICES, packets: PACKETS };
-const STATUS_BUFFER_TOO_SMALL = -5;
+import {
+  ABI_VERSION, ABSENT, AXES, ENGINE_CONFIG, FRAME_LAYOUT, GESTURE_OPTIONS, LATENCY, MODEL_CONFIG, MODEL_INFO, MODEL_TEXTS, RECEIVED, SAMPLED,
+  SESSION_CONFIG, STATUSES, VISEME_COUNT,
+} from "./generated.js";
 
-/** Names of the statuses of `umo.h`, from -1 on. */
-const STATUSES = [
-  "NULL_POINTER", "INVALID_HANDLE", "INVALID_ARGUMENT", "STRUCT_SIZE", "BUFFER_TOO_SMALL", "VERSION", "IO", "MODEL", "OUT_OF_MEMORY",
-  "FULL", "BUSY", "FINISHED", "FAILED", "CLOSED", "PANIC", "UNSUPPORTED", "STATE", "THREAD", "PACKET",
-];
-
-/** Parameters of `session.set`. */
-export const Parameter = Object.freeze({
-  temperature: 1, topK: 2, topP: 3, idle: 4, attention: 5, gainFace: 16, gainHands: 17, gainUpper: 18, gainLower: 19, layerGaze: 32,
-  layerIdle: 33, layerAsymmetry: 34, layerNods: 35, layerMood: 36, layerFeet: 37,
-});
-/** Moods of `session.mood`. */
-export const Mood = Object.freeze({ neutral: 0, joy: 1, sad: 2, angry: 3, surprised: 4, disgusted: 5, afraid: 6 });
-/** Values of `Parameter.attention`. */
-export const Attention = Object.freeze({ auto: 0, idle: 1, listening: 2, thinking: 3, speaking: 4 });
-/** Values of `Parameter.idle` and of the option `idle` of a session. */
-export const Idle = Object.freeze({ hold: 0, rest: 1, live: 2 });
-const SIDES = { auto: 0, left: 1, right: 2, both: 3 };
+/** Names of the statuses by their numbers. */
+const STATUS_NAMES = new Map(Object.entries(STATUSES).map(([name, status]) => [status, name]));
 
 /** A call that failed: `status` is the name that `umo.h` has for it. */
 export class UmoError extends Error {
@@ -39,24 +17,6 @@ export class UmoError extends Error {
     this.status = status;
   }
 }
-
-/** Sizes and offsets of the structures of `umo.h` where pointers have 32 bits. */
-const MODEL_CONFIG = { size: 20, precision: 4, isa: 8 };
-const ENGINE_CONFIG = { size: 44, mode: 4, threads: 8, maxSessions: 12, maxBatch: 16 };
-const SESSION_CONFIG = {
-  size: 80, sampleRate: 4, channels: 8, target: 12, lookahead: 16, idle: 20, idleAfterMs: 24, easeMs: 28, queueFrames: 32, voice: 36, seed: 40,
-  smoothing: 56, guidance: 60, horizon: 64, packets: 68, packetHistory: 72, patience: 76,
-};
-const MODEL_INFO = {
-  frameRate: 4, sampleRate: 8, joints: 12, channels: 16, isArkit: 20, keyframeStride: 24, target: 28, maxTarget: 32, lookahead: 36,
-  latencyFrames: 40, maxPrompt: 44, hasText: 48, hasNotice: 52,
-};
-const INFO = { size: 72, hasMouth: 64 };
-const LAYOUT = { size: 48, stride: 8, index: 12, sample: 16, translation: 20, rotations: 24, channels: 32, visemes: 40 };
-const SAMPLED = { size: 24, isAhead: 4, oldest: 8, newest: 16 };
-const LATENCY = { size: 72, algorithmic: 8, mouth: 64 };
-const DECODER_STATS = { size: 40, packets: 8, late: 16, lost: 24, held: 32 };
-const GESTURE = { size: 48, side: 4, hasTarget: 12, at: 16, speed: 24, strength: 28, target: 32 };
 
 /** Bytes for structures and texts, and samples that one call pushes. */
 const SCRATCH = 4096;
@@ -74,7 +34,7 @@ export class Library {
     this.trap = null;
     this.scratch = this.allocate(SCRATCH);
     this.audio = this.allocate(4 * CHUNK);
-    if (this.exports.umo_abi_version() >>> 16 !== ABI >>> 16) throw new UmoError("VERSION", "umo.wasm is of another version than this package");
+    if (this.exports.umo_abi_version() >>> 16 !== ABI_VERSION >>> 16) throw new UmoError("VERSION", "umo.wasm is of another version than this package");
   }
 
   /** Valid until the next call, which may move the memory. */
@@ -105,6 +65,29 @@ export class Library {
     return { at: this.scratch + offset, length: bytes.length - 1 };
   }
 
+  /** Sets fields of a structure; values that have names by these. */
+  set(at, { fields }, values) {
+    for (const [field, value] of Object.entries(values)) {
+      const [offset, type, names] = fields[field];
+      if (names && !Object.hasOwn(names, value)) throw new UmoError("INVALID_ARGUMENT", `${field} ${value} is none of ${Object.keys(names)}`);
+      const number = names ? names[value] : value;
+      this.view[`set${type}`](at + offset, type === "BigUint64" ? BigInt(number) : number, true);
+    }
+  }
+
+  /** Sets options that a caller gave: fields of a structure that are free to be set. */
+  configure(at, structure, options, what) {
+    const unknown = Object.keys(options).find((name) => !structure.options.includes(name));
+    if (unknown !== undefined) throw new UmoError("INVALID_ARGUMENT", `${what} has no option ${unknown}`);
+    this.set(at, structure, options);
+  }
+
+  /** A field of a structure, as a number. */
+  get(at, { fields }, field) {
+    const [offset, type] = fields[field];
+    return Number(this.view[`get${type}`](at + offset, true));
+  }
+
   /** Calls a function. A trap ends the module: it has no way to go on. */
   run(name, ...args) {
     if (this.trap) throw this.trap;
@@ -124,7 +107,7 @@ export class Library {
     if (/^umo_(session|decoder)_(?!new)/.test(name) && args[0] && this.run("umo_session_last_error", args[0], this.scratch + 2048, 512, 0) === 0) {
       detail = this.text(this.scratch + 2048) || detail;
     }
-    throw new UmoError(STATUSES[-status - 1] ?? `status ${status}`, detail || this.text(this.run("umo_status_message", status)));
+    throw new UmoError(STATUS_NAMES.get(status) ?? `status ${status}`, detail || this.text(this.run("umo_status_message", status)));
   }
 }
 
@@ -191,24 +174,26 @@ export class Model {
   #frame = 0;
   #sessions = new Set();
 
-  /** Loads a model. `wasm` and `model` are URLs, responses or bytes; `wasm` may be a `WebAssembly.Module`. */
-  static async load({ wasm, model, precision = "stored", maxSessions = 4, onProgress } = {}) {
+  /**
+   * Loads a model. `wasm` and `model` are URLs, responses or bytes; `wasm` may be a `WebAssembly.Module`. The other options are those of
+   * `umo_engine_config`, in camel case.
+   */
+  static async load({ wasm, model, precision = "stored", onProgress, ...engine } = {}) {
     if (!wasm || !model) throw new UmoError("NULL_POINTER", "`wasm` and `model` are needed");
-    if (!(precision in PRECISIONS)) throw new UmoError("INVALID_ARGUMENT", `precision ${precision} is none of ${Object.keys(PRECISIONS)}`);
     const [library, bytes] = await Promise.all([compiled(wasm).then(Library.load), fetchBytes(model, onProgress)]);
-    return new Model(library, bytes, precision, maxSessions);
+    return new Model(library, bytes, precision, engine);
   }
 
-  constructor(library, bytes, precision, maxSessions) {
+  constructor(library, bytes, precision, { maxSessions = 4, ...options }) {
     this.#library = library;
     const { scratch } = library;
     const config = scratch + 8;
     library.call("umo_model_config_init", config, MODEL_CONFIG.size);
-    library.view.setUint32(config + MODEL_CONFIG.precision, PRECISIONS[precision], true);
+    library.set(config, MODEL_CONFIG, { precision });
     const data = library.allocate(bytes.length);
     library.bytes(data, bytes.length).set(bytes);
     try {
-      library.call("umo_model_load_memory", ABI, data, bytes.length, config, scratch);
+      library.call("umo_model_load_memory", ABI_VERSION, data, bytes.length, config, scratch);
     } finally {
       if (!library.trap) library.run("umo_web_free", data, bytes.length);
     }
@@ -216,11 +201,8 @@ export class Model {
     this.#describe();
     const engine = scratch + 8;
     library.call("umo_engine_config_init", engine, ENGINE_CONFIG.size);
-    const view = library.view;
-    view.setUint32(engine + ENGINE_CONFIG.mode, POLLED, true);
-    view.setUint32(engine + ENGINE_CONFIG.threads, 1, true);
-    view.setUint32(engine + ENGINE_CONFIG.maxSessions, maxSessions, true);
-    view.setUint32(engine + ENGINE_CONFIG.maxBatch, Math.min(maxSessions, 8), true);
+    library.set(engine, ENGINE_CONFIG, { mode: "polled" });
+    library.configure(engine, ENGINE_CONFIG, { threads: 1, maxSessions, maxBatch: Math.min(maxSessions, 8), ...options }, "an engine");
     library.call("umo_engine_new", this.#model, engine, scratch);
     this.#engine = library.view.getUint32(scratch, true);
   }
@@ -228,35 +210,32 @@ export class Model {
   #describe() {
     const library = this.#library;
     const { scratch } = library;
-    library.view.setUint32(scratch, INFO.size, true);
+    library.set(scratch, MODEL_INFO, { structSize: MODEL_INFO.size });
     library.call("umo_model_get_info", this.#model, scratch);
-    const info = library.view;
-    for (const [name, offset] of Object.entries(MODEL_INFO)) {
-      const value = info.getUint32(scratch + offset, true);
-      this[name] = /^(is|has)/.test(name) ? value === 1 : value;
+    for (const name of Object.keys(MODEL_INFO.fields)) {
+      const value = library.get(scratch, MODEL_INFO, name);
+      if (name !== "structSize") this[name] = /^(is|has)/.test(name) ? value === 1 : value;
     }
-    this.hasMouth = info.getUint32(scratch + INFO.hasMouth, true) === 1;
     const pointer = (name, ...args) => {
       library.call(name, this.#model, ...args, scratch);
       return library.text(library.view.getUint32(scratch, true));
     };
-    const texts = [1, 2, 3, 4].map((which) => pointer("umo_model_get_text", which));
-    [this.name, this.licence, this.notice, this.isa] = texts;
+    const text = (which) => pointer("umo_model_get_text", MODEL_TEXTS[which]);
+    [this.name, this.licence, this.notice, this.isa] = [text("name"), text("license"), text("notice"), text("isa")];
     this.channelNames = Array.from({ length: this.channels }, (_, i) => pointer("umo_model_get_channel_name", i));
     this.jointNames = Array.from({ length: this.joints }, (_, i) => library.text(library.run("umo_joint_name", i)));
-    this.visemeNames = this.isArkit ? Array.from({ length: 15 }, (_, i) => library.text(library.run("umo_viseme_name", i))) : [];
-    library.call("umo_model_get_skeleton", this.#model, AXES_GLTF, scratch, scratch + 4 * this.joints, this.joints);
+    this.visemeNames = this.isArkit ? Array.from({ length: VISEME_COUNT }, (_, i) => library.text(library.run("umo_viseme_name", i))) : [];
+    library.call("umo_model_get_skeleton", this.#model, AXES.gltf, scratch, scratch + 4 * this.joints, this.joints);
     this.parents = Array.from(new Int32Array(library.exports.memory.buffer, scratch, this.joints));
     this.offsets = Float32Array.from(new Float32Array(library.exports.memory.buffer, scratch + 4 * this.joints, 3 * this.joints));
-    library.call("umo_frame_layout_init", scratch, LAYOUT.size, this.#model);
-    const layout = library.view;
-    this.layout = { size: layout.getUint32(scratch + LAYOUT.stride, true) };
+    library.call("umo_frame_layout_init", scratch, FRAME_LAYOUT.size, this.#model);
+    this.layout = { size: library.get(scratch, FRAME_LAYOUT, "frameStride") };
     for (const name of ["index", "sample", "translation", "rotations", "channels", "visemes"]) {
-      this.layout[name] = layout.getUint32(scratch + LAYOUT[name], true);
+      this.layout[name] = library.get(scratch, FRAME_LAYOUT, name);
     }
-    const bytes = library.bytes(scratch, LAYOUT.size).slice();
-    this.#frame = library.allocate(LAYOUT.size + this.layout.size + 8) + 0;
-    library.bytes(this.#frame, LAYOUT.size).set(bytes);
+    const bytes = library.bytes(scratch, FRAME_LAYOUT.size).slice();
+    this.#frame = library.allocate(FRAME_LAYOUT.size + this.layout.size + 8) + 0;
+    library.bytes(this.#frame, FRAME_LAYOUT.size).set(bytes);
   }
 
   /**
@@ -276,16 +255,7 @@ export class Model {
     const library = this.#library;
     const config = library.scratch + 8;
     library.call("umo_session_config_init", config, SESSION_CONFIG.size, this.#open());
-    const view = library.view;
-    for (const [name, value] of Object.entries(options)) {
-      const at = config + SESSION_CONFIG[name];
-      if (!(name in SESSION_CONFIG) || name === "size") throw new UmoError("INVALID_ARGUMENT", `a session has no option ${name}`);
-      const names = NAMED[name];
-      if (names && !Object.hasOwn(names, value)) throw new UmoError("INVALID_ARGUMENT", `${name} ${value} is none of ${Object.keys(names)}`);
-      if (name === "seed") view.setBigUint64(at, BigInt(value), true);
-      else if (name === "smoothing" || name === "guidance") view.setFloat32(at, value, true);
-      else view.setUint32(at, names ? names[value] : value, true);
-    }
+    library.configure(config, SESSION_CONFIG, options, "a session");
     library.call(create, from(), config, library.scratch);
     const handle = library.view.getUint32(library.scratch, true);
     const session = new Session(this, library, handle, this.#frame, () => this.#sessions.delete(session));
@@ -330,7 +300,7 @@ export class Model {
     if (library.trap) return;
     library.call("umo_engine_free", engine);
     library.call("umo_model_free", model);
-    library.run("umo_web_free", this.#frame, LAYOUT.size + this.layout.size + 8);
+    library.run("umo_web_free", this.#frame, FRAME_LAYOUT.size + this.layout.size + 8);
   }
 }
 
@@ -350,13 +320,13 @@ export class Session {
     this.#library = library;
     this.#session = session;
     this.#layout = layout;
-    this.#frame = layout + LAYOUT.size;
+    this.#frame = layout + FRAME_LAYOUT.size;
     this.#freed = freed;
-    library.view.setUint32(library.scratch, LATENCY.size, true);
+    library.set(library.scratch, LATENCY, { structSize: LATENCY.size });
     library.call("umo_session_latency", session, library.scratch);
     /** Samples of future audio that a frame needs at most, and its mouth. */
-    this.latencySamples = Number(library.view.getBigUint64(library.scratch + LATENCY.algorithmic, true));
-    this.mouthSamples = Number(library.view.getBigUint64(library.scratch + LATENCY.mouth, true));
+    this.latencySamples = library.get(library.scratch, LATENCY, "algorithmicSamples");
+    this.mouthSamples = library.get(library.scratch, LATENCY, "mouthSamples");
   }
 
   #call(name, ...args) {
@@ -428,9 +398,9 @@ export class Session {
   /** What came of a decoder's packets: how many were taken, were late, are missing; keyframes that were held. */
   get received() {
     const library = this.#library;
-    library.view.setUint32(library.scratch, DECODER_STATS.size, true);
+    library.set(library.scratch, RECEIVED, { structSize: RECEIVED.size });
     this.#call("umo_decoder_stats", library.scratch);
-    const count = (name) => Number(library.view.getBigUint64(library.scratch + DECODER_STATS[name], true));
+    const count = (name) => library.get(library.scratch, RECEIVED, name);
     return { packets: count("packets"), late: count("late"), lost: count("lost"), held: count("held") };
   }
 
@@ -440,7 +410,7 @@ export class Session {
     try {
       this.#call("umo_session_pull_frames", this.#layout, this.#frame, this.#model.layout.size, library.scratch);
     } catch (error) {
-      if (error.status === STATUSES[-STATUS_BUFFER_TOO_SMALL - 1]) error.message += " (a defect of umo-web)";
+      if (error.status === "BUFFER_TOO_SMALL") error.message += " (a defect of umo-web)";
       throw error;
     }
     if (library.view.getUint32(library.scratch, true) === 0) return false;
@@ -453,11 +423,10 @@ export class Session {
     const library = this.#library;
     // The module has no clock, by which it eases to rest and back.
     if (!this.#hasClock) this.#call("umo_session_set_clock", (performance.now() - this.#start) / 1000);
-    library.view.setUint32(library.scratch, SAMPLED.size, true);
+    library.set(library.scratch, SAMPLED, { structSize: SAMPLED.size });
     this.#call("umo_session_sample_pose", seconds, this.#layout, this.#frame, this.#model.layout.size, library.scratch);
-    const view = library.view;
-    pose.isAhead = view.getUint32(library.scratch + SAMPLED.isAhead, true) === 1;
-    pose.newest = view.getFloat64(library.scratch + SAMPLED.newest, true);
+    pose.isAhead = library.get(library.scratch, SAMPLED, "isAhead") === 1;
+    pose.newest = library.get(library.scratch, SAMPLED, "newest");
     this.#read(pose);
     return pose;
   }
@@ -512,24 +481,17 @@ export class Session {
   lookAt([x, y, z], strength = 1) {
     const at = this.#library.scratch;
     [x, y, z].forEach((value, i) => this.#library.view.setFloat32(at + 4 * i, value, true));
-    this.#call("umo_session_look_at", AXES_GLTF, at, strength);
+    this.#call("umo_session_look_at", AXES.gltf, at, strength);
   }
 
   /** Plays a gesture by its name: at `at` seconds of the motion, or as soon as it can. */
   gesture(name, { side = "auto", at = -1, speed = 1, strength = 1, target } = {}) {
-    if (!(side in SIDES)) throw new UmoError("INVALID_ARGUMENT", `side ${side} is none of ${Object.keys(SIDES)}`);
     const library = this.#library;
     const options = library.scratch + 8;
-    library.call("umo_gesture_options_init", options, GESTURE.size);
-    const view = library.view;
-    view.setUint32(options + GESTURE.side, SIDES[side], true);
-    view.setFloat64(options + GESTURE.at, at, true);
-    view.setFloat32(options + GESTURE.speed, speed, true);
-    view.setFloat32(options + GESTURE.strength, strength, true);
-    if (target) {
-      view.setUint32(options + GESTURE.hasTarget, 1, true);
-      target.forEach((value, i) => view.setFloat32(options + GESTURE.target + 4 * i, value, true));
-    }
+    library.call("umo_gesture_options_init", options, GESTURE_OPTIONS.size);
+    library.set(options, GESTURE_OPTIONS, { side, at, speed, strength, hasTarget: target ? 1 : 0 });
+    const [place] = GESTURE_OPTIONS.fields.target;
+    target?.forEach((value, i) => library.view.setFloat32(options + place + 4 * i, value, true));
     this.#call("umo_session_play_gesture", library.write(name, 64).at, options);
   }
 

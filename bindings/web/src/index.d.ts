@@ -1,3 +1,8 @@
+import type { EngineOptions, Received, SessionOptions } from "./generated.js";
+
+export { Attention, Idle, Mood, Parameter } from "./generated.js";
+export type { EngineOptions, Received, SessionOptions } from "./generated.js";
+
 /** A call that failed: `status` is the name that `umo.h` has for it, as "INVALID_ARGUMENT". */
 export class UmoError extends Error {
   constructor(status: string, message: string);
@@ -62,55 +67,19 @@ export class Pose implements PoseValues {
   newest?: number;
 }
 
-/** How a session works: `umo_session_config` of the C interface. */
-export interface SessionOptions {
-  /** Samples per second of the audio that is pushed, 8,000 to 192,000. */
-  sampleRate?: number;
-  channels?: number;
-  target?: number;
-  lookahead?: number;
-  /** One of `Idle`. */
-  idle?: number;
-  idleAfterMs?: number;
-  easeMs?: number;
-  queueFrames?: number;
-  /** "live": the mouth moves as the sound is heard, and the body follows. */
-  voice?: "delayed" | "live";
-  seed?: number | bigint;
-  smoothing?: number;
-  guidance?: number;
-  horizon?: number;
-  /** Whether chunks are given to `pullPackets`, and as frames. */
-  packets?: "none" | "besideFrames" | "only";
-  /** Keyframes before those of its chunk that a packet says again. */
-  packetHistory?: number;
-  /** Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4. */
-  patience?: number;
-}
-
-/** What came of a decoder's packets. */
-export interface Received {
-  packets: number;
-  /** Packets that came after their time or a second time. */
-  late: number;
-  /** Chunks whose packet did not come in time. */
-  lost: number;
-  /** Keyframes of these that no other packet said. */
-  held: number;
-}
-
 export type Precision = "stored" | "f32" | "bf16" | "int8";
 export type Progress = { loaded: number; total?: number };
 
 /** A model, and an engine that computes in the thread that calls `compute`. */
 export class Model implements ModelDescription {
-  static load(options: {
-    wasm: Source | WebAssembly.Module;
-    model: Source;
-    precision?: Precision;
-    maxSessions?: number;
-    onProgress?: (progress: Progress) => void;
-  }): Promise<Model>;
+  static load(
+    options: EngineOptions & {
+      wasm: Source | WebAssembly.Module;
+      model: Source;
+      precision?: Precision;
+      onProgress?: (progress: Progress) => void;
+    },
+  ): Promise<Model>;
   readonly name: string;
   readonly licence: string;
   readonly notice: string;
@@ -241,11 +210,3 @@ export class Avatar {
   call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "pushOther" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
   close(): void;
 }
-
-export const Parameter: Readonly<{
-  temperature: 1; topK: 2; topP: 3; idle: 4; attention: 5; gainFace: 16; gainHands: 17; gainUpper: 18; gainLower: 19; layerGaze: 32;
-  layerIdle: 33; layerAsymmetry: 34; layerNods: 35; layerMood: 36; layerFeet: 37;
-}>;
-export const Mood: Readonly<{ neutral: 0; joy: 1; sad: 2; angry: 3; surprised: 4; disgusted: 5; afraid: 6 }>;
-export const Attention: Readonly<{ auto: 0; idle: 1; listening: 2; thinking: 3; speaking: 4 }>;
-export const Idle: Readonly<{ hold: 0; rest: 1; live: 2 }>;

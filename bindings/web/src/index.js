@@ -2,4 +2,5 @@
 
 export { Avatar } from "./avatar.js";
 export { Follower } from "./follower.js";
-export { Attention, Idle, Model, Mood, Parameter, Pose, Session, UmoError } from "./engine.js";
+export { Model, Pose, Session, UmoError } from "./engine.js";
+export { Attention, Idle, Mood, Parameter } from "./generated.js";

@@ -169,6 +169,9 @@ test("errors say what is wrong", async () => {
   await rejected(Model.load({ wasm, model: new Uint8Array(100) }), "MODEL", /./);
   await rejected(Model.load({ wasm, model: file.subarray(0, 1 << 20) }), "MODEL", /./);
   await rejected(load({ precision: "int4" }), "INVALID_ARGUMENT", /int4/);
+  await rejected(load({ sessions: 2 }), "INVALID_ARGUMENT", /an engine has no option sessions/);
+  await rejected(load({ mode: "threads" }), "INVALID_ARGUMENT", /an engine has no option mode/);
+  await rejected(load({ maxBatch: 65 }), "INVALID_ARGUMENT", /65/);
   fails(() => model.session({ sampleRate: 12 }), "INVALID_ARGUMENT", /12/);
   fails(() => model.session({ rate: 12 }), "INVALID_ARGUMENT", /rate/);
   fails(() => model.session({ voice: "loud" }), "INVALID_ARGUMENT", /loud/);

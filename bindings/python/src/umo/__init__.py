@@ -16,11 +16,12 @@ _DISTRIBUTION = "umo-avatar"
 
 from ._animate import animate, stream
 from ._engine import Engine
+from ._generated import Attention, Idle, Latency, Received, Stats, Status
 from ._gltf import FIGURES
-from ._library import Error, Status, lib as _lib
+from ._library import Error, lib as _lib
 from ._model import Model, SelfTest, self_test
 from ._motion import JOINTS, VISEMES, Frame, Motion
-from ._session import Attention, Decoder, Idle, Latency, Parameter, Received, Sampled, Session, Stats
+from ._session import Decoder, Parameter, Sampled, Session
 
 __version__: str = _lib.umo_version().decode()
 

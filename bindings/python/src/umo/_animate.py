@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from . import _library
 from ._engine import Engine
+from ._generated import Idle
 from ._library import lib
 from ._model import Model
 from ._motion import Frame, Motion
-from ._session import Idle, Session, audio
+from ._session import Session, audio
 
 
 def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:

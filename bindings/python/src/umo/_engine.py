@@ -11,47 +11,26 @@ from typing import Any, Optional, Union
 import numpy as np
 import numpy.typing as npt
 
-from . import _library
+from . import _generated, _library
 from ._library import lib
 from ._model import Model, _check_readable, default_model
-from ._session import Session, _ms
+from ._session import Session
 
 
-class Engine(_library.Handle):
+class Engine(_generated.EngineArguments, _library.Handle):
     """Computes the sessions of one model, on `threads` of its own, or, where `polled`, in `poll`.
 
-    `model` is None for the one that comes with the package. `max_sessions` is how many there may be at once, `max_batch` how
-    many are computed together; `cores` binds threads to processors. What is None is umo's default.
-
-    `priority` is that of the engine's own threads: `"normal"`, `"high"` (before other programs) or `"low"` (behind them).
-    Where the system refuses it, as Linux does `"high"` to most users, they stay normal.
-
-    `gather` is for crowds: the longest that a chunk which is due waits for others, to be computed together, seconds. With 0.05,
-    32 avatars take about a fifth less processor time, and frames come later by the wait.
+    `model` is None for the one that comes with the package; `cores` binds threads to processors.
     """
 
-    def __init__(
-        self,
-        model: Optional[Model] = None,
-        *,
-        threads: Optional[int] = None,
-        polled: bool = False,
-        max_sessions: Optional[int] = None,
-        max_batch: Optional[int] = None,
-        cores: Sequence[int] = (),
-        priority: str = "normal",
-        gather: float = 0.0,
-    ) -> None:
+    def _make(self, model: Optional[Model], polled: bool, cores: Sequence[int], **settings: Any) -> None:
         self._model = model or default_model()
-        config, handle = _library.EngineConfig(), ctypes.c_void_p()
+        config, handle = _generated.EngineConfig(), ctypes.c_void_p()
         _library.check(lib.umo_engine_config_init(config, ctypes.sizeof(config)))
-        mode = _library.ENGINE_POLLED if polled else _library.ENGINE_THREADS
-        _library.set_fields(config, mode=mode, threads=threads, max_sessions=max_sessions, max_batch=max_batch)
-        config.priority = _library.chosen("priority", _library.PRIORITIES, priority)
-        _library.set_fields(config, gather_ms=_ms(gather))
+        _library.set_values(config, mode="polled" if polled else "threads", **settings)
         _library.set_fields(config, core_count=len(cores), cores=(ctypes.c_uint32 * len(cores))(*cores))
         _library.check(lib.umo_engine_new(self._model._handle, config, byref(handle)))
-        super().__init__(handle.value or 0, lib.umo_engine_free)
+        _library.Handle.__init__(self, handle.value or 0, lib.umo_engine_free)
 
     @property
     def model(self) -> Model:
@@ -67,9 +46,9 @@ class Engine(_library.Handle):
         """Names of the gestures that its sessions know: the built-in ones, then those that were added."""
         names: list[str] = []
         name = ctypes.c_char_p()
-        while (status := lib.umo_engine_get_gesture_name(self._handle, len(names), byref(name))) == _library.Status.OK:
+        while (status := lib.umo_engine_get_gesture_name(self._handle, len(names), byref(name))) == _generated.Status.OK:
             names.append((name.value or b"").decode())
-        if status != _library.Status.INVALID_ARGUMENT:
+        if status != _generated.Status.INVALID_ARGUMENT:
             _library.check(status)
         return tuple(names)
 
@@ -80,7 +59,7 @@ class Engine(_library.Handle):
         *,
         stroke: float,
         rate: float = 30.0,
-        parts: Sequence[str] = tuple(_library.GESTURE_PARTS),
+        parts: Sequence[str] = tuple(_generated.GESTURE_PARTS),
         axes: str = "gltf",
     ) -> None:
         """Adds a gesture for sessions that are made from now on; one of the same name is replaced.
@@ -89,14 +68,14 @@ class Engine(_library.Handle):
         are those that it moves: `"head"`, `"trunk"`, `"left_arm"`, `"right_arm"`.
         """
         values = np.ascontiguousarray(rotations, np.float32)
-        if values.ndim != 3 or values.shape[1:] != (_library.JOINT_COUNT, 4):
-            raise ValueError(f"rotations of shape {values.shape}: expected [frames, {_library.JOINT_COUNT}, 4]")
+        if values.ndim != 3 or values.shape[1:] != (_generated.JOINT_COUNT, 4):
+            raise ValueError(f"rotations of shape {values.shape}: expected [frames, {_generated.JOINT_COUNT}, 4]")
         if "\0" in name:
             raise ValueError("a gesture's name has no zero bytes")
-        clip = _library.GestureClip()
+        clip = _generated.GestureClip()
         _library.check(lib.umo_gesture_clip_init(clip, ctypes.sizeof(clip)))
-        clip.axes = _library.chosen("axes", _library.AXES, axes)
-        clip.parts = sum({_library.chosen("part", _library.GESTURE_PARTS, part) for part in parts})
+        clip.axes = _library.chosen("axes", _generated.AXES, axes)
+        clip.parts = sum({_library.chosen("part", _generated.GESTURE_PARTS, part) for part in parts})
         clip.frame_count, clip.rate, clip.stroke = len(values), rate, stroke
         clip.rotations = values.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
         _library.check(lib.umo_engine_add_gesture(self._handle, name.encode(), clip))
@@ -108,7 +87,7 @@ class Engine(_library.Handle):
         *,
         animation: Optional[str] = None,
         stroke: Optional[float] = None,
-        parts: Sequence[str] = tuple(_library.GESTURE_PARTS),
+        parts: Sequence[str] = tuple(_generated.GESTURE_PARTS),
     ) -> None:
         """The same of the animation in a `.glb`, `.gltf` or `.vrm` file of any character with a human's bones: a path, or its
         bytes (of a `.gltf` with its data inside).
@@ -117,7 +96,7 @@ class Engine(_library.Handle):
         """
         if "\0" in name or (animation is not None and "\0" in animation):
             raise ValueError("a name has no zero bytes")
-        bits = sum({_library.chosen("part", _library.GESTURE_PARTS, part) for part in parts})
+        bits = sum({_library.chosen("part", _generated.GESTURE_PARTS, part) for part in parts})
         clip = None if animation is None else animation.encode()
         at = -1.0 if stroke is None else float(stroke)
         if isinstance(file, bytes):
@@ -127,7 +106,7 @@ class Engine(_library.Handle):
             if "\0" in path:
                 raise ValueError("a path has no zero bytes")
             status = lib.umo_engine_add_gesture_file(self._handle, name.encode(), path.encode(), clip, bits, at)
-            if status == _library.Status.IO:
+            if status == _generated.Status.IO:
                 detail = lib.umo_last_error().decode()
                 _check_readable(path)
                 raise _library.error(status, detail)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Optional
 
 import numpy as np
 
-from . import _library
-from ._library import JOINT_COUNT, lib
+from . import _generated, _library
+from ._generated import JOINT_COUNT
+from ._library import lib
 from ._names import is_arkit
 
 if TYPE_CHECKING:
@@ -44,21 +45,21 @@ def _written(motion: Motion, format: str, figure: Optional[str]) -> bytes:
     names = (ctypes.c_char_p * len(motion.names))(*(name.encode() for name in motion.names))
     frames = _packed(motion)
     fields = {name: place for name, (_, place) in (frames.dtype.fields or {}).items()}
-    layout = _library.FrameLayout(
-        struct_size=ctypes.sizeof(_library.FrameLayout),
-        axes=_library.AXES["gltf"],
+    layout = _generated.FrameLayout(
+        struct_size=ctypes.sizeof(_generated.FrameLayout),
+        axes=_generated.AXES["gltf"],
         frame_stride=frames.dtype.itemsize,
-        index=_library.ABSENT,
-        sample=_library.ABSENT,
+        index=_generated.ABSENT,
+        sample=_generated.ABSENT,
         translation=fields["translation"],
         rotations=fields["rotations"],
         rotation_stride=16,
         channels=fields["face"],
         channel_stride=4,
-        visemes=_library.ABSENT,
+        visemes=_generated.ABSENT,
     )
-    clip = _library.Clip(
-        struct_size=ctypes.sizeof(_library.Clip),
+    clip = _generated.Clip(
+        struct_size=ctypes.sizeof(_generated.Clip),
         is_arkit=is_arkit(motion.names),
         channel_count=len(motion.names),
         frame_count=len(motion),
@@ -70,7 +71,7 @@ def _written(motion: Motion, format: str, figure: Optional[str]) -> bytes:
         frames=frames.ctypes.data,
         figure=None if figure is None else figure.encode(),
     )
-    return _output(clip, _library.FORMATS[format])
+    return _output(clip, _generated.FORMATS[format])
 
 
 def _packed(motion: Motion) -> Any:
@@ -94,11 +95,11 @@ def _output(clip: Any, format: int) -> bytes:
             errors.append(error)
         return len(errors)
 
-    output = _library.Output(write=_library.Write(write))
+    output = _generated.Output(write=_generated.OutputWrite(write))
     status = lib.umo_clip_write(clip, format, output)
     if errors:
         raise errors[0]
-    if status == _library.Status.INVALID_ARGUMENT:
+    if status == _generated.Status.INVALID_ARGUMENT:
         raise ValueError(lib.umo_last_error().decode())
     _library.check(status)
     return b"".join(parts)

@@ -1,4 +1,4 @@
-"""What umo.h declares, for ctypes: the shared library beside this file, its structures, constants and functions.
+"""The shared library beside this file, and its functions for ctypes. Its constants and structures are in `_generated`.
 
 ctypes gives the interpreter's lock away in every call, so other Python threads run meanwhile.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import difflib
-import enum
 import functools
 import sys
 import time
@@ -17,85 +16,14 @@ from ctypes import POINTER, byref, c_char_p, c_double, c_float, c_int32, c_size_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, TypeVar
 
+from . import _generated
+from ._generated import ERROR_SIZE, Status
+
 FOLDER = Path(__file__).resolve().parent
 MODEL = FOLDER / "umo-people.safetensors"
 
-ABI_VERSION = 1
-ABSENT = 0xFFFF_FFFF
-JOINT_COUNT = 55
-SELF_TEST_SIZE = 8192
-VISEME_COUNT = 15
-ERROR_SIZE = 512
 MAX_CHANNELS = 64
 MAX_BATCH = 64
-ENGINE_THREADS, ENGINE_POLLED = 0, 1
-MODEL_NAME, MODEL_LICENSE, MODEL_NOTICE, MODEL_ISA = 1, 2, 3, 4
-PARAMETER_WHOLE = 1
-PARAMETERS = {
-    "temperature": 1,
-    "top_k": 2,
-    "top_p": 3,
-    "idle": 4,
-    "attention": 5,
-    "output_delay": 6,
-    "gain_face": 16,
-    "gain_hands": 17,
-    "gain_upper": 18,
-    "gain_lower": 19,
-    "layer_gaze": 32,
-    "layer_idle": 33,
-    "layer_asymmetry": 34,
-    "layer_nods": 35,
-    "layer_mood": 36,
-    "layer_feet": 37,
-}
-VOICES = {"delayed": 0, "live": 1}
-PACKETS = {"none": 0, "beside_frames": 1, "only": 2}
-MOODS = {"neutral": 0, "joy": 1, "sad": 2, "angry": 3, "surprised": 4, "disgusted": 5, "afraid": 6}
-LIPS = {"closed": 0, "teeth": 1, "round": 2}
-SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
-GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
-FORMATS = {"glb": 1, "vrma": 2}
-AXES = {"gltf": 0, "unreal": 1, "unity": 2}
-PRIORITIES = {"normal": 0, "high": 1, "low": 2}
-PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
-ISAS = {
-    "best": 0,
-    "scalar": 1,
-    "avx2": 2,
-    "avx512vnni": 3,
-    "amx": 4,
-    "avx512bf16": 5,
-    "avxvnni": 6,
-    "neon": 7,
-    "neon_dotprod": 8,
-    "neon_i8mm": 9,
-}
-
-
-class Status(enum.IntEnum):
-    """What a call came to: the numbers of umo.h."""
-
-    OK = 0
-    NULL_POINTER = -1
-    INVALID_HANDLE = -2
-    INVALID_ARGUMENT = -3
-    STRUCT_SIZE = -4
-    BUFFER_TOO_SMALL = -5
-    VERSION = -6
-    IO = -7
-    MODEL = -8
-    OUT_OF_MEMORY = -9
-    FULL = -10
-    BUSY = -11
-    FINISHED = -12
-    FAILED = -13
-    CLOSED = -14
-    PANIC = -15
-    UNSUPPORTED = -16
-    STATE = -17
-    THREAD = -18
-    PACKET = -19
 
 
 class Error(RuntimeError):
@@ -109,161 +37,6 @@ class Error(RuntimeError):
         return Error, (int(self.status), str(self))
 
 
-class ModelConfig(ctypes.Structure):
-    _fields_ = [("struct_size", c_uint32), ("precision", c_uint32), ("isa", c_uint32), ("reserved", c_uint32), ("log", c_void_p)]
-
-
-class ModelInfo(ctypes.Structure):
-    _fields_ = [
-        (name, c_uint32)
-        for name in (
-            *("struct_size", "frame_rate", "sample_rate", "joints", "channels", "is_arkit", "keyframe_stride", "target"),
-            *("max_target", "lookahead", "latency_frames", "max_prompt", "has_text", "has_notice"),
-        )
-    ] + [("file_size", c_uint64), ("has_mouth", c_uint32), ("max_horizon", c_uint32)]
-
-
-class EngineConfig(ctypes.Structure):
-    _fields_ = [
-        *((name, c_uint32) for name in ("struct_size", "mode", "threads", "max_sessions", "max_batch", "core_count")),
-        ("cores", POINTER(c_uint32)),
-        ("jobs", c_void_p),
-        ("log", c_void_p),
-        ("priority", c_uint32),
-        ("gather_ms", c_uint32),
-    ]
-
-
-class SessionConfig(ctypes.Structure):
-    _fields_ = [
-        *(
-            (name, c_uint32)
-            for name in (
-                *("struct_size", "sample_rate", "channels", "target", "lookahead", "idle", "idle_after_ms", "ease_ms"),
-                *("queue_frames", "voice"),
-            )
-        ),
-        ("seed", c_uint64),
-        ("template_name", c_char_p),
-        ("allocator", c_void_p),
-        ("smoothing", c_float),
-        ("guidance", c_float),
-        ("horizon", c_uint32),
-        ("packets", c_uint32),
-        ("packet_history", c_uint32),
-        ("patience", c_uint32),
-    ]
-
-
-class FrameLayout(ctypes.Structure):
-    _fields_ = [
-        (name, c_uint32)
-        for name in (
-            *("struct_size", "axes", "frame_stride", "index", "sample", "translation", "rotations", "rotation_stride"),
-            *("channels", "channel_stride", "visemes", "reserved"),
-        )
-    ]
-
-
-class ParameterInfo(ctypes.Structure):
-    _fields_ = [
-        *((name, c_uint32) for name in ("struct_size", "id", "flags", "reserved")),
-        ("minimum", c_double),
-        ("maximum", c_double),
-        ("name", c_char_p),
-    ]
-
-
-class Sampled(ctypes.Structure):
-    _fields_ = [("struct_size", c_uint32), ("is_ahead", c_uint32), ("oldest", c_double), ("newest", c_double)]
-
-
-class Latency(ctypes.Structure):
-    _fields_ = [
-        ("struct_size", c_uint32),
-        ("reserved", c_uint32),
-        ("algorithmic_samples", c_uint64),
-        *((name, c_double) for name in ("compute_p50", "compute_p99", "compute_p999", "compute_max")),
-        ("backlog_samples", c_uint64),
-        ("backlog_max_samples", c_uint64),
-        ("mouth_samples", c_uint64),
-    ]
-
-
-class Stats(ctypes.Structure):
-    _fields_ = [
-        ("struct_size", c_uint32),
-        ("reserved", c_uint32),
-        *((name, c_uint64) for name in ("chunks", "frames", "late_frames", "dropped_frames", "overruns", "silenced", "held_chunks")),
-    ]
-
-
-class Received(ctypes.Structure):
-    _fields_ = [
-        ("struct_size", c_uint32),
-        ("reserved", c_uint32),
-        *((name, c_uint64) for name in ("packets", "late", "lost", "held")),
-    ]
-
-
-class GestureOptions(ctypes.Structure):
-    _fields_ = [
-        *((name, c_uint32) for name in ("struct_size", "side", "axes", "has_target")),
-        ("at", c_double),
-        ("speed", c_float),
-        ("strength", c_float),
-        ("target", c_float * 3),
-        ("reserved", c_uint32),
-    ]
-
-
-class GestureClip(ctypes.Structure):
-    _fields_ = [
-        *((name, c_uint32) for name in ("struct_size", "axes", "parts", "frame_count")),
-        ("rate", c_float),
-        ("stroke", c_float),
-        ("rotations", POINTER(c_float)),
-    ]
-
-
-class Clip(ctypes.Structure):
-    _fields_ = [
-        *((name, c_uint32) for name in ("struct_size", "is_arkit", "channel_count", "frame_count")),
-        ("rate", c_float),
-        ("reserved", c_uint32),
-        ("channels", POINTER(c_char_p)),
-        ("parents", POINTER(c_int32)),
-        ("offsets", POINTER(c_float)),
-        ("layout", POINTER(FrameLayout)),
-        ("frames", c_void_p),
-        ("figure", c_char_p),
-    ]
-
-
-Write = ctypes.CFUNCTYPE(c_int32, c_void_p, c_void_p, c_size_t)
-
-
-class Output(ctypes.Structure):
-    _fields_ = [("userdata", c_void_p), ("write", Write)]
-
-
-STRUCTURES = {
-    "umo_model_config": ModelConfig,
-    "umo_model_info": ModelInfo,
-    "umo_engine_config": EngineConfig,
-    "umo_session_config": SessionConfig,
-    "umo_frame_layout": FrameLayout,
-    "umo_parameter_info": ParameterInfo,
-    "umo_sampled": Sampled,
-    "umo_latency": Latency,
-    "umo_stats": Stats,
-    "umo_received": Received,
-    "umo_gesture_options": GestureOptions,
-    "umo_gesture_clip": GestureClip,
-    "umo_clip": Clip,
-    "umo_output": Output,
-}
-
 _U32, _SIZE, _TEXT, _HANDLE = c_uint32, c_size_t, c_char_p, c_void_p
 _OUT = POINTER(c_void_p)
 # What each function takes. Those that are not in _RESULTS return a status.
@@ -276,33 +49,33 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_viseme_name": [_U32],
     "umo_figure_name": [_U32],
     "umo_recording_gains": [POINTER(c_float), _SIZE, _U32, _U32, POINTER(c_float)],
-    "umo_clip_write": [POINTER(Clip), _U32, POINTER(Output)],
-    "umo_model_config_init": [POINTER(ModelConfig), _SIZE],
-    "umo_model_load": [_U32, _TEXT, POINTER(ModelConfig), _OUT],
-    "umo_model_load_memory": [_U32, _HANDLE, _SIZE, POINTER(ModelConfig), _OUT],
+    "umo_clip_write": [POINTER(_generated.Clip), _U32, POINTER(_generated.Output)],
+    "umo_model_config_init": [POINTER(_generated.ModelConfig), _SIZE],
+    "umo_model_load": [_U32, _TEXT, POINTER(_generated.ModelConfig), _OUT],
+    "umo_model_load_memory": [_U32, _HANDLE, _SIZE, POINTER(_generated.ModelConfig), _OUT],
     "umo_model_free": [_HANDLE],
-    "umo_model_get_info": [_HANDLE, POINTER(ModelInfo)],
+    "umo_model_get_info": [_HANDLE, POINTER(_generated.ModelInfo)],
     "umo_model_get_text": [_HANDLE, _U32, POINTER(_TEXT)],
     "umo_model_get_channel_name": [_HANDLE, _U32, POINTER(_TEXT)],
     "umo_model_get_skeleton": [_HANDLE, _U32, POINTER(c_int32), POINTER(c_float), _SIZE],
     "umo_model_encode_text": [_HANDLE, _TEXT, _SIZE, POINTER(_U32), _SIZE, POINTER(_SIZE)],
     "umo_self_test": [_HANDLE, POINTER(_U32), _TEXT, _SIZE],
-    "umo_frame_layout_init": [POINTER(FrameLayout), _SIZE, _HANDLE],
-    "umo_engine_config_init": [POINTER(EngineConfig), _SIZE],
-    "umo_engine_new": [_HANDLE, POINTER(EngineConfig), _OUT],
+    "umo_frame_layout_init": [POINTER(_generated.FrameLayout), _SIZE, _HANDLE],
+    "umo_engine_config_init": [POINTER(_generated.EngineConfig), _SIZE],
+    "umo_engine_new": [_HANDLE, POINTER(_generated.EngineConfig), _OUT],
     "umo_engine_free": [_HANDLE],
     "umo_engine_set_late_limit": [_HANDLE, c_double],
     "umo_engine_poll": [_HANDLE, _U32, POINTER(_U32)],
-    "umo_engine_add_gesture": [_HANDLE, _TEXT, POINTER(GestureClip)],
+    "umo_engine_add_gesture": [_HANDLE, _TEXT, POINTER(_generated.GestureClip)],
     "umo_engine_add_gesture_file": [_HANDLE, _TEXT, _TEXT, _TEXT, _U32, c_float],
     "umo_engine_add_gesture_memory": [_HANDLE, _TEXT, _HANDLE, _SIZE, _TEXT, _U32, c_float],
     "umo_engine_get_gesture_name": [_HANDLE, _U32, POINTER(_TEXT)],
-    "umo_gesture_options_init": [POINTER(GestureOptions), _SIZE],
-    "umo_gesture_clip_init": [POINTER(GestureClip), _SIZE],
-    "umo_parameter_get_info": [_U32, POINTER(ParameterInfo)],
-    "umo_session_config_init": [POINTER(SessionConfig), _SIZE, _HANDLE],
-    "umo_session_memory": [_HANDLE, POINTER(SessionConfig), POINTER(_SIZE), POINTER(_SIZE)],
-    "umo_session_new": [_HANDLE, POINTER(SessionConfig), _OUT],
+    "umo_gesture_options_init": [POINTER(_generated.GestureOptions), _SIZE],
+    "umo_gesture_clip_init": [POINTER(_generated.GestureClip), _SIZE],
+    "umo_parameter_get_info": [_U32, POINTER(_generated.ParameterInfo)],
+    "umo_session_config_init": [POINTER(_generated.SessionConfig), _SIZE, _HANDLE],
+    "umo_session_memory": [_HANDLE, POINTER(_generated.SessionConfig), POINTER(_SIZE), POINTER(_SIZE)],
+    "umo_session_new": [_HANDLE, POINTER(_generated.SessionConfig), _OUT],
     "umo_session_free": [_HANDLE],
     "umo_session_last_error": [_HANDLE, _TEXT, _SIZE, POINTER(_SIZE)],
     "umo_session_push_audio": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
@@ -311,30 +84,30 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_finish": [_HANDLE],
     "umo_session_interrupt": [_HANDLE, _U32],
     "umo_session_reset": [_HANDLE],
-    "umo_session_pull_frames": [_HANDLE, POINTER(FrameLayout), c_void_p, _SIZE, POINTER(_SIZE)],
+    "umo_session_pull_frames": [_HANDLE, POINTER(_generated.FrameLayout), c_void_p, _SIZE, POINTER(_SIZE)],
     "umo_session_ready_frames": [_HANDLE, POINTER(_SIZE)],
     "umo_session_is_done": [_HANDLE, POINTER(_U32)],
     "umo_session_state_size": [_HANDLE, POINTER(_SIZE)],
     "umo_session_save": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
     "umo_session_restore": [_HANDLE, c_void_p, _SIZE],
     "umo_session_set_clock": [_HANDLE, c_double],
-    "umo_session_sample_pose": [_HANDLE, c_double, POINTER(FrameLayout), c_void_p, _SIZE, POINTER(Sampled)],
+    "umo_session_sample_pose": [_HANDLE, c_double, POINTER(_generated.FrameLayout), c_void_p, _SIZE, POINTER(_generated.Sampled)],
     "umo_session_set_prompt": [_HANDLE, _TEXT, _SIZE],
     "umo_session_set_prompt_ids": [_HANDLE, POINTER(_U32), _SIZE],
     "umo_session_set_seed": [_HANDLE, c_uint64],
     "umo_session_look_at": [_HANDLE, _U32, POINTER(c_float), c_float],
     "umo_session_set_mood": [_HANDLE, _U32, c_float],
     "umo_session_hint_lips": [_HANDLE, _U32, c_double, c_double],
-    "umo_session_play_gesture": [_HANDLE, _TEXT, POINTER(GestureOptions)],
+    "umo_session_play_gesture": [_HANDLE, _TEXT, POINTER(_generated.GestureOptions)],
     "umo_session_set_parameter": [_HANDLE, _U32, c_double],
     "umo_session_get_parameter": [_HANDLE, _U32, POINTER(c_double)],
-    "umo_session_latency": [_HANDLE, POINTER(Latency)],
-    "umo_session_stats": [_HANDLE, POINTER(Stats)],
+    "umo_session_latency": [_HANDLE, POINTER(_generated.RawLatency)],
+    "umo_session_stats": [_HANDLE, POINTER(_generated.RawStats)],
     "umo_session_packet_size": [_HANDLE, POINTER(_SIZE)],
     "umo_session_pull_packets": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE), _SIZE, POINTER(_SIZE)],
-    "umo_decoder_new": [_HANDLE, POINTER(SessionConfig), _OUT],
+    "umo_decoder_new": [_HANDLE, POINTER(_generated.SessionConfig), _OUT],
     "umo_decoder_push_packet": [_HANDLE, c_void_p, _SIZE],
-    "umo_decoder_stats": [_HANDLE, POINTER(Received)],
+    "umo_decoder_stats": [_HANDLE, POINTER(_generated.RawReceived)],
 }
 _RESULTS = {
     "umo_abi_version": _U32,
@@ -460,6 +233,16 @@ def set_fields(config: Any, **values: Any) -> None:
             fitting(name, value, kinds[name])
         if value is not None:
             setattr(config, name, value)
+
+
+def set_values(config: Any, **values: Any) -> None:
+    """Sets what is not None: values that have names by these, times in seconds."""
+    for name, value in values.items():
+        if isinstance(value, str):
+            value = chosen(name, config.choices[name], value)
+        elif name.endswith("_ms") and value is not None:
+            value = round(value * 1e3)
+        set_fields(config, **{name: value})
 
 
 def _free(free: Callable[[int], int], handle: int) -> None:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Union
 import numpy as np
 import numpy.typing as npt
 
-from . import _library
+from . import _generated, _library
 from ._library import lib
 
 
@@ -33,26 +33,25 @@ class Model(_library.Handle):
         precision: str = "stored",
         isa: str = "best",
     ) -> None:
-        config, handle = _library.ModelConfig(), ctypes.c_void_p()
+        config, handle = _generated.ModelConfig(), ctypes.c_void_p()
         _library.check(lib.umo_model_config_init(config, ctypes.sizeof(config)))
-        config.precision = _library.chosen("precision", _library.PRECISIONS, precision)
-        config.isa = _library.chosen("isa", _library.ISAS, isa)
+        _library.set_values(config, precision=precision, isa=isa)
         if isinstance(source, (bytes, bytearray, memoryview)):
             data = np.frombuffer(source, np.uint8)
-            status = lib.umo_model_load_memory(_library.ABI_VERSION, data.ctypes.data, data.size, config, byref(handle))
+            status = lib.umo_model_load_memory(_generated.ABI_VERSION, data.ctypes.data, data.size, config, byref(handle))
         else:
             path = os.fspath(_library.MODEL if source is None else source)
             if "\0" in path:
                 raise ValueError("a path has no zero bytes")
-            status = lib.umo_model_load(_library.ABI_VERSION, path.encode(), config, byref(handle))
-            if status == _library.Status.IO:
+            status = lib.umo_model_load(_generated.ABI_VERSION, path.encode(), config, byref(handle))
+            if status == _generated.Status.IO:
                 detail = lib.umo_last_error().decode()
                 _check_readable(path)
                 raise _library.error(status, detail)
         _library.check(status)
         super().__init__(handle.value or 0, lib.umo_model_free)
         # Read once: they do not change, and are still there when the model is closed.
-        self._info = _library.filled(_library.ModelInfo, lambda info: lib.umo_model_get_info(self._handle, info))
+        self._info = _library.filled(_generated.ModelInfo, lambda info: lib.umo_model_get_info(self._handle, info))
         self._channels = tuple(self._text(lib.umo_model_get_channel_name, i) for i in range(self._info.channels))
         if self._info.has_notice:
             warnings.warn(f"{self.name}: {self.notice}", stacklevel=2)
@@ -65,22 +64,22 @@ class Model(_library.Handle):
     @property
     def name(self) -> str:
         """Name of the model."""
-        return self._text(lib.umo_model_get_text, _library.MODEL_NAME)
+        return self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["name"])
 
     @property
     def license(self) -> str:
         """Licence of its weights."""
-        return self._text(lib.umo_model_get_text, _library.MODEL_LICENSE)
+        return self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["license"])
 
     @property
     def notice(self) -> str:
         """What users must be told about it; empty where there is nothing."""
-        return self._text(lib.umo_model_get_text, _library.MODEL_NOTICE)
+        return self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["notice"])
 
     @property
     def isa(self) -> str:
         """The instructions that it was packed for, as `avx512vnni`."""
-        return self._text(lib.umo_model_get_text, _library.MODEL_ISA)
+        return self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["isa"])
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -154,14 +153,14 @@ class Model(_library.Handle):
 
     def skeleton(self, axes: str = "gltf") -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """The bones: each joint's parent [55], -1 for the first, and where it is in its parent's frame at rest [55, 3]."""
-        parents = np.empty(_library.JOINT_COUNT, np.int32)
-        offsets = np.empty((_library.JOINT_COUNT, 3), np.float32)
+        parents = np.empty(_generated.JOINT_COUNT, np.int32)
+        offsets = np.empty((_generated.JOINT_COUNT, 3), np.float32)
         status = lib.umo_model_get_skeleton(
             self._handle,
-            _library.chosen("axes", _library.AXES, axes),
+            _library.chosen("axes", _generated.AXES, axes),
             parents.ctypes.data_as(ctypes.POINTER(ctypes.c_int32)),
             offsets.ctypes.data_as(ctypes.POINTER(ctypes.c_float)),
-            _library.JOINT_COUNT,
+            _generated.JOINT_COUNT,
         )
         _library.check(status)
         return parents, offsets
@@ -196,9 +195,9 @@ class SelfTest(NamedTuple):
 
 def self_test(model: Model | None = None) -> SelfTest:
     """Tests this machine with a model, the default one if not given, for about 10 s: kernels, motion, speed."""
-    passed, report = ctypes.c_uint32(), ctypes.create_string_buffer(_library.SELF_TEST_SIZE)
+    passed, report = ctypes.c_uint32(), ctypes.create_string_buffer(_generated.SELF_TEST_SIZE)
     handle = (model or default_model())._handle
-    _library.check(lib.umo_self_test(handle, byref(passed), report, _library.SELF_TEST_SIZE))
+    _library.check(lib.umo_self_test(handle, byref(passed), report, _generated.SELF_TEST_SIZE))
     return SelfTest(passed.value == 1, report.value.decode())
 
 

@@ -11,7 +11,7 @@ from typing import Any, Optional, Union, overload
 import numpy as np
 import numpy.typing as npt
 
-from . import _library, _save
+from . import _generated, _library, _save
 from ._gltf import FIGURES
 from ._library import lib
 from ._names import JOINTS, VISEMES
@@ -160,9 +160,9 @@ class Layout:
     """How the library writes frames, and the same for numpy."""
 
     def __init__(self, model: Any, axes: str) -> None:
-        layout = _library.FrameLayout()
+        layout = _generated.FrameLayout()
         _library.check(lib.umo_frame_layout_init(layout, ctypes.sizeof(layout), model._handle))
-        layout.axes = _library.chosen("axes", _library.AXES, axes)
+        layout.axes = _library.chosen("axes", _generated.AXES, axes)
         self.raw = layout
         self.rate = model.frame_rate
         self.names = model.channels
@@ -172,11 +172,11 @@ class Layout:
             "index": (np.uint64, layout.index),
             "sample": (np.uint64, layout.sample),
             "translation": ((np.float32, 3), layout.translation),
-            "rotations": ((np.float32, (_library.JOINT_COUNT, 4)), layout.rotations),
+            "rotations": ((np.float32, (_generated.JOINT_COUNT, 4)), layout.rotations),
             "face": ((np.float32, len(self.names)), layout.channels),
-            "visemes": ((np.float32, _library.VISEME_COUNT), layout.visemes),
+            "visemes": ((np.float32, _generated.VISEME_COUNT), layout.visemes),
         }
-        present = {name: field for name, field in fields.items() if field[1] != _library.ABSENT}
+        present = {name: field for name, field in fields.items() if field[1] != _generated.ABSENT}
         self.dtype = np.dtype(
             {
                 "names": list(present),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ._library import JOINT_COUNT, VISEME_COUNT, lib
+from ._generated import JOINT_COUNT, VISEME_COUNT
+from ._library import lib
 
 JOINTS: tuple[str, ...] = tuple(lib.umo_joint_name(i).decode() for i in range(JOINT_COUNT))
 VISEMES: tuple[str, ...] = tuple(lib.umo_viseme_name(i).decode() for i in range(VISEME_COUNT))

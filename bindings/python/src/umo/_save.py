@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 import numpy as np
 import numpy.typing as npt
 
+from ._generated import JOINT_COUNT
 from ._gltf import FIGURES, glb, vrma
-from ._library import JOINT_COUNT, suggestion
+from ._library import suggestion
 from ._names import JOINTS, SHAPES, is_arkit
 
 if TYPE_CHECKING:

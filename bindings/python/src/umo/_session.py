@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ctypes
-import enum
 from ctypes import byref
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Optional, TypeVar, Union, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from . import _library
+from . import _generated, _library
+from ._generated import Attention, Idle, Latency, Received, Stats
 from ._library import lib
 from ._model import Model, default_model
 from ._motion import Frame, Layout, Motion
@@ -19,85 +19,6 @@ if TYPE_CHECKING:
     from ._engine import Engine
 
 Number = TypeVar("Number", int, float)
-
-
-class Idle(enum.IntEnum):
-    """What is shown while no audio comes."""
-
-    HOLD = 0
-    """The last pose is held."""
-    REST = 1
-    """`Session.sample` eases to the rest pose."""
-    LIVE = 2
-    """The model runs on silence."""
-
-
-class Attention(enum.IntEnum):
-    """What the avatar attends to."""
-
-    AUTO = 0
-    """Speaking while its own audio is heard, listening while `push_other`'s is, else idle."""
-    IDLE = 1
-    """Nothing in particular."""
-    LISTENING = 2
-    """Who speaks to it: it looks there, nods and raises its brows at pauses."""
-    THINKING = 3
-    """An answer: it looks away."""
-    SPEAKING = 4
-    """What it says."""
-
-
-class Latency(NamedTuple):
-    """How far motion is behind speech."""
-
-    algorithmic_samples: int
-    """Samples of future audio, at the session's rate, that a frame needs at most: what no processor can shorten."""
-    compute_p50: float
-    """Seconds from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median."""
-    compute_p99: float
-    """Its 99th percentile."""
-    compute_p999: float
-    """Its 99.9th percentile."""
-    compute_max: float
-    """Its largest."""
-    backlog_samples: int
-    """Samples by which the newest frame is behind the newest audio now, beyond `algorithmic_samples`."""
-    backlog_max_samples: int
-    """The largest backlog since the session was made."""
-    mouth_samples: int
-    """Samples of future audio that a frame's mouth needs at most: fewer with the voice `"live"`."""
-
-
-class Stats(NamedTuple):
-    """What a session went through."""
-
-    chunks: int
-    """Chunks computed."""
-    frames: int
-    """Frames computed."""
-    late_frames: int
-    """Frames whose chunk was done later than real time needs it."""
-    dropped_frames: int
-    """Frames that an interrupt or a reset dropped before they were shown."""
-    overruns: int
-    """Samples of each channel that were not taken because there was no room."""
-    silenced: int
-    """Samples that were no usable number and became silence."""
-    held_chunks: int
-    """Chunks whose body was held because the engine did not keep up."""
-
-
-class Received(NamedTuple):
-    """What came of a decoder's packets."""
-
-    packets: int
-    """Packets that were taken."""
-    late: int
-    """Packets that came after their time or a second time: they changed nothing."""
-    lost: int
-    """Chunks whose packet did not come in time."""
-    held: int
-    """Keyframes of these that no other packet said: the last one was held."""
 
 
 class Sampled(NamedTuple):
@@ -117,13 +38,13 @@ class Parameter(Generic[Number]):
 
     def __init__(self, name: str, doc: str) -> None:
         self.name, self.__doc__ = name, doc
-        self.id = _library.PARAMETERS[name]
+        self.id = _generated.PARAMETERS[name]
         info = next(info for info in _parameters() if info.id == self.id)
         self.minimum: float = info.minimum
         """Least value."""
         self.maximum: float = info.maximum
         """Largest value."""
-        self.is_whole: bool = bool(info.flags & _library.PARAMETER_WHOLE)
+        self.is_whole: bool = bool(info.flags & _generated.PARAMETER_WHOLE)
         """Whether only whole numbers are allowed."""
 
     @overload
@@ -145,9 +66,9 @@ def _parameters() -> list[Any]:
     """What the library says of every parameter."""
     found: list[Any] = []
     while True:
-        info = _library.ParameterInfo(struct_size=ctypes.sizeof(_library.ParameterInfo))
+        info = _generated.ParameterInfo(struct_size=ctypes.sizeof(_generated.ParameterInfo))
         status = lib.umo_parameter_get_info(len(found), info)
-        if status == _library.Status.INVALID_ARGUMENT:
+        if status == _generated.Status.INVALID_ARGUMENT:
             return found
         _library.check(status)
         found.append(info)
@@ -208,19 +129,17 @@ class Session(_library.Handle):
         packet_history: Optional[int] = None,
     ) -> None:
         self._engine = engine
-        config, handle = _library.SessionConfig(), ctypes.c_void_p()
+        config, handle = _generated.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), engine.model._handle))
-        _library.set_fields(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
-        _library.set_fields(config, packets=None if packets is None else _library.chosen("packets", _library.PACKETS, packets))
-        _library.set_fields(config, packet_history=packet_history)
-        _library.set_fields(config, idle=idle, queue_frames=queue, idle_after_ms=_ms(idle_after), ease_ms=_ms(ease))
-        _library.set_fields(config, voice=None if voice is None else _library.chosen("voice", _library.VOICES, voice))
-        _library.set_fields(config, smoothing=smoothing, guidance=guidance, horizon=horizon)
+        _library.set_values(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
+        _library.set_values(config, packets=packets, packet_history=packet_history, voice=voice)
+        _library.set_values(config, idle=idle, queue_frames=queue, idle_after_ms=idle_after, ease_ms=ease)
+        _library.set_values(config, smoothing=smoothing, guidance=guidance, horizon=horizon)
         _library.set_fields(config, template_name=None if template is None else template.encode())
         self._layout = Layout(engine.model, axes)
         _library.check(lib.umo_session_new(engine._handle, config, byref(handle)))
         super().__init__(handle.value or 0, lib.umo_session_free)
-        self._rate, self._channels, self._axes = int(config.sample_rate), channels, _library.AXES[axes]
+        self._rate, self._channels, self._axes = int(config.sample_rate), channels, _generated.AXES[axes]
 
     def _check(self, status: int) -> None:
         _library.check_session(self._handle, status)
@@ -338,7 +257,7 @@ class Session(_library.Handle):
 
     def sample(self, seconds: float) -> Sampled:
         """The pose at `seconds` of the motion, for a renderer at a rate of its own. Frames before that time are taken."""
-        frames, sampled = self._layout.empty(1), _library.Sampled(struct_size=ctypes.sizeof(_library.Sampled))
+        frames, sampled = self._layout.empty(1), _generated.Sampled(struct_size=ctypes.sizeof(_generated.Sampled))
         layout, data = byref(self._layout.raw), frames.ctypes.data
         self._check(lib.umo_session_sample_pose(self._handle, seconds, layout, data, frames.nbytes, sampled))
         return Sampled(self._layout.motion(frames)[0], bool(sampled.is_ahead), sampled.oldest, sampled.newest)
@@ -367,7 +286,7 @@ class Session(_library.Handle):
 
     def set_mood(self, mood: str, strength: float = 1.0) -> None:
         """The mood of face and posture: `neutral`, `joy`, `sad`, `angry`, `surprised`, `disgusted` or `afraid`."""
-        number = _library.chosen("mood", _library.MOODS, mood)
+        number = _library.chosen("mood", _generated.MOODS, mood)
         self._check(lib.umo_session_set_mood(self._handle, number, strength))
 
     def hint_lips(self, shape: str, start: float, duration: float) -> None:
@@ -376,7 +295,7 @@ class Session(_library.Handle):
         `start` and `duration` are seconds of the audio that was pushed since the session began or was reset. `umo.lips` makes hints
         of the times that synthesisers give.
         """
-        number = _library.chosen("shape", _library.LIPS, shape)
+        number = _library.chosen("shape", _generated.LIPS, shape)
         self._check(lib.umo_session_hint_lips(self._handle, number, start, duration))
 
     def play_gesture(
@@ -394,9 +313,9 @@ class Session(_library.Handle):
         `at` is the time of the motion at which its stroke falls, seconds; None is as soon as possible. `side` is `"auto"`, `"left"`,
         `"right"` or `"both"`; `target` is the place to point at, in the session's axes and units.
         """
-        options = _library.GestureOptions()
+        options = _generated.GestureOptions()
         _library.check(lib.umo_gesture_options_init(options, ctypes.sizeof(options)))
-        options.side = _library.chosen("side", _library.SIDES, side)
+        options.side = _library.chosen("side", _generated.SIDES, side)
         options.at = -1.0 if at is None else at
         options.speed, options.strength, options.axes = speed, strength, self._axes
         if target is not None:
@@ -410,13 +329,13 @@ class Session(_library.Handle):
 
     def latency(self) -> Latency:
         """How far motion is behind speech."""
-        raw = _library.Latency(struct_size=ctypes.sizeof(_library.Latency))
+        raw = _generated.RawLatency(struct_size=ctypes.sizeof(_generated.RawLatency))
         self._check(lib.umo_session_latency(self._handle, raw))
         return Latency(*(getattr(raw, name) for name in Latency._fields))
 
     def stats(self) -> Stats:
         """What the session went through so far."""
-        raw = _library.Stats(struct_size=ctypes.sizeof(_library.Stats))
+        raw = _generated.RawStats(struct_size=ctypes.sizeof(_generated.RawStats))
         self._check(lib.umo_session_stats(self._handle, raw))
         return Stats(*(getattr(raw, name) for name in Stats._fields))
 
@@ -444,10 +363,6 @@ def channels_first(array: npt.NDArray[Any]) -> str:
     return f"If channels come first in it, pass audio.T for all of them or {mono} for mono"
 
 
-def _ms(seconds: Optional[float]) -> Optional[int]:
-    return None if seconds is None else round(seconds * 1e3)
-
-
 class Decoder(Session):
     """An avatar whose frames come of packets, where it is seen: `push_packet` takes the place of `push`, all else is a session's.
 
@@ -471,14 +386,14 @@ class Decoder(Session):
         queue: Optional[int] = None,
     ) -> None:
         self._model = model or default_model()
-        config, handle = _library.SessionConfig(), ctypes.c_void_p()
+        config, handle = _generated.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), self._model._handle))
-        _library.set_fields(config, target=target, lookahead=lookahead, seed=seed, smoothing=smoothing, patience=patience)
-        _library.set_fields(config, idle=idle, queue_frames=queue, idle_after_ms=_ms(idle_after), ease_ms=_ms(ease))
+        _library.set_values(config, target=target, lookahead=lookahead, seed=seed, smoothing=smoothing, patience=patience)
+        _library.set_values(config, idle=idle, queue_frames=queue, idle_after_ms=idle_after, ease_ms=ease)
         self._layout = Layout(self._model, axes)
         _library.check(lib.umo_decoder_new(self._model._handle, config, byref(handle)))
         _library.Handle.__init__(self, handle.value or 0, lib.umo_session_free)
-        self._rate, self._channels, self._axes = int(config.sample_rate), 1, _library.AXES[axes]
+        self._rate, self._channels, self._axes = int(config.sample_rate), 1, _generated.AXES[axes]
 
     @property
     def model(self) -> Model:
@@ -501,6 +416,6 @@ class Decoder(Session):
     @property
     def received(self) -> Received:
         """What came of the packets so far."""
-        stats = _library.Received(struct_size=ctypes.sizeof(_library.Received))
+        stats = _generated.RawReceived(struct_size=ctypes.sizeof(_generated.RawReceived))
         self._check(lib.umo_decoder_stats(self._handle, stats))
         return Received(*(int(getattr(stats, name)) for name in Received._fields))

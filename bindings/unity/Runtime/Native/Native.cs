@@ -10,7 +10,7 @@ using System.Text;
 namespace Umo
 {
     /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/> and <see cref="Session"/> are safe to use.</summary>
-    public static unsafe class Native
+    public static unsafe partial class Native
     {
         // Where all native code is linked into one program, there is no library to look for.
 #if (UNITY_IOS || UNITY_TVOS || UNITY_VISIONOS || UNITY_WEBGL) && !UNITY_EDITOR
@@ -19,18 +19,6 @@ namespace Umo
         public const string Library = "umo";
 #endif
         private const CallingConvention C = CallingConvention.Cdecl;
-
-        public const uint AbiVersion = 1;
-        /// <summary>An offset that says: not wanted.</summary>
-        public const uint Absent = 4294967295;
-        public const int VisemeCount = 15;
-        public const int JointCount = 55;
-        /// <summary>In <see cref="ParameterInfo.Flags"/>: only whole numbers are allowed.</summary>
-        public const uint ParameterWhole = 1;
-        /// <summary>Bytes that an error's detail may have, its end included.</summary>
-        public const int ErrorSize = 512;
-        /// <summary>Bytes that a self-test's report may have, its end included.</summary>
-        public const int SelfTestSize = 8192;
 
         [DllImport(Library, CallingConvention = C)] public static extern uint umo_abi_version();
         [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_version();

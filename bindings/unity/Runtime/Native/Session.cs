@@ -437,4 +437,20 @@ namespace Umo
         /// <summary>Frees it, when the calls of other threads that are in it have returned.</summary>
         public void Dispose() { handle.Dispose(); }
     }
+
+    public unsafe partial struct GestureOptions
+    {
+        /// <summary>Gives the gesture a place to point at.</summary>
+        public void PointAt(Axes axes, float x, float y, float z)
+        {
+            Axes = axes;
+            HasTarget = 1;
+            fixed (float* target = Target)
+            {
+                target[0] = x;
+                target[1] = y;
+                target[2] = z;
+            }
+        }
+    }
 }

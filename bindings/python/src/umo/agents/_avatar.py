@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .._engine import Engine
-from .._library import PRIORITIES, Error, Status, chosen
+from .._generated import PRIORITIES, Idle, Status
+from .._library import Error, chosen
 from .._model import Model
 from .._motion import Frame
-from .._session import Idle, Session, audio
+from .._session import Session, audio
 from ..lips import Hint
 
 SAMPLE = 2

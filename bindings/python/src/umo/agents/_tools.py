@@ -9,8 +9,9 @@ from typing import Any, Optional, Union
 
 import numpy.typing as npt
 
-from .._library import MOODS, SIDES, Error, chosen
-from .._session import Attention, Session
+from .._generated import MOODS, SIDES, Attention
+from .._library import Error, chosen
+from .._session import Session
 from ._avatar import Avatar
 
 MOST_SECONDS = 600.0

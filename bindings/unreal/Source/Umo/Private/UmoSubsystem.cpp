@@ -44,8 +44,8 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 	{
 		File = FPaths::Combine(FPaths::ProjectContentDir(), File);
 	}
-	const umo_unreal::Computing Computing{static_cast<uint32>(FMath::Max(Threads, 0)), static_cast<uint32>(Priority),
-	                                      static_cast<uint32>(FMath::Max(GatherMs, 0))};
+	umo_engine_config Config = umo::engine::defaults();
+	Configure(Config);
 	std::string Problem;
 #if PLATFORM_ANDROID
 	// It lies in the application's archive, which the engine reads.
@@ -56,10 +56,10 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 		OutProblem = FString::Printf(TEXT("%s cannot be read"), *File);
 		return nullptr;
 	}
-	auto Host = Hosts->open(Name, Computing, Problem, Content.GetData(), static_cast<std::size_t>(Content.Num()));
+	auto Host = Hosts->open(Name, Config, Problem, Content.GetData(), static_cast<std::size_t>(Content.Num()));
 #else
 	File = FPaths::ConvertRelativePathToFull(File);
-	auto Host = Hosts->open(TCHAR_TO_UTF8(*File), Computing, Problem);
+	auto Host = Hosts->open(TCHAR_TO_UTF8(*File), Config, Problem);
 #endif
 	OutProblem = UTF8_TO_TCHAR(Problem.c_str());
 	return Host;

@@ -5,7 +5,8 @@
 #include <memory>
 
 #include "CoreMinimal.h"
-#include "Subsystems/EngineSubsystem.h"
+
+#include "UmoEngineSettings.h"
 
 #include "UmoSubsystem.generated.h"
 
@@ -15,39 +16,13 @@ class Hosts;
 struct Host;
 }
 
-/** Priority of the threads that compute, among all threads of the machine. */
-UENUM()
-enum class EUmoPriority : uint8
-{
-	Normal = 0,
-	/** Before threads of normal priority: frames come in time while the game keeps every core busy. Linux refuses it to most users. */
-	High = 1,
-	/** Behind threads of normal priority: the game has its cores first. */
-	Low = 2,
-};
-
 /** Holds the models and engines that all characters of the process share: one per model file. */
 UCLASS(Config = Game)
-class UMO_API UUmoSubsystem : public UEngineSubsystem
+class UMO_API UUmoSubsystem : public UUmoEngineSettings
 {
 	GENERATED_BODY()
 
 public:
-	/** Threads that compute for each model, 0 for the library's default of two. Read when a model is opened. */
-	UPROPERTY(Config)
-	int32 Threads = 0;
-
-	/** Priority of those threads. Read when a model is opened. */
-	UPROPERTY(Config)
-	EUmoPriority Priority = EUmoPriority::Normal;
-
-	/**
-	 * The longest that a chunk waits for others, to be computed together, milliseconds. With 50, 32 avatars take about a
-	 * fifth less processor time, and frames come later by the wait. Read when a model is opened.
-	 */
-	UPROPERTY(Config)
-	int32 GatherMs = 0;
-
 	/** Frees the models that no character uses. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	void FreeUnusedModels();

@@ -29,7 +29,7 @@ std::string explain(umo_status status, const std::string &detail) {
     return text;
 }
 
-std::shared_ptr<Host> Hosts::open(const std::string &path, const Computing &computing, std::string &problem,
+std::shared_ptr<Host> Hosts::open(const std::string &path, const umo_engine_config &config, std::string &problem,
                                   const void *content, std::size_t size) {
     for (const auto &[known, host] : hosts_) {
         if (known == path) return host;
@@ -46,10 +46,6 @@ std::shared_ptr<Host> Hosts::open(const std::string &path, const Computing &comp
     umo_status status = umo_model_get_skeleton(host->model.get(), UMO_AXES_UNREAL, host->skeleton.parents,
                                                host->skeleton.offsets, joint_count);
     if (status == UMO_STATUS_OK) {
-        umo_engine_config config = umo::engine::defaults();
-        if (computing.threads != 0) config.threads = computing.threads;
-        config.priority = computing.priority;
-        config.gather_ms = computing.gather_ms;
         auto engine = umo::engine::make(host->model, &config);
         status = engine.status;
         host->engine = std::move(*engine);

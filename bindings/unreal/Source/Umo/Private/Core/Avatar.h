@@ -27,22 +27,12 @@ struct Host {
     SourceSkeleton skeleton;
 };
 
-/// How an engine computes.
-struct Computing {
-    /// 0 for the library's default.
-    std::uint32_t threads = 0;
-    /// `UMO_PRIORITY_…`
-    std::uint32_t priority = UMO_PRIORITY_NORMAL;
-    /// The longest that a chunk waits for others, milliseconds.
-    std::uint32_t gather_ms = 0;
-};
-
 /// The hosts of a process, one per model file. One thread.
 class Hosts {
 public:
-    /// `computing` is read when the file is opened first. Null where that fails: `problem` says why. `content` is what
+    /// `config` is read when the file is opened first. Null where that fails: `problem` says why. `content` is what
     /// the file holds where the system cannot open it by its path.
-    std::shared_ptr<Host> open(const std::string &path, const Computing &computing, std::string &problem,
+    std::shared_ptr<Host> open(const std::string &path, const umo_engine_config &config, std::string &problem,
                                const void *content = nullptr, std::size_t size = 0);
     /// Lets go of those that no character uses.
     void close_unused();
