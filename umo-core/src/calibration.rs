@@ -90,10 +90,10 @@ impl Gram {
         Ok(if none { filled(0.0, self.inputs * self.inputs) } else { state.sum.clone() })
     }
 
-    /// Adds the rows of `x` in `index`, or all.
-    pub(crate) fn add(&self, x: Mat<f32>, index: Option<&[u32]>) -> Result<(), StepError> {
+    /// Adds the rows of `x`.
+    pub(crate) fn add(&self, x: Input<f32>) -> Result<(), StepError> {
         let mut state = locked(&self.state);
-        for t in 0..index.map_or(x.rows(), <[u32]>::len) {
+        for t in 0..x.rows() {
             // One row in `each`, chosen by hash because rows come in patterns, and weighted to represent all of them.
             let each = (state.rows / ALL).next_power_of_two();
             state.rows += 1;
@@ -106,8 +106,7 @@ impl Gram {
                 state.pending = filled(0.0, self.inputs * ROWS);
             }
             let at = state.filled;
-            let row = x.row(index.map_or(t, |index| index[t] as usize));
-            for (to, &v) in state.pending[at..].iter_mut().step_by(ROWS).zip(row) {
+            for (to, &v) in state.pending[at..].iter_mut().step_by(ROWS).zip(x.row(t)) {
                 *to = weight * v;
             }
             state.filled += 1;
