@@ -115,7 +115,7 @@ impl Bench {
             let part = |outputs, y| Ok(matmul_i8(isa, rows, None, w.outputs(outputs), Epilogue::STORE, y)?);
             // Names the next weights, as the engine's layers do.
             let next = &packed[(copy + 1) % copies * len..][..len];
-            team.expect(n, PANEL, |outputs| {
+            team.prefetch_next(n, PANEL, |outputs| {
                 let panel = len / panels(n);
                 let first = &next[outputs.start / PANEL * panel..][..panel * AHEAD.min(outputs.len().div_ceil(PANEL))];
                 let (left, right) = first.split_at(first.len() / 2);

@@ -235,11 +235,12 @@ fn main() {
         for m in [1, 2, 4, 8, 16, 32, 64, 128, 256, 500] {
             let wants = |op: &str| format!("{op}/{n}x{k}/{m}/").contains(&filter) || filter.is_empty();
             for cold in [true, false] {
+                let case = Case { n, k, m, cold, seconds };
                 if wants("i8") {
-                    int8(n, k, m, cold, seconds, &floors, mkl.as_ref(), &mut memory);
+                    int8(case, &floors, mkl.as_ref(), &mut memory);
                 }
                 if wants("f32") {
-                    float(n, k, m, cold, seconds, &floors, mkl.as_ref());
+                    float(case, &floors, mkl.as_ref());
                 }
             }
         }
@@ -286,17 +287,20 @@ impl Line<'_> {
     }
 }
 
-#[expect(clippy::too_many_arguments, reason = "one figure's parameters")]
-fn int8(
+/// A product to time.
+#[derive(Clone, Copy)]
+struct Case {
     n: usize,
     k: usize,
     m: usize,
+    /// Weights come from memory, not from a cache.
     cold: bool,
+    /// Duration of each contestant's runs.
     seconds: f64,
-    floors: &Floors,
-    mkl: Option<&Mkl>,
-    memory: &mut Huge<u8>,
-) {
+}
+
+fn int8(case: Case, floors: &Floors, mkl: Option<&Mkl>, memory: &mut Huge<u8>) {
+    let Case { n, k, m, cold, seconds } = case;
     let len = packed_len_i8(n, k).next_multiple_of(64);
     let copies = if cold { COLD_BYTES / len } else { 1 };
     let mut random = numbers(7);
@@ -418,7 +422,8 @@ fn int8(
     }
 }
 
-fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors, mkl: Option<&Mkl>) {
+fn float(case: Case, floors: &Floors, mkl: Option<&Mkl>) {
+    let Case { n, k, m, cold, seconds } = case;
     let len = packed_len(n, k);
     let len_bf16 = packed_len_bf16(n, k);
     let copies = if cold { COLD_BYTES / 4 / len } else { 1 };

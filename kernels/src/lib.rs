@@ -7,6 +7,7 @@
 //! | module | operations | SPEC |
 //! |---|---|---|
 //! | [`matmul_f32`], [`matmul_bf16`], [`matmul_i8`], [`matmul_i4`] | `x . w^T` with packed weights, plain, gated, gathered and scattered | 2.4 |
+//! | [`product`] | the plan of a product, and products with weights of any type | 2.4 |
 //! | [`attention`] | softmax(q . k^T + bias) . v for one head | 2.4, 2.1, 2.6 |
 //! | [`experts`] | top-k routing and the counting sort of rows by expert | 2.4 |
 //! | [`conv1d`] | windows over time as the rows of a product, grouped convolution | 2.1, 2.7 |
@@ -56,6 +57,7 @@ pub mod norm;
 pub mod pack;
 pub mod peak;
 mod prefetch;
+pub mod product;
 pub mod quantize;
 #[doc(hidden)]
 pub mod tiling;

@@ -99,6 +99,11 @@ impl<'a> Bf16Rows<'a> {
         expect_len("lo", hi.stride(), lo.stride())?;
         Ok(Self { hi, lo: Some(lo) })
     }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.hi.rows()
+    }
 }
 
 /// Splits every value in two: the upper half of its bits, and the remainder rounded to bf16.

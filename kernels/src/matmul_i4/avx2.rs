@@ -174,7 +174,6 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
     weights: &[[u8; BLOCK]],
     partial: &mut [[__m256i; REGISTERS]; R],
 ) {
-    let nibbles = _mm256_set1_epi8(15);
     assert!(weights.len() <= HELD_BLOCKS);
     // Pointers: with length checks in the loop the compiler loads the inputs to other registers first.
     let (mut quads, mut start) = ([core::ptr::null(); R], [core::ptr::null(); R]);
@@ -202,9 +201,7 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
                     let (halves, _) = block.as_chunks::<{ BLOCK / REGISTERS }>();
                     let (mut low, mut high) = ([_mm256_setzero_si256(); H], [_mm256_setzero_si256(); H]);
                     for h in 0..H {
-                        let both = load_bytes(&halves[first + h]);
-                        low[h] = _mm256_and_si256(both, nibbles);
-                        high[h] = _mm256_and_si256(_mm256_srli_epi16::<4>(both), nibbles);
+                        (low[h], high[h]) = nibbles(&halves[first + h]);
                     }
                     for r in 0..R {
                         // SAFETY: as above.
@@ -297,10 +294,12 @@ fn store(dst: &mut [i32; GROUP_QUADS], v: __m256i) {
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }
 }
 
-/// Half a block.
+/// The codes plus 8 of half a block: for a quad, and for the next.
 #[inline]
 #[avx2]
-fn load_bytes(src: &[u8; BLOCK / REGISTERS]) -> __m256i {
-    // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
-    unsafe { _mm256_loadu_si256(src.as_ptr().cast()) }
+fn nibbles(half: &[u8; BLOCK / REGISTERS]) -> (__m256i, __m256i) {
+    // SAFETY: `half` is 32 readable bytes; the load needs no alignment.
+    let both = unsafe { _mm256_loadu_si256(half.as_ptr().cast()) };
+    let nibbles = _mm256_set1_epi8(15);
+    (_mm256_and_si256(both, nibbles), _mm256_and_si256(_mm256_srli_epi16::<4>(both), nibbles))
 }

@@ -10,7 +10,7 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::avx2::dequantize_tile;
-use super::tiles::{self, GROUPS, HELD_BLOCKS, Inputs, Kernel, prepare};
+use super::tiles::{self, GROUPS, HELD_BLOCKS, Inputs, Kernel, OutputTile, prepare};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
@@ -84,15 +84,13 @@ impl Kernel<ROWS> for Avx512Vnni {
     fn finish(
         self,
         x: &QuantInput,
-        t: usize,
+        tile: OutputTile,
         sums: &mut [[f32; PANEL]],
-        width: usize,
         task: &GemmTask<PackedI4>,
-        slot: usize,
         y: &mut MatMut<f32>,
     ) {
         // SAFETY: as above.
-        unsafe { dequantize_tile(x, t, sums, width, task, slot, y) }
+        unsafe { dequantize_tile(x, tile.t, sums, tile.width, task, tile.slot, y) }
     }
 }
 

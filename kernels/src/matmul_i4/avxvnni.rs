@@ -4,7 +4,7 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::avx2::dequantize_tile;
-use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel};
+use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel, OutputTile};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{AvxVnni, entry};
 use crate::mat::MatMut;
@@ -65,15 +65,13 @@ impl Kernel<ROWS> for AvxVnni {
     fn finish(
         self,
         x: &QuantInput,
-        t: usize,
+        tile: OutputTile,
         sums: &mut [[f32; PANEL]],
-        width: usize,
         task: &GemmTask<PackedI4>,
-        slot: usize,
         y: &mut MatMut<f32>,
     ) {
         // SAFETY: as above.
-        unsafe { dequantize_tile(x, t, sums, width, task, slot, y) }
+        unsafe { dequantize_tile(x, tile.t, sums, tile.width, task, tile.slot, y) }
     }
 }
 

@@ -11,7 +11,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel};
+use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel, OutputTile};
 use crate::gemm::simd128::{store_gated_tile, store_tile};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::Simd128;
@@ -83,13 +83,12 @@ impl Kernel<ROWS> for Simd128 {
     fn finish(
         self,
         x: &QuantInput,
-        t: usize,
+        tile: OutputTile,
         sums: &mut [[f32; PANEL]],
-        width: usize,
         task: &GemmTask<PackedI4>,
-        slot: usize,
         y: &mut MatMut<f32>,
     ) {
+        let OutputTile { t, slot, width } = tile;
         dequantize(x, t, sums, width, task, slot);
         match task {
             GemmTask::Plain(_, epilogue) => store_tile(sums, width, t, slot * PANEL, epilogue, y),

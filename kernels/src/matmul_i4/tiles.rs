@@ -23,6 +23,17 @@ pub(super) struct Inputs<G, const ROWS: usize> {
     pub(super) start: [[i32; GROUPS]; ROWS],
 }
 
+/// Place of the sums `[rows, width]` whose epilogue runs at once.
+#[derive(Clone, Copy)]
+pub(super) struct OutputTile {
+    /// First row.
+    pub(super) t: usize,
+    /// First slot.
+    pub(super) slot: usize,
+    /// Number of slots.
+    pub(super) width: usize,
+}
+
 /// The multiplication of one back-end.
 pub(super) trait Kernel<const ROWS: usize>: Copy {
     /// The inputs of a group in the format of the loops.
@@ -34,17 +45,13 @@ pub(super) trait Kernel<const ROWS: usize>: Copy {
     /// Adds the products of the first `sums.len()` rows of `inputs` with the spans of a panel, [`HELD_BLOCKS`] at most.
     fn multiply(self, inputs: &Inputs<Self::Group, ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]);
 
-    /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on to floats, and
-    /// applies the epilogue. The sums are stored as bits of floats.
-    #[expect(clippy::too_many_arguments, reason = "one step, each operand named")]
+    /// Scales the integer sums of `tile` to floats, and applies the epilogue. The sums are stored as bits of floats.
     fn finish(
         self,
         x: &QuantInput,
-        t: usize,
+        tile: OutputTile,
         sums: &mut [[f32; PANEL]],
-        width: usize,
         task: &GemmTask<PackedI4>,
-        slot: usize,
         y: &mut MatMut<f32>,
     );
 }
@@ -96,7 +103,7 @@ pub(super) fn run<K: Kernel<ROWS>, const ROWS: usize>(
                         *sums = exact.map(|sum: i32| f32::from_bits(sum.cast_unsigned()));
                     }
                 }
-                kernel.finish(x, t, sums, width, task, slot, &mut y);
+                kernel.finish(x, OutputTile { t, slot, width }, sums, task, &mut y);
             }
         }
     }

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use umo_kernels::ShapeError;
+use umo_kernels::product::ProductError;
 
 use crate::memory::OutOfMemory;
 
@@ -142,6 +143,15 @@ pub fn check_finite(values: &[f32], what: &'static str) -> Result<(), StepError>
 impl From<ShapeError> for StepError {
     fn from(error: ShapeError) -> Self {
         Self::Shape(error)
+    }
+}
+
+impl From<ProductError> for StepError {
+    fn from(error: ProductError) -> Self {
+        match error {
+            ProductError::Shape(error) => Self::Shape(error),
+            ProductError::Form => Self::Disagree("weights and rows of different precisions"),
+        }
     }
 }
 

@@ -282,11 +282,11 @@ impl Team {
         shared.end_job();
     }
 
-    /// Announces the first reads of the job after the next: `ahead(piece)` for each piece of its `total` columns or
+    /// Announces the first reads of the job after the next: `hint(piece)` for each piece of its `total` columns or
     /// rows, divided as `split` divides small jobs. Waiting threads prefetch them: memory is idle then, and most of a
     /// token's time is spent reading.
     #[doc(hidden)]
-    pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> PrefetchHint<'a>) {
+    pub fn prefetch_next<'a>(&self, total: usize, granule: usize, hint: impl Fn(Range<usize>) -> PrefetchHint<'a>) {
         if self.threads == 1 || self.is_lent || self.is_alone.load(Ordering::Relaxed) {
             return;
         }
@@ -295,7 +295,7 @@ impl Team {
         let mut start = 0;
         for (expected, end) in self.shared.expected.iter().zip(ends) {
             let end = (end * granule).min(total);
-            expected.set(if start < end { ahead(start..end) } else { PrefetchHint::NONE });
+            expected.set(if start < end { hint(start..end) } else { PrefetchHint::NONE });
             start = end;
         }
     }

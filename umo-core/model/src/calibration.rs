@@ -90,10 +90,10 @@ impl Gram {
         Ok(if none { filled(0.0, self.inputs * self.inputs) } else { state.sum.clone() })
     }
 
-    /// Adds the rows of `x` in `index`, or all.
-    pub fn add(&self, x: Mat<f32>, index: Option<&[u32]>) -> Result<(), StepError> {
+    /// Adds the rows of `x`.
+    pub fn add(&self, x: Input<f32>) -> Result<(), StepError> {
         let mut state = locked(&self.state);
-        for t in 0..index.map_or(x.rows(), <[u32]>::len) {
+        for t in 0..x.rows() {
             // One row in `each`, chosen by hash because rows come in patterns, and weighted to represent all of them.
             let each = (state.rows / ALL).next_power_of_two();
             state.rows += 1;
@@ -106,8 +106,7 @@ impl Gram {
                 state.pending = filled(0.0, self.inputs * ROWS);
             }
             let at = state.filled;
-            let row = x.row(index.map_or(t, |index| index[t] as usize));
-            for (to, &v) in state.pending[at..].iter_mut().step_by(ROWS).zip(row) {
+            for (to, &v) in state.pending[at..].iter_mut().step_by(ROWS).zip(x.row(t)) {
                 *to = weight * v;
             }
             state.filled += 1;
@@ -162,7 +161,7 @@ mod tests {
             Calibration::new(vec!["a".to_owned()]).product(vec![("a".to_owned(), 0..1)], 1, Isa::SCALAR).unwrap();
         // Every fourth row differs.
         let values: Vec<f32> = (0..8 * ALL).map(|i| if i % 4 == 1 { 2.0 } else { 1.0 }).collect();
-        gram.add(Mat::new(&values, 8 * ALL, 1).unwrap(), None).unwrap();
+        gram.add(Input::all(Mat::new(&values, 8 * ALL, 1).unwrap())).unwrap();
         let wanted = values.iter().map(|v| f64::from(v * v)).sum::<f64>();
         let sum = gram.sum().unwrap()[0];
         assert!((sum / wanted - 1.0).abs() < 0.03, "{sum} {wanted}");
@@ -180,8 +179,8 @@ mod tests {
         let tensors = vec![("a".to_owned(), 0..4), ("b".to_owned(), 0..2)];
         let gram = calibration.product(tensors, inputs, Isa::detect()).unwrap();
         let x = Mat::new(&values, rows, inputs).unwrap();
-        gram.add(x, None).unwrap();
-        gram.add(x, Some(&index)).unwrap();
+        gram.add(Input::all(x)).unwrap();
+        gram.add(Input::gather(x, &index).unwrap()).unwrap();
 
         let all = (0..rows).chain(index.map(|t| t as usize));
         let mut wanted = vec![0.0; inputs * inputs];

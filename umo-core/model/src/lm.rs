@@ -18,10 +18,11 @@ use std::time::Duration;
 
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
+use umo_kernels::product::Rows;
 use umo_kernels::{Mat, MatMut};
 
 use crate::config::Config;
-use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
@@ -443,7 +444,7 @@ fn norm_input<'a>(
     also: MatMut<f32>,
     work: usize,
     f: impl Fn(Mat<f32>, MatMut<f32>) -> Result<(), StepError> + Sync,
-) -> Result<Ready<'a>, StepError> {
+) -> Result<Rows<'a>, StepError> {
     let (d, rows) = (factors.len(), also.rows());
     let x = Mat::new(x, rows, d)?;
     quant.computed_rows(cx, next, y, also, rows * (d * NORM_WORK + work), |range, mut y, also| {

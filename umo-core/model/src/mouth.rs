@@ -12,6 +12,7 @@ mod level;
 mod network;
 
 use umo_kernels::gemm::Epilogue;
+use umo_kernels::product::Rows;
 use umo_kernels::{Isa, Mat, MatMut};
 
 use crate::audio::spectrum::{Spectrum, SpectrumScratch};
@@ -328,7 +329,7 @@ impl MouthStream {
         mouth.spectrum.power(&mut scratch.spectrum, &self.recent[..sizes.window], &mut scratch.power);
         let x = Mat::new(&scratch.power, 1, mouth.spectrum.bins())?;
         let y = MatMut::new(&mut scratch.energy, 1, sizes.bands)?;
-        mouth.spectrum.filters.apply_alone(isa, x, Epilogue::STORE, y)?;
+        mouth.spectrum.filters.apply_here(isa, Rows::float(x), 0..sizes.bands, Epilogue::STORE, y)?;
         let energy = scratch.energy.iter().sum::<f32>().max(sizes.floor).ln();
         mouth.control.hear(&mut self.level, energy);
         self.rows.copy_within(sizes.features().., 0);

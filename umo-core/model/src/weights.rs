@@ -404,13 +404,13 @@ impl Tensor<'_> {
 
     /// Returns the int8 values of row `row` and their scale, if the tensor is stored as int8, or as int4, which are
     /// expanded into `buffer [cols]`.
-    pub fn steps<'a>(&'a self, row: usize, buffer: &'a mut [i8]) -> Option<(&'a [i8], f32)> {
+    pub fn int8_row<'a>(&'a self, row: usize, buffer: &'a mut [i8]) -> Option<(&'a [i8], f32)> {
         match &self.data {
             Data::I8(data, scale) => Some((&data[row * self.cols..(row + 1) * self.cols], scale[row])),
             Data::I4 { scale, .. } => {
                 let (codes, multipliers) = (self.int4_codes(row), self.multipliers(row));
-                for (i, step) in buffer.iter_mut().enumerate() {
-                    *step = int4::code(codes, i) * multipliers[i / GROUP];
+                for (i, value) in buffer.iter_mut().enumerate() {
+                    *value = int4::code(codes, i) * multipliers[i / GROUP];
                 }
                 Some((buffer, scale[row]))
             }

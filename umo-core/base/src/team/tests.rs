@@ -86,7 +86,7 @@ fn prefetch_hints_are_split_like_the_job() {
         let team = Team::new(threads).unwrap();
         let work = PARALLEL_THRESHOLD;
         let (expected, seen) = (std::sync::Mutex::new(vec![]), std::sync::Mutex::new(vec![]));
-        team.expect(100, 16, |range| {
+        team.prefetch_next(100, 16, |range| {
             expected.lock().unwrap().push(range);
             PrefetchHint::new(&data, &data)
         });

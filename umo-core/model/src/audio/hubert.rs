@@ -10,10 +10,11 @@ use umo_kernels::activation::Activation;
 use umo_kernels::attention::{Operands, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
+use umo_kernels::product::{Bf16Form, Rows};
 use umo_kernels::{Isa, Mat, MatMut, PANEL};
 
 use crate::config;
-use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader, load_layers};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Slice, filled, with_capacity};
@@ -259,7 +260,7 @@ impl Hubert {
         let (mut rows, mut dim) = (samples, 1);
         let mut parts = [0; 2];
         let need = |parts: &mut [usize; 2], product: &Linear, values: usize| {
-            for part in parts.iter_mut().take(product.parts(self.isa)) {
+            for part in parts.iter_mut().take(product.bf16_form(self.isa).map_or(0, Bf16Form::parts)) {
                 *part = values.max(*part);
             }
         };
@@ -333,7 +334,7 @@ impl Hubert {
                 let rows = x.row_range(start..(start + near).min(x.rows()));
                 let mut y = MatMut::new(room, rows.rows(), columns.len())?;
                 let first = &self.convolutions[0];
-                first.apply_here(cx, Ready::Float(rows), None, columns.clone(), Epilogue::STORE, y.reborrow())?;
+                first.apply_here(cx.isa, Rows::float(rows), columns.clone(), Epilogue::STORE, y.reborrow())?;
                 channel_sums(cx.isa, y.dense(), sum.row_mut(0), squares.row_mut(0))?;
             }
             Ok(())
@@ -431,8 +432,8 @@ impl Hubert {
         cx.team.rows(MatMut::new(&mut scratch.even, rows, dim)?, work, |range, mut all| {
             for start in range.clone().step_by(NEAR) {
                 let (mut x, rest) = all.split_rows(NEAR.min(range.end - start));
-                let waves = Ready::Float(waves.row_range(start..start + x.rows()));
-                first.apply_here(cx, waves, None, 0..dim, Epilogue::STORE, x.reborrow())?;
+                let waves = Rows::float(waves.row_range(start..start + x.rows()));
+                first.apply_here(cx.isa, waves, 0..dim, Epilogue::STORE, x.reborrow())?;
                 channel_affine(cx.isa, x.reborrow(), scale, shift)?;
                 for t in 0..x.rows() {
                     activation::apply(cx.isa, Activation::Gelu, x.row_mut(t));
@@ -524,23 +525,19 @@ impl Hubert {
             }
         }
         let padded = &*padded;
-        let values = match self.position.first() {
-            Some(first) if first.parts(cx.isa) > 0 => Some(first.to_bf16(cx, &mut scratch.quant, padded)?),
-            _ => None,
-        };
+        let form = self.position.first().and_then(|first| first.bf16_form(cx.isa));
+        let values = form.map(|form| scratch.quant.to_bf16(cx, form, padded)).transpose()?;
         scratch.sum[..features.len()].copy_from_slice(features);
         let sum = MatMut::new(&mut scratch.sum, window, hidden)?;
         cx.team.columns(sum, width, window * kernel * hidden * width, |columns, mut rest| {
             for group in columns.start / width..columns.end / width {
                 let (y, tail) = rest.split_columns(width);
-                let (start, end) = (group * group_len, Epilogue::ADD.then(Activation::Gelu));
-                if let Some(values) = &values {
-                    let rows = values.rows(start, window, kernel * width, width)?;
-                    self.position[group].apply_bf16(cx, rows, 0..width, end, y)?;
-                } else {
-                    let windows = Mat::with_stride(&padded[start..], window, kernel * width, width)?;
-                    self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
-                }
+                let (start, epilogue) = (group * group_len, Epilogue::ADD.then(Activation::Gelu));
+                let windows = match &values {
+                    Some(values) => values.rows(start, window, kernel * width, width)?,
+                    None => Rows::float(Mat::with_stride(&padded[start..], window, kernel * width, width)?),
+                };
+                self.position[group].apply_here(cx.isa, windows, 0..width, epilogue, y)?;
                 rest = tail;
             }
             Ok(())

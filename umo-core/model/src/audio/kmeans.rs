@@ -2,9 +2,10 @@
 
 use umo_kernels::activation::argmax;
 use umo_kernels::gemm::Epilogue;
+use umo_kernels::product::Rows;
 use umo_kernels::{Mat, MatMut};
 
-use crate::linear::{Compute, Linear, Ready};
+use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
 use umo_core_base::error::{LoadError, StepError, check_finite};
 use umo_core_base::memory::with_capacity;
@@ -43,7 +44,7 @@ impl Kmeans {
     ) -> Result<(), StepError> {
         let x = Mat::new(features, units.len(), self.product.inputs())?;
         let y = MatMut::new(scores, units.len(), self.units())?;
-        self.product.apply(cx, Ready::Float(x), None, 0..self.units(), Epilogue::STORE, y)?;
+        self.product.apply(cx, Rows::float(x), 0..self.units(), Epilogue::STORE, y)?;
         // A non-finite feature gives non-finite scores, so features need no check.
         check_finite(&scores[..units.len() * self.units()], "audio features")?;
         for (unit, scores) in units.iter_mut().zip(scores.chunks_exact(self.units())) {

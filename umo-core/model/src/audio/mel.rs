@@ -3,10 +3,11 @@
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
+use umo_kernels::product::Rows;
 use umo_kernels::{Mat, MatMut};
 
 use crate::config;
-use crate::linear::{Compute, Linear, Ready};
+use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Slice, filled};
@@ -195,7 +196,7 @@ impl Mel {
         }
         let power = Mat::new(&scratch.power, count, bins)?;
         let energy = MatMut::new(&mut scratch.energy, count, bands)?;
-        self.spectrum.filters.apply(cx, Ready::Float(power), None, 0..bands, Epilogue::STORE, energy)?;
+        self.spectrum.filters.apply(cx, Rows::float(power), 0..bands, Epilogue::STORE, energy)?;
         let (back, fresh) = scratch.rows[..(self.back() + count) * width].split_at_mut(past.rows.len());
         for (row, energy) in fresh.chunks_exact_mut(width).zip(scratch.energy.chunks_exact(bands)) {
             for (log, energy) in row.iter_mut().zip(energy) {
@@ -230,7 +231,7 @@ impl Mel {
         let mut x = Mat::with_stride(&scratch.rows, count, (self.back() + 1) * width, width)?;
         for (i, layer) in layers.iter().enumerate() {
             let y = MatMut::new(write, count, layer.outputs())?;
-            layer.apply(cx, Ready::Float(x), None, 0..layer.outputs(), RELU, y)?;
+            layer.apply(cx, Rows::float(x), 0..layer.outputs(), RELU, y)?;
             std::mem::swap(&mut read, &mut write);
             if i == 0 {
                 self.residual(cx, &mut past.blocks, &mut scratch.block, write, read, count)?;
@@ -238,7 +239,7 @@ impl Mel {
             x = Mat::new(read, count, layer.outputs())?;
         }
         let y = MatMut::new(features, count, last.outputs())?;
-        last.apply(cx, Ready::Float(x), None, 0..last.outputs(), Epilogue::STORE, y)
+        last.apply(cx, Rows::float(x), 0..last.outputs(), Epilogue::STORE, y)
     }
 
     /// Applies all blocks to `x [count, width]`, then ReLU.
@@ -259,9 +260,9 @@ impl Mel {
             rows[back..back + x.len()].copy_from_slice(x);
             before.copy_from_slice(&rows[x.len()..x.len() + back]);
             let windows = Mat::with_stride(rows, count, back + width, width)?;
-            block.causal.apply(cx, Ready::Float(windows), None, 0..width, RELU, MatMut::new(inner, count, width)?)?;
-            let inner = Ready::Float(Mat::new(inner, count, width)?);
-            block.pointwise.apply(cx, inner, None, 0..width, Epilogue::ADD, MatMut::new(x, count, width)?)?;
+            block.causal.apply(cx, Rows::float(windows), 0..width, RELU, MatMut::new(inner, count, width)?)?;
+            let inner = Rows::float(Mat::new(inner, count, width)?);
+            block.pointwise.apply(cx, inner, 0..width, Epilogue::ADD, MatMut::new(x, count, width)?)?;
         }
         if let Some(block) = self.blocks.first() {
             x[..count * block.pointwise.outputs()].iter_mut().for_each(|value| *value = value.max(0.0));

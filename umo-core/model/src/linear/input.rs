@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_bf16::{Bf16Rows, split_bf16x2};
+use umo_kernels::product::{Bf16Form, Rows};
 use umo_kernels::quantize::{QuantRows, quantization_scale, quantize_columns, quantize_rows, row_maxima};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, ShapeError};
 
@@ -17,9 +18,9 @@ use umo_core_base::team::{MAX_PIECES, zip_split};
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Values<'a> {
     /// Rounded values, or their high parts.
-    first: &'a [Bf16],
+    high: &'a [Bf16],
     /// Low parts, if split.
-    rest: Option<&'a [Bf16]>,
+    low: Option<&'a [Bf16]>,
 }
 
 impl<'a> Bf16Values<'a> {
@@ -27,12 +28,13 @@ impl<'a> Bf16Values<'a> {
     ///
     /// # Errors
     /// [`ShapeError`] if there are fewer values.
-    pub fn rows(&self, start: usize, rows: usize, cols: usize, stride: usize) -> Result<Bf16Rows<'a>, ShapeError> {
+    pub fn rows(&self, start: usize, rows: usize, cols: usize, stride: usize) -> Result<Rows<'a>, ShapeError> {
         let part = |part: &'a [Bf16]| Mat::with_stride(&part[start.min(part.len())..], rows, cols, stride);
-        match self.rest {
-            Some(rest) => Bf16Rows::split(part(self.first)?, part(rest)?),
-            None => Ok(Bf16Rows::rounded(part(self.first)?)),
-        }
+        let high = part(self.high)?;
+        Ok(Rows::Bf16(match self.low {
+            Some(low) => Bf16Rows::split(high, part(low)?)?,
+            None => Bf16Rows::rounded(high),
+        }))
     }
 }
 
@@ -40,7 +42,7 @@ impl<'a> Bf16Values<'a> {
 /// number of lines apart: with an even number, the 16 rows of a tile would fall into few sets of L1.
 #[derive(Debug)]
 pub struct QuantScratch {
-    steps: AlignedBox<i8>,
+    codes: AlignedBox<i8>,
     scale: Box<[f32]>,
     /// bf16 values: rounded or high parts, and low parts. May be empty.
     parts: [AlignedBox<Bf16>; 2],
@@ -92,8 +94,8 @@ impl QuantScratch {
     /// Scratch space for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
         let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
-        let (steps, scale) = (AlignedBox::zeroed(values + rows * LINE), filled(0.0, rows).into());
-        Self { steps, scale, parts, largest: AlignedBox::zeroed(0) }
+        let (codes, scale) = (AlignedBox::zeroed(values + rows * LINE), filled(0.0, rows).into());
+        Self { codes, scale, parts, largest: AlignedBox::zeroed(0) }
     }
 
     /// Adds the space that [`Self::computed`] needs.
@@ -107,10 +109,10 @@ impl QuantScratch {
     ///
     /// # Errors
     /// [`StepError`] if there are fewer rows.
-    pub fn again<'a>(&'a self, next: &Linear, values: &'a [f32], rows: usize) -> Result<Ready<'a>, StepError> {
+    pub fn again<'a>(&'a self, next: &Linear, values: &'a [f32], rows: usize) -> Result<Rows<'a>, StepError> {
         match next.is_quantized() {
-            true => self.ready(rows, next.inputs()),
-            false => Ok(Ready::Float(Mat::new(values, rows, next.inputs())?)),
+            true => self.quantized(rows, next.inputs()),
+            false => Ok(Rows::float(Mat::new(values, rows, next.inputs())?)),
         }
     }
 
@@ -131,7 +133,7 @@ impl QuantScratch {
         work: usize,
         (room, each): (&mut [f32], usize),
         f: impl Fn(Range<usize>, &mut Columns) -> Result<(), StepError> + Sync,
-    ) -> Result<Ready<'a>, StepError> {
+    ) -> Result<Rows<'a>, StepError> {
         let (width, pieces) = (next.inputs(), cx.team.pieces());
         let mut y = MatMut::new(values, rows, width)?;
         if room.len() < width * each {
@@ -139,8 +141,8 @@ impl QuantScratch {
         }
         let largest = if next.is_quantized() {
             let want = rows * stride(width);
-            if self.largest.len() < pieces * rows || self.scale.len() < rows || self.steps.len() < want {
-                return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
+            if self.largest.len() < pieces * rows || self.scale.len() < rows || self.codes.len() < want {
+                return Err(ShapeError { arg: "quant", want, got: self.codes.len() }.into());
             }
             self.largest[..pieces * rows].fill(0.0);
             MatMut::new(&mut self.largest, pieces, rows)?
@@ -165,19 +167,19 @@ impl QuantScratch {
             },
         )?;
         if !next.is_quantized() {
-            return Ok(Ready::Float(Mat::new(values, rows, width)?));
+            return Ok(Rows::float(Mat::new(values, rows, width)?));
         }
         let (largest, others) = self.largest[..pieces * rows].split_at_mut(rows);
         for (t, largest) in largest.iter_mut().enumerate() {
             *largest = others.iter().skip(t).step_by(rows).fold(*largest, |largest, &other| largest.max(other));
             self.scale[t] = quantization_scale(*largest);
         }
-        let (steps, largest) = (MatMut::with_stride(&mut self.steps, rows, width, stride(width))?, &*largest);
+        let (codes, largest) = (MatMut::with_stride(&mut self.codes, rows, width, stride(width))?, &*largest);
         let cut = zip_split(MatMut::split_columns, MatMut::split_columns);
-        cx.team.split((y, steps), width, granule, rows * width * QUANTIZE_WORK, cut, |_, (y, steps)| {
-            Ok(quantize_columns(cx.isa, &y, largest, steps)?)
+        cx.team.split((y, codes), width, granule, rows * width * QUANTIZE_WORK, cut, |_, (y, codes)| {
+            Ok(quantize_columns(cx.isa, &y, largest, codes)?)
         })?;
-        self.ready(rows, width)
+        self.quantized(rows, width)
     }
 
     /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and prepares them for
@@ -194,47 +196,47 @@ impl QuantScratch {
         also: MatMut<f32>,
         work: usize,
         f: impl Fn(Range<usize>, MatMut<f32>, MatMut<f32>) -> Result<(), StepError> + Sync,
-    ) -> Result<Ready<'a>, StepError> {
+    ) -> Result<Rows<'a>, StepError> {
         let (rows, width) = (also.rows(), next.inputs());
         let mut y = MatMut::new(values, rows, width)?;
         if !next.is_quantized() {
             cx.team.rows_of_two(y, also, work, f)?;
-            return Ok(Ready::Float(Mat::new(values, rows, width)?));
+            return Ok(Rows::float(Mat::new(values, rows, width)?));
         }
-        let (steps, scale) = self.room(rows, width)?;
+        let (codes, scale) = self.room(rows, width)?;
         let cut = zip_split(
             zip_split(MatMut::split_rows, MatMut::split_rows),
             zip_split(MatMut::split_rows, MatMut::split_rows),
         );
         let work = work + rows * width * QUANTIZE_WORK;
-        let all = ((y.reborrow(), also), (steps, scale));
-        cx.team.split(all, rows, 1, work, cut, |range, ((mut y, mut also), (mut steps, mut scale))| {
+        let all = ((y.reborrow(), also), (codes, scale));
+        cx.team.split(all, rows, 1, work, cut, |range, ((mut y, mut also), (mut codes, mut scale))| {
             for first in range.clone().step_by(ROWS_IN_L1) {
                 let now = first..(first + ROWS_IN_L1).min(range.end);
                 let (now_also, rest_also) = also.split_rows(now.len());
-                let (now_steps, rest_steps) = steps.split_rows(now.len());
+                let (now_codes, rest_codes) = codes.split_rows(now.len());
                 let (mut now_scale, rest_scale) = scale.split_rows(now.len());
-                (also, steps, scale) = (rest_also, rest_steps, rest_scale);
+                (also, codes, scale) = (rest_also, rest_codes, rest_scale);
                 let (mut y, _) = y.reborrow().split_rows(now.len());
                 f(now, y.reborrow(), now_also)?;
-                quantize_rows(cx.isa, y.dense(), now_steps.split_columns(width).0, now_scale.column_mut())?;
+                quantize_rows(cx.isa, y.dense(), now_codes.split_columns(width).0, now_scale.column_mut())?;
             }
             Ok(())
         })?;
-        self.ready(rows, width)
+        self.quantized(rows, width)
     }
 
     /// Quantizes the rows of `x`.
     ///
     /// # Errors
     /// [`StepError`] if the scratch space is too small.
-    pub(super) fn quantize(&mut self, cx: Compute, x: Mat<f32>) -> Result<Ready<'_>, StepError> {
+    pub(super) fn quantize(&mut self, cx: Compute, x: Mat<f32>) -> Result<Rows<'_>, StepError> {
         let (rows, width) = (x.rows(), x.cols());
-        let (steps, scale) = self.room(rows, width)?;
-        cx.team.rows_of_two(steps, scale, rows * width * QUANTIZE_WORK, |range, steps, mut scale| {
-            Ok(quantize_rows(cx.isa, x.row_range(range), steps.split_columns(width).0, scale.column_mut())?)
+        let (codes, scale) = self.room(rows, width)?;
+        cx.team.rows_of_two(codes, scale, rows * width * QUANTIZE_WORK, |range, codes, mut scale| {
+            Ok(quantize_rows(cx.isa, x.row_range(range), codes.split_columns(width).0, scale.column_mut())?)
         })?;
-        self.ready(rows, width)
+        self.quantized(rows, width)
     }
 
     /// Calls `f` for rows of `x`, quantized, and the same rows of `y`. Each thread quantizes its own rows, so they
@@ -248,70 +250,71 @@ impl QuantScratch {
         x: Mat<f32>,
         y: MatMut<f32>,
         work: usize,
-        f: impl Fn(Ready, MatMut<f32>) -> Result<(), StepError> + Sync,
+        f: impl Fn(Rows, MatMut<f32>) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
         let (rows, width) = (x.rows(), x.cols());
-        let (steps, scale) = self.room(rows, width)?;
+        let (codes, scale) = self.room(rows, width)?;
         let cut = zip_split(zip_split(MatMut::split_rows, MatMut::split_rows), MatMut::split_rows);
         let work = work + rows * width * QUANTIZE_WORK;
-        cx.team.split(((steps, scale), y), rows, 1, work, cut, |range, ((mut steps, mut scale), y)| {
-            let (scale, values) = (scale.column_mut(), steps.reborrow().split_columns(width).0);
+        cx.team.split(((codes, scale), y), rows, 1, work, cut, |range, ((mut codes, mut scale), y)| {
+            let (scale, values) = (scale.column_mut(), codes.reborrow().split_columns(width).0);
             quantize_rows(cx.isa, x.row_range(range), values, scale)?;
-            f(Ready::Quant(Quantized { steps: steps.dense().columns(0..width), scale }), y)
+            f(Rows::quantized(QuantRows::new(codes.dense().columns(0..width), scale)?), y)
         })
     }
 
-    /// Rounds `values` to bf16.
+    /// Converts `values` to bf16, once for all threads and all rows that share a value.
     ///
     /// # Errors
     /// [`StepError`] if the scratch space is too small.
-    pub(super) fn round(&mut self, cx: Compute, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
-        let first = &mut self.parts[0];
+    pub fn to_bf16(&mut self, cx: Compute, form: Bf16Form, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
+        let [high, low] = &mut self.parts;
+        let len = values.len();
         // One value per row, so that threads share them in any proportion.
-        cx.team.rows(MatMut::new(first, values.len(), 1)?, values.len(), |range, mut y| {
-            let y = y.column_mut();
-            let (x, y) = (Mat::new(&values[range], 1, y.len())?, MatMut::new(y, 1, y.len())?);
-            Ok(round_bf16(cx.isa, x, y)?)
-        })?;
-        Ok(Bf16Values { first: &first[..values.len()], rest: None })
+        let rows = MatMut::new(high, len, 1)?;
+        let low = match form {
+            Bf16Form::Rounded => {
+                cx.team.rows(rows, len, |range, mut y| {
+                    let y = y.column_mut();
+                    let (x, y) = (Mat::new(&values[range], 1, y.len())?, MatMut::new(y, 1, y.len())?);
+                    Ok(round_bf16(cx.isa, x, y)?)
+                })?;
+                None
+            }
+            Bf16Form::Split => {
+                cx.team.rows_of_two(rows, MatMut::new(low, len, 1)?, len, |range, mut high, mut low| {
+                    Ok(split_bf16x2(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
+                })?;
+                Some(&low[..len])
+            }
+        };
+        Ok(Bf16Values { high: &high[..len], low })
     }
 
-    /// Splits `values` into high and low parts.
-    ///
-    /// # Errors
-    /// [`StepError`] if the scratch space is too small.
-    pub fn split(&mut self, cx: Compute, values: &[f32]) -> Result<Bf16Values<'_>, StepError> {
-        let [first, rest] = &mut self.parts;
-        let (high, low) = (MatMut::new(first, values.len(), 1)?, MatMut::new(rest, values.len(), 1)?);
-        cx.team.rows_of_two(high, low, values.len(), |range, mut high, mut low| {
-            Ok(split_bf16x2(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
-        })?;
-        Ok(Bf16Values { first: &first[..values.len()], rest: Some(&rest[..values.len()]) })
-    }
-
-    /// Whether [`Self::split`] has room for this number of values.
-    pub(super) fn has_room_to_split(&self, values: usize) -> bool {
-        self.parts.iter().all(|part| part.len() >= values)
+    /// Whether this number of values is converted to `form`: without space for split ones, products read the
+    /// floats.
+    pub(super) fn converts_to(&self, form: Bf16Form, values: usize) -> bool {
+        form == Bf16Form::Rounded || self.parts.iter().all(|part| part.len() >= values)
     }
 
     /// Space for quantized values and scales, gaps between rows included, so that the writer can read them back.
     fn room(&mut self, rows: usize, width: usize) -> Result<(MatMut<'_, i8>, MatMut<'_, f32>), ShapeError> {
         let want = rows * stride(width);
-        if self.scale.len() < rows || self.steps.len() < want {
-            return Err(ShapeError { arg: "quant", want, got: self.steps.len() });
+        if self.scale.len() < rows || self.codes.len() < want {
+            return Err(ShapeError { arg: "quant", want, got: self.codes.len() });
         }
-        let steps = MatMut::new(&mut self.steps, rows, stride(width))?;
-        Ok((steps, MatMut::new(&mut self.scale, rows, 1)?))
+        let codes = MatMut::new(&mut self.codes, rows, stride(width))?;
+        Ok((codes, MatMut::new(&mut self.scale, rows, 1)?))
     }
 
     /// The rows quantized last.
-    fn ready(&self, rows: usize, width: usize) -> Result<Ready<'_>, StepError> {
-        let steps = Mat::with_stride(&self.steps, rows, width, stride(width))?;
-        Ok(Ready::Quant(Quantized { steps, scale: &self.scale[..rows] }))
+    fn quantized(&self, rows: usize, width: usize) -> Result<Rows<'_>, StepError> {
+        let codes = Mat::with_stride(&self.codes, rows, width, stride(width))?;
+        Ok(Rows::quantized(QuantRows::new(codes, &self.scale[..rows])?))
     }
 
     /// Adds room for this number of rounded values or high parts, and of low parts: for products whose
-    /// [`Linear::parts`] is not 0.
+    /// rows are converted ([`Linear::bf16_form`]).
     #[must_use]
     pub fn with_parts(self, values: [usize; 2]) -> Self {
         Self { parts: values.map(AlignedBox::zeroed), ..self }
@@ -320,51 +323,5 @@ impl QuantScratch {
     /// Scratch space for `rows` rows of at most `width` values, or for more rows of fewer values.
     pub(crate) fn new(rows: usize, width: usize) -> Self {
         Self::with_values(rows, rows * width)
-    }
-}
-
-/// Activations in the form that a product reads.
-#[derive(Clone, Copy, Debug)]
-pub enum Ready<'a> {
-    /// Floats.
-    Float(Mat<'a, f32>),
-    /// Quantized.
-    Quant(Quantized<'a>),
-}
-
-impl<'a> Ready<'a> {
-    /// The rows `range`. Panics if `range` is out of bounds.
-    #[must_use]
-    pub fn row_range(self, range: Range<usize>) -> Ready<'a> {
-        match self {
-            Self::Float(x) => Self::Float(x.row_range(range)),
-            Self::Quant(x) => {
-                Self::Quant(Quantized { steps: x.steps.row_range(range.clone()), scale: &x.scale[range] })
-            }
-        }
-    }
-
-    /// Number of rows of the product.
-    pub fn rows(&self, index: Option<&[u32]>) -> usize {
-        index.map_or_else(
-            || match self {
-                Self::Float(x) => x.rows(),
-                Self::Quant(x) => x.scale.len(),
-            },
-            <[u32]>::len,
-        )
-    }
-}
-
-/// Quantized rows in a scratch.
-#[derive(Clone, Copy, Debug)]
-pub struct Quantized<'a> {
-    steps: Mat<'a, i8>,
-    scale: &'a [f32],
-}
-
-impl<'a> Quantized<'a> {
-    pub(super) fn view(&self) -> Result<QuantRows<'a>, ShapeError> {
-        QuantRows::new(self.steps, self.scale)
     }
 }

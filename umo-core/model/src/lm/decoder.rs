@@ -121,10 +121,10 @@ impl DecoderCache {
     }
 
     /// Prefetch hint for the start of a head's keys and values in cross-attention.
-    fn cross_ahead(&self, isa: Isa, layer: usize, head: usize) -> PrefetchHint<'_> {
+    fn cross_prefetch_hint(&self, isa: Isa, layer: usize, head: usize) -> PrefetchHint<'_> {
         match &self.cross {
             Cross::F32(_) => PrefetchHint::NONE,
-            Cross::Bf16(cross) => ahead(isa, self.cross_head(cross, layer, head)),
+            Cross::Bf16(cross) => prefetch_hint(isa, self.cross_head(cross, layer, head)),
         }
     }
 
@@ -298,7 +298,7 @@ impl Decoder {
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
         let then = || {
             if let Some(next) = self.layers.get(index + 1) {
-                next.self_attention.input.expect(cx);
+                next.self_attention.input.prefetch_next(cx);
             }
         };
         layer.experts.forward(cx, (quant, inside), experts, &mut hidden[rows_of], &mut normed[..rows * d], then)?;
@@ -337,8 +337,8 @@ impl Decoder {
         let (hidden, rows) = (&mut hidden[rows.clone()], rows.len() / d);
         let (input, none) = (&layer.self_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.self_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
-        layer.self_attention.output.expect(cx);
-        input.apply(cx, x, None, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
+        layer.self_attention.output.prefetch_next(cx);
+        input.apply(cx, x, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
         append(sequences, index, qkv.columns(inner..3 * inner));
 
@@ -348,12 +348,12 @@ impl Decoder {
             let first = sequence.cache.own_len;
             let (cache, rows) = (&sequence.cache, first + sequence.count);
             let next = heads.clone().nth(1);
-            let ahead = next.map_or(PrefetchHint::NONE, |head| ahead(cx.isa, cache.own_head(index, head, rows)));
+            let hint = next.map_or(PrefetchHint::NONE, |head| prefetch_hint(cx.isa, cache.own_head(index, head, rows)));
             let [k, v] = cache.own_head(index, heads.start, rows).map(|values| Mat::new(values, rows, self.d_kv));
             let operands = Operands::new(q, k?, v?, 1.0).biased(self.bias.of(heads.start, first));
-            attention_f32(cx.isa, operands.seeing(Visible::Causal { first }).hinting(ahead), y)
+            attention_f32(cx.isa, operands.seeing(Visible::Causal { first }).hinting(hint), y)
         })?;
-        layer.cross_attention.input.expect(cx);
+        layer.cross_attention.input.prefetch_next(cx);
         let context = Mat::new(context, rows, inner)?;
         layer.self_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
@@ -374,20 +374,20 @@ impl Decoder {
         let (input, none) = (&layer.cross_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
         // Each thread prefetches its first head of the first sequence.
-        cx.team.expect(inner, self.d_kv, |columns| {
+        cx.team.prefetch_next(inner, self.d_kv, |columns| {
             sequences
                 .first()
-                .map_or(PrefetchHint::NONE, |s| s.cache.cross_ahead(cx.isa, index, columns.start / self.d_kv))
+                .map_or(PrefetchHint::NONE, |s| s.cache.cross_prefetch_hint(cx.isa, index, columns.start / self.d_kv))
         });
-        input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
+        input.apply(cx, x, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
-        layer.cross_attention.output.expect(cx);
+        layer.cross_attention.output.prefetch_next(cx);
         let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
         let keys = sequences.iter().map(|s| s.cache.cross_len).max().unwrap_or(0);
         self.heads(cx, sequences, keys, q, context, |sequence, heads, q, y| {
             self.attend_head(cx, &sequence.cache, (index, heads), q, y)
         })?;
-        layer.experts.expect(cx);
+        layer.experts.prefetch_next(cx);
         let context = Mat::new(context, rows, inner)?;
         layer.cross_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
@@ -410,9 +410,10 @@ impl Decoder {
             }
             Cross::Bf16(cross) => {
                 let next = heads.clone().nth(1);
-                let ahead = next.map_or(PrefetchHint::NONE, |head| ahead(cx.isa, cache.cross_head(cross, index, head)));
+                let hint =
+                    next.map_or(PrefetchHint::NONE, |head| prefetch_hint(cx.isa, cache.cross_head(cross, index, head)));
                 let [k, v] = cache.cross_head(cross, index, head).map(|values| Mat::new(values, rows, d_kv));
-                attention_bf16(cx.isa, Operands::new(q, k?, v?, 1.0).hinting(ahead), y)
+                attention_bf16(cx.isa, Operands::new(q, k?, v?, 1.0).hinting(hint), y)
             }
         }
     }
@@ -438,7 +439,7 @@ impl Decoder {
 }
 
 /// Prefetch hint for keys and values.
-fn ahead<T>(isa: Isa, [keys, values]: [&[T]; 2]) -> PrefetchHint<'_> {
+fn prefetch_hint<T>(isa: Isa, [keys, values]: [&[T]; 2]) -> PrefetchHint<'_> {
     PrefetchHint::new(keys, values).tuned_for(isa)
 }
 

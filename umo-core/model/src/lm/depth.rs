@@ -10,6 +10,7 @@ use std::ops::Range;
 use umo_kernels::attention::{HeadCache, attention_heads_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
+use umo_kernels::product::Bf16Form;
 use umo_kernels::{Isa, Mat, MatMut};
 
 use super::sampler::{Rank, Sampler};
@@ -187,7 +188,8 @@ impl DepthNet {
         let input = state("input")?;
         let heard = sizes.heard.map(|_| state("heard")).transpose()?;
         let products = layers.iter().map(|layer| &layer.down).chain([&input]).chain(&heard);
-        let rounded = products.filter(|product| product.parts(loader.isa()) == 1).map(Linear::inputs);
+        let rounded =
+            products.filter(|product| product.bf16_form(loader.isa()) == Some(Bf16Form::Rounded)).map(Linear::inputs);
         Ok(Self {
             rounded: rounded.max().unwrap_or(0),
             input,
@@ -508,7 +510,7 @@ impl Lane {
         rms_norm(isa, x, &layer.feed_forward_norm, net.eps, MatMut::new(&mut self.normed, rows, d)?)?;
         let x = layer.gate.input(cx, &mut self.quant, Mat::new(&self.normed, rows, d)?)?;
         let y = MatMut::new(&mut self.inner, rows, net.d_ff)?;
-        layer.gate.apply_gated_here(&layer.up, cx, x, None, 0..net.d_ff, y)?;
+        layer.gate.apply_gated_here(&layer.up, isa, x, 0..net.d_ff, y)?;
         let inner = Mat::new(&self.inner, rows, net.d_ff)?;
         layer.down.forward(cx, &mut self.quant, inner, Epilogue::ADD, MatMut::new(&mut self.hidden, rows, d)?)
     }

@@ -4,12 +4,13 @@ use std::ops::Range;
 
 use umo_kernels::attention::{Operands, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
+use umo_kernels::product::Rows;
 use umo_kernels::{Mat, MatMut, PANEL};
 
 use super::attention::{PositionBias, Projections, heads_of};
 use super::experts::Experts;
 use super::{LmScratch, PIECE_WORK, no_more, norm, norm_input, piece_rows};
-use crate::linear::{Compute, Linear, Ready};
+use crate::linear::{Compute, Linear};
 use crate::weights::{Loader, load_layers};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::time::Instant;
@@ -106,7 +107,9 @@ impl Encoder {
         let then = || {
             if let Some(next) = self.layers.get(index + 1) {
                 let input = &next.attention.input;
-                cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| input.ahead(columns).tuned_for(cx.isa));
+                cx.team.prefetch_next(self.heads * self.d_kv, self.d_kv, |columns| {
+                    input.prefetch_hint(columns).tuned_for(cx.isa)
+                });
             }
         };
         let hidden = &mut hidden[first * d..(first + rows) * d];
@@ -152,7 +155,7 @@ impl Encoder {
                 let x = Mat::new(context, rows, output.inputs())?.row_range(row..end);
                 let x = output.input(cx, middle, x)?;
                 let y = MatMut::new(&mut hidden[row * d..end * d], end - row, d)?;
-                output.apply(cx, x, None, 0..d, Epilogue::ADD, y)?;
+                output.apply(cx, x, 0..d, Epilogue::ADD, y)?;
                 Some(if end < rows { EncoderPiece::Output(end) } else { EncoderPiece::Experts(0) })
             }
             EncoderPiece::Experts(slot) => {
@@ -200,7 +203,7 @@ impl Encoder {
         let work = rows * (3 * d + 2 * longest) * inner;
         let granule = if self.heads_apart() { self.d_kv } else { inner };
         let room = (&mut qkv[..], 3 * rows);
-        output.expect(cx);
+        output.prefetch_next(cx);
         let context = middle.computed(cx, output, (&mut context[..], rows), granule, work, room, |columns, to| {
             // A few heads at a time, so that their queries, keys and values are still in cache when they are
             // read.
@@ -213,7 +216,7 @@ impl Encoder {
             }
             to.complete(0..rows)
         })?;
-        output.apply(cx, context, None, 0..d, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
+        output.apply(cx, context, 0..d, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
     /// Whether each head begins at a whole panel of queries, keys and values. Otherwise one thread computes
@@ -229,7 +232,7 @@ impl Encoder {
         &self,
         cx: Compute,
         input: &Linear,
-        x: Ready,
+        x: Rows,
         columns: Range<usize>,
         lengths: &[usize],
         room: &mut [f32],
@@ -240,12 +243,12 @@ impl Encoder {
         let attention = if input.is_quantized() { encoder_attention_bf16 } else { encoder_attention_f32 };
         let mut y = MatMut::new(room, rows, 3 * width)?;
         if width == inner {
-            input.apply_here(cx, x, None, 0..3 * inner, Epilogue::STORE, y.reborrow())?;
+            input.apply_here(cx.isa, x, 0..3 * inner, Epilogue::STORE, y.reborrow())?;
         } else {
             for kind in 0..3 {
                 let (_, y) = y.reborrow().split_columns(kind * width);
                 let outputs = kind * inner + columns.start..kind * inner + columns.end;
-                input.apply_here(cx, x, None, outputs, Epilogue::STORE, y.split_columns(width).0)?;
+                input.apply_here(cx.isa, x, outputs, Epilogue::STORE, y.split_columns(width).0)?;
             }
         }
         let qkv = y.dense();

@@ -4,11 +4,12 @@ use std::ops::Range;
 
 use umo_kernels::experts::{Routing, route};
 use umo_kernels::gemm::{Epilogue, Scatter};
+use umo_kernels::product::Rows;
 use umo_kernels::{MatMut, PANEL};
 
 use super::{norm_input, piece_rows};
 use crate::config::Lm;
-use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::filled;
@@ -112,9 +113,9 @@ impl Experts {
         // One expert after the other, so that its hidden rows are still in cache when they are read.
         self.each(starts, |expert, next, slots| {
             let to = Scatter { rows: &rows[slots.clone()], weight: &weights[slots] };
-            expert.down.expect(cx);
+            expert.down.prefetch_next(cx);
             let after = || match next {
-                Some(next) => next.expect(cx),
+                Some(next) => next.prefetch_next(cx),
                 None => then(),
             };
             expert.forward(cx, input, middle, to, gated, MatMut::new(hidden, count, d)?, after)
@@ -160,14 +161,14 @@ impl Experts {
         scratch: &mut ExpertScratch,
         hidden: &[f32],
         normed: &'a mut [f32],
-    ) -> Result<Ready<'a>, StepError> {
+    ) -> Result<Rows<'a>, StepError> {
         let (d, experts) = (self.norm.len(), self.experts.len());
         let rows = hidden.len() / d;
         let slots = rows * self.top_k;
         let ExpertScratch { starts, rows: slot_rows, weights, logits, .. } = scratch;
         let (scores, next) = (MatMut::new(logits, rows, experts)?, (&self.experts[0].gate, quant));
         let input = norm_input(cx, hidden, (&self.norm, self.eps), normed, next, scores, d * PANEL, |x, scores| {
-            self.router.apply_here(cx, Ready::Float(x), None, 0..experts, Epilogue::STORE, scores)
+            self.router.apply_here(cx.isa, Rows::float(x), 0..experts, Epilogue::STORE, scores)
         })?;
         let mut routing = Routing { starts, rows: &mut slot_rows[..slots], weights: &mut weights[..slots] };
         route(cx.isa, MatMut::new(logits, rows, experts)?, self.top_k, &mut routing)?;
@@ -176,8 +177,8 @@ impl Experts {
 
     /// Issues a prefetch hint for the router's weights, to the thread that computes norm and router after the
     /// next job.
-    pub(super) fn expect(&self, cx: Compute) {
-        cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()).tuned_for(cx.isa));
+    pub(super) fn prefetch_next(&self, cx: Compute) {
+        cx.team.prefetch_next(1, 1, |_| self.router.prefetch_hint(0..self.experts.len()).tuned_for(cx.isa));
     }
 
     /// Calls `f` for every expert that has rows, with the next such expert and its own slots.
@@ -202,7 +203,7 @@ impl Expert {
     fn forward(
         &self,
         cx: Compute,
-        input: Ready,
+        input: Rows,
         middle: &mut QuantScratch,
         to: Scatter,
         gated: &mut [f32],
@@ -210,18 +211,19 @@ impl Expert {
         then: impl Fn(),
     ) -> Result<(), StepError> {
         let (rows, d, d_ff) = (to.rows, self.down.outputs(), self.down.inputs());
+        let input = input.gather(rows)?;
         let (gated, work) = ((gated, rows.len()), 2 * rows.len() * d * d_ff);
-        let inside = middle.computed(cx, &self.down, gated, PANEL, work, (&mut [], 0), |columns, end| {
-            self.gate.apply_gated_here(&self.up, cx, input, Some(rows), columns, end.y.reborrow())?;
-            end.complete(0..rows.len())
+        let inside = middle.computed(cx, &self.down, gated, PANEL, work, (&mut [], 0), |columns, inside| {
+            self.gate.apply_gated_here(&self.up, cx.isa, input, columns, inside.y.reborrow())?;
+            inside.complete(0..rows.len())
         })?;
         then();
-        let end = Epilogue { scatter: Some(to), ..Epilogue::STORE };
-        self.down.apply(cx, inside, None, 0..d, end, hidden)
+        let epilogue = Epilogue { scatter: Some(to), ..Epilogue::STORE };
+        self.down.apply(cx, inside, 0..d, epilogue, hidden)
     }
 
     /// Issues a prefetch hint for its first products, to the threads that compute them after the next job.
-    fn expect(&self, cx: Compute) {
-        self.gate.expect_gated(&self.up, cx);
+    fn prefetch_next(&self, cx: Compute) {
+        self.gate.prefetch_gated_next(&self.up, cx);
     }
 }

@@ -93,12 +93,12 @@ impl Conv {
         quant: &mut QuantScratch,
         x: &[f32],
         rows: usize,
-        end: Epilogue,
+        epilogue: Epilogue,
         y: &mut [f32],
     ) -> Result<(), StepError> {
         let x = Mat::with_stride(x, rows, self.0.inputs(), self.channels())?;
         let y = MatMut::new(padded(y, rows, self.0.outputs()), rows, self.0.outputs())?;
-        self.0.forward(cx, quant, x, end, y)
+        self.0.forward(cx, quant, x, epilogue, y)
     }
 
     /// Convolution with LeakyReLU from `front` to `front`, using `back`.

@@ -2,6 +2,7 @@
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
+use umo_kernels::product::Rows;
 use umo_kernels::{Isa, Mat, MatMut};
 
 use crate::config;
@@ -124,6 +125,7 @@ impl Network {
 }
 
 /// Computes the product for one row.
-fn apply(isa: Isa, layer: &Linear, x: &[f32], end: Epilogue, y: &mut [f32]) -> Result<(), StepError> {
-    layer.apply_alone(isa, Mat::new(x, 1, layer.inputs())?, end, MatMut::new(y, 1, layer.outputs())?)
+fn apply(isa: Isa, layer: &Linear, x: &[f32], epilogue: Epilogue, y: &mut [f32]) -> Result<(), StepError> {
+    let (x, outputs) = (Rows::float(Mat::new(x, 1, layer.inputs())?), layer.outputs());
+    layer.apply_here(isa, x, 0..outputs, epilogue, MatMut::new(y, 1, outputs)?)
 }

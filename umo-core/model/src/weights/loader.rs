@@ -332,19 +332,19 @@ impl<'a> Loader<'a> {
     /// Quantizes and packs all panels in parallel; values that are int8 in the file are kept.
     fn pack_int8(&self, rows: &Rows) -> Result<Weight, LoadError> {
         let (n, k) = (rows.n, rows.cols());
-        let mut steps = self.pool.zeroed(packed_len_i8(n, k));
+        let mut codes = self.pool.zeroed(packed_len_i8(n, k));
         let (mut scale, mut sum) = (filled(0.0, n).into_boxed_slice(), filled(0, n).into_boxed_slice());
         let outputs = scale.par_chunks_mut(PANEL).zip(sum.par_chunks_mut(PANEL));
-        let panels = steps.par_chunks_mut(packed_len_i8(1, k).max(1)).zip(outputs).enumerate();
+        let panels = codes.par_chunks_mut(packed_len_i8(1, k).max(1)).zip(outputs).enumerate();
         let room = || RowBuffer::new(k);
         for_each(panels, room, |buffer, (p, (panel, (scale, sum)))| {
             for (lane, (scale, sum)) in scale.iter_mut().zip(sum).enumerate() {
-                let row = rows.steps(p * PANEL + lane, buffer, scale)?;
+                let row = rows.codes(p * PANEL + lane, buffer, scale)?;
                 *sum = pack_row_i8(row, lane, panel).expect("one panel per chunk");
             }
             Ok(())
         })?;
-        Ok(Weight::I8 { steps, scale, sum })
+        Ok(Weight::I8 { codes, scale, sum })
     }
 }
 
@@ -416,14 +416,14 @@ struct Rows<'a> {
 struct RowBuffer {
     stored: Vec<f32>,
     sorted: Vec<f32>,
-    steps: Vec<i8>,
+    codes: Vec<i8>,
     /// Expanded int4 values.
     unpacked: Vec<i8>,
 }
 
 impl RowBuffer {
     fn new(k: usize) -> Self {
-        Self { stored: filled(0.0, k), sorted: filled(0.0, k), steps: filled(0, k), unpacked: filled(0, k) }
+        Self { stored: filled(0.0, k), sorted: filled(0.0, k), codes: filled(0, k), unpacked: filled(0, k) }
     }
 }
 
@@ -466,16 +466,16 @@ impl Rows<'_> {
     }
 
     /// Output `row` as quantized values with their `scale`, in the needed order.
-    fn steps<'a>(&'a self, row: usize, buffer: &'a mut RowBuffer, scale: &mut f32) -> Result<&'a [i8], LoadError> {
+    fn codes<'a>(&'a self, row: usize, buffer: &'a mut RowBuffer, scale: &mut f32) -> Result<&'a [i8], LoadError> {
         let (tensor, source) = self.locate(row);
-        if let Some((stored, step)) = tensor.steps(source, &mut buffer.unpacked) {
-            *scale = step;
-            return Ok(self.order.sort(stored, &mut buffer.steps));
+        if let Some((stored, of_row)) = tensor.int8_row(source, &mut buffer.unpacked) {
+            *scale = of_row;
+            return Ok(self.order.sort(stored, &mut buffer.codes));
         }
         tensor.read_row(source, &mut buffer.stored)?;
         let values = self.order.sort(&buffer.stored, &mut buffer.sorted);
-        *scale = quantize_weight_row(values, &mut buffer.steps).expect("both `k` long");
-        Ok(&buffer.steps)
+        *scale = quantize_weight_row(values, &mut buffer.codes).expect("both `k` long");
+        Ok(&buffer.codes)
     }
 }
 
