@@ -9,7 +9,6 @@ use umo_core::avatar::AvatarConfig;
 use umo_core::lm::layout::window_tokens;
 use umo_core::lm::tally::kind_names;
 use umo_core::model::Model;
-use umo_core::motion::Latents;
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
 use umo_kernels::Isa;
 use umo_tests::Noise;
@@ -124,8 +123,8 @@ fn recorded_keyframes_are_those_of_the_frames() {
         }
         first += part.levels;
     }
-    let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
-    let whole = model.motion().decode_list(cx, &latents).unwrap();
+    let codes: Vec<_> = codes.iter().map(Vec::as_slice).collect();
+    let whole = model.motion().decode_list(cx, &codes).unwrap();
     // Near a chunk's end, within the decoders' reach, the newest frame stood for later ones; the first
     // frames are not near one.
     let sure = config.lookahead.saturating_sub(model.motion().reach()) + 1;

@@ -64,6 +64,7 @@ mod inner {
     #[cfg(feature = "retarget")]
     pub mod glb;
     pub mod interp;
+    pub(crate) mod layout;
     pub mod life;
     pub mod linear;
     pub mod lm;

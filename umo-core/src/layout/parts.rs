@@ -1,145 +1,154 @@
-//! The codes of the window: `P` keyframes of history, `N` new ones, and the frames between them.
+//! Layout `parts`, the paper's: four parts with one code a frame. A decoder pass gives one code of a keyframe (SPEC
+//! 2.5), and a network chooses the codes of the frames between keyframes (SPEC 2.6).
 
+use std::sync::Arc;
+
+use super::{Drawn, Pass, Shape, Window, window_frames};
+use crate::avatar::Avatar;
 use crate::config::Config;
-use crate::error::StepError;
-use crate::memory::{Arena, Slice};
+use crate::error::{LoadError, StepError};
+use crate::interp::{Filling, Interp, InterpScratch};
+use crate::linear::Compute;
+use crate::lm::decoder::Sequence;
+use crate::lm::generate::{Generator, Heads, Position};
+use crate::memory::{Arena, Slice, filled};
+use crate::motion::{MotionDecoder, MotionStream};
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
+use crate::weights::Loader;
 
-/// Codes of one session's window.
+/// The networks.
 #[derive(Debug)]
-pub(crate) struct History {
-    /// `[P + N]` keyframes of each part, oldest first.
-    keyframes: PerPart<Slice<u16>>,
-    /// `[(P + N - 1) * stride + 1]` frames of each part.
-    frames: PerPart<Slice<u16>>,
-    prefix: usize,
-    target: usize,
-    stride: usize,
-    codes: usize,
-    /// Rest codes.
-    rest: PerPart<u16>,
+pub(crate) struct Networks {
+    heads: Arc<Heads>,
+    interp: Arc<Interp>,
 }
 
-impl History {
-    /// Creates a history of rest codes.
-    pub(crate) fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
-        let (prefix, stride) = (config.prefix, config.keyframe_stride);
-        let (len, rest) = ((prefix + target - 1) * stride + 1, config.part_rest());
-        Self {
-            keyframes: PerPart::from_fn(|part| arena.filled(rest[part], prefix + target)),
-            frames: PerPart::from_fn(|_| arena.filled(0, len)),
-            prefix,
-            target,
-            stride,
-            codes: config.part_codes(),
-            rest,
+impl Networks {
+    pub(super) fn load(loader: &Loader) -> Result<Self, LoadError> {
+        Ok(Self { heads: Arc::new(Heads::load(loader)?), interp: Arc::new(Interp::load(loader)?) })
+    }
+
+    pub(super) fn interp(&self) -> &Interp {
+        &self.interp
+    }
+
+    pub(super) fn draw(&self, config: &Config, width: usize) -> Draw {
+        Draw {
+            generator: Generator::new(config, Arc::clone(&self.heads)),
+            positions: filled(Position::default(), width).into(),
         }
     }
 
-    /// Resets the history to rest codes.
-    pub(crate) fn rest(&mut self) {
-        Part::ALL.into_iter().for_each(|part| self.keyframes[part].fill(self.rest[part]));
+    pub(super) fn run_in(&self, config: &Config, decoder: &MotionDecoder, shape: Shape, arena: &Arena) -> Run {
+        let (len, stride) = (window_frames(config, shape.target), config.keyframe_stride);
+        Run {
+            interp: Arc::clone(&self.interp),
+            frames: Frames { codes: PerPart::from_fn(|_| arena.filled(0, len)), stride },
+            motion: MotionStream::new_in(decoder, (shape.target * stride, shape.lookahead), shape.smoothing, arena),
+        }
     }
+}
 
-    /// Replaces the history by the last of `codes`.
-    pub(crate) fn set(&mut self, codes: PerPart<&[u16]>) -> Result<(), StepError> {
+/// Codes of a window's frames, and the motion that is decoded from them.
+#[derive(Debug)]
+pub(crate) struct Run {
+    interp: Arc<Interp>,
+    pub(super) frames: Frames,
+    pub(super) motion: MotionStream<u16>,
+}
+
+/// Codes of a window's frames. Each chunk writes them before it reads them.
+#[derive(Debug)]
+pub(super) struct Frames {
+    /// `[(P + N - 1) * stride + 1]` of each part.
+    codes: PerPart<Slice<u16>>,
+    stride: usize,
+}
+
+impl Frames {
+    /// Copies the keyframes to their frames and masks all others.
+    #[expect(clippy::cast_possible_truncation, reason = "the mask fits 16 bits by the config's checks")]
+    fn lay_out(&mut self, window: &Window, mask: usize) {
         for part in Part::ALL {
-            let Some(&first) = codes[part].first() else { return Err(StepError::Empty("codes of history")) };
-            if let Some(&code) = codes[part].iter().find(|&&code| usize::from(code) >= self.codes) {
-                return Err(StepError::OutOfRange { what: "code", got: code.into(), limit: self.codes });
+            self.codes[part].fill(mask as u16);
+            for (frame, codes) in self.codes[part].iter_mut().step_by(self.stride).zip(window.keyframes()) {
+                *frame = codes[part as usize];
             }
-            let last = &codes[part][codes[part].len().saturating_sub(self.prefix)..];
-            let (pad, rest) = self.keyframes[part][..self.prefix].split_at_mut(self.prefix - last.len());
-            pad.fill(first);
-            rest.copy_from_slice(last);
         }
+    }
+
+    /// Codes of the frames from `start` on.
+    pub(super) fn codes(&self, start: usize) -> PerPart<&[u16]> {
+        PerPart::from_fn(|part| &self.codes[part][start..])
+    }
+
+    /// Inputs of the motion decoders: the codes of the frames from `start` on.
+    pub(super) fn latents(&self, start: usize) -> [&[u16]; Part::ALL.len()] {
+        Part::ALL.map(|part| &self.codes[part][start..])
+    }
+}
+
+impl Run {
+    /// Describes the history, part by part, and the motion.
+    pub(super) fn state(
+        &mut self,
+        pass: &mut StatePass,
+        window: &mut Window,
+        decoder: &MotionDecoder,
+        known: usize,
+    ) -> Result<(), StateError> {
+        let (parts, codes) = (Part::ALL.len(), window.history().len());
+        window.state(pass, (0..parts).flat_map(|part| (part..codes).step_by(parts)))?;
+        self.motion.state(pass, decoder, known, |book, pass, codes| pass.codes(codes, book.codes()))
+    }
+
+    pub(super) fn begin_filling(
+        &mut self,
+        scratch: &mut InterpScratch,
+        (window, start): (&Window, usize),
+        piece: impl Fn(usize) -> usize,
+    ) -> Result<Filling, StepError> {
+        self.frames.lay_out(window, self.interp.mask());
+        self.interp.begin(scratch, self.frames.codes(0), start, piece(Part::ALL.len()))
+    }
+
+    pub(super) fn fill(
+        &mut self,
+        cx: Compute,
+        scratch: &mut InterpScratch,
+        filling: &mut Filling,
+    ) -> Result<bool, StepError> {
+        let PerPart { face, hands, upper, lower } = &mut self.frames.codes;
+        self.interp.step(cx, scratch, PerPart { face, hands, upper, lower }, filling)
+    }
+}
+
+/// Drawing of codes, one from each sequence of a pass.
+#[derive(Debug)]
+pub(crate) struct Draw {
+    generator: Generator,
+    /// One per member.
+    positions: Box<[Position]>,
+}
+
+impl Draw {
+    pub(super) fn start(&mut self, member: usize, sequence: &mut Sequence) -> Result<(), StepError> {
+        self.positions[member] = self.generator.begin(sequence)?;
         Ok(())
     }
 
-    /// Describes the history. Each chunk writes the new keyframes and the frames in between before it reads them.
-    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let (prefix, codes) = (self.prefix, self.codes);
-        Part::ALL.into_iter().try_for_each(|part| pass.codes(&mut self.keyframes[part][..prefix], codes))
-    }
-
-    /// The history's keyframes.
-    pub(crate) fn prefix(&self) -> PerPart<&[u16]> {
-        PerPart::from_fn(|part| &self.keyframes[part][..self.prefix])
-    }
-
-    /// The new keyframes, mutable.
-    pub(crate) fn target(&mut self) -> PerPart<&mut [u16]> {
-        let PerPart { face, hands, upper, lower } = &mut self.keyframes;
-        let prefix = self.prefix;
-        PerPart {
-            face: &mut face[prefix..],
-            hands: &mut hands[prefix..],
-            upper: &mut upper[prefix..],
-            lower: &mut lower[prefix..],
-        }
-    }
-
-    /// Copies the keyframes to their frames and masks all others.
-    #[expect(clippy::cast_possible_truncation, reason = "the mask fits 16 bits by the config's checks")]
-    pub(crate) fn lay_out(&mut self) {
-        for part in Part::ALL {
-            self.frames[part].fill(self.codes as u16);
-            for (frame, &code) in self.frames[part].iter_mut().step_by(self.stride).zip(&self.keyframes[part]) {
-                *frame = code;
+    pub(super) fn step(&mut self, cx: Compute, pass: Pass, avatars: &mut [Avatar]) -> Result<Drawn, StepError> {
+        let (mut row, mut more) = (0, false);
+        for ((sequence, position), avatar) in pass.sequences.iter_mut().zip(&mut self.positions).zip(avatars) {
+            let count = sequence.ids().len();
+            if count == 0 {
+                continue;
             }
+            row += count;
+            let (sampling, codes) = (avatar.chunk_sampling(), avatar.window.targets_mut());
+            more |= self.generator.write(cx, pass.lm, row - 1, sampling, position, codes, sequence)?;
         }
-    }
-
-    /// The window's frames, mutable.
-    pub(crate) fn frames(&mut self) -> PerPart<&mut [u16]> {
-        let PerPart { face, hands, upper, lower } = &mut self.frames;
-        PerPart { face, hands, upper, lower }
-    }
-
-    /// The window's frames.
-    pub(crate) fn window(&self) -> PerPart<&[u16]> {
-        PerPart::from_fn(|part| &*self.frames[part])
-    }
-
-    /// Frames whose codes this chunk made known: those after the last keyframe of the history, or in the first chunk
-    /// from frame 0.
-    pub(crate) fn fresh(&self, first: bool) -> PerPart<&[u16]> {
-        let start = self.fresh_start(first);
-        PerPart::from_fn(|part| &self.frames[part][start..])
-    }
-
-    /// Index of the first fresh frame in the window.
-    pub(crate) fn fresh_start(&self, first: bool) -> usize {
-        if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 }
-    }
-
-    /// Sets the new keyframes to the last one of the history.
-    pub(crate) fn hold(&mut self) {
-        for part in Part::ALL {
-            let (history, new) = self.keyframes[part].split_at_mut(self.prefix);
-            new.fill(history[self.prefix - 1]);
-        }
-    }
-
-    /// Writes `codes [keyframes, parts]`, starting at keyframe `first` of the window.
-    pub(crate) fn put(&mut self, first: usize, codes: &[u16]) {
-        for (at, codes) in codes.chunks_exact(Part::ALL.len()).enumerate() {
-            Part::ALL.into_iter().zip(codes).for_each(|(part, &code)| self.keyframes[part][first + at] = code);
-        }
-    }
-
-    /// Reads codes in the layout of [`Self::put`].
-    pub(crate) fn get(&self, first: usize, codes: &mut [u16]) {
-        for (at, codes) in codes.chunks_exact_mut(Part::ALL.len()).enumerate() {
-            Part::ALL.into_iter().zip(codes).for_each(|(part, code)| *code = self.keyframes[part][first + at]);
-        }
-    }
-
-    /// Moves the window by one chunk.
-    pub(crate) fn advance(&mut self) {
-        for part in Part::ALL {
-            self.keyframes[part].copy_within(self.target.., 0);
-        }
+        Ok(if more { Drawn::Pass } else { Drawn::Chunk })
     }
 }
