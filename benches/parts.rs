@@ -16,7 +16,7 @@ use umo_core::lm::{Lengths, Lm, LmScratch};
 use umo_core::model::Model;
 use umo_core::session::{Session, SessionConfig};
 use umo_core::weights::{AlignedBox, Loader};
-use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, floor};
+use umo_core::{Compute, Config, ModelFile, Part, Precision, floor};
 use umo_kernels::activation::argmax;
 use umo_kernels::{Mat, peak};
 

@@ -267,7 +267,7 @@ impl Batch {
 
     /// Computes one more layer; returns whether there is more to do. `avatars` are the members that the batch was
     /// started with, in the same order, each with its chunk's audio in `Avatar::samples`. `sink` receives frames as
-    /// they become final. Never allocates.
+    /// they become final. `model` is the one that the batch and the avatars were created for. Never allocates.
     ///
     /// # Errors
     /// [`StepError`]; call [`Self::exclude`] or [`Self::abandon`] next.
