@@ -7,13 +7,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use umo_core::{
-    Compute, Config, Engine, EngineConfig, Model, ModelFile, Part, PerPart, Poll, Precision, Sampler, Session,
-    SessionConfig, Threads,
+    Compute, Config, Engine, EngineConfig, Model, ModelFile, Part, Poll, Precision, Sampler, Session, SessionConfig,
+    Threads,
 };
 use umo_core_model::audio::Tokenizer;
 use umo_core_model::lm::decoder::Sequence;
 use umo_core_model::lm::depth::{DepthNet, DepthScratch, Task};
-use umo_core_model::lm::generate::{ChunkSampling, Generator};
+use umo_core_model::lm::generate::{ChunkSampling, Generator, Heads};
 use umo_core_model::lm::{Lengths, Lm, LmScratch};
 use umo_core_model::weights::{AlignedBox, Loader};
 use umo_core_tools::floor;
@@ -76,8 +76,9 @@ pub struct Language {
     hidden: Vec<f32>,
     scratch: LmScratch,
     sequence: Sequence,
+    heads: Arc<Heads>,
     generator: Generator,
-    codes: PerPart<Vec<u16>>,
+    codes: Vec<u16>,
     logits: Vec<f32>,
     /// Decoder positions computed so far.
     at: usize,
@@ -89,7 +90,9 @@ impl Language {
         let config = file.config().clone();
         let lengths = Lengths { encoder: TOKENS, decoder: Lengths::of(&config).decoder };
         let mut random = Random::new(4);
-        let lm = Lm::load(&Loader::new(file, Precision::Stored, isa()), lengths).expect(OK);
+        let loader = Loader::new(file, Precision::Stored, isa());
+        let lm = Lm::load(&loader, lengths).expect(OK);
+        let heads = Arc::new(Heads::load(&loader).expect(OK));
         let id = |_| u32::try_from(random.below(config.vocab.size)).expect("an id is small");
         Self {
             lengths,
@@ -97,8 +100,9 @@ impl Language {
             hidden: vec![0.0; TOKENS * lm.d_model()],
             scratch: LmScratch::new(&config, TOKENS),
             sequence: Sequence::new(&config, lengths, lm.cross_storage()),
-            generator: Generator::new(&config),
-            codes: PerPart::from_fn(|_| vec![0; config.target]),
+            generator: Generator::new(&config, Arc::clone(&heads)),
+            heads,
+            codes: vec![0; Part::ALL.len() * config.target],
             logits: vec![0.0; config.vq.codes],
             at: lengths.decoder,
             lm,
@@ -125,7 +129,7 @@ impl Language {
         }
         self.sequence.set_ids(&self.ids[self.at..=self.at]).expect(OK);
         self.lm.decode(cx, &mut self.scratch, std::slice::from_mut(&mut self.sequence)).expect(OK);
-        self.lm.code_logits(cx, &mut self.scratch, 0, Part::Face, &mut self.logits).expect(OK);
+        self.heads.logits(cx, &mut self.scratch, 0, Part::Face, &mut self.logits).expect(OK);
         self.at += 1;
     }
 
@@ -140,7 +144,7 @@ impl Language {
             for _ in 0..self.config.target {
                 self.sequence.set_ids(&[u32::try_from(id).expect("an id is small")]).expect(OK);
                 self.lm.decode(cx, &mut self.scratch, std::slice::from_mut(&mut self.sequence)).expect(OK);
-                self.lm.code_logits(cx, &mut self.scratch, 0, part, &mut self.logits).expect(OK);
+                self.heads.logits(cx, &mut self.scratch, 0, part, &mut self.logits).expect(OK);
                 id = self.config.vocab[part].first + argmax(cx.isa, &self.logits).expect("there are codes");
             }
         }
@@ -152,10 +156,8 @@ impl Language {
     pub fn chunk(&mut self, cx: Compute) {
         self.encode(cx);
         let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
-        let PerPart { face, hands, upper, lower } = &mut self.codes;
-        let codes = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
         let draw = ChunkSampling { sampler: Sampler::GREEDY, chunk: 0, target: self.config.target };
-        let Self { lm, scratch, sequence, generator, .. } = self;
+        let Self { lm, scratch, sequence, generator, codes, .. } = self;
         generator.generate(cx, lm, scratch, states, sequence, draw, codes).expect(OK);
         self.at = self.lengths.decoder;
     }

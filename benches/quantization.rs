@@ -15,12 +15,13 @@ use std::error::Error;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
+use std::sync::Arc;
 
 use umo_benches::Random;
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Sampler, Team};
 use umo_core_model::audio::{Tokenizer, resample};
 use umo_core_model::lm::decoder::Sequence;
-use umo_core_model::lm::generate::{ChunkSampling, Generator};
+use umo_core_model::lm::generate::{ChunkSampling, Generator, Heads};
 use umo_core_model::lm::layout::{Prompt, Template, window_tokens};
 use umo_core_model::lm::{Lengths, Lm, LmScratch};
 use umo_core_model::weights::Loader;
@@ -265,7 +266,8 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
     let lm = Lm::load(loader, lengths)?;
     let mut scratch = LmScratch::new(config, lengths.encoder.max(lengths.decoder));
     let mut sequence = Sequence::new(config, lengths, lm.cross_storage());
-    let mut generator = Generator::new(config);
+    let heads = Arc::new(Heads::load(loader)?);
+    let mut generator = Generator::new(config, Arc::clone(&heads));
     let mut answers = Answers { hidden: Vec::new(), logits: Vec::new(), codes: Vec::new() };
     for prompt in 0..PROMPTS {
         let mut random = Random::new(1000 + prompt);
@@ -280,16 +282,15 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
         lm.decode(cx, &mut scratch, std::slice::from_mut(&mut sequence))?;
         let mut logits = vec![0.0; config.vq.codes];
         for (part, row) in rows {
-            lm.code_logits(cx, &mut scratch, row, part, &mut logits)?;
+            heads.logits(cx, &mut scratch, row, part, &mut logits)?;
             answers.logits.extend_from_slice(&logits);
         }
 
-        let mut codes = PerPart::from_fn(|_| vec![0; config.target]);
-        let PerPart { face, hands, upper, lower } = &mut codes;
-        let slices = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
+        let mut codes = vec![0; config.target * Part::ALL.len()];
         let draw = ChunkSampling { sampler: Sampler::GREEDY, chunk: prompt, target: config.target };
-        generator.generate(cx, &lm, &mut scratch, states, &mut sequence, draw, slices)?;
-        Part::ALL.into_iter().for_each(|part| answers.codes.extend_from_slice(&codes[part]));
+        generator.generate(cx, &lm, &mut scratch, states, &mut sequence, draw, &mut codes)?;
+        let of = |part: Part| codes.iter().skip(part as usize).step_by(Part::ALL.len());
+        Part::ALL.into_iter().for_each(|part| answers.codes.extend(of(part)));
         answers.hidden.append(&mut hidden);
     }
     Ok(answers)
@@ -301,9 +302,11 @@ fn prompt_ids(config: &Config, random: &mut Random) -> Result<Vec<u32>, Box<dyn 
         (0..window_tokens(config, config.target)).map(|_| random.below(config.audio.units) as u32).collect();
     let history =
         PerPart::from_fn(|_| (0..config.prefix).map(|_| random.below(config.vq.codes) as u16).collect::<Vec<_>>());
-    let prompt = Prompt { units: &units, history: PerPart::from_fn(|part| history[part].as_slice()), text: &[] };
+    let rows = (0..config.prefix).flat_map(|keyframe| Part::ALL.map(|part| history[part][keyframe]));
+    let history: Vec<u16> = rows.collect();
+    let prompt = Prompt { units: &units, history: &history, ..Default::default() };
     let mut ids = vec![0; Lengths::of(config).encoder];
-    let len = Template::new(config, "audio_to_motion")?.write(prompt, &mut ids)?;
+    let len = Template::new(config, "audio_to_motion")?.write(&prompt, &mut ids)?;
     ids.truncate(len);
     Ok(ids)
 }

@@ -12,7 +12,7 @@ use umo_core::{
     Animation, AvatarConfig, Compute, FrameRef, Model, ModelFile, Part, PerPart, Pose, Precision, Sampler, StepError,
     Team,
 };
-use umo_core_model::motion::{Latents, MotionStream, Smoothing};
+use umo_core_model::motion::{MotionStream, Smoothing};
 use umo_core_model::weights::Loader;
 use umo_core_tools::stage::{self, Inputs, Options, Output, Stage, Values};
 use umo_kernels::Isa;
@@ -66,6 +66,11 @@ impl Frames {
     }
 }
 
+/// Codes of each part as keyframes, `[T, parts]`.
+fn rows(codes: &PerPart<Vec<u16>>) -> Vec<u16> {
+    (0..codes.face.len()).flat_map(|keyframe| Part::ALL.map(|part| codes[part][keyframe])).collect()
+}
+
 /// Settings of a stream's run.
 struct Run<'a> {
     model: &'a Model,
@@ -84,7 +89,7 @@ impl<'a> Run<'a> {
     fn stream(&self, config: AvatarConfig, audio: &[f32]) -> Frames {
         let mut animation = Animation::new(self.model, &config).unwrap();
         if let Some(codes) = self.history {
-            animation.avatar_mut().set_history(PerPart::from_fn(|part| &*codes[part])).unwrap();
+            animation.avatar_mut().set_history(&rows(codes)).unwrap();
         }
         self.drive(&mut animation, audio)
     }
@@ -218,7 +223,7 @@ fn history_and_text_and_audio_change_what_comes() {
         let other_history = if model.config().is_frames() {
             let count = model.config().codes_per_keyframe();
             let codes: Vec<u16> = (0..4 * count).map(|i| u16::try_from(i * 7 % 4).unwrap()).collect();
-            keyframes.avatar_mut().set_keyframes(&codes).unwrap();
+            keyframes.avatar_mut().set_history(&codes).unwrap();
             Run::of(model).drive(&mut keyframes, &sound)
         } else {
             Run { history: Some(&codes), ..Run::of(model) }.stream(config(), &sound)
@@ -279,8 +284,7 @@ fn a_stream_of_vectors_is_the_whole_decode() {
                     .collect::<Vec<_>>(),
             );
         }
-        let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
-        let whole = motion.decode_list(cx, &latents).unwrap();
+        let whole = motion.decode_list(cx, &codes.iter().map(Vec::as_slice).collect::<Vec<_>>()).unwrap();
         let mut vectors = Vec::new();
         for (decoder, codes) in motion.decoders().iter().zip(&codes) {
             let book = decoder.codebook();
@@ -291,7 +295,7 @@ fn a_stream_of_vectors_is_the_whole_decode() {
             vectors.push(rows);
         }
         let lookahead = motion.reach();
-        let mut stream = MotionStream::of_vectors(motion, 17, lookahead, Smoothing::OFF);
+        let mut stream = MotionStream::new(motion, 17, lookahead, Smoothing::OFF);
         let mut scratch = motion.scratch(motion.stream_rows(17, lookahead));
         let mut streamed = Frames::default();
         let mut at = 0;
@@ -302,12 +306,10 @@ fn a_stream_of_vectors_is_the_whole_decode() {
                 .zip(&vectors)
                 .map(|(decoder, vectors)| {
                     let width = decoder.codebook().width();
-                    Latents::Vectors(&vectors[at * width..(at + count) * width])
+                    &vectors[at * width..(at + count) * width]
                 })
                 .collect();
-            stream
-                .push_latents(cx, motion, &mut scratch, &piece, lookahead, &mut |frame| streamed.take(frame))
-                .unwrap();
+            stream.push(cx, motion, &mut scratch, &piece, lookahead, &mut |frame| streamed.take(frame)).unwrap();
             at += count;
         }
         assert_eq!(at, FRAMES);
@@ -316,8 +318,6 @@ fn a_stream_of_vectors_is_the_whole_decode() {
             let wanted: Vec<u32> = whole.channels[part].iter().map(|v| v.to_bits()).collect();
             assert!(streamed.channels[part] == wanted, "{}: {}", ALL[which], part.name());
         }
-        let wrong = stream.push_latents(cx, motion, &mut scratch, &latents, 0, &mut |_| ());
-        assert!(matches!(wrong, Err(StepError::Disagree(_))), "codes to a stream of vectors: {wrong:?}");
     }
 }
 
@@ -356,7 +356,7 @@ fn a_history_of_rest_codes_is_no_history() {
             let codes: Vec<u16> =
                 parts.iter().flat_map(|p| &p.rest).map(|&code| u16::try_from(code).unwrap()).collect();
             let mut animation = Animation::new(model, &defaults(model)).unwrap();
-            animation.avatar_mut().set_keyframes(&codes).unwrap();
+            animation.avatar_mut().set_history(&codes).unwrap();
             assert!(Run::of(model).drive(&mut animation, &sound) == Run::of(model).stream(defaults(model), &sound));
             continue;
         }
@@ -658,10 +658,11 @@ fn a_session_refuses_what_it_was_not_made_for() {
     }
     let mut keyframes = Animation::new(&MODELS[FRAMES], &defaults(&MODELS[FRAMES])).unwrap();
     let count = MODELS[FRAMES].config().codes_per_keyframe();
-    assert!(matches!(keyframes.avatar_mut().set_keyframes(&[]), Err(StepError::Empty(_))));
-    assert!(matches!(keyframes.avatar_mut().set_keyframes(&vec![0; count + 1]), Err(StepError::Disagree(_))));
-    assert!(matches!(keyframes.avatar_mut().set_keyframes(&vec![9; count]), Err(StepError::OutOfRange { .. })));
-    assert!(keyframes.avatar_mut().set_history(PerPart::from_fn(|_| &[0][..])).is_err());
+    assert!(matches!(keyframes.avatar_mut().set_history(&[]), Err(StepError::Empty(_))));
+    assert!(matches!(keyframes.avatar_mut().set_history(&vec![0; count + 1]), Err(StepError::Disagree(_))));
+    assert!(matches!(keyframes.avatar_mut().set_history(&vec![9; count]), Err(StepError::OutOfRange { .. })));
+    // A keyframe of the other layout.
+    assert!(matches!(keyframes.avatar_mut().set_history(&[0; 4]), Err(StepError::Disagree(_))));
     // An id outside the texts' range would be a keyframe's.
     let text = vec![u32::try_from(MODELS[FRAMES].config().vocab.size).unwrap()];
     let mut forged = Animation::new(&MODELS[FRAMES], &AvatarConfig { text, ..defaults(&MODELS[FRAMES]) }).unwrap();
@@ -671,9 +672,7 @@ fn a_session_refuses_what_it_was_not_made_for() {
     assert!(matches!(step, Ok(false) | Err(StepError::OutOfRange { what: "token id", .. })), "{step:?}");
     let mut animation = Animation::new(model, &defaults(model)).unwrap();
     let codes = |code: u16| PerPart::from_fn(|_| vec![code]);
-    let set = |animation: &mut Animation, codes: PerPart<Vec<u16>>| {
-        animation.avatar_mut().set_history(PerPart::from_fn(|part| &*codes[part]))
-    };
+    let set = |animation: &mut Animation, codes: PerPart<Vec<u16>>| animation.avatar_mut().set_history(&rows(&codes));
     assert!(matches!(set(&mut animation, codes(256)), Err(StepError::OutOfRange { got: 256, .. })));
     assert!(matches!(set(&mut animation, PerPart::default()), Err(StepError::Empty(_))));
     assert_eq!(set(&mut animation, codes(255)), Ok(()));

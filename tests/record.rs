@@ -7,7 +7,6 @@ use model_bytes::ModelBytes;
 use umo_core::{Animation, AvatarConfig, Compute, Config, Model, ModelFile, Part, PerPart, Precision, Team};
 use umo_core_model::lm::layout::window_tokens;
 use umo_core_model::lm::tally::kind_names;
-use umo_core_model::motion::Latents;
 use umo_kernels::Isa;
 use umo_tests::Noise;
 
@@ -121,8 +120,8 @@ fn recorded_keyframes_are_those_of_the_frames() {
         }
         first += part.levels;
     }
-    let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
-    let whole = model.motion().decode_list(cx, &latents).unwrap();
+    let codes: Vec<_> = codes.iter().map(Vec::as_slice).collect();
+    let whole = model.motion().decode_list(cx, &codes).unwrap();
     // Near a chunk's end, within the decoders' reach, the newest frame stood for later ones; the first
     // frames are not near one.
     let sure = config.lookahead.saturating_sub(model.motion().reach()) + 1;

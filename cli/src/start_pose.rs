@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use umo_core::{Animation, Compute, Config, PerPart, Precision};
+use umo_core::{Animation, Compute, Config, Precision};
 use umo_core_model::motion::MotionEncoder;
 use umo_core_model::weights::Loader;
 use umo_core_pose::clip::Clip;
@@ -26,16 +26,9 @@ pub(crate) fn begin(cx: Compute, loader: &Loader, path: &Path, animation: &mut A
     let mut keyframes: Vec<usize> = (0..frames).rev().step_by(config.keyframe_stride).take(config.prefix).collect();
     keyframes.reverse();
     let row = |part: usize, frame: usize| &codes[part][frame * levels[part]..(frame + 1) * levels[part]];
-    if config.is_frames() {
-        let parts = 0..codes.len();
-        let rows = keyframes.iter().flat_map(|&frame| parts.clone().flat_map(move |part| row(part, frame)));
-        animation.avatar_mut().set_keyframes(&rows.copied().collect::<Vec<u16>>())?;
-    } else {
-        let of = |part: usize| keyframes.iter().flat_map(|&frame| row(part, frame)).copied().collect::<Vec<u16>>();
-        let (face, hands, upper, lower) = (of(0), of(1), of(2), of(3));
-        animation.avatar_mut().set_history(PerPart { face: &face, hands: &hands, upper: &upper, lower: &lower })?;
-    }
-    Ok(())
+    let parts = 0..codes.len();
+    let rows = keyframes.iter().flat_map(|&frame| parts.clone().flat_map(move |part| row(part, frame)));
+    Ok(animation.avatar_mut().set_history(&rows.copied().collect::<Vec<u16>>())?)
 }
 
 /// Reads the motion of an SMPL-X `.npz` file with the model's bones and face, resampled to the model's rate.

@@ -15,6 +15,7 @@ from torch import Tensor
 
 import layout
 from umo_train import pipeline
+from umo_train.data import corpus
 from umo_train.frames import interp, parts, steps
 from umo_train.frames.interp import VectorInterpolation
 from umo_train.frames.model import FrameModel, for_file
@@ -47,7 +48,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> pipeline.Run:
 
 
 def test_items_to_choose_by_are_reported_apart(run: pipeline.Run) -> None:
-    items = steps.names(run, "train", spoken=True)
+    items = corpus.with_motion(run.corpus, "train", spoken=True)
     chosen = steps.chosen_by(run)
     assert len(chosen) == 1
     assert steps.trained_on(run, spoken=True) == [item for item in items if item not in chosen]
@@ -179,7 +180,7 @@ def test_motion(run: pipeline.Run, tmp_path: Path) -> None:
     codes, trained = _codes(run, 40, 5), steps.tokenizers(run)
     face = steps.names_of_face(run)
     # Codes of motion, so that every joint's channels are those of a rotation.
-    item = steps.names(run, "train", spoken=True)[0]
+    item = corpus.with_motion(run.corpus, "train", spoken=True)[0]
     codes = torch.from_numpy(np.load(run.folder / "codes" / f"{item}.npy")[:40].astype(np.int64))
     split = _split(run, "codes", codes)
     moving = {f"codes.{part.name}": split[f"codes.{part.name}"] for part in steps.moving(run)}

@@ -49,6 +49,20 @@ def test_a_base_may_have_a_base() -> None:
     assert settle["depth"] == again["depth"] and [stage["name"] for stage in settle["stages"]] == ["settle"]
 
 
+def test_a_plan_has_the_steps_of_its_layout() -> None:
+    run, frames = (
+        pipeline.Run.read(made_run.SMALL.parent / name, Path("w")) for name in (made_run.SMALL.name, "frames.yaml")
+    )
+    assert {*pipeline._steps(run), *pipeline._steps(frames)} == set(pipeline.STEPS)
+    assert pipeline._steps(run)["export"] is pipeline.step_export
+    assert pipeline._steps(frames)["export"] is frame_steps.step_export
+    with pytest.raises(ValueError, match="no step `report`"):
+        pipeline.run(run, ("report",))
+    run.plan["layout"] = "words"
+    with pytest.raises(ValueError, match="no layout `words`"):
+        pipeline.run(run)
+
+
 def test_accents_are_heard_after_the_step_audio(tmp_path: Path) -> None:
     run = pipeline.Run.read(made_run.SMALL.parent / "frames_again.yaml", tmp_path)
     with pytest.raises(ValueError, match="after the step `audio`"):

@@ -51,33 +51,25 @@ STEPS = (
 )
 # Steps whose items several machines can share.
 SHARED = ("speech", "actions", "motion")
-# Steps of which a plan of layout `frames` has its own, and what a plan runs that names none.
-_OF_FRAMES = ("start", "tokenizers", "report", "codes", "pack", "lm", "interp", "export")
-_FRAMES_STEPS = ("speech", "motion", "audio", "tokenizers", "report", "codes", "lm", "interp", "export")
-# Of a plan that names none: speech and motion are made.
-_STEPS = ("speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
+# Steps of a plan that names none, if its layout has them: speech and motion are made.
+_DEFAULT = ("speech", "motion", "audio", "tokenizers", "report", "codes", "lm", "interp", "export")
 
 
 def only(settings: Run, name: str) -> None:
     """The step `tokenizers` for one network alone."""
-    _step("tokenizers", frames=settings.plan.get("layout") == "frames")(settings, (name,))
+    _steps(settings)["tokenizers"](settings, (name,))
 
 
 def run(settings: Run, steps: tuple[str, ...] = ()) -> None:
     """The steps given, or all of the plan. Of several processes (`accelerate launch`) the first makes everything but
     the language model, which all train."""
-    frames = settings.plan.get("layout") == "frames"
-    for step in steps or settings.plan.get("steps", _FRAMES_STEPS if frames else _STEPS):
+    known = _steps(settings)
+    for step in steps or settings.plan.get("steps", [name for name in _DEFAULT if name in known]):
+        if step not in known:
+            raise ValueError(f"a plan of this layout has no step `{step}`: it has {', '.join(known)}")
         if step == "lm" or processes.is_first():
-            _step(step, frames=frames)(settings)
+            known[step](settings)
         processes.wait()
-
-
-def _step(name: str, *, frames: bool) -> Callable[..., None]:
-    """The function of a step: those of layout `frames` are in its own package."""
-    if frames and name in _OF_FRAMES:
-        return getattr(frame_steps, f"step_{name}")
-    return globals()[f"step_{name}"]
 
 
 def step_import(s: Run) -> None:
@@ -158,7 +150,7 @@ def step_tokenizers(s: Run, names: tuple[str, ...] = (*PARTS, "root")) -> None:
         plan = _tokenizer_plan(s, name)
         only = ("lower", "height") if name == "root" else (name,)
         # Faces move with speech: where there is none, they are at rest throughout.
-        train = _names(s, "train", spoken=name == "face")
+        train = corpus.with_motion(s.corpus, "train", spoken=name == "face")
         motions = [tuple(corpus.read_motion(s.corpus, item, only).values()) for item in train]
         if name == "root":
             train_root(plan, motions, s.folder)
@@ -183,13 +175,6 @@ def _network(s: Run, name: str) -> VqVae | RootNetwork:
     if name == "root":
         return RootNetwork(plan.width, CHANNELS["lower"], plan.layers)
     return VqVae(plan.width, channels(s.plan)[name], plan.layers, plan.codes)
-
-
-def _names(s: Run, split: str, *, spoken: bool) -> list[str]:
-    """Items of a split that have a motion, and speech if asked."""
-    made = {path.stem for path in corpus.paths(s.corpus, "motion")}
-    entries = corpus.entries(s.corpus, split)
-    return [entry.name for entry in entries if entry.name in made and (entry.spoken or not spoken)]
 
 
 def tokenizers(s: Run) -> dict[str, VqVae]:
@@ -332,26 +317,10 @@ def train_result(folder: Path, plan: StagePlan, model: LanguageModel) -> dict[st
 def step_interp(s: Run) -> None:
     config = model_file_config(s)
     # Windows of all four parts: of people who speak.
-    names = _names(s, "train", spoken=True)
+    names = corpus.with_motion(s.corpus, "train", spoken=True)
     codes = [np.load(s.folder / "codes" / f"{name}.npy").astype(np.int64) for name in names]
     books = {part: model.quantizer.embedding.weight.detach() for part, model in tokenizers(s).items()}
     train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder, books)
-
-
-def step_report(s: Run) -> None:
-    _of_frames_alone("report")
-
-
-def step_start(s: Run) -> None:
-    _of_frames_alone("start")
-
-
-def step_pack(s: Run) -> None:
-    _of_frames_alone("pack")
-
-
-def _of_frames_alone(step: str) -> None:
-    raise ValueError(f"the step `{step}` is of plans with `layout: frames`")
 
 
 def step_mouth(s: Run) -> None:
@@ -383,3 +352,35 @@ def step_export(s: Run, interpolation: Interpolation | None = None) -> None:
         torch.bfloat16,
     )
     export.write(s.folder / f"{s.plan['name']}.safetensors", config, named)
+
+
+_COMMON: dict[str, Callable[..., None]] = {
+    "import": step_import,
+    "voices": step_voices,
+    "speech": step_speech,
+    "people": step_people,
+    "actions": step_actions,
+    "motion": step_motion,
+    "audio": step_audio,
+    "mouth": step_mouth,
+}
+# Steps by the plan's layout.
+_LAYOUTS = {
+    "parts": _COMMON
+    | {
+        "tokenizers": step_tokenizers,
+        "codes": step_codes,
+        "lm": step_lm,
+        "interp": step_interp,
+        "export": step_export,
+    },
+    "frames": _COMMON | frame_steps.STEPS,
+}
+
+
+def _steps(settings: Run) -> dict[str, Callable[..., None]]:
+    """The steps of the plan's layout, by name."""
+    layout = settings.plan.get("layout", "parts")
+    if layout not in _LAYOUTS:
+        raise ValueError(f"no layout `{layout}`: expected {' or '.join(_LAYOUTS)}")
+    return _LAYOUTS[layout]

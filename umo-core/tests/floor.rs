@@ -72,10 +72,9 @@ fn the_encoder_reads_as_many_tokens_as_the_template_writes() {
     let template = umo_core_model::lm::layout::Template::new(config, "audio_to_motion").unwrap();
     for target in 1..=config.max_target {
         let units = vec![0; umo_core_model::lm::layout::window_tokens(config, target)];
-        let codes = vec![0; config.prefix];
-        let history = umo_core::PerPart::from_fn(|_| &*codes);
+        let history = vec![0; config.prefix * umo_core::Part::ALL.len()];
         let mut ids = vec![0; umo_core_model::lm::layout::max_encoder_tokens(config)];
-        let prompt = umo_core_model::lm::layout::Prompt { units: &units, history, text: &[] };
-        assert_eq!(floor::encoder_tokens(config, target), template.write(prompt, &mut ids).unwrap());
+        let prompt = umo_core_model::lm::layout::Prompt { units: &units, history: &history, ..Default::default() };
+        assert_eq!(floor::encoder_tokens(config, target), template.write(&prompt, &mut ids).unwrap());
     }
 }

@@ -51,6 +51,11 @@ fn slices(codes: &Codes) -> PerPart<&[u16]> {
     PerPart::from_fn(|part| &*codes[part])
 }
 
+/// Inputs of the motion decoders.
+fn latents(codes: &Codes) -> [&[u16]; 4] {
+    Part::ALL.map(|part| &*codes[part])
+}
+
 fn fill(model: &Model, cx: Compute, codes: &Codes) -> Result<(Codes, PerPart<Vec<f32>>), StepError> {
     let mut filled = codes.clone();
     let mut scratch = model.interp.scratch(model.interp.max_frames());
@@ -109,8 +114,8 @@ fn smoothed_stream(
     };
     while at < codes.face.len() {
         let end = (at + size.next().unwrap()).min(codes.face.len());
-        let piece = PerPart::from_fn(|part| &codes[part][at..end]);
-        state.push(cx, decoder, &mut scratch, piece, lookahead, &mut take).unwrap();
+        let piece = Part::ALL.map(|part| &codes[part][at..end]);
+        state.push(cx, decoder, &mut scratch, &piece, lookahead, &mut take).unwrap();
         assert_eq!(state.emitted(), end.saturating_sub(lookahead.max(smoothing.radius())));
         at = end;
     }
@@ -294,11 +299,11 @@ fn a_stream_starts_anew_after_a_reset() {
         let decoder = &model.decoder;
         let mut scratch = decoder.scratch(decoder.stream_rows(50, 9));
         let mut state = MotionStream::new(decoder, 50, 9, Smoothing::OFF);
-        state.push(cx, decoder, &mut scratch, slices(&first), 0, &mut |_| ()).unwrap();
+        state.push(cx, decoder, &mut scratch, &latents(&first), 0, &mut |_| ()).unwrap();
         state.reset();
         let mut poses = Vec::new();
         let mut take = |frame: umo_core::FrameRef| poses.push(*frame.pose);
-        state.push(cx, decoder, &mut scratch, slices(&codes), 3, &mut take).unwrap();
+        state.push(cx, decoder, &mut scratch, &latents(&codes), 3, &mut take).unwrap();
         state.finish(cx, decoder, &mut scratch, 30, &mut take).unwrap();
         assert_eq!(poses, want.poses);
     });
@@ -448,12 +453,12 @@ fn bad_codes_are_refused_and_change_nothing() {
         let mut state = MotionStream::new(decoder, 10, 9, Smoothing::OFF);
         let mut scratch = decoder.scratch(decoder.stream_rows(10, 9));
         for bad in [&short, &outside, &random_codes(11, 0)] {
-            assert!(state.push(cx, decoder, &mut scratch, slices(bad), 0, &mut |_| ()).is_err());
+            assert!(state.push(cx, decoder, &mut scratch, &latents(bad), 0, &mut |_| ()).is_err());
             assert_eq!(state.known(), 0);
         }
-        assert!(state.push(cx, decoder, &mut scratch, slices(&good), 10, &mut |_| ()).is_err());
-        assert!(state.push(cx, decoder, &mut decoder.scratch(3), slices(&good), 0, &mut |_| ()).is_err());
-        state.push(cx, decoder, &mut scratch, slices(&good), 9, &mut |_| ()).unwrap();
+        assert!(state.push(cx, decoder, &mut scratch, &latents(&good), 10, &mut |_| ()).is_err());
+        assert!(state.push(cx, decoder, &mut decoder.scratch(3), &latents(&good), 0, &mut |_| ()).is_err());
+        state.push(cx, decoder, &mut scratch, &latents(&good), 9, &mut |_| ()).unwrap();
         assert!(state.finish(cx, decoder, &mut scratch, 11, &mut |_| ()).is_err());
         assert_eq!((state.known(), state.emitted()), (10, 1));
     });

@@ -202,6 +202,12 @@ def entries(folder: Path, split: str | None = None) -> Iterator[Entry]:
         yield Entry(path.stem, *said, words, spoken, about["voice"])
 
 
+def with_motion(folder: Path, split: str, *, spoken: bool) -> list[str]:
+    """Names of a split's items that have a motion, and speech if asked."""
+    made = {path.stem for path in paths(folder, "motion")}
+    return [entry.name for entry in entries(folder, split) if entry.name in made and (entry.spoken or not spoken)]
+
+
 def items(folder: Path, split: str | None = None) -> Iterator[Item]:
     """The corpus' speech in order, of one split or of all."""
     for path in paths(folder, "speech"):

@@ -1,5 +1,6 @@
 """The steps of a plan of layout `frames`, where they differ from the paper's layout (`umo_train/pipeline.py`)."""
 
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -74,13 +75,6 @@ def moving(s: Run) -> list[Part]:
     return [part for part in parts_of(s) if part.moves]
 
 
-def names(s: Run, split: str, *, spoken: bool) -> list[str]:
-    """Items of a split that have a motion, and speech if asked."""
-    made = {path.stem for path in corpus.paths(s.corpus, "motion")}
-    entries = corpus.entries(s.corpus, split)
-    return [entry.name for entry in entries if entry.name in made and (entry.spoken or not spoken)]
-
-
 def step_start(s: Run) -> None:
     """Tokenizers and the interpolation network of the model file that the plan names as `start`, relative to itself."""
     path = s.plans / s.plan["start"]
@@ -127,14 +121,14 @@ def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
 
 def chosen_by(s: Run) -> list[str]:
     """Spoken training items by which a plan may be chosen (`tokenizers.validation`), from all over the corpus."""
-    found, count = names(s, "train", spoken=True), s.plan["tokenizers"].get("validation", 0)
+    found, count = corpus.with_motion(s.corpus, "train", spoken=True), s.plan["tokenizers"].get("validation", 0)
     return [found[(2 * k + 1) * len(found) // (2 * count)] for k in range(count)]
 
 
 def trained_on(s: Run, *, spoken: bool) -> list[str]:
     """The other training items; with `tokenizers.every` so many of them."""
     kept = set(chosen_by(s))
-    found = [name for name in names(s, "train", spoken=spoken) if name not in kept]
+    found = [name for name in corpus.with_motion(s.corpus, "train", spoken=spoken) if name not in kept]
     return found[:: s.plan["tokenizers"].get("every", 1)]
 
 
@@ -186,7 +180,8 @@ def step_report(s: Run) -> None:
     """`run/tokenizers.md` and `.json`: what goes through the tokenizers, on items that none of them was trained on and
     by which nothing was chosen. With `tokenizers.validation`, `run/tokenizers_validation.*` has the same of the items
     that are there to choose by."""
-    held = [entry for split in ("test_voice", "test_sentence") for entry in names(s, split, spoken=True)]
+    splits = ("test_voice", "test_sentence")
+    held = [entry for split in splits for entry in corpus.with_motion(s.corpus, split, spoken=True)]
     models, root = tokenizers(s), root_network(s)
     for name, wanted in (("tokenizers_validation", chosen_by(s)), ("tokenizers", held)):
         if wanted:
@@ -396,7 +391,7 @@ def copies(folder: Path, plan: FrameStagePlan, model: FrameModel) -> dict[str, t
 
 def step_interp(s: Run) -> None:
     config = model_file_config(s)
-    codes = [np.load(s.folder / "codes" / f"{name}.npy") for name in names(s, "train", spoken=True)]
+    codes = [np.load(s.folder / "codes" / f"{name}.npy") for name in corpus.with_motion(s.corpus, "train", spoken=True)]
     plan = VectorPlan(**s.plan["interp_training"], seed=s.plan["seed"])
     train_interp(plan, config, parts_of(s), codes, tokenizers(s), s.folder)
 
@@ -420,3 +415,15 @@ def export_model(s: Run, path: Path, config: Config, order: list[Part], language
     # Small differences of large values do not survive rounding.
     named |= {f"vq.root.{name}": tensor.contiguous() for name, tensor in motion["root"].items()}
     export.write(path, config, named)
+
+
+STEPS: dict[str, Callable[..., None]] = {
+    "start": step_start,
+    "tokenizers": step_tokenizers,
+    "report": step_report,
+    "codes": step_codes,
+    "pack": step_pack,
+    "lm": step_lm,
+    "interp": step_interp,
+    "export": step_export,
+}

@@ -1,21 +1,18 @@
 //! State that one avatar keeps between two chunks: windows, history, motion (paper section 3.1; SPEC 2, 2.8). A
 //! [`Batch`](crate::batch::Batch) computes its chunks.
 
-mod history;
-mod keyframes;
-
+use std::ops::Range;
 use std::time::Duration;
 
 use crate::audio::AudioStream;
 use crate::config::Config;
+use crate::layout::{Run, Shape, Window};
 use crate::lm::generate::ChunkSampling;
-use crate::lm::layout::{FramePrompt, MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
+use crate::lm::layout::{MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
 use crate::lm::sampler::Sampler;
 use crate::lm::{LayerTimes, depth};
 use crate::model::Model;
-use crate::motion::{MotionStream, Smoothing};
-use history::History;
-use keyframes::Keyframes;
+use crate::motion::Smoothing;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{Fingerprint, StateError, StatePass};
@@ -199,82 +196,12 @@ pub struct Avatar {
     hidden_units: usize,
     whole: Option<WholeFile>,
     /// Codes of the window.
-    pub history: Window,
-    /// Frames from the codes.
-    pub motion: MotionStream,
+    pub window: Window,
+    /// What the chunks of this layout keep.
+    pub run: Run,
     #[cfg(feature = "faults")]
     #[doc(hidden)]
     pub plant: Option<crate::batch::Plant>,
-}
-
-/// Codes of the window.
-#[derive(Debug)]
-pub enum Window {
-    /// Layout `parts`: codes of four parts, frame by frame.
-    Codes(History),
-    /// Layout `frames`: codes of keyframes, and vectors of all frames.
-    Keyframes(Keyframes),
-}
-
-impl Window {
-    /// Creates a window of `target` new keyframes, with a history of rest codes.
-    pub fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
-        match config.is_frames() {
-            true => Self::Keyframes(Keyframes::new_in(config, target, arena)),
-            false => Self::Codes(History::new_in(config, target, arena)),
-        }
-    }
-
-    /// Resets the history to rest codes.
-    pub fn rest(&mut self) {
-        match self {
-            Self::Codes(history) => history.rest(),
-            Self::Keyframes(keyframes) => keyframes.rest(),
-        }
-    }
-
-    /// Number of keyframes in the history.
-    fn prefix(&self) -> usize {
-        match self {
-            Self::Codes(history) => history.prefix().face.len(),
-            Self::Keyframes(keyframes) => keyframes.prefix().len(),
-        }
-    }
-
-    /// Writes `codes [keyframes, codes of a keyframe]`, starting at keyframe `first` of the window.
-    fn put(&mut self, first: usize, codes: &[u16]) {
-        match self {
-            Self::Codes(history) => history.put(first, codes),
-            Self::Keyframes(keyframes) => keyframes.put(first, codes),
-        }
-    }
-
-    /// Writes the codes of the first new keyframes.
-    pub fn write(&mut self, codes: &[u16]) {
-        self.put(self.prefix(), codes);
-    }
-
-    /// Overwrites the codes of the last `keyframes` of the history.
-    pub fn correct(&mut self, codes: &[u16], keyframes: usize) {
-        self.put(self.prefix() - keyframes, codes);
-    }
-
-    /// Sets the new keyframes to the last one of the history.
-    pub(crate) fn hold(&mut self) {
-        match self {
-            Self::Codes(history) => history.hold(),
-            Self::Keyframes(keyframes) => keyframes.hold(),
-        }
-    }
-
-    /// Reads the codes of the last `keyframes` of the history.
-    pub fn last(&self, keyframes: usize, codes: &mut [u16]) {
-        let first = self.prefix() - keyframes;
-        match self {
-            Self::Codes(history) => history.get(first, codes),
-            Self::Keyframes(history) => history.get(first, codes),
-        }
-    }
 }
 
 /// Audio units of a whole recording, used instead of the stream's.
@@ -331,7 +258,7 @@ impl Avatar {
         let hidden_units = (c.audio.ahead - config.horizon) * tokens;
         let window = window_tokens(c, config.target) - hidden_units;
         let audio = template.has_audio().then(|| model.tokenizer.stream_in(window, new, arena));
-        let lookahead = config.held_back();
+        let (lookahead, smoothing) = (config.held_back(), Smoothing::new(config.smoothing)?);
         let mut template_name = Fingerprint::new();
         template_name.add(config.template.as_bytes());
         Ok(Self {
@@ -353,14 +280,8 @@ impl Avatar {
             units: arena.filled(0, window),
             hidden_units,
             whole: None,
-            history: Window::new_in(c, config.target, arena),
-            motion: MotionStream::new_in(
-                &model.motion,
-                (config.target * c.keyframe_stride, lookahead),
-                Smoothing::new(config.smoothing)?,
-                c.is_frames(),
-                arena,
-            ),
+            window: Window::new_in(c, config.target, arena),
+            run: model.layout.run_in(c, &model.motion, Shape { target: config.target, lookahead, smoothing }, arena),
             #[cfg(feature = "faults")]
             plant: None,
         })
@@ -372,8 +293,8 @@ impl Avatar {
         if let Some(audio) = &mut self.audio {
             audio.reset();
         }
-        self.history.rest();
-        self.motion.reset();
+        self.window.rest();
+        self.run.reset();
     }
 
     /// Properties that a saved state must share with this avatar, besides the model.
@@ -383,7 +304,7 @@ impl Avatar {
         pass.same("smoothing", self.smoothing.to_bits().into())?;
         pass.same("template", self.template_name)?;
         // Only layout `frames` has these.
-        if let Window::Keyframes(_) = &self.history {
+        if let Run::Frames(_) = &self.run {
             pass.same("horizon", self.horizon as u64)?;
             pass.same("guidance", self.guidance.to_bits().into())?;
         }
@@ -409,12 +330,9 @@ impl Avatar {
         if let Some(audio) = &mut self.audio {
             audio.state(pass, consumed)?;
         }
-        match &mut self.history {
-            Window::Codes(history) => history.state(pass)?,
-            Window::Keyframes(keyframes) => keyframes.state(pass)?,
-        }
         // The chunk count of the state, not of this avatar: they differ while the state is checked.
-        self.motion.state(pass, &model.motion, self.known_frames(config, chunk))?;
+        let known = self.known_frames(config, chunk);
+        self.run.state(pass, &mut self.window, &model.motion, known)?;
         Ok(consumed)
     }
 
@@ -440,33 +358,17 @@ impl Avatar {
         self.sampler = sampler;
     }
 
-    /// Sets the codes before the start of the stream, oldest first, instead of rest codes. Only the last `P` are
-    /// used; if there are fewer, the first is repeated in front.
+    /// Sets the keyframes before the start of the stream, instead of rest codes: `codes [T, codes of a keyframe]`,
+    /// oldest first. Only the last `P` are used; if there are fewer, the first is repeated in front.
     ///
     /// # Errors
-    /// [`StepError`] after the first chunk, if `codes` is empty, or if a code is out of range.
-    pub fn set_history(&mut self, codes: PerPart<&[u16]>) -> Result<(), StepError> {
+    /// [`StepError`] after the first chunk, if `codes` is empty or no whole number of keyframes, or if a code is out of
+    /// range.
+    pub fn set_history(&mut self, codes: &[u16]) -> Result<(), StepError> {
         if self.chunk > 0 {
             return Err(StepError::Order("history can only be set before the first chunk"));
         }
-        match &mut self.history {
-            Window::Codes(history) => history.set(codes),
-            Window::Keyframes(_) => Err(StepError::Missing("history of four parts: its layout is frames")),
-        }
-    }
-
-    /// Sets the history in layout `frames`: `codes [T, codes of a keyframe]` of the last keyframes.
-    ///
-    /// # Errors
-    /// As in [`Self::set_history`].
-    pub fn set_keyframes(&mut self, codes: &[u16]) -> Result<(), StepError> {
-        if self.chunk > 0 {
-            return Err(StepError::Order("history can only be set before the first chunk"));
-        }
-        match &mut self.history {
-            Window::Keyframes(keyframes) => keyframes.set(codes),
-            Window::Codes(_) => Err(StepError::Missing("history of keyframes: its layout is parts")),
-        }
+        self.window.set(codes)
     }
 
     /// Uses the units of a whole recording instead of the stream's: the paper's offline setting. The stream's are
@@ -536,7 +438,7 @@ impl Avatar {
     pub fn due(&self, config: &Config, available: usize) -> Due {
         match (self.total, self.chunks(config)) {
             (Some(_), Some(chunks)) if self.chunk < chunks => Due::Chunk,
-            (Some(total), _) if self.chunk > 0 && self.motion.emitted() < total => Due::Flush,
+            (Some(total), _) if self.chunk > 0 && self.run.emitted() < total => Due::Flush,
             (Some(_), _) => Due::Nothing,
             (None, _) if available >= self.chunk_samples() => Due::Chunk,
             (None, _) => Due::Audio,
@@ -551,21 +453,11 @@ impl Avatar {
     }
 
     /// Writes the encoder's ids of the current window, including the text if `prompted`. In layout `frames` the ids
-    /// of the history start at `keyframes`.
-    pub(crate) fn prompt(&self, prompted: bool, keyframes: usize, ids: &mut [u32]) -> Result<usize, StepError> {
+    /// of the history are `keyframes`.
+    pub(crate) fn prompt(&self, prompted: bool, keyframes: Range<u32>, ids: &mut [u32]) -> Result<usize, StepError> {
         let text = if prompted { &self.text[..self.text_len] } else { &[] };
-        match &self.history {
-            Window::Codes(history) => {
-                self.template.write(Prompt { units: &self.units, history: history.prefix(), text }, ids)
-            }
-            Window::Keyframes(history) => {
-                let prompt = Prompt { units: &self.units, history: PerPart::default(), text };
-                #[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
-                let (first, count) = (keyframes as u32, history.prefix().len() as u32);
-                let frames = FramePrompt { keyframes: first..first + count, hidden_units: self.hidden_units };
-                self.template.write_frames(prompt, &frames, ids)
-            }
-        }
+        let (units, history) = (&*self.units, self.window.history());
+        self.template.write(&Prompt { units, hidden_units: self.hidden_units, history, keyframes, text }, ids)
     }
 
     /// Whether its logits are combined with logits without the text.

@@ -12,7 +12,6 @@
 //! In layout `frames` a decoder pass computes one keyframe, and the depth network samples its codes before the next
 //! (SPEC 2.13). A guided avatar has two sequences, with and without its text (SPEC 2.16).
 
-mod keyframe;
 mod phase;
 #[cfg(feature = "faults")]
 mod plant;
@@ -25,29 +24,25 @@ use std::time::Duration;
 use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
-use crate::avatar::{Avatar, Due, StageTimes, Window};
+use crate::avatar::{Avatar, Due, StageTimes};
 use crate::config::Config;
-use crate::interp::vectors::VectorScratch;
 use crate::interp::{Filling, InterpScratch};
+use crate::layout::{Draw, Drawn, Pass};
 use crate::linear::Compute;
 use crate::lm::decoder::Sequence;
-use crate::lm::depth::{DepthScratch, Task, is_guidable};
-use crate::lm::generate::{Generator, Position};
+use crate::lm::depth::is_guidable;
 use crate::lm::layout::{max_encoder_tokens, window_tokens};
 use crate::lm::{EncoderPiece, Lengths, Lm, LmScratch};
-use crate::model::{Between, Model};
-use crate::motion::vq::Latents;
+use crate::model::Model;
 use crate::motion::{FrameRef, MotionScratch, Push};
 use crate::record::{Chunk, Codes};
-use keyframe::keyframe_id;
 use phase::Phase;
 #[cfg(feature = "faults")]
 pub use plant::{Plant, Step};
 use sharing::Sharing;
 use umo_core_base::error::StepError;
-use umo_core_base::memory::{filled, with_capacity};
+use umo_core_base::memory::filled;
 use umo_core_base::time::Instant;
-use umo_core_pose::part::Part;
 
 /// Receiver of the frames of a batch's avatars; each avatar's arrive in order.
 pub trait FrameSink {
@@ -72,7 +67,8 @@ pub struct Batch {
     /// Motion decoding in progress.
     pushing: Option<Pushing>,
     lm: LmScratch,
-    between: BetweenScratch,
+    draw: Draw,
+    interp: InterpScratch,
     motion: MotionScratch,
     /// Encoder ids of all sequences, concatenated.
     ids: Box<[u32]>,
@@ -83,7 +79,6 @@ pub struct Batch {
     /// `per_member` of each member: with its text, and if guided, without.
     sequences: Box<[Sequence]>,
     per_member: usize,
-    positions: Box<[Position]>,
     due: Box<[Due]>,
     members: usize,
     phase: Phase,
@@ -101,28 +96,6 @@ pub struct Batch {
     codes: Option<Codes>,
 }
 
-/// Buffers of the stages after the language model.
-#[derive(Debug)]
-enum BetweenScratch {
-    Codes {
-        generator: Generator,
-        interp: InterpScratch,
-    },
-    Vectors {
-        depth: DepthScratch,
-        interp: VectorScratch,
-        /// One per member at most.
-        tasks: Vec<Task>,
-        /// `[tasks, codes of a keyframe]`: the keyframe before each task's.
-        before: Vec<u16>,
-        /// `[rows of the decoder pass, places, d_model]`: encoder states at the tokens of the keyframe, if the depth
-        /// network reads them.
-        heard: Vec<f32>,
-        /// Keyframe of the decoder pass.
-        keyframe: usize,
-    },
-}
-
 /// Largest encoder layer, in weights, that stays in a core's caches from one member to the next.
 const CACHED_WEIGHTS: usize = 4 << 20;
 
@@ -134,9 +107,6 @@ pub fn is_cached(config: &Config) -> bool {
 /// Sequences in one bounded step of a decoder pass: enough to share a reading of the weights, within a few hundred
 /// microseconds.
 const BOUNDED_SEQUENCES: usize = 8;
-
-/// The batch was allocated for a model of the other layout.
-const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
 
 impl Batch {
     /// Creates a batch for `width` avatars with at most the model's `max_target`; allocates all that is needed.
@@ -152,7 +122,6 @@ impl Batch {
         // The history's keyframes, and the one that the decoder reads.
         let given = if config.is_frames() { width * (config.prefix + 1) } else { 0 };
         let window = window_tokens(config, config.max_target);
-        let frames = config.keyframe_stride * (config.prefix + config.max_target - 1) + 1;
         let rows = model
             .motion
             .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride);
@@ -164,26 +133,14 @@ impl Batch {
             filling: None,
             pushing: None,
             lm: LmScratch::with_given(config, sequences * lengths.encoder.max(lengths.decoder), given),
-            between: match &model.between {
-                Between::Codes(interp) => {
-                    BetweenScratch::Codes { generator: Generator::new(config), interp: interp.scratch(frames) }
-                }
-                Between::Vectors { depth, interp } => BetweenScratch::Vectors {
-                    depth: depth.scratch(width),
-                    interp: interp.scratch(frames),
-                    tasks: with_capacity(width),
-                    before: with_capacity(width * depth.codes()),
-                    heard: with_capacity(sequences * config.heard_tokens().count() * config.lm.d_model),
-                    keyframe: 0,
-                },
-            },
+            draw: model.layout.draw(config, width, per_member),
+            interp: model.layout.scratch(config, config.max_target),
             motion: model.motion.scratch(rows),
             ids: filled(0, sequences * max_encoder_tokens(config)).into(),
             states: filled(0.0, sequences * lengths.encoder * config.lm.d_model).into(),
             lengths: filled(0, sequences).into(),
             sequences: (0..sequences).map(|_| Sequence::new(config, lengths, model.lm.cross_storage())).collect(),
             per_member,
-            positions: filled(Position::default(), width).into(),
             due: filled(Due::Nothing, width).into(),
             members: 0,
             phase: Phase::Idle,
@@ -309,7 +266,7 @@ impl Batch {
 
     /// Computes one more layer; returns whether there is more to do. `avatars` are the members that the batch was
     /// started with, in the same order, each with its chunk's audio in `Avatar::samples`. `sink` receives frames as
-    /// they become final. Never allocates.
+    /// they become final. `model` is the one that the batch and the avatars were created for. Never allocates.
     ///
     /// # Errors
     /// [`StepError`]; call [`Self::exclude`] or [`Self::abandon`] next.
@@ -333,8 +290,8 @@ impl Batch {
             Phase::Tokenize { member } => self.tokenize(model, cx, &mut avatars[member], member),
             Phase::Encode { layer, first, piece } => self.encode(model, cx, avatars, (layer, first), piece),
             Phase::Attend { sequence, layer, row } => self.attend(model, cx, (sequence, layer), row),
-            Phase::Decode { layer, first } => self.decode(model, cx, avatars, (layer, first)),
-            Phase::Draw { first, code } => self.draw(model, cx, avatars, first, code),
+            Phase::Decode { layer, first } => self.decode(model, cx, (layer, first)),
+            Phase::Draw { first, code } => self.draw(model, cx, avatars, (first, code)),
             Phase::Interpolate { member } => self.interpolate(model, cx, &mut avatars[member], member),
             Phase::DecodeMotion { member } => self.decode_motion(model, cx, &mut avatars[member], member, sink),
         };
@@ -347,7 +304,7 @@ impl Batch {
             Phase::Tokenize { .. } | Phase::Idle => &mut self.times.tokenizer,
             Phase::Encode { .. } => &mut self.times.encoder,
             Phase::Attend { .. } | Phase::Decode { .. } => &mut self.times.decoder,
-            Phase::Draw { .. } => &mut self.times.depth,
+            Phase::Draw { .. } => self.draw.time(&mut self.times),
             Phase::Interpolate { .. } => &mut self.times.interp,
             Phase::DecodeMotion { .. } => &mut self.times.motion,
         };
@@ -412,7 +369,7 @@ impl Batch {
             avatar.replace_units(&model.config);
         }
         if self.due[member] == Due::Held {
-            avatar.history.hold();
+            avatar.window.hold();
             return Ok(self.tokenize_from(member + 1));
         }
         self.write_prompt(model, avatar, member)?;
@@ -422,15 +379,13 @@ impl Batch {
     /// Appends the encoder's ids of a member's sequences.
     fn write_prompt(&mut self, model: &Model, avatar: &Avatar, member: usize) -> Result<(), StepError> {
         let (first, prefix) = (member * self.per_member, model.config.prefix);
-        if let (Some(frames), Window::Keyframes(history)) = (model.lm.frames(), &avatar.history) {
-            for (row, codes) in history.prefix().enumerate() {
-                frames.history(codes, self.lm.given_mut(member * prefix + row))?;
-            }
-        }
+        self.draw.write_history(&avatar.window, member, &mut self.lm)?;
+        #[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
+        let keyframes = [member, member + 1].map(|member| (model.config.vocab.size + member * prefix) as u32);
         for (sequence, prompted) in (first..first + self.per_member).zip([true, false]) {
             let start = self.rows(sequence);
             self.lengths[sequence] = match prompted || avatar.is_guided() {
-                true => avatar.prompt(prompted, model.config.vocab.size + member * prefix, &mut self.ids[start..])?,
+                true => avatar.prompt(prompted, keyframes[0]..keyframes[1], &mut self.ids[start..])?,
                 false => 0,
             };
         }
@@ -489,9 +444,6 @@ impl Batch {
         for sequence in 0..sequences {
             self.sequences[sequence].set_ids(&[])?;
         }
-        if let BetweenScratch::Vectors { keyframe, .. } = &mut self.between {
-            *keyframe = 0;
-        }
         Ok(self.attend_from(0))
     }
 
@@ -523,25 +475,11 @@ impl Batch {
         if layer + 1 < lm.decoder_layers() {
             return Ok(Phase::Attend { sequence: index, layer: layer + 1, row: 0 });
         }
-        let member = index / self.per_member;
-        match &self.between {
-            BetweenScratch::Codes { generator, .. } => self.positions[member] = generator.begin(sequence)?,
-            BetweenScratch::Vectors { .. } => {
-                let frames = lm.frames().ok_or(OTHER_LAYOUT)?;
-                frames.start(self.lm.given_mut(self.due.len() * model.config.prefix + member));
-                sequence.set_ids(&[keyframe_id(model, self.due.len(), member)])?;
-            }
-        }
+        self.draw.start(index / self.per_member, sequence, &mut self.lm)?;
         Ok(self.attend_from(index + 1))
     }
 
-    fn decode(
-        &mut self,
-        model: &Model,
-        cx: Compute,
-        avatars: &mut [Avatar],
-        (layer, first): (usize, usize),
-    ) -> Result<Phase, StepError> {
+    fn decode(&mut self, model: &Model, cx: Compute, (layer, first): (usize, usize)) -> Result<Phase, StepError> {
         let (lm, sequences) = (&model.lm, &mut self.sequences[..self.members * self.per_member]);
         if (layer, first) == (0, 0) {
             lm.begin_decode(&mut self.lm, sequences)?;
@@ -559,27 +497,31 @@ impl Batch {
             return Ok(Phase::Decode { layer: layer + 1, first: 0 });
         }
         lm.end_decode(cx, &mut self.lm, sequences)?;
-        let generator = match &mut self.between {
-            BetweenScratch::Codes { generator, .. } => generator,
-            BetweenScratch::Vectors { .. } => {
-                self.list_heard(&model.config, avatars);
-                self.list_tasks(avatars);
-                return Ok(Phase::Draw { first: 0, code: 0 });
-            }
+        Ok(Phase::DRAW)
+    }
+
+    /// Draws codes of a decoder pass, and writes the inputs of the next.
+    fn draw(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatars: &mut [Avatar],
+        from: (usize, usize),
+    ) -> Result<Phase, StepError> {
+        let pass = Pass {
+            lm: &mut self.lm,
+            sequences: &mut self.sequences[..self.members * self.per_member],
+            per_member: self.per_member,
+            ids: &self.ids,
+            states: &self.states,
+            lengths: &self.lengths,
+            bounded: self.bounded,
         };
-        let (mut row, mut more) = (0, false);
-        for ((sequence, position), avatar) in sequences.iter_mut().zip(&mut self.positions).zip(avatars) {
-            let count = sequence.ids().len();
-            if count == 0 {
-                continue;
-            }
-            let sampling = avatar.chunk_sampling();
-            let Window::Codes(history) = &mut avatar.history else { return Err(OTHER_LAYOUT) };
-            row += count;
-            let mut codes = history.target();
-            more |= generator.write(cx, lm, &mut self.lm, row - 1, sampling, position, &mut codes, sequence)?;
-        }
-        Ok(if more { Phase::DECODE } else { self.end_codes() })
+        Ok(match self.draw.step(cx, &model.config, pass, avatars, from)? {
+            Drawn::Some { first, code } => Phase::Draw { first, code },
+            Drawn::Pass => Phase::DECODE,
+            Drawn::Chunk => self.end_codes(),
+        })
     }
 
     /// Interpolation of the first member from `first` on that has a chunk, or the following phase.
@@ -607,33 +549,12 @@ impl Batch {
 
     /// Starts or continues a member's interpolation; returns whether there is more to do.
     fn interpolate_step(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar) -> Result<bool, StepError> {
-        let first = avatar.chunk == 0;
-        let piece = |parts| if self.bounded { Filling::short_piece(parts) } else { usize::MAX };
-        match (&model.between, &mut self.between, &mut avatar.history) {
-            (Between::Codes(interp), BetweenScratch::Codes { interp: scratch, .. }, Window::Codes(history)) => {
-                if let Some(filling) = &mut self.filling {
-                    return interp.step(cx, scratch, history.frames(), filling);
-                }
-                history.lay_out();
-                let start = history.fresh_start(first);
-                self.filling = Some(interp.begin(scratch, history.window(), start, piece(Part::ALL.len()))?);
-            }
-            (
-                Between::Vectors { interp, .. },
-                BetweenScratch::Vectors { interp: scratch, .. },
-                Window::Keyframes(history),
-            ) => {
-                if let Some(filling) = &mut self.filling {
-                    let (vectors, known) = history.frames();
-                    return interp.step(cx, scratch, vectors, known, filling);
-                }
-                history.lay_out(model.motion.decoders())?;
-                let (fresh, (vectors, known)) = (history.fresh_frames(first), history.frames());
-                let piece = piece(vectors.len());
-                self.filling = Some(interp.begin(cx, scratch, vectors, known, known.len() - fresh, piece)?);
-            }
-            _ => return Err(OTHER_LAYOUT),
+        if let Some(filling) = &mut self.filling {
+            return avatar.run.fill(cx, &mut self.interp, filling);
         }
+        let window = (&avatar.window, avatar.window.fresh_start(avatar.chunk == 0));
+        let filling = avatar.run.begin_filling(cx, &mut self.interp, window, &model.motion, self.bounded)?;
+        self.filling = Some(filling);
         Ok(true)
     }
 
@@ -668,39 +589,20 @@ impl Batch {
                 sink.frame(member, f);
             }
         };
-        let (decoder, scratch, motion) = (&model.motion, &mut self.motion, &mut avatar.motion);
+        let (decoder, scratch, run) = (&model.motion, &mut self.motion, &mut avatar.run);
+        let start = avatar.window.fresh_start(first);
         let Some(Pushing { mut push, is_end }) = self.pushing.take() else {
-            return match (self.due[member], &avatar.history) {
-                (Due::Chunk | Due::Held, Window::Codes(history)) => {
-                    let codes = history.fresh(first);
-                    let latents = Part::ALL.map(|part| Latents::Codes(codes[part]));
-                    let push = motion.begin_push(decoder, scratch, &latents, avatar.lookahead)?.ending_at(total);
+            return match self.due[member] {
+                Due::Chunk | Due::Held => {
+                    let push = run.begin_push(decoder, scratch, start, avatar.lookahead)?.ending_at(total);
                     self.pushing = Some(Pushing { push, is_end: false });
                     Ok(true)
                 }
-                (Due::Chunk | Due::Held, Window::Keyframes(history)) => {
-                    let (latents, parts) = history.fresh(first);
-                    let push =
-                        motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?.ending_at(total);
-                    self.pushing = Some(Pushing { push, is_end: false });
-                    Ok(true)
-                }
-                (Due::Flush, _) => self.begin_end(model, avatar),
+                Due::Flush => self.begin_end(model, avatar),
                 _ => Ok(false),
             };
         };
-        let more = match &avatar.history {
-            _ if is_end => motion.push_step(cx, decoder, scratch, &[], &mut push, &mut within)?,
-            Window::Codes(history) => {
-                let codes = history.fresh(first);
-                let latents = Part::ALL.map(|part| Latents::Codes(codes[part]));
-                motion.push_step(cx, decoder, scratch, &latents, &mut push, &mut within)?
-            }
-            Window::Keyframes(history) => {
-                let (latents, parts) = history.fresh(first);
-                motion.push_step(cx, decoder, scratch, &latents[..parts], &mut push, &mut within)?
-            }
-        };
+        let more = run.push_step(cx, decoder, scratch, start, &mut push, &mut within)?;
         if more {
             self.pushing = Some(Pushing { push, is_end });
             return Ok(true);
@@ -709,20 +611,10 @@ impl Batch {
             return Ok(false);
         }
         let known = avatar.known_frames(&model.config, avatar.chunk);
-        match &mut avatar.history {
-            Window::Codes(history) => {
-                if let Some(codes) = &mut self.codes {
-                    codes.keep(avatar.chunk, known, history.fresh(first));
-                }
-                history.advance();
-            }
-            Window::Keyframes(history) => {
-                if let Some(codes) = &mut self.codes {
-                    codes.keep_keyframes(avatar.chunk, known, history.fresh_frames(first), history.targets());
-                }
-                history.advance();
-            }
+        if let Some(codes) = &mut self.codes {
+            avatar.run.keep(&avatar.window, codes, (avatar.chunk, known), first);
         }
+        avatar.window.advance();
         avatar.chunk += 1;
         self.begin_end(model, avatar)
     }
@@ -732,7 +624,7 @@ impl Batch {
         let Some(total) = avatar.total.filter(|_| Some(avatar.chunk) >= avatar.chunks(&model.config)) else {
             return Ok(false);
         };
-        self.pushing = Some(Pushing { push: avatar.motion.begin_finish(total)?, is_end: true });
+        self.pushing = Some(Pushing { push: avatar.run.begin_finish(total)?, is_end: true });
         Ok(true)
     }
 }

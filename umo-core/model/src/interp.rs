@@ -12,7 +12,7 @@ use umo_kernels::MatMut;
 use umo_kernels::activation::argmax;
 use umo_kernels::gemm::Epilogue;
 
-use crate::linear::{Compute, Linear};
+use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{Loader, Table};
 pub use trunk::Filling;
 use trunk::{Trunk, TrunkScratch};
@@ -31,22 +31,42 @@ pub struct Interp {
     codes: usize,
 }
 
-/// Scratch memory for one run of the network.
+/// Scratch memory for one run of a network, of codes or of vectors.
 #[derive(Debug)]
 pub struct InterpScratch {
     trunk: TrunkScratch,
-    /// `[frames, codes]` of each part
-    logits: PerPart<Box<[f32]>>,
+    /// `[frames, width]` of each part: logits of codes; or projected vectors, of which only the rows of known frames
+    /// are used.
+    parts: Vec<Box<[f32]>>,
+    width: usize,
     /// Number of frames with logits.
     frames: usize,
+    /// `[frames, widest]`: output of one part's head of vectors.
+    change: Box<[f32]>,
+    /// Quantized vectors, which may be wider than tokens.
+    quant: QuantScratch,
     max_frames: usize,
-    codes: usize,
 }
 
 impl InterpScratch {
-    /// Logits `[T, codes]` of `part` in the last run, for every computed frame, known or filled.
+    /// Creates scratch for `frames` frames. `width` is that of a row of a part's buffer, and `widest` that of the widest
+    /// vector, 0 for codes.
+    fn new(trunk: &Trunk, frames: usize, parts: usize, (width, widest): (usize, usize)) -> Self {
+        let max_frames = frames.min(trunk.max_frames());
+        Self {
+            trunk: trunk.scratch(max_frames),
+            parts: (0..parts).map(|_| filled(0.0, max_frames * width).into()).collect(),
+            width,
+            frames: 0,
+            change: filled(0.0, max_frames * widest).into(),
+            quant: QuantScratch::new(if widest > 0 { max_frames } else { 0 }, widest.max(width)),
+            max_frames,
+        }
+    }
+
+    /// Logits `[T, codes]` of `part` in the last run of codes, for every computed frame, known or filled.
     pub fn logits(&self, part: Part) -> &[f32] {
-        &self.logits[part][..self.frames * self.codes]
+        &self.parts[part as usize][..self.frames * self.width]
     }
 }
 
@@ -83,14 +103,7 @@ impl Interp {
 
     /// Allocates scratch for windows of up to `frames` frames, limited to the model's maximum.
     pub fn scratch(&self, frames: usize) -> InterpScratch {
-        let max_frames = frames.min(self.max_frames());
-        InterpScratch {
-            trunk: self.trunk.scratch(max_frames),
-            logits: PerPart::from_fn(|_| filled(0.0, max_frames * self.codes).into_boxed_slice()),
-            frames: 0,
-            max_frames,
-            codes: self.codes,
-        }
+        InterpScratch::new(&self.trunk, frames, PARTS, (self.codes, 0))
     }
 
     /// Fills the masked frames of a window whose first frame is a keyframe; known codes do not change. Never
@@ -215,7 +228,7 @@ impl Interp {
         }
         for (i, part) in Part::ALL.into_iter().enumerate() {
             let (x, quant) = self.trunk.outputs(&mut s.trunk, frames, i)?;
-            let y = MatMut::new(&mut s.logits[part][s.frames * self.codes..], frames, self.codes)?;
+            let y = MatMut::new(&mut s.parts[i][s.frames * self.codes..], frames, self.codes)?;
             self.head[part].forward(cx, quant, x, Epilogue::STORE, y)?;
         }
         Ok(())

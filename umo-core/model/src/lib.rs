@@ -9,6 +9,7 @@ pub mod batch;
 pub mod calibration;
 pub mod config;
 pub mod interp;
+pub mod layout;
 pub mod linear;
 pub mod lm;
 pub mod model;

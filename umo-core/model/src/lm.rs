@@ -27,12 +27,10 @@ use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
 pub(crate) use encoder::EncoderPiece;
-use frames::FrameTables;
 use tally::Tally;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::filled;
 use umo_core_base::time::Instant;
-use umo_core_pose::part::{Part, PerPart};
 
 /// Maximum sequence lengths that a model is loaded for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,27 +48,16 @@ impl Lengths {
     }
 }
 
-/// T5-MoE: embeddings, encoder, decoder, and the output-head rows that can be sampled.
+/// T5-MoE: embeddings, encoder and decoder.
 #[derive(Debug)]
 pub struct Lm {
     embedding: Table,
     encoder: Encoder,
     decoder: Decoder,
-    output: Output,
     /// Factor applied to hidden states before the head: `d_model^-0.5` if the head is tied to the embedding.
     head_scale: f32,
     d_model: usize,
     vocab: usize,
-}
-
-/// Layer that consumes the decoder's states.
-#[derive(Debug)]
-#[cfg_attr(target_pointer_width = "64", expect(clippy::large_enum_variant, reason = "one per model"))]
-enum Output {
-    /// Output heads for the codes of each part (SPEC 2.5).
-    Codes(PerPart<Linear>),
-    /// Embeddings of keyframes as decoder inputs; the depth network samples from the states (SPEC 2.13).
-    Keyframes(FrameTables),
 }
 
 impl Lm {
@@ -78,28 +65,14 @@ impl Lm {
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
-    #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
     pub fn load(loader: &Loader, lengths: Lengths) -> Result<Self, LoadError> {
         let config = loader.file().config();
         let (d_model, vocab) = (config.lm.d_model, config.vocab.size);
-        let head = |part| {
-            let m = &config.vocab[part];
-            loader.exact().linear_rows(head_name(config), vocab, m.first..m.first + m.codes, d_model)
-        };
-        let output = if config.is_frames() {
-            Output::Keyframes(FrameTables::load(loader)?)
-        } else {
-            if !config.lm.tie_word_embeddings {
-                loader.check_values(head_name(config), vocab, d_model)?;
-            }
-            Output::Codes(PerPart::try_from_fn(head)?)
-        };
         Ok(Self {
             embedding: loader.table("lm.shared.weight", vocab, d_model)?,
             encoder: Encoder::load(loader, lengths.encoder)?,
             decoder: Decoder::load(&loader.for_few_rows(true), lengths.decoder)?,
-            output,
-            head_scale: if config.lm.tie_word_embeddings { (d_model as f32).sqrt().recip() } else { 1.0 },
+            head_scale: head_scale(config),
             d_model,
             vocab,
         })
@@ -108,14 +81,6 @@ impl Lm {
     /// Width of the hidden states.
     pub fn d_model(&self) -> usize {
         self.d_model
-    }
-
-    /// Embeddings of keyframes as inputs, in layout `frames`.
-    pub fn frames(&self) -> Option<&FrameTables> {
-        match &self.output {
-            Output::Keyframes(tables) => Some(tables),
-            Output::Codes(_) => None,
-        }
     }
 
     /// Storage type of the encoder's keys and values in this model's sequences.
@@ -346,32 +311,6 @@ impl Lm {
         self.decoder.finish(cx, scratch, sequences)
     }
 
-    /// Computes the logits of `part`'s codes for row `row` of the last [`Self::decode`], into
-    /// `logits [codes]`.
-    ///
-    /// # Errors
-    /// [`StepError`] if a length disagrees.
-    pub fn code_logits(
-        &self,
-        cx: Compute,
-        scratch: &mut LmScratch,
-        row: usize,
-        part: Part,
-        logits: &mut [f32],
-    ) -> Result<(), StepError> {
-        let Output::Codes(heads) = &self.output else {
-            return Err(StepError::Missing("output head: its layout is frames"));
-        };
-        let head = &heads[part];
-        let state = Mat::new(&scratch.normed[row * self.d_model..], 1, self.d_model)?;
-        let y = MatMut::new(logits, 1, head.outputs())?;
-        head.forward(cx, &mut scratch.quant, state, Epilogue::STORE, y)?;
-        if self.head_scale != 1.0 {
-            logits.iter_mut().for_each(|v| *v *= self.head_scale);
-        }
-        Ok(())
-    }
-
     /// Returns the logits of the whole vocabulary for the first `rows` rows of the last [`Self::decode`];
     /// `head` is from [`full_head`]. For checking a model, not for the stream.
     ///
@@ -456,6 +395,12 @@ fn norm_input<'a>(
 /// Callback for [`norm_input`] that computes nothing further.
 fn no_more(_: Mat<f32>, _: MatMut<f32>) -> Result<(), StepError> {
     Ok(())
+}
+
+/// Factor applied to hidden states before the head.
+#[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
+fn head_scale(config: &Config) -> f32 {
+    if config.lm.tie_word_embeddings { (config.lm.d_model as f32).sqrt().recip() } else { 1.0 }
 }
 
 /// Name of the output head's tensor.

@@ -8,10 +8,8 @@ use umo_kernels::Isa;
 use crate::audio::Tokenizer;
 use crate::calibration::Calibration;
 use crate::config::Config;
-use crate::interp::Interp;
-use crate::interp::vectors::VectorInterp;
+use crate::layout::Networks;
 use crate::linear::{Compute, Precision};
-use crate::lm::depth::DepthNet;
 use crate::lm::text::TextTokenizer;
 use crate::lm::{Lengths, Lm};
 use crate::motion::MotionDecoder;
@@ -31,27 +29,13 @@ pub struct Model {
     pub(crate) isa: Isa,
     pub(crate) tokenizer: Tokenizer,
     pub(crate) lm: Lm,
-    pub(crate) between: Between,
+    /// Networks between the language model and the motion decoders.
+    pub(crate) layout: Networks,
     pub(crate) motion: MotionDecoder,
     pub(crate) mouth: Option<Mouth>,
     text: Option<TextTokenizer>,
     /// Identifies the model at its precision.
     pub(crate) fingerprint: u64,
-}
-
-/// The stages between the language model and the motion decoders.
-#[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "one per model")]
-pub enum Between {
-    /// Layout `parts`: interpolates the codes of the frames between keyframes.
-    Codes(Interp),
-    /// Layout `frames`: samples the codes of a keyframe, and interpolates the vectors of the frames between.
-    Vectors {
-        /// Samples the codes.
-        depth: Box<DepthNet>,
-        /// Interpolates the vectors.
-        interp: VectorInterp,
-    },
 }
 
 impl Model {
@@ -97,12 +81,7 @@ impl Model {
             isa: loader.isa(),
             tokenizer: Tokenizer::load(&loader)?,
             lm: Lm::load(&loader, Lengths::of(file.config()))?,
-            between: match file.config().is_frames() {
-                true => {
-                    Between::Vectors { depth: Box::new(DepthNet::load(&loader)?), interp: VectorInterp::load(&loader)? }
-                }
-                false => Between::Codes(Interp::load(&loader)?),
-            },
+            layout: Networks::load(&loader)?,
             motion: MotionDecoder::load(&loader)?,
             mouth: Mouth::load(&loader)?,
             text: {
@@ -155,10 +134,10 @@ impl Model {
         &self.tokenizer
     }
 
-    /// The stages between the language model and the motion decoders.
+    /// Networks between the language model and the motion decoders.
     #[doc(hidden)]
-    pub fn between(&self) -> &Between {
-        &self.between
+    pub fn layout(&self) -> &Networks {
+        &self.layout
     }
 
     /// The motion codecs.

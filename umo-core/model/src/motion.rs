@@ -18,7 +18,7 @@ pub use encoder::MotionEncoder;
 pub use smoothing::Smoothing;
 pub(crate) use stream::Push;
 pub use stream::{FrameRef, MotionStream};
-pub use vq::{Latents, MotionScratch};
+pub use vq::{Latent, MotionScratch};
 
 use crate::config::{Config, channel_names};
 use crate::linear::Compute;
@@ -148,7 +148,7 @@ impl MotionDecoder {
         if !self.is_paper {
             return Err(StepError::Missing("codes of the four parts: its config lists others"));
         }
-        self.decode_list(cx, &Part::ALL.map(|part| Latents::Codes(codes[part])))
+        self.decode_list(cx, &Part::ALL.map(|part| codes[part]))
     }
 
     /// Decodes a whole motion at once, from codes or vectors for each of [`Self::decoders`]. Allocates.
@@ -156,7 +156,7 @@ impl MotionDecoder {
     /// # Errors
     /// [`StepError`] if there are no latents, the parts have different numbers of frames, or a code is out of
     /// range.
-    pub fn decode_list(&self, cx: Compute, latents: &[Latents]) -> Result<Decoded, StepError> {
+    pub fn decode_list<T: Latent>(&self, cx: Compute, latents: &[&[T]]) -> Result<Decoded, StepError> {
         let frames = self.check(latents)?;
         if frames == 0 {
             return Err(StepError::Empty("motion codes"));
@@ -190,12 +190,11 @@ impl MotionDecoder {
     /// [`StepError`] if `frames` is 0.
     pub fn decode_rest(&self, cx: Compute, frames: usize) -> Result<Decoded, StepError> {
         let codes: Vec<Vec<u16>> = self.rest.iter().map(|rest| rest.repeat(frames)).collect();
-        let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
-        self.decode_list(cx, &latents)
+        self.decode_list(cx, &codes.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 
     /// Returns the number of frames in `latents`, after checking that it is equal for all parts.
-    fn check(&self, latents: &[Latents]) -> Result<usize, StepError> {
+    fn check<T: Latent>(&self, latents: &[&[T]]) -> Result<usize, StepError> {
         if latents.len() != self.decoders.len() {
             return Err(StepError::Disagree("there are codes of another number of parts than the model's"));
         }

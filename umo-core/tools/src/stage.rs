@@ -5,6 +5,7 @@ mod frames;
 mod tensors;
 
 use std::fmt;
+use std::sync::Arc;
 
 use umo_kernels::Mat;
 
@@ -16,7 +17,7 @@ use umo_core_model::config::AudioKind;
 use umo_core_model::interp::Interp;
 use umo_core_model::linear::Compute;
 use umo_core_model::lm::decoder::Sequence;
-use umo_core_model::lm::generate::{ChunkSampling, Generator};
+use umo_core_model::lm::generate::{ChunkSampling, Generator, Heads};
 use umo_core_model::lm::sampler::Sampler;
 use umo_core_model::lm::{Lengths, Lm, LmScratch, full_head};
 use umo_core_model::motion::{Decoded, MotionDecoder};
@@ -234,16 +235,12 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, Lengths::of(config).decoder)?;
     let mut sequence = Sequence::new(config, lengths, lm.cross_storage());
     let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
-    let mut codes = PerPart::from_fn(|_| vec![0; target]);
-    let slots = PerPart {
-        face: &mut *codes.face,
-        hands: &mut *codes.hands,
-        upper: &mut *codes.upper,
-        lower: &mut *codes.lower,
-    };
+    let mut codes = vec![0; target * Part::ALL.len()];
     let sampling = ChunkSampling { sampler: options.sampler, chunk: 0, target };
-    Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut sequence, sampling, slots)?;
-    Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &codes[part])).collect())
+    let mut generator = Generator::new(config, Arc::new(Heads::load(loader)?));
+    generator.generate(cx, &lm, &mut scratch, states, &mut sequence, sampling, &mut codes)?;
+    let of = |part: Part| codes.iter().skip(part as usize).step_by(Part::ALL.len()).copied().collect::<Vec<u16>>();
+    Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &of(part))).collect())
 }
 
 /// Codes of every part, which may differ in length.

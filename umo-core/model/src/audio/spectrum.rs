@@ -108,7 +108,7 @@ impl Spectrum {
         })
     }
 
-    pub(crate) fn scratch(&self, arena: &Arena) -> SpectrumScratch {
+    pub fn scratch(&self, arena: &Arena) -> SpectrumScratch {
         self.transform.scratch(arena)
     }
 

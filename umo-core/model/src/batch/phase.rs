@@ -15,7 +15,7 @@ pub(super) enum Phase {
     Attend { sequence: usize, layer: usize, row: usize },
     /// One layer of a decoder pass, for the sequences from `first` on.
     Decode { layer: usize, first: usize },
-    /// The depth network, for the tasks from `first` on, their codes from `code` on.
+    /// Drawing of a decoder pass's codes, for the tasks from `first` on, their codes from `code` on.
     Draw { first: usize, code: usize },
     /// A step of one member's interpolation, or all of it.
     Interpolate { member: usize },
@@ -28,6 +28,8 @@ impl Phase {
     pub(super) const ENCODE: Self = Self::Encode { layer: 0, first: 0, piece: EncoderPiece::FIRST };
     /// A decoder pass.
     pub(super) const DECODE: Self = Self::Decode { layer: 0, first: 0 };
+    /// The codes of a decoder pass.
+    pub(super) const DRAW: Self = Self::Draw { first: 0, code: 0 };
     /// Number of kinds of steps.
     pub(super) const KINDS: usize = 8;
 

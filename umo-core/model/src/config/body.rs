@@ -106,13 +106,6 @@ impl Config {
         self.parts.as_ref().and_then(|parts| parts.first()).map_or(self.vq.codes, |first| first.codes)
     }
 
-    /// Rest codes of the four parts in layout `parts`.
-    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-    pub(crate) fn part_rest(&self) -> PerPart<u16> {
-        let rest = |part: Part| self.parts.as_ref().map_or(self.rest[part], |parts| parts[part as usize].rest[0]);
-        PerPart::from_fn(|part| rest(part) as u16)
-    }
-
     /// Sampling of the four parts in layout `parts`, if it differs from the session's.
     pub(crate) fn part_sampling(&self) -> PerPart<Option<Sampling>> {
         PerPart::from_fn(|part| self.parts.as_ref().and_then(|parts| parts[part as usize].sampling))

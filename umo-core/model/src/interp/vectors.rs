@@ -7,11 +7,11 @@ use std::ops::{Deref, DerefMut, Range};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
-use super::trunk::{Filling, Trunk, TrunkScratch};
-use crate::linear::{Compute, Linear, QuantScratch};
+use super::InterpScratch;
+use super::trunk::{Filling, Trunk};
+use crate::linear::{Compute, Linear};
 use crate::weights::{Loader, Table};
 use umo_core_base::error::{LoadError, StepError, check_finite};
-use umo_core_base::memory::filled;
 
 /// The interpolation network of layout `frames`.
 #[derive(Debug)]
@@ -23,19 +23,6 @@ pub struct VectorInterp {
     trunk: Trunk,
     head: Vec<Linear>,
     dim: usize,
-}
-
-/// Scratch memory for one run of the network.
-#[derive(Debug)]
-pub struct VectorScratch {
-    trunk: TrunkScratch,
-    /// `[frames, dim]` of each part: projected vectors; only the rows of known frames are used.
-    tokens: Vec<Box<[f32]>>,
-    /// `[frames, widest]`: output of one part's head.
-    change: Box<[f32]>,
-    /// Quantized vectors, which may be wider than tokens.
-    quant: QuantScratch,
-    max_frames: usize,
 }
 
 impl VectorInterp {
@@ -69,16 +56,9 @@ impl VectorInterp {
     }
 
     /// Allocates scratch for windows of up to `frames` frames, limited to the model's maximum.
-    pub fn scratch(&self, frames: usize) -> VectorScratch {
-        let max_frames = frames.min(self.max_frames());
+    pub fn scratch(&self, frames: usize) -> InterpScratch {
         let widest = self.widths().max().unwrap_or(0);
-        VectorScratch {
-            trunk: self.trunk.scratch(max_frames),
-            tokens: self.input.iter().map(|_| filled(0.0, max_frames * self.dim).into()).collect(),
-            change: filled(0.0, max_frames * widest).into(),
-            quant: QuantScratch::new(max_frames, widest.max(self.dim)),
-            max_frames,
-        }
+        InterpScratch::new(&self.trunk, frames, self.input.len(), (self.dim, widest))
     }
 
     /// Fills the unknown frames of a window whose first frame is a keyframe; known frames do not change.
@@ -91,7 +71,7 @@ impl VectorInterp {
     pub fn fill(
         &self,
         cx: Compute,
-        scratch: &mut VectorScratch,
+        scratch: &mut InterpScratch,
         vectors: &mut [impl DerefMut<Target = [f32]>],
         known: &[bool],
     ) -> Result<(), StepError> {
@@ -106,7 +86,7 @@ impl VectorInterp {
     pub fn fill_from(
         &self,
         cx: Compute,
-        scratch: &mut VectorScratch,
+        scratch: &mut InterpScratch,
         vectors: &mut [impl DerefMut<Target = [f32]>],
         known: &[bool],
         first: usize,
@@ -123,7 +103,7 @@ impl VectorInterp {
     pub fn begin(
         &self,
         cx: Compute,
-        scratch: &mut VectorScratch,
+        scratch: &mut InterpScratch,
         vectors: &[impl Deref<Target = [f32]>],
         known: &[bool],
         first: usize,
@@ -137,11 +117,11 @@ impl VectorInterp {
             return Err(StepError::TooLong { what: "frames to interpolate", got: frames, limit: scratch.max_frames });
         }
         self.check(vectors, frames)?;
-        for ((input, vectors), tokens) in self.input.iter().zip(vectors).zip(&mut scratch.tokens) {
+        for ((input, vectors), tokens) in self.input.iter().zip(vectors).zip(&mut scratch.parts) {
             let x = Mat::new(vectors, frames, input.inputs())?;
             input.forward(cx, &mut scratch.quant, x, Epilogue::STORE, MatMut::new(tokens, frames, self.dim)?)?;
         }
-        let VectorScratch { trunk, tokens, .. } = scratch;
+        let InterpScratch { trunk, parts: tokens, .. } = scratch;
         self.trunk.embed(
             trunk,
             frames,
@@ -162,13 +142,13 @@ impl VectorInterp {
     pub fn step(
         &self,
         cx: Compute,
-        scratch: &mut VectorScratch,
+        scratch: &mut InterpScratch,
         vectors: &mut [impl DerefMut<Target = [f32]>],
         known: &[bool],
         filling: &mut Filling,
     ) -> Result<bool, StepError> {
         self.check(vectors, known.len())?;
-        let VectorScratch { trunk, change, .. } = scratch;
+        let InterpScratch { trunk, change, .. } = scratch;
         let range = self.trunk.step(cx, trunk, filling)?;
         if range.end > known.len() {
             return Err(StepError::Disagree("interpolation was taken up with fewer frames"));

@@ -1,14 +1,18 @@
 //! Generation of a chunk's codes: the decoder's forced block structure, several rows per pass (paper section
 //! 3.1; SPEC 2.5).
 
-use umo_kernels::Mat;
+use std::sync::Arc;
+
+use umo_kernels::gemm::Epilogue;
+use umo_kernels::{Mat, MatMut};
 
 use super::decoder::Sequence;
 use super::sampler::{Rank, Sampler};
-use super::{Lm, LmScratch};
+use super::{Lm, LmScratch, head_name, head_scale};
 use crate::config::{Config, Modality, Sampling};
-use crate::linear::Compute;
-use umo_core_base::error::{StepError, check_finite};
+use crate::linear::{Compute, Linear};
+use crate::weights::Loader;
+use umo_core_base::error::{LoadError, StepError, check_finite};
 use umo_core_base::memory::filled;
 use umo_core_pose::part::{Part, PerPart};
 
@@ -16,9 +20,60 @@ use umo_core_pose::part::{Part, PerPart};
 const LOGITS: PerPart<&str> =
     PerPart { face: "face logits", hands: "hands logits", upper: "upper body logits", lower: "lower body logits" };
 
-/// Marker ids and scratch memory for generating chunks.
+/// Output heads for the codes of each part: the rows of the language model's head that can be sampled.
+#[derive(Debug)]
+pub struct Heads {
+    parts: PerPart<Linear>,
+    /// Factor applied to hidden states before the head: `d_model^-0.5` if the head is tied to the embedding.
+    scale: f32,
+    d_model: usize,
+}
+
+impl Heads {
+    /// Loads the heads.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let (d_model, vocab) = (config.lm.d_model, config.vocab.size);
+        if !config.lm.tie_word_embeddings {
+            loader.check_values(head_name(config), vocab, d_model)?;
+        }
+        let head = |part| {
+            let m = &config.vocab[part];
+            loader.exact().linear_rows(head_name(config), vocab, m.first..m.first + m.codes, d_model)
+        };
+        Ok(Self { parts: PerPart::try_from_fn(head)?, scale: head_scale(config), d_model })
+    }
+
+    /// Computes the logits of `part`'s codes for row `row` of the last [`Lm::decode`], into `logits [codes]`.
+    ///
+    /// # Errors
+    /// [`StepError`] if a length disagrees.
+    pub fn logits(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        row: usize,
+        part: Part,
+        logits: &mut [f32],
+    ) -> Result<(), StepError> {
+        let head = &self.parts[part];
+        let state = Mat::new(&scratch.normed[row * self.d_model..], 1, self.d_model)?;
+        let y = MatMut::new(logits, 1, head.outputs())?;
+        head.forward(cx, &mut scratch.quant, state, Epilogue::STORE, y)?;
+        if self.scale != 1.0 {
+            logits.iter_mut().for_each(|v| *v *= self.scale);
+        }
+        Ok(())
+    }
+}
+
+/// Output heads, marker ids and scratch memory for generating chunks.
 #[derive(Debug)]
 pub struct Generator {
+    heads: Arc<Heads>,
     start: u32,
     parts: PerPart<Modality>,
     sampling: PerPart<Option<Sampling>>,
@@ -49,8 +104,9 @@ pub struct Position {
 impl Generator {
     /// Creates a generator for models of this config.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &Config, heads: Arc<Heads>) -> Self {
         Self {
+            heads,
             start: config.vocab.decoder_start as u32,
             parts: PerPart::from_fn(|part| config.vocab[part]),
             sampling: config.part_sampling(),
@@ -59,7 +115,7 @@ impl Generator {
         }
     }
 
-    /// Generates `codes`, the same number for every part, from encoder states.
+    /// Generates `codes [target, parts]` from encoder states.
     ///
     /// Markers are never sampled: `start(face)` joins the first pass, and `end(face) start(hands)` joins the
     /// pass of the last face code. So `4N` codes take `4N` passes over the weights.
@@ -78,14 +134,14 @@ impl Generator {
         states: Mat<f32>,
         sequence: &mut Sequence,
         sampling: ChunkSampling,
-        mut codes: PerPart<&mut [u16]>,
+        codes: &mut [u16],
     ) -> Result<(), StepError> {
         lm.attend_to(cx, scratch, states, sequence)?;
         let mut at = self.begin(sequence)?;
         loop {
             lm.decode(cx, scratch, std::slice::from_mut(sequence))?;
             let row = sequence.ids().len() - 1;
-            if !self.write(cx, lm, scratch, row, sampling, &mut at, &mut codes, sequence)? {
+            if !self.write(cx, scratch, row, sampling, &mut at, codes, sequence)? {
                 return Ok(());
             }
         }
@@ -101,7 +157,8 @@ impl Generator {
         Ok(Position::default())
     }
 
-    /// Samples a code from row `row` of the last pass, which is the last row of this sequence. Sets the ids
+    /// Samples a code from row `row` of the last pass, which is the last row of this sequence, and writes it to
+    /// `codes [target, parts]`. Sets the ids
     /// of the next pass of `sequence`: the code, and the markers forced after it. Returns whether there is a
     /// next pass; after the last, the sequence has no ids.
     ///
@@ -110,21 +167,20 @@ impl Generator {
     #[expect(clippy::cast_possible_truncation, reason = "codes and ids fit their types by the config's checks")]
     #[expect(
         clippy::too_many_arguments,
-        reason = "the model, its scratch, its row, the sampling, the position, the output"
+        reason = "the model's scratch, its row, the sampling, the position, the output"
     )]
     pub fn write(
         &mut self,
         cx: Compute,
-        lm: &Lm,
         scratch: &mut LmScratch,
         row: usize,
         sampling: ChunkSampling,
         at: &mut Position,
-        codes: &mut PerPart<&mut [u16]>,
+        codes: &mut [u16],
         sequence: &mut Sequence,
     ) -> Result<bool, StepError> {
         let part = Part::ALL[at.part];
-        lm.code_logits(cx, scratch, row, part, &mut self.logits)?;
+        self.heads.logits(cx, scratch, row, part, &mut self.logits)?;
         check_finite(&self.logits, LOGITS[part])?;
         let position = at.part * sampling.target + at.index;
         let code = sampling.sampler.of(self.sampling[part]).sample(
@@ -133,7 +189,7 @@ impl Generator {
             sampling.chunk,
             position as u32,
         );
-        codes[part][at.index] = code as u16;
+        codes[at.index * Part::ALL.len() + at.part] = code as u16;
         let m = &self.parts[part];
         let id = (m.first + code) as u32;
         at.index += 1;

@@ -49,23 +49,18 @@ enum Slot {
 }
 
 /// Values for the placeholders of a template.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Prompt<'a> {
     /// Audio units of the window; ignored if the template has no audio.
     pub units: &'a [u32],
-    /// The last codes of each part; ignored in layout `frames`.
-    pub history: PerPart<&'a [u16]>,
-    /// Ids of a free text; ignored if the template has no text.
-    pub text: &'a [u32],
-}
-
-/// Additional values for a template in layout `frames`.
-#[derive(Clone, Debug, Default)]
-pub struct FramePrompt {
-    /// Ids of the last keyframes, which follow the vocabulary.
-    pub keyframes: Range<u32>,
     /// Number of audio tokens at the end of the window that are still unknown; masks replace them.
     pub hidden_units: usize,
+    /// Codes of the last keyframes, `[P, parts]`; ignored in layout `frames`.
+    pub history: &'a [u16],
+    /// Ids of the last keyframes, which follow the vocabulary; ignored in layout `parts`.
+    pub keyframes: Range<u32>,
+    /// Ids of a free text; ignored if the template has no text.
+    pub text: &'a [u32],
 }
 
 /// A template with resolved placeholders.
@@ -130,15 +125,7 @@ impl Template {
     ///
     /// # Errors
     /// [`StepError`] if `ids` is too short, or a code or unit is out of range.
-    pub fn write(&self, prompt: Prompt, ids: &mut [u32]) -> Result<usize, StepError> {
-        self.write_frames(prompt, &FramePrompt::default(), ids)
-    }
-
-    /// Like [`Self::write`], in layout `frames`.
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    pub fn write_frames(&self, prompt: Prompt, frames: &FramePrompt, ids: &mut [u32]) -> Result<usize, StepError> {
+    pub fn write(&self, prompt: &Prompt, ids: &mut [u32]) -> Result<usize, StepError> {
         let mut writer = Writer { ids, len: 0 };
         for slot in &self.slots {
             match *slot {
@@ -152,13 +139,14 @@ impl Template {
                 })?,
                 Slot::Audio => {
                     let units = prompt.units.iter().map(|&unit| unit as usize);
-                    writer.block(&self.audio, "audio unit", units, frames.hidden_units)?;
+                    writer.block(&self.audio, "audio unit", units, prompt.hidden_units)?;
                 }
                 Slot::History(part) => {
-                    let codes = prompt.history[part].iter().map(|&code| usize::from(code));
+                    let codes = prompt.history.iter().skip(part as usize).step_by(Part::ALL.len());
+                    let codes = codes.map(|&code| usize::from(code));
                     writer.block(&self.parts[part], "code", codes, 0)?;
                 }
-                Slot::Keyframes => frames.keyframes.clone().try_for_each(|id| writer.push(id))?,
+                Slot::Keyframes => prompt.keyframes.clone().try_for_each(|id| writer.push(id))?,
             }
         }
         Ok(writer.len)

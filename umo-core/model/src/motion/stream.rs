@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::root::Travel;
 use super::smoothing::Smoothing;
-use super::vq::{Latents, MotionScratch};
+use super::vq::{Codebook, Latent, MotionScratch};
 use super::{MotionDecoder, scatter};
 use crate::linear::Compute;
 use umo_core_base::error::{StepError, check_finite};
@@ -71,8 +71,8 @@ impl Future {
 /// a smoothed mouth loses its consonants. At least as many frames are held back as the filter looks ahead.
 /// The fade of a filtered part is a cubic that also continues the seam's growth.
 #[derive(Debug)]
-pub struct MotionStream {
-    parts: PerPart<PartState>,
+pub struct MotionStream<T> {
+    parts: PerPart<PartState<T>>,
     /// Number of frames whose codes are known.
     known: usize,
     /// Number of emitted frames.
@@ -89,7 +89,7 @@ pub struct MotionStream {
 
 /// Progress of decoding and emitting frames, one decoder at a time.
 #[derive(Debug)]
-pub(crate) struct Push {
+pub struct Push {
     /// Number of new frames.
     frames: usize,
     /// Frames before this one are emitted.
@@ -103,51 +103,6 @@ pub(crate) struct Push {
     decoder: usize,
 }
 
-/// Input of one decoder for the newest frames.
-#[derive(Debug)]
-enum Known {
-    /// `[frames, levels]`
-    Codes(Tail<u16>),
-    /// `[frames, width]`
-    Vectors(Tail<f32>),
-}
-
-impl Known {
-    fn clear(&mut self) {
-        match self {
-            Self::Codes(tail) => tail.clear(),
-            Self::Vectors(tail) => tail.clear(),
-        }
-    }
-
-    fn forget(&mut self, row: usize) {
-        match self {
-            Self::Codes(tail) => tail.forget(row),
-            Self::Vectors(tail) => tail.forget(row),
-        }
-    }
-
-    fn append(&mut self, latents: Latents) {
-        match (self, latents) {
-            (Self::Codes(tail), Latents::Codes(codes)) => tail.append(codes),
-            (Self::Vectors(tail), Latents::Vectors(vectors)) => tail.append(vectors),
-            // `begin_push` has checked the type.
-            _ => {}
-        }
-    }
-
-    fn takes(&self, latents: Latents) -> bool {
-        matches!((self, latents), (Self::Codes(_), Latents::Codes(_)) | (Self::Vectors(_), Latents::Vectors(_)))
-    }
-
-    fn all(&self) -> Latents<'_> {
-        match self {
-            Self::Codes(tail) => Latents::Codes(tail.all()),
-            Self::Vectors(tail) => Latents::Vectors(tail.all()),
-        }
-    }
-}
-
 impl Push {
     /// Sets the length of the stream, if known.
     pub(crate) fn ending_at(self, end: Option<usize>) -> Self {
@@ -156,12 +111,12 @@ impl Push {
 }
 
 #[derive(Debug)]
-struct PartState {
+struct PartState<T> {
     /// Maximum reach of the part's decoders.
     reach: usize,
     smoothing: Smoothing,
-    /// Latents of each of the part's decoders.
-    known: Slice<Known>,
+    /// Latents of each of the part's decoders, `[frames, width]`.
+    known: Slice<Tail<T>>,
     /// `[frames, channels]`: decoded rows.
     rows: Tail<f32>,
     /// `[channels]`: the last emitted frame.
@@ -174,24 +129,18 @@ struct PartState {
     growth: Slice<f32>,
 }
 
-impl MotionStream {
+impl<T: Latent> MotionStream<T> {
     /// Creates a stream that takes at most `max_push` frames at a time, and holds back at most
     /// `max_lookahead` frames or as many as `smoothing` needs.
     pub fn new(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize, smoothing: Smoothing) -> Self {
-        Self::new_in(decoder, (max_push, max_lookahead), smoothing, false, &Arena::system())
+        Self::new_in(decoder, (max_push, max_lookahead), smoothing, &Arena::system())
     }
 
-    /// Like [`Self::new`], for frames given as their codes' vectors.
-    pub fn of_vectors(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize, smoothing: Smoothing) -> Self {
-        Self::new_in(decoder, (max_push, max_lookahead), smoothing, true, &Arena::system())
-    }
-
-    /// Creates a stream of codes or vectors, in memory of `arena`.
-    pub(crate) fn new_in(
+    /// Like [`Self::new`], in memory of `arena`.
+    pub fn new_in(
         decoder: &MotionDecoder,
         (max_push, max_lookahead): (usize, usize),
         smoothing: Smoothing,
-        of_vectors: bool,
         arena: &Arena,
     ) -> Self {
         let max_lookahead = max_lookahead.max(smoothing.radius());
@@ -205,10 +154,9 @@ impl MotionStream {
                 smoothing,
                 known: arena.collect_len(
                     decoder.decoders_of(part).count(),
-                    decoder.decoders_of(part).map(|(_, decoder)| match of_vectors {
-                        true => Known::Vectors(Tail::new_in(2 * reach + max_push, decoder.codebook().width(), arena)),
-                        false => Known::Codes(Tail::new_in(2 * reach + max_push, decoder.codebook().levels(), arena)),
-                    }),
+                    decoder
+                        .decoders_of(part)
+                        .map(|(_, decoder)| Tail::new_in(2 * reach + max_push, T::width(decoder.codebook()), arena)),
                 ),
                 rows: Tail::new_in(reach.max(max_lookahead + 1 + past) + max_push, channels, arena),
                 last: arena.filled(0.0, channels),
@@ -225,7 +173,7 @@ impl MotionStream {
     /// Resets the stream to its start.
     pub fn reset(&mut self) {
         for part in Part::ALL {
-            self.parts[part].known.iter_mut().for_each(Known::clear);
+            self.parts[part].known.iter_mut().for_each(Tail::clear);
             self.parts[part].rows.clear();
             self.parts[part].seam.fill(0.0);
             self.parts[part].growth.fill(0.0);
@@ -234,9 +182,15 @@ impl MotionStream {
         self.travel = Travel::default();
     }
 
-    /// Describes the stream after `known` frames. Excludes the pose and the face values, which are always
-    /// written before they are read.
-    pub fn state(&mut self, pass: &mut StatePass, decoder: &MotionDecoder, known: usize) -> Result<(), StateError> {
+    /// Describes the stream after `known` frames, its latents with `values`. Excludes the pose and the face
+    /// values, which are always written before they are read.
+    pub(crate) fn state(
+        &mut self,
+        pass: &mut StatePass,
+        decoder: &MotionDecoder,
+        known: usize,
+        values: impl Fn(&Codebook, &mut StatePass, &mut [T]) -> Result<(), StateError>,
+    ) -> Result<(), StateError> {
         let emitted = pass.length("frames put out", &mut self.emitted, known as u64)?;
         pass.must(known as u64 - emitted <= self.max_lookahead as u64, "frames put out")?;
         if pass.loads() {
@@ -251,12 +205,7 @@ impl MotionStream {
             let past = state.smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
             let rows = settled.min(usize::try_from(emitted).unwrap_or(usize::MAX).saturating_sub(1 + past));
             for (tail, (_, decoder)) in state.known.iter_mut().zip(decoder.decoders_of(part)) {
-                match tail {
-                    Known::Codes(tail) => {
-                        tail.state(pass, codes..known, |pass, values| pass.codes(values, decoder.codebook().codes()))?;
-                    }
-                    Known::Vectors(tail) => tail.state(pass, codes..known, |pass, values| pass.f32s(values))?,
-                }
+                tail.state(pass, codes..known, |pass, latents| values(decoder.codebook(), pass, latents))?;
             }
             state.rows.state(pass, rows..known, |pass, values| pass.moderate(values))?;
             for values in [&mut state.last, &mut state.before, &mut state.seam, &mut state.growth] {
@@ -282,36 +231,20 @@ impl MotionStream {
         self.emitted
     }
 
-    /// Takes the codes of the next frames, for the paper's four parts. Emits all known frames except the last
-    /// `lookahead`, or as many as smoothing needs. Never allocates.
+    /// Takes the codes or vectors of the next frames, for each of [`MotionDecoder::decoders`]. Emits all known
+    /// frames except the last `lookahead`, or as many as smoothing needs. Never allocates.
     ///
     /// `scratch` must have room for [`MotionDecoder::stream_rows`] frames.
     ///
     /// # Errors
-    /// [`StepError`] if the parts have different numbers of codes, a code is out of range, or there are more
+    /// [`StepError`] if the parts have different numbers of frames, a code is out of range, or there are more
     /// frames than the stream was created for. The stream is then unchanged.
     pub fn push(
         &mut self,
         cx: Compute,
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
-        codes: PerPart<&[u16]>,
-        lookahead: usize,
-        out: &mut dyn FnMut(FrameRef),
-    ) -> Result<(), StepError> {
-        self.push_latents(cx, decoder, scratch, &Part::ALL.map(|part| Latents::Codes(codes[part])), lookahead, out)
-    }
-
-    /// Like [`Self::push`], for codes or vectors of each of [`MotionDecoder::decoders`].
-    ///
-    /// # Errors
-    /// As [`Self::push`].
-    pub fn push_latents(
-        &mut self,
-        cx: Compute,
-        decoder: &MotionDecoder,
-        scratch: &mut MotionScratch,
-        latents: &[Latents],
+        latents: &[&[T]],
         lookahead: usize,
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<(), StepError> {
@@ -320,22 +253,18 @@ impl MotionStream {
         Ok(())
     }
 
-    /// Begins [`Self::push_latents`], to be continued with [`Self::push_step`].
+    /// Begins [`Self::push`], to be continued with [`Self::push_step`].
     ///
     /// # Errors
-    /// As [`Self::push_latents`].
-    pub(crate) fn begin_push(
+    /// As [`Self::push`].
+    pub fn begin_push(
         &mut self,
         decoder: &MotionDecoder,
         scratch: &MotionScratch,
-        latents: &[Latents],
+        latents: &[&[T]],
         lookahead: usize,
     ) -> Result<Push, StepError> {
         let frames = decoder.check(latents)?;
-        let mut takers = Part::ALL.iter().flat_map(|&part| decoder.decoders_of(part).zip(&self.parts[part].known));
-        if !takers.all(|((index, _), known)| known.takes(latents[index])) {
-            return Err(StepError::Disagree("a stream of codes was given vectors, or the other way round"));
-        }
         if frames > self.max_push {
             return Err(StepError::TooLong { what: "frames at once", got: frames, limit: self.max_push });
         }
@@ -353,16 +282,16 @@ impl MotionStream {
     }
 
     /// Runs the next decoder of a push, or emits its frames. Returns whether there is more to do. `latents`
-    /// must be those passed to [`Self::begin_push`], or empty after [`Self::begin_finish`].
+    /// must be those passed to [`Self::begin_push`]; after [`Self::begin_finish`] they are ignored.
     ///
     /// # Errors
-    /// As [`Self::push_latents`].
-    pub(crate) fn push_step(
+    /// As [`Self::push`].
+    pub fn push_step(
         &mut self,
         cx: Compute,
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
-        latents: &[Latents],
+        latents: &[&[T]],
         push: &mut Push,
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<bool, StepError> {
@@ -405,7 +334,7 @@ impl MotionStream {
     ///
     /// # Errors
     /// As [`Self::finish`].
-    pub(crate) fn begin_finish(&self, total: usize) -> Result<Push, StepError> {
+    pub fn begin_finish(&self, total: usize) -> Result<Push, StepError> {
         if total > self.known {
             return Err(StepError::TooLong { what: "frames of a stream", got: total, limit: self.known });
         }
@@ -432,7 +361,7 @@ impl MotionStream {
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
         (part, which): (Part, usize),
-        (latents, new): (&[Latents], usize),
+        (latents, new): (&[&[T]], usize),
         future: Future,
     ) -> Result<(), StepError> {
         let (known, state) = (self.known + new, &mut self.parts[part]);
@@ -443,8 +372,8 @@ impl MotionStream {
         let place = state.rows.last_mut(known - settled);
         for (tail, (index, decoder)) in state.known.iter_mut().zip(decoder.decoders_of(part)).skip(which).take(1) {
             tail.forget(first);
-            if let Some(&latents) = latents.get(index) {
-                tail.append(latents);
+            if new > 0 {
+                tail.append(latents[index]);
             }
             let decoded = decoder.decode_held(cx, scratch, tail.all(), future.frames(state.reach))?;
             let channels = decoder.channels();
@@ -515,7 +444,7 @@ impl MotionStream {
     }
 }
 
-impl PartState {
+impl<T> PartState<T> {
     /// Begins a seam: the difference between frame `index` as emitted and as decoded now.
     fn begin_seam(&mut self, index: usize, known: usize) {
         let Self { smoothing, rows, last, before, seam, growth, .. } = self;

@@ -17,13 +17,56 @@ impl MotionScratch {
     }
 }
 
-/// Input of a decoder.
-#[derive(Clone, Copy, Debug)]
-pub enum Latents<'a> {
-    /// Codes `[T, levels]`.
-    Codes(&'a [u16]),
-    /// Vectors of the codes, summed over the levels: `[T, width]`.
-    Vectors(&'a [f32]),
+/// Value of a decoder's input: of codes `[T, levels]`, or of vectors of the codes, summed over the levels, `[T, width]`.
+pub trait Latent: Copy + Default + std::fmt::Debug {
+    /// Number of values per frame.
+    fn width(codebook: &Codebook) -> usize;
+
+    /// Checks that a decoder can read `latents`.
+    ///
+    /// # Errors
+    /// [`StepError`] if a code is out of range.
+    fn check(codebook: &Codebook, latents: &[Self]) -> Result<(), StepError>;
+
+    /// Writes the vectors of `latents` to `rows [T, width of a vector]`.
+    ///
+    /// # Errors
+    /// [`StepError`] if a code is out of range.
+    fn write(codebook: &Codebook, latents: &[Self], rows: &mut [f32]) -> Result<(), StepError>;
+}
+
+impl Latent for u16 {
+    fn width(codebook: &Codebook) -> usize {
+        codebook.levels
+    }
+
+    fn check(codebook: &Codebook, latents: &[Self]) -> Result<(), StepError> {
+        let limit = codebook.codes;
+        match latents.iter().find(|&&code| usize::from(code) >= limit) {
+            Some(&code) => Err(StepError::OutOfRange { what: "motion code", got: code.into(), limit }),
+            None => Ok(()),
+        }
+    }
+
+    fn write(codebook: &Codebook, latents: &[Self], rows: &mut [f32]) -> Result<(), StepError> {
+        let rows = rows.chunks_exact_mut(codebook.width);
+        latents.chunks_exact(codebook.levels).zip(rows).try_for_each(|(codes, row)| codebook.vector(codes, row))
+    }
+}
+
+impl Latent for f32 {
+    fn width(codebook: &Codebook) -> usize {
+        codebook.width
+    }
+
+    fn check(_: &Codebook, _: &[Self]) -> Result<(), StepError> {
+        Ok(())
+    }
+
+    fn write(_: &Codebook, latents: &[Self], rows: &mut [f32]) -> Result<(), StepError> {
+        rows.copy_from_slice(latents);
+        Ok(())
+    }
 }
 
 /// Vectors of a part's codes, `[levels, codes, width]`.
@@ -156,17 +199,9 @@ impl VqDecoder {
     ///
     /// # Errors
     /// [`StepError`] if `latents` is not a whole number of frames, or a code is out of range.
-    pub(super) fn frames(&self, latents: Latents) -> Result<usize, StepError> {
-        let (values, width) = match latents {
-            Latents::Codes(codes) => {
-                if let Some(&code) = codes.iter().find(|&&code| usize::from(code) >= self.codebook.codes) {
-                    let limit = self.codebook.codes;
-                    return Err(StepError::OutOfRange { what: "motion code", got: code.into(), limit });
-                }
-                (codes.len(), self.codebook.levels)
-            }
-            Latents::Vectors(vectors) => (vectors.len(), self.codebook.width),
-        };
+    pub(super) fn frames<T: Latent>(&self, latents: &[T]) -> Result<usize, StepError> {
+        T::check(&self.codebook, latents)?;
+        let (values, width) = (latents.len(), T::width(&self.codebook));
         match values.is_multiple_of(width) {
             true => Ok(values / width),
             false => Err(StepError::Disagree("motion codes or vectors of no whole number of frames")),
@@ -181,11 +216,11 @@ impl VqDecoder {
     ///
     /// # Errors
     /// [`StepError`] if a code is out of range, or there are more frames than `scratch` has room for.
-    pub fn decode<'a>(
+    pub fn decode<'a, T: Latent>(
         &self,
         cx: Compute,
         scratch: &'a mut MotionScratch,
-        latents: Latents,
+        latents: &[T],
     ) -> Result<&'a [f32], StepError> {
         self.decode_held(cx, scratch, latents, 0)
     }
@@ -195,25 +230,18 @@ impl VqDecoder {
     ///
     /// # Errors
     /// As `decode`.
-    pub(super) fn decode_held<'a>(
+    pub(super) fn decode_held<'a, T: Latent>(
         &self,
         cx: Compute,
         scratch: &'a mut MotionScratch,
-        latents: Latents,
+        latents: &[T],
         held: usize,
     ) -> Result<&'a [f32], StepError> {
         let (given, width) = (self.frames(latents)?, self.codebook.width);
         let frames = if given == 0 { 0 } else { given + held };
         let input = scratch.0.input(frames, width)?;
         let (known, rest) = input.split_at_mut(given * width);
-        match latents {
-            Latents::Vectors(vectors) => known.copy_from_slice(vectors),
-            Latents::Codes(codes) => {
-                for (codes, row) in codes.chunks_exact(self.codebook.levels).zip(known.chunks_exact_mut(width)) {
-                    self.codebook.vector(codes, row)?;
-                }
-            }
-        }
+        T::write(&self.codebook, latents, known)?;
         if let Some(last) = known.len().checked_sub(width) {
             rest.chunks_exact_mut(width).for_each(|row| row.copy_from_slice(&known[last..]));
         }

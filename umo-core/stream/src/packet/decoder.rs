@@ -3,13 +3,13 @@
 use super::{PacketError, PacketHead, PacketLayout, byte_level};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{self, Arena, filled, with_capacity};
-use umo_core_model::avatar::{AvatarConfig, Window};
+use umo_core_model::avatar::AvatarConfig;
 use umo_core_model::config::Config;
 use umo_core_model::interp::InterpScratch;
-use umo_core_model::interp::vectors::VectorScratch;
+use umo_core_model::layout::{Run, Shape, Window};
 use umo_core_model::linear::Compute;
-use umo_core_model::model::{Between, Model};
-use umo_core_model::motion::{FrameRef, MotionScratch, MotionStream, Smoothing};
+use umo_core_model::model::Model;
+use umo_core_model::motion::{FrameRef, MotionScratch, Smoothing};
 
 /// Maximum number of packets that wait for a missing one.
 const WAITING: usize = 4;
@@ -60,8 +60,8 @@ impl PacketSink for Frames<'_> {
 pub struct Decoder {
     layout: PacketLayout,
     window: Window,
-    motion: MotionStream,
-    between: Filling,
+    run: Run,
+    interp: InterpScratch,
     scratch: MotionScratch,
     target: usize,
     prefix: usize,
@@ -102,13 +102,6 @@ struct Slot {
     head: Option<PacketHead>,
     levels: Box<[u8]>,
     codes: Box<[u16]>,
-}
-
-/// Scratch space of the interpolation.
-#[derive(Debug)]
-enum Filling {
-    Codes(InterpScratch),
-    Vectors(VectorScratch),
 }
 
 /// Correction of the root towards the sender's: after a loss, the two have diverged.
@@ -176,10 +169,9 @@ impl Decoder {
             return Err(LoadError::argument("patience", format!("expected 0 to {WAITING}, got {patience}")));
         }
         let (stride, lookahead) = (c.keyframe_stride, config.held_back());
-        let frames = stride * (c.prefix + config.target - 1) + 1;
         let (max_push, count) = (config.target * stride, c.codes_per_keyframe());
-        let motion = if c.is_frames() { MotionStream::of_vectors } else { MotionStream::new };
         let smoothing = Smoothing::new(config.smoothing)?;
+        let shape = Shape { target: config.target, lookahead, smoothing };
         let mut waiting = with_capacity(WAITING);
         waiting.extend((0..WAITING).map(|_| Slot {
             head: None,
@@ -189,11 +181,8 @@ impl Decoder {
         Ok(Self {
             layout: PacketLayout::new(model),
             window: Window::new_in(c, config.target, &Arena::system()),
-            motion: motion(model.motion(), max_push, lookahead, smoothing),
-            between: match model.between() {
-                Between::Codes(interp) => Filling::Codes(interp.scratch(frames)),
-                Between::Vectors { interp, .. } => Filling::Vectors(interp.scratch(frames)),
-            },
+            run: model.layout().run_in(c, model.motion(), shape, &Arena::system()),
+            interp: model.layout().scratch(c, config.target),
             scratch: model.motion().scratch(model.motion().stream_rows(max_push, lookahead.max(smoothing.radius()))),
             target: config.target,
             prefix: c.prefix,
@@ -249,7 +238,7 @@ impl Decoder {
     /// Resets the state for the start of a stream.
     fn begin(&mut self) {
         self.window.rest();
-        self.motion.reset();
+        self.run.reset();
         self.waiting.iter_mut().for_each(|slot| slot.head = None);
         self.held.copy_from_slice(&self.rest);
         self.levels.fill(0.0);
@@ -412,7 +401,7 @@ impl Decoder {
             }
             if lost > 0 {
                 let codes = codes_of(&self.waiting, &self.arrived, slot);
-                self.window.correct(&codes[..head.history * count], head.history);
+                self.window.correct(&codes[..head.history * count]);
             }
         }
         self.next = head.sequence.wrapping_add(1);
@@ -438,8 +427,8 @@ impl Decoder {
         let count = self.layout.codes();
         let codes = codes_of(&self.waiting, &self.arrived, slot);
         self.window.rest();
-        self.window.correct(&codes[..head.history * count], head.history);
-        self.motion.reset();
+        self.window.correct(&codes[..head.history * count]);
+        self.run.reset();
         self.levels.fill(0.0);
         (self.is_first, self.base) = (true, head.sequence as usize * self.target * self.stride);
         self.place = Place { offset: head.root, ..Place::default() };
@@ -454,7 +443,8 @@ impl Decoder {
         total: Option<usize>,
         sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
-        let Self { motion, scratch, place, lookahead, base, levels, stride, .. } = self;
+        let Self { window, run, interp, scratch, place, base, levels, stride, .. } = self;
+        let decoder = model.motion();
         let mut out = |raw: FrameRef| {
             if total.is_none_or(|total| raw.index < total) {
                 let index = *base + raw.index;
@@ -462,32 +452,18 @@ impl Decoder {
             }
         };
         if keyframes > 0 {
-            self.window.write(&self.chunk[..keyframes * self.layout.codes()]);
-            match (model.between(), &mut self.between, &mut self.window) {
-                (Between::Codes(interp), Filling::Codes(room), Window::Codes(history)) => {
-                    history.lay_out();
-                    let start = history.fresh_start(self.is_first);
-                    interp.fill_from(cx, room, history.frames(), start)?;
-                    let fresh = history.fresh(self.is_first);
-                    motion.push(cx, model.motion(), scratch, fresh, *lookahead, &mut out)?;
-                    history.advance();
-                }
-                (Between::Vectors { interp, .. }, Filling::Vectors(room), Window::Keyframes(history)) => {
-                    let fresh = history.fresh_frames(self.is_first);
-                    history.lay_out(model.motion().decoders())?;
-                    let (vectors, known) = history.frames();
-                    interp.fill_from(cx, room, vectors, known, known.len() - fresh)?;
-                    let (fresh, parts) = history.fresh(self.is_first);
-                    motion.push_latents(cx, model.motion(), scratch, &fresh[..parts], *lookahead, &mut out)?;
-                    history.advance();
-                }
-                _ => return Err(StepError::Disagree("a decoder was given another model")),
-            }
+            window.write(&self.chunk[..keyframes * self.layout.codes()]);
+            let start = window.fresh_start(self.is_first);
+            let mut filling = run.begin_filling(cx, interp, (window, start), decoder, false)?;
+            while run.fill(cx, interp, &mut filling)? {}
+            let mut push = run.begin_push(decoder, scratch, start, self.lookahead)?;
+            while run.push_step(cx, decoder, scratch, start, &mut push, &mut out)? {}
+            window.advance();
             self.is_first = false;
         }
         if let Some(total) = total {
-            let total = total.min(motion.known());
-            motion.finish(cx, model.motion(), scratch, total, &mut out)?;
+            let mut push = run.begin_finish(total.min(run.known()))?;
+            while run.push_step(cx, decoder, scratch, 0, &mut push, &mut out)? {}
         }
         Ok(())
     }

@@ -24,7 +24,7 @@ impl PacketRoom {
     /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
     /// keyframes. Returns its length, or `None` if nothing was computed. Never allocates.
     #[expect(clippy::too_many_arguments, reason = "an avatar, what was computed of it, and where it goes")]
-    pub(crate) fn write(
+    pub fn write(
         &mut self,
         avatar: &Avatar,
         config: &Config,
@@ -48,7 +48,7 @@ impl PacketRoom {
             stream,
             sequence: u32::try_from(sequence).unwrap_or(u32::MAX),
             sample: sequence * (avatar.target * config.samples_per_keyframe()) as u64,
-            root: avatar.motion.place(),
+            root: avatar.run.place(),
             keyframes,
             history,
             total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
@@ -59,7 +59,7 @@ impl PacketRoom {
             *level = level_byte(levels.mean(first, config.keyframe_stride));
         }
         let codes = &mut self.codes[..(history + keyframes) * layout.codes()];
-        avatar.history.last(history + keyframes, codes);
+        avatar.window.last(codes);
         layout.encode(&head, heard, codes, out).map(Some)
     }
 }

@@ -99,7 +99,7 @@ impl IdleBlend {
         }
     }
 
-    pub(crate) fn reset(&mut self, start: &Start) {
+    pub fn reset(&mut self, start: &Start) {
         self.seam.at = None;
         if start.is_reset {
             self.still.since = None;

@@ -3,7 +3,7 @@
 use umo_kernels::Mat;
 
 use super::{Inputs, Options, Output, Stage, StageError, poses};
-use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::error::StepError;
 use umo_core_model::config::{Config, PartSpec};
 use umo_core_model::interp::vectors::VectorInterp;
 use umo_core_model::linear::Compute;
@@ -11,7 +11,7 @@ use umo_core_model::lm::decoder::Sequence;
 use umo_core_model::lm::depth::{DepthNet, Task};
 use umo_core_model::lm::frames::FrameTables;
 use umo_core_model::lm::{Lengths, Lm, LmScratch};
-use umo_core_model::motion::{Latents, MotionDecoder};
+use umo_core_model::motion::MotionDecoder;
 use umo_core_model::weights::Loader;
 
 type Outputs = Result<Vec<Output>, StageError>;
@@ -67,6 +67,7 @@ fn split(config: &Config, keyframes: &[u16]) -> Vec<Output> {
 /// them.
 struct Encoded {
     lm: Lm,
+    tables: FrameTables,
     scratch: LmScratch,
     hidden: Vec<f32>,
     rows: usize,
@@ -82,16 +83,16 @@ impl Encoded {
         let count = config.codes_per_keyframe();
         let (rows, given) = (ids.len(), history.len() / count);
         let lengths = Lengths { encoder: rows.max(1), decoder };
-        let lm = Lm::load(loader, lengths)?;
+        let (lm, tables) = (Lm::load(loader, lengths)?, FrameTables::load(loader)?);
         // The row after the history is the decoder's.
         let mut scratch = LmScratch::with_given(config, rows.max(decoder), given + 1);
         for (row, codes) in history.chunks_exact(count).enumerate() {
-            tables(&lm)?.history(codes, scratch.given_mut(row))?;
+            tables.history(codes, scratch.given_mut(row))?;
         }
         let mut hidden = vec![0.0; rows * lm.d_model()];
         lm.encode(cx, &mut scratch, &ids, &[rows], &mut hidden)?;
         let audio = ids.iter().position(|&id| id as usize == config.vocab.audio.start).map(|start| start + 1);
-        Ok(Self { lm, scratch, hidden, rows, lengths, audio })
+        Ok(Self { lm, tables, scratch, hidden, rows, lengths, audio })
     }
 
     /// Runs the decoder over `count` keyframes. `state(keyframe, state, heard)` receives each state, and the
@@ -103,11 +104,11 @@ impl Encoded {
         count: usize,
         mut state: impl FnMut(usize, &[f32], &[f32]) -> Result<Vec<u16>, StageError>,
     ) -> Result<(), StageError> {
-        let Self { lm, scratch, hidden, rows, lengths, audio } = self;
+        let Self { lm, tables, scratch, hidden, rows, lengths, audio } = self;
         let mut sequence = Sequence::new(config, *lengths, lm.cross_storage());
         lm.attend_to(cx, scratch, Mat::new(hidden, *rows, lm.d_model())?, &mut sequence)?;
         let row = scratch.given_rows() - 1;
-        tables(lm)?.start(scratch.given_mut(row));
+        tables.start(scratch.given_mut(row));
         let id = u32::try_from(config.vocab.size + row).expect("rows of a stage are few");
         for keyframe in 0..count {
             sequence.set_ids(&[id])?;
@@ -123,14 +124,10 @@ impl Encoded {
                 }
             }
             let codes = state(keyframe, &scratch.states()[..d], &heard)?;
-            tables(lm)?.keyframe(&codes, scratch.given_mut(row))?;
+            tables.keyframe(&codes, scratch.given_mut(row))?;
         }
         Ok(())
     }
-}
-
-fn tables(lm: &Lm) -> Result<&FrameTables, StageError> {
-    Ok(lm.frames().ok_or_else(|| LoadError::config("layout", "expected frames"))?)
 }
 
 fn encoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
@@ -229,6 +226,6 @@ fn motion(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     let (decoder, parts) = (MotionDecoder::load(loader)?, moving(loader.file().config()));
     let rows = |part: &PartSpec| inputs.code_rows(&format!("codes.{}", part.name), part.levels);
     let codes = parts.iter().map(rows).collect::<Result<Vec<_>, _>>()?;
-    let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
-    Ok(poses(&decoder, &decoder.decode_list(cx, &latents)?))
+    let codes: Vec<_> = codes.iter().map(Vec::as_slice).collect();
+    Ok(poses(&decoder, &decoder.decode_list(cx, &codes)?))
 }

@@ -34,7 +34,7 @@ impl FilterPlan {
 pub(super) enum Filter {}
 
 impl Filter {
-    pub(crate) fn new_in(plan: Arc<FilterPlan>, _: &Arena) -> Self {
+    pub fn new_in(plan: Arc<FilterPlan>, _: &Arena) -> Self {
         match *plan {}
     }
 
@@ -54,7 +54,7 @@ impl Filter {
         match *self {}
     }
 
-    pub(super) fn reset(&mut self) {
+    pub fn reset(&mut self) {
         match *self {}
     }
 
