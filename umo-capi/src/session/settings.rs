@@ -2,7 +2,6 @@
 
 use std::ffi::c_char;
 
-use umo_core::memory;
 use umo_core::session::SessionError;
 
 use super::{UmoLatency, UmoSession, UmoStats, on};
@@ -30,7 +29,7 @@ pub unsafe extern "C" fn umo_session_set_prompt(
     on(session, |handle| {
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
-        let ids = memory::catch(|| model::inspect::encode(&handle.model, handle.log, text))??;
+        let ids = model::inspect::encode(&handle.model, handle.log, text)?;
         Ok(handle.session.set_prompt(&ids)?)
     })
 }
