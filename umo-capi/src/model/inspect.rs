@@ -178,7 +178,7 @@ pub unsafe extern "C" fn umo_model_encode_text(
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
         let model = get(model)?;
-        let found = memory::catch(|| encode(&model, model.log, text))??;
+        let found = encode(&model, model.log, text)?;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(count, "count", found.len())? };
         if found.len() > capacity {
@@ -201,10 +201,14 @@ pub(crate) fn encode(model: &ModelHandle, log: Log, text: &[u8]) -> Result<Vec<u
         return Ok(Vec::new());
     }
     let none = || Failure::new(UMO_STATUS_UNSUPPORTED, "this model takes no texts");
-    // The encoder allocates the normalised text, and a step of its search for each byte of it.
-    memory::check(128 * text.len() + memory::SPARE)?;
-    let ids = model.model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)?;
-    if let Some(prompts) = model.model.config().unknown_prompt(text) {
+    let model = &model.model;
+    let (ids, unknown) = memory::catch(|| {
+        // The encoder allocates the normalised text, and a step of its search for each byte of it.
+        memory::check(128 * text.len() + memory::SPARE)?;
+        let ids = model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)?;
+        Ok::<_, Failure>((ids, model.config().unknown_prompt(text)))
+    })??;
+    if let Some(prompts) = unknown {
         log.say(UMO_LOG_WARNING, format_args!("the model was not trained with the prompt `{text}`: {prompts}"));
     }
     Ok(ids)

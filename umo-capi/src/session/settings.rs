@@ -3,7 +3,6 @@
 use std::ffi::c_char;
 
 use umo_core::SessionError;
-use umo_core_base::memory;
 
 use super::{UmoLatency, UmoSession, UmoStats, on};
 use crate::ffi::{self, put};
@@ -30,7 +29,7 @@ pub unsafe extern "C" fn umo_session_set_prompt(
     on(session, |handle| {
         // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
-        let ids = memory::catch(|| model::inspect::encode(&handle.model, handle.log, text))??;
+        let ids = model::inspect::encode(&handle.model, handle.log, text)?;
         Ok(handle.session.set_prompt(&ids)?)
     })
 }
