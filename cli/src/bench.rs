@@ -8,7 +8,6 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umo_core::avatar::StageTimes;
-use umo_core::engine::{Engine, EngineConfig, Priority, Threads};
 use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::model::Model;
 use umo_core::session::SessionConfig;
@@ -41,33 +40,22 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     if !(0.0..=86_400.0).contains(&args.seconds) {
         return Err(Failure::input(format!("--seconds {}: expected 0 to 86400", args.seconds)));
     }
-    let file = model::open(args.model.as_deref())?;
-    let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
+    let compute = &args.engine.compute;
+    let file = model::open(compute.model.as_deref())?;
+    let (isa, threads) = (model::isa(compute)?, model::threads(compute)?);
     let start = Instant::now();
-    let model = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);
+    let model = Arc::new(Model::load(&file, compute.precision(Precision::Stored), isa)?);
     let load = start.elapsed();
     let config = file.config().clone();
-    let stored = stored(&file, args.compute.precision(Precision::Stored))?;
+    let stored = stored(&file, compute.precision(Precision::Stored))?;
     let weights = file.tensors().iter().map(|&(.., bytes)| bytes).sum();
     drop(file);
     let mut session = SessionConfig::new(&config);
     session.avatar.target = args.target.unwrap_or(config.target);
     // No frames held back, as the paper counts.
     session.avatar.lookahead = 0;
-    let priority = Priority::from(args.priority);
-    let engine = EngineConfig {
-        threads: Threads::Own(threads),
-        max_sessions: args.sessions + 1,
-        max_batch: args.sessions.min(8),
-        priority,
-        gather: Duration::from_millis(args.gather.into()),
-        ..EngineConfig::default()
-    };
-    let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;
-    if engine.priority() != priority {
-        let what = format!("--priority {priority}: the system refuses it: {}", Priority::advice());
-        return Err(Failure::environment(what));
-    }
+    let engine = model::engine(&args.engine, Arc::clone(&model), args.sessions)?;
+    let priority = engine.priority();
     let bench = Runner::new(engine, session);
 
     let neighbours = || args.busy.then(Neighbours::start).transpose();

@@ -9,6 +9,8 @@ mod drain;
 mod limits;
 #[path = "server/opus.rs"]
 mod opus;
+#[path = "server/page.rs"]
+mod page;
 #[path = "server/wrong.rs"]
 mod wrong;
 
@@ -21,7 +23,9 @@ use serde_json::json;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
-use umo_core::{Animation, Compute, Isa, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team};
+use umo_core::{
+    Animation, Compute, Isa, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team, Threads,
+};
 use umo_serve::{Config, Server};
 
 /// A small model of random weights.
@@ -44,7 +48,8 @@ struct Running {
 impl Running {
     /// Starts a server that computes as fast as it can, unless `change` says otherwise.
     async fn new(change: impl FnOnce(&mut Config)) -> Self {
-        let mut config = Config { threads: 1, ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
+        let mut config = Config { ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
+        config.engine.threads = Threads::Own(1);
         change(&mut config);
         let server = Server::bind("127.0.0.1:0", config, Arc::clone(&MODEL)).await.unwrap();
         let (stop, told) = oneshot::channel();

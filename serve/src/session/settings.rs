@@ -9,20 +9,26 @@ use crate::protocol::{Hello, Output, VoiceKind};
 /// Message for a packet client that sends a mood, gesture or look-at.
 pub(super) const NOT_IN_PACKETS: &str = "packets know no mood, gestures and look-at: the decoders of the viewers do";
 
-/// Returns the settings, or an error message for the client.
-pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> {
+/// Returns the settings of a hello, with `defaults` for missing ones; or an error message for the client.
+pub(super) fn of(hello: &Hello, defaults: Option<&AvatarConfig>, model: &Model) -> Result<SessionConfig, String> {
     let config = model.config();
     if !(MIN_RATE..=MAX_RATE).contains(&hello.rate) {
         return Err(format!("rate {}: expected {MIN_RATE} to {MAX_RATE}", hello.rate));
     }
-    if !(0.0..=1.0).contains(&hello.layers) || !(0.0..=1.0).contains(&hello.mood_strength) {
+    if !(0.0..=1.0).contains(&hello.layers.unwrap_or(1.0)) || !(0.0..=1.0).contains(&hello.mood_strength) {
         return Err("layers and mood_strength: expected 0 to 1".to_owned());
     }
     let mut settings = SessionConfig { sample_rate: hello.rate, ..SessionConfig::new(config) };
-    settings.avatar.target = hello.target.unwrap_or(settings.avatar.target);
-    settings.avatar.horizon = hello.horizon;
-    settings.avatar.sampler.seed = hello.seed;
-    settings.avatar.life = Layer::ALL.into_iter().fold(LifeConfig::ON, |life, layer| life.with(layer, hello.layers));
+    if let Some(defaults) = defaults {
+        settings.avatar = defaults.clone();
+    }
+    let avatar = &mut settings.avatar;
+    avatar.target = hello.target.unwrap_or(avatar.target);
+    avatar.horizon = hello.horizon.unwrap_or(avatar.horizon);
+    avatar.sampler.seed = hello.seed.unwrap_or(avatar.sampler.seed);
+    if let Some(gain) = hello.layers {
+        avatar.life = Layer::ALL.into_iter().fold(LifeConfig::ON, |life, layer| life.with(layer, gain));
+    }
     if let Some(text) = &hello.prompt {
         with_prompt(&mut settings.avatar, text, model)?;
     }
