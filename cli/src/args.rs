@@ -180,6 +180,9 @@ pub struct FigureArgs {
 pub struct Animate {
     /// Recording of any common format, rate, length and level, with 1 to 8 channels
     pub speech: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub output: Output,
     /// Prompt, for models that take one: a style, an emotion, an action
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
@@ -196,9 +199,6 @@ pub struct Animate {
     /// Tokenise the whole recording at once, as the paper does offline, and print the difference from the stream
     #[arg(long, help_heading = TESTING, hide_short_help = true)]
     pub whole_file_units: bool,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
-    pub output: Output,
 }
 
 /// Animate many recordings.

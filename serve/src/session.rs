@@ -22,7 +22,7 @@ use axum::extract::ws::{Message, WebSocket};
 use futures_util::StreamExt;
 use futures_util::stream::SplitStream;
 use tokio::sync::watch;
-use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
 use umo_core::{Engine, EngineError, Pose, Session, SessionError};
 
 use crate::config::Config;
@@ -39,6 +39,8 @@ use writer::{Writer, Written};
 const TICK: Duration = Duration::from_millis(10);
 /// Time limit for the client's close frame.
 const FAREWELL: Duration = Duration::from_secs(2);
+/// Delay before a connection with unread input is closed.
+const LAST_LOOK: Duration = Duration::from_millis(500);
 
 /// State shared by all sessions of a server.
 #[derive(Debug)]
@@ -126,12 +128,22 @@ pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, 
     } else {
         shared.metrics.refused(end.word());
     }
+    let mut is_closed = end == End::Left;
     if let End::Because(code, reason) = end {
         closing.close(code, &reason).await;
     }
     // Reading answers the client's close frame. Unread input would reset the connection, and the client would
     // lose the reason.
-    let _ = timeout(FAREWELL, async { while let Some(Ok(_)) = stream.next().await {} }).await;
+    let reading = async {
+        while let Some(Ok(message)) = stream.next().await {
+            is_closed |= matches!(message, Message::Close(_));
+        }
+    };
+    let _ = timeout(FAREWELL, reading).await;
+    // After invalid input the rest is not read: the client has this long to read the reason.
+    if !is_closed {
+        sleep(LAST_LOOK).await;
+    }
 }
 
 /// Reads the hello and takes a slot.

@@ -174,6 +174,12 @@ fn a_prompt_that_the_model_does_not_know_is_said() {
     let (speech, out) = (folder.speech(), folder.at("o.jsonl"));
     let said = |prompt: &str| umo(&["animate", &speech, "--prompt", prompt, "-o", &out]).success().err;
     let note = said("qwerty");
-    assert!(note.starts_with("note: `qwerty`") && note.contains("talking") && note.lines().count() == 1, "{note}");
+    assert!(
+        note.starts_with("note: ")
+            && note.contains("`qwerty`")
+            && note.contains("talking")
+            && note.lines().count() == 1,
+        "{note}"
+    );
     assert_eq!(said("Calm"), "");
 }

@@ -240,7 +240,7 @@ fn a_folder_for_web_servers_is_not_begun_without_what_it_needs() {
     let voice = ["--package", &package, "--model", &golden("mel_k1_upcycled"), "--voice", "live"];
     assert!(refused(&voice).contains("mouth network"));
     assert!(!std::path::Path::new(&www).exists());
-    for args in [&["-o", "x.html"], &["--port", "80"]] {
+    for args in [&["-o", "x.html"][..], &["--port", "80"]] {
         assert_eq!(umo(&[&["view", "--web", &www], args].concat()).code, 2, "{args:?}");
     }
     let (speech, package) = (folder.speech(), package.as_str());
@@ -274,8 +274,9 @@ fn a_page_is_not_served_without_what_it_needs() {
     assert!(refused(&voice).contains("mouth network"));
     // Options of the page do not go with other programs, nor theirs with the page.
     let vmc = ["--vmc", "127.0.0.1:39539"];
-    for more in [&["--port", "80"][..], &["--figure", "performer"], &["--onto", "a.glb"]] {
-        assert!(refused(&[&vmc, more].concat()).contains("cannot be used with"), "{more:?}");
+    for more in [["--port", "80"], ["--figure", "bea"], ["--onto", "a.glb"]] {
+        let ended = umo(&[&["live"][..], &vmc, &more].concat());
+        assert!(ended.code == 2 && ended.err.contains("cannot be used with"), "{more:?}: {}", ended.err);
     }
     assert_eq!(umo(&["live", "--no-open", "--rate", "16000"]).code, 2);
 }
