@@ -4,17 +4,21 @@
 
 use std::fmt;
 use std::sync::Arc;
+use std::time::Duration;
 
-use axum::body::Bytes;
+use axum::body::{Body, to_bytes};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use tokio::time::timeout;
 use umo_core::glb::Follower;
 
 use crate::session::Shared;
 
 /// Maximum size of a character in bytes.
-pub(crate) const MOST_CHARACTER: usize = 256 << 20;
+const MOST_CHARACTER: usize = 256 << 20;
+/// Time limit for receiving a character.
+const UPLOAD: Duration = Duration::from_secs(60);
 
 /// Headers of the page: it is fetched anew each time, and no other page may frame or read it.
 const HEADERS: [(HeaderName, &str); 7] = [
@@ -51,12 +55,21 @@ pub(crate) async fn get(State(shared): State<Arc<Shared>>) -> Response {
 }
 
 /// Takes a character from the page.
-pub(crate) async fn put_on(State(shared): State<Arc<Shared>>, headers: HeaderMap, file: Bytes) -> Response {
+pub(crate) async fn put_on(State(shared): State<Arc<Shared>>, headers: HeaderMap, body: Body) -> Response {
     let Some(page) = shared.config.page.clone() else { return StatusCode::NOT_FOUND.into_response() };
     // A browser names the page's origin in a request of this method.
     if !headers.contains_key(header::ORIGIN) {
         return (StatusCode::FORBIDDEN, "a character comes from the page alone\n").into_response();
     }
+    let length = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<usize>().ok());
+    match length {
+        None => return StatusCode::LENGTH_REQUIRED.into_response(),
+        Some(length) if length > MOST_CHARACTER => return StatusCode::PAYLOAD_TOO_LARGE.into_response(),
+        Some(_) => {}
+    }
+    let Ok(Ok(file)) = timeout(UPLOAD, to_bytes(body, MOST_CHARACTER)).await else {
+        return (StatusCode::REQUEST_TIMEOUT, "the character did not come to its end\n").into_response();
+    };
     match tokio::task::spawn_blocking(move || page.put_on(file.into())).await {
         Ok(Ok(())) => (StatusCode::OK, "reload the page\n").into_response(),
         Ok(Err(problem)) => (StatusCode::UNPROCESSABLE_ENTITY, format!("{problem}\n")).into_response(),

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, Extension, Request, State, WebSocketUpgrade};
+use axum::extract::{Extension, Request, State, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
@@ -150,7 +150,7 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
         .route("/", get(page::get))
-        .route("/character", post(page::put_on).layer(DefaultBodyLimit::max(page::MOST_CHARACTER)))
+        .route("/character", post(page::put_on))
         .layer(middleware::from_fn_with_state(Arc::clone(shared), knock))
         .with_state(Arc::clone(shared));
     loop {
