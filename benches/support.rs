@@ -103,7 +103,7 @@ fn open(variable: &str, layout: &str, name: &str) -> ModelFile {
     ModelFile::open(&path).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Writes a random model: bf16, then its products in int8 as `umo quantize` chooses.
+/// Writes a random model: bf16, then its products in int8 as `umo model quantize` chooses.
 fn make(size: &str, layout: &str, path: &Path) {
     let float = path.with_extension("float");
     let run = |args: &[&std::ffi::OsStr]| {
@@ -111,8 +111,16 @@ fn make(size: &str, layout: &str, path: &Path) {
         let code = umo_cli::main(args);
         assert_eq!(format!("{code:?}"), format!("{:?}", std::process::ExitCode::SUCCESS), "no model was made");
     };
-    let random = ["make-random", "--size", size, "--layout", layout, "-o"].map(AsRef::as_ref);
+    let random = ["model", "random", "--size", size, "--layout", layout, "-o"].map(AsRef::as_ref);
     run(&[&random[..], &[float.as_ref()]].concat());
-    run(&["quantize".as_ref(), float.as_ref(), "--weights".as_ref(), "int8".as_ref(), "-o".as_ref(), path.as_ref()]);
+    run(&[
+        "model".as_ref(),
+        "quantize".as_ref(),
+        float.as_ref(),
+        "--weights".as_ref(),
+        "int8".as_ref(),
+        "-o".as_ref(),
+        path.as_ref(),
+    ]);
     std::fs::remove_file(float).expect("it was just written");
 }

@@ -11,7 +11,7 @@ use umo_core_model::lm::depth::is_guidable;
 use umo_core_model::weights::Loader;
 use umo_core_pose::clip::Clip;
 
-use crate::args::{Animate, GenerateArgs, Output};
+use crate::args::{self, Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
@@ -46,6 +46,7 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
 /// A loaded model and the threads that run it.
 pub(crate) struct Maker<'a> {
     args: &'a GenerateArgs,
+    precision: Precision,
     file: ModelFile,
     pub(crate) model: Model,
     load_time: Duration,
@@ -54,15 +55,16 @@ pub(crate) struct Maker<'a> {
 
 impl<'a> Maker<'a> {
     /// Loads the model of `file`.
-    pub(crate) fn new(args: &'a GenerateArgs, file: ModelFile) -> Result<Self, Failure> {
-        let isa = model::isa(&args.compute)?;
+    pub(crate) fn new(args: &'a GenerateArgs, compute: &args::Compute, file: ModelFile) -> Result<Self, Failure> {
+        let (isa, precision) = (model::isa(compute)?, compute.precision(Precision::Stored));
         let start = Instant::now();
         Ok(Self {
             args,
-            model: Model::load(&file, args.compute.precision(Precision::Stored), isa)?,
+            precision,
+            model: Model::load(&file, precision, isa)?,
             load_time: start.elapsed(),
             file,
-            team: model::team(&args.compute)?,
+            team: model::team(compute)?,
         })
     }
 
@@ -116,8 +118,7 @@ impl<'a> Maker<'a> {
         }
         let mut animation = Animation::with_layers(&self.model, &avatar, layers(self.args), gestures.clone())?;
         if let Some(path) = start_pose {
-            let precision = self.args.compute.precision(Precision::Stored);
-            let loader = Loader::new(&self.file, precision, self.model.isa());
+            let loader = Loader::new(&self.file, self.precision, self.model.isa());
             let cx = Compute { isa: self.model.isa(), team };
             start_pose::begin(cx, &loader, path, &mut animation)?;
         }
@@ -194,13 +195,13 @@ impl<'a> Job<'a> {
         let format = args.format.as_deref().map(Format::parse).transpose()?;
         let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
         let formats = formats.collect::<Result<Vec<_>, _>>()?;
-        let file: ModelFile = model::open(args.generate.model.as_deref())?;
+        let file: ModelFile = model::open(args.compute.model.as_deref())?;
         for format in &formats {
             format.check_face(&file.config().face)?;
         }
         let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         let outputs = outputs.collect::<Result<_, _>>()?;
-        Ok(Self { args, maker: Maker::new(&args.generate, file)?, outputs })
+        Ok(Self { args, maker: Maker::new(&args.generate, &args.compute, file)?, outputs })
     }
 
     /// Runs the animation to its end and writes every output.
@@ -248,13 +249,13 @@ pub(crate) fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
     let tokenizer =
         model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
     if let Some(prompts) = model.config().unknown_prompt(text) {
-        eprintln!("note: `{text}` is no prompt that the model was trained with, so what it does is chance: {prompts}");
+        eprintln!("note: the model was not trained with the prompt `{text}`, so the result is chance: {prompts}");
     }
     Ok(tokenizer.encode(text)?)
 }
 
 /// Returns the template `name`; with a text, the first of `name` and `name_with_text` that accepts one.
-fn named(config: &Config, name: &str, text: bool) -> Result<String, Failure> {
+pub(crate) fn named(config: &Config, name: &str, text: bool) -> Result<String, Failure> {
     if !text {
         return Ok(name.to_owned());
     }

@@ -14,9 +14,11 @@ use crate::failure::Failure;
 /// Names of the arguments that hold output files.
 const OUTPUTS: [&str; 4] = ["output", "sheet", "plot", "results"];
 
-/// Refuses outputs that are also inputs of the command, and `-`.
+/// Refuses outputs that are also inputs of the command, and `-`. `matches` may be those of a command above it.
 pub(crate) fn check(matches: &ArgMatches) -> Result<(), Failure> {
-    let Some((_, matches)) = matches.subcommand() else { return Ok(()) };
+    if let Some((_, below)) = matches.subcommand() {
+        return check(below);
+    }
     let (mut outputs, mut inputs) = (Vec::new(), Vec::new());
     for id in matches.ids() {
         let paths = matches.try_get_many::<PathBuf>(id.as_str()).ok().flatten().into_iter().flatten();

@@ -39,11 +39,11 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         Some((index, count)) => lines.into_iter().filter(|line| line.number % count == index - 1).collect(),
         None => lines,
     };
-    let file: ModelFile = model::open(args.generate.model.as_deref())?;
+    let file: ModelFile = model::open(args.compute.model.as_deref())?;
     for format in lines.iter().flat_map(|line| &line.outputs).map(|path| Format::from_extension(path)) {
         format?.check_face(&file.config().face)?;
     }
-    let maker = Maker::new(&args.generate, file)?;
+    let maker = Maker::new(&args.generate, &args.compute, file)?;
     let mut results = Results::open(args.results_path())?;
     let settings = settings(args, &maker);
     let mut bar = progress::lines(lines.len());

@@ -8,10 +8,7 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use umo_core::{
-    Config, Engine, EngineConfig, Isa, LoadError, Model, ModelFile, Precision, Priority, SessionConfig, StageTimes,
-    Threads,
-};
+use umo_core::{Config, Engine, Isa, LoadError, Model, ModelFile, Precision, SessionConfig, StageTimes};
 use umo_core_model::weights::layout::{self, Kind};
 use umo_core_model::weights::writer::Storage;
 use umo_core_tools::floor::{self, Floor, Machine, Stored};
@@ -75,8 +72,9 @@ struct Loaded {
 
 impl Loaded {
     fn new(args: &Bench, isa: Isa) -> Result<Self, Failure> {
-        let file = model::open(args.model.as_deref())?;
-        let precision = args.compute.precision(Precision::Stored);
+        let compute = &args.engine.compute;
+        let file = model::open(compute.model.as_deref())?;
+        let precision = compute.precision(Precision::Stored);
         let start = Instant::now();
         let model = Arc::new(Model::load(&file, precision, isa)?);
         let load = start.elapsed();
@@ -85,32 +83,20 @@ impl Loaded {
     }
 }
 
-fn runner(args: &Bench, loaded: &Loaded, threads: usize) -> Result<Runner, Failure> {
+fn runner(args: &Bench, loaded: &Loaded) -> Result<Runner, Failure> {
     let mut session = SessionConfig::new(&loaded.config);
     session.avatar.target = args.target.unwrap_or(loaded.config.target);
     // No frames held back, as the paper counts.
     session.avatar.lookahead = 0;
-    let priority = Priority::from(args.priority);
-    let engine = EngineConfig {
-        threads: Threads::Own(threads),
-        max_sessions: args.sessions + 1,
-        max_batch: args.sessions.min(8),
-        priority,
-        gather: Duration::from_millis(args.gather.into()),
-        ..EngineConfig::default()
-    };
-    let engine = Engine::new(Arc::clone(&loaded.model), &engine).map_err(Failure::input)?;
-    if engine.priority() != priority {
-        let what = format!("--priority {priority}: the system refuses it: {}", Priority::advice());
-        return Err(Failure::environment(what));
-    }
+    let engine: Engine = model::engine(&args.engine, Arc::clone(&loaded.model), args.sessions)?;
     Ok(Runner::new(engine, session))
 }
 
 fn measure(args: &Bench) -> Result<Report, Failure> {
-    let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
+    let compute = &args.engine.compute;
+    let (isa, threads) = (model::isa(compute)?, model::threads(compute)?);
     let loaded = Loaded::new(args, isa)?;
-    let bench = runner(args, &loaded, threads)?;
+    let bench = runner(args, &loaded)?;
     let target = bench.session.avatar.target;
 
     let neighbours = || args.busy.then(Neighbours::start).transpose();
@@ -151,7 +137,7 @@ fn measure(args: &Bench) -> Result<Report, Failure> {
         memory,
         processor,
         is_busy: args.busy,
-        priority: Priority::from(args.priority),
+        priority: bench.engine.priority(),
         crowd,
         crowd_processor,
     })

@@ -1,4 +1,4 @@
-//! `umo convert`: builds one model from published safetensors weights, with one tensor in memory at a time.
+//! `umo model convert`: builds one model from published safetensors weights, with one tensor in memory at a time.
 
 mod catalogue;
 mod plan;
@@ -60,8 +60,7 @@ fn config(args: &Convert) -> Result<Config, Failure> {
     if config.audio.hubert.is_none() {
         return Err(named(LoadError::Config {
             key: "audio.kind".to_owned(),
-            problem: "expected \"hubert\": there are no published weights of other tokenizers, training/ makes them"
-                .to_owned(),
+            problem: "expected \"hubert\": other tokenizers have no published weights, training/ makes them".to_owned(),
         }));
     }
     config.lm.experts = args.experts.unwrap_or(config.lm.experts);

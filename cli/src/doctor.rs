@@ -1,8 +1,5 @@
 //! `umo doctor`: self-test on the current machine.
 
-use std::sync::Arc;
-
-use umo_core::{Model, Precision};
 use umo_core_base::defect::keep_quiet;
 use umo_self_test::Report;
 
@@ -13,10 +10,8 @@ use crate::model;
 pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     // A kernel that panics appears in the report.
     keep_quiet(&[umo_core::SOURCES, &[file!()]]);
-    let file = model::open(args.model.as_deref())?;
-    let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
-    let model = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);
-    let mut report = umo_self_test::run(&model, threads);
+    let threads = model::threads(&args.compute)?;
+    let mut report = umo_self_test::run(&model::load(&args.compute)?, threads);
     if let Some(name) = apple_processor() {
         report.machine.processor = name;
     }

@@ -1,4 +1,4 @@
-//! `umo inspect`: prints the contents of a model or a character.
+//! `umo model inspect` and `umo inspect`: print the contents of a model, and of a character.
 
 use std::collections::BTreeMap;
 
@@ -6,17 +6,26 @@ use umo_core::{Config, FaceKind, ModelFile};
 use umo_core_model::config::AudioKind;
 use umo_core_model::weights::layout;
 
-use crate::args::Inspect;
+use crate::args::{Inspect, InspectCharacter};
 use crate::failure::Failure;
 use crate::{model, retarget};
 
-/// Prints a summary.
+/// Prints a report on a character.
+pub(crate) fn character(args: &InspectCharacter) -> Result<(), Failure> {
+    let path = args.character.display();
+    match retarget::is_inspected(&args.character) {
+        true => retarget::inspect(&args.character),
+        false => Err(Failure::input(format!(
+            "{path}: expected a character, .glb, .gltf, .vrm or .bvh; `umo model inspect {path}` prints a model"
+        ))),
+    }
+}
+
+/// Prints a summary of a model.
 pub(crate) fn run(args: &Inspect) -> Result<(), Failure> {
-    if let Some(character) = args.model.as_deref().filter(|path| retarget::is_inspected(path)) {
-        if args.config || args.verify || args.tensors {
-            return Err(Failure::input("--tensors, --config and --verify go with a model"));
-        }
-        return retarget::inspect(character);
+    if let Some(path) = args.model.as_deref().filter(|path| retarget::is_inspected(path)) {
+        let path = path.display();
+        return Err(Failure::input(format!("{path}: expected a model; `umo inspect {path}` prints a character")));
     }
     let file = model::open(args.model.as_deref())?;
     if args.config {

@@ -6,11 +6,11 @@
 //! | `animate`, `text`, `gestures` | speech or text to an animation; gestures over it |
 //! | `speech` | a recording, block by block |
 //! | `batch` | many recordings with one model, computed together |
-//! | `stage`, `inspect`, `random` | a single stage; a model's contents; a model of random weights |
+//! | `stage`, `inspect`, `random` | a single stage; contents of a model or a character; a model of random weights |
 //! | `convert`, `quantize` | a model from published weights; the same model with smaller weights |
-//! | `live` | live speech to poses for other programs, over the network |
+//! | `live` | live speech to poses: on a page, or for other programs |
 //! | `serve` | avatars for many clients over WebSocket |
-//! | `view` | the page that shows an avatar, written once or served live |
+//! | `view` | the page that shows an avatar, written once, served live, or as a folder |
 //! | `bench`, `doctor` | a model's speed on this machine; the self-test |
 //! | [`export`], `import`, `start_pose` | input and output files |
 //! | `draw`, `figure` | pictures of the speaking figure (crate `umo_figure`); the figure as an avatar |
@@ -57,21 +57,22 @@ mod view;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 
-use args::{Args, Command};
+use args::{Args, Command, ModelCommand};
 pub use failure::Failure;
 
 /// Runs the program and returns its exit code: 0, 2 if the input is at fault, or 1 if the machine is.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let parsed = Args::command().try_get_matches_from(args).and_then(|matches| {
-        let args = Args::from_arg_matches(&matches).map_err(|error| error.format(&mut Args::command()))?;
+    let parsed = args::command().try_get_matches_from(args).and_then(|matches| {
+        let args = Args::from_arg_matches(&matches).map_err(|error| error.format(&mut args::command()))?;
         Ok((args, matches))
     });
     let done = match parsed {
         Ok((args, matches)) => atomic_file::check(&matches).and_then(|()| run(args.command)),
         // Help and version go to standard output and are not failures; clap distinguishes them.
         Err(error) => {
+            let error = args::suggest(error);
             let printed = error.print();
             if error.use_stderr() {
                 return ExitCode::from(2);
@@ -91,11 +92,13 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(command: Command) -> Result<(), Failure> {
     // The server handles signals itself.
-    #[cfg(feature = "serve")]
-    let listens = matches!(command, Command::Serve(_));
-    #[cfg(not(feature = "serve"))]
-    let listens = false;
-    if !listens {
+    let is_server = match &command {
+        #[cfg(feature = "serve")]
+        Command::Serve(_) => true,
+        Command::Live(args) => !args.has_receivers(),
+        _ => false,
+    };
+    if !is_server {
         interrupt::listen()?;
     }
     match command {
@@ -103,11 +106,14 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Batch(args) => batch::run(&args),
         Command::Text(args) => text::run(&args),
         Command::Gestures => gestures::run(),
-        Command::Stage(args) => stage::run(&args),
-        Command::Inspect(args) => inspect::run(&args),
-        Command::Convert(args) => convert::run(&args),
-        Command::Quantize(args) => quantize::run(&args),
-        Command::MakeRandom(args) => random::run(&args),
+        Command::Model(command) => match command {
+            ModelCommand::Inspect(args) => inspect::run(&args),
+            ModelCommand::Convert(args) => convert::run(&args),
+            ModelCommand::Quantize(args) => quantize::run(&args),
+            ModelCommand::Random(args) => random::run(&args),
+            ModelCommand::Stage(args) => stage::run(&args),
+        },
+        Command::Inspect(args) => inspect::character(&args),
         Command::View(args) => view::run(&args),
         Command::Live(args) => live::run(&args),
         #[cfg(feature = "serve")]

@@ -1,4 +1,4 @@
-//! `umo live`: live speech in, poses out to other programs over the network.
+//! `umo live`: live speech in, poses out: to a page, or to other programs over the network.
 //!
 //! | module | part |
 //! | --- | --- |
@@ -16,15 +16,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{
-    AudioSource, Engine, EngineConfig, Frame, MAX_RATE, MIN_RATE, Model, Precision, Pushed, Session, SessionConfig,
-    SessionError, Threads, Voice,
-};
+use umo_core::{AudioSource, Engine, Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice};
 
 use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
 use crate::speech::{Samples, Speech};
-use crate::view::session_rate;
+use crate::view::stream::{self, check_voice};
 use crate::{animate, interrupt, model};
 
 /// Delay before samples that found no room are pushed again.
@@ -33,13 +30,24 @@ const RETRY: Duration = Duration::from_millis(5);
 const STRETCH: usize = 480;
 /// Time allowed for computing, seconds: poses are shown this much later than the latency requires.
 const MARGIN: f64 = 0.1;
-/// Default keyframes per chunk: the lowest latency with smooth seams.
-const TARGET: usize = 1;
+/// Resampling target for recordings with a rate that sessions do not accept.
+const OTHER_RATE: usize = 48_000;
 /// Default sample rate of standard input.
 const INPUT_RATE: usize = 16_000;
 
-/// Sends poses until the speech ends or Ctrl-C.
+/// Serves a page until Ctrl-C, or sends poses until the speech ends or Ctrl-C.
 pub(crate) fn run(args: &Live) -> Result<(), Failure> {
+    if args.has_receivers() {
+        return send(args);
+    }
+    #[cfg(feature = "serve")]
+    return crate::view::live::run(args);
+    #[cfg(not(feature = "serve"))]
+    Err(Failure::input("expected --vmc or --livelink: this build has no server for a page"))
+}
+
+/// Sends poses to other programs.
+fn send(args: &Live) -> Result<(), Failure> {
     let vmc = args.vmc.as_deref().map(|address| resolve("--vmc", address)).transpose()?;
     let livelink = args.livelink.as_deref().map(|address| resolve("--livelink", address)).transpose()?;
     let stop = interrupt::stop();
@@ -105,6 +113,11 @@ impl Receiver {
     }
 }
 
+/// Returns the rate at which a recording is pushed to a session.
+pub(crate) fn session_rate(rate: usize) -> usize {
+    if (MIN_RATE..=MAX_RATE).contains(&rate) { rate } else { OTHER_RATE }
+}
+
 fn resolve(option: &str, address: &str) -> Result<SocketAddr, Failure> {
     let expected = || Failure::input(format!("{option} {address}: expected HOST:PORT, as 127.0.0.1:39539"));
     address.to_socket_addrs().map_err(|_| expected())?.next().ok_or_else(expected)
@@ -128,7 +141,7 @@ impl Source {
             return Ok(Self::Input { rate });
         };
         if args.rate.is_some() {
-            return Err(Failure::input("--rate is of standard input: a recording says its own"));
+            return Err(Failure::input("--rate is for standard input: a recording has its own"));
         }
         let speech = Speech::open(path, args.repair)?;
         let rate = session_rate(speech.sample_rate());
@@ -203,31 +216,12 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     if args.generate.start_pose.is_some() {
         return Err(Failure::input("--start-pose does not go with `live`"));
     }
-    let file = model::open(args.generate.model.as_deref())?;
-    let isa = model::isa(&args.generate.compute)?;
-    let loaded = Arc::new(Model::load(&file, args.generate.compute.precision(Precision::Stored), isa)?);
-    drop(file);
-    let threads = Threads::Own(model::threads(&args.generate.compute)?);
-    let engine = Engine::new(loaded, &EngineConfig { threads, max_sessions: 1, ..EngineConfig::default() })
-        .map_err(Failure::input)?;
-    let has_mouth = engine.model().mouth().is_some();
-    let voice = match args.voice {
-        Some(VoiceArg::Live) if !has_mouth => {
-            return Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"));
-        }
-        Some(VoiceArg::Delayed) => Voice::Delayed,
-        Some(VoiceArg::Live) => Voice::Live,
-        None => {
-            if has_mouth {
-                Voice::Live
-            } else {
-                Voice::Delayed
-            }
-        }
-    };
+    let engine = model::engine(&args.engine, model::load(&args.engine.compute)?, 1)?;
+    check_voice(args.voice, engine.model())?;
+    let is_live = args.voice != Some(VoiceArg::Delayed) && engine.model().mouth().is_some();
+    let voice = if is_live { Voice::Live } else { Voice::Delayed };
     let config = engine.model().config();
-    let mut avatar = animate::avatar(&args.generate, config, 0);
-    avatar.target = args.generate.target.unwrap_or(TARGET);
+    let avatar = stream::avatar(&args.generate, config);
     let gestures = crate::gestures::known(&args.generate.gesture_clip, &config.skeleton)?;
     let layers = animate::layers(&args.generate);
     let made = engine

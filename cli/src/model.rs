@@ -2,11 +2,12 @@
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use umo_core::{Config, ModelFile, Skeleton, Team};
+use umo_core::{Config, Engine, EngineConfig, Model, ModelFile, Precision, Priority, Skeleton, Team};
 use umo_kernels::Isa;
 
-use crate::args::Compute;
+use crate::args::{Compute, EngineArgs};
 use crate::failure::Failure;
 
 /// The default model, if the build embeds it: see `build.rs`.
@@ -136,6 +137,30 @@ pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
     }
 }
 
+/// Loads the model of the arguments.
+pub(crate) fn load(compute: &Compute) -> Result<Arc<Model>, Failure> {
+    let file = open(compute.model.as_deref())?;
+    Ok(Arc::new(Model::load(&file, compute.precision(Precision::Stored), isa(compute)?)?))
+}
+
+/// Returns the engine configuration of the arguments.
+pub(crate) fn engine_config(args: &EngineArgs) -> Result<EngineConfig, Failure> {
+    Ok(args.config(threads(&args.compute)?))
+}
+
+/// Creates an engine for this many sessions.
+pub(crate) fn engine(args: &EngineArgs, model: Arc<Model>, sessions: usize) -> Result<Engine, Failure> {
+    let config = engine_config(args)?;
+    // A closed session keeps its place until the end of its batch.
+    let config = EngineConfig { max_sessions: sessions + 1, max_batch: config.max_batch.min(sessions), ..config };
+    let engine = Engine::new(model, &config).map_err(Failure::input)?;
+    if engine.priority() != config.priority {
+        let what = format!("--priority {}: the system refuses it: {}", config.priority, Priority::advice());
+        return Err(Failure::environment(what));
+    }
+    Ok(engine)
+}
+
 /// Returns a team with the requested number of threads, or one per core.
 pub(crate) fn team(compute: &Compute) -> Result<Team, Failure> {
     let threads = threads(compute)?;
@@ -165,7 +190,7 @@ mod tests {
         assert_eq!(name(default(Some(PathBuf::new()), EMBEDDED, &[])), embedded, "an empty variable names nothing");
         assert!(
             default(Some(folder.path().join("missing")), EMBEDDED, &installed).and_then(Place::open).is_err(),
-            "a wrong name is no default"
+            "a wrong name is refused"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! `umo quantize`: writes the same model with smaller weights, one tensor at a time.
+//! `umo model quantize`: writes the same model with smaller weights, one tensor at a time.
 
 mod calibrate;
 mod compensate;
@@ -219,7 +219,9 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
         };
         let rows = spec.is_some_and(|spec| matches!(spec.kind, Kind::Product | Kind::Table));
         if storage.is_quantized() && !rows {
-            return Err(Failure::input(format!("tensor `{name}` is no product or table: it cannot be int8 or int4")));
+            return Err(Failure::input(format!(
+                "tensor `{name}` is neither a product nor a table: it cannot be int8 or int4"
+            )));
         }
         Ok(Plan { name: (*name).to_owned(), shape: shape.to_vec(), storage })
     };

@@ -1,4 +1,4 @@
-//! `umo make-random`: writes a model of the right structure with random weights.
+//! `umo model random`: writes a model of the right structure with random weights.
 
 mod frames;
 mod sizes;
@@ -10,7 +10,7 @@ use umo_core_model::weights::layout::{self, Kind, Spec};
 use umo_core_model::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core_pose::skeleton::joints_of;
 
-use crate::args::{LayoutArg, MakeRandom, StorageArg};
+use crate::args::{self, LayoutArg, StorageArg};
 use crate::failure::Failure;
 use crate::{atomic_file, quantize};
 
@@ -18,7 +18,7 @@ use crate::{atomic_file, quantize};
 static TEXT_MODEL: &[u8] = include_bytes!("../assets/text.model");
 
 /// Writes a random model, reproducible for the same arguments.
-pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
+pub(crate) fn run(args: &args::Random) -> Result<(), Failure> {
     let config = match args.layout {
         LayoutArg::Parts => sizes::config(args.size),
         LayoutArg::Frames => frames::config(args.size),
@@ -45,7 +45,7 @@ pub(crate) fn tiny() -> Config {
     sizes::config(crate::args::Size::Tiny)
 }
 
-fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64) -> NewTensor<'a> {
+fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &args::Random, index: u64) -> NewTensor<'a> {
     let storage = match (args.store, spec.kind) {
         (StorageArg::F32, _) | (_, Kind::Mel | Kind::Listener | Kind::Centroids) => Storage::F32,
         (StorageArg::Int8, Kind::Product) => Storage::Int8,

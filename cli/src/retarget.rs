@@ -129,7 +129,7 @@ fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
         return import::read(input);
     }
     let speech = Speech::open(input, args.repair)?;
-    let maker = animate::Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
+    let maker = animate::Maker::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
     let mut animation = maker.animation("audio_to_motion", None)?;
     let frames = maker.hear(&mut animation, &speech)?;
     maker.clip(&mut animation, frames, |_| ())
@@ -209,7 +209,7 @@ impl Target {
         let is = |known: &str| output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known));
         match self {
             Self::Character(character) if is("vrm") && !character.is_vrm() => {
-                wrong("the character is no VRM file, so the output is none: name it .glb")
+                wrong("the character is not a VRM file, so the output cannot be one: name it .glb")
             }
             Self::Character(_) if is("glb") || is("vrm") => Ok(()),
             Self::Character(_) => wrong("expected .glb, or .vrm where the character is one"),

@@ -1,10 +1,8 @@
 //! `umo serve`: avatars for many clients over WebSocket (crate `umo_serve`).
 
 use std::net::ToSocketAddrs;
-use std::sync::Arc;
 use std::time::Duration;
 
-use umo_core::{Model, Precision};
 use umo_serve::{Config, ServerError, Tokens};
 
 use crate::args::Serve;
@@ -14,15 +12,19 @@ use crate::model;
 /// Serves until SIGTERM or Ctrl-C.
 pub(crate) fn run(args: &Serve) -> Result<(), Failure> {
     let config = config(args)?;
-    let file = model::open(args.model.as_deref())?;
-    let isa = model::isa(&args.compute)?;
-    let loaded = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);
-    drop(file);
-    umo_serve::run(&args.listen, config, loaded).map_err(|error| match error {
+    let sessions = config.sessions;
+    let ready = |address| umo_serve::note(format_args!("listening at {address}, {sessions} places"));
+    umo_serve::run(&args.listen, config, model::load(&args.engine.compute)?, ready)
+        .map_err(|error| failure(&error, &format!("--listen {}", args.listen)))
+}
+
+/// Returns a server's failure; `place` is the argument with its address.
+pub(crate) fn failure(error: &ServerError, place: &str) -> Failure {
+    match error {
         ServerError::Config(problem) => Failure::Input(format!("--{problem}")),
         ServerError::Engine(error) => Failure::environment(error),
-        ServerError::System(..) => Failure::environment(format!("--listen {}: {error}", args.listen)),
-    })
+        ServerError::System(..) => Failure::environment(format!("{place}: {error}")),
+    }
 }
 
 /// Returns the server's configuration from the arguments and the tokens file.
@@ -42,10 +44,9 @@ fn config(args: &Serve) -> Result<Config, Failure> {
     Ok(Config {
         sessions: args.sessions,
         per_client: args.per_client.unwrap_or(args.sessions),
-        threads: model::threads(&args.compute)?,
-        priority: args.priority.into(),
-        gather: Duration::from_millis(args.gather.into()),
-        max_batch: args.batch,
+        engine: model::engine_config(&args.engine)?,
+        session: None,
+        page: None,
         tokens,
         origins: args.origin.clone(),
         is_behind_proxy: args.behind_proxy,
@@ -88,7 +89,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("tokens");
         let with_file = || parsed(&["--listen", "0.0.0.0:1", "--tokens", file.to_str().unwrap()]);
-        assert!(with_file().unwrap_err().to_string().contains("tokens"), "there is no file");
+        assert!(with_file().unwrap_err().to_string().contains("tokens"), "the file is missing");
         std::fs::write(&file, "studio short").unwrap();
         assert!(with_file().unwrap_err().to_string().contains("line 1"));
         std::fs::write(&file, "studio 0123456789abcdef").unwrap();

@@ -1,4 +1,4 @@
-//! `umo stage`: runs a single stage on tensors from a file (SPEC 3.1).
+//! `umo model stage`: runs a single stage on tensors from a file (SPEC 3.1).
 
 use std::io::Write;
 use std::path::Path;
@@ -19,7 +19,7 @@ pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
     })?;
     let bytes = read(&args.input)?;
     let inputs = Inputs::new(&bytes, "").map_err(|e| Failure::input(format!("{}: {e}", args.input.display())))?;
-    let file = model::open(args.model.as_deref())?;
+    let file = model::open(args.compute.model.as_deref())?;
     let sampling = file.config().sampling;
     let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { sampling, seed: args.seed } };
     let output = atomic_file::create(&args.output)?;

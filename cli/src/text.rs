@@ -60,7 +60,7 @@ fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &st
     }
     let prompts = strange.filter(|_| takes_text).unwrap_or_else(|| "the model takes no text".to_owned());
     let gestures = gestures::list(gestures);
-    Err(Failure::Input(format!("`{text}` is no action that is known: {prompts}; the gestures are {gestures}")))
+    Err(Failure::Input(format!("unknown action `{text}`: {prompts}; the gestures are {gestures}")))
 }
 
 /// Returns the model's animation of silence.

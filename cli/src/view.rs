@@ -1,20 +1,23 @@
-//! `umo view`: one HTML page with the avatar, its speech, and a record of how each frame was made; or the
-//! same page served live.
+//! `umo view`: one HTML page with the avatar, its speech, and a record of how each frame was made; and the
+//! page of `umo live`.
 //!
 //! | module | part |
 //! | --- | --- |
 //! | `scene` | contents: a motion, its speech, and the record of how it was made |
 //! | `blocks` | the contents as base64 numbers with a description |
 //! | `page` | the HTML file, from the sources in `page/` |
-//! | `live` | the page on loopback, and streams through a real engine |
-//! | `web` | the live page as a folder, with the engine in the browser |
+//! | `stream` | a page whose frames come from a stream |
+//! | `live` | that page on loopback, with streams of the program's engine |
+//! | `web` | that page as a folder, with the engine in the browser |
 //! | `browser` | opening the page |
 
 mod blocks;
 mod browser;
-mod live;
+#[cfg(feature = "serve")]
+pub(crate) mod live;
 mod page;
 mod scene;
+pub(crate) mod stream;
 mod web;
 
 use std::io::Write;
@@ -24,14 +27,10 @@ use crate::args::Page;
 use crate::atomic_file;
 use crate::failure::Failure;
 use crate::retarget::is_character;
-pub(crate) use live::session_rate;
 use scene::Scene;
 
-/// Writes and opens the page, or serves it.
+/// Writes and opens the page.
 pub(crate) fn run(args: &Page) -> Result<(), Failure> {
-    if args.live {
-        return live::run(args);
-    }
     if let Some(folder) = &args.web {
         return web::run(args, folder);
     }
@@ -45,13 +44,13 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     } else {
         Scene::of_speech(input, args)?
     };
-    if args.mapping.is_some() && scene.character.is_none() {
+    if args.shown.mapping.is_some() && scene.character.is_none() {
         return Err(Failure::input("--mapping goes with a character: --onto, or a character's file"));
     }
     let html = page::html(&scene)?;
     atomic_file::commit(output, |out| out.write_all(html.as_bytes()))?;
     println!("{}: {} frames, {:.1} MB", path.display(), scene.frames(), html.len() as f64 / 1e6);
-    if !args.no_open {
+    if !args.shown.no_open {
         browser::open(&browser::address(&path));
     }
     Ok(())

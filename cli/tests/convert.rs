@@ -1,4 +1,4 @@
-//! `umo convert` as a user runs it, on files with the names that Hugging Face, EMAGE and Language
+//! `umo model convert` as a user runs it, on files with the names that Hugging Face, EMAGE and Language
 //! of Motion use.
 
 use std::collections::BTreeMap;
@@ -65,7 +65,7 @@ impl Place {
     fn frames() -> Self {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("random");
-        let args = ["make-random", "--size", "tiny", "--layout", "frames", "-o"];
+        let args = ["model", "random", "--size", "tiny", "--layout", "frames", "-o"];
         let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
         assert!(command.args(args).arg(&path).output().unwrap().status.success());
         let mut config = serde_json::to_value(ModelFile::open(&path).unwrap().config()).unwrap();
@@ -118,7 +118,7 @@ impl Place {
             write(&self.path(&format!("{name}.safetensors")), tensors);
         }
         std::fs::write(self.path("config.json"), self.config.to_string()).unwrap();
-        let mut args = vec!["convert".to_owned(), "--config".to_owned(), "config.json".to_owned()];
+        let mut args = vec!["model".to_owned(), "convert".to_owned(), "--config".to_owned(), "config.json".to_owned()];
         for name in self.files.keys() {
             let option =
                 if matches!(&**name, "hubert" | "centroids" | "t5" | "interp" | "depth") { name } else { "vq" };

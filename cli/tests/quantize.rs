@@ -1,4 +1,4 @@
-//! `umo quantize` as a user runs it.
+//! `umo model quantize` as a user runs it.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -18,7 +18,7 @@ impl Place {
     /// Makes a folder with a tiny random model of f32 weights, `model`.
     fn new() -> Self {
         let place = Self(TempDir::new().unwrap());
-        place.run(&["make-random", "--size", "tiny", "--store", "f32", "-o", "model"], 0);
+        place.run(&["model", "random", "--size", "tiny", "--store", "f32", "-o", "model"], 0);
         place
     }
 
@@ -41,7 +41,7 @@ impl Place {
 
     /// Quantizes `model` to `name` with more arguments.
     fn quantize(&self, name: &str, args: &[&str]) -> ModelFile {
-        self.run(&[&["quantize", "model", "-o", name], args].concat(), 0);
+        self.run(&[&["model", "quantize", "model", "-o", name], args].concat(), 0);
         self.open(name)
     }
 
@@ -117,7 +117,7 @@ fn of_the_convolutions_of_hubert_the_two_of_most_arithmetic_become_int8() {
 #[test]
 fn the_root_network_of_layout_frames_stays_as_it_was() {
     let place = Place::new();
-    place.run(&["make-random", "--size", "tiny", "--layout", "frames", "--store", "f32", "-o", "model"], 0);
+    place.run(&["model", "random", "--size", "tiny", "--layout", "frames", "--store", "f32", "-o", "model"], 0);
     for weights in ["int8", "bf16"] {
         let file = place.quantize("small", &["--weights", weights]);
         let of = |stem: &str| {
@@ -274,7 +274,7 @@ fn recorded(place: &Place, wanted: Vec<String>) -> Calibration {
 fn calibration_lowers_the_error_of_products() {
     let place = Place::new();
     for layout in ["parts", "frames"] {
-        place.run(&["make-random", "--size", "tiny", "--layout", layout, "--store", "f32", "-o", "model"], 0);
+        place.run(&["model", "random", "--size", "tiny", "--layout", layout, "--store", "f32", "-o", "model"], 0);
         let weights = ["--weights", "int4", "--set", "lm.*.SelfAttention.q.weight=int4"];
         let plain = place.quantize("plain", &weights);
         let speech = speech();
@@ -314,9 +314,11 @@ fn calibration_lowers_the_error_of_products() {
         }
         place.run(&["animate", &speech, "--model", "compensated", "-o", "out.jsonl"], 0);
     }
-    let said = place.run(&["quantize", "model", "-o", "no", "--weights", "bf16", "--calibrate", "none.wav"], 2);
+    let said =
+        place.run(&["model", "quantize", "model", "-o", "no", "--weights", "bf16", "--calibrate", "none.wav"], 2);
     assert!(said.contains("no tensor becomes int8 or int4"), "{said}");
-    let said = place.run(&["quantize", "model", "-o", "no", "--weights", "int8", "--calibrate", "none.wav"], 2);
+    let said =
+        place.run(&["model", "quantize", "model", "-o", "no", "--weights", "int8", "--calibrate", "none.wav"], 2);
     assert!(said.contains("none.wav"), "{said}");
     assert!(!place.files().iter().any(|name| name.contains("part") || name == "no"), "{:?}", place.files());
 }
@@ -327,7 +329,7 @@ fn int4_models_move_alike_everywhere() {
     let place = Place::new();
     let speech = speech();
     for layout in ["parts", "frames"] {
-        place.run(&["make-random", "--size", "tiny", "--layout", layout, "--store", "f32", "-o", "model"], 0);
+        place.run(&["model", "random", "--size", "tiny", "--layout", layout, "--store", "f32", "-o", "model"], 0);
         let mut args =
             vec!["--weights", "int8", "--set", "lm.*.moe.experts.*=int4", "--set", "lm.*Attention.[qkvo].*=int4"];
         if layout == "frames" {
@@ -422,7 +424,8 @@ fn quantized_models_are_refused() {
     place.quantize("four", &["--weights", "int8", "--set", "lm.decoder.block.0.*.wo.*=int4"]);
     let before = place.files();
     for (model, what) in [("small", "is int8 already"), ("four", "is int4 already")] {
-        let said = place.run(&["quantize", model, "-o", "smaller", "--weights", "int8", "--keep", "audio.*"], 2);
+        let said =
+            place.run(&["model", "quantize", model, "-o", "smaller", "--weights", "int8", "--keep", "audio.*"], 2);
         assert!(said.contains("already"), "{what}: {said}");
     }
     assert_eq!(place.files(), before);
@@ -438,7 +441,8 @@ fn bad_globs_are_refused() {
         (["--set", "lm.*=int5"], "expected f32, bf16, int8 or int4, got `int5`"),
         (["--set", "*.layer_norm.weight=int8"], "it cannot be int8"),
     ] {
-        let said = place.run(&[&["quantize", "model", "-o", "small", "--weights", "int8"], &args[..]].concat(), 2);
+        let said =
+            place.run(&[&["model", "quantize", "model", "-o", "small", "--weights", "int8"], &args[..]].concat(), 2);
         assert!(said.contains(wanted), "{args:?}: {said}");
         assert_eq!(place.files(), ["model"], "{args:?}");
     }
@@ -460,7 +464,7 @@ fn a_weight_that_is_no_number_is_named_and_nothing_is_written() {
     }
     std::fs::write(place.path("broken"), bytes).unwrap();
     std::fs::write(place.path("small"), "what was here before").unwrap();
-    let said = place.run(&["quantize", "broken", "-o", "small", "--weights", "int8"], 2);
+    let said = place.run(&["model", "quantize", "broken", "-o", "small", "--weights", "int8"], 2);
     assert!(said.contains("vq.upper.quantizer.embedding.weight") && said.contains("not a finite number"), "{said}");
     assert_eq!(std::fs::read_to_string(place.path("small")).unwrap(), "what was here before");
     assert_eq!(place.files(), ["broken", "model", "small", "sorted"]);

@@ -1,13 +1,15 @@
 //! Limits and times of a server.
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use umo_core::{MAX_BATCH, MAX_SESSIONS, MAX_THREADS, Priority};
+use umo_core::{EngineConfig, MAX_BATCH, MAX_SESSIONS, MAX_THREADS, SessionConfig, Threads};
 
 use crate::door;
+use crate::page::Page;
 use crate::tokens::Tokens;
 
-/// Upper bound on all configured durations except [`Config::gather`], which is not checked.
+/// Upper bound on the configured durations.
 const LONGEST: Duration = Duration::from_secs(24 * 3600);
 
 /// Limits and timeouts of a server.
@@ -17,14 +19,12 @@ pub struct Config {
     pub sessions: usize,
     /// Maximum number of sessions per client at once. A client is a token, or an address if there are no tokens.
     pub per_client: usize,
-    /// Number of compute threads.
-    pub threads: usize,
-    /// Scheduling priority of the compute threads.
-    pub priority: Priority,
-    /// Batching window: the longest delay of a chunk so that it can be computed with others.
-    pub gather: Duration,
-    /// Maximum number of sessions in a batch.
-    pub max_batch: usize,
+    /// The engine. Its number of sessions follows from [`Config::sessions`].
+    pub engine: EngineConfig,
+    /// Settings of a session that a hello does not give; `None` for the model's.
+    pub session: Option<SessionConfig>,
+    /// Page for browsers on this machine, if the server has one.
+    pub page: Option<Arc<dyn Page>>,
     /// Accepted bearer tokens; without any, every client is accepted.
     pub tokens: Tokens,
     /// Origins of web pages that are accepted besides the server's own, as browsers write them:
@@ -51,14 +51,12 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Self {
             sessions: 32,
             per_client: 32,
-            threads: cores.min(2),
-            priority: Priority::Normal,
-            gather: Duration::ZERO,
-            max_batch: 8,
+            engine: EngineConfig::default(),
+            session: None,
+            page: None,
             tokens: Tokens::default(),
             origins: Vec::new(),
             is_behind_proxy: false,
@@ -84,8 +82,11 @@ impl Config {
         };
         count("sessions", self.sessions, MAX_SESSIONS)?;
         count("per-client", self.per_client, MAX_SESSIONS)?;
-        count("threads", self.threads, MAX_THREADS)?;
-        count("batch", self.max_batch, MAX_BATCH)?;
+        match self.engine.threads {
+            Threads::Own(threads) => count("threads", threads, MAX_THREADS)?,
+            Threads::Host(_) => return Err("threads: the engine of a server has its own".to_owned()),
+        }
+        count("batch", self.engine.max_batch, MAX_BATCH)?;
         self.origins.iter().try_for_each(|origin| door::check_origin(origin))?;
         for (name, time) in [
             ("buffer", self.buffer),

@@ -8,6 +8,7 @@
 //! | `hub` | session slots, in all and by client, and whether new sessions are accepted |
 //! | [`protocol`] | the messages |
 //! | `session` | one client: audio to the engine, frames to the client |
+//! | [`page`] | a page for browsers on this machine, and its character |
 //! | `metrics` | metrics for Prometheus |
 //! | `server` | sockets, routes, shutdown |
 //!
@@ -26,11 +27,13 @@ pub mod config;
 mod door;
 mod hub;
 mod metrics;
+pub mod page;
 pub mod protocol;
 mod server;
 mod session;
 pub mod tokens;
 
 pub use config::Config;
-pub use server::{Server, ServerError, run};
+pub use page::Page;
+pub use server::{Server, ServerError, note, run};
 pub use tokens::Tokens;

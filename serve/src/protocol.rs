@@ -29,6 +29,8 @@ pub const STATE: u8 = 3;
 
 /// Length in bytes of a frame message's header.
 const HEAD: usize = 8;
+/// Maximum number of frames in a message.
+const FRAMES_AT_ONCE: usize = 32;
 
 /// First message of a client: settings of its session.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -61,18 +63,21 @@ pub struct Hello {
     /// Strength of the mood, 0 to 1.
     #[serde(default = "one")]
     pub mood_strength: f32,
-    /// Seed of the sampling.
+    /// Seed of the sampling; the server's default if absent, as for the next three.
     #[serde(default)]
-    pub seed: u64,
-    /// Keyframes in a chunk; the model's default if absent.
+    pub seed: Option<u64>,
+    /// Keyframes in a chunk.
     #[serde(default)]
     pub target: Option<usize>,
     /// Audio behind a chunk that the chunk waits for, in keyframes.
     #[serde(default)]
-    pub horizon: usize,
+    pub horizon: Option<usize>,
     /// Strength of the procedural layers over the model's motion, 0 to 1.
-    #[serde(default = "one")]
-    pub layers: f32,
+    #[serde(default)]
+    pub layers: Option<f32>,
+    /// Whether the values of the channels of the server's character follow the face in each frame.
+    #[serde(default)]
+    pub character: bool,
     /// Whether the client takes the session's state when the server stops.
     #[serde(default)]
     pub handover: bool,
@@ -229,6 +234,8 @@ pub enum Request {
     },
     /// Requests a copy of the session's state; the session continues.
     Save,
+    /// Requests the session's statistics.
+    Stats,
 }
 
 impl Request {
@@ -279,6 +286,21 @@ pub enum Reply<'a> {
         bytes: usize,
         /// Whether the server now ends the session.
         is_handover: bool,
+    },
+    /// Statistics of the session. Times in seconds, of computing a chunk.
+    Stats {
+        /// Samples of this connection that the engine has taken.
+        samples: u64,
+        /// Chunks so far.
+        chunks: u64,
+        /// Frames whose chunk was computed too late for real time.
+        late_frames: u64,
+        /// Median time.
+        compute_p50: f64,
+        /// 99th percentile.
+        compute_p99: f64,
+        /// Longest time.
+        compute_max: f64,
     },
     /// The session ends, or was refused.
     Error {
@@ -364,9 +386,14 @@ impl Code {
     }
 }
 
-/// Number of floats in a frame.
+/// Number of floats in a frame without a character.
 pub(crate) const fn floats(face: usize) -> usize {
     4 * JOINTS + 3 + face
+}
+
+/// Number of frames of this many floats in a message: within [`MOST_BYTES`], and at least one.
+pub(crate) fn frames_at_once(floats: usize) -> usize {
+    ((MOST_BYTES - HEAD) / (16 + 4 * floats)).clamp(1, FRAMES_AT_ONCE)
 }
 
 /// Splits a state into messages of at most [`MOST_BYTES`].
@@ -389,11 +416,12 @@ impl FrameMessage {
         Self { bytes, count: 0 }
     }
 
-    pub(crate) fn push(&mut self, frame: &Frame) {
+    /// Adds a frame, and the values of a character's channels in it.
+    pub(crate) fn push(&mut self, frame: &Frame, worn: &[f32]) {
         self.bytes.extend(frame.index.to_le_bytes());
         self.bytes.extend(frame.sample.to_le_bytes());
         let rotations = frame.pose.rotations.as_flattened();
-        for value in rotations.iter().chain(&frame.pose.translation).chain(frame.face) {
+        for value in rotations.iter().chain(&frame.pose.translation).chain(frame.face).chain(worn) {
             self.bytes.extend(value.to_le_bytes());
         }
         self.count += 1;
@@ -412,14 +440,14 @@ mod tests {
     #[test]
     fn a_hello_has_defaults_and_refuses_what_it_does_not_know() {
         let Ok(Request::Hello(hello)) = Request::parse(r#"{"type":"hello"}"#) else { panic!("a hello") };
-        assert_eq!((hello.version, hello.rate, hello.output, hello.layers), (1, 16_000, Output::Frames, 1.0));
+        assert_eq!((hello.version, hello.rate, hello.output, hello.layers), (1, 16_000, Output::Frames, None));
         assert!(hello.token.is_none() && !hello.handover && hello.audio == AudioKind::Pcm);
         let full = r#"{"type":"hello","rate":48000,"audio":"opus","skip":7,"output":"packets","voice":"live","mood":"joy","mood_strength":0.5,
             "seed":18446744073709551615,"prompt":"she is glad","handover":true,"restore":9}"#;
         let Ok(Request::Hello(hello)) = Request::parse(full) else { panic!("a hello") };
         assert_eq!(hello.mood, Some(MoodName(Mood::Joy)));
         assert_eq!((hello.audio, hello.skip), (AudioKind::Opus, 7));
-        assert_eq!((hello.output, hello.voice, hello.seed), (Output::Packets, VoiceKind::Live, u64::MAX));
+        assert_eq!((hello.output, hello.voice, hello.seed), (Output::Packets, VoiceKind::Live, Some(u64::MAX)));
         let Ok(Request::Hello(hello)) = Request::parse(r#"{"type":"hello","rate":44100.0}"#) else { panic!("a hello") };
         assert_eq!(hello.rate, 44_100);
         for (text, part) in [

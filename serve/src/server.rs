@@ -11,19 +11,20 @@ use axum::extract::{Extension, Request, State, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream, ToSocketAddrs};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, sleep, timeout};
-use umo_core::{Engine, EngineConfig, EngineError, MAX_SESSIONS, Model, Priority, Threads};
+use umo_core::{Engine, EngineConfig, EngineError, MAX_SESSIONS, Model, Priority};
 
 use crate::config::Config;
 use crate::door::{self, Seat};
 use crate::hub::{Hub, Phase};
 use crate::metrics::Metrics;
+use crate::page;
 use crate::protocol::MOST_BYTES;
 use crate::session::{self, Client, Shared};
 
@@ -98,18 +99,12 @@ impl Server {
     /// threads, memory or priority.
     pub async fn bind(address: impl ToSocketAddrs, config: Config, model: Arc<Model>) -> Result<Self, ServerError> {
         config.check().map_err(ServerError::Config)?;
-        let engine = EngineConfig {
-            threads: Threads::Own(config.threads),
-            // The engine keeps a closed session until the end of its batch.
-            max_sessions: (config.sessions + config.max_batch).min(MAX_SESSIONS),
-            max_batch: config.max_batch,
-            priority: config.priority,
-            gather: config.gather,
-            ..EngineConfig::default()
-        };
-        let engine = Engine::new(model, &engine).map_err(ServerError::Engine)?;
-        if engine.priority() != config.priority {
-            let problem = format!("priority {}: the system refuses it: {}", config.priority, Priority::advice());
+        // The engine keeps a closed session until the end of its batch.
+        let max_sessions = (config.sessions + config.engine.max_batch).min(MAX_SESSIONS);
+        let wanted = EngineConfig { max_sessions, ..config.engine.clone() };
+        let engine = Engine::new(model, &wanted).map_err(ServerError::Engine)?;
+        if engine.priority() != wanted.priority {
+            let problem = format!("priority {}: the system refuses it: {}", wanted.priority, Priority::advice());
             return Err(ServerError::Config(problem));
         }
         let unusable = |error| ServerError::System("cannot listen at this address".to_owned(), error);
@@ -154,6 +149,8 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
         .route("/v1/session", get(upgrade))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
+        .route("/", get(page::get))
+        .route("/character", post(page::put_on))
         .layer(middleware::from_fn_with_state(Arc::clone(shared), knock))
         .with_state(Arc::clone(shared));
     loop {
@@ -210,7 +207,7 @@ async fn upgrade(
     let name = bearer.and_then(|token| shared.config.tokens.name(token)).map(str::to_owned);
     if bearer.is_some() && name.is_none() && !shared.config.tokens.is_empty() {
         shared.metrics.refused("unauthorized");
-        return (StatusCode::UNAUTHORIZED, "no token that this server knows\n").into_response();
+        return (StatusCode::UNAUTHORIZED, "unknown token\n").into_response();
     }
     let client = Client { name, address: address(&headers, &connection, shared.config.is_behind_proxy) };
     if shared.config.is_behind_proxy {
@@ -263,11 +260,17 @@ fn is_draining(shared: &Shared) -> bool {
     *shared.hub.phase().borrow() != Phase::Open
 }
 
-/// Serves at `address` until SIGTERM or Ctrl-C, for `umo serve`.
+/// Serves at `address` until SIGTERM or Ctrl-C, for `umo serve` and `umo live`; calls `ready` with the address that the
+/// server listens on.
 ///
 /// # Errors
 /// The errors of [`Server::bind`], and [`ServerError::System`] if the system provides no threads or signals.
-pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), ServerError> {
+pub fn run(
+    address: &str,
+    config: Config,
+    model: Arc<Model>,
+    ready: impl FnOnce(SocketAddr),
+) -> Result<(), ServerError> {
     let system = |what: &str| {
         let what = what.to_owned();
         move |error| ServerError::System(what, error)
@@ -276,13 +279,13 @@ pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), Serve
     let runtime = runtime.worker_threads(SOCKET_THREADS).thread_name("umo-serve").enable_all().build();
     runtime.map_err(system("cannot start threads"))?.block_on(async {
         let stop = told_to_stop().map_err(system("cannot listen to signals"))?;
-        let (sessions, drain) = (config.sessions, config.drain);
+        let drain = config.drain;
         let server = Server::bind(address, config, model).await?;
-        note(format_args!("listening at {}, {sessions} places", server.address()));
+        ready(server.address());
         server
             .run(async {
                 stop.await;
-                note(format_args!("stopping: those that are here have {} seconds", drain.as_secs_f64()));
+                note(format_args!("stopping: running sessions have {} seconds", drain.as_secs_f64()));
             })
             .await;
         Ok(())
@@ -290,7 +293,7 @@ pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), Serve
 }
 
 /// Writes a line to standard error; ignores errors, as it may be closed.
-fn note(line: fmt::Arguments<'_>) {
+pub fn note(line: fmt::Arguments<'_>) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 

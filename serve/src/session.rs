@@ -3,11 +3,13 @@
 //! | module | part |
 //! |---|---|
 //! | `settings` | session settings from a hello |
+//! | `character` | the server's character in a client's frames |
 //! | `audio` | buffered samples and their pacing |
 //! | `opus` | decoder of Opus packets |
 //! | `writer` | the writing half of the socket |
 
 mod audio;
+mod character;
 mod opus;
 mod settings;
 mod writer;
@@ -20,8 +22,8 @@ use axum::extract::ws::{Message, WebSocket};
 use futures_util::StreamExt;
 use futures_util::stream::SplitStream;
 use tokio::sync::watch;
-use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
-use umo_core::{Engine, EngineError, Session, SessionError};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
+use umo_core::{Engine, EngineError, Pose, Session, SessionError};
 
 use crate::config::Config;
 use crate::door::Lobby;
@@ -29,15 +31,16 @@ use crate::hub::{Hub, Phase, Place, Refusal};
 use crate::metrics::Metrics;
 use crate::protocol::{self, AudioKind, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request};
 use audio::Audio;
+use character::Character;
 use opus::Packets;
 use writer::{Writer, Written};
 
 /// Interval at which the engine is polled for output.
 const TICK: Duration = Duration::from_millis(10);
-/// Maximum number of frames in a message.
-const FRAMES_AT_ONCE: usize = 32;
 /// Time limit for the client's close frame.
 const FAREWELL: Duration = Duration::from_secs(2);
+/// Delay before a connection with unread input is closed.
+const LAST_LOOK: Duration = Duration::from_millis(500);
 
 /// State shared by all sessions of a server.
 #[derive(Debug)]
@@ -125,12 +128,22 @@ pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, 
     } else {
         shared.metrics.refused(end.word());
     }
+    let mut is_closed = end == End::Left;
     if let End::Because(code, reason) = end {
         closing.close(code, &reason).await;
     }
     // Reading answers the client's close frame. Unread input would reset the connection, and the client would
     // lose the reason.
-    let _ = timeout(FAREWELL, async { while let Some(Ok(_)) = stream.next().await {} }).await;
+    let reading = async {
+        while let Some(Ok(message)) = stream.next().await {
+            is_closed |= matches!(message, Message::Close(_));
+        }
+    };
+    let _ = timeout(FAREWELL, reading).await;
+    // After invalid input the rest is not read: the client has this long to read the reason.
+    if !is_closed {
+        sleep(LAST_LOOK).await;
+    }
 }
 
 /// Reads the hello and takes a slot.
@@ -204,8 +217,9 @@ async fn with_place(
         Ok(opus) => opus,
         Err(wrong) => return (End::bad(wrong), false),
     };
-    let session = match begin(hello, stream, shared).await {
-        Ok(session) => session,
+    let begun = async { Ok((Character::of(hello, &shared.config)?, begin(hello, stream, shared).await?)) };
+    let (character, session) = match begun.await {
+        Ok(begun) => begun,
         Err(end) => return (end, false),
     };
     shared.metrics.started.inc();
@@ -215,7 +229,9 @@ async fn with_place(
         shared: Arc::clone(shared),
         rate: hello.rate,
         output: hello.output,
+        floats: 0,
         wants_handover: hello.handover,
+        wants_stats: false,
         speech: Speech::Open,
         saving: Saving::No,
         frames: 0,
@@ -223,6 +239,7 @@ async fn with_place(
         late_frames: session.stats().late_frames,
         session,
         packet: Vec::new(),
+        character,
         heard: Instant::now(),
         active: Instant::now(),
     };
@@ -236,7 +253,8 @@ async fn with_place(
 
 /// Creates the session, and restores a state if the hello announces one.
 async fn begin(hello: &Hello, stream: &mut SplitStream<WebSocket>, shared: &Arc<Shared>) -> Result<Session, End> {
-    let settings = settings::of(hello, shared.engine.model()).map_err(End::bad)?;
+    let defaults = shared.config.session.as_ref();
+    let settings = settings::of(hello, defaults, shared.engine.model()).map_err(End::bad)?;
     let maker = Arc::clone(shared);
     let made = tokio::task::spawn_blocking(move || maker.engine.session(&settings)).await.map_err(End::internal)?;
     let session = made.map_err(|error| match error {
@@ -302,7 +320,10 @@ struct Live {
     shared: Arc<Shared>,
     rate: usize,
     output: Output,
+    /// Number of floats in a frame.
+    floats: usize,
     wants_handover: bool,
+    wants_stats: bool,
     audio: Audio,
     speech: Speech,
     saving: Saving,
@@ -312,6 +333,8 @@ struct Live {
     late_frames: u64,
     /// Buffer for a packet.
     packet: Vec<u8>,
+    /// The character, if the client shows it.
+    character: Option<Character>,
     /// Time of the last message of any kind.
     heard: Instant,
     /// Time of the last audio, command or computation.
@@ -323,6 +346,10 @@ impl Live {
         let model = self.shared.engine.model();
         let (config, latency) = (model.config(), self.session.latency());
         self.packet = vec![0; self.session.packet_size()];
+        let face = config.face.names.len();
+        let values = self.character.as_mut().map(|character| character.values(&Pose::REST, &vec![0.0; face]));
+        self.floats = protocol::floats(face) + values.transpose()?.map_or(0, <[f32]>::len);
+        let defaults = self.shared.config.session.as_ref().map_or(config.target, |session| session.avatar.target);
         let ready = Ready {
             version: protocol::VERSION,
             model: &config.name,
@@ -332,8 +359,8 @@ impl Live {
             frame_rate: config.frame_rate,
             joints: umo_core::JOINTS,
             face: &config.face.names,
-            floats: protocol::floats(config.face.names.len()),
-            chunk_frames: hello.target.unwrap_or(config.target) * config.keyframe_stride,
+            floats: self.floats,
+            chunk_frames: hello.target.unwrap_or(defaults) * config.keyframe_stride,
             latency_samples: latency.algorithmic_samples,
             mouth_samples: latency.mouth_samples,
             state_bytes: self.session.state_size(),
@@ -388,7 +415,15 @@ impl Live {
                 }
                 self.audio.extend(&bytes).map_err(End::bad)?;
             }
-            Message::Text(text) => self.request(Request::parse(&text).map_err(End::bad)?)?,
+            Message::Text(text) => {
+                let request = Request::parse(&text).map_err(End::bad)?;
+                // A client that only asks for statistics is idle.
+                let is_command = request != Request::Stats;
+                self.request(request)?;
+                if !is_command {
+                    return Ok(());
+                }
+            }
         }
         self.active = self.heard;
         Ok(())
@@ -403,6 +438,7 @@ impl Live {
         let session = &self.session;
         match request {
             Request::Hello(_) => return Err(End::bad("a second hello")),
+            Request::Stats => self.wants_stats = true,
             Request::Finish if self.speech == Speech::Open => {
                 self.audio.finish().map_err(End::bad)?;
                 self.speech = Speech::Ending;
@@ -444,6 +480,9 @@ impl Live {
         if self.saving == Saving::No {
             self.push(now)?;
             self.pull(writer)?;
+            if std::mem::take(&mut self.wants_stats) {
+                self.say(writer, &self.stats()).await?;
+            }
             if self.speech == Speech::Ended && self.session.is_done().or_else(later(false))? {
                 self.speech = Speech::Done;
                 let late_frames = self.session.stats().late_frames;
@@ -493,14 +532,9 @@ impl Live {
         while let Some(place) = writer.place() {
             let bytes = match self.output {
                 Output::Frames => {
-                    let floats = protocol::floats(self.shared.engine.model().config().face.names.len());
-                    let mut message = None;
-                    let pulled = self.session.pull_frames(FRAMES_AT_ONCE, |frame| {
-                        message.get_or_insert_with(|| FrameMessage::new(floats, FRAMES_AT_ONCE)).push(&frame);
-                    });
-                    pulled.or_else(later(0))?;
-                    let Some(message) = message else { break };
-                    let (bytes, count) = message.finish();
+                    let Some((bytes, count)) = pull_frames(&self.session, self.floats, &mut self.character)? else {
+                        break;
+                    };
                     self.frames += count;
                     metrics.frames.inc_by(count);
                     bytes
@@ -538,6 +572,18 @@ impl Live {
         Ok(true)
     }
 
+    fn stats(&self) -> Reply<'static> {
+        let (latency, stats) = (self.session.latency(), self.session.stats());
+        Reply::Stats {
+            samples: self.audio.used,
+            chunks: stats.chunks,
+            late_frames: stats.late_frames,
+            compute_p50: latency.compute_p50.as_secs_f64(),
+            compute_p99: latency.compute_p99.as_secs_f64(),
+            compute_max: latency.compute_max.as_secs_f64(),
+        }
+    }
+
     fn count_late(&mut self) {
         let late_frames = self.session.stats().late_frames;
         self.shared.metrics.late_frames.inc_by(late_frames.saturating_sub(self.late_frames));
@@ -559,6 +605,26 @@ impl Live {
         }
         None
     }
+}
+
+/// Returns a message of the available frames and their number, if there are any.
+fn pull_frames(
+    session: &Session,
+    floats: usize,
+    character: &mut Option<Character>,
+) -> Result<Option<(Vec<u8>, u64)>, End> {
+    let most = protocol::frames_at_once(floats);
+    let (mut message, mut added) = (None, Ok(()));
+    let pulled = session.pull_frames(most, |frame| {
+        let message = message.get_or_insert_with(|| FrameMessage::new(floats, most));
+        match character.as_mut().map_or(Ok(&[][..]), |character| character.values(frame.pose, frame.face)) {
+            Ok(values) => message.push(&frame, values),
+            Err(end) => added = Err(end),
+        }
+    });
+    pulled.or_else(later(0))?;
+    added?;
+    Ok(message.map(FrameMessage::finish))
 }
 
 /// Maps a busy error to `nothing`, so that the call is repeated later; other errors end the session.

@@ -9,6 +9,8 @@ mod drain;
 mod limits;
 #[path = "server/opus.rs"]
 mod opus;
+#[path = "server/page.rs"]
+mod page;
 #[path = "server/wrong.rs"]
 mod wrong;
 
@@ -22,7 +24,8 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use umo_core::{
-    Animation, Compute, Isa, JOINT_NAMES, JOINTS, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team,
+    Animation, Compute, Isa, JOINT_NAMES, JOINTS, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig,
+    Team, Threads,
 };
 use umo_serve::{Config, Server};
 
@@ -52,7 +55,8 @@ impl Running {
     }
 
     async fn of(model: Arc<Model>, change: impl FnOnce(&mut Config)) -> Self {
-        let mut config = Config { threads: 1, ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
+        let mut config = Config { ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
+        config.engine.threads = Threads::Own(1);
         change(&mut config);
         let server = Server::bind("127.0.0.1:0", config, model).await.unwrap();
         let (stop, told) = oneshot::channel();

@@ -19,7 +19,7 @@ export function prepare({ run, at, speech }) {
   run("view", speech, "-o", at("hello.html"), "--no-open");
   run("view", at("hello.npz"), "--audio", speech, "-o", at("npz.html"), "--no-open");
   run("view", at("hello.glb"), "-o", at("glb.html"), "--no-open");
-  run("make-random", "--size", "tiny", "--layout", "frames", "-o", at("frames.safetensors"));
+  run("model", "random", "--size", "tiny", "--layout", "frames", "-o", at("frames.safetensors"));
   run("view", speech, "--model", at("frames.safetensors"), "-o", at("frames.html"), "--no-open");
   truth = read(at("hello.jsonl"));
   const character = stranger(fs.readFileSync(at("hello.glb")), truth.header.joints);

@@ -161,7 +161,7 @@ export const tests = [
       for (const time of ["first", "second"]) {
         await until(() => page.value('!document.querySelector("#microphone").hidden'));
         await page.click("#microphone");
-        await until(() => page.value("umo.frames > 20 && umo.live.log.started?.live"), 90, `frames of the ${time} stream`);
+        await until(() => page.value("umo.frames > 20 && umo.live.log.started?.isLive"), 90, `frames of the ${time} stream`);
         await until(() => page.value("umo.weights().jawOpen > 0.05"), 60, "the mouth");
         await until(() => page.value('!document.querySelector("#stop").hidden'));
         await page.click("#stop");

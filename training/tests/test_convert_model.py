@@ -135,12 +135,14 @@ class TestProgram:
     def stage(self, model: Sources, stage: str, inputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         paths = [model.folder / name for name in ("in.safetensors", "out.safetensors")]
         save_file(inputs, paths[0])
-        command = [PROGRAM, "stage", stage, "--model", model.output, "--in", paths[0], "--out", paths[1]]
+        command = [PROGRAM, "model", "stage", stage, "--model", model.output, "--in", paths[0], "--out", paths[1]]
         subprocess.run([*command, "--threads", "1"], check=True, capture_output=True)
         return load_file(paths[1])
 
     def test_inspect_knows_it(self, model):
-        said = subprocess.run([PROGRAM, "inspect", model.output], check=True, capture_output=True, text=True).stdout
+        said = subprocess.run(
+            [PROGRAM, "model", "inspect", model.output], check=True, capture_output=True, text=True
+        ).stdout
         assert "hubert" in said and "3 experts" in said
 
     def test_hubert_is_the_same_network(self, model):

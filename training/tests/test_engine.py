@@ -55,7 +55,7 @@ def _umo(*arguments: object) -> str:
 def _stage(run: pipeline.Run, name: str, inputs: dict[str, Tensor], folder: Path) -> dict[str, Tensor]:
     save_file(inputs, folder / "in.safetensors")
     common = ("--precision", "f32", "--threads", 1, "--model", _model(run))
-    _umo("stage", name, *common, "--in", folder / "in.safetensors", "--out", folder / "out.safetensors")
+    _umo("model", "stage", name, *common, "--in", folder / "in.safetensors", "--out", folder / "out.safetensors")
     return load_file(folder / "out.safetensors")
 
 
@@ -65,7 +65,7 @@ def _close(found: Tensor, expected: Tensor) -> None:
 
 
 def test_inspect_tells_the_model(run: pipeline.Run) -> None:
-    said = _umo("inspect", "--tensors", _model(run))
+    said = _umo("model", "inspect", "--tensors", _model(run))
     assert "umo-smoke" in said
     with safe_open(_model(run), "pt") as file:
         assert all(name in said for name in file.keys())
@@ -163,11 +163,21 @@ def test_mouth(run: pipeline.Run, tmp_path: Path) -> None:
     mouth_part.write(tmp_path / "mouth.safetensors", about, tensors)
     model = tmp_path / "model.safetensors"
     mouth_part.add(_model(run), tmp_path / "mouth.safetensors", model)
-    assert "right" in _umo("inspect", "--verify", model)
+    assert "right" in _umo("model", "inspect", "--verify", model)
     t = torch.arange(50_011) / 16_000
     samples = 0.3 * torch.sin(900 * t) * torch.sin(8 * t).clamp(min=0)
     save_file({"audio": samples}, tmp_path / "in.safetensors")
-    _umo("stage", "mouth", "--model", model, "--in", tmp_path / "in.safetensors", "--out", tmp_path / "out.safetensors")
+    _umo(
+        "model",
+        "stage",
+        "mouth",
+        "--model",
+        model,
+        "--in",
+        tmp_path / "in.safetensors",
+        "--out",
+        tmp_path / "out.safetensors",
+    )
     out = load_file(tmp_path / "out.safetensors")
     mouth = Mouth(about, tensors)
     outputs = mouth.outputs(samples.numpy())
@@ -177,7 +187,16 @@ def test_mouth(run: pipeline.Run, tmp_path: Path) -> None:
     before = _stage(run, "motion", codes, tmp_path)
     save_file(codes, tmp_path / "in.safetensors")
     common = ("--precision", "f32", "--threads", 1, "--model", model)
-    _umo("stage", "motion", *common, "--in", tmp_path / "in.safetensors", "--out", tmp_path / "after.safetensors")
+    _umo(
+        "model",
+        "stage",
+        "motion",
+        *common,
+        "--in",
+        tmp_path / "in.safetensors",
+        "--out",
+        tmp_path / "after.safetensors",
+    )
     after = load_file(tmp_path / "after.safetensors")
     assert all(torch.equal(before[name], after[name]) for name in before)
 

@@ -82,7 +82,7 @@ def _umo(*arguments: object) -> str:
 def _stage(run: pipeline.Run, name: str, inputs: dict[str, Tensor], folder: Path) -> dict[str, Tensor]:
     save_file({key: tensor.contiguous() for key, tensor in inputs.items()}, folder / "in.safetensors")
     common = ("--precision", "f32", "--threads", 1, "--model", _model(run))
-    _umo("stage", name, *common, "--in", folder / "in.safetensors", "--out", folder / "out.safetensors")
+    _umo("model", "stage", name, *common, "--in", folder / "in.safetensors", "--out", folder / "out.safetensors")
     return load_file(folder / "out.safetensors")
 
 
@@ -125,9 +125,9 @@ def test_the_config_describes_every_tensor(run: pipeline.Run) -> None:
 
 
 def test_inspect_tells_the_model(run: pipeline.Run) -> None:
-    said = _umo("inspect", _model(run))
+    said = _umo("model", "inspect", _model(run))
     assert "umo-frames-smoke" in said and "18 codes a keyframe" in said and "intent 1x13" in said
-    assert "right" in _umo("inspect", "--verify", _model(run))
+    assert "right" in _umo("model", "inspect", "--verify", _model(run))
 
 
 @torch.no_grad()
@@ -208,7 +208,7 @@ def test_it_plays(run: pipeline.Run, tmp_path: Path) -> None:
         with np.load(tmp_path / "out.npz") as motion:
             assert len(motion["poses"]) > 200
             assert all(np.isfinite(motion[name]).all() for name in ("poses", "trans", "arkit"))
-    _umo("quantize", _model(run), "-o", tmp_path / "int8.safetensors", "--weights", "int8")
+    _umo("model", "quantize", _model(run), "-o", tmp_path / "int8.safetensors", "--weights", "int8")
     _umo("animate", speech, "--model", tmp_path / "int8.safetensors", "-o", tmp_path / "out.npz")
 
 

@@ -59,8 +59,8 @@ def test_a_program_that_is_missing_or_fails_says_so(tmp_path, monkeypatch):
     failing.write_text("#!/bin/sh\necho no such model >&2\nexit 2\n")
     failing.chmod(0o755)
     assert program.find() == failing
-    with pytest.raises(RuntimeError, match="umo inspect: no such model"):
-        program.run(failing, "inspect")
+    with pytest.raises(RuntimeError, match="umo model: no such model"):
+        program.run(failing, "model", "inspect")
 
 
 def test_ids_stand_between_their_markers():
@@ -103,7 +103,7 @@ def umo() -> Path:
 @pytest.fixture(scope="module")
 def model(umo, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("model") / "random.safetensors"
-    program.run(umo, "make-random", "--size", "small", "--store", "f32", "--seed", 3, "-o", path)
+    program.run(umo, "model", "random", "--size", "small", "--store", "f32", "--seed", 3, "-o", path)
     return path
 
 

@@ -1,4 +1,4 @@
-"""Reading weights: what `umo quantize` writes, in every type."""
+"""Reading weights: what `umo model quantize` writes, in every type."""
 
 from pathlib import Path
 
@@ -33,8 +33,8 @@ def test_files_of_the_program_are_near_the_floats(tmp_path: Path) -> None:
     """A random model of floats as int4 and back, at the error of four bits."""
     umo = program.find()
     before, after = tmp_path / "float.safetensors", tmp_path / "int4.safetensors"
-    program.run(umo, "make-random", "--size", "tiny", "--store", "f32", "-o", before)
-    program.run(umo, "quantize", before, "--weights", "int4", "-o", after)
+    program.run(umo, "model", "random", "--size", "tiny", "--store", "f32", "-o", before)
+    program.run(umo, "model", "quantize", before, "--weights", "int4", "-o", after)
     exact, given = load_file(before), load_file(after)
     read = stored.floats(given)
     int4 = [name for name in exact if f"{name}.multipliers" in given]

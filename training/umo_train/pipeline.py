@@ -331,7 +331,7 @@ def step_mouth(s: Run) -> None:
 
 
 def step_export(s: Run, interpolation: Interpolation | None = None) -> None:
-    """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one. Another interpolation network than the run's may
+    """`run/NAME.safetensors`, bf16; `umo model quantize` makes the int8 one. Another interpolation network than the run's may
     be given."""
     config = model_file_config(s)
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")

@@ -154,7 +154,7 @@ internal static class ServeTests
             }
             catch (ServeException error)
             {
-                Check(error.Code == "bad_request" && error.Message.Contains("no Opus packet"), error.Message);
+                Check(error.Code == "bad_request" && error.Message.Contains("not an Opus packet"), error.Message);
             }
         }
     }

@@ -4,22 +4,19 @@ use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, ValueEnum};
 
-use super::{Compute, PriorityArg};
+use super::{Compute, EngineArgs, TUNING};
 
 /// Measure a model on this machine.
 #[derive(Debug, ClapArgs)]
 pub struct Bench {
-    /// Model file [default: the embedded one]
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
     /// Keyframes predicted at a time
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = TUNING, hide_short_help = true)]
     pub target: Option<usize>,
     /// Chunks to time, one after the other
     #[arg(long, value_name = "C", default_value_t = 100)]
     pub chunks: usize,
     /// First frames to time
-    #[arg(long, value_name = "R", default_value_t = 20)]
+    #[arg(long, value_name = "R", default_value_t = 20, help_heading = TUNING, hide_short_help = true)]
     pub starts: usize,
     /// Avatars that speak at once, in real time
     #[arg(long, value_name = "S", default_value_t = 1)]
@@ -28,17 +25,11 @@ pub struct Bench {
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub seconds: f64,
     /// Hold bodies while chunks begin later than this, in milliseconds
-    #[arg(long, value_name = "MS")]
+    #[arg(long, value_name = "MS", help_heading = TUNING, hide_short_help = true)]
     pub late_limit: Option<f64>,
-    /// Batching window: longest wait of a chunk for others
-    #[arg(long, value_name = "MS", default_value_t = 0)]
-    pub gather: u32,
     /// Print one line of JSON instead of tables
     #[arg(long)]
     pub json: bool,
-    /// Priority of the threads that compute
-    #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
-    pub priority: PriorityArg,
     /// Measure beside a program that computes on every core and one that wakes up 10,000 times a second
     #[arg(long)]
     pub busy: bool,
@@ -50,7 +41,7 @@ pub struct Bench {
     pub plot: Option<PathBuf>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
-    pub compute: Compute,
+    pub engine: EngineArgs,
 }
 
 /// Load by another program during a measurement.
@@ -62,12 +53,9 @@ pub enum Neighbour {
     Wake,
 }
 
-/// Test this machine. The text is meant for a report: it names no host, user or path.
+/// Test this machine; exits with 1 if a test fails. The text is meant for a report: it names no host, user or path.
 #[derive(Debug, ClapArgs)]
 pub struct Doctor {
-    /// Model file [default: the embedded one]
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,

@@ -13,9 +13,6 @@ pub struct Stage {
     /// Stage: hubert, mel, encoder, decoder, generate, depth, interp, motion or mouth
     #[arg(value_name = "STAGE")]
     pub stage: String,
-    /// Model file [default: the embedded one]
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
     /// Input tensors, a safetensors file
     #[arg(long = "in", value_name = "FILE")]
     pub input: PathBuf,
@@ -36,11 +33,10 @@ pub struct Stage {
     pub compute: Compute,
 }
 
-/// Print the contents of a model or a character.
+/// Print the contents of a model.
 #[derive(Debug, ClapArgs)]
 pub struct Inspect {
-    /// Model file [default: the embedded one]; or a character (.glb, .gltf, .vrm) or a skeleton (.bvh), to
-    /// print the bones and shapes that were found and that are missing
+    /// Model file [default: the embedded one]
     pub model: Option<PathBuf>,
     /// Print every tensor with its type, shape and size
     #[arg(long)]
@@ -59,7 +55,7 @@ pub struct Inspect {
 /// given several times.
 #[derive(Debug, ClapArgs)]
 pub struct Convert {
-    /// Dimensions of the model, JSON; `umo inspect --config` prints one to start from
+    /// Dimensions of the model, JSON; `umo model inspect --config` prints one to start from
     #[arg(long, value_name = "FILE.json")]
     pub config: PathBuf,
     /// Hugging Face's HuBERT
@@ -171,7 +167,7 @@ pub enum WeightsArg {
 
 /// Write a model of random weights.
 #[derive(Debug, ClapArgs)]
-pub struct MakeRandom {
+pub struct Random {
     /// Dimensions: `base` is the paper's, `small` the default model's
     #[arg(long, value_enum, default_value_t = Size::Small)]
     pub size: Size,

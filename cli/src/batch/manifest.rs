@@ -94,7 +94,7 @@ pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failur
         (input.parent().unwrap_or(Path::new("")), manifest(input)?)
     };
     if rows.is_empty() {
-        return Err(Failure::input(format!("{}: there is no recording", input.display())));
+        return Err(Failure::input(format!("{}: no recording found", input.display())));
     }
     let mut lines = Vec::with_capacity(rows.len());
     let mut taken = HashSet::new();

@@ -40,7 +40,7 @@ fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, S
     for node in places.map(|place| &document.nodes[place]) {
         let turned = node.rotation.is_some_and(|[x, y, z, _]| [x, y, z] != [0.0; 3]);
         if node.matrix.is_some() || turned || node.scale.is_some_and(|scale| scale != [1.0; 3]) {
-            return Err("it is no animation that umo wrote: a joint is turned or scaled at rest".to_owned());
+            return Err("not an animation that umo wrote: a joint is turned or scaled at rest".to_owned());
         }
         offsets_m.push(node.translation.unwrap_or([0.0; 3]).map(|x| x as f32));
     }

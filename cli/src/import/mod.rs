@@ -68,7 +68,7 @@ fn joints<'a>(names: impl Iterator<Item = Option<&'a str>>) -> Result<[usize; JO
     let mut places = [0; JOINTS];
     for (place, joint) in places.iter_mut().zip(JOINT_NAMES) {
         let found = names.iter().position(|name| *name == Some(joint));
-        *place = found.ok_or_else(|| format!("it is no animation that umo wrote: it has no joint `{joint}`"))?;
+        *place = found.ok_or_else(|| format!("not an animation that umo wrote: it lacks the joint `{joint}`"))?;
     }
     Ok(places)
 }

@@ -159,7 +159,7 @@ impl Body {
             }
         }
         if parts.is_empty() {
-            return Err("it has bones and no body: there is no mesh".to_owned());
+            return Err("it has bones and no body: it lacks a mesh".to_owned());
         }
         // Translucent parts are drawn after opaque ones.
         parts.sort_by_key(|part| part.material.alpha_mode.as_deref() == Some("BLEND"));

@@ -128,7 +128,7 @@ impl Made {
         for (name, &id) in &draco.attributes {
             let Some(&at) = primitive.attributes.get(name) else { continue };
             let attribute = mesh.attribute_by_unique_id(id).ok_or_else(|| format!("it has no attribute {id}"))?;
-            let accessor = document.accessors.get(at).ok_or_else(|| format!("there is no accessor {at}"))?;
+            let accessor = document.accessors.get(at).ok_or_else(|| format!("accessor {at} is missing"))?;
             let row = row(accessor, attribute).ok_or_else(|| format!("{name} is of another type"))?;
             let count = mesh.num_points();
             self.put(document, at, VERTICES, count, &mut |_| values(attribute, count, row))?;
@@ -146,7 +146,7 @@ impl Made {
         count: usize,
         data: &mut dyn FnMut(usize) -> Option<Vec<u8>>,
     ) -> Result<(), String> {
-        let accessor = document.accessors.get(at).ok_or_else(|| format!("there is no accessor {at}"))?;
+        let accessor = document.accessors.get(at).ok_or_else(|| format!("accessor {at} is missing"))?;
         if !self.done.insert(at) {
             return Ok(());
         }

@@ -69,7 +69,7 @@ impl Wearer {
         let (mapping, _) = character.mapping(&given).map_err(wrong)?;
         let help = "`umo retarget --print-mapping` what was found";
         let checked = super::check(character.rig(), &mapping, false, help);
-        checked.map_err(|problem| wrong(format!("it is no character with a body that is known: {problem}")))?;
+        checked.map_err(|problem| wrong(format!("no recognised humanoid skeleton: {problem}")))?;
         shown(character.bytes()).map_err(wrong)?;
         Ok(Self { path: path.to_owned(), character, given, mapping })
     }
@@ -139,7 +139,7 @@ fn shown(file: &[u8]) -> Result<(), String> {
     }
     let demands: Demands = serde_json::from_str(Glb::split(file)?.json).map_err(|error| error.to_string())?;
     if demands.meshes.is_empty() {
-        return Err("it has bones and no body: there is no mesh to show".to_owned());
+        return Err("it has bones and no body: it lacks a mesh to show".to_owned());
     }
     match demands.extensions_required.iter().any(|required| required == UNREAD) {
         true => Err(format!(

@@ -124,6 +124,8 @@ struct Chunk {
 #[serde(rename_all = "camelCase")]
 struct Live<'a> {
     algorithmic_seconds: f64,
+    has_mouth: bool,
+    voice: Option<&'static str>,
     engine: Option<&'a PageEngine>,
 }
 
@@ -208,10 +210,12 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
         }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),
-        live: scene
-            .live
-            .as_ref()
-            .map(|live| Live { algorithmic_seconds: live.algorithmic_seconds, engine: live.engine.as_ref() }),
+        live: scene.live.as_ref().map(|live| Live {
+            algorithmic_seconds: live.algorithmic_seconds,
+            has_mouth: live.has_mouth,
+            voice: live.voice,
+            engine: live.engine.as_ref(),
+        }),
         rest: scene.live.as_ref().map(|live| Rest {
             rotations: &live.rest.rotations,
             translation: live.rest.translation,

@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use serde::Serialize;
-use umo_core::{Animation, Config, Face, FaceKind, Part, Pose};
+use umo_core::{Animation, AvatarConfig, Config, Face, FaceKind, Part, Pose};
 use umo_core_model::config::PartSpec;
 use umo_core_model::lm::tally::kind_names;
 use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Glb;
 
-use crate::animate::{self, Maker};
-use crate::args::{GenerateArgs, Page};
+use super::stream::StreamPage;
+use crate::animate::Maker;
+use crate::args::{Page, Shown};
 use crate::failure::Failure;
 use crate::retarget::{Wearer, Worn, is_character};
 use crate::speech::Speech;
@@ -20,7 +21,7 @@ use umo_figure::{Figure, Mesh};
 /// Upper bound on the motion of a page, which browsers open without trouble at a few MB a minute.
 const MAX_SECONDS: f64 = 1800.0;
 /// Upper bound on the sample rate of a page's audio; higher rates are inaudible.
-const MAX_RATE: usize = 48_000;
+pub(super) const MAX_RATE: usize = 48_000;
 
 /// The contents of a page.
 pub(super) struct Scene {
@@ -82,12 +83,17 @@ pub(super) struct CodedPart {
 }
 
 /// Properties of a live page that are known before its stream begins.
+#[derive(Clone)]
 pub(super) struct LiveInfo {
     /// Upper bound on the future audio that a frame needs.
     pub(super) algorithmic_seconds: f64,
     /// Pose shown before the first frame.
     pub(super) rest: Pose,
     pub(super) rest_face: Vec<f32>,
+    /// Whether a mouth can move with the sound.
+    pub(super) has_mouth: bool,
+    /// Requested timing of the mouth, if any.
+    pub(super) voice: Option<&'static str>,
     /// Engine in the page itself; `None` if a program serves the streams.
     pub(super) engine: Option<PageEngine>,
 }
@@ -99,8 +105,6 @@ pub(super) struct PageEngine {
     pub(super) package: &'static str,
     pub(super) model: &'static str,
     pub(super) precision: &'static str,
-    /// Requested timing of the mouth, if any.
-    pub(super) voice: Option<&'static str>,
     /// Options for the package's sessions.
     pub(super) session: serde_json::Value,
     /// Ids of `umo_parameter`, with values.
@@ -112,8 +116,8 @@ impl Scene {
     pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
         let speech = Speech::open(path, args.repair)?;
         check_length(path, speech.seconds())?;
-        let wearer = wearer(args)?;
-        let maker = Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
+        let wearer = wearer(&args.shown)?;
+        let maker = Maker::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
         let config = maker.model.config();
         let mut animation = maker.animation("audio_to_motion", None)?;
         animation.keep_record(config);
@@ -121,10 +125,10 @@ impl Scene {
         let mut record = Record::new(config);
         let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
         record.cut(frames);
-        let mut scene = Self::worn_by(path, clip, wearer, args.figure)?;
+        let mut scene = Self::worn_by(path, clip, wearer, args.shown.figure)?;
         scene.audio = Some(Audio::new(&speech)?);
         scene.record = Some(record);
-        scene.set_model(config, &args.generate);
+        scene.set_model(config, &maker.avatar());
         Ok(scene)
     }
 
@@ -133,11 +137,11 @@ impl Scene {
         // A file not written by umo may be a character with an animation, with umo's joint names or others.
         let is_own = || umo_core_rig::glb::read(path).is_ok_and(|bytes| is_written_here(&bytes));
         let mut scene = match import::read(path) {
-            Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
-            Ok(_) if args.onto.is_none() && is_character(path) && !is_own() => Self::of_character(path, args)?,
+            Err(_) if args.shown.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
+            Ok(_) if args.shown.onto.is_none() && is_character(path) && !is_own() => Self::of_character(path, args)?,
             Ok(clip) => {
                 check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
-                Self::worn_by(path, clip, wearer(args)?, args.figure)?
+                Self::worn_by(path, clip, wearer(&args.shown)?, args.shown.figure)?
             }
             Err(problem) => return Err(problem),
         };
@@ -148,26 +152,21 @@ impl Scene {
     }
 
     /// Returns a page whose frames come later, from a stream.
-    pub(super) fn of_stream(
-        title: &str,
-        config: &Config,
-        args: &Page,
-        live: LiveInfo,
-        character: Option<Worn>,
-    ) -> Result<Self, Failure> {
-        let (path, clip) = (Path::new(title), config.clip());
+    pub(super) fn of_stream(page: &StreamPage, character: Option<Worn>) -> Result<Self, Failure> {
+        let config = page.model.config();
+        let (path, clip) = (Path::new(&page.title), config.clip());
         let mut scene = match character {
             Some(worn) => Self { character: Some(worn), ..Self::plain(path, clip) },
-            None => Self::new(path, clip, args.figure)?,
+            None => Self::new(path, clip, page.figure)?,
         };
-        scene.live = Some(live);
-        scene.set_model(config, &args.generate);
+        scene.live = Some(page.live.clone());
+        scene.set_model(config, &page.session.avatar);
         Ok(scene)
     }
 
     /// Reads a character's file with its animation.
     fn of_character(path: &Path, args: &Page) -> Result<Self, Failure> {
-        let worn = Wearer::read(path, args.mapping.as_deref())?.own_motion()?;
+        let worn = Wearer::read(path, args.shown.mapping.as_deref())?.own_motion()?;
         check_length(path, worn.seconds)?;
         let mut scene = Self::plain(path, still());
         scene.character = Some(worn);
@@ -212,9 +211,10 @@ impl Scene {
         if self.clip.is_empty() { self.character.as_ref().map_or(0, worn) } else { self.clip.len() }
     }
 
-    fn set_model(&mut self, config: &Config, generate: &GenerateArgs) {
-        let avatar = animate::avatar(generate, config, config.audio.ahead);
-        let draw = if generate.greedy { "greedy".to_owned() } else { format!("seed {}", generate.seed) };
+    fn set_model(&mut self, config: &Config, avatar: &AvatarConfig) {
+        let sampler = &avatar.sampler;
+        let is_greedy = sampler.sampling.temperature == 0.0;
+        let draw = if is_greedy { "greedy".to_owned() } else { format!("seed {}", sampler.seed) };
         self.about += &format!(
             " · model {} · {} keyframes a chunk, one every {} frames · {} frames held back · {draw}",
             config.name, avatar.target, config.keyframe_stride, avatar.lookahead
@@ -225,7 +225,7 @@ impl Scene {
 }
 
 /// Returns the character that is to wear the motion, if requested.
-pub(super) fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
+pub(super) fn wearer(args: &Shown) -> Result<Option<Wearer>, Failure> {
     args.onto.as_deref().map(|onto| Wearer::read(onto, args.mapping.as_deref())).transpose()
 }
 

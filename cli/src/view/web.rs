@@ -5,19 +5,16 @@ use std::ffi::OsStr;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use flate2::write::GzEncoder;
 use serde_json::json;
-use umo_core::{Engine, EngineConfig, Model, Precision, SessionConfig, Threads};
+use umo_core::SessionConfig;
 
-use super::live::{check_voice, rest, session};
 use super::page;
-use super::scene::{self, Audio, PageEngine, Scene};
-use crate::args::{Page, PrecisionArg, VoiceArg};
+use super::scene::{self, PageEngine};
+use super::stream::{self, StreamPage};
+use crate::args::{Page, PrecisionArg};
 use crate::failure::Failure;
-use crate::retarget::Wearer;
-use crate::speech::Speech;
 use crate::{atomic_file, model};
 
 /// The package's folder, and the addresses of its module and of the model relative to the page.
@@ -36,11 +33,14 @@ const FIRST_LAYER: u32 = 32;
 pub(super) fn run(args: &Page, folder: &Path) -> Result<(), Failure> {
     check(args)?;
     let package = package(args.package.as_deref())?;
-    let audio = args.input.as_deref().map(|path| recording(path, args.repair)).transpose()?;
-    let wearer = scene::wearer(args)?;
-    let compressed = compressed(&model::bytes(args.generate.model.as_deref())?)?;
-    let mut scene = scene(args, wearer)?;
-    scene.audio = audio;
+    let wearer = scene::wearer(&args.shown)?;
+    let loaded = model::load(&args.compute)?;
+    let session = stream::session(&args.generate, loaded.config());
+    let input = args.input.as_deref().map(|path| (path, args.repair));
+    let mut page = StreamPage::new(input, loaded, session, (args.voice, args.shown.figure))?;
+    page.live.engine = Some(page_engine(args, &page.session));
+    let (scene, _) = page.scene(wearer)?;
+    let compressed = compressed(&model::bytes(args.compute.model.as_deref())?)?;
     put_package(&package, &folder.join(PLACE))?;
     put(&folder.join(MODEL), &compressed)?;
     put(&folder.join("index.html"), page::html(&scene)?.as_bytes())?;
@@ -55,15 +55,12 @@ fn check(args: &Page) -> Result<(), Failure> {
         ("--start-pose", generate.start_pose.is_some()),
         ("--gesture", !generate.gesture.is_empty()),
         ("--gesture-clip", !generate.gesture_clip.is_empty()),
-        ("--isa", generate.compute.isa.is_some()),
-        ("--threads", generate.compute.threads.is_some()),
+        ("--isa", args.compute.isa.is_some()),
+        ("--threads", args.compute.threads.is_some()),
     ];
     match given.iter().find(|(_, given)| *given) {
         Some((name, _)) => Err(Failure::input(format!("{name} does not go with --web"))),
-        None if args.mapping.is_some() && args.onto.is_none() => {
-            Err(Failure::input("--mapping goes with a character: --onto"))
-        }
-        None => Ok(()),
+        None => args.shown.check(),
     }
 }
 
@@ -82,39 +79,12 @@ fn package(named: Option<&Path>) -> Result<PathBuf, Failure> {
     })
 }
 
-fn recording(path: &Path, repair: bool) -> Result<Audio, Failure> {
-    Audio::new(&Speech::open(path, repair)?)
-}
-
 fn compressed(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
     let mut gzip = GzEncoder::new(Vec::new(), flate2::Compression::best());
     gzip.write_all(bytes).and_then(|()| gzip.finish()).map_err(Failure::environment)
 }
 
-/// Returns the page's contents before its stream begins, with the options for its engine.
-fn scene(args: &Page, wearer: Option<Wearer>) -> Result<Scene, Failure> {
-    let generate = &args.generate;
-    let file = model::open(generate.model.as_deref())?;
-    let isa = model::isa(&generate.compute)?;
-    let loaded = Arc::new(Model::load(&file, generate.compute.precision(Precision::Stored), isa)?);
-    drop(file);
-    let config = EngineConfig { threads: Threads::Own(1), max_sessions: 1, max_batch: 1, ..EngineConfig::default() };
-    let engine = Engine::new(loaded, &config).map_err(Failure::input)?;
-    check_voice(args, engine.model())?;
-    let session = session(generate, engine.model().config());
-    let mut live = rest(&engine, &session)?;
-    live.engine = Some(page_engine(args, &session));
-    let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
-    let config = engine.model().config();
-    let mut character = None;
-    if let Some(wearer) = wearer {
-        let mut still = config.clip();
-        still.push(&live.rest, &live.rest_face);
-        character = Some(wearer.follow(&still)?.0);
-    }
-    Scene::of_stream(&title, config, args, live, character)
-}
-
+/// Returns the options for the page's engine.
 fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {
     let (generate, avatar) = (&args.generate, &session.avatar);
     let mut parameters = Vec::new();
@@ -128,16 +98,12 @@ fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {
     PageEngine {
         package: MODULE,
         model: MODEL,
-        precision: match generate.compute.precision {
+        precision: match args.compute.precision {
             None | Some(PrecisionArg::Stored) => "stored",
             Some(PrecisionArg::F32) => "f32",
             Some(PrecisionArg::Bf16) => "bf16",
             Some(PrecisionArg::Int8) => "int8",
         },
-        voice: args.voice.map(|voice| match voice {
-            VoiceArg::Live => "live",
-            VoiceArg::Delayed => "delayed",
-        }),
         session: json!({
             "target": avatar.target,
             "lookahead": avatar.lookahead,

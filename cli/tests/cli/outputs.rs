@@ -30,7 +30,7 @@ fn a_closed_pipe_is_no_failure() {
     for args in [
         &["gestures"][..],
         &["--help"],
-        &["inspect", &model, "--tensors"],
+        &["model", "inspect", &model, "--tensors"],
         &["animate", &speech, "--model", &model, "-o", &out, "--timings"],
     ] {
         let (reader, writer) = std::io::pipe().unwrap();
@@ -43,14 +43,14 @@ fn a_closed_pipe_is_no_failure() {
     // The reader of standard error is gone too.
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    let ended = program(&["inspect", "missing"]).stderr(writer).status().unwrap();
+    let ended = program(&["model", "inspect", "missing"]).stderr(writer).status().unwrap();
     assert_eq!(ended.code(), Some(2));
 }
 
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_behind_standard_output_is_one_line() {
-    for args in [&["gestures"][..], &["--help"], &["inspect"]] {
+    for args in [&["gestures"][..], &["--help"], &["model", "inspect"]] {
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let ended = program(args).stdout(full).stderr(Stdio::piped()).output().unwrap();
         let said = String::from_utf8_lossy(&ended.stderr);
@@ -128,7 +128,7 @@ fn an_input_is_no_output() {
         &["retarget", &animation, "--onto", &animation, "-o", &animation],
         &["draw", &animation, "-o", &animation],
         &["view", &animation, "--no-open", "-o", &animation],
-        &["quantize", &speech, "-o", &speech, "--weights", "int8"],
+        &["model", "quantize", &speech, "-o", &speech, "--weights", "int8"],
     ] {
         let line = folder.refused(args);
         assert!(line.contains("is an input and an output"), "{args:?}: {line}");
@@ -174,6 +174,12 @@ fn a_prompt_that_the_model_does_not_know_is_said() {
     let (speech, out) = (folder.speech(), folder.at("o.jsonl"));
     let said = |prompt: &str| umo(&["animate", &speech, "--prompt", prompt, "-o", &out]).success().err;
     let note = said("qwerty");
-    assert!(note.starts_with("note: `qwerty`") && note.contains("talking") && note.lines().count() == 1, "{note}");
+    assert!(
+        note.starts_with("note: ")
+            && note.contains("`qwerty`")
+            && note.contains("talking")
+            && note.lines().count() == 1,
+        "{note}"
+    );
     assert_eq!(said("Calm"), "");
 }

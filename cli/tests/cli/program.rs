@@ -78,7 +78,7 @@ impl Folder {
     /// A model of the smallest size.
     pub(crate) fn tiny(&self, name: &str, more: &[&str]) -> String {
         let path = self.at(name);
-        umo(&[&["make-random", "--size", "tiny", "-o", &path], more].concat()).success();
+        umo(&[&["model", "random", "--size", "tiny", "-o", &path], more].concat()).success();
         path
     }
 

@@ -99,10 +99,10 @@ fn only_regular_files_are_opened() {
             &["animate", path, "-o", &out][..],
             &["animate", &speech, "--model", path, "-o", &out],
             &["animate", &speech, "--start-pose", path, "-o", &out],
-            &["inspect", path],
+            &["model", "inspect", path],
             &["view", path, "-o", &out],
-            &["quantize", path, "--weights", "int8", "-o", &out],
-            &["stage", "encoder", "--in", path, "--out", &out],
+            &["model", "quantize", path, "--weights", "int8", "-o", &out],
+            &["model", "stage", "encoder", "--in", path, "--out", &out],
             &["retarget", &speech, "--onto", path, "-o", &onto],
             &["draw", path, "-o", &out],
         ] {
@@ -115,7 +115,7 @@ fn only_regular_files_are_opened() {
 #[test]
 fn damaged_model_differs_from_one_without_checksum() {
     let folder = Folder::new();
-    let verify = |model: &str| umo(&["inspect", "--verify", model]);
+    let verify = |model: &str| umo(&["model", "inspect", "--verify", model]);
     assert!(verify(&golden("mel_k2_arkit")).success().out.contains("none"));
     for (name, more) in [("parts", &[][..]), ("frames", &["--layout", "frames"])] {
         let good = folder.tiny(name, more);
@@ -123,7 +123,7 @@ fn damaged_model_differs_from_one_without_checksum() {
         let mut damaged = std::fs::read(&good).unwrap();
         *damaged.last_mut().unwrap() ^= 0x10;
         let damaged = folder.file("damaged.safetensors", &damaged);
-        for args in [&["inspect", "--verify", &damaged][..], &["inspect", &damaged]] {
+        for args in [&["model", "inspect", "--verify", &damaged][..], &["model", "inspect", &damaged]] {
             assert!(folder.refused(args).contains("it is damaged: its checksum is crc32:"), "{name}");
         }
     }
@@ -174,8 +174,8 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     let (tiny, input) = (folder.tiny("tiny.safetensors", &[]), golden_file("mel_k2_arkit", "cases.safetensors"));
     let input = input.to_str().unwrap();
     for out in [folder.at("missing/out"), folder.at("folder.npz")] {
-        folder.refused(&["stage", "encoder", "--model", &model, "--in", input, "--out", &out]);
-        folder.refused(&["make-random", "--size", "tiny", "-o", &out]);
+        folder.refused(&["model", "stage", "encoder", "--model", &model, "--in", input, "--out", &out]);
+        folder.refused(&["model", "random", "--size", "tiny", "-o", &out]);
     }
     folder.refused(&["text", "a wave", "--model", &tiny, "-o", &folder.at("missing/out.npz")]);
     assert_eq!(folder.read("kept.bvh"), b"an earlier motion");
@@ -191,13 +191,13 @@ fn models_that_are_no_models_are_refused() {
         std::fs::write(&model, &bytes[..cut]).unwrap();
         let line = folder.refused(&["animate", &speech, "--model", &model, "-o", &out]);
         assert!(line.contains("tiny.safetensors"), "cut at {cut}: {line}");
-        folder.refused(&["inspect", &model]);
+        folder.refused(&["model", "inspect", &model]);
     }
     let others = [folder.at("missing"), folder.at(""), speech.clone(), DEVICE.to_owned()];
     let cases = golden_file("mel_k2_arkit", "cases.safetensors");
     for other in others.iter().map(String::as_str).chain([cases.to_str().unwrap()]) {
         folder.refused(&["animate", &speech, "--model", other, "-o", &out]);
-        folder.refused(&["inspect", other]);
+        folder.refused(&["model", "inspect", other]);
         folder.refused(&["text", "a wave", "--model", other, "-o", &out]);
     }
 }
@@ -308,7 +308,7 @@ fn stages_refuse_what_they_cannot_read() {
     let folder = Folder::new();
     let (model, out) = (folder.tiny("tiny.safetensors", &[]), folder.at("out.safetensors"));
     let run = |stage: &str, input: &str, more: &[&str]| {
-        folder.refused(&[&["stage", stage, "--model", &model, "--in", input, "--out", &out], more].concat())
+        folder.refused(&[&["model", "stage", stage, "--model", &model, "--in", input, "--out", &out], more].concat())
     };
     let write = |name: &str, tensors: &[(&str, Dtype, Vec<usize>, Vec<u8>)]| {
         let path = folder.at(name);

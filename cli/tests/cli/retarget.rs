@@ -48,7 +48,8 @@ fn a_character_is_inspected_and_said_what_it_lacks() {
         assert!(ended.out.contains(line), "{line}: {}", ended.out);
     }
     assert!(umo(&["inspect", &bvh]).success().out.contains("by SMPL-X names"));
-    assert!(folder.refused(&["inspect", &glb, "--verify"]).contains("go with a model"));
+    assert!(folder.refused(&["model", "inspect", &glb]).contains("`umo inspect "));
+    assert!(folder.refused(&["inspect", "a.safetensors"]).contains("`umo model inspect a.safetensors`"));
     // The up axis, which the motion's file does not state, is reported if it is changed.
     let box_of = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters/");
     let [turned, boxes] = ["z_up.npz", "character.glb"].map(|name| format!("{box_of}{name}"));

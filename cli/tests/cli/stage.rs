@@ -1,4 +1,4 @@
-//! `umo stage` on the inputs of golden cases.
+//! `umo model stage` on the inputs of golden cases.
 
 use std::collections::HashMap;
 
@@ -49,7 +49,7 @@ fn check_file(file: &str, model: &str, case: &str, more: &[&str]) {
     safetensors::serialize_to_file(&inputs, None, input.as_ref()).unwrap();
     let stage = case.trim_end_matches(|c: char| c.is_ascii_digit());
     let target = inputs.get("target").map(|view| i64::from_le_bytes(view.data().try_into().unwrap()).to_string());
-    let mut args = vec!["stage", stage, "--in", &input, "--out", &output];
+    let mut args = vec!["model", "stage", stage, "--in", &input, "--out", &output];
     args.extend(target.iter().flat_map(|target| ["--target", target, "--greedy"]));
     let ended = umo(&[&args[..], &["--model", file], more].concat()).success();
     let bytes = folder.read("out.safetensors");
@@ -88,7 +88,8 @@ fn a_rotated_model_gives_what_the_reference_gives() {
         ("frames_seven", ["generate0", "generate1", "generate1"]),
     ] {
         let (was, rotated) = (golden(model), folder.at("rotated.safetensors"));
-        umo(&["quantize", &was, "-o", &rotated, "--weights", "bf16", "--set", "*weight=f32", "--rotate"]).success();
+        umo(&["model", "quantize", &was, "-o", &rotated, "--weights", "bf16", "--set", "*weight=f32", "--rotate"])
+            .success();
         cases.into_iter().for_each(|case| check_file(&rotated, model, case, &["--precision", "f32"]));
         let (was, is) = (ModelFile::open(was.as_ref()).unwrap(), ModelFile::open(rotated.as_ref()).unwrap());
         for spec in layout::specs(was.config(), false) {
@@ -109,7 +110,7 @@ fn a_model_whose_head_is_its_table_is_not_rotated() {
     let folder = Folder::new();
     let out = folder.at("out.safetensors");
     let model = golden("mel_k2_arkit");
-    let said = folder.refused(&["quantize", &model, "-o", &out, "--weights", "int8", "--rotate"]);
+    let said = folder.refused(&["model", "quantize", &model, "-o", &out, "--weights", "int8", "--rotate"]);
     assert!(said.contains("`tie_word_embeddings`"), "{said}");
 }
 
@@ -128,7 +129,8 @@ fn a_seed_says_which_codes() {
     safetensors::serialize_to_file(tensors, None, input.as_ref()).unwrap();
     let run = |more: &[&str]| {
         let out = folder.at("out.safetensors");
-        umo(&[&["stage", "generate", "--model", &model, "--in", &input, "--out", &out], more].concat()).success();
+        umo(&[&["model", "stage", "generate", "--model", &model, "--in", &input, "--out", &out], more].concat())
+            .success();
         folder.read("out.safetensors")
     };
     assert_eq!(run(&[]), run(&["--seed", "0"]));

@@ -121,13 +121,13 @@ fn files_that_are_no_characters_are_refused_in_words() {
     assert!(onto("text.glb", b"no character").contains("text.glb: it is no glb file"));
     assert!(onto("cut.vrm", b"glTF\x02\0\0\0\xff\0\0\0").contains("cut.vrm: the file is cut short"));
     assert!(onto("bones.bvh", b"HIERARCHY").contains("bones and no body"));
-    assert!(onto("person.gltf", b"{}").contains("person.gltf: it is no character"));
+    assert!(onto("person.gltf", b"{}").contains("person.gltf: no recognised humanoid skeleton"));
     let elsewhere = br#"{"buffers":[{"byteLength":4,"uri":"https://example.org/a.bin"}]}"#;
     assert!(onto("person.gltf", elsewhere).contains("`https://example.org/a.bin` is at another place"));
     assert!(onto("person.obj", b"v 0 0 0").contains("expected a character, .glb, .gltf or .vrm"));
     let thing = glb(r#"{"asset":{"version":"2.0"},"nodes":[{"name":"box","mesh":0}],"meshes":[{"primitives":[]}]}"#);
-    assert!(onto("box.glb", &thing).contains("box.glb: it is no character with a body that is known"));
-    assert!(refused(&[&folder.file("box.glb", &thing)]).contains("box.glb: it is no character"));
+    assert!(onto("box.glb", &thing).contains("box.glb: no recognised humanoid skeleton"));
+    assert!(refused(&[&folder.file("box.glb", &thing)]).contains("box.glb: no recognised humanoid skeleton"));
     assert!(refused(&[&speech, "--onto", &folder.at("missing.vrm")]).contains("missing.vrm"));
 
     umo(&["animate", &speech, "--model", &golden("mel_k2_arkit"), "-o", &folder.at("motion.glb")]).success();
@@ -135,15 +135,11 @@ fn files_that_are_no_characters_are_refused_in_words() {
     let packed = replaced(&figure, "\"asset\":", "\"extensionsRequired\":[\"KHR_texture_basisu\"],\"asset\":");
     assert!(onto("packed.glb", &packed).contains("its textures are compressed"));
     let bare = replaced(&figure, "\"meshes\":", "\"extras\":");
-    assert!(onto("bare.glb", &bare).contains("there is no mesh to show"));
+    assert!(onto("bare.glb", &bare).contains("it lacks a mesh to show"));
     let still = replaced(&figure, "\"animations\":", "\"extras\":");
     assert!(refused(&[&folder.file("still.glb", &still)]).contains("still.glb: it has no animation"));
     let mapping = folder.file("bones.toml", b"[bones]\n");
     assert!(refused(&[&speech, "--mapping", &mapping]).contains("--mapping goes with a character"));
-    assert!(refused(&["--live", "--mapping", &mapping]).contains("--mapping goes with a character"));
-    assert!(
-        refused(&["--live", "--onto", &folder.file("other.glb", &thing)]).contains("other.glb: it is no character")
-    );
     assert_eq!(umo(&["view", &speech, "--onto", "a.glb", "--figure", "performer"]).code, 2);
 }
 
@@ -159,8 +155,7 @@ fn what_cannot_be_viewed_is_refused() {
     assert!(refused(&[&folder.file("text.glb", b"no motion")]).contains("text.glb"));
     assert!(refused(&[&folder.file("text.npz", b"no motion")]).contains("text.npz"));
     assert!(refused(&[&folder.file("text.jsonl", b"no motion")]).contains("text.jsonl"));
-    assert!(refused(&["--live", "--start-pose", "x.npz"]).contains("--start-pose"));
-    for args in [&["view"][..], &["view", &speech, "--port", "80"], &["view", "--live", &speech, "-o", "x.html"]] {
+    for args in [&["view"][..], &["view", &speech, "--port", "80"]] {
         assert_eq!(umo(args).code, 2, "{args:?}");
     }
 }
@@ -187,7 +182,10 @@ fn a_folder_for_web_servers_has_page_package_and_model() {
     };
     let page = written(&[&speech, "--seed", "18446744073709551615", "--voice", "delayed"]);
     assert!(page.contains("id=\"block-audio\"") && page.contains("connect-src 'self';"));
-    assert!(page.contains(r#""engine":{"package":"umo/src/index.js","model":"model.safetensors.gz","precision":"stored","voice":"delayed""#));
+    assert!(page.contains(r#""hasMouth":true,"voice":"delayed""#));
+    assert!(page.contains(
+        r#""engine":{"package":"umo/src/index.js","model":"model.safetensors.gz","precision":"stored","session""#
+    ));
     assert!(page.contains(r#""seed":"18446744073709551615""#) && page.contains(r#""parameters":[]"#));
     for (name, text) in [("umo/dist/umo.wasm", "wasm"), ("umo/src/index.js", "js"), ("umo/LICENSE-MIT", "MIT")] {
         assert_eq!(folder.read(&format!("www/{name}")), text.as_bytes());
@@ -242,7 +240,7 @@ fn a_folder_for_web_servers_is_not_begun_without_what_it_needs() {
     let voice = ["--package", &package, "--model", &golden("mel_k1_upcycled"), "--voice", "live"];
     assert!(refused(&voice).contains("mouth network"));
     assert!(!std::path::Path::new(&www).exists());
-    for args in [&["--live"][..], &["-o", "x.html"], &["--port", "80"]] {
+    for args in [&["-o", "x.html"][..], &["--port", "80"]] {
         assert_eq!(umo(&[&["view", "--web", &www], args].concat()).code, 2, "{args:?}");
     }
     let (speech, package) = (folder.speech(), package.as_str());
@@ -254,7 +252,31 @@ fn a_folder_for_web_servers_is_not_begun_without_what_it_needs() {
 fn a_port_that_is_taken_is_the_machines_fault() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let ended = view(&["--live", "--port", &port]);
+    let ended = umo(&["live", "--no-open", "--model", &golden("mel_k2_arkit"), "--port", &port]);
     assert_eq!(ended.code, 1, "{}", ended.err);
     assert!(ended.err.contains(&port), "{}", ended.err);
+}
+
+#[test]
+fn a_page_is_not_served_without_what_it_needs() {
+    let folder = Folder::new();
+    let refused = |args: &[&str]| folder.refused(&[&["live", "--no-open"], args].concat());
+    let mapping = folder.file("bones.toml", b"[bones]\n");
+    assert!(refused(&["--mapping", &mapping]).contains("--mapping goes with a character"));
+    let thing = glb(r#"{"asset":{"version":"2.0"},"nodes":[{"name":"box","mesh":0}],"meshes":[{"primitives":[]}]}"#);
+    let other = folder.file("other.glb", &thing);
+    assert!(refused(&["--onto", &other]).contains("other.glb: no recognised humanoid skeleton"));
+    for more in [["--start-pose", "x.npz"], ["--gesture", "wave"]] {
+        assert!(refused(&more).contains(more[0]), "{more:?}");
+    }
+    assert!(refused(&["-"]).contains("--vmc"));
+    let voice = ["--model", &golden("mel_k1_upcycled"), "--voice", "live"];
+    assert!(refused(&voice).contains("mouth network"));
+    // Options of the page do not go with other programs, nor theirs with the page.
+    let vmc = ["--vmc", "127.0.0.1:39539"];
+    for more in [["--port", "80"], ["--figure", "bea"], ["--onto", "a.glb"]] {
+        let ended = umo(&[&["live"][..], &vmc, &more].concat());
+        assert!(ended.code == 2 && ended.err.contains("cannot be used with"), "{more:?}: {}", ended.err);
+    }
+    assert_eq!(umo(&["live", "--no-open", "--rate", "16000"]).code, 2);
 }

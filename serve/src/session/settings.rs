@@ -8,20 +8,24 @@ use crate::protocol::{Hello, Output, VoiceKind};
 /// Message for a packet client that sends a mood, gesture or look-at.
 pub(super) const NOT_IN_PACKETS: &str = "packets know no mood, gestures and look-at: the decoders of the viewers do";
 
-/// Returns the settings, or an error message for the client.
-pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> {
+/// Returns the settings of a hello, with `defaults` for missing ones; or an error message for the client.
+pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model) -> Result<SessionConfig, String> {
     let config = model.config();
     if !(MIN_RATE..=MAX_RATE).contains(&hello.rate) {
         return Err(format!("rate {}: expected {MIN_RATE} to {MAX_RATE}", hello.rate));
     }
-    if !(0.0..=1.0).contains(&hello.layers) || !(0.0..=1.0).contains(&hello.mood_strength) {
+    if !(0.0..=1.0).contains(&hello.layers.unwrap_or(1.0)) || !(0.0..=1.0).contains(&hello.mood_strength) {
         return Err("layers and mood_strength: expected 0 to 1".to_owned());
     }
-    let mut settings = SessionConfig { sample_rate: hello.rate, ..SessionConfig::new(config) };
-    settings.avatar.target = hello.target.unwrap_or(settings.avatar.target);
-    settings.avatar.horizon = hello.horizon;
-    settings.avatar.sampler.seed = hello.seed;
-    settings.layers = Layer::ALL.into_iter().fold(LifeConfig::ON, |life, layer| life.with(layer, hello.layers));
+    let mut settings = defaults.cloned().unwrap_or_else(|| SessionConfig::new(config));
+    settings.sample_rate = hello.rate;
+    let avatar = &mut settings.avatar;
+    avatar.target = hello.target.unwrap_or(avatar.target);
+    avatar.horizon = hello.horizon.unwrap_or(avatar.horizon);
+    avatar.sampler.seed = hello.seed.unwrap_or(avatar.sampler.seed);
+    if let Some(gain) = hello.layers {
+        settings.layers = Layer::ALL.into_iter().fold(LifeConfig::ON, |gains, layer| gains.with(layer, gain));
+    }
     if let Some(text) = &hello.prompt {
         with_prompt(&mut settings.avatar, text, model)?;
     }

@@ -397,7 +397,7 @@ def step_interp(s: Run) -> None:
 
 
 def step_export(s: Run) -> None:
-    """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one."""
+    """`run/NAME.safetensors`, bf16; `umo model quantize` makes the int8 one."""
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
     export_model(s, s.folder / f"{s.plan['name']}.safetensors", model_file_config(s), parts_of(s), language)
 

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 # Largest code of int8 weights and inputs, as the engine rounds them.
 _CODES = 127.0
-# Products that stay in float: what routes, and what `umo quantize` is told to keep.
+# Products that stay in float: what routes, and what `umo model quantize` is told to keep.
 _KEPT = ("router", "depth.input", "depth.heard")
 
 

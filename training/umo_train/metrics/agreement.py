@@ -29,7 +29,7 @@ def _options(model: Path | None) -> list[object]:
 
 def config_of(umo: Path, model: Path | None) -> dict[str, Any]:
     """The model file's config."""
-    return json.loads(run(umo, "inspect", "--config", *([model] if model else [])))
+    return json.loads(run(umo, "model", "inspect", "--config", *([model] if model else [])))
 
 
 def _marked(vocab: dict[str, Any], name: str, codes: Sequence[int]) -> list[int]:

@@ -84,7 +84,7 @@ def stage(umo: Path, name: str, tensors: dict[str, np.ndarray], *options: object
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:
         given, made = Path(folder, "in.safetensors"), Path(folder, "out.safetensors")
         save_file({key: np.ascontiguousarray(value) for key, value in tensors.items()}, given)
-        run(umo, "stage", name, "--in", given, "--out", made, *options)
+        run(umo, "model", "stage", name, "--in", given, "--out", made, *options)
         return load_file(made)
 
 

@@ -1,5 +1,5 @@
 //! Calibration for quantization: the Gram matrix of each product's inputs, which tells how an error of its weights
-//! changes its outputs. `umo quantize` rounds weights by it.
+//! changes its outputs. `umo model quantize` rounds weights by it.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

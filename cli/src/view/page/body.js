@@ -86,7 +86,7 @@ export class CharacterBody extends Body {
     const { extensionsRequired = [] } = this.gltf.json;
     const unread = UNREAD.find((name) => extensionsRequired.includes(name));
     if (unread) throw new Error(`it is compressed in a way that the page does not read, ${unread}: export it without`);
-    if (this.gltf.list("meshes").length === 0) throw new Error("it has bones and no body: there is no mesh to show");
+    if (this.gltf.list("meshes").length === 0) throw new Error("it has bones and no body: it lacks a mesh to show");
     if (character.follower) this.gltf.channels = channelsOf(character.follower, rest);
     this.nodes = character.nodes;
     this.parts = parts(this.gltf);

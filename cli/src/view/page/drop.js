@@ -38,8 +38,8 @@ export function listenForFiles(target, take, say) {
 
 /** A finished take computes nothing: what to do in its place. */
 export const finished = {
-  character: ({ name }) => Promise.reject(new Error(`this page holds one take, whose character is fixed: \`umo view RECORDING --onto ${name}\` makes one with this character, and a page of \`umo view --live\` or \`--web\` takes it as it is dropped`)),
-  recording: ({ name }) => Promise.reject(new Error(`this page holds one take and no model: \`umo view ${name}\` makes a page of this recording, and one of \`umo view --live\` or \`--web\` takes it as it is dropped`)),
+  character: ({ name }) => Promise.reject(new Error(`this page holds one take, whose character is fixed: \`umo view RECORDING --onto ${name}\` makes one with this character, and a page of \`umo live\` or \`umo view --web\` takes it as it is dropped`)),
+  recording: ({ name }) => Promise.reject(new Error(`this page holds one take and no model: \`umo view ${name}\` makes a page of this recording, and one of \`umo live\` or \`umo view --web\` takes it as it is dropped`)),
 };
 
 /** A recording's samples, mixed to one channel, in 16 bits as the page has them. */

@@ -11,6 +11,12 @@ const LIVE_MARGIN = 0.04;
 
 /** Length of a piece of the microphone's sound, and a little more, seconds. */
 const PIECE = 0.03;
+/** First byte of a message that holds frames, and bytes before the first frame and before a frame's values. */
+const FRAMES = 1;
+const HEAD = 8;
+const NUMBERS = 16;
+/** How often statistics are asked for, milliseconds. */
+const NEWS = 250;
 /** How often what has been spoken of the page's own recording is sent, milliseconds, and most samples of a message. */
 const SEND = 8;
 const MOST_SAMPLES = 1 << 14;
@@ -62,9 +68,9 @@ export class LiveClock {
     return this.heard - this.delay;
   }
 
-  /** Sound begins now; the picture follows, as late as `started` says. `counted` tells the seconds of sound that were sent, where those are counted. */
+  /** Sound begins now; the picture follows, as late as `started` says. `counted` returns the seconds of sound that were sent, if those are counted. */
   begin(started, counted = null) {
-    this.delay = started.live ? started.mouthSeconds + LIVE_MARGIN : started.bodySeconds + MARGIN;
+    this.delay = started.isLive ? started.mouthSeconds + LIVE_MARGIN : started.bodySeconds + MARGIN;
     this.counted = counted;
     [this.start, this.at, this.playing] = [this.now(), 0, true];
   }
@@ -84,7 +90,13 @@ export class LiveClock {
 }
 
 /** What happened, for whoever looks: frames in the order of their coming, messages that came too late. */
-const fresh = () => ({ received: 0, next: 0, inOrder: true, late: 0, arrivals: [], pictures: [], worst: {}, done: false, error: null, status: null, started: null });
+const fresh = () => ({ received: 0, next: 0, inOrder: true, late: 0, arrivals: [], pictures: [], worst: {}, done: false, error: null, stats: null, started: null });
+
+/** Samples as messages have them, 16 bits. */
+export const whole = (samples) => Int16Array.from(samples, (sample) => Math.max(-32768, Math.min(32767, Math.round(sample * 32768))));
+
+/** Timing of the mouth: as asked for, or with the sound for a microphone. */
+const voiceOf = ({ hasMouth, voice }, source) => (hasMouth ? (voice ?? (source === "microphone" ? "live" : "delayed")) : "delayed");
 
 export class Live {
   constructor({ scene, motion, clock, changed }) {
@@ -98,11 +110,6 @@ export class Live {
   useRecording() {
     const { samples, audio } = this.scene;
     if (samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(samples, audio.sampleRate)));
-  }
-
-  /** Whether the page itself sends the recording: the engine beside it has the one that it was given alone. */
-  get sends() {
-    return Boolean(this.scene.live.engine || this.scene.isDropped);
   }
 
   get isRunning() {
@@ -119,25 +126,25 @@ export class Live {
     if (source === "microphone") {
       this.mouth = await microphone((samples) => {
         if (this.socket?.readyState !== WebSocket.OPEN) return;
-        this.socket.send(samples);
+        this.socket.send(whole(samples));
         this.sent.samples += samples.length;
         this.sent.now = this.clock.now();
       });
       this.sent.rate = this.mouth.rate;
     }
-    const socket = this.scene.live.engine ? new LocalStream(this.scene) : new WebSocket(`ws://${location.host}/stream`);
+    const socket = this.scene.live.engine ? new LocalStream(this.scene) : new WebSocket(`ws://${location.host}/v1/session`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onprogress = ({ loaded, total }) => {
       this.log.loading = total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`;
       this.changed();
     };
-    const own = source === "recording" && this.sends;
-    const rate = own ? this.scene.audio.sampleRate : (this.mouth?.rate ?? null);
-    socket.onopen = () => socket.send(JSON.stringify({ type: "start", source: own ? "page" : source, rate }));
+    const rate = this.mouth?.rate ?? this.scene.audio.sampleRate;
+    const hello = { type: "hello", rate, voice: voiceOf(this.scene.live, source), character: Boolean(this.scene.character) };
+    socket.onopen = () => socket.send(JSON.stringify(hello));
     socket.onmessage = ({ data }) => {
       if (this.socket !== socket) return;
-      if (typeof data === "string") this.hear(JSON.parse(data), source);
+      if (typeof data === "string") this.hear(JSON.parse(data), source, hello);
       else this.take(data);
     };
     socket.onclose = ({ reason }) => {
@@ -169,22 +176,28 @@ export class Live {
     this.changed();
   }
 
-  hear(message, source) {
+  hear(message, source, { rate, voice }) {
     switch (message.type) {
-      case "started":
-        this.clock.begin(message, source === "microphone" ? () => this.spoken() : null);
-        this.log.started = message;
+      case "ready":
+        if (message.floats !== this.motion.width) {
+          this.fail("the program shows another character: reload the page");
+          return this.stop();
+        }
+        this.log.started = { isLive: voice === "live", mouthSeconds: message.mouth_samples / rate, bodySeconds: message.latency_samples / rate };
+        this.clock.begin(this.log.started, source === "microphone" ? () => this.spoken() : null);
         this.mouth?.listen();
+        this.ask(this.socket);
         if (source === "recording") {
           this.playSound();
-          if (this.sends) this.speak(this.socket, this.clock.now(), 0);
+          this.speak(this.socket, this.clock.now(), 0);
         }
         break;
-      case "status":
-        this.log.status = message;
+      case "stats":
+        this.log.stats = message;
         break;
       case "done":
         this.log.done = true;
+        this.stop();
         break;
       case "error":
         this.fail(message.reason);
@@ -193,16 +206,21 @@ export class Live {
     this.changed();
   }
 
+  /** Asks for statistics from now on. */
+  ask(socket) {
+    if (this.socket !== socket || socket.readyState !== WebSocket.OPEN) return;
+    socket.send(JSON.stringify({ type: "stats" }));
+    setTimeout(() => this.ask(socket), NEWS);
+  }
+
   /**
-   * Seconds of the microphone's sound that the engine has taken: those that were sent, without those that found no room, and
-   * what was spoken since the last piece. A pause of the page or of the machine is not among them: frames are numbered by
-   * what the engine took, and a clock that ran on would be ahead of them for ever.
+   * Seconds of the microphone's sound that were sent, and what was spoken since the last piece. A pause of the page or of the
+   * machine is not among them: frames are numbered by the samples that were sent, and a clock that ran on would stay ahead.
    */
   spoken() {
     const { samples, now, rate } = this.sent;
-    const lost = this.log.status?.overruns ?? 0;
     const since = samples > 0 ? Math.min(this.clock.now() - now, PIECE) : 0;
-    return Math.max(samples - lost, 0) / rate + since;
+    return samples / rate + since;
   }
 
   /** Sends what has been spoken of the recording since `start`, of which `sent` samples were sent, until its end. */
@@ -211,7 +229,7 @@ export class Live {
     const { samples, audio } = this.scene;
     const spoken = Math.min(Math.floor((this.clock.now() - start) * audio.sampleRate), samples.length);
     for (; sent < spoken; sent += MOST_SAMPLES) {
-      socket.send(Float32Array.from(samples.subarray(sent, Math.min(sent + MOST_SAMPLES, spoken)), (sample) => sample / 32_768));
+      socket.send(samples.slice(sent, Math.min(sent + MOST_SAMPLES, spoken)));
     }
     if (spoken === samples.length) socket.send(JSON.stringify({ type: "finish" }));
     else setTimeout(() => this.speak(socket, start, spoken), SEND);
@@ -236,12 +254,16 @@ export class Live {
     clock.sound.currentTime = clock.due;
   }
 
-  /** Frames: number of the first, then values. */
+  /** A message of frames: a head, then each frame's index, sample and values. */
   take(data) {
-    const first = new DataView(data).getUint32(0, true);
-    const values = new Float32Array(data, 4);
-    const count = values.length / this.motion.width;
-    this.log.inOrder &&= first === this.log.next && Number.isInteger(count);
+    const view = new DataView(data);
+    if (view.getUint8(0) !== FRAMES) return;
+    const { width } = this.motion;
+    const [count, size] = [view.getUint16(2, true), NUMBERS + 4 * width];
+    const first = Number(view.getBigUint64(HEAD, true));
+    const values = new Float32Array(count * width);
+    for (let i = 0; i < count; i++) values.set(new Float32Array(data, HEAD + i * size + NUMBERS, width), i * width);
+    this.log.inOrder &&= first === this.log.next && data.byteLength === HEAD + count * size;
     this.log.next = first + count;
     this.log.received += count;
     const { heard } = this.clock;

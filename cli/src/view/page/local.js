@@ -1,4 +1,4 @@
-// A stream of the engine in this page, to the page what the socket of a program is: the same messages, but for `status`.
+// A stream of the engine in this page, which the page uses as the socket of a program: it has the same messages, but for `stats`.
 
 /** How often frames are looked for, milliseconds. */
 const LOOK = 8;
@@ -49,21 +49,20 @@ export class LocalStream {
     this.onopen();
   }
 
-  /** A command in JSON, or samples. */
+  /** A command in JSON, or samples of 16 bits. */
   send(data) {
-    const said = typeof data === "string" ? this.command(JSON.parse(data)) : this.avatar.call("push", data);
+    const said = typeof data === "string" ? this.command(JSON.parse(data)) : this.avatar.call("push", Float32Array.from(data, (sample) => sample / 32_768));
     said.catch((error) => this.end(error.message));
   }
 
-  async command({ type, source, rate }) {
+  async command({ type, rate, voice }) {
     if (type === "finish") return this.avatar.call("finish");
-    const { scene } = this;
-    const { engine } = scene.live;
-    const { hasMouth } = this.avatar.model;
-    const voice = hasMouth ? (engine.voice ?? (source === "microphone" ? "live" : "delayed")) : "delayed";
-    const { latency, mouthLatency } = await this.avatar.call("session", { ...engine.session, sampleRate: rate, voice });
-    for (const [parameter, value] of engine.parameters) await this.avatar.call("set", parameter, value);
-    this.tell({ type: "started", live: voice === "live", mouthSeconds: mouthLatency, bodySeconds: latency });
+    if (type === "stats") return;
+    const { joints, face, character, live } = this.scene;
+    const { latency, mouthLatency } = await this.avatar.call("session", { ...live.engine.session, sampleRate: rate, voice });
+    for (const [parameter, value] of live.engine.parameters) await this.avatar.call("set", parameter, value);
+    const floats = 4 * joints.length + 3 + face.names.length + (character?.worn ?? 0);
+    this.tell({ type: "ready", floats, latency_samples: latency * rate, mouth_samples: mouthLatency * rate });
     return this.work();
   }
 
@@ -98,15 +97,23 @@ export class LocalStream {
   }
 }
 
-/** Frames as a message has them: the number of the first, then the values of each, and those of a character. */
+/** Frames as a message has them: a head, then each frame's index, sample and values, and those of a character. */
 function packed(frames, character) {
   // Expressions are in the weights of their shapes, too.
   const worn = (frame) => (character ? character.follower.values(frame).slice(0, character.worn) : []);
   const rows = frames.map((frame) => [frame.rotations, frame.translation, frame.face, worn(frame)]);
   const width = rows[0].reduce((sum, part) => sum + part.length, 0);
-  const message = new ArrayBuffer(4 + 4 * width * frames.length);
-  new DataView(message).setUint32(0, frames[0].index, true);
-  const values = new Float32Array(message, 4);
-  rows.forEach((row, i) => row.reduce((at, part) => (values.set(part, at), at + part.length), width * i));
+  const size = 16 + 4 * width;
+  const message = new ArrayBuffer(8 + size * frames.length);
+  const view = new DataView(message);
+  view.setUint8(0, 1);
+  view.setUint16(2, frames.length, true);
+  view.setUint32(4, width, true);
+  rows.forEach((row, i) => {
+    const start = 8 + size * i;
+    view.setBigUint64(start, BigInt(frames[i].index), true);
+    const values = new Float32Array(message, start + 16, width);
+    row.reduce((at, part) => (values.set(part, at), at + part.length), 0);
+  });
   return message;
 }

@@ -37,7 +37,7 @@ export function livePanel({ scene, motion, live, $ }) {
   let said = -Infinity;
   return {
     show() {
-      const { started, status, received, late, error, done, worst, loading } = live.log;
+      const { started, stats, received, late, error, done, worst, loading } = live.log;
       showButtons(live.isRunning);
       const now = live.clock.now();
       const sentence = live.trouble();
@@ -49,12 +49,11 @@ export function livePanel({ scene, motion, live, $ }) {
       said = now;
       const body = milliseconds(started?.bodySeconds ?? scene.live.algorithmicSeconds);
       const behind = live.behind();
-      set("#algorithmic", started?.live ? `${milliseconds(started.mouthSeconds)} mouth, ${body} body` : body);
-      set("#compute", status ? `${[status.computeP50, status.computeP99, status.computeMax].map((x) => Math.round(1000 * x)).join(" / ")} ms` : "–");
+      set("#algorithmic", started?.isLive ? `${milliseconds(started.mouthSeconds)} mouth, ${body} body` : body);
+      set("#compute", stats ? `${[stats.compute_p50, stats.compute_p99, stats.compute_max].map((x) => Math.round(1000 * x)).join(" / ")} ms` : "–");
       set("#arrival", `${milliseconds(live.arrival())}, most ${milliseconds(worst.arrival)}`);
       set("#behind", `${milliseconds(behind)}, most ${milliseconds(worst.picture)}`);
       set("#received", `${received}${late > 0 ? `, ${late} times late` : ""}`);
-      set("#silenced", status ? String(status.overruns) : "–");
       const isLoading = live.isRunning && !started && loading;
       set("#state", isLoading ? `loads the model: ${loading}` : state === "live" && behind !== null ? `live · ${behind.toFixed(2)} s behind the sound` : state);
       $("#state").dataset.kind = kind;
@@ -68,6 +67,6 @@ function stopAll(live) {
 }
 
 function sayMicrophone(error) {
-  const reasons = { NotAllowedError: "the microphone was refused", NotFoundError: "there is no microphone" };
+  const reasons = { NotAllowedError: "the microphone was refused", NotFoundError: "no microphone was found" };
   return reasons[error.name] ?? `the microphone does not open: ${error.message}`;
 }

@@ -1,0 +1,113 @@
+//! Settings of the computation and of an engine: one field here is an option of every command that has one.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args as ClapArgs, ValueEnum};
+use umo_core::{EngineConfig, MAX_BATCH, Precision, Priority, Threads};
+
+use super::{TESTING, TUNING};
+
+/// Settings of the computation.
+#[derive(Debug, ClapArgs)]
+pub struct Compute {
+    /// Model file [default: the embedded one]
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Threads [default: one per core]
+    #[arg(long, value_name = "T", help_heading = TUNING, hide_short_help = true)]
+    pub threads: Option<usize>,
+    /// Precision of the products [default: stored; `model stage`: f32]
+    #[arg(long, value_enum, help_heading = TESTING, hide_short_help = true)]
+    pub precision: Option<PrecisionArg>,
+    /// Instruction set: scalar, avx2, avx512vnni … [default: the best of this processor]
+    #[arg(long, value_name = "NAME", help_heading = TESTING, hide_short_help = true)]
+    pub isa: Option<String>,
+}
+
+/// Settings of an engine: those of `live`, `serve` and `bench`.
+#[derive(Debug, ClapArgs)]
+pub struct EngineArgs {
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
+    /// Most sessions in a batch
+    #[arg(long, value_name = "N", default_value_t = EngineConfig::default().max_batch, value_parser = batch, help_heading = TUNING, hide_short_help = true)]
+    pub batch: usize,
+    /// Batching window: longest wait of a chunk for others
+    #[arg(long, value_name = "MS", default_value_t = 0, help_heading = TUNING, hide_short_help = true)]
+    pub gather: u32,
+    /// Priority of the threads that compute
+    #[arg(long, value_enum, default_value_t = PriorityArg::Normal, help_heading = TUNING, hide_short_help = true)]
+    pub priority: PriorityArg,
+}
+
+impl EngineArgs {
+    /// The settings, for an engine with this many threads.
+    pub fn config(&self, threads: usize) -> EngineConfig {
+        EngineConfig {
+            threads: Threads::Own(threads),
+            max_batch: self.batch,
+            gather: Duration::from_millis(self.gather.into()),
+            priority: self.priority.into(),
+            ..EngineConfig::default()
+        }
+    }
+}
+
+fn batch(text: &str) -> Result<usize, String> {
+    let sessions = text.parse().ok().filter(|sessions| (1..=MAX_BATCH).contains(sessions));
+    sessions.ok_or_else(|| format!("expected 1 to {MAX_BATCH}"))
+}
+
+/// Precision of the products.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PrecisionArg {
+    /// As the weights are stored
+    Stored,
+    /// Weights as stored, computed in f32
+    F32,
+    /// Weights rounded to bfloat16
+    Bf16,
+    /// Weights and activations in int8
+    Int8,
+}
+
+impl Compute {
+    /// The given precision, or `default`.
+    pub fn precision(&self, default: Precision) -> Precision {
+        self.precision.map_or(default, Precision::from)
+    }
+}
+
+impl From<PrecisionArg> for Precision {
+    fn from(arg: PrecisionArg) -> Self {
+        match arg {
+            PrecisionArg::Stored => Self::Stored,
+            PrecisionArg::F32 => Self::F32,
+            PrecisionArg::Bf16 => Self::Bf16,
+            PrecisionArg::Int8 => Self::Int8,
+        }
+    }
+}
+
+/// Priority of an engine's threads.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PriorityArg {
+    /// The priority of this program
+    Normal,
+    /// Above other programs; Linux refuses it to most users
+    High,
+    /// Below other programs
+    Low,
+}
+
+impl From<PriorityArg> for Priority {
+    fn from(priority: PriorityArg) -> Self {
+        match priority {
+            PriorityArg::Normal => Self::Normal,
+            PriorityArg::High => Self::High,
+            PriorityArg::Low => Self::Low,
+        }
+    }
+}
