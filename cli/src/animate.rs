@@ -246,7 +246,7 @@ pub(crate) fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
     let tokenizer =
         model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
     if let Some(prompts) = text::strange_prompt(model.config(), text) {
-        eprintln!("note: `{text}` is no prompt that the model was trained with, so what it does is chance: {prompts}");
+        eprintln!("note: the model was not trained with the prompt `{text}`, so its effect is random: {prompts}");
     }
     Ok(tokenizer.encode(text)?)
 }
@@ -261,5 +261,5 @@ fn named(config: &Config, name: &str, text: bool) -> Result<String, Failure> {
     candidates
         .into_iter()
         .find(|name| has_text(name))
-        .ok_or_else(|| Failure::input(format!("this model takes no text: its template `{name}` has no place for one")))
+        .ok_or_else(|| Failure::input(format!("this model takes no text: its template `{name}` has no slot for it")))
 }

@@ -128,7 +128,7 @@ impl Source {
             return Ok(Self::Input { rate });
         };
         if args.rate.is_some() {
-            return Err(Failure::input("--rate is of standard input: a recording says its own"));
+            return Err(Failure::input("--rate is for standard input only: a recording has its own rate"));
         }
         let speech = Speech::open(path, args.repair)?;
         let rate = session_rate(speech.sample_rate());
@@ -213,7 +213,7 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     let has_mouth = engine.model().mouth().is_some();
     let voice = match args.voice {
         Some(VoiceArg::Live) if !has_mouth => {
-            return Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"));
+            return Err(Failure::input("--voice live needs a model with a mouth network: see `umo inspect`"));
         }
         Some(VoiceArg::Delayed) => Voice::Delayed,
         Some(VoiceArg::Live) => Voice::Live,

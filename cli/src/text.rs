@@ -62,7 +62,7 @@ fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &st
     }
     let prompts = strange.filter(|_| takes_text).unwrap_or_else(|| "the model takes no text".to_owned());
     let gestures = gestures::list(gestures);
-    Err(Failure::Input(format!("`{text}` is no action that is known: {prompts}; the gestures are {gestures}")))
+    Err(Failure::Input(format!("`{text}` is not a known action: {prompts}; the gestures are {gestures}")))
 }
 
 /// Returns the model's prompts as a sentence if it has a list of them that lacks `text`.

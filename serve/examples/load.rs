@@ -36,7 +36,7 @@ enum Outcome {
 fn main() -> ExitCode {
     let args: Vec<String> = env::args().skip(1).collect();
     let [url, clients, seconds] = args.as_slice() else {
-        eprintln!("usage: load URL CLIENTS SECONDS; UMO_TOKEN is sent where it is set");
+        eprintln!("usage: load URL CLIENTS SECONDS; UMO_TOKEN is sent if set");
         return ExitCode::from(2);
     };
     let (Ok(clients), Ok(seconds)) = (clients.parse(), seconds.parse()) else {
@@ -156,5 +156,5 @@ async fn speak(url: &str, seed: u64, seconds: usize) -> Result<Outcome, Failure>
             _ => {}
         }
     }
-    Err("the server closed without a word".into())
+    Err("the server closed without a message".into())
 }

@@ -210,13 +210,13 @@ async fn upgrade(
     let name = bearer.and_then(|token| shared.config.tokens.name(token)).map(str::to_owned);
     if bearer.is_some() && name.is_none() && !shared.config.tokens.is_empty() {
         shared.metrics.refused("unauthorized");
-        return (StatusCode::UNAUTHORIZED, "no token that this server knows\n").into_response();
+        return (StatusCode::UNAUTHORIZED, "token missing or unknown\n").into_response();
     }
     let client = Client { name, address: address(&headers, &connection, shared.config.is_behind_proxy) };
     if shared.config.is_behind_proxy {
         let Some(seat) = shared.lobby.enter(&client.address) else {
             shared.metrics.refused("connections");
-            return (StatusCode::TOO_MANY_REQUESTS, "too many connections wait with their hello\n").into_response();
+            return (StatusCode::TOO_MANY_REQUESTS, "too many connections have not sent their hello\n").into_response();
         };
         connection.sit(Some(seat));
     }
@@ -282,7 +282,7 @@ pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), Serve
         server
             .run(async {
                 stop.await;
-                note(format_args!("stopping: those that are here have {} seconds", drain.as_secs_f64()));
+                note(format_args!("stopping: open sessions have {} seconds", drain.as_secs_f64()));
             })
             .await;
         Ok(())

@@ -455,7 +455,7 @@ static void gestures_come_out_of_files(const char *path) {
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, NULL, arm, NAN));
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "gr/eet", path, NULL, arm, -1));
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, 0, NULL, arm, -1));
-    CHECK(strstr(umo_last_error(), "no glb file"));
+    CHECK(strstr(umo_last_error(), "not a glb file"));
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, size - 1, NULL, arm, -1));
     CHECK(strstr(umo_last_error(), "cut short"));
     for (size_t i = 0; i + 9 < size; i++) {

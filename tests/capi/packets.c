@@ -104,7 +104,7 @@ int main(int argc, char **argv) {
     }
     char text[UMO_ERROR_SIZE];
     OK(umo_session_last_error(decoder, text, sizeof text, NULL));
-    CHECK(strstr(text, "no packet"));
+    CHECK(strstr(text, "not a packet"));
     CHECK(got == total && memcmp(frames, shown, total * stride) == 0);
     uint32_t done = 0;
     OK(umo_session_is_done(decoder, &done));

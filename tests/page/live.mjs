@@ -351,7 +351,7 @@ export const tests = [
       const page = await opened(context, at);
       fs.writeFileSync(context.at("live-broken.glb"), "no glb");
       await page.drop("#view", context.at("live-broken.glb"));
-      await until(async () => /it is no glb file/.test(await page.value('document.querySelector("#notice").textContent')), 30, "the sentence");
+      await until(async () => /not a glb file/.test(await page.value('document.querySelector("#notice").textContent')), 30, "the sentence");
       assert.equal(await page.value("umo.scene.character"), null);
       await page.drop("#view", context.at("live-stranger.glb"));
       await until(() => page.value("umo.scene.character !== null").catch(() => false), 60, "the page with the character");

@@ -204,7 +204,7 @@ export const tests = [
       // What is no character leaves the page as it is.
       fs.writeFileSync(context.at("local-broken.glb"), "no glb");
       await page.drop("#view", context.at("local-broken.glb"));
-      await until(() => notice(page, /local-broken\.glb: .*it is no glb file/), 10, "the sentence");
+      await until(() => notice(page, /local-broken\.glb: .*not a glb file/), 10, "the sentence");
       assert.ok((await page.value("umo.joints()")).every(({ place }) => place.every(Number.isFinite)));
       await done(page);
     },

@@ -180,7 +180,7 @@ impl Session {
     pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
         match &self.source {
             Source::Engine(slot) => Ok(slot),
-            Source::Packets(_) => Err(SessionError::Range("a decoder takes no audio, text or state: its sender does")),
+            Source::Packets(_) => Err(SessionError::Range("a decoder takes no audio, text or state: give them to the sender's session")),
         }
     }
 
@@ -385,7 +385,7 @@ impl Session {
     /// [`SessionError::Range`] if `ease` is longer.
     pub fn interrupt(&self, ease: Duration) -> Result<(), SessionError> {
         if ease > MAX_EASE {
-            return Err(SessionError::Range("an interrupt may ease for 10 seconds at most"));
+            return Err(SessionError::Range("an interrupt can ease for at most 10 seconds"));
         }
         self.shared.check()?;
         self.slot()?;
@@ -413,7 +413,7 @@ impl Session {
     /// [`SessionError::Range`] for more than [`MAX_PROMPT_TOKENS`] ids.
     pub fn set_prompt(&self, ids: &[u32]) -> Result<(), SessionError> {
         if ids.len() > MAX_PROMPT_TOKENS {
-            return Err(SessionError::Range("a prompt has 128 tokens at most"));
+            return Err(SessionError::Range("a prompt has at most 128 tokens"));
         }
         self.slot()?;
         self.set(|settings| {

@@ -154,7 +154,7 @@ internal static class ServeTests
             }
             catch (ServeException error)
             {
-                Check(error.Code == "bad_request" && error.Message.Contains("no Opus packet"), error.Message);
+                Check(error.Code == "bad_request" && error.Message.Contains("not an Opus packet"), error.Message);
             }
         }
     }
@@ -192,7 +192,7 @@ internal static class ServeTests
             }
             catch (ServeException error)
             {
-                Check(error.Code == "bad_request" && error.Message.Contains("no gesture has this name"), error.Code + ": " + error.Message);
+                Check(error.Code == "bad_request" && error.Message.Contains("unknown gesture"), error.Code + ": " + error.Message);
             }
         }
         try

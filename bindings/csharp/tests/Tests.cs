@@ -504,7 +504,7 @@ internal static unsafe class Tests
             error = Throws<UmoException>(() => own.AddGestureFile("greet", file, "wave"));
             True(error.Status == Status.InvalidArgument && error.Message.Contains("salute"), error.Message);
             error = Throws<UmoException>(() => own.AddGestureFile("greet", new byte[0]));
-            True(error.Message.Contains("no glb file"), error.Message);
+            True(error.Message.Contains("not a glb file"), error.Message);
             Throws<ArgumentNullException>(() => own.AddGestureFile("greet", (byte[])null));
             using (Session session = new Session(own)) Equal(Status.Ok, session.PlayGesture("look"));
         }
@@ -852,7 +852,7 @@ internal static unsafe class Tests
             {
                 packets++;
                 Equal(Status.Packet, decoder.PushPacket(packet, length - 1));
-                True(decoder.LastError().Contains("no packet"), decoder.LastError());
+                True(decoder.LastError().Contains("not a packet"), decoder.LastError());
                 Equal(Status.Ok, decoder.PushPacket(packet, length));
                 Equal(Status.Ok, decoder.PushPacket(packet, length));
             }

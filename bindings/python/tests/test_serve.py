@@ -92,7 +92,7 @@ def test_packets_of_opus_animate_and_lost_ones_keep_their_time():
     gaps = [b"" if at in (7, 8, 29) else packet for at, packet in enumerate(whole)]
     made, healed = run(speak(whole)), run(speak(gaps))
     assert [frame.index for frame in made] == [frame.index for frame in healed] == list(range(18))
-    with pytest.raises(umo.serve.ServeError, match="no Opus packet") as error:
+    with pytest.raises(umo.serve.ServeError, match="not an Opus packet") as error:
         run(speak([*whole[:3], b"\x4b\x00"]))
     assert error.value.code == "bad_request"
 

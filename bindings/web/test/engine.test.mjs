@@ -133,8 +133,8 @@ test("a decoder has the frames of its sender, whatever is lost once", () => {
   assert.deepEqual(again, wanted);
   assert.ok(decoder.received.lost > 2 && decoder.received.held === 0);
   assert.deepEqual(shown, wanted.slice(0, shown.length));
-  fails(() => decoder.pushPacket(new Uint8Array(40)), "PACKET", /no packet/);
-  fails(() => decoder.pushPacket(new Uint8Array(100_000)), "PACKET", /no packet/);
+  fails(() => decoder.pushPacket(new Uint8Array(40)), "PACKET", /not a packet/);
+  fails(() => decoder.pushPacket(new Uint8Array(100_000)), "PACKET", /not a packet/);
   fails(() => decoder.push(new Float32Array(10)), "INVALID_ARGUMENT", /decoder/);
   fails(() => model.session({ packets: "all" }), "INVALID_ARGUMENT", /packets/);
   for (const session of [sender, decoder, other]) session.free();

@@ -34,14 +34,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     Ok(Clip { frame_rate: tracks.rate()?, skeleton, face, rotations, translation, face_values })
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted; the result is checked")]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended; the result is checked")]
 fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, String> {
     let parents = super::parents(places, &document.parents()?)?;
     let mut offsets_m = Vec::with_capacity(JOINTS);
     for node in places.map(|place| &document.nodes[place]) {
         let turned = node.rotation.is_some_and(|[x, y, z, _]| [x, y, z] != [0.0; 3]);
         if node.matrix.is_some() || turned || node.scale.is_some_and(|scale| scale != [1.0; 3]) {
-            return Err("it is no animation that umo wrote: a joint is turned or scaled at rest".to_owned());
+            return Err("not an animation written by umo: a joint is rotated or scaled at rest".to_owned());
         }
         offsets_m.push(node.translation.unwrap_or([0.0; 3]).map(|x| x as f32));
     }

@@ -39,7 +39,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     let (_, first) = lines.next().ok_or("it is empty")?;
     let header: Header = serde_json::from_str(first).map_err(|error| format!("line 1: {error}"))?;
     if header.format != "umo-animation" || header.version != 1 || header.joints != JOINT_NAMES {
-        return Err("it is no animation that umo wrote, version 1, of its 55 joints".to_owned());
+        return Err("not an animation written by umo (version 1, 55 joints)".to_owned());
     }
     let kind = match header.face.kind.as_str() {
         "arkit" => FaceKind::Arkit,

@@ -227,7 +227,7 @@ pub(crate) fn session_rate(rate: usize) -> usize {
 pub(super) fn check_voice(args: &Page, model: &Model) -> Result<(), Failure> {
     match args.voice {
         Some(VoiceArg::Live) if model.mouth().is_none() => {
-            Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"))
+            Err(Failure::input("--voice live needs a model with a mouth network: see `umo inspect`"))
         }
         _ => Ok(()),
     }

@@ -118,16 +118,16 @@ fn files_that_are_no_characters_are_refused_in_words() {
     let speech = folder.speech();
     let refused = |args: &[&str]| folder.refused(&[&["view", "--no-open"], args].concat());
     let onto = |name: &str, bytes: &[u8]| refused(&[&speech, "--onto", &folder.file(name, bytes)]);
-    assert!(onto("text.glb", b"no character").contains("text.glb: it is no glb file"));
+    assert!(onto("text.glb", b"not a character").contains("text.glb: not a glb file"));
     assert!(onto("cut.vrm", b"glTF\x02\0\0\0\xff\0\0\0").contains("cut.vrm: the file is cut short"));
     assert!(onto("bones.bvh", b"HIERARCHY").contains("bones and no body"));
-    assert!(onto("person.gltf", b"{}").contains("person.gltf: it is no character"));
+    assert!(onto("person.gltf", b"{}").contains("person.gltf: no recognised humanoid skeleton"));
     let elsewhere = br#"{"buffers":[{"byteLength":4,"uri":"https://example.org/a.bin"}]}"#;
     assert!(onto("person.gltf", elsewhere).contains("`https://example.org/a.bin` is at another place"));
     assert!(onto("person.obj", b"v 0 0 0").contains("expected a character, .glb, .gltf or .vrm"));
     let thing = glb(r#"{"asset":{"version":"2.0"},"nodes":[{"name":"box","mesh":0}],"meshes":[{"primitives":[]}]}"#);
-    assert!(onto("box.glb", &thing).contains("box.glb: it is no character with a body that is known"));
-    assert!(refused(&[&folder.file("box.glb", &thing)]).contains("box.glb: it is no character"));
+    assert!(onto("box.glb", &thing).contains("box.glb: no recognised humanoid skeleton"));
+    assert!(refused(&[&folder.file("box.glb", &thing)]).contains("box.glb: no recognised humanoid skeleton"));
     assert!(refused(&[&speech, "--onto", &folder.at("missing.vrm")]).contains("missing.vrm"));
 
     umo(&["animate", &speech, "--model", &golden("mel_k2_arkit"), "-o", &folder.at("motion.glb")]).success();
@@ -142,7 +142,7 @@ fn files_that_are_no_characters_are_refused_in_words() {
     assert!(refused(&[&speech, "--mapping", &mapping]).contains("--mapping goes with a character"));
     assert!(refused(&["--live", "--mapping", &mapping]).contains("--mapping goes with a character"));
     assert!(
-        refused(&["--live", "--onto", &folder.file("other.glb", &thing)]).contains("other.glb: it is no character")
+        refused(&["--live", "--onto", &folder.file("other.glb", &thing)]).contains("other.glb: no recognised humanoid skeleton")
     );
     assert_eq!(umo(&["view", &speech, "--onto", "a.glb", "--figure", "performer"]).code, 2);
 }

@@ -34,7 +34,7 @@ impl Packets {
     /// Passes the samples of a pending lost packet, then of this packet, to `take`.
     pub(super) fn packet(&mut self, packet: &[u8], mut take: impl FnMut(&[i16])) -> Result<(), String> {
         if packet.is_empty() {
-            return Err("an empty message is no Opus packet: `lost` says that one is missing".to_owned());
+            return Err("an empty message is not an Opus packet: report missing packets with `lost`".to_owned());
         }
         if self.is_one_lost {
             // If the packet has no redundant copy of the one before it, this conceals it.
@@ -83,7 +83,7 @@ impl Packets {
         // A third-party decoder on untrusted bytes: a panic counts as a damaged packet.
         match defect::contain_quietly(|| decoder.decode(packet, &mut room[..most], mode)) {
             Ok(Ok(samples)) => Ok(samples),
-            Ok(Err(error)) => Err(format!("this is no Opus packet: {error}")),
+            Ok(Err(error)) => Err(format!("not an Opus packet: {error}")),
             Err(defect) => Err(format!("this Opus packet cannot be decoded: {}", defect.message())),
         }
     }
@@ -243,7 +243,7 @@ mod tests {
                     // The client is told of an error, and the decoder continues.
                     prop_assert!(result.is_ok() || kind != 0, "{:?}", result);
                     if let Err(reason) = result {
-                        prop_assert!(reason.contains("is no Opus packet"), "{}", reason);
+                        prop_assert!(reason.contains("not an Opus packet"), "{}", reason);
                     }
                 }
             }

@@ -117,7 +117,7 @@ async fn what_is_no_packet_is_refused_with_a_reason() {
         client.binary(wrong).await;
         let (code, reason, number) = client.refusal().await;
         assert_eq!((code.as_str(), number), ("bad_request", 4400), "{wrong:?}: {reason}");
-        assert!(reason.contains("no Opus packet"), "{reason}");
+        assert!(reason.contains("not an Opus packet"), "{reason}");
     }
     for (audio, wrong) in [("pcm", 1), ("opus", 0), ("opus", 51)] {
         let mut client = Client::new(server.address, json!({ "audio": audio })).await.unwrap();

@@ -216,7 +216,7 @@ use std::alloc::GlobalAlloc as _;
 const HOOKS: UmoAllocator = UmoAllocator { userdata: null_mut(), allocate: Some(allocate), release: Some(release) };
 
 fn check(status: UmoStatus) {
-    assert!((UMO_STATUS_PACKET..=UMO_STATUS_OK).contains(&status), "{status} is no status");
+    assert!((UMO_STATUS_PACKET..=UMO_STATUS_OK).contains(&status), "{status} is not a status");
     assert!(status != UMO_STATUS_PANIC, "a defect was caught");
     for text in [umo_status_message(status), umo_last_error()] {
         // Both end.

@@ -25,7 +25,7 @@ const MEMORY: usize = 160;
 /// The file violates the format, bones were not found, no animation has the name (the error lists them), or the
 /// animation is longer than a gesture can be.
 pub fn read(bytes: &[u8], name: Option<&str>, skeleton: &Skeleton) -> Result<Vec<[Quat; JOINTS]>, String> {
-    let elsewhere = |_: &str| Err("it is in another file, which bytes in memory do not have beside them".to_owned());
+    let elsewhere = |_: &str| Err("it is in another file, which a load from memory cannot reach".to_owned());
     let bytes = &*packed(bytes, &mut { elsewhere })?;
     memory::require(MEMORY.saturating_mul(Glb::split(bytes)?.json.len()).saturating_add(memory::SPARE));
     let character = Character::read(bytes)?;
@@ -107,12 +107,12 @@ fn tracks(document: &Document, animation: &Animation, bin: &[u8]) -> Result<Vec<
             values = memory::collected(values.chunks_exact(3).map(|key| key[1]));
         }
         if times.is_empty() || times.len() != values.len() || !times.windows(2).all(|pair| pair[0] < pair[1]) {
-            return Err(wrong("its times do not rise, or are not one per value"));
+            return Err(wrong("its times do not increase, or are not one per value"));
         }
         tracks.push(Track { node, times, values, holds: sampler.interpolation.as_deref() == Some("STEP") });
     }
     match tracks.is_empty() {
-        true => Err("its animation turns nothing".to_owned()),
+        true => Err("its animation rotates no joint".to_owned()),
         false => Ok(tracks),
     }
 }
@@ -152,7 +152,7 @@ mod tests {
     fn bad_files_are_refused_with_what_is_wrong() {
         let (skeleton, file) = (skeleton(), salute());
         let wrong = |bytes: &[u8], name: Option<&str>| read(bytes, name, &skeleton).unwrap_err();
-        assert_eq!(wrong(b"RIFF", None), "it is no glb file");
+        assert_eq!(wrong(b"RIFF", None), "not a glb file");
         assert_eq!(wrong(&file[..file.len() - 1], None), "the file is cut short");
         let other = wrong(&file, Some("wave"));
         assert!(other.contains("`wave`") && other.contains("salute") && other.contains("turn"), "{other}");

@@ -178,7 +178,7 @@ impl Request {
         }
         let last = MAX_INDEX as f64 / frame_rate as f64;
         if at.is_some_and(|at| !(0.0..=last).contains(&at)) {
-            return Err(SessionError::Range("a gesture's time must be a number of seconds from 0 on"));
+            return Err(SessionError::Range("a gesture's time must be a finite number of seconds, at least 0"));
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the limits")]
         let at = at.map(|at| (at * frame_rate as f64).round() as u64);

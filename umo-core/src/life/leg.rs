@@ -230,7 +230,7 @@ mod tests {
             let ankle = leg.ankle_over(ball, after(foot, turn([rise, 0.0, 0.0])));
             let reach = length(sub(ankle, hip));
             assert!(reach <= STRAIGHT * leg.length() + 1e-5, "{reach} m");
-            assert!(rise == 0.0 || reach > 0.99 * leg.length(), "no more than is needed");
+            assert!(rise == 0.0 || reach > 0.99 * leg.length(), "no more than needed");
         }
         assert!(last > 0.1, "{last}");
     }

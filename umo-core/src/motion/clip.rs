@@ -107,7 +107,7 @@ impl Clip {
             (self.frame_rate.is_finite() && self.frame_rate > 0.0, "its frame rate is not a positive number"),
             (self.translation.len() == frames, "translation and rotations differ in length"),
             (self.face_values.len() == frames * self.face.names.len(), "face values are not frames times channels"),
-            (tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS, "its skeleton has not 55 joints"),
+            (tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS, "its skeleton does not have 55 joints"),
             (is_tree(&tree.parents), "a joint's parent does not come before it"),
             (self.is_finite(), "it holds a number that is not finite"),
             (self.rotations.iter().flatten().all(is_unit), "a rotation is not a unit quaternion"),

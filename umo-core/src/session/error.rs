@@ -56,14 +56,14 @@ impl fmt::Display for SessionError {
                 write!(f, "sample count {got} is not a multiple of the channel count {channels}")
             }
             Self::Range(what) => write!(f, "{what}"),
-            Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
-            Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
+            Self::Failed(error) => write!(f, "the avatar failed and yields no more frames: {error}"),
+            Self::Panicked => write!(f, "the avatar failed due to a defect of this library and yields no more frames"),
             Self::Closed => write!(f, "the session's engine is gone"),
             Self::State(error) => write!(f, "{error}"),
             Self::Packet(error) => write!(f, "{error}"),
-            Self::UnknownGesture => write!(f, "no gesture has this name: list the names that there are"),
-            Self::HintsFull => write!(f, "64 hints of lips wait already: call again when the time of one has passed"),
-            Self::GesturesFull => write!(f, "eight gestures wait already: call again when one has begun"),
+            Self::UnknownGesture => write!(f, "unknown gesture: list the names"),
+            Self::HintsFull => write!(f, "64 lip hints are already queued: call again when the time of one has passed"),
+            Self::GesturesFull => write!(f, "eight gestures are already queued: call again when one has started"),
         }
     }
 }

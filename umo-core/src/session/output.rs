@@ -239,7 +239,7 @@ pub(crate) struct Output {
 }
 
 impl Output {
-    #[expect(clippy::too_many_arguments, reason = "what a session is made of, each named")]
+    #[expect(clippy::too_many_arguments, reason = "the parts of a session, each named")]
     pub(super) fn new_in(
         session: &SessionConfig,
         config: &Config,

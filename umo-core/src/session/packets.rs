@@ -205,9 +205,9 @@ impl Session {
     pub fn pull_packets(&self, bytes: &mut [u8], lengths: &mut [usize]) -> Result<usize, SessionError> {
         let shared = &*self.shared;
         let queue = shared.packets.as_ref();
-        let queue = queue.ok_or(SessionError::Range("the session was made without packets"))?;
+        let queue = queue.ok_or(SessionError::Range("the session was created without packets"))?;
         if bytes.len() < queue.most {
-            return Err(SessionError::Range("packets need as many bytes as packet_size says"));
+            return Err(SessionError::Range("a packet needs the bytes that packet_size returns"));
         }
         let reader = queue.lock()?;
         let (mut count, mut used) = (0, 0);

@@ -88,7 +88,7 @@ impl Session {
     fn make_decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
         let mut config = config.clone();
         if config.voice != Voice::Delayed || config.packets.is_some() {
-            let what = "a decoder has neither a live voice nor packets of its own";
+            let what = "a decoder takes neither a live voice nor packet output";
             return Err(LoadError::config("voice", what).into());
         }
         // A decoder takes no audio.

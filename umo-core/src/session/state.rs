@@ -72,7 +72,7 @@ impl Session {
     /// [`SessionError::Range`] if `bytes` is too short.
     pub fn save(&self, bytes: &mut [u8]) -> Result<usize, SessionError> {
         if bytes.len() < self.state_size {
-            return Err(SessionError::Range("a state may take as many bytes as state_size says"));
+            return Err(SessionError::Range("a state may need the bytes that state_size returns"));
         }
         self.with_sides(true, |mut sides| {
             let mut pass = StatePass::save(bytes, sides.shared.clock.nanos(), sides.shared.now());

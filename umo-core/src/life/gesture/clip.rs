@@ -77,7 +77,7 @@ impl Gesture {
             return refuse("stroke", format!("expected 0 to {seconds:.3} s, got {stroke}"));
         }
         if parts == GestureParts::NONE {
-            return refuse("parts", "it moves no part".to_owned());
+            return refuse("parts", "it moves no joint".to_owned());
         }
         let frames = memory::catch(|| memory::collected(frames.iter().map(|frame| frame.map(normalized))))?.into();
         Ok(Self { name: name.to_owned(), rate, frames, stroke, parts })

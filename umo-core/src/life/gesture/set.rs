@@ -84,7 +84,7 @@ impl Gestures {
         match added.iter().position(|known| known.name() == gesture.name()) {
             Some(known) => added[known] = Arc::new(gesture),
             None if added.len() >= MAX_GESTURES => {
-                return Err(LoadError::config("gestures", format!("a host may add {MAX_GESTURES} gestures at most")));
+                return Err(LoadError::config("gestures", format!("a host can add at most {MAX_GESTURES} gestures")));
             }
             None => added.push(Arc::new(gesture)),
         }
