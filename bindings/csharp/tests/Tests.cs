@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// Tests MODEL WAV LAYOUT FRAMES-GLTF FRAMES-UNITY MOUTH: LAYOUT is what tests/layout printed, FRAMES what tests/reference did,
-// MOUTH a model with a mouth network.
+// Tests MODEL WAV LAYOUT FRAMES-GLTF FRAMES-UNITY MOUTH: LAYOUT is the output of tests/layout, FRAMES the output of
+// tests/reference, MOUTH a model with a mouth network.
 
 using System;
 using System.Collections.Generic;
@@ -113,8 +113,8 @@ internal static unsafe class Tests
             Equal(int.Parse(item[4]), Marshal.SizeOf(stored), item[1] + "." + item[2]);
             fields.Add(item[1] + "." + item[2]);
         }
-        True(fields.Contains("umo_session_config.seed") && fields.Contains("umo_jobs.submit"), "the header was not read");
-        // What unsafe code takes a structure's size to be.
+        True(fields.Contains("umo_session_config.seed") && fields.Contains("umo_jobs.submit"), "the header was not parsed");
+        // The size that unsafe code assumes for a structure.
         Equal(Marshal.SizeOf(typeof(SessionConfig)), sizeof(SessionConfig));
     }
 
@@ -145,7 +145,7 @@ internal static unsafe class Tests
             Equal(value, Convert.ToInt64(member.GetRawConstantValue()), name);
             enumerated++;
         }
-        Equal(groups.Values.Sum(type => Enum.GetValues(type).Length), enumerated, "constants that the header does not have");
+        Equal(groups.Values.Sum(type => Enum.GetValues(type).Length), enumerated, "constants missing from the header");
     }
 
     [Test]
@@ -155,7 +155,7 @@ internal static unsafe class Tests
         MethodInfo[] methods = typeof(Native).GetMethods(BindingFlags.Public | BindingFlags.Static)
             .Where(method => (method.Attributes & MethodAttributes.PinvokeImpl) != 0).ToArray();
         Equal(string.Join(" ", wanted), string.Join(" ", methods.Select(method => method.Name).OrderBy(name => name)));
-        // Throws where the library has no such symbol.
+        // Throws if the library lacks the symbol.
         foreach (MethodInfo method in methods) Marshal.Prelink(method);
         Equal(Native.AbiVersion, Native.umo_abi_version());
     }
@@ -229,7 +229,7 @@ internal static unsafe class Tests
         Throws<ArgumentException>(() => frames.Face(0, new float[3]));
     }
 
-    /// Of both axes' frames the file is the same.
+    /// The file is the same for frames in either axes.
     [Test]
     private static void frames_become_files()
     {
@@ -452,11 +452,11 @@ internal static unsafe class Tests
             System.Threading.Thread.Sleep(50);
             Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
             frame.Rotations(0, second);
-            True(first.SequenceEqual(second), "it stands still with its host's time");
+            True(first.SequenceEqual(second), "it must stand still while the host's time does");
             Equal(Status.Ok, session.SetClock(7.5));
             Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
             frame.Rotations(0, second);
-            True(!first.SequenceEqual(second), "it goes on with its host's time");
+            True(!first.SequenceEqual(second), "it must move when the host's time does");
         }
     }
 
@@ -476,7 +476,7 @@ internal static unsafe class Tests
         }
         Equal(samples[1] + 3 * config.SampleRate / 30, samples[0]);
         config.Guidance = 9;
-        True(Throws<UmoException>(() => new Session(engine, config)).Message.Contains("guidance"), "it says which");
+        True(Throws<UmoException>(() => new Session(engine, config)).Message.Contains("guidance"), "the message must name the setting");
     }
 
     [Test]
@@ -640,12 +640,12 @@ internal static unsafe class Tests
             }
             if (i == 100) before = Resident();
         }
-        // A session has about 1 MiB: 900 that were not freed would show.
+        // A session uses about 1 MiB: 900 leaked ones would show.
         long grown = Resident() - before;
         True(grown < 64 << 20, "memory grew by " + grown + " bytes");
     }
 
-    /// Bytes of the process that are in memory.
+    /// Resident memory of the process in bytes.
     private static long Resident()
     {
         string line = File.ReadLines("/proc/self/status").First(l => l.StartsWith("VmRSS:"));
@@ -672,7 +672,7 @@ internal static unsafe class Tests
                 }
                 catch (UmoException full) when (full.Status == Status.Full && tries < 200)
                 {
-                    // The collector looks at stacks conservatively: another try has another stack.
+                    // The collector scans stacks conservatively: sleeping and retrying gives another stack.
                     Thread.Sleep(1);
                 }
             }
@@ -683,7 +683,7 @@ internal static unsafe class Tests
     [MethodImpl(MethodImplOptions.NoInlining)]
     private static void Forget(Engine small)
     {
-        // In a thread of its own, whose stack is gone with it.
+        // In its own thread, whose stack disappears with it.
         Thread thread = new Thread(() =>
         {
             int taken;
@@ -718,7 +718,7 @@ internal static unsafe class Tests
         return made;
     }
 
-    /// Bytes that this thread has allocated since it was started; null where the runtime does not count them.
+    /// Bytes that this thread has allocated since it started; null if the runtime does not count them.
     private static Func<long> AllocatedBytes()
     {
         MethodInfo count = typeof(GC).GetMethod("GetAllocatedBytesForCurrentThread", BindingFlags.Public | BindingFlags.NonPublic | BindingFlags.Static);
@@ -748,7 +748,7 @@ internal static unsafe class Tests
                     Status c = i % 2 == 0 ? session.PullFrames(frames, out count) : session.SamplePose(i / 100.0, pose, out sampled);
                     Status d = session.Set(Parameter.GainFace, 1), e = session.Get(Parameter.GainFace, out value);
                     Status f = session.GetStats(out stats), g = session.GetLatency(out latency);
-                    // What fails allocates no more than what works.
+                    // A failing call allocates no more than a successful one.
                     session.PushAudio(block, 100, 100, out taken);
                     session.Interrupt(99999);
                     worst = (Status)Math.Min((int)worst, Math.Min(Math.Min((int)a, (int)b), Math.Min((int)c, Math.Min(Math.Min((int)d, (int)e), Math.Min((int)f, (int)g)))));
@@ -765,7 +765,7 @@ internal static unsafe class Tests
                     action(10000);
                     return allocated() - before;
                 }
-                // Less exact: as many rounds as it takes to fill the young generation many times.
+                // Less exact fallback: as many rounds as it takes to fill the young generation many times.
                 int collections = GC.CollectionCount(0);
                 for (int i = 0; i < 100; i++) action(10000);
                 return GC.CollectionCount(0) - collections;
@@ -808,7 +808,7 @@ internal static unsafe class Tests
         }
     }
 
-    /// Computes what can be, and takes so many frames.
+    /// Computes all due work, then pulls the given number of frames.
     private static byte[] Pull(Engine polled, Session session, int count)
     {
         Frames frames = new Frames(model, count, Axes.Gltf);
@@ -863,7 +863,7 @@ internal static unsafe class Tests
             Equal(packets, stats.Packets);
             Equal(packets, stats.Late);
             Equal(0ul, stats.Lost + stats.Held);
-            // Calls of the other kind.
+            // Calls that only the other kind of session accepts.
             Equal(Status.InvalidArgument, decoder.PushAudio(speech, 0, 10, out taken));
             Equal(Status.InvalidArgument, plain.PushPacket(packet, 0));
             Equal(Status.InvalidArgument, plain.PullPacket(packet, out length));

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// The constants and structures of umo.h, under their own names in C#'s spelling: umo.h says what each means.
-// tests/ holds every number and every field's place to what a C compiler makes of umo.h.
+// The constants and structures of umo.h, with its names in C# spelling; see umo.h for their meaning. The tests compare
+// every value and field offset with what a C compiler reports.
 
 using System;
 using System.Runtime.InteropServices;
 
 namespace Umo
 {
-    /// <summary>What a call came to: Ok, or below zero what went wrong.</summary>
+    /// <summary>Result of a call: Ok, or a negative error code.</summary>
     public enum Status : int
     {
         Ok = 0,
@@ -32,36 +32,36 @@ namespace Umo
         Packet = -19,
     }
 
-    /// <summary>Which way is up, which hand, how long a unit is.</summary>
+    /// <summary>Coordinate conventions: up axis, handedness and units.</summary>
     public enum Axes : uint { Gltf = 0, Unreal = 1, Unity = 2 }
 
-    /// <summary>Files of frames: <see cref="Frames.WriteFile"/>.</summary>
+    /// <summary>File formats of <see cref="Frames.WriteFile"/>.</summary>
     public enum FileFormat : uint { Glb = 1, Vrma = 2 }
 
-    /// <summary>Who computes: the engine's own threads, or whoever calls Poll.</summary>
+    /// <summary>Computing threads: the engine's own, or the caller of Poll.</summary>
     public enum EngineMode : uint { Threads = 0, Polled = 1 }
 
-    /// <summary>Priority of an engine's own threads. Where the system refuses it they are Normal.</summary>
+    /// <summary>Priority of the engine's own threads. Falls back to Normal if the system refuses it.</summary>
     public enum Priority : uint { Normal = 0, High = 1, Low = 2 }
 
     public enum LogLevel : uint { Info = 1, Warning = 2, Error = 3 }
 
     public enum Precision : uint { Stored = 0, F32 = 1, Bf16 = 2, Int8 = 3 }
 
-    /// <summary>The fastest instructions that may be used.</summary>
+    /// <summary>Upper limit of the instruction set.</summary>
     public enum Isa : uint
     {
         Best = 0, Scalar = 1, Avx2 = 2, Avx512vnni = 3, Amx = 4, Avx512bf16 = 5, Avxvnni = 6,
         Neon = 7, NeonDotprod = 8, NeonI8mm = 9
     }
 
-    /// <summary>A text that a model has.</summary>
+    /// <summary>Texts of a model.</summary>
     public enum ModelText : uint { Name = 1, License = 2, Notice = 3, Isa = 4 }
 
-    /// <summary>What is shown while no audio comes.</summary>
+    /// <summary>Behaviour while no audio arrives.</summary>
     public enum Idle : uint { Hold = 0, Rest = 1, Live = 2 }
 
-    /// <summary>What can be set while a session runs.</summary>
+    /// <summary>Settings that can change while a session runs.</summary>
     public enum Parameter : uint
     {
         Temperature = 1,
@@ -82,22 +82,22 @@ namespace Umo
         LayerFeet = 37,
     }
 
-    /// <summary>What the avatar attends to.</summary>
+    /// <summary>Focus of the avatar's attention.</summary>
     public enum Attention : uint { Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4 }
 
     /// <summary>The mood of face and posture.</summary>
     public enum Mood : uint { Neutral = 0, Joy = 1, Sad = 2, Angry = 3, Surprised = 4, Disgusted = 5, Afraid = 6 }
 
-    /// <summary>A sound that one sees on the lips: p, b, m; f, v; w and rounded vowels.</summary>
+    /// <summary>A sound that is visible on the lips: p, b, m; f, v; w and rounded vowels.</summary>
     public enum LipShape : uint { Closed = 0, Teeth = 1, Round = 2 }
 
-    /// <summary>When the mouth moves: with the body, or as the sound is heard.</summary>
+    /// <summary>When the mouth moves: together with the body, or as the sound is heard.</summary>
     public enum Voice : uint { Delayed = 0, Live = 1 }
 
-    /// <summary>Whether chunks are given as packets, and as frames.</summary>
+    /// <summary>Whether chunks are output as packets, frames or both.</summary>
     public enum Packets : uint { None = 0, BesideFrames = 1, Only = 2 }
 
-    /// <summary>Which hand does a gesture.</summary>
+    /// <summary>The hand that performs a gesture.</summary>
     public enum Side : uint { Auto = 0, Left = 1, Right = 2, Both = 3 }
 
     /// <summary>Parts that a gesture moves.</summary>
@@ -142,7 +142,7 @@ namespace Umo
     [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
     public delegate void AllocatorRelease(IntPtr userdata, IntPtr memory, UIntPtr size, UIntPtr alignment);
 
-    /// <summary>How a model is loaded. Start with <see cref="Model.Defaults"/>.</summary>
+    /// <summary>Settings for loading a model. Start with <see cref="Model.Defaults"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct ModelConfig
     {
@@ -176,7 +176,7 @@ namespace Umo
         public uint MaxHorizon;
     }
 
-    /// <summary>What an engine is made with. Start with <see cref="Engine.Defaults"/>.</summary>
+    /// <summary>Settings of an engine. Start with <see cref="Engine.Defaults"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct EngineConfig
     {
@@ -193,11 +193,14 @@ namespace Umo
         /// <summary>A <see cref="Umo.Log"/>, or zero.</summary>
         public IntPtr Log;
         public Priority Priority;
-        /// <summary>The longest that a chunk waits for others, to be computed together, milliseconds; 0: none waits.</summary>
+        /// <summary>
+        /// Batching window: the longest time that a chunk waits for others to be computed with it, milliseconds; 0
+        /// disables batching delays.
+        /// </summary>
         public uint GatherMs;
     }
 
-    /// <summary>What a session is made with. Start with <see cref="Session.Defaults"/>.</summary>
+    /// <summary>Settings of a session. Start with <see cref="Session.Defaults"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct SessionConfig
     {
@@ -212,24 +215,24 @@ namespace Umo
         public uint QueueFrames;
         public Voice Voice;
         public ulong Seed;
-        /// <summary>UTF-8 that ends with a zero byte, or zero: the session's constructor takes a string.</summary>
+        /// <summary>UTF-8 with a terminating zero byte, or zero. The session's constructor takes a string instead.</summary>
         public IntPtr TemplateName;
         /// <summary>An <see cref="Umo.Allocator"/>, or zero.</summary>
         public IntPtr Allocator;
-        /// <summary>Low-pass of the body's motion, standard deviation in frames, 0 to 1.5; 0 is the model's own motion.</summary>
+        /// <summary>Low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; 0 leaves the motion unfiltered.</summary>
         public float Smoothing;
-        /// <summary>How strongly the prompt steers, 1 to 3, for models of layout `frames`; else 1.</summary>
+        /// <summary>Guidance strength of the prompt, 1 to 3, for models of layout `frames`; else 1.</summary>
         public float Guidance;
-        /// <summary>Keyframes of audio behind a chunk that it waits for, for models that hear ahead; else 0.</summary>
+        /// <summary>Keyframes of audio beyond a chunk's end that it waits for, for models with lookahead audio; else 0.</summary>
         public uint Horizon;
         public Packets Packets;
-        /// <summary>Keyframes before those of its chunk that a packet says again.</summary>
+        /// <summary>Keyframes before its chunk that a packet repeats.</summary>
         public uint PacketHistory;
-        /// <summary>Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4.</summary>
+        /// <summary>For decoders: number of later packets that may arrive before a missing one counts as lost, 0 to 4.</summary>
         public uint Patience;
     }
 
-    /// <summary>Where a frame's values go. Start with <see cref="Model.Layout"/>.</summary>
+    /// <summary>Layout of the values of a frame. Start with <see cref="Model.Layout"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct FrameLayout
     {
@@ -247,7 +250,7 @@ namespace Umo
         public uint Reserved;
     }
 
-    /// <summary>How a gesture is played. Start with <see cref="Session.GestureDefaults"/>.</summary>
+    /// <summary>Options of a gesture. Start with <see cref="Session.GestureDefaults"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public unsafe struct GestureOptions
     {
@@ -255,7 +258,7 @@ namespace Umo
         public Side Side;
         public Axes Axes;
         public uint HasTarget;
-        /// <summary>Seconds of the motion at which the stroke falls; negative: as soon as possible.</summary>
+        /// <summary>Motion time of the stroke in seconds; negative: as soon as possible.</summary>
         public double At;
         public float Speed;
         public float Strength;
@@ -263,7 +266,7 @@ namespace Umo
         public fixed float Target[3];
         public uint Reserved;
 
-        /// <summary>Gives the gesture a place to point at.</summary>
+        /// <summary>Sets the point that the gesture points at.</summary>
         public void PointAt(Axes axes, float x, float y, float z)
         {
             Axes = axes;
@@ -277,7 +280,7 @@ namespace Umo
         }
     }
 
-    /// <summary>A clip that becomes a gesture: <see cref="Engine.AddGesture"/>.</summary>
+    /// <summary>Clip to add as a gesture: <see cref="Engine.AddGesture"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct GestureClip
     {
@@ -291,7 +294,7 @@ namespace Umo
         public IntPtr Rotations;
     }
 
-    /// <summary>Frames that become a file: <see cref="Frames.WriteFile"/>.</summary>
+    /// <summary>Frames to write as a file: <see cref="Frames.WriteFile"/>.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct Clip
     {
@@ -301,7 +304,7 @@ namespace Umo
         public uint FrameCount;
         public float Rate;
         public uint Reserved;
-        /// <summary>UTF-8 texts, one a channel.</summary>
+        /// <summary>UTF-8 texts, one per channel.</summary>
         public IntPtr Channels;
         /// <summary>int[JointCount].</summary>
         public IntPtr Parents;
@@ -310,7 +313,7 @@ namespace Umo
         /// <summary>A <see cref="FrameLayout"/>.</summary>
         public IntPtr Layout;
         public IntPtr Frames;
-        /// <summary>UTF-8; null: the bones alone.</summary>
+        /// <summary>UTF-8; null for bones without a mesh.</summary>
         public IntPtr Figure;
     }
 
@@ -376,7 +379,7 @@ namespace Umo
         public ulong HeldChunks;
     }
 
-    /// <summary>What came of a decoder's packets.</summary>
+    /// <summary>Statistics of a decoder's packets.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct Received
     {
