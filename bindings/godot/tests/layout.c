@@ -1,4 +1,5 @@
-/* The structures of umo.h are laid out as src/ffi.rs says, on 64-bit machines. Compiling this is the test. */
+/* Checks that the structures of umo.h have the layout that src/ffi.rs declares, on 64-bit machines. Compiling this
+   is the test. */
 #include <stddef.h>
 #include <umo.h>
 

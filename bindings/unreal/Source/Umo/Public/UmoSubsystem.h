@@ -15,25 +15,26 @@ class Hosts;
 struct Host;
 }
 
-/** Priority of the threads that compute, among all threads of the machine. */
+/** Priority of the computing threads among all threads of the machine. */
 UENUM()
 enum class EUmoPriority : uint8
 {
 	Normal = 0,
-	/** Before threads of normal priority: frames come in time while the game keeps every core busy. Linux refuses it to most users. */
+	/** Above threads of normal priority: frames arrive in time while the game keeps every core busy. Linux refuses it
+	 * to most users. */
 	High = 1,
-	/** Behind threads of normal priority: the game has its cores first. */
+	/** Below threads of normal priority: the game takes precedence. */
 	Low = 2,
 };
 
-/** Holds the models and engines that all characters of the process share: one per model file. */
+/** Models and engines shared by all characters of the process: one per model file. */
 UCLASS(Config = Game)
 class UMO_API UUmoSubsystem : public UEngineSubsystem
 {
 	GENERATED_BODY()
 
 public:
-	/** Threads that compute for each model, 0 for the library's default of two. Read when a model is opened. */
+	/** Computing threads per model, 0 for the library's default of two. Read when a model is opened. */
 	UPROPERTY(Config)
 	int32 Threads = 0;
 
@@ -42,8 +43,8 @@ public:
 	EUmoPriority Priority = EUmoPriority::Normal;
 
 	/**
-	 * The longest that a chunk waits for others, to be computed together, milliseconds. With 50, 32 avatars take about a
-	 * fifth less processor time, and frames come later by the wait. Read when a model is opened.
+	 * Batching window: the longest time that a chunk waits for others, in milliseconds. With 50, 32 avatars take about a
+	 * fifth less processor time, and frames are delayed by the wait. Read when a model is opened.
 	 */
 	UPROPERTY(Config)
 	int32 GatherMs = 0;
@@ -52,7 +53,7 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	void FreeUnusedModels();
 
-	/** The host of a model file, null where that fails; an empty path is the model that ships with the plugin. */
+	/** The host of a model file, null on failure; an empty path opens the plugin's model. */
 	std::shared_ptr<umo_unreal::Host> Open(const FString& ModelFile, FString& OutProblem);
 
 	virtual void Initialize(FSubsystemCollectionBase& Collection) override;
