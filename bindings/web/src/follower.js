@@ -1,4 +1,4 @@
-// A character that follows poses: the retargeter of `umo retarget`, in this thread.
+// A character that follows poses: the retargeter of `umo retarget`, on this thread.
 
 import { UmoError } from "./engine.js";
 
@@ -7,17 +7,18 @@ export class Follower {
   #character;
   #memory;
   #size;
-  /** Floats of a pose and of its values. */
+  /** Buffers of a pose and of the character's values. */
   #pose;
   #values;
 
   /**
-   * Reads a character: the bytes of a `.glb` or `.vrm` file. `model` is an avatar's or a `Model`; `given` is a mapping file's content,
-   * `{ bones: { left_elbow: "Arm_2.L" }, face: { jawOpen: "Mouth_Open" } }`, where a bone may also be the number of a node.
+   * Reads a character from the bytes of a `.glb` or `.vrm` file. `model` is an avatar's or a `Model`; `given` is the
+   * content of a mapping file, `{ bones: { left_elbow: "Arm_2.L" }, face: { jawOpen: "Mouth_Open" } }`, where a bone
+   * may also be a node index.
    */
   constructor(file, model, given = {}) {
     const { library, parents, offsets, channelNames, isArkit } = model;
-    if (!library) throw new UmoError("NULL_POINTER", "the model has no `library`: pass `avatar.model`, or what `Model.load` gives");
+    if (!library) throw new UmoError("NULL_POINTER", "the model has no `library`: pass `avatar.model`, or the result of `Model.load`");
     const skeleton = { parents, offsets_m: parents.map((_, joint) => Array.from(offsets.subarray(3 * joint, 3 * joint + 3))) };
     const source = { skeleton, face: { kind: isArkit ? "arkit" : "smplx_expression", names: channelNames }, given };
     const text = new TextEncoder().encode(`${JSON.stringify(source)}\0`);

@@ -1,5 +1,5 @@
-// The engine in Node: its frames beside native ones, bit for bit; errors; memory. NATIVE names the native frames of
-// `assets/hello.wav`, which `test/run` makes.
+// The engine in Node: bit-exact frames compared with native ones; errors; memory. NATIVE names the native frames of
+// `assets/hello.wav`, which `test/run` computes.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -16,7 +16,7 @@ const samples = await speech(new URL("assets/hello.wav", root));
 
 const fails = (call, status, message) => assert.throws(call, (error) => error instanceof UmoError && error.status === status && message.test(error.message));
 
-/** Every frame of the recording, pushed by `step` samples. */
+/** All frames of the recording, pushed in steps of `step` samples. */
 function frames(session, step = 16_000) {
   const poses = [];
   const take = () => {

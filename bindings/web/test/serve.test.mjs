@@ -1,4 +1,4 @@
-// The client of `umo serve`, against a server that `scripts/test-serve` starts.
+// Tests the client of `umo serve` against a server that `scripts/test-serve` starts.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -6,7 +6,7 @@ import { test } from "node:test";
 import { RemoteAvatar } from "../src/serve.js";
 
 const url = process.env.UMO_SERVE;
-const skip = !url && "UMO_SERVE names no server: scripts/test-serve starts one";
+const skip = !url && "UMO_SERVE is not set: scripts/test-serve starts a server";
 const speech = Int16Array.from({ length: 48000 }, (_, i) => 8000 * Math.sin(0.05 * i) + 2000 * Math.sin(0.61 * i));
 
 async function frames(avatar, samples) {
