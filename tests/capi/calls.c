@@ -1,4 +1,4 @@
-/* Wrong calls get an error that says what is wrong, and change nothing. */
+/* Invalid calls return an error that says what is wrong, and change nothing. */
 
 #include "check.h"
 
@@ -67,7 +67,7 @@ static void models_say_what_they_have(void) {
     OK(umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, metres, UMO_JOINT_COUNT));
     OK(umo_model_get_skeleton(model, UMO_AXES_UNREAL, NULL, unreal, UMO_JOINT_COUNT));
     CHECK(parents[0] == -1 && parents[1] == 0);
-    /* Unreal: forwards, right, up in centimetres. */
+    /* Unreal: forward, right, up in centimetres. */
     CHECK(unreal[3 * 16] == 100 * metres[3 * 16 + 2] && unreal[3 * 16 + 1] == -100 * metres[3 * 16]);
     FAILS(BUFFER_TOO_SMALL, umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, metres, 54));
     FAILS(INVALID_ARGUMENT, umo_model_get_skeleton(model, 3, parents, metres, 55));
@@ -125,7 +125,7 @@ static void engines_refuse(void) {
     CHECK(strstr(umo_last_error(), "priority 3"));
     WITH(NULL_POINTER, core_count, 1);
     WITH(STRUCT_SIZE, struct_size, 4);
-    /* A host that was built with the first version, which had no priority. */
+    /* A host compiled with the first version, which had no priority. */
     const size_t first_version = offsetof(umo_engine_config, priority);
     OK(umo_engine_config_init(&config, first_version));
     config.priority = 3;
@@ -251,7 +251,7 @@ static void sessions_refuse_calls(void) {
     CHECK(strstr(umo_last_error(), "rotations and channels overlap"));
     WITH(INVALID_ARGUMENT, visemes, layout.channels + 8);
     CHECK(strstr(umo_last_error(), "channels and visemes overlap") && strstr(umo_last_error(), "UMO_ABSENT"));
-    /* Values that are not written need no place. */
+    /* Values that are not written need no offset. */
     umo_frame_layout few = layout;
     few.index = few.sample = UMO_ABSENT;
     few.channels = UMO_ABSENT;
@@ -259,7 +259,8 @@ static void sessions_refuse_calls(void) {
     few.visemes = layout.channels;
     few.frame_stride = layout.frame_stride + 4;
     OK(umo_frame_layout_check(&few, model, sizeof frames, NULL));
-    /* A channel between each joint's rotation and the next is no overlap; with another stride they meet at the second. */
+    /* A channel between each joint's rotation and the next does not overlap; with another stride they meet at the
+       second. */
     umo_frame_layout woven = layout;
     woven.rotations = 32;
     woven.rotation_stride = woven.channel_stride = 24;
@@ -343,7 +344,7 @@ static void sessions_refuse_calls(void) {
     OK(umo_session_finish(avatar));
     OK(umo_session_finish(avatar));
     FAILS(FINISHED, umo_session_push_audio(avatar, samples, 2, &count));
-    /* After all that, the frames of the second that was pushed. */
+    /* After all that, the frames of the pushed second arrive. */
     compute(engine);
     OK(umo_session_ready_frames(avatar, &count));
     CHECK(count == 30);
@@ -367,7 +368,7 @@ static void sessions_refuse_calls(void) {
     FAILS(NULL_POINTER, umo_session_stats(NULL, &stats));
 }
 
-/* An older program, whose configuration ends before `smoothing`, gets the defaults of what it does not know. */
+/* An older program, whose configuration ends before `smoothing`, gets defaults for the fields that it does not know. */
 static void session_configs_grow(void) {
     umo_session *avatar = NULL;
     umo_session_config config;
@@ -384,7 +385,7 @@ static void session_configs_grow(void) {
         samples[i] = latency.algorithmic_samples;
         OK(umo_session_free(avatar));
     }
-    /* The low-pass looks 3 frames ahead. */
+    /* The low-pass filter looks 3 frames ahead. */
     CHECK(samples[0] == samples[1] + 3 * config.sample_rate / 30 && samples[2] == samples[0]);
 
 #undef WITH
@@ -405,7 +406,7 @@ static void session_configs_grow(void) {
 #undef WITH
 }
 
-/* What moves while no frames come goes by the time that the host gives. */
+/* Motion without frames follows the time that the host sets. */
 static void hosts_give_their_time(void) {
     static char frames[2][1 << 13];
     umo_session *avatar = NULL;
@@ -531,7 +532,7 @@ static void gestures_refuse(void) {
     FAILS(INVALID_ARGUMENT, umo_engine_get_gesture_name(engine, built_in + 1, &name));
     CHECK(strlen(first) > 0); /* still good */
     char detail[UMO_ERROR_SIZE];
-    /* A session that was made before does not know it. */
+    /* A session created before does not know it. */
     FAILS(INVALID_ARGUMENT, umo_session_play_gesture(avatar, "salute", NULL));
     OK(umo_session_last_error(avatar, detail, sizeof detail, NULL));
     CHECK(strstr(detail, "salute") && strstr(detail, "umo_engine_get_gesture_name"));
@@ -586,7 +587,7 @@ static void a_full_engine_says_so(void) {
     CHECK(avatars[2] == NULL);
     OK(umo_session_free(avatars[0]));
     OK(umo_session_new(small, NULL, &avatars[0]));
-    /* The engine goes first: what was ready can be pulled, then the sessions say that it is gone. */
+    /* The engine is freed first: ready frames can still be pulled, then the sessions report that it is gone. */
     static float samples[CHUNK];
     speak(samples, CHUNK, 0);
     OK(umo_session_push_audio(avatars[0], samples, CHUNK, NULL));

@@ -1,4 +1,4 @@
-/* Structures as every binding has them: sizes and offsets on a 64-bit machine, printed for those who compare. */
+/* Structure sizes and offsets on a 64-bit machine, printed for comparison with the bindings. */
 
 #include "check.h"
 
@@ -68,7 +68,7 @@ SIZE(umo_jobs, 16);
 SIZE(umo_log, 16);
 #endif
 
-/* A version or two later: structures that are larger than this library knows, and smaller than any. */
+/* Structures of later versions, larger than this library knows, and structures smaller than any version. */
 static void structures_grow(umo_model *model) {
     struct {
         umo_model_config known;

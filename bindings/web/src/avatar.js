@@ -144,8 +144,8 @@ export class Avatar {
   }
 
   /**
-   * The pose to show now, extrapolated by one frame from the time of the last one. Requests the next pose from the
-   * worker and never waits. Call it once per frame.
+   * The pose to show now, which the last call requested one frame ahead. Requests the next pose from the worker and
+   * never waits. Call it once per frame.
    */
   samplePose(seconds = this.time) {
     if (!this.#asked) {
