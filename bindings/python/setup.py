@@ -1,6 +1,7 @@
-"""Builds the wheel: the package with libumo, the default model and the licences of both, as scripts/install lays them out.
+"""Builds the wheel: the package with libumo, the default model and the licences of both, as laid out by
+scripts/install.
 
-UMO_PREFIX names a folder that scripts/install made; where it is not set, scripts/install makes one.
+UMO_PREFIX names a folder filled by scripts/install; if it is not set, scripts/install is run.
 """
 
 import os
@@ -27,16 +28,16 @@ def repository() -> Path:
 
 
 def workspace(key: str) -> str:
-    """A text that Cargo.toml gives every crate."""
+    """A text from Cargo.toml's workspace package."""
     text = (repository() / "Cargo.toml").read_text("utf-8")
     return re.search(rf'^{key} = "(.*)"$', text, re.MULTILINE)[1]
 
 
 def library(prefix: Path) -> Path:
-    """The shared library of an install."""
+    """The shared library of an installation."""
     file = prefix / {"win32": "bin/umo.dll", "darwin": "lib/libumo.dylib"}.get(sys.platform, "lib/libumo.so")
     if not file.is_file():
-        raise SetupError(f"{file} is missing: {prefix} is no folder that scripts/install made")
+        raise SetupError(f"{file} is missing: {prefix} was not filled by scripts/install")
     return file
 
 
@@ -45,14 +46,14 @@ class BuildWithLibrary(build_py):
 
     def run(self):
         super().run()
-        # An editable install uses the package where it lies.
+        # An editable install uses the package in place.
         package = ROOT / "bindings/python/src/umo" if self.editable_mode else Path(self.build_lib) / "umo"
         given = os.environ.get("UMO_PREFIX")
         if given:
             self.bundle(Path(given), package)
             return
         with tempfile.TemporaryDirectory() as prefix:
-            # Through bash: Windows does not start scripts by their first line.
+            # Through bash: Windows does not honour a script's first line.
             subprocess.run(["bash", str(repository() / "scripts" / "install"), "--prefix", prefix], check=True)
             self.bundle(Path(prefix), package)
 
@@ -66,7 +67,7 @@ class BuildWithLibrary(build_py):
 
 
 class WheelOfPlatform(bdist_wheel):
-    """One wheel serves every Python: the library is called by ctypes and knows none."""
+    """One wheel for every Python version: the library is loaded with ctypes and independent of it."""
 
     def get_tag(self):
         return "py3", "none", super().get_tag()[2]

@@ -179,7 +179,7 @@ impl Model {
     /// Makes sessions know a gesture that are opened from now on, of the animation in a `.glb` or
     /// `.vrm` file: the one of a name, or the first.
     pub(crate) fn add_gesture(&self, gesture: &FileGesture) -> Result<(), String> {
-        let text = |text: &str| CString::new(text).map_err(|_| "a gesture's name has no zero bytes".to_owned());
+        let text = |text: &str| CString::new(text).map_err(|_| "a gesture's name must not contain zero bytes".to_owned());
         let (name, clip) = (text(&gesture.name)?, gesture.animation.as_deref().map(text).transpose()?);
         let clip = clip.as_ref().map_or(std::ptr::null(), |clip| clip.as_ptr());
         let (data, size) = (gesture.bytes.as_ptr(), gesture.bytes.len());
@@ -421,7 +421,7 @@ impl Session {
     /// Plays a gesture; `at` is when its stroke falls, seconds, None as soon as possible.
     pub(crate) fn play_gesture(&self, name: &str, play: Play) -> Result<(), String> {
         let library = self.model.library;
-        let name = CString::new(name).map_err(|_| "a gesture's name has no zero bytes".to_owned())?;
+        let name = CString::new(name).map_err(|_| "a gesture's name must not contain zero bytes".to_owned())?;
         let mut options = std::mem::MaybeUninit::uninit();
         let size = size_of::<ffi::GestureOptions>();
         // SAFETY: `options` is writable for its size.

@@ -1,4 +1,4 @@
-"""The client of `umo serve`, against a server that `scripts/test-serve` starts."""
+"""Tests the client of `umo serve` against a server that `scripts/test-serve` starts."""
 
 import asyncio
 import os
@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 URL = os.environ.get("UMO_SERVE")
 if not URL:
-    pytest.skip("UMO_SERVE names no server: scripts/test-serve starts one", allow_module_level=True)
+    pytest.skip("UMO_SERVE is not set: scripts/test-serve starts a server", allow_module_level=True)
 
 import umo.serve
 
