@@ -3,8 +3,8 @@
     results = umo.ray.animate(["s3://lines/a.wav", {"file": "s3://lines/b.flac", "mood": "joy"}], "s3://motion", format=".bvh")
     for row in results.iter_rows(): ...
 
-Paths may be on any file system that fsspec supports. Outputs are written atomically, and a second run keeps finished ones: it goes by
-the contents of recording, settings and model, not by dates.
+Paths may be on any file system that fsspec supports. Outputs are written atomically, and a second run keeps finished ones:
+it compares the contents of recording, settings and model, not dates.
 """
 
 from __future__ import annotations
