@@ -1,4 +1,4 @@
-"""One model file, loaded into all the implementations that its outputs are compared with."""
+"""Loads a model file into the implementations that its outputs are compared with."""
 
 import torch
 from torch import Tensor, nn
