@@ -12,7 +12,7 @@ from mouth import Mouth
 
 
 class Reference(nn.Module):
-    """Every stage of a model, from the values that its file holds."""
+    """Every stage of a model, with the values stored in its file."""
 
     centroids: Tensor
 

@@ -55,7 +55,7 @@ def test_every_clip_is_an_item(made):
 
 def test_units_have_a_row_for_each_recording_and_voice(made):
     rows = {path.stem: np.load(path).shape for path in (made.folder / "audio_tokens").glob("*.npy")}
-    # One clean, one recorded, and of training items with words one in another voice.
+    # One clean, one recorded, and for training items with words one in another voice.
     assert rows == {
         "00000": (3, 200), "00001": (3, 200), "00002": (2, 200), "00003": (2, 200),
         "00007": (2, 100), "00008": (2, 150),

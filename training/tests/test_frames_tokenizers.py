@@ -217,7 +217,7 @@ def test_a_tokenizer_learns_and_every_level_adds_to_it(tmp_path: Path) -> None:
     nothing = error(np.repeat(motions[0].mean(0)[None], 80, 0))
     by_level = [error(tokenizers.decoded(model, codes, levels)) for levels in (1, 2, 3)]
     assert by_level[2] < by_level[1] < by_level[0] < 0.5 * nothing
-    # Keyframes alone still say the motion.
+    # Keyframes alone still represent the motion.
     assert error(tokenizers.decoded(model, codes, stride=3)) < 0.5 * nothing
 
 

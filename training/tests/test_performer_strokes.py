@@ -131,7 +131,7 @@ def test_gltf_without_known_arms_or_form_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no nodes named as in"):
         captures.gltf(tmp_path / "other.glb")
     (tmp_path / "none.glb").write_bytes(b"glTF")
-    with pytest.raises(ValueError, match="no glTF file"):
+    with pytest.raises(ValueError, match="not a glTF file"):
         captures.gltf(tmp_path / "none.glb")
 
 

@@ -159,7 +159,7 @@ def test_a_command_is_a_voice(tmp_path, sentence):
     said = next(iter(voice.speak([Line(sentence.text)])))
     assert said.words == (Word("the", 0.1, 0.4), Word("quick", 0.4, 0.9))
     np.testing.assert_allclose(said.samples, sentence.samples, atol=1e-4)
-    with pytest.raises(VoiceError, match="there is no program nowhere"):
+    with pytest.raises(VoiceError, match="program nowhere not found"):
         list(revoice.CommandVoice("x", "nowhere {text} {wav}").speak([Line("a")]))
     with pytest.raises(VoiceError, match="failed with 1"):
         list(revoice.CommandVoice("x", f"{sys.executable} {program} other {{wav}} {{words}}").speak([Line("a")]))

@@ -40,12 +40,12 @@ class Interpolation(nn.Module):
 
     @torch.no_grad()
     def know(self, codebooks: dict[str, Tensor]) -> None:
-        """Starts as a linear interpolation of code vectors instead of from nothing.
+        """Initialises the network to linear interpolation of code vectors.
 
-        Each part's code vectors `[codes, width]`, along their main directions, have three quarters of a quarter of the
-        width to themselves, in tables and heads. Waves of the frame's number have what is left, with a mark on what is
-        masked. By these the first layer looks at the keyframes around a frame, the nearer the more, and every head
-        finds the code nearest to what it sees. The other layers say little in the beginning.
+        Each part's code vectors `[codes, width]`, along their principal directions, occupy three quarters of a quarter
+        of the width, in tables and heads. The rest holds waves of the frame index and a mark for masked frames. With
+        these the first layer attends to the keyframes around a frame, weighted by distance, and every head finds the
+        code nearest to the result. The other layers initially contribute little.
         """
         d = self.position.weight.shape[1]
         slot = d // len(PARTS)

@@ -260,11 +260,12 @@ class LanguageModel(nn.Module):
 
     @torch.no_grad()
     def _mark_places(self) -> None:
-        """Lets a model tell each audio token's place from the audio's start and each code's from its part's.
+        """Lets the model derive each audio token's position from the audio's start, and each code's from its part's
+        start.
 
-        T5 knows distances alone. A head that sees one marker among all tokens, by a weight that its wave of distance
-        makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms. `fixed` says which
-        weights must stay so that it stays.
+        T5 only knows distances. A head that attends to one marker among all tokens, with a weight that depends on its
+        distance wave, writes a sine of the position: a position encoding built from T5's own operations. `fixed` lists
+        the weights that must not change.
         """
         table = self.shared.weight
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
@@ -275,23 +276,25 @@ class LanguageModel(nn.Module):
             table[self.vocab[part]["start"], STARTS] = 8.0
         for linear in self._writers():
             linear.weight[: self.places] = 0.0
-        # A marker's score: about the logarithm of how many tokens it stands among.
+        # A marker's score: about the logarithm of the number of tokens around it.
         mark_heads(self.encoder, BEGINS, 5.3, RESULTS)
         mark_heads(self.decoder, STARTS, 1.0, RESULTS + heads)
 
     def _writers(self) -> list[nn.Linear]:
-        """Every matrix that writes to what the layers pass on."""
+        """Every matrix that writes to the residual stream."""
         names = (".o", ".wo")
         return [m for name, m in self.named_modules() if name.endswith(names) and isinstance(m, nn.Linear)]
 
     def fixed(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights, and which of their values training leaves alone: what makes places and what would cover them."""
+        """Weights, and the values in them that training leaves unchanged: those that produce positions and those that
+        would mask them.
+        """
         if not self.marked:
             return []
         return fixed_weights(self.places, [self.shared.weight], self._writers(), (self.encoder, self.decoder))
 
     def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
-        """`[b, n]` ids, and which of them count, to `[b, n, d]`."""
+        """`[b, n]` ids and their mask to `[b, n, d]`."""
         bias = self.encoder.bias(ids.shape[1], ids.device)
         if mask is not None:
             bias = bias[None].masked_fill(~mask[:, None, None], float("-inf"))
@@ -313,7 +316,7 @@ class LanguageModel(nn.Module):
     def forward(
         self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None, *, states: bool = False
     ) -> Tensor | tuple[Tensor, Tensor]:
-        """Logits `[b, m, vocab]`, teacher forcing; with `states` the encoder's `[b, n, d]` beside them."""
+        """Logits `[b, m, vocab]` with teacher forcing; with `states` also the encoder's `[b, n, d]`."""
         hidden = self.encode(ids, mask)
         logits = self.head(self.decode(hidden, decoder_ids, mask))
         return (logits, hidden) if states else logits
