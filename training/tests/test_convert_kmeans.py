@@ -58,7 +58,11 @@ def test_wrong_files_are_named(tmp_path):
     joblib.dump(np.zeros((2, 2)), packed, compress=3)
     other = tmp_path / "other.npy"
     np.save(other, np.zeros((3, 4), np.float32))
-    for path, says in ((short, "cannot read a k-means"), (packed, "compress=0"), (other, r"expected \[37, 20\], got \[3, 4\]")):
+    for path, says in (
+        (short, "cannot read a k-means"),
+        (packed, "compress=0"),
+        (other, r"expected \[37, 20\], got \[3, 4\]"),
+    ):
         with pytest.raises(SourceError, match=says) as raised:
             kmeans.convert(path, CONFIG)
         assert str(path) in str(raised.value)

@@ -63,8 +63,7 @@ def test_a_part_that_says_its_aims_undoes_the_errors_before_it() -> None:
 
 
 def test_a_part_is_told_nothing_of_what_comes_after_it() -> None:
-    """In an order from the tips inwards, parts encode the performer's own rotations, and no error is compensated twice.
-    """
+    """From the tips inwards, parts encode the performer's own rotations, and no error is compensated twice."""
     motion = _motion()
     said = chain.Said(motion, FACE)
     np.testing.assert_allclose(said.aims(ARM), parts.own(ARM, FACE, motion), atol=1e-6)

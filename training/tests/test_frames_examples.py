@@ -37,8 +37,7 @@ def _keyframe(batch_codes: np.ndarray) -> np.ndarray:
 
 
 def test_a_chunk_is_what_follows_its_history() -> None:
-    """The input is not shifted: the history ends before the chunk, and neither history nor audio is off by a keyframe.
-    """
+    """The input is not shifted: the history ends before the chunk, and history and audio are aligned to keyframes."""
     batch = _examples(augment=False).chunk(40, 2, np.random.default_rng(0))
     inside = _keyframe(batch.codes)[:, 0] >= PREFIX
     assert inside.sum() > 20
@@ -158,8 +157,7 @@ def test_a_task_without_data_says_so() -> None:
 
 
 def test_who_is_told_is_always_told() -> None:
-    """An action's prompt is never left out; for motion from text alone, actions are sampled according to their weight.
-    """
+    """An action's prompt is never left out; for motion from text alone, actions are sampled by their weight."""
     told = FrameStream(*(getattr(_stream(), name) for name in ("codes", "units", "prompts")), told=True, weight=9.0)
     told.prompts = (np.array([24]),)
     examples = FrameExamples(CONFIG, PARTS, BODY, [told], SILENCE)

@@ -20,9 +20,7 @@ def _shard(text: str) -> Shard:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="umo-train", description="Makes a umo model, step by step.")
-    steps = (
-        f"one or more of: {' '.join(pipeline.STEPS)} (default: the plan's, in order); or plots: curves of the steps run so far"
-    )
+    steps = f"some of: {' '.join(pipeline.STEPS)} (default: the plan's, in order); or plots: curves of the steps so far"
     parser.add_argument("steps", nargs="*", help=steps)
     parser.add_argument("--config", type=Path, help="the YAML file of the plan")
     parser.add_argument("--work", type=Path, required=True, help="the folder for data, checkpoints and the model")
@@ -45,7 +43,9 @@ def main(arguments: list[str] | None = None) -> None:
     if options.config is None:
         parser.error("--config is required")
     if options.shard != ALL and (not options.steps or set(options.steps) - set(pipeline.SHARED)):
-        parser.error(f"--shard: only with the steps {', '.join(pipeline.SHARED)}, given by name; all others need every item")
+        parser.error(
+            f"--shard: only with the steps {', '.join(pipeline.SHARED)}, given by name; all others need every item"
+        )
     torch.set_num_threads(options.threads)
     began = time.monotonic()
     settings = pipeline.Run.read(options.config, options.work, smoke=options.smoke)

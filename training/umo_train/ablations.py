@@ -258,7 +258,9 @@ def main(arguments: list[str] | None = None) -> None:
         "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder (default: the package's)"
     )
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="file for the table; the numbers are written beside it")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="file for the table; the numbers are written beside it"
+    )
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
     s = Run.read(options.config, options.work, smoke=options.smoke)

@@ -35,8 +35,7 @@ def tensors(
 
 
 def sharpen(language: dict[str, Tensor], vocab: dict[str, Any], factors: dict[str, float]) -> None:
-    """Multiplies the logits of parts' codes, in place: one temperature then samples lips sharply and gestures freely.
-    """
+    """Scales the logits of parts' codes, in place: one temperature then samples lips sharply and gestures freely."""
     if factors and "lm_head.weight" not in language:
         raise ValueError("`sharpen` needs a plan whose language model has `tie_word_embeddings: false`")
     for part, factor in factors.items():

@@ -96,8 +96,7 @@ class Hubert:
         return self.model.feature_projection(self.model.feature_extractor(padded[None]).transpose(1, 2))[0]
 
     def _tiles(self, hidden: Tensor) -> list[tuple[slice, Tensor]]:
-        """Slices of features and the windows `[k, window, width]` that they come from; the last window ends at the end.
-        """
+        """Slices of features and their source windows `[k, window, width]`; the last window ends at the end."""
         count, window = hidden.shape[1], self.window
         if not window or count <= window:
             return [(slice(0, count), hidden)]

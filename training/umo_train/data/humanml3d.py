@@ -24,8 +24,7 @@ class Described:
 
 
 def humanml3d(root: Path) -> dict[str, list[Described]]:
-    """Descriptions by motion name as in `motion_name`. Mirrored motions are left out, as AMASS does not contain them.
-    """
+    """Descriptions by motion name as in `motion_name`. Mirrored motions are left out, as AMASS lacks them."""
     index = file(root / "index.csv", _FETCH)
     folder(root / "texts", _FETCH)
     out: dict[str, list[Described]] = {}

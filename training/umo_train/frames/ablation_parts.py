@@ -59,8 +59,7 @@ def _prompts(given: tuple[np.ndarray, ...]) -> tuple[np.ndarray, tuple[np.ndarra
 
 
 def stage(like: FrameStagePlan) -> StagePlan:
-    """As long, as large and as fast as the other rows' stage. Two thirds of the examples have a prompt, as theirs do.
-    """
+    """As long, as large and as fast as the other rows' stage. Two thirds of the examples have a prompt, as there."""
     return StagePlan(
         FILE,
         like.steps,

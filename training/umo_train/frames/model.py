@@ -150,8 +150,7 @@ class FrameModel(nn.Module):
 
     @torch.no_grad()
     def _mark_places(self) -> None:
-        """As in `LanguageModel`: the audio's start and the decoder's start are marks from which heads derive positions.
-        """
+        """As in `LanguageModel`: heads derive positions from marks of the audio's start and the decoder's start."""
         tables = self._tables()
         for table in tables:
             table[:, : self.places] = 0.0

@@ -141,8 +141,7 @@ def measure(
     root: RootNetwork,
     stride: int,
 ) -> list[Row]:
-    """Without the tokenizers, through an increasing number of their levels, and through all of them at keyframes only.
-    """
+    """Without the tokenizers, through more and more of their levels, and through all of them at keyframes only."""
     own = [item.motion for item in items]
     out = [row("before", items, own, own)]
     most = max(part.levels for part in order if part.moves)

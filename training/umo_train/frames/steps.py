@@ -410,8 +410,7 @@ def step_export(s: Run) -> None:
 
 
 def export_model(s: Run, path: Path, config: Config, order: list[Part], language: dict[str, torch.Tensor]) -> None:
-    """Writes a model file of the run's tokenizers, of which parts in `order` may lack levels, and of a language model.
-    """
+    """Writes a model file of a language model and the run's tokenizers; parts in `order` may lack levels."""
     interpolation = VectorInterpolation(config, order)
     interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
     motion = {name: model.folded() for name, model in tokenizers(s, order).items()}

@@ -102,7 +102,9 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--exact", type=Path, help="the same model with float weights, for comparison with int8")
     one.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
     one.add_argument("--items", type=Path, help="folder of evaluation items (.npz)")
-    one.add_argument("--corpus", type=Path, help="folder of the corpus, for its held-out splits with the performer's motion")
+    one.add_argument(
+        "--corpus", type=Path, help="folder of the corpus, for its held-out splits with the performer's motion"
+    )
     one.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
     one.add_argument("--most", type=int, default=1000, help="maximum number of items per split")
     one.add_argument("--varied", type=int, default=3, help="items per split to animate with every prompt")
@@ -111,9 +113,7 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--speech", type=Path, help="folder of real recordings")
     one.add_argument("--recordings", type=int, help="maximum number of recordings")
     one.add_argument("--captured", type=Path, help="folder of speech whose mouth was captured (.npz with `opening`)")
-    one.add_argument(
-        "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder (default: the package's)"
-    )
+    one.add_argument("--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder (default: the package's)")
     one.add_argument(
         "--more", default="", help="other arguments of `umo animate` and `umo text`, in one word: --more='--horizon 0'"
     )

@@ -1,5 +1,4 @@
-"""Beat constancy (Liu et al. 2022, BEAT): whether onsets of the speech coincide with turning points of the upper body.
-"""
+"""Beat constancy (Liu et al. 2022, BEAT): whether speech onsets coincide with turning points of the upper body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,8 +24,7 @@ SHIFTS_S = (0.43, 0.71, 1.13, 1.57, 2.03, 2.69)
 
 
 def onsets(samples: np.ndarray) -> np.ndarray:
-    """Times of onsets in speech at 16 kHz, seconds: peaks of the spectral flux, moved back to the rise of the energy.
-    """
+    """Times of onsets in speech at 16 kHz, seconds: peaks of the spectral flux, moved back to the energy's rise."""
     import librosa
 
     samples = np.asarray(samples, np.float32)

@@ -37,8 +37,7 @@ def _at(group: Any, way: tuple[str, ...]) -> float | None:
 
 
 def table(reports: Mapping[str, Path]) -> str:
-    """Rows by name from `report.json` files. The best of each column is bold; columns that no report has are left out.
-    """
+    """Rows by name from `report.json` files. The best of each column is bold; columns without values are left out."""
     read = {name: json.loads(Path(path).read_text())["measures"] for name, path in reports.items()}
     head, rules, cells = [""], ["---"], [[name] for name in read]
     for heading, way, form, more in COLUMNS:

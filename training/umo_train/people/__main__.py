@@ -1,9 +1,9 @@
-"""Looks at what is found in people's recordings.
+"""Inspects the phones and accents found in people's recordings.
 
-python -m umo_train.people check                      against voices whose phones and accents are known
-python -m umo_train.people compare FOLDER             one way of finding phones against another, of people
-python -m umo_train.people draw FOLDER -o PICTURE     recordings with their phones and accents
-python -m umo_train.people hours CORPUS               how much of a corpus is people's
+python -m umo_train.people check                      compare with voices whose phones and accents are known
+python -m umo_train.people compare FOLDER             compare methods of finding phones, on people's recordings
+python -m umo_train.people draw FOLDER -o PICTURE     draw recordings with their phones and accents
+python -m umo_train.people hours CORPUS               print the hours of people's recordings in a corpus
 """
 
 import argparse

@@ -1,5 +1,4 @@
-"""Transfers whole-body clips of other skeletons to the project's own: rotations of all 55 joints and the root's path.
-"""
+"""Transfers whole-body clips of other skeletons to the project's own: rotations of 55 joints and the root's path."""
 
 from dataclasses import dataclass
 from pathlib import Path

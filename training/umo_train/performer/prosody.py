@@ -35,8 +35,7 @@ class Prosody:
 
 
 def listen(utterance: Utterance, accents: np.ndarray | None = None) -> Prosody:
-    """Analyses an utterance; with `accents`, vowels near these times in seconds are accented, whatever the phones say.
-    """
+    """Analyses an utterance; with `accents`, vowels near these times (seconds) replace the accents of the phones."""
     t = np.arange(utterance.frames) / FRAME_RATE
     phrases = _phrases(utterance)
     slow, syllabic = _loudness(utterance, phrases, t)
