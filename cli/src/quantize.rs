@@ -219,7 +219,9 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
         };
         let rows = spec.is_some_and(|spec| matches!(spec.kind, Kind::Product | Kind::Table));
         if storage.is_quantized() && !rows {
-            return Err(Failure::input(format!("tensor `{name}` is neither a product's weights nor a table: it cannot be int8 or int4")));
+            return Err(Failure::input(format!(
+                "tensor `{name}` is neither a product's weights nor a table: it cannot be int8 or int4"
+            )));
         }
         Ok(Plan { name: (*name).to_owned(), shape: shape.to_vec(), storage })
     };

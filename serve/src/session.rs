@@ -547,7 +547,8 @@ impl Live {
             // Reading is paused.
             (self.heard, self.active) = (now, now);
         } else if now - self.heard > 2 * heartbeat {
-            let reason = format!("nothing received for {} seconds, not even an answer to a ping", 2 * heartbeat.as_secs());
+            let reason =
+                format!("nothing received for {} seconds, not even an answer to a ping", 2 * heartbeat.as_secs());
             return Some(End::Because(Code::Silent, reason));
         } else if now - self.active > idle {
             let reason = format!("no audio and no command for {} seconds", idle.as_secs_f64());

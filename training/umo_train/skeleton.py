@@ -122,7 +122,7 @@ def rotations(motion: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def places(local: np.ndarray, translation: np.ndarray, offsets: np.ndarray = OFFSETS_M) -> np.ndarray:
-    """Forward kinematics: `[T, 55, 3, 3]` and the pelvis' position `[T, 3]` to all joints' positions `[T, 55, 3]`, m."""
+    """Forward kinematics: `[T, 55, 3, 3]` and the pelvis' position `[T, 3]` to all joints' `[T, 55, 3]`, m."""
     world, at = np.empty_like(local), np.empty((*local.shape[:2], 3))
     for joint, parent in enumerate(PARENTS):
         if parent < 0:

@@ -186,7 +186,9 @@ impl UmoEngineConfig {
         let threads = match (self.mode, self.threads as usize) {
             (UMO_ENGINE_THREADS, threads) => Threads::Own(threads),
             (UMO_ENGINE_POLLED, threads @ 1..) => Threads::Host(threads - 1),
-            (UMO_ENGINE_POLLED, 0) => return Err(Failure::argument("threads 0: expected at least 1, as the polling thread counts")),
+            (UMO_ENGINE_POLLED, 0) => {
+                return Err(Failure::argument("threads 0: expected at least 1, as the polling thread counts"));
+            }
             (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is not one of UMO_ENGINE_…"))),
         };
         let priority = match self.priority {
@@ -354,9 +356,7 @@ pub extern "C" fn umo_engine_set_late_limit(engine: *mut UmoEngine, seconds: f64
     guard(|| {
         let engine = get(engine)?;
         if !seconds.is_finite() {
-            return Err(Failure::argument(
-                "`seconds` is not finite: give a time; a negative one turns holding off",
-            ));
+            return Err(Failure::argument("`seconds` is not finite: give a time; a negative one turns holding off"));
         }
         let limit = (seconds >= 0.0).then(|| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
         engine.engine().set_late_limit(limit);

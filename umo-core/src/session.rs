@@ -180,7 +180,9 @@ impl Session {
     pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
         match &self.source {
             Source::Engine(slot) => Ok(slot),
-            Source::Packets(_) => Err(SessionError::Range("a decoder takes no audio, text or state: give them to the sender's session")),
+            Source::Packets(_) => {
+                Err(SessionError::Range("a decoder takes no audio, text or state: give them to the sender's session"))
+            }
         }
     }
 

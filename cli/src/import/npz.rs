@@ -92,9 +92,10 @@ pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<S
     }
     match rate(archive)? {
         Some(rate) => clip.frame_rate = rate,
-        None => {
-            notes.push(format!("the file has no frame rate (`{}`): {} frames a second are assumed", RATES[0], clip.frame_rate))
-        }
+        None => notes.push(format!(
+            "the file has no frame rate (`{}`): {} frames a second are assumed",
+            RATES[0], clip.frame_rate
+        )),
     }
     if is_z_up(&clip) {
         turn_upright(&mut clip);

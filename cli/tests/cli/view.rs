@@ -142,7 +142,8 @@ fn files_that_are_no_characters_are_refused_in_words() {
     assert!(refused(&[&speech, "--mapping", &mapping]).contains("--mapping goes with a character"));
     assert!(refused(&["--live", "--mapping", &mapping]).contains("--mapping goes with a character"));
     assert!(
-        refused(&["--live", "--onto", &folder.file("other.glb", &thing)]).contains("other.glb: no recognised humanoid skeleton")
+        refused(&["--live", "--onto", &folder.file("other.glb", &thing)])
+            .contains("other.glb: no recognised humanoid skeleton")
     );
     assert_eq!(umo(&["view", &speech, "--onto", "a.glb", "--figure", "performer"]).code, 2);
 }

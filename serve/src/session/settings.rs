@@ -7,7 +7,8 @@ use umo_core::{LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfi
 use crate::protocol::{Hello, Output, VoiceKind};
 
 /// Message for a packet client that sends a mood, gesture or look-at.
-pub(super) const NOT_IN_PACKETS: &str = "packets do not carry mood, gestures and look-at: set them on the viewers' decoders";
+pub(super) const NOT_IN_PACKETS: &str =
+    "packets do not carry mood, gestures and look-at: set them on the viewers' decoders";
 
 /// Returns the settings, or an error message for the client.
 pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> {

@@ -11,5 +11,5 @@
 | `speed` | time to the first frame, frames per second |
 | `agreement`, `experts` | codes in int8 compared with f32; first choices of experts |
 | `program` | motion of the program `umo` for a recording |
-| `measure`, `bars`, `report`, `plots`, `figure`, `sheet`, `table` | all measures over recordings, judged and displayed |
+| `measure`, `bars`, `report`, `plots`, `figure`, `sheet`, `table` | all measures over recordings, judged and shown |
 """

@@ -84,7 +84,7 @@ def envelope(samples: np.ndarray, frames: int) -> np.ndarray:
 
 
 def quiet_parts(samples: np.ndarray, below_db: float = -35.0) -> list[tuple[float, float]]:
-    """Silences of a recording without phones: where its envelope is `below_db` below its loud parts (95th percentile)."""
+    """Silences of recordings without phones: where the envelope is `below_db` under its 95th percentile."""
     loudness = envelope(samples, len(samples) * FRAME_RATE // SAMPLE_RATE)
     quiet = np.concatenate([[False], loudness < np.percentile(loudness, 95) * 10 ** (below_db / 20), [False]])
     edges = np.flatnonzero(np.diff(quiet.astype(int))).reshape(-1, 2)

@@ -305,7 +305,10 @@ impl fmt::Display for Finding {
             Self::Opposite => f.write_str("its channels cancel each other: some have inverted polarity"),
             Self::Centre { channel } => write!(f, "only its centre channel, number {}, is used", channel + 1),
             Self::Integers { peak } => {
-                write!(f, "its samples are floats up to {peak:.0}: scaled as 16-bit integers, whose full scale is 32768")
+                write!(
+                    f,
+                    "its samples are floats up to {peak:.0}: scaled as 16-bit integers, whose full scale is 32768"
+                )
             }
             Self::Level { level, is_heard: true } => {
                 write!(f, "its speech is at {level:.0} dB of full scale: adjusted to {NOMINAL:.0} dB")

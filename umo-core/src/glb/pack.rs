@@ -267,8 +267,7 @@ fn of_uri(uri: &str, file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> R
         let (_, text) = data.split_once(";base64,").ok_or("its data is not in base64")?;
         let length = BASE64.decode_len(text.len()).map_err(|_| "its base64 has a wrong length")?;
         let mut bytes = memory::filled(0, length);
-        let written =
-            BASE64.decode_mut(text.as_bytes(), &mut bytes).map_err(|_| "its base64 is malformed")?;
+        let written = BASE64.decode_mut(text.as_bytes(), &mut bytes).map_err(|_| "its base64 is malformed")?;
         bytes.truncate(written);
         return Ok(bytes);
     }
