@@ -152,7 +152,7 @@ export const tests = [
         }
         return best;
       })()`);
-      // How much brighter or darker a pixel of the chest is than the mean of its neighbours, of 255.
+      // Mean difference in brightness between a pixel of the chest and the mean of its neighbours, of 255.
       const roughness = async () => {
         await pictures(page, 4);
         return page.value(`(() => {

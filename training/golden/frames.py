@@ -88,7 +88,7 @@ class Depth(nn.Module):
         self.eval()
 
     def forward(self, states: Tensor, codes: Codes, before: Codes, heard: list[Tensor]) -> Codes:
-        """States `[T, d_model]`, codes `[T, levels]` of each part, those of the previous keyframes, and the encoder's
+        """States `[T, d_model]`, codes `[T, levels]` of each part, the previous keyframes' codes, and the encoder's
         states `[T, d_model]` for face and body, if configured, to logits `[T, levels, codes]`."""
         said = self._looked_up(self.embed, codes)[:, :-1]
         given = self.input(states)[:, None]
@@ -124,7 +124,7 @@ class Depth(nn.Module):
 
 
 class VectorInterpolation(nn.Module):
-    """Code vectors of the known frames to those of all frames."""
+    """Interpolates code vectors of the known frames to all frames."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -200,7 +200,7 @@ class ResidualMotion(Motion):
         self.eval()
 
     def own(self, channels: dict[str, Tensor], part: Config) -> Tensor:
-        """A part's channels from those of the four body parts."""
+        """A part's channels out of the four body parts' channels."""
         region, columns = self.places[part["name"]]
         return channels[region][:, columns]
 

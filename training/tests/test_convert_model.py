@@ -125,7 +125,7 @@ def test_values_that_a_type_cannot_hold_are_refused(tmp_path):
 
 @pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM is not set")
 class TestProgram:
-    """The Rust program reads the file, and its outputs equal those of the published models."""
+    """The Rust program reads the file, and its outputs equal the published models'."""
 
     @pytest.fixture
     def model(self, sources):

@@ -74,7 +74,7 @@ def run(settings: Run, steps: tuple[str, ...] = ()) -> None:
 
 
 def _step(name: str, *, frames: bool) -> Callable[..., None]:
-    """Function of a step: those of layout `frames` are in its own package."""
+    """Function of a step; layout `frames` has its own package of steps."""
     if frames and name in _OF_FRAMES:
         return getattr(frame_steps, f"step_{name}")
     return globals()[f"step_{name}"]

@@ -513,7 +513,7 @@ func test_it_looks_listens_and_gestures() -> void:
 	expect(told.size() == 3, "an error for each, got %s" % [told])
 
 
-## How far the lips are open.
+## Opening of the lips.
 func opening(avatar: UmoAvatar3D, frame: PackedFloat32Array) -> float:
 	var names := avatar.get_channel_names()
 	var first := 3 + 4 * 55

@@ -560,7 +560,7 @@ def test_a_thousand_sessions_leave_no_memory_behind(model, hello):
     with umo.Engine(model, polled=True, threads=1) as engine:
 
         def once(i):
-            # Every tenth speaks: what a chunk takes is most of the time of this test.
+            # Every tenth speaks: computing chunks dominates the time of this test.
             speaks = i % 10 == 0
             with engine.session(rate, idle=umo.Idle.HOLD, seed=i) as session:
                 session.push(samples[: 20000 if speaks else 2000])

@@ -33,7 +33,7 @@ export class Follower {
     }
     this.#library = library;
     this.#character = library.view.getUint32(scratch, true);
-    /** What the values are of: `umo_core::glb::Follower::read` lists it. */
+    /** The names of the values, as described at `umo_core::glb::Follower::read`. */
     this.description = JSON.parse(library.text(library.view.getUint32(scratch + 4, true)));
     const { driven, hips, tracks, expressions } = this.description;
     this.#pose = 4 * parents.length + 3 + channelNames.length;
@@ -43,8 +43,9 @@ export class Follower {
   }
 
   /**
-   * The values for a pose: a rotation of each of `description.driven`, the place of `hips` where there are any, the weights of all shapes
-   * of each of `tracks`, and those of `expressions`. Good until the next call of the module.
+   * Returns the values for a pose: a rotation for each of `description.driven`, the position of `hips` if there is one,
+   * the weights of all shapes for each of `tracks`, and the weights of `expressions`. Valid until the next call of the
+   * module.
    */
   values({ rotations, translation, face }) {
     const library = this.#library;

@@ -7,7 +7,7 @@ export class UmoError extends Error {
 /** A URL, a response, or bytes; bytes may be compressed by gzip. */
 export type Source = string | URL | Response | ArrayBuffer | ArrayBufferView;
 
-/** What a model has. */
+/** Description of a model. */
 export interface ModelDescription {
   readonly name: string;
   readonly licence: string;

@@ -90,7 +90,7 @@ test("every function that C# declares is there, with as many arguments", () => {
   assert.equal(Object.keys(library.$umoModule.functions).length, declared.length);
 });
 
-test("before the module is there, and where there is none, every call says so", async () => {
+test("without a loaded module every call fails", async () => {
   const early = new Player();
   assert.equal(early.library.umo_model_free(5), UNSUPPORTED);
   assert.match(early.text(early.library.umo_last_error()), /not loaded/);
@@ -186,7 +186,7 @@ for (const wide of ["two halves", "a BigInt"]) {
   });
 }
 
-test("a file that is no model is refused, and texts that are not ASCII arrive", async () => {
+test("a file that is not a model is refused, and non-ASCII texts are passed correctly", async () => {
   const player = new Player();
   await player.load();
   const out = player.malloc(8);

@@ -214,7 +214,7 @@ def train(
     seed: int,
     before: Listener | None = None,
 ) -> Listener:
-    """Least squares on random stretches of the items, varied by other `voices`; from fresh weights, or from those of a
+    """Least squares on random stretches of the items, varied by other `voices`; from fresh weights, or from a
     listener `before` that may have fewer blocks and outputs."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)

@@ -21,7 +21,7 @@ SAVE_EVERY = 250
 
 
 class VectorInterpolation(nn.Module):
-    """Vectors of the known frames to those of all. Untrained, it interpolates linearly."""
+    """Interpolates vectors of the known frames to all frames; linearly until it is trained."""
 
     def __init__(self, config: dict[str, Any], parts: list[Part]) -> None:
         super().__init__()
@@ -79,8 +79,8 @@ def straight(vectors: Tensor, known: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class VectorPlan:
-    """`velocity` and `acceleration` weight errors of first and second differences relative to those of values;
-    `decoded` weights the same errors of decoded motion relative to those of vectors."""
+    """`velocity` and `acceleration` weight errors of first and second differences relative to errors of values;
+    `decoded` weights the same errors of decoded motion relative to errors of vectors."""
 
     steps: int
     frames: int
@@ -101,7 +101,7 @@ def train(
     tokenizers: dict[str, ResidualVqVae],
     folder: Path,
 ) -> VectorInterpolation:
-    """`codes` are `[T, J]` of every frame, `tokenizers` those of the parts with channels. Resumes from a checkpoint in
+    """`codes` are `[T, J]` of every frame; `tokenizers` belong to the parts with channels. Resumes from a checkpoint in
     the folder."""
     torch.manual_seed(plan.seed)
     device = best()

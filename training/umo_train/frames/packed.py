@@ -36,7 +36,7 @@ class Packed:
 
 
 def write(path: Path, packed: Packed) -> None:
-    """Writes codes of keyframes only: those of frames in between are not used."""
+    """Writes codes of keyframes only: the frames in between are not used."""
     stride: int = packed.config["keyframe_stride"]
     about: Config = {"config": packed.config, "silence": packed.silence, "delay": packed.delay, "body": packed.body}
     about["splits"] = {}

@@ -89,7 +89,7 @@ def widths(part: Part) -> list[tuple[str, int]]:
 
 
 def own(part: Part, face: list[str], motion: dict[str, np.ndarray]) -> np.ndarray:
-    """A part's channels `[T, C]` from those of the body parts."""
+    """A part's channels `[T, C]` out of the body parts' channels."""
     region, at = columns(part, face)
     return motion[region][:, at]
 

@@ -74,7 +74,7 @@ def through(
     stride: int = 1,
 ) -> dict[str, np.ndarray]:
     """Motion decoded from the first levels' codes, or from the vectors of every `stride`-th frame with linear
-    interpolation. Codes are those of all levels, part after part."""
+    interpolation. Codes of all levels, part after part."""
     out = {region: np.array(motion[region], np.float32) for region in ("face", "hands", "upper", "lower")}
     codes, _ = encode(order, models, out, face)
     for part in order:

@@ -126,5 +126,5 @@ def agreement(
 
 
 def code_counts(chunks: Sequence[Chunk], codes: int) -> dict[str, np.ndarray]:
-    """How often each code was drawn `[codes]`, by part."""
+    """Number of times each code was drawn `[codes]`, by part."""
     return {part: np.bincount(np.concatenate([c.codes[part] for c in chunks]), minlength=codes) for part in PARTS}

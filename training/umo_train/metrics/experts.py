@@ -1,4 +1,4 @@
-"""How often each expert is the first choice, by layer, while a model animates."""
+"""Counts how often each expert is the first choice, by layer, while a model animates."""
 
 import json
 from collections.abc import Sequence

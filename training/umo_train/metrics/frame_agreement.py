@@ -124,7 +124,7 @@ def compare(
 
 
 def code_counts(chunks: Sequence[FrameChunk], config: dict[str, Any]) -> Codes:
-    """How often each first code of a part was sampled."""
+    """Number of times each first code of a part was sampled."""
     return {
         part["name"]: np.bincount(
             np.concatenate([chunk.codes[part["name"]][:, 0] for chunk in chunks]).astype(int), minlength=part["codes"]

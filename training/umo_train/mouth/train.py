@@ -23,7 +23,7 @@ SAVE_EVERY = 250
 
 @dataclass(frozen=True)
 class MouthPlan:
-    """`frames` of each of `batch` clips per step; the weights are those of the terms besides the channels."""
+    """`frames` of each of `batch` clips per step; the weights apply to the loss terms other than the channels."""
 
     steps: int
     frames: int = 160

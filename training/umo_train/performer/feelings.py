@@ -1,4 +1,4 @@
-"""Emotions in face and posture: the amounts are those of the library's moods (SPEC 2.11.2)."""
+"""Emotions in face and posture: the amounts equal the library's moods (SPEC 2.11.2)."""
 
 from dataclasses import dataclass
 

@@ -160,7 +160,7 @@ def animate(
     Speech far from its usual level, channels that cancel each other, and speech in the centre of five or more channels
     are corrected, with a warning.
 
-    The frames equal those of `umo animate` bit for bit. `parameters` are those of `Session`, such as
+    The frames equal those of `umo animate` bit for bit. `parameters` are named as in `Session`, such as
     `{"gain_face": 0.5}`; `mood` is one of `Session.set_mood`; `settings` are other arguments of the session, such as
     `target`. The lookahead is the model's maximum unless `horizon` is given.
     """
@@ -224,8 +224,8 @@ def stream(
 ) -> Iterator[Frame]:
     """Yields frames as they are computed from arriving audio, on the thread that iterates.
 
-    They equal the frames of `animate`, however the audio is cut: each is available once its audio and that of the
-    horizon behind it have arrived. With `horizon=0` they are available earlier, and equal those of
+    They equal the frames of `animate`, however the audio is cut: each is available once its audio and the
+    horizon after it have arrived. With `horizon=0` they are available earlier, and equal the frames of
     `animate(horizon=0)`.
 
     `chunks` yields arrays as for `animate`, of any length. For a live avatar with separate threads for audio and

@@ -59,7 +59,7 @@ class Engine(_library.Handle):
         return self._model
 
     def session(self, rate: Optional[int] = None, channels: int = 1, **settings: Any) -> Session:
-        """Creates a session of this engine: the arguments are those of `Session`."""
+        """Creates a session of this engine, with the arguments of `Session`."""
         return Session(self, rate, channels, **settings)
 
     @property

@@ -75,7 +75,7 @@ def _written(motion: Motion, format: str, figure: Optional[str]) -> bytes:
 
 
 def _packed(motion: Motion) -> Any:
-    """The frames tightly packed; those of a slice may have gaps."""
+    """Packs the frames tightly: a slice may have gaps."""
     kinds = [("translation", "f4", 3), ("rotations", "f4", (JOINT_COUNT, 4)), ("face", "f4", (len(motion.names),))]
     frames = np.empty(len(motion), kinds)
     for name, _, _ in kinds:

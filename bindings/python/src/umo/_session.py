@@ -156,7 +156,7 @@ def _parameters() -> list[Any]:
 class Session(_library.Handle):
     """One avatar. One thread may push, one pull or sample, and any set parameters, all concurrently.
 
-    `rate` and `channels` are those of the audio; `axes` those of the frames: `"gltf"` (and Godot), `"unreal"` or
+    `rate` and `channels` describe the audio, `axes` the frames: `"gltf"` (and Godot), `"unreal"` or
     `"unity"`. `target` is the number of keyframes per chunk, `lookahead` the number of frames held back for smoother
     seams; `idle_after` and `ease` are seconds; `queue` is the maximum number of frames waiting to be pulled. `template`
     is one of the model's templates: `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as the

@@ -50,7 +50,7 @@ def animate(
     A line is a path, or a mapping with `file` and optionally `output` (its path below the folder `output`; its suffix
     selects the format), `seed`, `prompt` and `mood`. The default output is the file's name with the suffix `format`.
     Each of `actors` holds the model, computes `jobs` lines together, and uses `cpus`; `model` is a path that all of
-    them can read. `again` recomputes finished lines. `settings` are those of `umo.animate`; a line's fields take
+    them can read. `again` recomputes finished lines. `settings` are arguments of `umo.animate`; a line's fields take
     precedence.
 
     A row has `file`, `output`, `status` (`"done"`, `"kept"` or `"failed"`), `error`, `frames`, `seconds`, `sha256` of

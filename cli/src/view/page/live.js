@@ -102,7 +102,7 @@ export class Live {
     if (samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(samples, audio.sampleRate)));
   }
 
-  /** Whether the page sends the recording: the engine in the page only has what it is given. */
+  /** Whether the page must send the recording: an engine in the page does not have it, nor a server that of a dropped file. */
   get sends() {
     return Boolean(this.scene.live.engine || this.scene.isDropped);
   }

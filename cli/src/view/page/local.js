@@ -99,7 +99,7 @@ export class LocalStream {
   }
 }
 
-/** Frames in message format: the index of the first, then the values of each, and those of a character. */
+/** Frames in message format: the index of the first, then for each its values and the character's. */
 function packed(frames, character) {
   // Expressions are already included in the weights of their shapes.
   const worn = (frame) => (character ? character.follower.values(frame).slice(0, character.worn) : []);

@@ -96,7 +96,7 @@ class Avatar:
     `patience` seconds is ended.
 
     `engine` can be shared by several avatars, up to its number of sessions; None creates one for this avatar, with
-    `model` and with the thread `priority` described at `umo.Engine`. `settings` are those of `umo.Session`, such as
+    `model` and with the thread `priority` described at `umo.Engine`. `settings` are arguments of `umo.Session`, such as
     `seed`, `axes`, `voice` or `packets="beside_frames"`.
     """
 

@@ -33,7 +33,7 @@ class AvatarOutput(AudioOutput):
     """An audio output that yields poses, and passes the audio on to `next_in_chain` in sync with them.
 
     `on_pose` is called with each `Pose` before its audio is passed on; it may be a coroutine function. The other
-    arguments are those of `umo.agents.Avatar`. The rate is the next output's, or 24,000 if that accepts any.
+    arguments are passed to `umo.agents.Avatar`. The rate is the next output's, or 24,000 if that accepts any.
 
     With `hints`, the aligned transcript of the synthesiser's audio shapes the lips (`umo.lips.Transcript`). Use it if
     the synthesiser's times are accurate to 40 ms.
@@ -176,7 +176,7 @@ class AvatarVideo(VideoGenerator):
     `AvatarRunner(room, audio_recv=…, video_gen=AvatarVideo(render), options=…)`.
 
     `render` makes a picture of a `Pose`; it is called on another thread. `rate` is that of the incoming audio. The
-    other arguments are those of `umo.agents.Avatar`. `options.video_fps` must be 30.
+    other arguments are passed to `umo.agents.Avatar`. `options.video_fps` must be 30.
     """
 
     def __init__(self, render: Callable[[Pose], rtc.VideoFrame], *, rate: int = 24000, idle: bool = True, **settings: Any) -> None:

@@ -45,7 +45,7 @@ class PoseFrame(DataFrame):
 class AvatarProcessor(FrameProcessor):
     """Converts the synthesiser's audio to poses. Frames that follow audio stay behind it.
 
-    `rate` is the synthesiser's, or None for the pipeline's; `name` is the processor's. The other arguments are those of
+    `rate` is the synthesiser's, or None for the pipeline's; `name` is the processor's. The other arguments are passed to
     `umo.agents.Avatar`.
 
     With `hints`, the times of words shape the lips at their first sounds (`umo.lips.of_word`). The processor must then
