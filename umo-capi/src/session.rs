@@ -333,7 +333,7 @@ unsafe fn read_config(
     wanted.packets = match given.packets {
         UMO_PACKETS_NONE => None,
         UMO_PACKETS_BESIDE_FRAMES | UMO_PACKETS_ONLY => Some(packets),
-        packets => return Err(Failure::argument(format_args!("packets {packets} are not of UMO_PACKETS_…"))),
+        packets => return Err(Failure::argument(format_args!("packets {packets} is not one of UMO_PACKETS_…"))),
     };
     wanted.avatar.sampler.seed = given.seed;
     wanted.voice = match given.voice {
