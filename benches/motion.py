@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""How alive, smooth and steady a program's motion is, without layers and with them, beside people's.
+"""Measures how alive, smooth and steady a program's motion is, with and without layers, compared with people's.
 
     benches/motion.py target/release/umo SPEECH... [-- OPTIONS OF umo animate]
 
-Runs `umo animate` over the recordings with three seeds: with `--smoothing 0 --life 0`, as it is by
-default, and with the prompt `explaining`; and over 60 s of silence. Prints mean, least and most of
-each number over all takes, beside the bar. Needs numpy and scipy.
+Runs `umo animate` on the recordings with three seeds: with `--smoothing 0 --life 0`, with the defaults, and with the
+prompt `explaining`; and on 60 s of silence. Prints mean, minimum and maximum of each number over all takes, beside the
+bar. Needs numpy and scipy.
 """
 
 import subprocess
@@ -26,17 +26,17 @@ from umo_train.skeleton import ARKIT, JOINT, OFFSETS_M, PARENTS
 FRAME_RATE = 30
 SEEDS = 3
 FEET = [JOINT["left_foot"], JOINT["right_foot"]]
-# A foot joint so far over its usual height is not in contact, metres.
+# A foot joint raised by more than this above its usual height is not in contact, metres.
 CONTACT_M = 0.025
-# A hand that is slower rests, metres a second.
+# A hand slower than this is at rest, metres per second.
 STILL_M_S = 0.04
-# Eyes that turn faster shift their gaze, degrees a second.
+# Eye rotation faster than this is a gaze shift, degrees per second.
 SHIFT_DEG_S = 60
-# Degrees that the eyes are turned by a gaze shape of 1.
+# Eye rotation for a gaze shape of 1, degrees.
 GAZE_DEG = 30
 SILENCE_S = 60
 
-# What a number should be, and over what: every take, or the mean of all.
+# Required value of a number, for every take or for the mean of all.
 BARS = {
     "blinks a minute": "12 to 22",
     "gaze shifts a minute": "20 to 50",
@@ -54,7 +54,7 @@ BARS = {
 
 
 def matrices(axis_angle: np.ndarray) -> np.ndarray:
-    """`[..., 3]` axis-angle to `[..., 3, 3]` (Rodrigues)."""
+    """Converts axis-angles `[..., 3]` to matrices `[..., 3, 3]` (Rodrigues)."""
     angle = np.linalg.norm(axis_angle, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(axis_angle, -1, 0)
     zero = np.zeros_like(x)
@@ -64,7 +64,7 @@ def matrices(axis_angle: np.ndarray) -> np.ndarray:
 
 
 def places(rotations: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How each joint is turned, `[frames, 55, 3, 3]`, and where it is, `[frames, 55, 3]`, metres."""
+    """World rotation of each joint, `[frames, 55, 3, 3]`, and position, `[frames, 55, 3]`, metres."""
     turned, where = np.empty_like(rotations), np.empty(rotations.shape[:2] + (3,))
     for joint, parent in enumerate(PARENTS):
         if parent < 0:
@@ -81,7 +81,7 @@ def jerk(where: np.ndarray) -> np.ndarray:
 
 
 def face(channels: np.ndarray, seconds: float) -> dict[str, float]:
-    """Blinks, gaze shifts and lowered brows of ARKit shapes, `[frames, 52]`."""
+    """Blinks, gaze shifts and lowered brows from ARKit shapes, `[frames, 52]`."""
     shape = {name: channels[:, index].astype(float) for index, name in enumerate(ARKIT)}
     blinks, _ = find_peaks(np.pad(shape["eyeBlinkLeft"], 1), height=0.6, distance=6)
     across = GAZE_DEG * (shape["eyeLookOutLeft"] - shape["eyeLookInLeft"])
@@ -98,12 +98,12 @@ def face(channels: np.ndarray, seconds: float) -> dict[str, float]:
 
 
 def lips(channels: np.ndarray) -> np.ndarray:
-    """How far the mouth is open in ARKit shapes, `[frames, 52]`."""
+    """Mouth opening from ARKit shapes, `[frames, 52]`."""
     return channels[:, ARKIT.index("jawOpen")].astype(float) - channels[:, ARKIT.index("mouthClose")]
 
 
 def measure(path: Path) -> dict[str, float]:
-    """The numbers of one animation in SMPL-X's `.npz`."""
+    """The numbers of one animation in SMPL-X `.npz` format."""
     file = np.load(path, allow_pickle=True)
     rotations = matrices(file["poses"].reshape(len(file["poses"]), -1, 3)[:, :55].astype(float))
     root = file["trans"].astype(float)
@@ -138,7 +138,7 @@ def measure(path: Path) -> dict[str, float]:
 
 
 def silence(path: Path) -> Path:
-    """A recording in which nothing is said."""
+    """A silent recording."""
     with wave.open(str(path), "wb") as file:
         file.setparams((1, 2, 16000, 0, "NONE", ""))
         file.writeframes(bytes(2 * 16000 * SILENCE_S))

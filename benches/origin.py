@@ -1,4 +1,4 @@
-"""Where a measurement comes from: processor, commit, date."""
+"""Origin of a measurement: processor, commit, date."""
 
 import datetime
 import pathlib
@@ -6,10 +6,10 @@ import re
 import subprocess
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-# What is measured.
+# Paths of the measured programs.
 PROGRAMS = ["kernels", "umo-core", "cli", "models", "benches/polls.rs"]
 
-# Hosts hide which of AMD's processors they are; by family and model.
+# Hosts hide AMD processor names: identify them by family and model.
 ZEN = {("25", "1"): "Zen 3", ("25", "17"): "Zen 4", ("25", "160"): "Zen 4", ("26", "2"): "Zen 5", ("26", "17"): "Zen 5"}
 
 
@@ -26,7 +26,7 @@ def git(*words):
 
 
 def commit():
-    """With a mark where the programs are not those of the commit."""
+    """The commit, with a mark if the programs have uncommitted changes."""
     return git("describe", "--always") + ("-dirty" if git("status", "--short", "--", *PROGRAMS) else "")
 
 

@@ -3,8 +3,8 @@
 //! ```text
 //! quantization errors MODEL               error of weights and products, per kind of tensor, int8 and bf16
 //! quantization plant MODEL OUT            the same function with outlier channels in every feed-forward of T5
-//! quantization agreement REFERENCE MODEL… hidden states, logits and codes of models beside those of the first
-//! quantization units REFERENCE MODEL… WAV units of models beside those of the first
+//! quantization agreement REFERENCE MODEL… hidden states, logits and codes compared with the first model
+//! quantization units REFERENCE MODEL… WAV units compared with the first model
 //! ```
 
 #![expect(clippy::cast_precision_loss, reason = "counts are far below 2^52")]

@@ -106,7 +106,7 @@ fn run(args: &Args) -> Result<bool, String> {
     println!("calls of the allocator       {calls}");
     println!("bytes allocated, growth      {growth}");
     if let Some(resident) = resident {
-        println!("resident memory, growth      {resident} KiB, with what is touched first after the start");
+        println!("resident memory, growth      {resident} KiB, including pages first touched after the start");
     }
     Ok(late == 0 && growth == 0 && calls == 0)
 }

@@ -1,5 +1,5 @@
-"""Runs a sender and decodes its packets with PyPI's pylivelinkface: `livelink-check.py FPS COMMAND…`, where a word `PORT` of the
-command becomes the port to send to, in whatever text it stands."""
+"""Runs a sender and decodes its packets with PyPI's pylivelinkface: `livelink-check.py FPS COMMAND…`, where `PORT`
+anywhere in a word of the command is replaced by the port to send to."""
 
 import socket
 import subprocess
@@ -13,7 +13,7 @@ listener.bind(("127.0.0.1", 0))
 port = str(listener.getsockname()[1])
 sender = subprocess.Popen([word.replace("PORT", port) for word in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 faces = []
-# The model is loaded first; then a packet comes with every frame.
+# The model is loaded first; then a packet arrives with every frame.
 listener.settimeout(60)
 while True:
     try:
@@ -28,7 +28,7 @@ assert sender.wait(60) == 0, sender.stderr.read().decode()
 
 assert len(faces) > 4 * fps, len(faces)
 assert {(face.name, face.fps, face._version, face._denominator) for face in faces} == {("Ada", fps, 6, 1)}
-# Its "uuid" begins with the byte of the text's length.
+# Its "uuid" starts with the length byte of the text.
 assert all(len(face.uuid) == 37 and face.uuid == faces[0].uuid for face in faces)
 numbers = [face._frames + face._sub_frame for face in faces]
 assert numbers == sorted(set(numbers)), numbers
@@ -36,7 +36,7 @@ values = {shape: [face.get_blendshape(shape) for face in faces] for shape in Fac
 for shape, weights in values.items():
     least, most = (0, 1) if shape.value < FaceBlendShape.HeadYaw.value else (-1.5, 1.5)
     assert least <= min(weights) and max(weights) <= most, (shape, weights)
-# Somebody speaks, blinks and moves the head.
+# The speaker talks, blinks and moves the head.
 for shape, least in ((FaceBlendShape.JawOpen, 0.2), (FaceBlendShape.EyeBlinkLeft, 0.5), (FaceBlendShape.HeadPitch, 0.01)):
     assert max(values[shape]) - min(values[shape]) > least, shape
 print(f"{len(faces)} faces by {command[0].rsplit('/', 1)[-1]}")

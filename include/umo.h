@@ -779,13 +779,13 @@ typedef struct umo_output {
 // This model, processor or engine cannot do that.
 #define UMO_STATUS_UNSUPPORTED -16
 
-// The bytes are not a state of such a session. Nothing was changed.
+// The bytes are not a state of a session with this configuration. Nothing was changed.
 #define UMO_STATUS_STATE -17
 
 // A worker thread could not be created or pinned.
 #define UMO_STATUS_THREAD -18
 
-// The bytes are not a packet for such a decoder. Nothing was changed.
+// The bytes are not a packet for this decoder. Nothing was changed.
 #define UMO_STATUS_PACKET -19
 
 #ifdef __cplusplus
@@ -1675,7 +1675,7 @@ UMO_NOEXCEPT;
 // the session was made with. `size` is the length that `umo_session_save` wrote.
 //
 // Threads: one at a time; not during a push, a pull or a setter. Never allocates, never waits for a chunk.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (not a state of such a session:
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (not a state of a session with this configuration:
 // `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`, or a chunk of this
 // session is being computed: restore again later, or into a session to which no audio was pushed),
 // `FAILED`, `CLOSED`, `PANIC`.

@@ -31,7 +31,7 @@
 
 namespace umo {
 
-/// What a call came to: a value where `status` is `UMO_STATUS_OK`.
+/// Result of a call: a value if `status` is `UMO_STATUS_OK`.
 template <class T> struct [[nodiscard]] result {
     umo_status status = UMO_STATUS_OK;
     T value{};
@@ -46,7 +46,8 @@ template <class T> struct [[nodiscard]] result {
 
 namespace detail {
 
-/// A handle that is freed once. A free that another thread's call is in the way of is repeated when that has returned.
+/// A handle that is freed exactly once. A free that fails because another thread is in a call is retried after that
+/// call.
 template <class T, umo_status (*Free)(T *)> class handle {
 public:
     handle() noexcept = default;
@@ -65,7 +66,7 @@ public:
 
     T *get() const noexcept { return raw_; }
     explicit operator bool() const noexcept { return raw_ != nullptr; }
-    /// Gives the handle up: the caller frees it.
+    /// Releases ownership of the handle: the caller frees it.
     T *release() noexcept { return std::exchange(raw_, nullptr); }
     void reset() noexcept {
         while (Free(raw_) == UMO_STATUS_BUSY) std::this_thread::yield();
@@ -76,7 +77,7 @@ private:
     T *raw_ = nullptr;
 };
 
-// umo.h's functions may be noexcept, which is a part of a function's type: these are not.
+// umo.h's functions may be noexcept, which is part of a function's type; these wrappers are not.
 inline umo_status free_model(umo_model *raw) { return umo_model_free(raw); }
 inline umo_status free_engine(umo_engine *raw) { return umo_engine_free(raw); }
 inline umo_status free_session(umo_session *raw) { return umo_session_free(raw); }
@@ -124,7 +125,8 @@ public:
         }
         return names;
     }
-    /// Whether nothing is wrong on this machine; `report` is a text to publish. Takes about 10 seconds or less.
+    /// Whether all checks of this machine passed; `report` is a text that is safe to publish. Takes about 10 seconds or
+    /// less.
     result<bool> self_test(std::string &report) const {
         std::uint32_t passed = 0;
         report.assign(UMO_SELF_TEST_SIZE, '\0');
@@ -154,10 +156,10 @@ public:
         const umo_status status = umo_engine_new(model.get(), config, &raw);
         return {status, engine(raw)};
     }
-    /// Holds bodies, in turn, while chunks begin so many seconds late; a negative number holds none.
+    /// Holds bodies still, in turn, while chunks start more than `seconds` late; a negative number turns this off.
     [[nodiscard]] umo_status set_late_limit(double seconds) noexcept { return umo_engine_set_late_limit(get(), seconds); }
 
-    /// Whether there is more to do.
+    /// The value says whether there is more work.
     result<bool> poll(std::uint32_t budget_us) noexcept {
         std::uint32_t more = 0;
         const umo_status status = umo_engine_poll(get(), budget_us, &more);
@@ -169,19 +171,19 @@ public:
         (void)!umo_gesture_clip_init(&clip, sizeof clip);
         return clip;
     }
-    /// A gesture of the host's own, for sessions that are made from now on.
+    /// Adds a custom gesture for sessions created from now on.
     [[nodiscard]] umo_status add_gesture(const char *name, const umo_gesture_clip &clip) {
         return umo_engine_add_gesture(get(), name, &clip);
     }
-    /// The same of the animation in a `.glb` or `.vrm` file of any character with a human's bones: the one of a name,
-    /// or its first. A negative stroke is its middle.
+    /// As `add_gesture`, from the animation in a `.glb` or `.vrm` file of any humanoid character: the named one, or the
+    /// first. A negative stroke time means the middle.
     [[nodiscard]] umo_status add_gesture_file(const char *name, const char *path, const char *animation = nullptr,
                                               std::uint32_t parts = UMO_GESTURE_HEAD | UMO_GESTURE_TRUNK |
                                                                     UMO_GESTURE_LEFT_ARM | UMO_GESTURE_RIGHT_ARM,
                                               float stroke = -1) {
         return umo_engine_add_gesture_file(get(), name, path, animation, parts, stroke);
     }
-    /// The same of a file's bytes.
+    /// As `add_gesture_file`, from the bytes of a file.
     [[nodiscard]] umo_status add_gesture_memory(const char *name, const void *data, std::size_t size,
                                                 const char *animation = nullptr,
                                                 std::uint32_t parts = UMO_GESTURE_HEAD | UMO_GESTURE_TRUNK |
@@ -189,7 +191,7 @@ public:
                                                 float stroke = -1) {
         return umo_engine_add_gesture_memory(get(), name, data, size, animation, parts, stroke);
     }
-    /// Names of the gestures that sessions made now know.
+    /// Names of the gestures available to sessions created now.
     std::vector<std::string> gesture_names() const {
         std::vector<std::string> names;
         const char *name = nullptr;
@@ -214,7 +216,7 @@ public:
         return at<float>(layout_->rotations + static_cast<std::uint32_t>(joint) * layout_->rotation_stride);
     }
     const float *channels() const noexcept { return at<float>(layout_->channels); }
-    /// Null where the model has no ARKit channels.
+    /// Null if the model has no ARKit channels.
     const float *visemes() const noexcept {
         return layout_->visemes == UMO_ABSENT ? nullptr : at<float>(layout_->visemes);
     }
@@ -227,7 +229,7 @@ private:
     const unsigned char *bytes_;
 };
 
-/// Room for frames without gaps, in the axes that are wanted.
+/// Buffer for tightly packed frames in the requested axes.
 class frames {
 public:
     frames(const model &model, std::size_t capacity, std::uint32_t axes = UMO_AXES_GLTF)
@@ -241,7 +243,7 @@ public:
     const umo_frame_layout &layout() const noexcept { return layout_; }
     void *data() noexcept { return words_.data(); }
     const void *data() const noexcept { return words_.data(); }
-    /// Bytes.
+    /// Size in bytes.
     std::size_t size() const noexcept { return words_.size() * sizeof(std::uint64_t); }
 
 private:
@@ -250,7 +252,7 @@ private:
     std::vector<std::uint64_t> words_;
 };
 
-/// A session: see `umo_session_…`, where it is said which thread may call what.
+/// A session: see `umo_session_…` for the thread that may make each call.
 class session : public detail::handle<umo_session, detail::free_session> {
 public:
     using handle::handle;
@@ -266,7 +268,7 @@ public:
         return {status, session(raw)};
     }
 
-    /// An avatar whose frames come of packets: it needs no engine.
+    /// An avatar that is animated by received packets: it needs no engine.
     static result<session> decoder(const model &model, const umo_session_config *config = nullptr) {
         umo_session *raw = nullptr;
         const umo_status status = umo_decoder_new(model.get(), config, &raw);
@@ -275,27 +277,27 @@ public:
     [[nodiscard]] umo_status push_packet(const void *packet, std::size_t size) noexcept {
         return umo_decoder_push_packet(get(), packet, size);
     }
-    /// What came of its packets.
+    /// Statistics of its packets.
     result<umo_received> received() noexcept {
         umo_received stats{};
         stats.struct_size = sizeof stats;
         const umo_status status = umo_decoder_stats(get(), &stats);
         return {status, stats};
     }
-    /// Bytes of the longest packet; 0 without packets.
+    /// Maximum packet size in bytes; 0 without packets.
     result<std::size_t> packet_size() noexcept {
         std::size_t size = 0;
         const umo_status status = umo_session_packet_size(get(), &size);
         return {status, size};
     }
-    /// How many packets there were: back to back in `bytes`, the length of each in `lengths`.
+    /// Number of packets pulled: back to back in `bytes`, the length of each in `lengths`.
     result<std::size_t> pull_packets(void *bytes, std::size_t size, std::size_t *lengths, std::size_t most) noexcept {
         std::size_t count = 0;
         const umo_status status = umo_session_pull_packets(get(), bytes, size, lengths, most, &count);
         return {status, count};
     }
 
-    /// How many samples were taken.
+    /// Number of samples taken.
     result<std::size_t> push_audio(const float *samples, std::size_t count) noexcept {
         std::size_t taken = 0;
         const umo_status status = umo_session_push_audio(get(), samples, count, &taken);
@@ -306,7 +308,7 @@ public:
         const umo_status status = umo_session_push_audio_i16(get(), samples, count, &taken);
         return {status, taken};
     }
-    /// Who speaks to the avatar: it listens.
+    /// Feeds the interlocutor's audio, so that the avatar listens.
     [[nodiscard]] umo_status push_other_audio(const float *samples, std::size_t count) noexcept {
         return umo_session_push_other_audio(get(), samples, count);
     }
@@ -314,7 +316,7 @@ public:
     [[nodiscard]] umo_status interrupt(std::uint32_t ease_ms) noexcept { return umo_session_interrupt(get(), ease_ms); }
     [[nodiscard]] umo_status reset_stream() noexcept { return umo_session_reset(get()); }
 
-    /// How many frames there were.
+    /// Number of frames pulled.
     result<std::size_t> pull(frames &frames) noexcept {
         std::size_t count = 0;
         const umo_status status = umo_session_pull_frames(get(), &frames.layout(), frames.data(), frames.size(), &count);
@@ -325,15 +327,15 @@ public:
         const umo_status status = umo_session_ready_frames(get(), &count);
         return {status, count};
     }
-    /// Whether the stream has ended and every frame was handed out.
+    /// Whether the stream has ended and all frames were pulled.
     result<bool> is_done() noexcept {
         std::uint32_t done = 0;
         const umo_status status = umo_session_is_done(get(), &done);
         return {status, done != 0};
     }
-    /// What time it is for the host, in seconds: what moves while no frames come goes by it from then on.
+    /// Sets the host's time in seconds. Layers and easing follow it while no frames arrive.
     [[nodiscard]] umo_status set_clock(double seconds) noexcept { return umo_session_set_clock(get(), seconds); }
-    /// The pose at a time, in the first of `frames`.
+    /// The pose at a motion time, in the first of `frames`.
     result<umo_sampled> sample(double seconds, frames &frames) noexcept {
         umo_sampled sampled{};
         sampled.struct_size = sizeof sampled;
@@ -346,7 +348,7 @@ public:
         return umo_session_set_prompt(get(), text.data(), text.size());
     }
     [[nodiscard]] umo_status set_seed(std::uint64_t seed) noexcept { return umo_session_set_seed(get(), seed); }
-    /// Looks at a point in the avatar's space; a strength of 0 ends it.
+    /// Looks at a point in the avatar's space; a strength of 0 stops it.
     [[nodiscard]] umo_status look_at(const std::array<float, 3> &point, float strength = 1,
                                      std::uint32_t axes = UMO_AXES_GLTF) noexcept {
         return umo_session_look_at(get(), axes, point.data(), strength);
@@ -364,7 +366,7 @@ public:
         (void)!umo_gesture_options_init(&options, sizeof options);
         return options;
     }
-    /// One of `engine::gesture_names`; as soon as possible, and at its own speed, where there are no options.
+    /// One of `engine::gesture_names`; as soon as possible and at normal speed by default.
     [[nodiscard]] umo_status play_gesture(const char *name, const umo_gesture_options *options = nullptr) noexcept {
         return umo_session_play_gesture(get(), name, options);
     }
@@ -377,7 +379,7 @@ public:
         return {status, value};
     }
 
-    /// The session's whole state; empty where it cannot be saved now.
+    /// The complete state of the session; empty if it cannot be saved now.
     result<std::vector<unsigned char>> save() {
         std::size_t size = 0;
         umo_status status = umo_session_state_size(get(), &size);
@@ -402,15 +404,15 @@ public:
         (void)!umo_session_stats(get(), &stats);
         return stats;
     }
-    /// What the last failed call on it says.
+    /// Detail of the last failed call.
     std::string last_error() const {
         char text[UMO_ERROR_SIZE] = "";
         return umo_session_last_error(get(), text, sizeof text, nullptr) == UMO_STATUS_OK ? text : "";
     }
 };
 
-/// Frames as an animation to write: the first `count` of `frames`. Model and frames must outlive it. `figure` is one of
-/// `umo_figure_name`, or null for the bones alone.
+/// Describes frames as an animation to write: the first `count` of `frames`. Model and frames must outlive it. `figure`
+/// is one of `umo_figure_name`, or null for bones without a mesh.
 inline umo_clip clip(const model &model, const frames &frames, std::size_t count,
                      const char *figure = umo_figure_name(0)) noexcept {
     umo_clip clip{};
@@ -421,11 +423,11 @@ inline umo_clip clip(const model &model, const frames &frames, std::size_t count
     clip.figure = figure;
     return clip;
 }
-/// Writes it as a file of a `UMO_FORMAT_…`: whole or not at all. `path` is UTF-8.
+/// Writes it as a file in a `UMO_FORMAT_…`; a failed write leaves no partial file. `path` is UTF-8.
 [[nodiscard]] inline umo_status write_file(const umo_clip &clip, std::uint32_t format, const char *path) {
     return umo_clip_write_file(&clip, format, path);
 }
-/// Gives the file's bytes to `take(bytes, size)`, piece by piece, until it returns false or throws: both are
+/// Passes the file's bytes to `take(bytes, size)` piece by piece. If it returns false or throws, the result is
 /// `UMO_STATUS_IO`.
 template <class Take> [[nodiscard]] umo_status write(const umo_clip &clip, std::uint32_t format, Take &&take) {
     umo_output output{};

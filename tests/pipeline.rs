@@ -60,7 +60,7 @@ impl Frames {
             assert!(pose.translation.iter().all(|v| v.is_finite()));
             for q in &pose.rotations {
                 let length: f64 = q.iter().map(|&v| f64::from(v).powi(2)).sum();
-                assert!((length - 1.0).abs() < 1e-6, "{q:?} is no unit quaternion");
+                assert!((length - 1.0).abs() < 1e-6, "{q:?} is not a unit quaternion");
             }
         }
     }

@@ -656,7 +656,7 @@ fn forged_states_do_no_harm() {
             match session.restore(forged) {
                 Ok(()) => {
                     taken += 1;
-                    assert!(save(&session) == forged, "what was restored is what was given");
+                    assert!(save(&session) == forged, "the restored state is the given one");
                     survive(&timed, &session);
                 }
                 Err(SessionError::State(_)) => {

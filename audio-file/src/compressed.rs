@@ -43,7 +43,7 @@ pub(crate) fn open(format: Format, bytes: Bytes) -> Result<Box<dyn Blocks>, Audi
         Format::Mpeg => {
             let bytes = bytes.part(parts::tags(&bytes)?..bytes.len());
             if bytes.len() == 0 {
-                let cause = "it ends with its tag, before any audio".to_owned();
+                let cause = "it ends after its tag, before any audio".to_owned();
                 return Err(AudioError::Damaged { name: format.name(), cause });
             }
             (Format::of_start(&bytes.peek(0, START)?).filter(|found| found.is_bare()).unwrap_or(format), bytes)

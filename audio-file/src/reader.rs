@@ -61,7 +61,7 @@ impl Reader {
             Self { blocks, name: format.name(), spec, block: Vec::new(), is_first: false, unusable: 0, frames: 0 };
         reader.spec = reader.decode()?.ok_or_else(|| {
             let lost = reader.blocks.notes().iter().any(|note| matches!(note, Note::Lost { .. }));
-            let cause = || "none of its audio can be decoded".to_owned();
+            let cause = || "no part of its audio can be decoded".to_owned();
             if lost { AudioError::Damaged { name: reader.name, cause: cause() } } else { AudioError::Empty }
         })?;
         reader.is_first = true;

@@ -1,13 +1,13 @@
-"""Times fused attention beside PyTorch's scaled_dot_product_attention with the same additive bias, one after the other.
+"""Times fused attention beside PyTorch's scaled_dot_product_attention with the same additive bias, in turn.
 
 Ours is `cargo build --release -p umo-kernels --example attention_times`; give the program's path and the thread count:
 
     python benches/peers/attention.py target/release/examples/attention_times --threads 2
 
-PyTorch is timed with heads as views of [rows, heads * head_dim], as ours are, with heads laid out densely, and as
-softmax(q k^T + bias) v in separate calls, in f32, and for an encoder's attention with factors rounded to bf16 in bf16 as well.
-The faster of the first two stands for the fused call. Every round times each side once;
-the table shows each side's fastest call of all and its median over the rounds' medians.
+PyTorch is timed with heads as views of [rows, heads * head_dim], as in ours, with densely stored heads, and as
+softmax(q k^T + bias) v in separate calls, in f32, and for an encoder's attention also in bf16 with factors rounded to
+bf16. The faster of the first two counts as the fused call. Every round times each side once; the table shows each
+side's fastest call of all and the median of its rounds' medians.
 """
 
 import argparse
@@ -18,7 +18,7 @@ import time
 import torch
 import torch.nn.functional as F
 
-# Queries, keys, and the precision of our factors and of PyTorch's numbers.
+# Queries, keys, and the precision of our factors and of PyTorch's tensors.
 SHAPES = [
     ("encoder", 256, 256, "f32", "f32"),
     ("encoder", 512, 512, "f32", "f32"),
@@ -32,7 +32,7 @@ HEADS, HEAD_DIM, SCALE = 12, 64, 0.125
 
 
 def sides(queries, keys, precision):
-    """The three ways that PyTorch can be asked."""
+    """PyTorch's three variants."""
     bias = torch.randn(1, HEADS, queries, keys, dtype=TYPES[precision])
     flat = [torch.randn(1, rows, HEADS * HEAD_DIM, dtype=TYPES[precision]) for rows in (queries, keys, keys)]
     views = [x.view(1, -1, HEADS, HEAD_DIM).transpose(1, 2) for x in flat]
@@ -55,7 +55,9 @@ def fastest_and_median(call, repetitions):
 
 
 def measure(program, isa, threads, rounds):
-    """For every shape its name, queries, keys and precisions, and microseconds (fastest, median) of us, the fused and separate calls."""
+    """For every shape: name, queries, keys and precisions, and microseconds (fastest, median) of ours, the fused and
+    the separate calls.
+    """
     torch.set_num_threads(threads)
     ours = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 

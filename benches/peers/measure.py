@@ -1,7 +1,7 @@
-"""Times us beside the peers, side by side in turn, and writes a row for each pair to benches/results/<cpu>.csv.
+"""Times us beside the peers in turn, and writes a row per pair to benches/results/<cpu>.csv.
 
-`run` calls it; `--only` runs one group of measurements, whose rows then replace those of the same name in the file, and
-`--table` measures nothing; it puts the table of all processors' files into docs/performance.md.
+Called by `run`; `--only` runs one group of measurements, whose rows then replace those of the same name in the file,
+and `--table` measures nothing and writes the table of all processors' files into docs/performance.md.
 """
 
 import argparse
@@ -22,9 +22,9 @@ ROOT = HERE.parent.parent
 TARGET = ROOT / "target"
 MODELS = TARGET / "peers"
 COLUMNS = ["what", "ours", "peer", "threads", "our_ms", "peer_ms", "ratio", "floor_ms", "date", "version"]
-# Calls in a turn: of a step, which takes a few milliseconds, more.
+# Calls per turn: more for a step, which takes a few milliseconds.
 ROUNDS, CALLS = 15, {"step": 20, "reading": 20}
-# Peers' threads spin for some milliseconds after their work; then the machine is the other side's.
+# Peers' threads spin for some milliseconds after their work: wait before the other side's turn.
 REST = 0.1
 NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}
 PACKAGES = {"pytorch": "torch"}
@@ -38,15 +38,15 @@ SHOWN = [
     ("half a second of an avatar; a peer's face alone", "1"),
     ("attention; encoder; 256 x 256 x 12 heads", "1"),
 ]
-# Products of so many rows, of all shapes together.
+# Products with this number of rows, all shapes together.
 SHOWN_PRODUCTS = ("256 rows", "1")
-# Names of the files' processors in the documentation; of the Zen 3 the face alone was measured.
+# Processor names in the documentation; on the Zen 3 only the face was measured.
 PROCESSORS = {
     "amd-epyc-zen-4": "Zen 4",
     "amd-epyc": "Zen 5",
     "intel-xeon-processor": "Sapphire Rapids",
 }
-# What is timed: the part, threads, and the peers with the precision of their weights.
+# Measurements: the part, threads, and the peers with their weights' precision.
 PARTS = [
     ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
     ("step", 2, ["reading int8"]),
@@ -69,7 +69,7 @@ WHAT = {
 }
 
 
-# Hosts hide which of AMD's processors they are; its family and model tell those of other architectures than Zen 5.
+# Hosts hide AMD processor names; family and model identify architectures other than Zen 5.
 ZEN = {(25, 1): "zen-3", (25, 17): "zen-4", (25, 160): "zen-4"}
 
 
@@ -85,7 +85,7 @@ def cpu():
 
 
 def version():
-    """Ours, with the commit."""
+    """Our version with the commit."""
     text = (ROOT / "Cargo.toml").read_text()
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
     return f"{re.search(r'version = .([0-9.]+)', text).group(1)} {commit.stdout.strip()}".strip()
@@ -99,7 +99,7 @@ def peer_name(peer):
 
 
 class Side:
-    """A program that says `ready`, whatever it says before, and then answers a line with a line."""
+    """A program that prints `ready`, possibly after other output, and then answers each line with a line."""
 
     def __init__(self, *command):
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -118,7 +118,7 @@ class Side:
         return answer.strip()
 
     def times(self, part, kind, threads):
-        """Milliseconds of some calls after one that wakes the threads."""
+        """Milliseconds of several calls, after one call to wake the threads."""
         time.sleep(REST)
         return [float(ms) for ms in self.ask(part, kind, threads, 1 + CALLS.get(part, 3)).split()][1:]
 
@@ -139,11 +139,11 @@ def parts(isa, wanted):
     for side in [ours, *peers.values()]:
         side.wait()
     for part, threads, others in entries:
-        # What a step must read is read by our own threads.
+        # The bytes of a step are read by our own threads.
         sides = [(peers.get(other.split()[0], ours), other.split()[1]) for other in others]
         asked = ["reading" if other.startswith("reading") else part for other in others]
         sides = [(side, what, kind) for (side, kind), what in zip(sides, asked)] + [(ours, part, "int8")]
-        # The first call of a peer loads its model.
+        # A peer loads its model in the first call.
         for side, what, kind in sides:
             side.times(what, kind, threads)
         rounds, floors = [], []
@@ -152,12 +152,12 @@ def parts(isa, wanted):
             floors.append(float(ours.ask(part, "int8", threads, "floor")))
         print(ours.ask("peaks", "int8", threads, 0), flush=True)
         calls = [sum(times, []) for times in zip(*rounds)]
-        # What each side does in a moment without the host's other guests.
+        # Each side's time in a moment without load from the host's other guests.
         fastest = (f"{name} {min(times):.4g}" for name, times in zip([*map(peer_name, others), "ours"], calls))
         print(f"{WHAT[part]}, {threads} threads, fastest call of each, ms: {', '.join(fastest)}", flush=True)
         *medians, our_median = map(statistics.median, calls)
         for other, median in zip(others, medians):
-            # Others on the same host can only make the peaks look lower.
+            # Other load on the host can only lower the measured peaks.
             yield WHAT[part], f"int8 {isa}", peer_name(other), threads, our_median, median, min(floors)
     for side in [ours, *peers.values()]:
         side.close()
@@ -177,14 +177,14 @@ def attentions(isa):
             floor = 2 * queries * keys * attention.HEADS * attention.HEAD_DIM / macs_per_ms
             what = f"attention; {name}; {queries} x {keys} x {attention.HEADS} heads"
             medians = [times[1] / 1e3 for times in (our_times, fused)]
-            # With factors in bf16, tiles are the limit, 16 times what registers of f32 multiply, or pairs, twice as much.
+            # With bf16 factors the limit are tiles, at 16 times the f32 rate, or pairs, at twice.
             floor /= {"amx": 16, "avx512bf16": 2}.get(isa, 1) if mine == "bf16" else 1
             yield what, f"{mine} {isa}", f"PyTorch {torch.__version__} {theirs}", threads, *medians, floor
     ours.close()
 
 
 def products(isa, threads):
-    """Where there are tiles, int8 is timed a second time with neither side using them."""
+    """With tiles, int8 is timed a second time with both sides not using them."""
     mkl = next(pathlib.Path(sys.prefix, "lib").glob("libmkl_rt.so.*"))
     runs = [(isa, "", {})]
     if isa == "amx":
@@ -212,7 +212,7 @@ def row(stamp, what, ours, peer, threads, our_ms, peer_ms, floor_ms):
 
 
 def share(row):
-    """How much of our time the floor is; of a whole avatar no floor is known."""
+    """Share of the floor in our time; there is no known floor for a whole avatar."""
     share = 100 * float(row["floor_ms"]) / float(row["our_ms"])
     return "–" if math.isnan(share) else f"{share:.0f} %"
 
@@ -235,14 +235,15 @@ def grid(head, rows):
 
 
 def shown_cells(name, rows):
-    """A processor's cells of the documentation's table by row: umo's time, and the fastest peer's over it."""
+    """A processor's cells of the documentation's table by row: umo's time, and the ratio of the fastest peer's to it.
+    """
     found, products = {}, {}
     for row in rows:
         kind = row["ours"].split()[0]
         if (row["what"], row["threads"]) in SHOWN:
             found.setdefault((row["what"], kind, row["threads"]), []).append(row)
         elif row["what"].startswith("product") and (row["what"].split("; ")[2], row["threads"]) == SHOWN_PRODUCTS:
-            # Beside tiles the same product without them is timed, too.
+            # With tiles, the same product without them is timed too.
             isa, peer = row["ours"].split()[1], bare(row["peer"])
             if peer.split()[0] in product_peers(name):
                 key = f"products, {SHOWN_PRODUCTS[0]}{' without tiles' if kind == 'int8' and isa != 'amx' else ''}"
@@ -259,7 +260,7 @@ def shown_cells(name, rows):
 
 
 def product_peers(name):
-    """MKL takes a path without VNNI and AVX-512 on AMD's processors, and is no peer there."""
+    """On AMD's processors MKL does not use VNNI and AVX-512, so it is not a peer there."""
     return ["faer"] if name.startswith("amd") else ["MKL", "faer"]
 
 
@@ -271,7 +272,7 @@ def read(path):
 
 
 def document(paths):
-    """Puts the table into the documentation."""
+    """Writes the table into the documentation."""
     page = ROOT / "docs" / "performance.md"
     begin, end = "<!-- made by benches/peers/run --table -->\n", "<!-- end -->"
     by_stem = {path.stem: list(read(path).values()) for path in paths if path.stem in PROCESSORS}

@@ -1,7 +1,7 @@
-"""The peers' models: random weights of the base shape, as PyTorch, ONNX and CTranslate2 have them.
+"""The peers' models: random weights of the base shape, for PyTorch, ONNX and CTranslate2.
 
-`build(folder, part)` makes the files of a part once. Each ONNX graph is compared with the PyTorch model that it was made from before it is
-quantised, so that what is timed is the network and not something near it.
+`build(folder, part)` makes the files of a part once. Each ONNX graph is compared with the PyTorch model that it was
+made from before it is quantised, to be sure that the timed network is the same.
 """
 
 import copy
@@ -17,15 +17,15 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxruntime.quantization import QuantType, quantize_dynamic
 
 TOKENS, STEPS, SECONDS = 256, 20, 3
-# Ids that a pass of the decoder takes: of 20 codes one after the other; and of a chunk's, whose four parts of five codes begin and
-# end with markers that nobody has to wait for, so that they go with the code before them.
+# New ids in each pass of the decoder: 20 codes one after the other; and those of a chunk, whose four parts of five
+# codes start and end with markers that need no sampling and so are combined with the code before them.
 STEP_ROWS = [1] * STEPS
 CHUNK_ROWS = [2, 1, 1, 1, 1] + 3 * [3, 1, 1, 1, 1]
 MARKERS = [1, 2]
-# The codes of four parts: a head for text and audio as well would only cost the peers.
+# The codes of four parts: a head for text and audio as well would only slow the peers down.
 HEAD = 1024
 LAYERS, HEADS, HEAD_DIM = 12, 12, 64
-# The network of the face alone: frames of half a second of speech, each of which reads a window of samples.
+# The face network: frames of half a second of speech, each of which reads a window of samples.
 FACE_FRAMES, FACE_WINDOW = 15, 8320
 
 
@@ -40,7 +40,7 @@ def t5_config():
 def t5():
     torch.manual_seed(1)
     model = transformers.T5ForConditionalGeneration(t5_config()).eval()
-    # The library ties the head to the embeddings and only leaves out the scaling; such a model would repeat its input.
+    # The library ties the head to the embeddings without the scaling; such a model would repeat its input.
     model.lm_head.weight = torch.nn.Parameter(torch.randn(HEAD, 768) / 768**0.5)
     model.config.tie_word_embeddings = False
     return model
@@ -53,9 +53,10 @@ def hubert():
 
 
 class FaceNet(torch.nn.Module):
-    """A regression network of the shape that Audio2Face-3D 2.3 is published with (arXiv 2508.16401 and its training
-    framework): for each frame a window of 0.52 s, by the first layer of wav2vec 2.0 (base) and by autocorrelation,
-    then convolutions over time that also get an emotion; out come coefficients of skin, jaw and eyes, and of the tongue.
+    """A regression network with the published shape of Audio2Face-3D 2.3 (arXiv 2508.16401 and its training framework):
+    for each frame a window of 0.52 s through the first layer of wav2vec 2.0 (base) and autocorrelation, then
+    convolutions over time with an additional emotion input; the outputs are coefficients of skin, jaw and eyes, and
+    of the tongue.
     """
 
     WINDOWS, LENGTH, STRIDE, LAGS, EMOTION = 25, 640, 320, 32, 24
@@ -131,14 +132,14 @@ def audio():
 
 
 def encoder_bias():
-    """The relative bias of 256 positions, the same in every call: [1, heads, 256, 256]."""
+    """Relative bias of 256 positions, the same in every call: [1, heads, 256, 256]."""
     attention = t5().encoder.block[0].layer[0].SelfAttention
     with torch.inference_mode():
         return attention.compute_bias(TOKENS, TOKENS).numpy()
 
 
 def decoder_biases(passes):
-    """For every pass, the relative bias of its new positions, which see no later ones: [1, heads, rows, positions so far]."""
+    """For every pass, the relative bias of its new positions with causal mask: [1, heads, rows, positions so far]."""
     attention = t5().decoder.block[0].layer[0].SelfAttention
     with torch.inference_mode():
         whole = attention.compute_bias(sum(passes), sum(passes))
@@ -148,7 +149,7 @@ def decoder_biases(passes):
 
 
 class Graph:
-    """Nodes and weights of an ONNX graph, as they are added."""
+    """Nodes and weights of an ONNX graph under construction."""
 
     def __init__(self):
         self.nodes, self.weights, self.inputs, self.outputs, self.count = [], [], [], [], 0
@@ -174,7 +175,7 @@ class Graph:
         return names[0] if outputs == 1 else names
 
     def linear(self, x, *layers):
-        """`layers` of the same input as one product, cut afterwards; with their biases where they have any."""
+        """Several linear `layers` of the same input as one product, split afterwards; with biases if there are any."""
         y = self.add("MatMul", [x, self.weight(torch.cat([layer.weight for layer in layers]).T)])
         if layers[0].bias is not None:
             y = self.add("Add", [y, self.weight(torch.cat([layer.bias for layer in layers]))])
@@ -184,7 +185,7 @@ class Graph:
         return self.add("Split", [y, self.weight(sizes)], len(layers), axis=-1)
 
     def attention(self, q, k, v, scale, outputs=1, **optional):
-        """ONNX Runtime's own fused operation; `optional` are its bias, past key and past value."""
+        """ONNX Runtime's fused operation; `optional` are its bias, past key and past value."""
         names = ["attention_bias", "past_key", "past_value"]
         inputs = [q, k, v, "", ""] + [optional.get(name, "") for name in names]
         while not inputs[-1]:
@@ -223,7 +224,7 @@ def t5_feed_forward(g, x, layer):
 
 
 def t5_encoder(g):
-    """Hidden states [1, tokens, 768] of `ids`."""
+    """Hidden states [1, tokens, 768] for `ids`."""
     model = t5()
     x = g.add("Gather", [g.weight(model.shared.weight), g.input("ids", [1, TOKENS], TensorProto.INT64)])
     bias = g.input("bias", [1, HEADS, TOKENS, TOKENS])
@@ -254,7 +255,7 @@ def split_heads(g, x):
 
 
 def prefill_graph(path):
-    """The encoder and the keys and values that the decoder takes from its states, computed once."""
+    """The encoder, and the decoder's keys and values from its states, computed once."""
     g = Graph()
     states = t5_encoder(g)
     for i, block in enumerate(t5().decoder.block):
@@ -265,7 +266,7 @@ def prefill_graph(path):
 
 
 def decoder_graph(path):
-    """One greedy pass: the code that follows the last of a few ids, and the grown keys and values of every layer."""
+    """One greedy pass: the code after the last of a few ids, and the extended keys and values of every layer."""
     model, g = t5(), Graph()
     x = g.add("Gather", [g.weight(model.shared.weight), g.input("ids", [1, "rows"], TensorProto.INT64)])
     bias = g.input("bias", [1, HEADS, "rows", "time"])
@@ -295,7 +296,7 @@ def decoder_graph(path):
 
 
 def speech_layers(g, model, x):
-    """What HuBERT and wav2vec 2.0 are alike in: samples `[batch, samples]` to features `[batch, tokens, 768]`."""
+    """Layers shared by HuBERT and wav2vec 2.0: samples `[batch, samples]` to features `[batch, tokens, 768]`."""
     x = g.add("Unsqueeze", [x, g.weight(np.array([1]))])
     for i, layer in enumerate(model.feature_extractor.conv_layers):
         x = g.add("Conv", [x, g.weight(layer.conv.weight)], strides=list(layer.conv.stride))
@@ -307,7 +308,7 @@ def speech_layers(g, model, x):
     x = g.linear(x, model.feature_projection.projection)
     conv = model.encoder.pos_conv_embed.conv
     y = g.add("Transpose", [x], perm=[0, 2, 1])
-    # The kernel is even: of the padding of 64 on both sides, the last output is dropped.
+    # The kernel is even: with padding of 64 on both sides, the last output is dropped.
     y = g.add("Conv", [y, g.weight(conv.weight), g.weight(conv.bias)], group=conv.groups, pads=[64, 63])
     y = g.add("Transpose", [g.add("Gelu", [y])], perm=[0, 2, 1])
     x = g.layer_norm(g.add("Add", [x, y]), model.encoder.layer_norm)
@@ -381,7 +382,7 @@ def session(path, threads):
 
 
 class OnnxT5:
-    """Encoder and greedy decoder in ONNX Runtime, with keys and values that stay in its own memory."""
+    """Encoder and greedy decoder in ONNX Runtime, with keys and values kept in its own memory."""
 
     def __init__(self, folder, kind, threads, passes):
         self.prefill = session(folder / f"prefill.{kind}.onnx", threads)
@@ -417,11 +418,11 @@ class OnnxT5:
 
 
 def check_onnx(folder):
-    """The graphs do what the PyTorch models do."""
+    """Checks that the graphs compute the same as the PyTorch models."""
     with torch.inference_mode():
         want = t5().encoder(torch.from_numpy(token_ids())).last_hidden_state.numpy()
         got = session(folder / "encoder.f32.onnx", 2).run(None, {"ids": token_ids(), "bias": encoder_bias()})[0]
-        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "the encoder's graph is another network"
+        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "the encoder's graph differs"
         states = transformers.modeling_outputs.BaseModelOutput(torch.from_numpy(want))
         for passes in [STEP_ROWS, CHUNK_ROWS]:
             ids, codes = [], [0]
@@ -430,17 +431,17 @@ def check_onnx(folder):
                 logits = t5()(encoder_outputs=states, decoder_input_ids=torch.tensor([ids])).logits
                 codes.append(int(logits[0, -1].argmax()))
             got = OnnxT5(folder, "f32", 2, passes).chunk(token_ids())
-            assert len(set(got)) > 1 and got == codes[1:], "the decoder's graph is another network"
+            assert len(set(got)) > 1 and got == codes[1:], "the decoder's graph differs"
         want = hubert()(torch.from_numpy(audio())).last_hidden_state.numpy()
         got = session(folder / "hubert.f32.onnx", 2).run(None, {"audio": audio()})[0]
-        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "HuBERT's graph is another network"
+        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "HuBERT's graph differs"
 
 
 def check_face(folder):
     with torch.inference_mode():
         want = face()(*map(torch.from_numpy, face_inputs().values())).numpy()
     got = session(folder / "face.f32.onnx", 2).run(None, face_inputs())[0]
-    assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "the face's graph is another network"
+    assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "the face's graph differs"
 
 
 GRAPHS = {"encoder": encoder_graph, "prefill": prefill_graph, "decoder": decoder_graph, "hubert": hubert_graph}
@@ -448,7 +449,7 @@ GRAPHS = {"encoder": encoder_graph, "prefill": prefill_graph, "decoder": decoder
 
 def quantized(folder, name):
     source, target = folder / f"{name}.f32.onnx", folder / f"{name}.int8.onnx"
-    # Types are not inferred through ONNX Runtime's own operations: all that is multiplied is f32.
+    # Types are not inferred through ONNX Runtime's own operations: all factors are f32.
     options = {"DefaultTensorType": TensorProto.FLOAT}
     quantize_dynamic(
         source, target, op_types_to_quantize=["MatMul"], weight_type=QuantType.QInt8, extra_options=options
@@ -470,7 +471,7 @@ def build_face(folder):
 
 
 class Tokens:
-    """As much of a tokenizer as the converter asks for: pieces are their own numbers."""
+    """The minimum of a tokenizer that the converter requires: pieces are their own numbers."""
 
     pad_token, eos_token, unk_token = "0", "1", "2"
 
@@ -494,7 +495,7 @@ def build_ctranslate2(folder):
 
     loader = T5Loader()
     with torch.no_grad():
-        # Quantising changes the arrays that a specification was made from.
+        # Quantising modifies the arrays of a specification, so build it again.
         save(loader(copy.deepcopy(t5()), Tokens()), "ctranslate2")
         stack = transformer_spec.TransformerEncoderSpec(
             LAYERS, HEADS, activation=transformer_spec.common_spec.Activation.GELUTanh,
@@ -516,8 +517,8 @@ def build_ctranslate2(folder):
         forced = torch.from_numpy(np.concatenate([[0], codes[:-1]]))[None]
         logits = t5()(input_ids=torch.from_numpy(ids), decoder_input_ids=forced).logits[0].log_softmax(-1)
     want_score = logits[torch.arange(STEPS), torch.from_numpy(codes)].numpy()
-    assert np.corrcoef(states.ravel(), want.ravel())[0, 1] > 0.99, "CTranslate2's encoder is another network"
-    assert np.corrcoef(score, want_score)[0, 1] > 0.99, "CTranslate2's decoder is another network"
+    assert np.corrcoef(states.ravel(), want.ravel())[0, 1] > 0.99, "CTranslate2's encoder differs"
+    assert np.corrcoef(score, want_score)[0, 1] > 0.99, "CTranslate2's decoder differs"
 
 
 def pieces(ids):
@@ -525,7 +526,7 @@ def pieces(ids):
 
 
 def build(folder, part):
-    """Makes what is missing under `folder` and `part` needs."""
+    """Makes the files under `folder` that `part` needs and that are missing."""
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     makers = {"onnx-rows": build_onnx, "ctranslate2": build_ctranslate2}

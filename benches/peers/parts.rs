@@ -38,7 +38,7 @@ fn main() {
             println!("{:.4}", floor::f32(count, isa()).unwrap_or(f64::INFINITY) / 1e9);
             continue;
         }
-        let measure = || machine(count, 0).expect("this is no test");
+        let measure = || machine(count, 0).expect("not a test run");
         if part == "peaks" {
             println!("{}", measure());
             continue;

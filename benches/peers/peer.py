@@ -1,7 +1,8 @@
-"""One peer that answers on standard input, so that another side can be timed in between.
+"""A peer that answers on standard input, so that another side can be timed in between.
 
-Usage: `peer.py onnxruntime|ctranslate2|pytorch FOLDER`, with the folder that `models.build` filled.
-After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as many calls.
+Usage: `peer.py onnxruntime|ctranslate2|pytorch FOLDER`, with the folder filled by `models.build`.
+After `ready`, each line `part kind threads repetitions` is answered with the milliseconds of the
+calls.
 """
 
 import copy

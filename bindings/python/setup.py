@@ -27,13 +27,13 @@ def repository() -> Path:
 
 
 def workspace(key: str) -> str:
-    """A text that Cargo.toml gives every crate."""
+    """A text from Cargo.toml's workspace package."""
     text = (repository() / "Cargo.toml").read_text("utf-8")
     return re.search(rf'^{key} = "(.*)"$', text, re.MULTILINE)[1]
 
 
 def library(prefix: Path) -> Path:
-    """The shared library of an install."""
+    """The shared library of an installation."""
     file = prefix / {"win32": "bin/umo.dll", "darwin": "lib/libumo.dylib"}.get(sys.platform, "lib/libumo.so")
     if not file.is_file():
         raise SetupError(f"{file} is missing: {prefix} is no folder that scripts/build/install made")
@@ -45,7 +45,7 @@ class BuildWithLibrary(build_py):
 
     def run(self):
         super().run()
-        # An editable install uses the package where it lies.
+        # An editable install uses the package in place.
         package = ROOT / "bindings/python/src/umo" if self.editable_mode else Path(self.build_lib) / "umo"
         given = os.environ.get("UMO_PREFIX")
         if given:
@@ -66,7 +66,7 @@ class BuildWithLibrary(build_py):
 
 
 class WheelOfPlatform(bdist_wheel):
-    """One wheel serves every Python: the library is called by ctypes and knows none."""
+    """One wheel for every Python version: the library is loaded with ctypes and independent of it."""
 
     def get_tag(self):
         return "py3", "none", super().get_tag()[2]

@@ -1,5 +1,5 @@
-// What one avatar costs: the share of a thread of the default model in Node, and the bytes to download. `bindings/web/build` comes
-// first.
+// Cost of one avatar: the default model's share of a thread in Node, and the bytes to download. Run
+// `bindings/web/build` first.
 
 import { readFile } from "node:fs/promises";
 import { brotliCompressSync, constants, gzipSync } from "node:zlib";
@@ -34,7 +34,7 @@ for (let i = 0; i < 12; i++) {
   shares.push((cpu() - start) / seconds);
   session.free();
 }
-// The first are compiled while they run.
+// The first runs include compilation.
 const warm = shares.slice(2).sort((a, b) => a - b);
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
 console.log(`share of a thread: median ${percent(warm[warm.length >> 1])}, least ${percent(warm[0])}, first run ${percent(shares[0])}; ${(1 / warm[warm.length >> 1]).toFixed(1)} times real time`);

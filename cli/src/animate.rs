@@ -264,5 +264,5 @@ pub(crate) fn named(config: &Config, name: &str, text: bool) -> Result<String, F
     candidates
         .into_iter()
         .find(|name| has_text(name))
-        .ok_or_else(|| Failure::input(format!("this model takes no text: its template `{name}` has no place for one")))
+        .ok_or_else(|| Failure::input(format!("this model takes no text: its template `{name}` has no slot for it")))
 }

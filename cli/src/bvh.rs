@@ -148,7 +148,7 @@ fn joint(words: &mut Words<'_>, parent: Option<usize>) -> Result<Joint, String> 
     }
     let channels = (0..count).map(|_| channel(words)).collect::<Result<Vec<_>, _>>()?;
     if (1..count).any(|i| channels[..i].contains(&channels[i])) {
-        return Err(format!("joint `{name}`: a channel comes twice"));
+        return Err(format!("joint `{name}`: a channel is listed twice"));
     }
     Ok(Joint { name, parent, offset, channels, end: None })
 }

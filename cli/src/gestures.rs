@@ -64,7 +64,7 @@ pub(crate) fn play(
 ) -> Result<(), Failure> {
     animation.play_gesture(name, options).map_err(|error| match error {
         SessionError::UnknownGesture => {
-            Failure::Input(format!("--gesture {name}: no gesture has this name; there are {}", list(gestures)))
+            Failure::Input(format!("--gesture {name}: unknown gesture; known: {}", list(gestures)))
         }
         error => Failure::input(format!("--gesture {name}: {error}")),
     })

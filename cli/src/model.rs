@@ -185,9 +185,13 @@ mod tests {
         let small = name(default(None, None, &installed));
         assert_eq!(small, ModelFile::open(&golden).unwrap().config().name);
         let embedded = name(default(None, EMBEDDED, &installed));
-        assert_ne!(embedded, small, "what is in the program goes before what is installed");
-        assert_eq!(name(default(Some(golden.clone()), EMBEDDED, &[])), small, "and what is named before both");
-        assert_eq!(name(default(Some(PathBuf::new()), EMBEDDED, &[])), embedded, "an empty variable names nothing");
+        assert_ne!(embedded, small, "the embedded model takes precedence over installed ones");
+        assert_eq!(
+            name(default(Some(golden.clone()), EMBEDDED, &[])),
+            small,
+            "a named model takes precedence over both"
+        );
+        assert_eq!(name(default(Some(PathBuf::new()), EMBEDDED, &[])), embedded, "an empty variable counts as unset");
         assert!(
             default(Some(folder.path().join("missing")), EMBEDDED, &installed).and_then(Place::open).is_err(),
             "a wrong name is refused"

@@ -53,7 +53,7 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
         rotate::check(file.config())?;
     }
     if !args.calibrate.is_empty() && !plans.iter().any(|plan| plan.storage.is_quantized()) {
-        return Err(Failure::input("--calibrate: no tensor becomes int8 or int4, and no other is rounded by it"));
+        return Err(Failure::input("--calibrate: no tensor becomes int8 or int4, and calibration affects no others"));
     }
     let output = atomic_file::create(&args.output)?;
 
@@ -204,7 +204,7 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
         if was.is_quantized() {
             let what = if was == Storage::Int8 { "int8" } else { "int4" };
             return Err(Failure::input(format!(
-                "tensor `{name}` is {what} already: quantise the float model that it was made from"
+                "tensor `{name}` is {what} already: quantize the float model that it was made from"
             )));
         }
         if let Some(spec) = spec {

@@ -70,7 +70,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         Some(path) => Failure::input(format!("{}: {problem}", path.display())),
         None => wrong(problem),
     })?;
-    let checked = target.check(&mapping, "--print-mapping what was found").map_err(wrong);
+    let checked = target.check(&mapping, "--print-mapping prints what was found").map_err(wrong);
     if args.print_mapping {
         let arkit = arkit();
         let faces = target.faces(&mapping, &arkit, &given).map_err(wrong)?;
@@ -212,7 +212,7 @@ impl Target {
                 wrong("the character is not a VRM file, so the output cannot be one: name it .glb")
             }
             Self::Character(_) if is("glb") || is("vrm") => Ok(()),
-            Self::Character(_) => wrong("expected .glb, or .vrm where the character is one"),
+            Self::Character(_) => wrong("expected .glb, or .vrm if the character is a VRM file"),
             Self::Skeleton(_) if is("bvh") => Ok(()),
             Self::Skeleton(_) => wrong("expected .bvh, as the skeleton"),
         }
@@ -259,13 +259,13 @@ fn of_rig(rig: &Rig, mapping: &Mapping) -> Vec<String> {
     let first = mapping.entries().into_iter().find_map(|(_, bones)| bones.first().copied());
     if let Some((bone, read)) = first.and_then(|bone| Some((bone, undecorated(rig, bone)?))) {
         let name = &rig.bones()[bone].name;
-        notes.push(format!("names of bones are read without what all have around them: `{name}` as `{read}`"));
+        notes.push(format!("bone names are read without their common prefix and suffix: `{name}` as `{read}`"));
     }
     let name = |bone: usize| format!("`{}`", rig.bones()[bone].name);
     let others: Vec<_> = other_bodies(rig, mapping).into_iter().map(name).collect();
     if let Some(hips) = mapping.bone(0).filter(|_| !others.is_empty()) {
         let (count, moved, others) = (others.len() + 1, name(hips), others.join(", "));
-        notes.push(format!("{count} characters: the one of {moved} (bone {hips}) moves, not that below {others}"));
+        notes.push(format!("{count} characters: {moved} moves (bone {hips}); below {others} stays still"));
     }
     notes
 }
@@ -298,6 +298,6 @@ fn tell(output: &Path, clip: &Clip, mapping: &Mapping, convention: &str, faces: 
     if clip.face.kind != FaceKind::Arkit && faces.shapes() > 0 {
         eprintln!("note: the animation's face has no ARKit channels: shapes stay as they are");
     } else if faces.moved() == 0 && faces.shapes() > 0 {
-        eprintln!("note: none of the character's {} shapes has a name that is known", faces.shapes());
+        eprintln!("note: no known name among the character's {} shapes", faces.shapes());
     }
 }

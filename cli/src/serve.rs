@@ -38,7 +38,8 @@ fn config(args: &Serve) -> Result<Config, Failure> {
         }
     };
     if tokens.is_empty() && !args.open && !is_local(&args.listen) {
-        let problem = "others may reach this address: give --tokens FILE, or --open to let everybody in";
+        let problem =
+            "this address can be reached from other machines: give --tokens FILE, or --open to accept everyone";
         return Err(Failure::Input(format!("--listen {}: {problem}", args.listen)));
     }
     Ok(Config {

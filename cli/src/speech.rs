@@ -31,7 +31,7 @@ impl Speech {
             let problem = format!("{}: {note}", path.display());
             match note.is_damage() {
                 true if !repair => {
-                    return Err(Failure::Input(format!("{problem} (--repair takes what can be used)")));
+                    return Err(Failure::Input(format!("{problem} (--repair uses the readable part)")));
                 }
                 true => eprintln!("warning: {problem}"),
                 false => eprintln!("note: {problem}"),

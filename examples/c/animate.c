@@ -1,8 +1,8 @@
 /*
  * A recording in, frames out: `animate MODEL speech.wav frames.txt`, or a file for viewers and engines: `… motion.glb`.
  *
- * Of texts, one line a frame: its number, the root's place, 55 rotations (x y z w), the face channels; every number so exactly that
- * reading it gives the same bits. C11, umo.h, nothing else.
+ * Text output has one line per frame: its index, the root's position, 55 rotations (x y z w), the face channels, with
+ * enough digits to read back the same bits. C11 and umo.h only.
  *
  *     cc -std=c11 animate.c $(pkg-config --cflags --libs umo) -o animate
  */
@@ -30,12 +30,12 @@ static uint32_t little(const unsigned char *bytes, int count) {
     return value;
 }
 
-/* Reads a WAV file of 16-bit samples, the kind that most programs write. NULL, or what is wrong with it. */
+/* Reads a WAV file of 16-bit samples, the kind that most programs write. Returns NULL, or what is wrong. */
 static const char *read_wav(const char *path, recording *wav) {
     FILE *file = fopen(path, "rb");
     if (!file) return "cannot be opened";
     unsigned char head[12], chunk[8], format[16];
-    const char *problem = "is no WAV file of 16-bit samples";
+    const char *problem = "is not a WAV file of 16-bit samples";
     int has_format = 0;
     if (fread(head, 1, 12, file) != 12 || memcmp(head, "RIFF", 4) != 0 || memcmp(head + 8, "WAVE", 4) != 0) goto done;
     while (fread(chunk, 1, 8, file) == 8) {
@@ -66,7 +66,7 @@ done:
     return problem;
 }
 
-/* One frame as `umo_frame_layout_init` lays it out. */
+/* Prints one frame in the layout of `umo_frame_layout_init`. */
 static void print_frame(FILE *out, const umo_frame_layout *layout, const char *bytes, uint32_t channels) {
     uint64_t index;
     float value;
@@ -105,7 +105,7 @@ int main(int argc, char **argv) {
         return EXIT_FAILURE;
     }
 
-    /* Setting up: here, and only here, memory is allocated. */
+    /* Set-up: the only place that allocates memory. */
     umo_model *model = NULL;
     umo_engine *engine = NULL;
     umo_session *avatar = NULL;
@@ -120,7 +120,7 @@ int main(int argc, char **argv) {
     if (status == UMO_STATUS_OK) {
         config.sample_rate = wav.rate;
         config.channels = wav.channels;
-        config.horizon = info.max_horizon; /* The whole recording is there: hearing ahead costs nothing. */
+        config.horizon = info.max_horizon; /* The whole recording is available: lookahead costs nothing. */
         status = umo_session_new(engine, &config, &avatar);
     }
     char *frames = malloc((size_t)layout.frame_stride * FRAMES);
@@ -146,7 +146,7 @@ int main(int argc, char **argv) {
         for (size_t i = 0; i < count && out; i++) print_frame(out, &layout, frames + i * layout.frame_stride, info.channels);
         shown += count;
         if (is_glb && count > 0) {
-            /* A file holds all frames: room for as many again as are pulled at a time. */
+            /* A file holds all frames: grow by the number pulled at a time. */
             kept = shown * layout.frame_stride;
             char *more = realloc(frames, kept + (size_t)layout.frame_stride * FRAMES);
             if (more) frames = more;

@@ -1,9 +1,9 @@
 /*
  * A crowd over a network: `crowd MODEL speech.wav [AVATARS] [VIEWERS] [LOSS]`.
  *
- * A server animates AVATARS (64) and sends packets; VIEWERS (8) decode all of them, of which a share LOSS (0.1) does not
- * arrive. Prints the bytes a second beside those of poses, the processor time of both sides, and what was lost. C11, umo.h,
- * nothing else.
+ * A server animates AVATARS (64) and sends packets; VIEWERS (8) decode all of them, of which a share LOSS (0.1) does
+ * not arrive. Prints the bytes a second compared with poses, the processor time of both sides, and the losses. C11 and
+ * umo.h only.
  *
  *     cc -std=c11 crowd.c $(pkg-config --cflags --libs umo) -lm -o crowd
  */
@@ -15,7 +15,7 @@
 
 #include "umo.h"
 
-/* Samples that every avatar hears at a time: a tenth of a second. */
+/* Samples pushed to every avatar at a time: a tenth of a second. */
 enum { RATE = 16000, PIECE = RATE / 10, PACKETS = 8 };
 
 static void check(umo_status status, const char *what) {
@@ -30,12 +30,12 @@ static void *room(size_t size) {
     return memory;
 }
 
-/* 16-bit samples of a WAV file of 16 kHz, mono, with a header of 44 bytes: that of this repository's speech. */
+/* Reads the 16-bit samples of a 16 kHz mono WAV file with a 44-byte header, such as this repository's speech. */
 static size_t read_speech(const char *path, int16_t **samples) {
     unsigned char head[44];
     FILE *file = fopen(path, "rb");
     if (!file || fread(head, 1, 44, file) != 44 || memcmp(head, "RIFF", 4) != 0 || memcmp(head + 36, "data", 4) != 0) {
-        fprintf(stderr, "crowd: %s is no such WAV file\n", path);
+        fprintf(stderr, "crowd: %s is not a WAV file of 16-bit samples, 16 kHz, mono\n", path);
         exit(1);
     }
     size_t size = head[40] | (size_t)head[41] << 8 | (size_t)head[42] << 16 | (size_t)head[43] << 24;
@@ -78,7 +78,7 @@ int main(int argc, char **argv) {
     check(umo_engine_new(model, &engine_config, &engine), "the engine");
     check(umo_session_config_init(&config, sizeof config, model), "the configuration");
 
-    /* The server's avatars give packets alone; every viewer has a decoder for each of them. */
+    /* The server's avatars output packets only; every viewer has a decoder for each of them. */
     umo_session **senders = room(avatars * sizeof *senders), **decoders = room(avatars * viewers * sizeof *decoders);
     for (size_t i = 0; i < avatars; i++) {
         config.seed = i;
@@ -119,7 +119,7 @@ int main(int argc, char **argv) {
             }
             decoding += processor_seconds() - start;
         }
-        /* Three pictures a piece, of every avatar at every viewer, half a second behind the newest frame. */
+        /* Three frames per block, of every avatar at every viewer, half a second behind the newest frame. */
         start = processor_seconds();
         for (size_t i = 0; i < avatars * viewers; i++) {
             for (int picture = 0; picture < 3; picture++) {

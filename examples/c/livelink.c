@@ -1,8 +1,9 @@
 /*
  * A face for Unreal's Live Link, without a plugin: `livelink MODEL speech.wav ADDRESS PORT [SUBJECT]`.
  *
- * Speaks the recording in real time and sends each frame's face and head by UDP, as the Live Link Face app does: `livelink MODEL
- * speech.wav 127.0.0.1 11111`. docs/vmc.md has the format and what to switch on in Unreal. C11, POSIX sockets, umo.h.
+ * Speaks the recording in real time and sends each frame's face and head by UDP, as the Live Link Face app does:
+ * `livelink MODEL speech.wav 127.0.0.1 11111`. docs/vmc.md has the format and the settings in Unreal. C11, POSIX
+ * sockets, umo.h.
  *
  *     cc -std=c11 -D_DEFAULT_SOURCE livelink.c $(pkg-config --cflags --libs umo) -lm -o livelink
  */
@@ -19,7 +20,7 @@
 
 #include "umo.h"
 
-/* Samples that are heard at a time: a thirtieth of a second, as a frame. */
+/* Samples pushed at a time: a thirtieth of a second, one frame. */
 enum { RATE = 16000, FPS = 30, PIECE = RATE / FPS, SHAPES = 52, VALUES = SHAPES + 9, NECK = 12, HEAD = 15, LEFT_EYE = 23, RIGHT_EYE = 24 };
 
 typedef struct {
@@ -38,7 +39,7 @@ static void stop(const char *what) {
     exit(1);
 }
 
-/* A packet that is being written, big endian. */
+/* A packet under construction, big endian. */
 typedef struct {
     unsigned char bytes[512];
     size_t size;
@@ -61,7 +62,7 @@ static void put_text(packet *to, const char *text) {
     to->size += length;
 }
 
-/* Yaw about Y, pitch about X and roll about Z, radians, of a unit quaternion that is yaw * pitch * roll. */
+/* Yaw about Y, pitch about X and roll about Z, in radians, of a unit quaternion that equals yaw * pitch * roll. */
 static void put_angles(packet *to, const float q[4]) {
     double x = q[0], y = q[1], z = q[2], w = q[3];
     double sine = 2 * (w * x - y * z);
@@ -70,7 +71,7 @@ static void put_angles(packet *to, const float q[4]) {
     put_float(to, (float)atan2(2 * (x * y + w * z), 1 - 2 * (x * x + z * z)));
 }
 
-/* `a * b`: first `b`, then `a`. */
+/* `a * b`: applies `b` first, then `a`. */
 static void product(const float a[4], const float b[4], float q[4]) {
     q[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1];
     q[1] = a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2];
@@ -78,12 +79,12 @@ static void product(const float a[4], const float b[4], float q[4]) {
     q[3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2];
 }
 
-/* A frame as the app sends it; the model's channels are ARKit's, in Apple's order. */
+/* Writes a frame in the app's format; the model's channels are ARKit's, in Apple's order. */
 static void fill(packet *to, const char *subject, uint32_t number, const frame *shown) {
     float head[4];
     to->size = 0;
     to->bytes[to->size++] = 6;                              /* version */
-    put_text(to, "756D6F00-0000-4000-8000-000000000001");   /* device: any UUID, another one for each sender */
+    put_text(to, "756D6F00-0000-4000-8000-000000000001");   /* device: any UUID, unique per sender */
     put_text(to, subject);
     put(to, number);
     put_float(to, 0);                                       /* part of a frame */
@@ -97,7 +98,7 @@ static void fill(packet *to, const char *subject, uint32_t number, const frame *
     put_angles(to, shown->rotations[RIGHT_EYE]);
 }
 
-/* 16-bit samples of a WAV file of 16 kHz, mono, with a header of 44 bytes: that of this repository's speech. */
+/* Reads the 16-bit samples of a 16 kHz mono WAV file with a 44-byte header, such as this repository's speech. */
 static size_t read_speech(const char *path, int16_t **samples) {
     unsigned char head[44];
     FILE *file = fopen(path, "rb");
@@ -112,7 +113,7 @@ static size_t read_speech(const char *path, int16_t **samples) {
     return count;
 }
 
-/* A session for live speech whose model has an ARKit face, and where its frames go. */
+/* A session for live speech with an ARKit face model, and its frame layout. */
 static umo_session *begin(const char *path, umo_model **model, umo_engine **engine, umo_frame_layout *layout) {
     umo_session *avatar;
     umo_session_config config;
@@ -138,7 +139,7 @@ int main(int argc, char **argv) {
     if (argc < 5 || argc > 6) stop("usage: livelink MODEL speech.wav ADDRESS PORT [SUBJECT]");
     const char *subject = argc > 5 ? argv[5] : "umo";
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons((uint16_t)strtoul(argv[4], NULL, 10))};
-    if (inet_pton(AF_INET, argv[3], &to.sin_addr) != 1 || strlen(subject) > 64) stop("expected an address, as 127.0.0.1, and a short name");
+    if (inet_pton(AF_INET, argv[3], &to.sin_addr) != 1 || strlen(subject) > 64) stop("expected an address such as 127.0.0.1, and a short name");
     int udp = socket(AF_INET, SOCK_DGRAM, 0);
     if (udp < 0) stop("no socket");
     int16_t *speech;
@@ -148,7 +149,8 @@ int main(int argc, char **argv) {
     umo_frame_layout layout;
     umo_session *avatar = begin(argv[1], &model, &engine, &layout);
 
-    /* Every thirtieth of a second as much speech as was spoken, and each frame that is there: the mouth is heard with it. */
+    /* Every thirtieth of a second, push the speech spoken meanwhile and send each ready frame: the mouth is in sync
+       with it. */
     const struct timespec pause = {0, 1000000000 / FPS};
     uint32_t sent = 0, done = 0;
     static packet out;

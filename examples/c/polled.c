@@ -1,9 +1,10 @@
 /*
- * The polled mode, for a host that gives the library everything: `polled MODEL speech.wav frames.txt`.
+ * The polled mode, for a host that provides everything: `polled MODEL speech.wav frames.txt`.
  *
- * The library starts no thread, opens no file and reads no clock: it computes in umo_engine_poll, on memory that it is given,
- * at the time that it is told. So it works on systems whose threads and files are their own, as consoles. Files are read by stdio
- * here; a game has its own way. Frames are written as animate.c writes them, with the same bits.
+ * The library starts no thread, opens no file and reads no clock: it computes in umo_engine_poll, in memory that it is
+ * given, at the time that it is told. So it works on systems with their own threads and files, such as consoles. Files
+ * are read with stdio here; a game would use its own functions. Frames are written like animate.c does, with the same
+ * bits.
  *
  *     cc -std=c11 polled.c $(pkg-config --cflags --libs umo) -o polled
  */
@@ -14,7 +15,7 @@
 
 #include "umo.h"
 
-/* Ticks of the game a second, samples of speech a second, and the bytes in front of them in a plain WAV file. */
+/* Game ticks a second, samples of speech a second, and the header size of a plain WAV file in bytes. */
 enum { TICKS = 60, RATE = 16000, WAV_HEADER = 44 };
 
 static unsigned char *read_file(const char *path, size_t *size) {
@@ -35,7 +36,7 @@ static unsigned char *read_file(const char *path, size_t *size) {
     return bytes;
 }
 
-/* One frame as `umo_frame_layout_init` lays it out. */
+/* Prints one frame in the layout of `umo_frame_layout_init`. */
 static void print_frame(FILE *out, const umo_frame_layout *layout, const char *bytes, uint32_t channels) {
     uint64_t index;
     float value;
@@ -75,16 +76,16 @@ int main(int argc, char **argv) {
         return EXIT_FAILURE;
     }
 
-    /* Setting up: here, and only here, memory is allocated. */
+    /* Set-up: the only place that allocates memory. */
     umo_model *model = NULL;
     check(umo_model_load_memory(UMO_ABI_VERSION, model_bytes, model_size, NULL, &model), "model");
-    free(model_bytes); /* The model has what it needs. */
+    free(model_bytes); /* The model has copied what it needs. */
     umo_model_info info = {.struct_size = sizeof info};
     check(umo_model_get_info(model, &info), "model info");
     umo_engine_config engine_config;
     check(umo_engine_config_init(&engine_config, sizeof engine_config), "engine configuration");
     engine_config.mode = UMO_ENGINE_POLLED;
-    engine_config.threads = 1; /* The one that polls. More where `jobs` lends them. */
+    engine_config.threads = 1; /* The polling one. More if `jobs` lends them. */
     umo_engine *engine = NULL;
     check(umo_engine_new(model, &engine_config, &engine), "engine");
     umo_session_config config;
@@ -98,7 +99,7 @@ int main(int argc, char **argv) {
     char *frame = malloc(layout.frame_stride);
     if (!frame) return EXIT_FAILURE;
 
-    /* The game's loop: a tick's samples in, layer by layer what is due, the frames that are ready out. */
+    /* The game's loop: push a tick's samples, compute due work layer by layer, pull the ready frames. */
     size_t count = (wav_size - WAV_HEADER) / 2, pushed = 0, shown = 0;
     uint32_t done = 0;
     for (uint64_t tick = 0; !done; tick++) {
@@ -114,7 +115,8 @@ int main(int argc, char **argv) {
             pushed += taken;
             if (pushed == count) check(umo_session_finish(avatar), "finish");
         }
-        /* A budget of 0 is one layer. A game stops when its time for this tick is over, and goes on in the next. */
+        /* A budget of 0 computes one layer. A game stops when its time for this tick is used up and continues in the
+           next. */
         uint32_t more = 1;
         while (more) check(umo_engine_poll(engine, 0, &more), "poll");
         for (size_t got = 1; got > 0; shown += got) {

@@ -1,9 +1,10 @@
-// A game in miniature: an audio thread that hears speech as it is spoken, and a game thread that draws 60 pictures a second.
+// A miniature game: an audio thread that receives speech as it is spoken, and a game thread that draws 60 frames a
+// second.
 //
 //     c++ -std=c++17 live.cpp $(pkg-config --cflags --libs umo) -pthread -o live
 //     ./live MODEL speech.wav [SPEED]
 //
-// The picture is one line: the time, how open the mouth is, where the right hand points. SPEED 2 plays twice as fast.
+// A frame is one line: the time, how open the mouth is, where the right hand points. SPEED 2 plays twice as fast.
 
 #include <algorithm>
 #include <atomic>
@@ -29,7 +30,7 @@ struct recording {
     std::uint32_t channels = 0;
 };
 
-/// A WAV file of 16-bit samples; without samples where it is none.
+/// Reads a WAV file of 16-bit samples; empty if it is not one.
 recording read_wav(const char *path) {
     std::ifstream file(path, std::ios::binary);
     const std::vector<unsigned char> bytes{std::istreambuf_iterator<char>(file), {}};
@@ -57,7 +58,7 @@ recording read_wav(const char *path) {
     return {};
 }
 
-/// What the audio driver's callback does, every 10 ms: hand on what was heard. Nothing here waits or allocates.
+/// The audio driver's callback, every 10 ms: pushes captured speech. Never waits or allocates.
 void hear(umo::session &avatar, const recording &wav, double speed, std::atomic<bool> &failed) {
     const std::size_t piece = wav.rate / 100 * wav.channels;
     auto next = clock_type::now();
@@ -81,7 +82,7 @@ int main(int argc, char **argv) {
     if (argc < 3) return std::fputs("usage: live MODEL speech.wav [SPEED]\n", stderr), 2;
     const double speed = argc > 3 ? std::atof(argv[3]) : 1.0;
     const recording wav = read_wav(argv[2]);
-    if (wav.samples.empty() || speed <= 0) return std::fputs("no WAV file of 16-bit samples, or no speed\n", stderr), 1;
+    if (wav.samples.empty() || speed <= 0) return std::fputs("expected a WAV file of 16-bit samples, and a speed above 0\n", stderr), 1;
 
     const auto model = umo::model::load(argv[1]);
     if (!model) return std::fprintf(stderr, "%s: %s\n", argv[1], umo_last_error()), 1;
@@ -93,10 +94,10 @@ int main(int argc, char **argv) {
     auto avatar = engine ? umo::session::make(*engine, &config) : umo::result<umo::session>{engine.status, {}};
     if (!avatar) return std::fprintf(stderr, "cannot start: %s\n", umo_last_error()), 1;
 
-    // Motion is behind speech by what the avatar must hear in advance: a game delays its sound by as much.
+    // Motion lags speech by the audio that the avatar needs in advance: a game delays its sound by as much.
     const double delay = static_cast<double>(avatar->latency().algorithmic_samples) / wav.rate;
     const double seconds = static_cast<double>(wav.samples.size() / wav.channels) / wav.rate;
-    std::printf("%.1f s of speech; motion follows it by %.2f s and the time to compute it\n", seconds, delay);
+    std::printf("%.1f s of speech; motion lags it by %.2f s plus the time to compute it\n", seconds, delay);
 
     std::atomic<bool> failed{false};
     const auto start = clock_type::now();
@@ -109,7 +110,7 @@ int main(int argc, char **argv) {
     int drawn = 0, ahead = 0;
     for (double time = 0; time < seconds && !failed; ++drawn) {
         std::this_thread::sleep_until(start + std::chrono::microseconds(static_cast<long>(1e6 * drawn / (60 * speed))));
-        // The sound that is heard now was spoken `delay` ago.
+        // The sound heard now was spoken `delay` ago.
         time = drawn / 60.0 - delay - 0.1;
         if (time < 0) continue;
         const auto sampled = avatar->sample(time, frame);
@@ -126,7 +127,7 @@ int main(int argc, char **argv) {
     audio.join();
     const auto stats = avatar->stats();
     const auto latency = avatar->latency();
-    std::printf("%d pictures, %d of them before their frame was ready; %llu frames, %llu late; chunks took %.1f ms (p99 %.1f)\n",
+    std::printf("%d frames drawn, %d of them before their pose was ready; %llu frames, %llu late; chunks took %.1f ms (p99 %.1f)\n",
                 drawn, ahead, static_cast<unsigned long long>(stats.frames),
                 static_cast<unsigned long long>(stats.late_frames), 1e3 * latency.compute_p50, 1e3 * latency.compute_p99);
     if (failed) std::fprintf(stderr, "the avatar failed: %s\n", avatar->last_error().c_str());

@@ -60,7 +60,7 @@ pub struct UnknownFigure(String);
 impl fmt::Display for UnknownFigure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = Figure::ALL.map(Figure::name).join(", ");
-        write!(f, "there is no figure `{}`; figures: {names}", self.0)
+        write!(f, "unknown figure `{}`; figures: {names}", self.0)
     }
 }
 

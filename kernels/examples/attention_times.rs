@@ -1,12 +1,10 @@
-//! Times `attention_f32` for whoever asks on standard input, so that a peer can be timed in
-//! between.
+//! Times `attention_f32` on requests from standard input, so that it can alternate with a peer.
 //!
-//! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and
-//! the median time of one call for all heads with a bias, in microseconds; heads are dealt to the
-//! threads evenly. As in a model the heads of a whole sequence (as many queries as keys) are column
-//! ranges of `[rows, heads * head_dim]`, while a decoder's few rows find keys and values head by
-//! head, `[heads, rows, head_dim]`. `bf16` behind the numbers: a whole sequence with every factor
-//! rounded to bfloat16.
+//! Each request is a line `isa queries keys heads head_dim threads repetitions`. The answer is the fastest and the
+//! median time in microseconds of one call for all heads, with a bias; heads are distributed evenly over the threads.
+//! As in a model, the heads of a whole sequence (as many queries as keys) are column ranges of
+//! `[rows, heads * head_dim]`, while a decoder's few rows find keys and values head by head, `[heads, rows, head_dim]`.
+//! With `bf16` at the end of the line: a whole sequence with every factor rounded to bfloat16.
 
 use std::hint::spin_loop;
 use std::io::BufRead;
@@ -43,12 +41,12 @@ fn parse(line: &str) -> Option<Request> {
     })
 }
 
-/// Numbers in -1..1 that differ, with a cache line to spare.
+/// Varying numbers in -1..1, with one extra cache line.
 fn noise(len: usize) -> Vec<f32> {
     (0..len + 16).map(|i| ((i * 7_919) % 2_001) as f32 / 1_000.0 - 1.0).collect()
 }
 
-/// Where the first cache line starts: a model's buffers are aligned.
+/// Index of the first cache line: a model's buffers are aligned.
 fn line(data: &[f32]) -> usize {
     data.as_ptr().align_offset(64)
 }
@@ -66,7 +64,7 @@ fn main() {
     }
 }
 
-/// Microseconds of every repetition.
+/// Microseconds of each repetition.
 fn measure(request: &Request) -> Vec<f64> {
     let &Request { isa, queries, keys, heads, head_dim, threads, repetitions, rounded } = request;
     let dim = heads * head_dim;

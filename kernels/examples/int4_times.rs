@@ -1,5 +1,5 @@
-//! Times int4 products beside int8 products of the same weights, in turn, with weights read from
-//! memory. Usage: `int4_times [seconds per figure]`.
+//! Times int4 products against int8 products of the same weights, alternating, with weights read from memory. Usage:
+//! `int4_times [seconds per figure]`.
 //!
 //! Each line is one shape: median microseconds of both, their ratio, and GB/s of the int4 weights.
 
@@ -12,9 +12,9 @@ use umo_kernels::pack::{GROUP, PANEL, pack_i8, pack_row_i4, packed_len_i4, packe
 use umo_kernels::quantize::QuantRows;
 use umo_kernels::{Isa, Mat, MatMut, PackedI4, PackedI8};
 
-/// Int8 weights gone round, beyond the cache.
+/// Total bytes of int8 weights that are cycled through, more than the cache holds.
 const COLD_BYTES: usize = 96 << 20;
-/// Outputs and inputs: attention and experts of the base model, and of the default model.
+/// Numbers of outputs and inputs: attention and experts of the base model, and of the default model.
 const SHAPES: [(usize, usize); 5] = [(768, 768), (2048, 768), (768, 2048), (256, 256), (1024, 256)];
 const ROWS: [usize; 9] = [1, 2, 3, 4, 5, 8, 16, 64, 256];
 
@@ -31,7 +31,7 @@ fn main() {
     }
 }
 
-/// Copies of one weight in both forms.
+/// Copies of one weight matrix in both formats.
 struct Weights {
     n: usize,
     k: usize,

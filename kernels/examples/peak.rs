@@ -1,11 +1,11 @@
-//! Times every product against what the processor can do, parity asserted first; beside Intel MKL
-//! where `UMO_MKL` names its `libmkl_rt.so`. Usage: `peak [seconds per figure] [filter]`.
+//! Times every product against the limits of the processor, after checking parity. Also times Intel MKL if `UMO_MKL` is
+//! the path of its `libmkl_rt.so`. Usage: `peak [seconds per figure] [filter]`.
 //!
-//! Each line is one operation, back-end and shape: median and best microseconds, GMAC/s, GB/s of
-//! weights read, and the share of the floor, the greater of arithmetic from registers and reading
-//! the same bytes from the same place. `hot` uses one weight matrix over and over; `cold` goes
-//! round 32 MiB of them, far beyond L2. At one row the gated product goes round the same ones in
-//! between, and what it has read may be near: `benches/peers/products` times one row by itself.
+//! Each line is one operation, back-end and shape: median and best microseconds, GMAC/s, GB/s of weights read, and the
+//! share of the floor, which is the greater of the time for arithmetic from registers and the time for reading the same
+//! bytes from the same place. `hot` uses one weight matrix repeatedly; `cold` cycles through 32 MiB of them, far beyond
+//! L2. For one row the gated product cycles through the same matrices between the plain products, so some of its reads
+//! may still be cached: `benches/peers/products` times one row in isolation.
 
 #![expect(clippy::cast_possible_truncation, reason = "sizes are small, and random bytes are cut from wider numbers")]
 #![expect(clippy::missing_transmute_annotations, reason = "the fields that the symbols go to carry the signatures")]
@@ -20,10 +20,10 @@ use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, p
 use umo_kernels::quantize::QuantRows;
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, peak};
 
-/// Weights gone round in the cold figures.
+/// Total bytes of weights that are cycled through in the cold figures.
 const COLD_BYTES: usize = 32 << 20;
 
-/// Memory on huge pages where the system gives them.
+/// Memory on huge pages if available.
 struct Huge<T> {
     data: *mut T,
     len: usize,
@@ -44,18 +44,18 @@ impl<T: Copy> Huge<T> {
             )
         };
         assert!(data != libc::MAP_FAILED, "no memory");
-        // SAFETY: advice on a mapping of our own of this length.
+        // SAFETY: advice on our own mapping of this length.
         unsafe { libc::madvise(data, bytes, libc::MADV_HUGEPAGE) };
         Self { data: data.cast(), len }
     }
 
     fn get(&mut self) -> &mut [T] {
-        // SAFETY: the mapping holds `len` zeroed elements, of types for which zeros are a value.
+        // SAFETY: the mapping holds `len` zeroed elements, of types for which zero bytes are a valid value.
         unsafe { std::slice::from_raw_parts_mut(self.data, self.len) }
     }
 }
 
-/// Numbers from a counter.
+/// Pseudo-random numbers.
 fn numbers(seed: u64) -> impl FnMut() -> u64 {
     let mut state = seed;
     move || {
@@ -139,10 +139,10 @@ impl Mkl {
     }
 }
 
-/// Microseconds of several things in turn, again and again: median and best of each.
+/// Times several functions, alternating: median and best microseconds of each.
 fn race(seconds: f64, runs: &mut [Box<dyn FnMut() + '_>]) -> Vec<(f64, f64)> {
     let mut times = vec![Vec::new(); runs.len()];
-    // One sample is a few calls, so that the clock does not show.
+    // One sample is several calls, so that the clock's overhead is negligible.
     let calls: Vec<usize> = runs
         .iter_mut()
         .map(|run| {
@@ -175,8 +175,7 @@ struct Floors {
     cold: f64,
 }
 
-/// The peaks of AVX-512 where the processor has it, so that shares can be compared between
-/// back-ends.
+/// Peaks with AVX-512 if the processor has it, so that shares are comparable between back-ends.
 fn floors(memory: &mut Huge<u8>) -> Floors {
     let best = |f: &mut dyn FnMut() -> usize| {
         (0..50)
@@ -206,10 +205,10 @@ fn floors(memory: &mut Huge<u8>) -> Floors {
     Floors { int8, f32, cold }
 }
 
-/// Bytes that inputs and outputs of int8 start at a multiple of, as the engine's do.
+/// Alignment in bytes of int8 inputs and outputs, as in the engine.
 const LINE: usize = 64;
 
-/// What starts at a line.
+/// The part of `y` from its first cache line on.
 fn line(y: &mut [f32]) -> &mut [f32] {
     let skip = y.as_ptr().align_offset(LINE);
     &mut y[skip..]
@@ -247,14 +246,13 @@ fn main() {
     }
 }
 
-/// The back-ends to time: `UMO_ISA` names one, otherwise all but scalar.
+/// Back-ends to time: the one named by `UMO_ISA`, or else all except scalar.
 fn timed() -> impl Iterator<Item = Isa> {
     let one = std::env::var("UMO_ISA").ok();
     Isa::available().skip(1).filter(move |isa| one.as_deref().is_none_or(|one| one == isa.name()))
 }
 
-/// The copy of the weights at which a contestant starts: what another has just read is no longer
-/// near when it comes to it.
+/// Index of the copy of the weights at which a contestant starts, far from those that the others have just read.
 fn start(contestant: usize, copies: usize) -> usize {
     contestant * copies / 8 % copies
 }
@@ -365,7 +363,7 @@ fn int8(case: Case, floors: &Floors, mkl: Option<&Mkl>, memory: &mut Huge<u8>) {
         let (n32, m32, k32) = (n as i32, m as i32, k as i32);
         // SAFETY: a pure query.
         let size = unsafe { (mkl.size)(A_MATRIX, n32, m32, k32) }.next_multiple_of(64);
-        // What the library asks for is far more than it fills.
+        // The size that the library requests is far larger than the part it fills.
         let copies = if cold { COLD_BYTES / len } else { 1 };
         let memory = mkl_memory.insert(Huge::<u8>::new(size * copies));
         for copy in memory.get().chunks_exact_mut(size) {

@@ -1,5 +1,4 @@
-//! Times the operations over rows at the base model's shapes on every back-end: microseconds, the
-//! fastest of many.
+//! Times the row operations at the base model's shapes on every back-end: microseconds, the fastest of many runs.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,6 +1,6 @@
-//! What a step of the int8 tile loop takes, four products of 16 x 16 outputs with 64 inputs: alone,
-//! with its four tiles loaded from L1 or L2, and beside so many 512-bit register operations.
-//! Nanoseconds, best of many; `docs/kernels.md` quotes them.
+//! Times a step of the int8 tile loop, four products of 16 x 16 outputs with 64 inputs: alone, with its four tiles
+//! loaded from L1 or L2, and interleaved with 512-bit register operations. Nanoseconds, best of many runs;
+//! `docs/kernels.md` quotes them.
 
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux")))]
 fn main() {
@@ -22,7 +22,7 @@ mod tiles {
     use std::hint::black_box;
     use std::time::Instant;
 
-    /// Bytes of the four tiles of a step, and of what is gone round: within L1, and within L2.
+    /// Bytes of the four tiles of a step, and of the working sets that fit into L1 and L2.
     const STEP: usize = 4096;
     const IN_L1: usize = 8 * STEP;
     const IN_L2: usize = 200 * STEP;
@@ -53,8 +53,8 @@ mod tiles {
                     rows = in(reg) $rows, panels = in(reg) $panels, line = in(reg) 64_usize, options(nostack, readonly),
                 );
             }
-            // Zeros, which take no port: what the compiler left there may be too small to be
-            // multiplied without help of microcode. SAFETY: registers alone, all of them named.
+            // Zeroing uses no execution port. It replaces values left by the compiler, which might be denormal and slow
+            // to multiply. SAFETY: registers only, all of them named.
             unsafe {
                 asm!(
                     "vpxord zmm0, zmm0, zmm0", "vpxord zmm1, zmm1, zmm1", "vpxord zmm2, zmm2, zmm2",
@@ -65,7 +65,7 @@ mod tiles {
                 );
             }
             for _ in (0..64).take($registers / 8) {
-                // SAFETY: registers alone, all of them named.
+                // SAFETY: registers only, all of them named.
                 unsafe {
                     asm!(
                         "vfmadd213ps zmm0, zmm8, zmm8", "vfmadd213ps zmm1, zmm8, zmm8", "vfmadd213ps zmm2, zmm8, zmm8",
@@ -112,7 +112,7 @@ mod tiles {
         show("from L1, beside 96", |i| step!(l1(i), l1(i), "tileloadd", 96));
         show("from L1, beside 128", |i| step!(l1(i), l1(i), "tileloadd", 128));
         show("from L1, beside 160", |i| step!(l1(i), l1(i), "tileloadd", 160));
-        // SAFETY: tiles are configured; nobody uses them any more.
+        // SAFETY: tiles are configured, and no longer used.
         unsafe { asm!("tilerelease", options(nostack, nomem)) }
     }
 

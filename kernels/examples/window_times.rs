@@ -1,7 +1,7 @@
-//! Times HuBERT's convolutions as products of rows that overlap, with weights in bfloat16, and
-//! inputs rounded to it or cut in two: microseconds, the fastest of many, and GMAC/s, of which the
-//! products of both parts count. One thread, the fastest back-end, as far as it multiplies such
-//! rows faster than f32; by pairs also what they give from registers.
+//! Times HuBERT's convolutions as products of overlapping rows, with weights in bfloat16, and inputs rounded to
+//! bfloat16 or split into two: microseconds, the fastest of many runs, and GMAC/s, counting the products of both parts.
+//! One thread, with the fastest back-end that multiplies such rows faster than f32; by pairs also the rate from
+//! registers.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -12,11 +12,11 @@ use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16_rows};
 use umo_kernels::pack::{pack_bf16, packed_len_bf16};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, peak};
 
-/// Rows, outputs, inputs, and elements from row to row: half a convolution of three steps, of two,
-/// a group of the position's, and the largest of 3 s of audio.
+/// Rows, outputs, inputs, and elements from row to row: half a convolution of three steps, half one of two, a group of
+/// the positional convolution, and the largest of 3 s of audio.
 const SHAPES: [[usize; 4]; 4] =
     [[512, 256, 1536, 1024], [512, 256, 1024, 1024], [149, 48, 6144, 48], [4799, 512, 1536, 1024]];
-/// Multiply-adds that are timed of each.
+/// Multiply-adds timed for each.
 const WORK: usize = 200_000_000_000;
 
 /// 32 values at the start of a cache line, where the engine's buffers begin.
@@ -31,8 +31,7 @@ fn lines(values: usize) -> Vec<Line> {
 
 fn values(lines: &mut [Line]) -> &mut [Bf16] {
     let len = lines.len() * size_of_val(&lines[0].0) / size_of::<Bf16>();
-    // SAFETY: a line is 32 values and nothing else, its alignment being its size; the borrow is
-    // `lines`'.
+    // SAFETY: a line is 32 values and nothing else, because its alignment is its size; the borrow is `lines`'.
     unsafe { std::slice::from_raw_parts_mut(lines.as_mut_ptr().cast(), len) }
 }
 

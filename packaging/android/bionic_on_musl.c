@@ -1,5 +1,5 @@
-/* What libumo.so asks of bionic that musl has by another name or number, or not at all: for scripts/test/android alone, where musl stands in the
- * place of bionic. */
+/* Functions of bionic used by libumo.so that musl lacks or has under another name or number: for scripts/test/android,
+ * where musl stands in for bionic. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -8,14 +8,14 @@
 
 int *__errno(void) { return &errno; }
 
-/* A device without a property. */
+/* A device without properties. */
 int __system_property_get(const char *name, char *value) {
     (void)name;
     value[0] = 0;
     return 0;
 }
 
-/* Bionic's numbers of these, in its <bits/sysconf.h>. */
+/* Bionic's values of these constants, from its <bits/sysconf.h>. */
 enum { BIONIC_PAGESIZE = 0x27, BIONIC_PAGE_SIZE = 0x28, BIONIC_NPROCESSORS_ONLN = 0x61 };
 
 long sysconf(int name) {

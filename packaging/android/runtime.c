@@ -1,5 +1,5 @@
-// What the NDK's crtbegin_so.o gives a shared library: the handle by which the C library knows it, the end of its life, and the
-// note that says for which system it was linked.
+// Contents of the NDK's crtbegin_so.o for shared libraries: the handle that identifies it to the C library, its
+// finalizer, and the note with the target system.
 
 extern void __cxa_finalize(void *);
 __attribute__((visibility("hidden"))) void *__dso_handle = &__dso_handle;

@@ -1,7 +1,7 @@
-# find_package(umo) gives the targets umo::umo, the shared library (the static one where no shared one was installed), and
+# find_package(umo) defines the targets umo::umo, the shared library (the static one if no shared one is installed), and
 # umo::static, and the variable umo_MODEL_DIR.
 
-# Up from here to where the header is: packagers move this file. Links are followed, for systems where /lib is one.
+# Search upwards for the header, since packagers move this file. Resolve symbolic links, for systems where /lib is one.
 get_filename_component(_umo_prefix "${CMAKE_CURRENT_LIST_DIR}" REALPATH)
 foreach(_umo_step RANGE 1 4)
   get_filename_component(_umo_prefix "${_umo_prefix}" DIRECTORY)
@@ -11,7 +11,7 @@ foreach(_umo_step RANGE 1 4)
 endforeach()
 if(NOT EXISTS "${_umo_prefix}/include/umo.h")
   set(umo_FOUND FALSE)
-  set(umo_NOT_FOUND_MESSAGE "include/umo.h is in no folder above ${CMAKE_CURRENT_LIST_DIR}")
+  set(umo_NOT_FOUND_MESSAGE "include/umo.h was not found in any folder above ${CMAKE_CURRENT_LIST_DIR}")
   return()
 endif()
 set(umo_MODEL_DIR "${_umo_prefix}/share/umo/models")
@@ -20,7 +20,7 @@ set(_umo_implib "")
 set(_umo_static "${_umo_prefix}/lib/libumo.a")
 set(_umo_native "${CMAKE_DL_LIBS};m")
 if(WIN32)
-  # MinGW's linker takes MSVC's import library too, but not the other way round. Its static library is for it alone.
+  # MinGW's linker accepts MSVC's import library, but not the other way round. The static library is for MinGW only.
   set(_umo_native ntdll userenv ws2_32)
   if(MSVC)
     set(_umo_static "${_umo_prefix}/lib/umo.lib")
@@ -60,7 +60,7 @@ if(NOT TARGET umo::umo)
     set_target_properties(umo::umo PROPERTIES INTERFACE_LINK_LIBRARIES umo::static)
   else()
     set(umo_FOUND FALSE)
-    set(umo_NOT_FOUND_MESSAGE "there is neither ${_umo_shared} nor ${_umo_static}")
+    set(umo_NOT_FOUND_MESSAGE "neither ${_umo_shared} nor ${_umo_static} exists")
   endif()
 endif()
 

@@ -1,4 +1,4 @@
-"""Conan 2 recipe of the repository that it lies in: conan create packaging/conan [-o "umo/*:shared=True"]."""
+"""Conan 2 recipe for this repository: conan create packaging/conan [-o "umo/*:shared=True"]."""
 
 import re
 from pathlib import Path
@@ -25,7 +25,7 @@ class Umo(ConanFile):
         self.version = re.search(r'^version = "([^"]+)"$', (ROOT / "Cargo.toml").read_text("utf-8"), re.MULTILINE)[1]
 
     def export_sources(self):
-        # What Cargo and scripts/build/install read: the whole workspace, without what builds and clones leave.
+        # Files that Cargo and scripts/build/install read: the whole workspace without build outputs and git data.
         excludes = (".git/*", "target/*", "*/target/*", "*/build/*", "docs/*", "training/*", "benches/results/*")
         copy(self, "*", src=str(ROOT), dst=self.export_sources_folder, excludes=excludes)
 
@@ -36,12 +36,12 @@ class Umo(ConanFile):
             raise ConanInvalidConfiguration("scripts/build/install lays out no static library on Windows")
 
     def package_id(self):
-        # Rust builds it, always optimised, with a C interface: it is the same for every compiler and build type.
+        # Built by Rust, always optimised, with a C interface: the same for every compiler and build type.
         del self.info.settings.compiler
         del self.info.settings.build_type
 
     def package(self):
-        # Built here, since scripts/build/install builds and lays out in one.
+        # Built here, since scripts/build/install builds and installs in one step.
         self.run(f'bash scripts/build/install --prefix "{self.package_folder}"', cwd=self.build_folder)
         libraries = Path(self.package_folder) / "lib"
         if self.options.shared:
@@ -53,7 +53,7 @@ class Umo(ConanFile):
         copy(self, "*", src=str(licences), dst=str(Path(self.package_folder) / "licenses"))
 
     def package_info(self):
-        # umo's own CMake package: it has the same targets and umo_MODEL_DIR wherever umo comes from.
+        # Use umo's own CMake package: it has the same targets and umo_MODEL_DIR from every source.
         self.cpp_info.set_property("cmake_find_mode", "none")
         self.cpp_info.builddirs = ["lib/cmake/umo"]
         self.cpp_info.set_property("pkg_config_name", "umo")

@@ -1,4 +1,6 @@
-// Two seconds of a tone to frames; exits with 0 where they are what they must be.
+// Animates two seconds of a tone; exits with 0 if the frames are as expected.
+//
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //
 // SPDX-License-Identifier: MIT OR Apache-2.0
 #include <cmath>

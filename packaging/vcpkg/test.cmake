@@ -1,5 +1,6 @@
-# Runs the port as vcpkg would, with functions that check their arguments and do what vcpkg's documentation says of them:
-#   cmake -DCURRENT_PACKAGES_DIR=… -DCURRENT_BUILDTREES_DIR=… -DVCPKG_LIBRARY_LINKAGE=dynamic|static -P test.cmake
+# Runs the port as vcpkg would, with stand-ins for vcpkg's functions that check their arguments and behave as
+# documented:
+# cmake -DCURRENT_PACKAGES_DIR=… -DCURRENT_BUILDTREES_DIR=… -DVCPKG_LIBRARY_LINKAGE=dynamic|static -P test.cmake
 
 set(PORT umo)
 set(TARGET_TRIPLET test)
@@ -15,14 +16,14 @@ function(vcpkg_execute_required_process)
   endif()
 endfunction()
 
-# Moves the CMake package to share/PORT, and removes the folder that it was in with an empty parent `cmake`.
+# Moves the CMake package to share/PORT, and removes its old folder and an empty parent `cmake`.
 function(vcpkg_cmake_config_fixup)
   cmake_parse_arguments(PARSE_ARGV 0 arg "" "PACKAGE_NAME;CONFIG_PATH" "")
   if(arg_UNPARSED_ARGUMENTS OR NOT EXISTS "${CURRENT_PACKAGES_DIR}/${arg_CONFIG_PATH}")
     message(FATAL_ERROR "vcpkg_cmake_config_fixup: ${ARGV}")
   endif()
   if(NOT VCPKG_BUILD_TYPE STREQUAL "release")
-    message(FATAL_ERROR "vcpkg_cmake_config_fixup: there is no debug build")
+    message(FATAL_ERROR "vcpkg_cmake_config_fixup: no debug build")
   endif()
   file(GLOB files "${CURRENT_PACKAGES_DIR}/${arg_CONFIG_PATH}/*")
   file(COPY ${files} DESTINATION "${CURRENT_PACKAGES_DIR}/share/${PORT}")
@@ -56,7 +57,7 @@ endfunction()
 
 include("${CMAKE_CURRENT_LIST_DIR}/umo/portfile.cmake")
 
-# What vcpkg refuses afterwards.
+# vcpkg's post-build checks.
 file(GLOB_RECURSE everything LIST_DIRECTORIES true "${CURRENT_PACKAGES_DIR}/*")
 foreach(path IN LISTS everything)
   if(IS_DIRECTORY "${path}")

@@ -1,4 +1,4 @@
-"""Just enough SVG for the pictures in docs/img: text, lines, boxes, on a card that light and dark pages both show."""
+"""Minimal SVG for the pictures in docs/img: text, lines, boxes, on a card that suits light and dark pages."""
 
 from xml.sax.saxutils import escape
 
@@ -7,7 +7,7 @@ FONT = "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
 
 
 class Picture:
-    """A card of `width` x `height` pixels. Places are in pixels from its upper left corner."""
+    """A card of `width` x `height` pixels. Positions are in pixels from its upper left corner."""
 
     def __init__(self, width, height, title):
         self.width, self.height, self.title, self.parts = width, height, title, []
@@ -38,5 +38,5 @@ class Picture:
 
 
 def number(value):
-    """Pixels to the tenth; everything else as it is."""
+    """Rounds pixels to a tenth; leaves everything else unchanged."""
     return f"{value:.1f}".removesuffix(".0") if isinstance(value, float) else escape(str(value), {'"': "&quot;"})

@@ -1,5 +1,5 @@
-// Runs a program compiled for wasm32-wasip1 with Node's WASI: the runner of `scripts/test/wasm`. It sees the repository and
-// the environment.
+// Runs a program compiled for wasm32-wasip1 with Node's WASI: the runner of `scripts/test/wasm`. Gives it access to the
+// repository and the environment.
 import { readFile } from "node:fs/promises";
 import path from "node:path";
 import { fileURLToPath } from "node:url";

@@ -114,7 +114,7 @@ impl Report {
             }
             Ok(Motion::Repeated(frames)) => writeln!(
                 f,
-                "motion      the same twice: {frames} frames of {model}; none are recorded for it on {isa}, so that nothing else was compared"
+                "motion      the same twice: {frames} frames of {model}; no reference is recorded for it on {isa}, so nothing else was compared"
             ),
             Err(error) => writeln!(f, "motion      FAILED: {model} on {isa}: {error}"),
         }
@@ -140,7 +140,7 @@ impl fmt::Display for Report {
         }
         let advice = machine::advice(self.isa, &self.machine);
         if advice.is_empty() {
-            return write!(f, "faster      nothing known would make it faster here");
+            return write!(f, "faster      no known setting would make it faster here");
         }
         for (i, advice) in advice.iter().enumerate() {
             write!(f, "{}faster      {advice}", if i == 0 { "" } else { "\n" })?;

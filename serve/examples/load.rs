@@ -1,13 +1,14 @@
-//! Many clients in real time against a running server: who was refused, and which frames came late.
+//! Load test: many clients in real time against a running server. Prints the number of refused clients and of late
+//! frames.
 //!
 //! ```sh
 //! umo serve --sessions 32 &
 //! cargo run --release -p umo-serve --example load -- ws://127.0.0.1:8765/v1/session 40 60
 //! ```
 //!
-//! Each client speaks 20 ms at a time for so many seconds. A frame is late if it comes later than its own
-//! time, the session's latency, and one chunk: when a player that started as late as it had to would have
-//! run out.
+//! Arguments: URL, number of clients, and seconds of speech per client, sent in pieces of 20 ms. A frame is late if it
+//! arrives more than one chunk after its own time plus the session's latency: a player that started as late as possible
+//! would have run out of frames.
 
 use std::env;
 use std::process::ExitCode;
@@ -21,12 +22,12 @@ use tokio_tungstenite::tungstenite::Message;
 use umo_serve::protocol::FRAMES;
 
 const RATE: usize = 16_000;
-/// Samples of a message.
+/// Samples per message.
 const PIECE: usize = RATE / 50;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
-/// What a client went through.
+/// Result of one client.
 #[derive(Debug)]
 enum Outcome {
     Refused(String),
@@ -36,7 +37,7 @@ enum Outcome {
 fn main() -> ExitCode {
     let args: Vec<String> = env::args().skip(1).collect();
     let [url, clients, seconds] = args.as_slice() else {
-        eprintln!("usage: load URL CLIENTS SECONDS; UMO_TOKEN is sent where it is set");
+        eprintln!("usage: load URL CLIENTS SECONDS; UMO_TOKEN is sent if set");
         return ExitCode::from(2);
     };
     let (Ok(clients), Ok(seconds)) = (clients.parse(), seconds.parse()) else {
@@ -60,7 +61,7 @@ async fn run(url: &str, clients: u64, seconds: usize) {
         .map(|seed| {
             let url = url.to_owned();
             tokio::spawn(async move {
-                // Clients do not come in step.
+                // Clients start at different times.
                 tokio::time::sleep(Duration::from_millis(seed * 37 % 1_000)).await;
                 speak(&url, seed, seconds).await
             })
@@ -123,7 +124,7 @@ async fn speak(url: &str, seed: u64, seconds: usize) -> Result<Outcome, Failure>
             let piece = (0..PIECE).flat_map(|_| {
                 noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 let bytes = noise.to_le_bytes();
-                // A quarter of the full scale.
+                // A quarter of full scale.
                 (i16::from_le_bytes([bytes[2], bytes[3]]) / 4).to_le_bytes()
             });
             sink.send(Message::binary(piece.collect::<Vec<u8>>())).await?;
@@ -156,5 +157,5 @@ async fn speak(url: &str, seed: u64, seconds: usize) -> Result<Outcome, Failure>
             _ => {}
         }
     }
-    Err("the server closed without a word".into())
+    Err("the server closed without a message".into())
 }

@@ -31,7 +31,7 @@ pub(crate) fn check(headers: &HeaderMap, origins: &[String], is_loopback: bool) 
     }
     match origin {
         Some(origin) if !origins.iter().any(|known| known == origin) && authority(origin) != host => {
-            let reason = format!("pages of {origin} may not come in; --origin {origin} lets them\n");
+            let reason = format!("pages of {origin} are refused; --origin {origin} allows them\n");
             Err((StatusCode::FORBIDDEN, "origin", reason))
         }
         _ => Ok(()),

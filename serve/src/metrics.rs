@@ -58,16 +58,16 @@ impl Metrics {
         };
         registry.register("sessions", "Sessions at present", all.sessions.clone());
         registry.register("places", "Most sessions at once", all.places.clone());
-        registry.register("draining", "1 once the server was told to stop", all.draining.clone());
+        registry.register("draining", "1 after the server was told to stop", all.draining.clone());
         registry.register("sessions_started", "Sessions that began", all.started.clone());
         registry.register("sessions_restored", "Sessions that began with a state", all.restored.clone());
         registry.register("sessions_handed_over", "Sessions whose state was handed over", all.handed_over.clone());
-        registry.register("sessions_refused", "Clients that got no session, by reason", all.refused.clone());
+        registry.register("sessions_refused", "Refused clients, by reason", all.refused.clone());
         registry.register("sessions_ended", "Sessions that ended, by reason", all.ended.clone());
         registry.register("samples", "Samples of audio that were taken", all.samples.clone());
         registry.register("frames", "Frames that were sent", all.frames.clone());
         registry.register("packets", "Packets that were sent", all.packets.clone());
-        registry.register("late_frames", "Frames that were later than real time needs them", all.late_frames.clone());
+        registry.register("late_frames", "Frames that missed their real-time deadline", all.late_frames.clone());
         registry.register_with_unit("audio", "Audio that was taken", Unit::Seconds, all.audio.clone());
         registry.register_with_unit("sent", "Frames, packets and states that were sent", Unit::Bytes, all.sent.clone());
         Self { registry, ..all }

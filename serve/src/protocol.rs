@@ -160,7 +160,7 @@ impl TryFrom<String> for MoodName {
     fn try_from(name: String) -> Result<Self, String> {
         let known = || Mood::ALL.map(Mood::name).join(", ");
         let found = Mood::ALL.into_iter().find(|mood| mood.name() == name);
-        found.map(Self).ok_or_else(|| format!("no mood is called `{name}`; there are {}", known()))
+        found.map(Self).ok_or_else(|| format!("unknown mood `{name}`; known: {}", known()))
     }
 }
 

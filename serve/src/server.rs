@@ -213,7 +213,7 @@ async fn upgrade(
     if shared.config.is_behind_proxy {
         let Some(seat) = shared.lobby.enter(&client.address) else {
             shared.metrics.refused("connections");
-            return (StatusCode::TOO_MANY_REQUESTS, "too many connections wait with their hello\n").into_response();
+            return (StatusCode::TOO_MANY_REQUESTS, "too many connections have not sent their hello\n").into_response();
         };
         connection.sit(Some(seat));
     }

@@ -92,10 +92,10 @@ impl From<Refusal> for End {
     fn from(refusal: Refusal) -> Self {
         match refusal {
             Refusal::Full { places } => {
-                Self::Because(Code::Full, format!("all {places} places are taken: try another server, or later"))
+                Self::Because(Code::Full, format!("all {places} sessions are taken: try another server, or later"))
             }
             Refusal::ClientLimit { places } => {
-                Self::Because(Code::ClientLimit, format!("this client has all {places} sessions that it may have"))
+                Self::Because(Code::ClientLimit, format!("this client has its maximum of {places} sessions"))
             }
             Refusal::Draining => {
                 Self::Because(Code::Draining, "the server stops: try another one, or later".to_owned())
@@ -156,7 +156,7 @@ async fn admit(stream: &mut SplitStream<WebSocket>, client: &Client, shared: &Sh
         &client.address
     } else {
         let named = hello.token.as_deref().and_then(|token| tokens.name(token));
-        let unknown = || End::Because(Code::Unauthorized, "no token, or none that this server knows".to_owned());
+        let unknown = || End::Because(Code::Unauthorized, "token missing or unknown".to_owned());
         client.name.as_deref().or(named).ok_or_else(unknown)?
     };
     if hello.version != protocol::VERSION {
@@ -411,7 +411,7 @@ impl Live {
             Message::Close(_) => return Err(End::Left),
             Message::Binary(bytes) => {
                 if self.speech != Speech::Open {
-                    return Err(End::bad("audio after `finish`: an `interrupt` begins another speech"));
+                    return Err(End::bad("audio after `finish`: `interrupt` starts a new stream"));
                 }
                 self.audio.extend(&bytes).map_err(End::bad)?;
             }
@@ -445,7 +445,7 @@ impl Live {
             }
             Request::Finish => {}
             Request::Lost { .. } if self.speech != Speech::Open => {
-                return Err(End::bad("lost after `finish`: an `interrupt` begins another speech"));
+                return Err(End::bad("lost after `finish`: `interrupt` starts a new stream"));
             }
             Request::Lost { packets } => self.audio.lose(packets).map_err(End::bad)?,
             Request::Interrupt { ease } => {
@@ -597,7 +597,8 @@ impl Live {
             // Reading is paused.
             (self.heard, self.active) = (now, now);
         } else if now - self.heard > 2 * heartbeat {
-            let reason = format!("nothing came for {} seconds, no answer to a ping either", 2 * heartbeat.as_secs());
+            let reason =
+                format!("nothing received for {} seconds, not even an answer to a ping", 2 * heartbeat.as_secs());
             return Some(End::Because(Code::Silent, reason));
         } else if now - self.active > idle {
             let reason = format!("no audio and no command for {} seconds", idle.as_secs_f64());

@@ -48,7 +48,7 @@ impl Tokens {
             }
             let digest = digest(token);
             if entries.iter().any(|entry| entry.digest == digest) {
-                return Err(wrong("this token stands in a line above"));
+                return Err(wrong("this token is already in a line above"));
             }
             entries.push(Entry { name: name.to_owned(), digest });
         }

@@ -1,4 +1,4 @@
-/* Wrong calls get an error that says what is wrong, and change nothing. */
+/* Invalid calls return an error that says what is wrong, and change nothing. */
 
 #include "check.h"
 
@@ -67,7 +67,7 @@ static void models_say_what_they_have(void) {
     OK(umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, metres, UMO_JOINT_COUNT));
     OK(umo_model_get_skeleton(model, UMO_AXES_UNREAL, NULL, unreal, UMO_JOINT_COUNT));
     CHECK(parents[0] == -1 && parents[1] == 0);
-    /* Unreal: forwards, right, up in centimetres. */
+    /* Unreal: forward, right, up in centimetres. */
     CHECK(unreal[3 * 16] == 100 * metres[3 * 16 + 2] && unreal[3 * 16 + 1] == -100 * metres[3 * 16]);
     FAILS(BUFFER_TOO_SMALL, umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, metres, 54));
     FAILS(INVALID_ARGUMENT, umo_model_get_skeleton(model, 3, parents, metres, 55));
@@ -243,7 +243,7 @@ static void sessions_refuse_calls(void) {
     CHECK(strstr(umo_last_error(), "rotations and channels overlap"));
     WITH(INVALID_ARGUMENT, visemes, layout.channels + 8);
     CHECK(strstr(umo_last_error(), "channels and visemes overlap") && strstr(umo_last_error(), "UMO_ABSENT"));
-    /* Values that are not written need no place. */
+    /* Values that are not written need no offset. */
     umo_frame_layout few = layout;
     few.index = few.sample = UMO_ABSENT;
     few.channels = UMO_ABSENT;
@@ -251,7 +251,8 @@ static void sessions_refuse_calls(void) {
     few.visemes = layout.channels;
     few.frame_stride = layout.frame_stride + 4;
     OK(umo_frame_layout_check(&few, model, sizeof frames, NULL));
-    /* A channel between each joint's rotation and the next is no overlap; with another stride they meet at the second. */
+    /* A channel between each joint's rotation and the next does not overlap; with another stride they meet at the
+       second. */
     umo_frame_layout woven = layout;
     woven.rotations = 32;
     woven.rotation_stride = woven.channel_stride = 24;
@@ -335,7 +336,7 @@ static void sessions_refuse_calls(void) {
     OK(umo_session_finish(avatar));
     OK(umo_session_finish(avatar));
     FAILS(FINISHED, umo_session_push_audio(avatar, samples, 2, &count));
-    /* After all that, the frames of the second that was pushed. */
+    /* After all that, the frames of the pushed second arrive. */
     compute(engine);
     OK(umo_session_ready_frames(avatar, &count));
     CHECK(count == 30);
@@ -395,7 +396,7 @@ static void session_configs_are_read(void) {
 #undef WITH
 }
 
-/* What moves while no frames come goes by the time that the host gives. */
+/* Motion without frames follows the time that the host sets. */
 static void hosts_give_their_time(void) {
     static char frames[2][1 << 13];
     umo_session *avatar = NULL;
@@ -445,7 +446,7 @@ static void gestures_come_out_of_files(const char *path) {
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, NULL, arm, NAN));
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "gr/eet", path, NULL, arm, -1));
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, 0, NULL, arm, -1));
-    CHECK(strstr(umo_last_error(), "no glb file"));
+    CHECK(strstr(umo_last_error(), "not a glb file"));
     FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, size - 1, NULL, arm, -1));
     CHECK(strstr(umo_last_error(), "cut short"));
     for (size_t i = 0; i + 9 < size; i++) {
@@ -521,7 +522,7 @@ static void gestures_refuse(void) {
     FAILS(INVALID_ARGUMENT, umo_engine_get_gesture_name(engine, built_in + 1, &name));
     CHECK(strlen(first) > 0); /* still good */
     char detail[UMO_ERROR_SIZE];
-    /* A session that was made before does not know it. */
+    /* A session created before does not know it. */
     FAILS(INVALID_ARGUMENT, umo_session_play_gesture(avatar, "salute", NULL));
     OK(umo_session_last_error(avatar, detail, sizeof detail, NULL));
     CHECK(strstr(detail, "salute") && strstr(detail, "umo_engine_get_gesture_name"));
@@ -576,7 +577,7 @@ static void a_full_engine_says_so(void) {
     CHECK(avatars[2] == NULL);
     OK(umo_session_free(avatars[0]));
     OK(umo_session_new(small, NULL, &avatars[0]));
-    /* The engine goes first: what was ready can be pulled, then the sessions say that it is gone. */
+    /* The engine is freed first: ready frames can still be pulled, then the sessions report that it is gone. */
     static float samples[CHUNK];
     speak(samples, CHUNK, 0);
     OK(umo_session_push_audio(avatars[0], samples, CHUNK, NULL));

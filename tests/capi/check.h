@@ -1,4 +1,4 @@
-/* What the C tests share: a check that says where it failed, a model, an engine, speech. */
+/* Shared by the C tests: a check that reports its location, a model, an engine, speech. */
 
 #ifndef CHECK_H
 #define CHECK_H
@@ -21,7 +21,7 @@
 #define OK(call) CHECK((call) == UMO_STATUS_OK)
 #define FAILS(status, call) CHECK((call) == UMO_STATUS_##status)
 
-/* Something like speech: a voice that comes and goes. */
+/* Speech-like audio: a voice that comes and goes. */
 static inline void speak(float *samples, size_t count, size_t start) {
     for (size_t i = 0; i < count; i++) {
         double t = (double)(start + i) / 16000.0;

@@ -1,5 +1,5 @@
-/* Frames as files: `clip MODEL FOLDER`. What the files hold is tested where they are written; here, that frames of any layout and
- * axes get there, that nothing is left of a file that fails, and what is refused. */
+/* Frames as files: `clip MODEL FOLDER`. The contents of the files are tested in their writer's crate; here, that frames
+ * of any layout and axes can be written, that a failed write leaves nothing behind, and that invalid input is refused. */
 
 #include "check.h"
 
@@ -8,7 +8,7 @@ enum { FRAMES = 45, SAMPLES = 24000 };
 typedef struct {
     unsigned char *bytes;
     size_t size;
-    /* Bytes after which it stops. */
+    /* Number of bytes after which the callback stops. */
     size_t limit;
 } buffer;
 
@@ -55,7 +55,7 @@ static buffer read_file(const char *path) {
     return all;
 }
 
-/* The frames of a voice, in any layout; as many each time. */
+/* Frames of a voice in any layout, the same number each time. */
 static void animate(umo_model *model, const umo_frame_layout *layout, void *frames, size_t size) {
     static float samples[SAMPLES];
     umo_engine *engine = polled_engine(model);
@@ -72,7 +72,7 @@ static void animate(umo_model *model, const umo_frame_layout *layout, void *fram
     OK(umo_engine_free(engine));
 }
 
-/* A host's own structure, in Unity's axes: what differs is signs, so the file is the same. */
+/* A host's own structure, in Unity's axes: only signs differ, so the file is the same. */
 typedef struct {
     float face[52][2];
     float root[3];
@@ -153,7 +153,7 @@ static void refused(const umo_clip *good, umo_model *model) {
     WITH(INVALID_ARGUMENT, clip.frames = frames, "not finite");
     free(frames);
     CHECK(all.size == 0);
-    /* A face less, and there is one. */
+    /* One face channel fewer than the model's. */
     clip = *good;
     clip.channel_count = 0;
     OK(umo_clip_write(&clip, UMO_FORMAT_GLB, &output));
@@ -168,7 +168,7 @@ static void files(const umo_clip *clip, const char *folder, const buffer *glb) {
     buffer found = read_file(path);
     CHECK(same(&found, glb));
     free(found.bytes);
-    /* What fails leaves the file that was there. */
+    /* A failed write leaves an existing file unchanged. */
     umo_clip wrong = *clip;
     wrong.rate = -1;
     FAILS(INVALID_ARGUMENT, umo_clip_write_file(&wrong, UMO_FORMAT_GLB, path));
@@ -235,7 +235,7 @@ int main(int argc, char **argv) {
     }
     files(&clip, argv[2], &glb);
 
-    /* What was filled in of the model is the model's; a clip without one is as good. */
+    /* The names filled in by the model equal the model's; a clip without a model works as well. */
     char names[52][32];
     const char *pointers[52];
     int32_t parents[UMO_JOINT_COUNT];

@@ -1,5 +1,5 @@
-/* Hosts whose floating-point environment is not the default one, with traps, another rounding or denormals flushed: the frames
- * have the same bits, nothing is raised, and the host's environment is as it was: `environment MODEL`. */
+/* Hosts with a non-default floating-point environment (traps, another rounding mode, flushed denormals): frames keep
+ * their bits, no exception is raised, and the host's environment is restored: `environment MODEL`. */
 
 #define _GNU_SOURCE
 #include <fenv.h>
@@ -10,14 +10,14 @@
 
 enum { RATE = 24000, SAMPLES = RATE, FRAMES = 30, FLOATS = 3 + 4 * UMO_JOINT_COUNT + 52 + UMO_VISEME_COUNT };
 
-/* The register, exception flags included. */
+/* The control register, exception flags included. */
 #if defined(__x86_64__)
 #include <xmmintrin.h>
 typedef unsigned int control;
 static control get(void) { return _mm_getcsr(); }
 static void set(control value) { _mm_setcsr(value); }
-/* What the default becomes: traps by cleared masks, of invalid, denormal, divide by zero, overflow, underflow, inexact; the other
- * roundings; denormal results and inputs as zero. */
+/* Bits to flip: traps by cleared masks (invalid, denormal, divide by zero, overflow, underflow, inexact); the other
+ * rounding modes; flush denormal results and inputs to zero. */
 static const control flips[] = {0x80, 0x100, 0x200, 0x400, 0x800, 0x1000, 0x1f80, 0x2000, 0x4000, 0x6000, 0x8000, 0x40, 0xffc0};
 #elif defined(__aarch64__)
 typedef unsigned long control;
@@ -38,10 +38,10 @@ static void set(control value) { CHECK(fesetround(value) == 0); }
 static const control flips[] = {FE_TONEAREST ^ FE_UPWARD, FE_TONEAREST ^ FE_DOWNWARD, FE_TONEAREST ^ FE_TOWARDZERO};
 #endif
 
-/* The test's own, and the one that the host calls with. */
+/* The test's own environment, and the one that the host calls with. */
 static control ordinary, host;
 
-/* A call of the host's. */
+/* A call made in the host's environment. */
 #define STATUS(status, call)                                                                                           \
     do {                                                                                                               \
         set(host);                                                                                                     \
@@ -62,7 +62,7 @@ typedef struct {
 static float speech[SAMPLES];
 static motion plain, other;
 
-/* Threads that the host lends, of its environment. */
+/* Threads lent by the host, with its environment. */
 typedef struct {
     pthread_t threads[256];
     int count;
@@ -100,7 +100,7 @@ static void move(umo_session *avatar) {
     CALL(umo_session_set_mood(avatar, UMO_MOOD_JOY, 0.3f));
     CALL(umo_session_look_at(avatar, UMO_AXES_GLTF, point, 0.7f));
     CALL(umo_session_play_gesture(avatar, "nod", NULL));
-    /* A call that fails. */
+    /* A failing call. */
     STATUS(UMO_STATUS_INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, NAN));
     for (size_t pushed = 0; pushed < SAMPLES; pushed += taken) {
         size_t rest = SAMPLES - pushed;
@@ -109,7 +109,7 @@ static void move(umo_session *avatar) {
     CALL(umo_session_finish(avatar));
 }
 
-/* What a session gives; `engine` is polled if `is_polled`. */
+/* Pulls a session's frames; `engine` is polled if `is_polled`. */
 static void pull(umo_engine *engine, int is_polled, umo_session *avatar, const umo_model *model, motion *to) {
     umo_frame_layout layout;
     CALL(umo_frame_layout_init(&layout, sizeof layout, model));
@@ -133,7 +133,7 @@ static void pull(umo_engine *engine, int is_polled, umo_session *avatar, const u
     CALL(umo_clip_write(&clip, UMO_FORMAT_GLB, &output));
 }
 
-/* The motion of an engine of one kind, made and used in the host's environment. */
+/* Motion of one kind of engine, created and used in the host's environment. */
 static void animate(const umo_model *model, uint32_t mode, uint32_t threads, umo_jobs *jobs, uint32_t voice, motion *to) {
     umo_engine_config config;
     umo_session_config session_config;
@@ -180,14 +180,14 @@ int main(int argc, char **argv) {
         animate(model, UMO_ENGINE_POLLED, 1, NULL, UMO_VOICE_LIVE, &other);
         CHECK(memcmp(&other, &live, sizeof live) == 0);
     }
-    /* The last, all of them at once: a model that is loaded so, and threads that are lent and that inherit it. */
+    /* Finally all flips at once: a model loaded in that environment, and lent threads that inherit it. */
     umo_model *own = NULL;
     CALL(umo_model_load(UMO_ABI_VERSION, argv[1], NULL, &own));
     motion_is_plain(own);
     CALL(umo_model_free(own));
     host = ordinary;
 #if defined(__GLIBC__)
-    /* As hosts turn traps on: in all of the processor's units. */
+    /* The usual way for hosts to enable traps: in all units of the processor. */
     CHECK(feenableexcept(FE_ALL_EXCEPT) != -1);
     ordinary = host = get();
     motion_is_plain(model);

@@ -1,4 +1,5 @@
-/* Frames in a game's own structures, in each engine's axes; gains; sampling; the host's allocator and threads; a priority that the system refuses. */
+/* Frames in a game's own structures, in each engine's axes; gains; sampling; the host's allocator and threads; a
+   priority that the system refuses. */
 
 #define _GNU_SOURCE
 #include <pthread.h>
@@ -11,7 +12,7 @@
 
 #include "check.h"
 
-/* The Windows C library has no memory that is both aligned and freed as any other. */
+/* The Windows C library has no aligned memory that free() accepts. */
 #ifdef _WIN32
 #include <malloc.h>
 #define aligned_alloc(alignment, size) _aligned_malloc(size, alignment)
@@ -22,7 +23,7 @@
 
 enum { SECONDS = 4, SAMPLES = 16000 * SECONDS, FRAMES = 30 * SECONDS };
 
-/* A skeleton as an engine might keep it, and a face as another might. */
+/* A skeleton as one engine might store it, and a face as another might. */
 typedef struct {
     char name[8];
     float place[3];
@@ -75,7 +76,7 @@ static void run(umo_engine *engine, umo_session *avatar, const umo_frame_layout 
     }
 }
 
-/* The frames of a new session. */
+/* Frames of a new session. */
 static void fresh(umo_engine *engine, const umo_session_config *config, uint32_t axes, game_frame *frames) {
     umo_session *avatar = NULL;
     umo_frame_layout layout = game_layout(axes);
@@ -96,14 +97,14 @@ static void frames_lie_where_they_are_wanted(umo_engine *engine) {
         for (size_t j = 0; j < UMO_JOINT_COUNT; j++) {
             const float *q = plain[i].bones[j].rotation;
             CHECK(fabsf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) < 1e-5f);
-            /* What is not the library's was left alone. */
+            /* Bytes outside the layout were left alone. */
             for (size_t b = 0; b < sizeof plain[i].bones[j].name; b++) CHECK(plain[i].bones[j].name[b] == 0x5a);
         }
         for (size_t m = 0; m < 52; m++) {
             CHECK(plain[i].morphs[m].weight >= 0 && plain[i].morphs[m].weight <= 1 && plain[i].morphs[m].dirty == 0x5a5a5a5a);
         }
     }
-    /* Nothing wanted, nothing written. */
+    /* With every value absent, nothing is written. */
     umo_session *avatar = NULL;
     umo_frame_layout layout = game_layout(UMO_AXES_GLTF);
     layout.index = layout.sample = layout.translation = layout.rotations = layout.channels = layout.visemes = UMO_ABSENT;
@@ -143,7 +144,7 @@ static void gains_still_a_part(umo_engine *engine) {
         CHECK(memcmp(other[i].bones[22].rotation, other[0].bones[22].rotation, 16) == 0);
         CHECK(memcmp(other[i].bones[1].rotation, other[0].bones[1].rotation, 16) == 0);
         CHECK(memcmp(other[i].root, other[0].root, 12) == 0);
-        /* The arms and fingers go on as they were. */
+        /* Arms and fingers are unchanged. */
         CHECK(memcmp(other[i].bones[18].rotation, plain[i].bones[18].rotation, 16) == 0);
         CHECK(memcmp(other[i].bones[40].rotation, plain[i].bones[40].rotation, 16) == 0);
         for (size_t m = 0; m < 52; m++) most = fmaxf(most, fabsf(plain[i].morphs[m].weight - other[i].morphs[m].weight));
@@ -171,7 +172,8 @@ static void poses_lie_between_frames(umo_engine *engine) {
     OK(umo_session_free(avatar));
 }
 
-/* A device that is late by an eighth of a second shows what another shows so much earlier; pulled frames are the same. */
+/* A device with a latency of an eighth of a second shows the pose from that much earlier; pulled frames are the
+   same. */
 static void an_output_device_may_be_late(umo_engine *engine) {
     umo_session *avatar = NULL, *late = NULL;
     umo_frame_layout layout = game_layout(UMO_AXES_GLTF);
@@ -268,7 +270,7 @@ static void memory_is_the_host_s(umo_engine *engine) {
     CHECK(none == NULL);
 }
 
-/* A job system of two threads, one of which is slow to come. */
+/* A job system of two threads, one of which starts slowly. */
 typedef struct {
     pthread_t threads[64];
     int count;
@@ -294,7 +296,7 @@ static void submit(void *userdata, void (*function)(void *context), void *contex
         free(j); /* a host that is too busy drops jobs */
         return;
     }
-    /* The least stack that umo.h asks for. */
+    /* The minimum stack size that umo.h requires. */
     pthread_attr_t attributes;
     CHECK(pthread_attr_init(&attributes) == 0 && pthread_attr_setstacksize(&attributes, 1 << 20) == 0);
     CHECK(pthread_create(&jobs->threads[jobs->count++], &attributes, run_job, j) == 0);
@@ -381,7 +383,7 @@ static void the_log_is_told(const char *path) {
     while (lines > 0) free(said[--lines]);
 }
 
-/* To a user without the right to it; in a process of its own, which gives that right up. */
+/* As a user without the privilege, in a separate process that drops it. */
 static void a_refused_priority_is_told(void) {
 #if defined(__linux__) && !defined(__ANDROID__)
     enum { NOBODY = 65534 };

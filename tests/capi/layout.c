@@ -1,4 +1,4 @@
-/* Structures lie as the generated bindings have them, and those of other versions are read. */
+/* Structure sizes and offsets on a 64-bit machine, printed for comparison with the bindings. */
 
 #include "check.h"
 
@@ -13,7 +13,7 @@
 #include "generated.h"
 #endif
 
-/* A version or two later: structures that are larger than this library knows, and smaller than any. */
+/* Structures of later versions, larger than this library knows, and structures smaller than any version. */
 static void structures_grow(umo_model *model) {
     struct {
         umo_model_config known;

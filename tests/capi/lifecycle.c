@@ -1,5 +1,5 @@
-/* The library's own life: loaded twice, unloaded, forked under (but on Windows), made and freed a thousand times.
-   `lifecycle LIBRARY COPY MODEL` */
+/* Lifecycle of the library: loaded twice, unloaded, forked (except on Windows), objects created and freed a thousand
+   times. `lifecycle LIBRARY COPY MODEL` */
 
 #define _GNU_SOURCE
 #ifdef _WIN32
@@ -26,7 +26,7 @@
         }                                                                                                              \
     } while (0)
 
-/* The functions of one copy of the library. */
+/* Functions of one copy of the library. */
 typedef struct {
     void *library;
     umo_status (*model_load)(uint32_t, const char *, const umo_model_config *, umo_model **);
@@ -79,7 +79,7 @@ static functions open_library(const char *path) {
     return f;
 }
 
-/* Whether a part of a file is in this process. */
+/* Whether any part of a file is mapped into this process. */
 static int is_mapped(const char *path) {
     int found = 0;
 #ifdef __linux__
@@ -96,7 +96,7 @@ static int is_mapped(const char *path) {
 
 static float speech[16000];
 
-/* A second of speech through a library, from nothing to nothing. */
+/* A second of speech through a library, from set-up to tear-down. */
 static void talk(const functions *f, const char *path) {
     umo_model *model = NULL;
     umo_engine *engine = NULL;
@@ -121,7 +121,7 @@ int main(int argc, char **argv) {
     CHECK(argc == 4);
     for (size_t i = 0; i < 16000; i++) speech[i] = 0.2f * sinf((float)i * 0.05f);
 
-    /* Two copies at once do not know of each other. */
+    /* Two copies at once are independent. */
     functions first = open_library(argv[1]), second = open_library(argv[2]);
     CHECK(first.model_load != second.model_load);
     talk(&first, argv[3]);
@@ -130,7 +130,7 @@ int main(int argc, char **argv) {
     CHECK(first.model_load(UMO_ABI_VERSION, argv[3], NULL, &model) == UMO_STATUS_OK);
     CHECK(second.model_free(model) == UMO_STATUS_INVALID_HANDLE);
 
-    /* A child of a program with an engine: it can free what it has, and start anew. */
+    /* A child of a program with an engine can free what it inherited and start again. */
     umo_engine *engine = NULL;
     umo_session *avatar = NULL;
     CHECK(first.engine_new(model, NULL, &engine) == UMO_STATUS_OK);
@@ -151,7 +151,7 @@ int main(int argc, char **argv) {
 #endif
     CHECK(first.push(avatar, speech, 16000, NULL) == UMO_STATUS_OK);
 
-    /* Made and freed, idle and in the middle of a chunk. */
+    /* Created and freed, idle and in the middle of a chunk. */
     for (int i = 0; i < 1000; i++) {
         umo_session *one = NULL;
         CHECK(first.session_new(engine, NULL, &one) == UMO_STATUS_OK);

@@ -1,4 +1,4 @@
-/* The live voice: the mouth's frames come as the sound does, before anything is computed; the body follows. */
+/* The live voice: the mouth's frames arrive with the sound, before anything is computed; the body follows. */
 
 #include "check.h"
 
@@ -44,7 +44,7 @@ int main(int argc, char **argv) {
         OK(umo_session_push_audio(avatar, speech + pushed, 500, &taken));
         CHECK(taken == 500);
         shown += pull(avatar, &layout);
-        /* Every frame whose sound was heard, one at most left. */
+        /* Every frame whose sound was heard, except at most one. */
         size_t heard = pushed + taken > latency.mouth_samples ? pushed + taken - latency.mouth_samples : 0;
         CHECK(shown + 1 >= heard * 30 / RATE);
     }

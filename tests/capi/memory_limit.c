@@ -1,5 +1,5 @@
-/* Every limit of address space from nothing to plenty, a little more each time: loading a model, making engines and sessions
- * and streaming either work or say OUT_OF_MEMORY; the process never ends by itself. */
+/* Address space limits from nothing to plenty in small steps: loading a model, creating engines and sessions and
+ * streaming either succeed or return OUT_OF_MEMORY; the process never aborts. */
 
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -7,13 +7,13 @@
 
 #include "check.h"
 
-/* An engine's own threads reserve a heap each. Where the heap lies differs from run to run, and with it what is refused. */
+/* An engine's own threads reserve a heap each, whose location, and so what is refused, varies from run to run. */
 enum { STEP = 2 << 20, STEPS = 240 };
 
-/* What a child came to: its exit code. */
+/* Result of a child: its exit code. */
 enum { DONE = 10, NO_MODEL, NO_ENGINE, NO_SESSION, OUTCOMES };
 
-/* Bytes of address space that this process has. */
+/* Address space of this process in bytes. */
 static size_t address_space(void) {
     size_t pages = 0;
     FILE *file = fopen("/proc/self/statm", "r");
@@ -28,7 +28,7 @@ static int refused(umo_status status, int outcome) {
     return outcome;
 }
 
-/* A thread that polls has 1 MiB of stack, which the system gives as it is used. */
+/* A polling thread needs 1 MiB of stack, which the system commits on use. */
 static void have_stack(void) {
     volatile char stack[1 << 20];
     for (size_t at = 0; at < sizeof stack; at += 1024)
@@ -76,7 +76,7 @@ int main(int count, char **arguments) {
     CHECK(count == 2);
     for (int own_threads = 0; own_threads < 2; own_threads++) {
         int seen[OUTCOMES] = {0};
-        /* With threads, the limits between those without. */
+        /* With threads, the limits lie between those without. */
         size_t start = address_space() + (own_threads ? STEP / 2 : 0);
         for (int step = 0; step < STEPS && seen[DONE] < 3; step++) {
             int status = 0;
@@ -93,7 +93,7 @@ int main(int count, char **arguments) {
         }
         fprintf(stderr, "refused: %d models, %d engines, %d sessions; done: %d\n", seen[NO_MODEL], seen[NO_ENGINE],
                 seen[NO_SESSION], seen[DONE]);
-        /* Loading may need more for a moment than engine and session keep: then these are never refused. */
+        /* Loading may temporarily need more than engine and session keep: then those are never refused. */
         CHECK(seen[NO_MODEL] > 0 && seen[DONE] > 0);
     }
     return 0;

@@ -1,4 +1,4 @@
-/* Nothing is allocated between the making of a session and its end: this program's malloc counts (glibc). */
+/* Nothing is allocated between creating a session and freeing it: this program's malloc counts (glibc). */
 
 #include <pthread.h>
 #include <sched.h>
@@ -12,7 +12,7 @@ extern void *__libc_realloc(void *memory, size_t size);
 extern void *__libc_memalign(size_t alignment, size_t size);
 extern void __libc_free(void *memory);
 
-/* Calls, and pieces that were not freed. */
+/* Calls, and blocks not freed. */
 static atomic_size_t calls, held;
 
 void *malloc(size_t size) {
@@ -57,7 +57,7 @@ static float speech[SAMPLES];
 static char frames[1 << 20];
 static atomic_int ready;
 
-/* The audio thread: its first calls too, good ones and bad ones. */
+/* The audio thread: its first calls too, valid and invalid ones. */
 static void *audio(void *argument) {
     (void)argument;
     atomic_store(&ready, 1);
@@ -76,7 +76,7 @@ static void *audio(void *argument) {
     return NULL;
 }
 
-/* A host's allocator: one block at a time, aligned to a cache line. */
+/* The host's allocator: one block at a time, aligned to a cache line. */
 static _Alignas(64) char room[8 << 20];
 static int taken_room;
 
@@ -93,8 +93,8 @@ static void give_room(void *userdata, void *memory, size_t size, size_t alignmen
     taken_room = 0;
 }
 
-/* Sessions take all that they have from the host. The system gives a rate's filter, once, and for the time of a call two
- * small pieces that the configuration is read into. */
+/* Sessions take all their memory from the host. The system allocator provides a rate's filter, once, and temporarily
+ * two small blocks for reading the configuration. */
 static void sessions_allocate_nothing(umo_engine *engine) {
     static const uint32_t rates[] = {16000, 48000, 44100};
     umo_allocator allocator = {NULL, take_room, give_room};
@@ -182,7 +182,7 @@ int main(int argc, char **argv) {
         FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, 1000, 0));
         umo_status asked = umo_session_last_error(avatar, text, sizeof text, NULL);
         CHECK(asked == UMO_STATUS_OK || asked == UMO_STATUS_BUSY); /* the audio thread is just failing */
-        /* A time that is past takes no frame. */
+        /* A past time takes no frame. */
         if (shown > 0) OK(umo_session_sample_pose(avatar, 0, &layout, frames, sizeof frames, NULL));
     }
     while (atomic_load(&ready) != 3) sched_yield();

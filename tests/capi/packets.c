@@ -1,4 +1,4 @@
-/* Packets out of a session, into decoders: the same bits, what is refused, what a lost one costs. */
+/* Packets out of a session and into decoders: identical bits, refusals, and the effect of losses. */
 
 #include "check.h"
 
@@ -59,7 +59,7 @@ int main(int argc, char **argv) {
     without_layers(decoder);
     without_layers(lossy);
 
-    /* Everything that is said, and everything that is shown. */
+    /* Everything pushed, and everything shown. */
     size_t said = 0, total = 0;
     for (size_t at = 0; at < SAMPLES; at += 8000) {
         OK(umo_session_push_audio(sender, speech + at, 8000, &taken));
@@ -99,7 +99,7 @@ int main(int argc, char **argv) {
     }
     char text[UMO_ERROR_SIZE];
     OK(umo_session_last_error(decoder, text, sizeof text, NULL));
-    CHECK(strstr(text, "no packet"));
+    CHECK(strstr(text, "not a packet"));
     CHECK(got == total && memcmp(frames, shown, total * stride) == 0);
     uint32_t done = 0;
     OK(umo_session_is_done(decoder, &done));
@@ -107,7 +107,8 @@ int main(int argc, char **argv) {
     OK(umo_decoder_stats(decoder, &stats));
     CHECK(stats.packets == said && stats.late == 0 && stats.lost == 0 && stats.held == 0);
 
-    /* Every fourth is lost, the others come twice and each second pair in the wrong order: the same frames. */
+    /* Every fourth packet is lost, the others arrive twice and each second pair in the wrong order: the frames are
+       the same. */
     got = 0;
     for (size_t i = 0; i < said; i++) {
         if (i % 4 == 2 && i + 1 < said) {

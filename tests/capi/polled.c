@@ -1,4 +1,4 @@
-/* What a library that was built without threads, files, a clock and glTF refuses, and that it computes on threads that it is lent:
+/* A library built without threads, files, a clock and glTF refuses what it lacks, and computes on lent threads:
  * `polled MODEL`. */
 #include <pthread.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@ static void fail(const char *what, int line) {
     exit(1);
 }
 
-/* Whether a call was refused because of how the library was built, with an error that names what to do instead. */
+/* Whether a call was refused because of how the library was built, with an error that names an alternative. */
 static int refused(umo_status status, const char *instead) {
     return status == UMO_STATUS_UNSUPPORTED && strstr(umo_last_error(), "built without") && strstr(umo_last_error(), instead);
 }
@@ -84,7 +84,7 @@ static size_t frames_of(umo_engine *engine, umo_model *model, char *frames, size
     CHECK(umo_session_push_audio(avatar, samples, 48000, &taken) == UMO_STATUS_OK && taken == 48000);
     CHECK(umo_session_finish(avatar) == UMO_STATUS_OK);
     while (!done) {
-        /* No clock ends a poll: with any budget but 0 it computes all that is due. */
+        /* No clock ends a poll: with any budget but 0 it computes all due work. */
         CHECK(umo_engine_poll(engine, 1, &more) == UMO_STATUS_OK && !more);
         CHECK(umo_session_pull_frames(avatar, &layout, frames + all * layout.frame_stride, size - all * layout.frame_stride, &got) ==
               UMO_STATUS_OK);
@@ -145,6 +145,6 @@ int main(int argc, char **argv) {
     CHECK(umo_engine_free(lent) == UMO_STATUS_OK && umo_engine_free(engine) == UMO_STATUS_OK && umo_model_free(model) == UMO_STATUS_OK);
     free(alone);
     free(shared);
-    printf("polled: refused what it must, %d jobs lent, the same bits\n", host.jobs);
+    printf("polled: refused all it must, %d jobs lent, the same bits\n", host.jobs);
     return 0;
 }

@@ -1,6 +1,6 @@
-/* Every allocation of a call fails in turn, and all from it on: each call works or says OUT_OF_MEMORY, keeps nothing of what it
- * began, and works when it is called again. The program's malloc (glibc) refuses what the library asks for, on any thread.
- * `refused_memory MODEL SALUTE FOLDER [NAME]`: all calls, or those of a name. */
+/* Each allocation of a call fails in turn, alone and together with all later ones: the call either succeeds or returns
+ * OUT_OF_MEMORY, leaks nothing, and succeeds when repeated. The program's malloc (glibc) refuses allocations of the
+ * library on any thread. `refused_memory MODEL SALUTE FOLDER [NAME]`: all calls, or those of a name. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -21,9 +21,9 @@ extern void __libc_free(void *memory);
 
 enum { PLACES = 1 << 17, FRAMES = 45, NEVER = INT_MIN, ANY = 1 << 30 };
 
-/* Where the library's code is. */
+/* Address range of the library's code. */
 static char *code_start, *code_end;
-/* Pieces that the library has. */
+/* Blocks that the library holds. */
 static void *places[PLACES];
 static atomic_long held, calls, left = NEVER;
 static atomic_int all_fail;
@@ -50,7 +50,7 @@ static void forget(void *piece) {
     size_t at = place_of(piece);
     if (places[at]) {
         atomic_fetch_sub(&held, 1);
-        /* What lies behind it may have been meant to lie here. */
+        /* Entries behind it may have hashed to this slot. */
         for (places[at] = NULL; places[at = (at + 1) % PLACES];) {
             void *moved = places[at];
             places[at] = NULL;
@@ -129,7 +129,7 @@ static umo_status engine_of(uint32_t mode, uint32_t threads) {
 static umo_status polled(void) { return engine_of(UMO_ENGINE_POLLED, 1); }
 static umo_status threaded(void) { return engine_of(UMO_ENGINE_THREADS, 2); }
 
-/* The first session of a rate makes its filter. */
+/* The first session of a rate creates its filter. */
 static umo_status session(void) {
     umo_session_config config;
     umo_session *made = NULL;
@@ -140,7 +140,7 @@ static umo_status session(void) {
     status = umo_session_new(engine, &config, &made);
     CHECK((made != NULL) == (status == UMO_STATUS_OK));
     OK(umo_session_free(made));
-    /* Of another rate, so that the filter is made again. */
+    /* Another rate, so that the filter is created again. */
     config.sample_rate = 32000;
     if (status == UMO_STATUS_OK) status = umo_session_memory(engine, &config, NULL, NULL);
     return status;
@@ -203,20 +203,20 @@ static umo_status file(void) {
     return status;
 }
 
-/* A call, and what is known of it. */
+/* A call and its properties. */
 typedef struct {
     const char *name;
     umo_status (*call)(void);
-    /* Most allocations that are tried, evenly spread. */
+    /* Maximum number of allocations tried, evenly spread. */
     long most;
-    /* Threads that it starts. */
+    /* Number of threads that it starts. */
     long threads;
-    /* 2, or 1 where a single allocation fails alone. */
+    /* 2, or 1 to fail single allocations only. */
     int modes;
 } subject;
 
-/* Refuses an allocation of a call: it works or says OUT_OF_MEMORY; then it works, and nothing is kept. Where it starts threads, pieces
- * that they put off freeing do not count. */
+/* Refuses one allocation of a call: the call succeeds or returns OUT_OF_MEMORY; then it succeeds, and nothing leaks.
+ * For calls that start threads, blocks that threads free later do not count. */
 static umo_status refuse(const subject *of, long number, int *reached) {
     long had = atomic_load(&held);
     atomic_store(&left, number);
@@ -229,14 +229,14 @@ static umo_status refuse(const subject *of, long number, int *reached) {
     CHECK(status == UMO_STATUS_OK || (*reached && strstr(umo_last_error(), "memory")));
     OK(of->call());
     if (atomic_load(&held) > had + 32 * of->threads) {
-        fprintf(stderr, "%s, allocation %ld: %ld pieces are kept\n", of->name, number, atomic_load(&held) - had);
+        fprintf(stderr, "%s, allocation %ld: %ld blocks leaked\n", of->name, number, atomic_load(&held) - had);
         exit(1);
     }
     return status;
 }
 
-/* The same in a child of this process. Rust's standard library asks the system itself for a piece of each thread that parks, and ends
- * the process without it: -1. */
+/* As `refuse`, in a child process. Rust's standard library makes its own allocation for each thread that parks, and
+ * aborts the process if it fails: -1. */
 static umo_status refuse_in_child(const subject *of, long number, int *reached) {
     int status = 0;
     pid_t child = fork();
@@ -274,7 +274,7 @@ static void fail_each(subject of) {
     }
     OK(of.call());
     fprintf(stderr, "%s: %ld allocations, %ld refused, %ld calls failed, %ld processes ended\n", of.name, count, tried, refused, died);
-    /* A piece that does not grow in place may be got in another. */
+    /* A block that cannot grow in place may be reallocated. */
     CHECK(2 * refused >= tried && died <= 8 * threads);
 }
 
@@ -298,7 +298,7 @@ static void animate(void) {
     CHECK(count == FRAMES);
 }
 
-/* What belongs to the library: from its first function to the end of its code, as the linker's map of the process has it. */
+/* Finds the library's range: from its first function to the end of its code, according to the process's memory map. */
 static void find_library(void) {
     Dl_info found;
     union {
@@ -326,7 +326,7 @@ int main(int argc, char **argv) {
     find_library();
     FILE *read = fopen(argv[2], "rb");
     CHECK(read && (salute_size = fread(salute, 1, sizeof salute, read)) > 1000 && fclose(read) == 0);
-    /* The first call makes what a process has once; without memory, too. */
+    /* The first call makes the once-per-process allocations; it must also fail cleanly without memory. */
     atomic_store(&left, 0);
     atomic_store(&all_fail, 1);
     umo_status first = load();
@@ -348,7 +348,7 @@ int main(int argc, char **argv) {
         {"clip of bones", bones, 200, 0, 2},
         {"clip for VRM", vrma, 200, 0, 2},
         {"clip in a file", file, 100, 0, 2},
-        /* Its many lists are more than the reserve. */
+        /* Its many lists exceed the reserve. */
         {"clip of a figure", figure, 4, 1, 1},
     };
     for (size_t i = 0; i < sizeof subjects / sizeof *subjects; i++)

@@ -10,7 +10,7 @@ import math
 import struct
 from pathlib import Path
 
-# Name, parent, place in the parent's frame in metres; the right side follows from the left.
+# Name, parent, position in the parent's frame in metres; the right side mirrors the left.
 BODY = [
     ("Hips", None, (0.0, 0.95, 0.0)), ("Spine", "Hips", (0.0, 0.1, 0.0)), ("Spine1", "Spine", (0.0, 0.12, 0.0)),
     ("Spine2", "Spine1", (0.0, 0.12, 0.0)), ("Neck", "Spine2", (0.0, 0.18, 0.0)), ("Head", "Neck", (0.0, 0.1, 0.0)),

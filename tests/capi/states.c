@@ -1,4 +1,4 @@
-/* A session's state as bytes: rolled back, moved to another engine, cut and changed. */
+/* Session states as bytes: rolled back, moved to another engine, truncated and corrupted. */
 
 #include "check.h"
 
@@ -20,7 +20,7 @@ static size_t save(umo_session *avatar, char *bytes) {
     return written;
 }
 
-/* The frames of the rest of the speech. */
+/* Frames of the rest of the speech. */
 static size_t go_on(umo_engine *engine, umo_session *avatar, size_t from, char *frames) {
     size_t count = 0, taken = 0;
     for (size_t at = from; at < SAMPLES; at += taken) {
@@ -43,7 +43,7 @@ int main(int argc, char **argv) {
     OK(umo_session_new(engine, NULL, &avatar));
     OK(umo_session_new(other_engine, NULL, &other));
 
-    /* Half of the speech, some frames shown, a gain set; then to the end, back, and to the end again. */
+    /* Half of the speech, some frames shown, a gain set; then to the end, restored, and to the end again. */
     size_t taken = 0, count = 0;
     OK(umo_session_push_audio(avatar, speech, 30000, &taken));
     CHECK(taken == 30000);
@@ -54,14 +54,14 @@ int main(int argc, char **argv) {
     size_t shown = go_on(engine, avatar, 30000, first);
     CHECK(count == 10 && shown == 80);
     OK(umo_session_restore(avatar, state, size));
-    CHECK(save(avatar, again) == size); /* but for the time, the same bytes */
+    CHECK(save(avatar, again) == size); /* the same bytes except for the time */
     CHECK(go_on(engine, avatar, 30000, second) == shown && memcmp(first, second, ROOM) == 0);
 
     /* In another engine. */
     OK(umo_session_restore(other, state, size));
     CHECK(go_on(other_engine, other, 30000, second) == shown && memcmp(first, second, ROOM) == 0);
 
-    /* What is no state changes nothing. */
+    /* An invalid state changes nothing. */
     size_t before = save(other, again);
     FAILS(STATE, umo_session_restore(other, state, size - 1));
     FAILS(STATE, umo_session_restore(other, state, 0));
@@ -79,7 +79,7 @@ int main(int argc, char **argv) {
     OK(umo_session_restore(other, state, size));
     CHECK(go_on(other_engine, other, 30000, second) == shown && memcmp(first, second, ROOM) == 0);
 
-    /* Another configuration is told by name. */
+    /* A different configuration is reported by name. */
     umo_session_config config;
     OK(umo_session_config_init(&config, sizeof config, model));
     config.sample_rate = 48000;

@@ -1,4 +1,4 @@
-/* A thousand sessions, a hundred engines, ten models, made and freed in every order: for valgrind. */
+/* A thousand sessions, a hundred engines, ten models, created and freed in every order: for valgrind. */
 
 #include "check.h"
 

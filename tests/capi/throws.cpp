@@ -1,4 +1,4 @@
-// An exception of a host's function stops the call that it is in: `throws MODEL`.
+// An exception in a host's callback stops the call that invoked it: `throws MODEL`.
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>

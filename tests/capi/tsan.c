@@ -1,4 +1,5 @@
-/* What Rust's thread sanitizer calls and gcc's runtime does not have: its own memset and so on are watched anyway. */
+/* Functions that Rust's thread sanitizer calls and gcc's runtime lacks: its own memset and others are instrumented
+   anyway. */
 
 #include <string.h>
 

@@ -1,5 +1,5 @@
-/* What is of Windows: names of files, what others do to a model's file, pipes, devices, threads, windows.
-   `windows MODEL`, linked as a program without a console. */
+/* Windows specifics: file names, sharing of a model's file, pipes, devices, threads, windows. `windows MODEL`,
+   linked as a program without a console. */
 
 #define UNICODE
 #define _WIN32_WINNT 0x0A00
@@ -13,7 +13,7 @@ enum { ROOM = 2048 };
 
 static wchar_t base[ROOM], original[ROOM];
 
-/* A path as the library wants it. */
+/* Converts a path to UTF-8 for the library. */
 static const char *utf8(const wchar_t *path) {
     static char text[4 * ROOM];
     CHECK(WideCharToMultiByte(CP_UTF8, WC_ERR_INVALID_CHARS, path, -1, text, sizeof text, NULL, NULL) > 0);
@@ -35,7 +35,7 @@ static void loads(const wchar_t *path) {
     OK(umo_model_free(load_model(utf8(path))));
 }
 
-/* Why a path cannot be loaded. */
+/* Checks that loading a path fails for the given reason. */
 static void is_refused(const wchar_t *path, const char *reason) {
     umo_model *none = NULL;
     FAILS(IO, umo_model_load(UMO_ABI_VERSION, utf8(path), NULL, &none));
@@ -49,7 +49,7 @@ static void paths_are_in_any_language(void) {
     CHECK(DeleteFile(path));
 }
 
-/* Longer than what old functions of Windows take, by its plain name and by the one that says that it has no limit. */
+/* Longer than old Windows functions accept, by the plain name and by the \\?\ name without a limit. */
 static void paths_are_long(void) {
     static const wchar_t name[] = L"a folder whose name has forty characters";
     wchar_t folders[8][ROOM];
@@ -71,7 +71,7 @@ static HANDLE writer(const wchar_t *path) {
     return CreateFile(path, GENERIC_READ | GENERIC_WRITE, others, NULL, OPEN_EXISTING, 0, NULL);
 }
 
-/* Half a second of speech, and the frames that it gives. */
+/* Half a second of speech and its frames. */
 static void run(umo_engine *engine, char *frames, size_t size) {
     static float speech[8000];
     umo_session *avatar = NULL;
@@ -92,7 +92,7 @@ static void run(umo_engine *engine, char *frames, size_t size) {
     OK(umo_session_free(avatar));
 }
 
-/* A file that somebody may write to is not loaded. What was loaded is in memory: its file may be overwritten or go. */
+/* A file open for writing is not loaded. A loaded model is in memory: its file may be overwritten or deleted. */
 static void a_model_needs_its_file_while_it_is_loaded(void) {
     static char before[1 << 16], after[1 << 16];
     wchar_t path[ROOM];
@@ -135,7 +135,7 @@ static BOOL CALLBACK count_window(HWND window, LPARAM count) {
     return TRUE;
 }
 
-/* The library's threads have names and the priority of the process; no window comes with them. */
+/* The library's threads are named and have the process's priority; no window is created. */
 static void threads_are_known_by_name(void) {
     typedef HRESULT(WINAPI * describe)(HANDLE, PWSTR *);
     union {

@@ -15,7 +15,7 @@ fn wrong_use_is_refused_and_changes_nothing() {
     session.finish().unwrap();
     assert_eq!(session.push_audio(&[0.0; 2]), Err(SessionError::Finished));
     settle(&engine);
-    assert!(pull(&session).is_empty(), "three samples are no frame");
+    assert!(pull(&session).is_empty(), "three samples are less than a frame");
     assert!(matches!(session.set_prompt(&[0; 129]), Err(SessionError::Range(_))));
     let mut sampling = session.sampling().unwrap();
     sampling.temperature = f32::NAN;

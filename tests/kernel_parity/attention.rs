@@ -404,7 +404,7 @@ fn encoder_attention_bf16_propagates_nonfinite_values(isa: Isa) {
         let spoiled = Case { q: spoil(&case.q, row, column), ..case.clone() };
         for (i, (got, clean)) in run_rounded(&spoiled, isa, 0..shape.m, (0, 0)).iter().zip(&clean).enumerate() {
             if i == row {
-                prop_assert!(got.iter().all(|y| y.is_nan()), "query {i} is no number: {got:?}");
+                prop_assert!(got.iter().all(|y| y.is_nan()), "query {i} is not NaN: {got:?}");
             } else {
                 prop_assert_eq!(got, clean, "query {} has nothing to do with query {}", i, row);
             }

@@ -1,20 +1,20 @@
-// A character as somebody else would bring it, made of the figure: bones with Mixamo's names, no animation, and its back to us.
+// A third-party style character made from the figure: bones with Mixamo names, no animation, facing backwards.
 
 const SPINE = { pelvis: "Hips", spine1: "Spine", spine2: "Spine1", spine3: "Spine2", neck: "Neck", head: "Head", jaw: "Jaw" };
 const SIDE = { hip: "UpLeg", knee: "Leg", ankle: "Foot", foot: "ToeBase", collar: "Shoulder", shoulder: "Arm", elbow: "ForeArm", wrist: "Hand", eye: "Eye" };
 
-/** What Mixamo calls a joint. */
+/** Mixamo name of a joint. */
 function mixamo(joint) {
   if (SPINE[joint]) return `mixamorig:${SPINE[joint]}`;
   const match = joint.match(/^(left|right)_([a-z]+?)(\d?)$/);
-  // The eyes have a name that is not a side's.
+  // The eyes' names do not follow the side pattern.
   const [, side, part, number] = match ?? joint.match(/^(left|right)_(eye)(_smplhf)?$/);
   const named = `${side[0].toUpperCase()}${side.slice(1)}`;
   if (!/^\d$/.test(number ?? "")) return `mixamorig:${named}${SIDE[part]}`;
   return `mixamorig:${named}Hand${part[0].toUpperCase()}${part.slice(1)}${number}`;
 }
 
-/** A .glb file's JSON and the rest of it. */
+/** Splits a .glb file into its JSON and the rest. */
 function split(bytes) {
   const length = bytes.readUInt32LE(12);
   return { json: JSON.parse(bytes.subarray(20, 20 + length).toString("utf8")), rest: bytes.subarray(20 + length) };
@@ -32,7 +32,7 @@ function join(json, rest) {
   return Buffer.concat([head, padded, rest]);
 }
 
-/** The file that `umo animate` wrote, as such a character. `joints` are the names of the 55. */
+/** Converts a file of `umo animate` to such a character. `joints` are the names of the 55. */
 export function stranger(bytes, joints) {
   const { json, rest } = split(bytes);
   for (const node of json.nodes) if (joints.includes(node.name)) node.name = mixamo(node.name);
@@ -43,7 +43,7 @@ export function stranger(bytes, joints) {
   return join(json, rest);
 }
 
-/** The same character with longer shins and shorter thighs, whose feet belong elsewhere than its bones' rotations put them. */
+/** The same character with longer shins and shorter thighs, whose feet need to be placed, not just rotated. */
 export function longShins(bytes) {
   return changed(bytes, (json) => {
     for (const { name, translation } of json.nodes) {
@@ -53,21 +53,21 @@ export function longShins(bytes) {
   });
 }
 
-/** The same character with shapes of other names: those of `names`, and none that anybody knows. */
+/** The same character with only the shapes in `names`, and otherwise unknown names. */
 export function named(bytes, names) {
   return changed(bytes, (json) => {
     for (const { extras } of json.meshes.filter((mesh) => mesh.extras?.targetNames)) extras.targetNames = extras.targetNames.map((_, i) => names[i] ?? `shape ${i}`);
   });
 }
 
-/** The same file with something of its JSON changed. */
+/** The same file with its JSON changed. */
 export function changed(bytes, change) {
   const { json, rest } = split(bytes);
   change(json);
   return join(json, rest);
 }
 
-/** VRM 1.0's names of the joints. */
+/** VRM 1.0 names of the joints. */
 function vrmName(joint, thumbs = ["Metacarpal", "Proximal", "Distal"]) {
   const middle = { pelvis: "hips", spine1: "spine", spine2: "chest", spine3: "upperChest", neck: "neck", head: "head", jaw: "jaw" };
   if (middle[joint]) return middle[joint];
@@ -79,7 +79,7 @@ function vrmName(joint, thumbs = ["Metacarpal", "Proximal", "Distal"]) {
   return side + finger + (part === "thumb" ? thumbs : ["Proximal", "Intermediate", "Distal"])[number - 1];
 }
 
-/** What the figure's file has for everybody: it stands on the floor, below a node, and brings no animation. */
+/** Properties common to all: the figure stands on the floor, below a parent node, without animation. */
 function standing(json) {
   delete json.animations;
   const scene = json.scenes[json.scene ?? 0];
@@ -88,13 +88,13 @@ function standing(json) {
   scene.nodes = [json.nodes.length - 1];
 }
 
-/** Lowest and highest of the surface at rest. */
+/** Lowest and highest points of the surface at rest. */
 function heights(json) {
   const surfaces = json.meshes.flatMap(({ primitives }) => primitives.map(({ attributes }) => json.accessors[attributes.POSITION]));
   return [Math.min(...surfaces.map(({ min }) => min[1])), Math.max(...surfaces.map(({ max }) => max[1]))];
 }
 
-/** The figure with Blender's sides, `upperarm.l`, which three.js takes the signs out of, and the 15 visemes. */
+/** The figure with Blender's sides, such as `upperarm.l`, from which three.js removes the dot, and the 15 visemes. */
 export function blender(bytes, joints, visemes) {
   const names = { hip: "thigh", knee: "shin", ankle: "foot", foot: "toe", collar: "shoulder", shoulder: "upper_arm", elbow: "forearm", wrist: "hand" };
   return changed(bytes, (json) => {
@@ -108,7 +108,8 @@ export function blender(bytes, joints, visemes) {
   });
 }
 
-/** The figure as VRM 1.0 whose nodes and shapes have no names that anybody knows: bones by its table, a mouth and blinks by its expressions. */
+/** The figure as VRM 1.0 with unknown node and shape names: bones by its table, a mouth and blinks by its
+ * expressions. */
 export function vrm1(bytes, joints) {
   return changed(bytes, (json) => {
     standing(json);
@@ -129,7 +130,7 @@ export function vrm1(bytes, joints) {
   });
 }
 
-/** The figure as VRM 0.x, which looks along -Z, with ARKit's shapes and expressions that share some of them. */
+/** The figure as VRM 0.x, which faces -Z, with ARKit shapes and expressions that share some of them. */
 export function vrm0(bytes, joints) {
   const { json, rest } = split(bytes);
   turnRound(json, rest.subarray(8));
@@ -149,7 +150,7 @@ export function vrm0(bytes, joints) {
   return join(json, rest);
 }
 
-/** Half a turn about up, in the numbers themselves: nodes, surfaces, shapes and bind matrices. */
+/** Rotates by half a turn about up in the data itself: nodes, surfaces, shapes and bind matrices. */
 function turnRound(json, bin) {
   for (const { translation } of json.nodes) if (translation) [translation[0], translation[2]] = [-translation[0], -translation[2]];
   const flip = (view, offset, count, width, places) => {
@@ -176,6 +177,6 @@ function turnRound(json, bin) {
       for (const one of [attributes, ...targets]) for (const name of ["POSITION", "NORMAL"]) turn(one[name], 3, [0, 2]);
     }
   }
-  // The bones are not turned at rest: their matrices only move.
+  // The bones have no rest rotation: their matrices only translate.
   for (const { inverseBindMatrices } of json.skins) turn(inverseBindMatrices, 16, [12, 14]);
 }

@@ -1,4 +1,4 @@
-// Drives a headless Chromium by the DevTools protocol, over two pipes: no package is needed.
+// Drives a headless Chromium through the DevTools protocol over two pipes: no package is needed.
 
 import { spawn } from "node:child_process";
 import fs from "node:fs";
@@ -17,7 +17,7 @@ const FLAGS = [
   "--autoplay-policy=no-user-gesture-required",
   "--use-fake-ui-for-media-stream",
   "--use-fake-device-for-media-stream",
-  // A page behind another one goes on, as several are open at once.
+  // Hidden pages keep running, as several are open at once.
   "--disable-background-timer-throttling",
   "--disable-backgrounding-occluded-windows",
   "--disable-renderer-backgrounding",
@@ -25,18 +25,18 @@ const FLAGS = [
 
 export const pause = (seconds) => new Promise((done) => setTimeout(done, seconds * 1000));
 
-/** Waits until `what` gives something true. The time only ends a test that hangs: a busy machine takes long. */
+/** Waits until `what` returns something true. The timeout only ends a hanging test: a busy machine takes long. */
 export async function until(what, seconds = 120, name = what.toString()) {
   const end = Date.now() + seconds * 1000;
   for (;;) {
     const value = await what();
     if (value) return value;
-    if (Date.now() > end) throw new Error(`waited ${seconds} s in vain for ${name}`);
+    if (Date.now() > end) throw new Error(`waited ${seconds} s without success for ${name}`);
     await pause(0.05);
   }
 }
 
-/** Waits until a page has had the chance to draw so many pictures. */
+/** Waits until a page has had the chance to draw the given number of frames. */
 export const pictures = (page, count) =>
   page.value(`new Promise((done) => {
     let left = ${count};
@@ -45,7 +45,7 @@ export const pictures = (page, count) =>
   })`);
 
 export class Chromium {
-  /** Starts the program at `path`, whose microphone hears the WAV file `speech`. */
+  /** Starts the program at `path`; its microphone plays the WAV file `speech`. */
   constructor(path, folder, speech) {
     const flags = [...FLAGS, `--user-data-dir=${folder}`, `--use-file-for-fake-audio-capture=${speech}`];
     this.process = spawn(path, flags, { stdio: ["ignore", "ignore", "ignore", "pipe", "pipe"] });
@@ -74,7 +74,7 @@ export class Chromium {
     return new Promise((done, failed) => this.waiting.set(id, { done, failed }));
   }
 
-  /** A page of its own, of this size in CSS pixels. */
+  /** Opens a page of this size in CSS pixels. */
   async open(url, { width = 1280, height = 860, phone = false, media = [] } = {}) {
     const { targetId } = await this.send("Target.createTarget", { url: "about:blank" });
     const { sessionId } = await this.send("Target.attachToTarget", { targetId, flatten: true });
@@ -113,7 +113,7 @@ class Page {
     if (method === "Network.requestWillBeSent") this.requests.push(params.request.url);
   }
 
-  /** The value of an expression, or of the promise that it gives. */
+  /** Value of an expression, or of the promise that it returns. */
   async value(expression) {
     const asked = { expression, awaitPromise: true, returnByValue: true, userGesture: true };
     const { result, exceptionDetails: failed } = await this.send("Runtime.evaluate", asked);
@@ -126,7 +126,7 @@ class Page {
     return until(() => this.value('document.documentElement?.dataset.ready === "true"').catch(() => false), 120, "the page");
   }
 
-  /** Presses and releases a key, as `ArrowLeft` or `.`. */
+  /** Presses and releases a key, such as `ArrowLeft` or `.`. */
   async key(key, modifiers = 0) {
     const codes = { ArrowLeft: 37, ArrowRight: 39, ArrowUp: 38, ArrowDown: 40, Tab: 9, Escape: 27, Enter: 13, " ": 32, Home: 36, End: 35 };
     const text = key.length === 1 ? key : undefined;
@@ -135,7 +135,7 @@ class Page {
     await this.send("Input.dispatchKeyEvent", { type: "keyUp", ...what, text: undefined });
   }
 
-  /** Presses the mouse at a place, moves it through others, and lets go. */
+  /** Presses the mouse at a position, moves it through others, and releases it. */
   async drag(places) {
     const mouse = (type, [x, y], buttons) =>
       this.send("Input.dispatchMouseEvent", { type, x, y, button: "left", buttons, clickCount: 1 });
@@ -144,7 +144,7 @@ class Page {
     await mouse("mouseReleased", places.at(-1), 0);
   }
 
-  /** Middle of an element, or a share of the way across it. */
+  /** Position in an element, by default its middle, as shares of its size. */
   place(selector, across = 0.5, down = 0.5) {
     return this.value(`(() => {
       const { left, top, width, height } = document.querySelector(${JSON.stringify(selector)}).getBoundingClientRect();
@@ -163,7 +163,7 @@ class Page {
     await this.drag([await this.place(selector)]);
   }
 
-  /** Writes what is seen, or of it the pixels `{ x, y, width, height }`, as PNG. */
+  /** Writes a screenshot as PNG, or the part `{ x, y, width, height }` of it in pixels. */
   async picture(path, clip) {
     const part = clip && { clip: { ...clip, scale: 1 } };
     const { data } = await this.send("Page.captureScreenshot", { format: "png", ...part });

@@ -24,7 +24,7 @@ export function prepare({ run, at, speech }) {
   truth = read(at("hello.jsonl"));
   const character = stranger(fs.readFileSync(at("hello.glb")), truth.header.joints);
   fs.writeFileSync(at("stranger.glb"), character);
-  // The same a hundred times as large, as a file in centimetres that somebody took for one in metres.
+  // The same, a hundred times larger, as if a file in centimetres had been taken for metres.
   fs.writeFileSync(at("giant.glb"), changed(character, ({ nodes }) => (nodes.at(-1).scale = [100, 100, 100])));
   run("view", speech, "--onto", at("stranger.glb"), "-o", at("onto.html"), "--no-open");
   run("view", speech, "--onto", at("giant.glb"), "-o", at("giant.html"), "--no-open");
@@ -38,7 +38,7 @@ async function opened({ browser, at }, name = "hello.html", options = { media: R
   return page;
 }
 
-/** Nothing went wrong on the page, and it asked nobody for anything. */
+/** Checks that the page had no errors and made no requests. */
 async function closed(page) {
   assert.deepEqual(page.errors, []);
   const asked = page.requests.filter((address) => !/^(file|blob|data):/.test(address));
@@ -50,7 +50,7 @@ function near(found, wanted, most, what) {
   found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]) <= most, `${what}: ${found} is not ${wanted}`));
 }
 
-/** The page's last picture shows this frame. */
+/** Checks that the page's last drawn frame is this one. */
 async function shows(page, frame, most, what) {
   const joints = await page.value("umo.joints()");
   assert.equal(joints.length, 55);
@@ -78,7 +78,7 @@ async function showsFrames(context, name, most) {
   await closed(page);
 }
 
-/** Alpha of the picture at a place: whether something is drawn there. */
+/** Alpha of the picture at a position: whether something is drawn there. */
 const alpha = (page, [x, y]) =>
   page.value(`(() => {
     umo.seek(umo.time);
@@ -88,7 +88,8 @@ const alpha = (page, [x, y]) =>
     return pixel[3];
   })()`);
 
-/** Red, green and blue of what a square of the screen shows, row by row, with everything behind and in front of the picture. */
+/** Red, green and blue of a square of the screen, row by row, including everything behind and in front of the
+ * picture. */
 const seen = async (page, [x, y], size) => {
   const { data } = await page.send("Page.captureScreenshot", { format: "png" });
   return page.value(`(async () => {
@@ -139,7 +140,7 @@ export const tests = [
     "relief is seen close by, and fades before its stitches are smaller than pixels can show",
     async (context) => {
       const page = await opened(context);
-      // When no hand is before the chest.
+      // Frames in which no hand covers the chest.
       const free = await page.value(`(() => {
         umo.camera("half");
         let [best, most] = [0, 0];
@@ -151,7 +152,7 @@ export const tests = [
         }
         return best;
       })()`);
-      // How much brighter or darker a pixel of the chest is than the mean of those beside it, of 255.
+      // Mean difference in brightness between a pixel of the chest and the mean of its neighbours, of 255.
       const roughness = async () => {
         await pictures(page, 4);
         return page.value(`(() => {
@@ -168,7 +169,7 @@ export const tests = [
           return sum / (size - 2) ** 2;
         })()`);
       };
-      // Steps of the wheel from half body: stitches of two and a half pixels, and of fourteen.
+      // Wheel steps from half body: stitches of two and a half pixels, and of fourteen.
       const from = async (steps) => {
         await page.value(`umo.camera("half"); umo.seek(${free}); for (let i = 0; i < ${Math.abs(steps)}; i++) {
           const wheel = { deltaY: ${60 * Math.sign(steps)}, bubbles: true, cancelable: true };
@@ -229,7 +230,7 @@ export const tests = [
       }
       for (const { most, count } of found) {
         assert.ok(most > 225, `nothing shines: ${JSON.stringify(found)}`);
-        // It has up to 72 pixels in these poses.
+        // The light covers up to 72 pixels in these poses.
         assert.ok(count <= 90, `more than a catch light shines: ${JSON.stringify(found)}`);
       }
       for (const eye of [0, 1]) near(found[eye].place, found[2 + eye].place, 3, "the catch light");
@@ -244,7 +245,7 @@ export const tests = [
       for (const [theme, foot] of ["dark", "light"].flatMap((theme) => ["left_foot", "right_foot"].map((foot) => [theme, foot]))) {
         await page.value(`umo.theme("${theme}"); umo.camera("whole"); umo.seek(2)`);
         await pictures(page, 10);
-        // The floor's own color from the shoe's tip towards the camera, where the lamp throws no shadow.
+        // The bare floor's colour from the shoe's tip towards the camera, where the lamp casts no shadow.
         const floor = await page.value(`(() => {
           umo.seek(2);
           const view = document.querySelector("#view"), gl = view.getContext("webgl2"), scale = view.width / view.clientWidth;
@@ -254,9 +255,9 @@ export const tests = [
           const tip = down.findLastIndex(([, , , alpha]) => alpha === 255);
           return down.slice(tip + 2).map(([, green, , alpha]) => green / alpha);
         })()`);
-        assert.ok(floor.length > 40, `${theme}, ${foot}: the floor is not seen`);
+        assert.ok(floor.length > 40, `${theme}, ${foot}: the floor is not visible`);
         const [close, far] = [floor.slice(0, 3), floor.slice(35, 40)].map((part) => part.reduce((sum, one) => sum + one) / part.length);
-        // 0.85 at the right foot of this pose.
+        // 0.85 at the right foot in this pose.
         assert.ok(close < 0.87 * far, `${theme}, ${foot}: ${close} at the shoe, ${far} before it`);
         assert.ok(close > 0.1 * far, `${theme}, ${foot}: black`);
       }
@@ -288,7 +289,7 @@ export const tests = [
     "plays with its audio, at other speeds, and stops",
     async (context) => {
       const page = await opened(context);
-      // The audio's time in each picture, and the picture's own: no clock of the test's is looked at.
+      // The audio time at each frame, and the frame's own time; the test uses no clock.
       const watch = (count) =>
         page.value(`new Promise((done) => {
           const { audio } = umo.clock, seen = [];
@@ -303,7 +304,7 @@ export const tests = [
         })`);
       const setSpeed = (speed) =>
         page.value(`(() => { const speed = document.querySelector("#speed"); speed.value = "${speed}"; speed.dispatchEvent(new Event("change")); })()`);
-      // Slowly, so that a machine that draws one picture a second draws some of them.
+      // Slow playback, so that a machine that draws one frame a second still draws some.
       await setSpeed(0.25);
       await page.value("umo.play()");
       const seen = await watch(6);
@@ -438,7 +439,7 @@ export const tests = [
       assert.deepEqual(record.kinds, ["text", "audio", "history", "chunk"]);
       const rows = await page.value(`[...document.querySelectorAll("#experts tr")].map((row) => row.querySelector(".shares").ariaLabel)`);
       assert.equal(rows.length, 4);
-      // Every layer sees all of the window's audio, once, in the encoder: 20 keyframes of 5 units and two markers.
+      // In the encoder, every layer sees all of the window's audio once: 20 keyframes of 5 units and two markers.
       const audio = rows[1].match(/\d+(?=,|$)/g).map(Number).reduce((a, b) => a + b, 0);
       const layers = await page.value("umo.scene.record.encoderLayers");
       assert.equal(audio, layers * 102, rows[1]);
@@ -455,7 +456,7 @@ export const tests = [
         await page.value(`umo.theme("${theme}"); umo.seek(0)`);
         const faint = await page.value(`(() => {
           const context = Object.assign(document.createElement("canvas"), { width: 1, height: 1 }).getContext("2d", { willReadFrequently: true });
-          // Colours over each other, the lowest first.
+          // Composites colours, the lowest first.
           const paint = (colors) => {
             context.clearRect(0, 0, 1, 1);
             for (const color of colors) { context.fillStyle = color; context.fillRect(0, 0, 1, 1); }
@@ -508,7 +509,7 @@ export const tests = [
           await page.value("umo.seek(1.4)");
           await fits();
           await page.picture(context.at(`phone-${width}-${camera}.png`));
-          // The crown, chin and eyes, and nothing over them but the picture.
+          // Crown, chin and eyes must be covered by nothing.
           const covered = await page.value(`(() => {
             const [x, y] = umo.onScreen("head"), eye = umo.onScreen("left_eye")[1];
             const size = 1.8 * (y - eye);
@@ -539,7 +540,7 @@ export const tests = [
           const from = (place, root) => place.map((x, i) => x - root[i]);
           joints.forEach(({ name: joint, place }, i) => {
             const expected = from(wanted[i], wanted[0]).map((x) => x * size);
-            // The giant is shown as tall as 1.7 m.
+            // The giant is displayed 1.7 m tall.
             near(from(place, joints[0].place), expected, size === 1 ? 0.002 : 0.01, `${name}, frame ${index}, ${joint}`);
           });
           const weights = await page.value("umo.weights()");
@@ -548,7 +549,7 @@ export const tests = [
             assert.equal(await alpha(page, await page.value(`umo.onScreen("${joint}")`)), 255, `${joint} in ${name}`);
           }
         }
-        // What has a record of how it was made shows it; the curves of what has none are the file's own.
+        // Pages show the record of how the motion was made if there is one; otherwise the curves come from the file.
         assert.equal(await page.value("umo.scene.record !== null"), name !== "moved.html");
         assert.ok(await page.value(`document.querySelectorAll("#track-list label").length > 55`));
         await page.value(`umo.camera("half"); umo.seek(1.4)`);
@@ -572,7 +573,7 @@ export const tests = [
         video.src = URL.createObjectURL(file);
         video.muted = true;
         await new Promise((done) => (video.onloadeddata = done));
-        // A recorder does not write the length; far beyond the end it is found.
+        // A recorder does not write the duration; seeking far beyond the end finds it.
         video.currentTime = 1e6;
         await new Promise((done) => (video.onseeked = done));
         const seconds = video.currentTime;
@@ -622,7 +623,7 @@ export const tests = [
       await closed(calm);
       const lively = await opened(context, "hello.html", { width: 480, height: 360 });
       await until(() => lively.value("umo.playing && umo.time > 0.1"));
-      // Length of the neck in the picture, frame by frame, while the camera comes nearer.
+      // Length of the neck in the picture, frame by frame, while the camera moves closer.
       const sizes = await lively.value(`new Promise((done) => {
         umo.pause();
         umo.camera("whole");

@@ -6,7 +6,7 @@ import path from "node:path";
 
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
 
-/** A server of `folder` at a free port of this machine: its `address`, and the names that were `asked` for. */
+/** Serves `folder` at a free local port: its `address`, and the names that were requested in `asked`. */
 export async function serve(folder) {
   const names = [];
   const server = http.createServer(async ({ url }, answer) => {

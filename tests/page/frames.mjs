@@ -1,4 +1,4 @@
-// Frames as `umo animate -o x.jsonl` writes them, and where they put the joints: computed here by matrices, apart from the
+// Frames as written by `umo animate -o x.jsonl`, and their joint positions, computed with matrices, independent of the
 // page's quaternions.
 
 import fs from "node:fs";
@@ -19,7 +19,7 @@ function matrix([x, y, z, w]) {
 const apply = (m, v) => m.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
 const times = (a, b) => a.map((row) => [0, 1, 2].map((j) => row[0] * b[0][j] + row[1] * b[1][j] + row[2] * b[2][j]));
 
-/** Places of all joints, metres. */
+/** Positions of all joints, metres. */
 export function places({ header }, { rotations, translation }) {
   const turned = [];
   const found = [];
@@ -38,7 +38,7 @@ export function places({ header }, { rotations, translation }) {
   return found;
 }
 
-/** The frame halfway between two: for quaternions that is their sum, made as long as one. */
+/** The frame halfway between two: for quaternions, their normalised sum. */
 export function halfway(a, b) {
   const middle = (p, q) => p.map((x, i) => (x + q[i]) / 2);
   const turn = (p, q) => {

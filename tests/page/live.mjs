@@ -1,4 +1,4 @@
-// The page as it is served, with streams through a real engine.
+// The page as served, with streams through a real engine.
 
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
@@ -13,12 +13,12 @@ import { read } from "./frames.mjs";
 const OPTIONS = ["--target", "2", "--lookahead", "4"];
 let server;
 let address;
-/** The same with one's own character on the page. */
+/** The same with a custom character on the page. */
 let wearing;
 let truth;
 
 export async function prepare({ umo, run, at, short }) {
-  // A live stream hears nothing ahead.
+  // A live stream has no future audio.
   run("animate", short, "-o", at("short.jsonl"), "-o", at("short.glb"), "--horizon", "0", ...OPTIONS);
   truth = read(at("short.jsonl"));
   fs.writeFileSync(at("live-stranger.glb"), stranger(fs.readFileSync(at("short.glb")), truth.header.joints));
@@ -54,15 +54,15 @@ function near(found, wanted, most, what) {
 
 const log = (page, what) => page.value(`umo.live.log.${what}`);
 
-/** A whole stream of the recording. */
+/** A complete stream of the recording. */
 async function stream(page) {
-  // After a stop it may be pressed again from the next picture on.
+  // After a stop it can be pressed again from the next frame on.
   await until(() => page.value(`!document.querySelector("#recording").hidden`));
   await page.click("#recording");
   await until(() => log(page, "done"), 120, "the end of the stream");
 }
 
-/** What a stream answers to messages; each is a text, or a number of samples. */
+/** Responses of a stream to messages; each is a text, or numbers for 32-bit floats. */
 const told = (page, messages) =>
   page.value(`new Promise((done) => {
     const socket = new WebSocket("ws://" + location.host + "/v1/session");
@@ -95,13 +95,13 @@ export const tests = [
       await page.value("umo.details(true)");
       await page.picture(context.at("live-made.png"));
       const least = await page.value("umo.scene.live.algorithmicSeconds");
-      // How much more it is depends on the machine; a stream by a test's own clock says what the page makes of it.
+      // The rest depends on the machine; a stream with a simulated clock tests the page's own latency.
       assert.ok(behind >= least - 1e-3, `the picture is ${behind} s behind, the engine waits ${least}`);
       await until(() => log(page, "done"));
       assert.equal(await log(page, "inOrder"), true);
       assert.equal(await log(page, "received"), truth.frames.length);
       for (const [index, { rotations, translation, face }] of truth.frames.entries()) {
-        // A zero's sign is lost on the way out of the browser.
+        // The sign of zero is lost on the way out of the browser.
         const wanted = [...rotations.flat(), ...translation, ...face].map((value) => Math.fround(value) + 0);
         assert.deepEqual(await page.value(`umo.frame(${index})`), wanted, `frame ${index}`);
       }
@@ -159,7 +159,7 @@ export const tests = [
       for (const frame of [0, 17, 40.5, truth.frames.length - 1]) {
         const [own, wanted] = await Promise.all([page, file].map((one) => one.value(`(umo.seek(${frame} / 30), [umo.joints(), umo.weights()])`)));
         own[0].forEach(({ name, place }, i) => near(place, wanted[0][i].place, 1e-4, `frame ${frame}, ${name}`));
-        // A weight that is 0 is not named, and on one side a tiny one may be.
+        // Zero weights are omitted, and on one side a tiny one may be.
         const names = new Set([...Object.keys(own[1]), ...Object.keys(wanted[1])]);
         assert.ok(names.size > 20);
         for (const name of names) near([own[1][name] ?? 0], [wanted[1][name] ?? 0], 1e-4, `frame ${frame}, ${name}`);
@@ -187,7 +187,7 @@ export const tests = [
       const [recording, microphone] = [await begun("recording"), await begun("microphone")];
       assert.equal(recording.isLive, false);
       assert.equal(recording.mouthSeconds, recording.bodySeconds);
-      // The recording has the model's rate; resampling from 48 kHz takes some 40 ms.
+      // The recording has the model's rate; resampling from 48 kHz adds about 40 ms.
       const more = microphone.bodySeconds - recording.bodySeconds;
       assert.ok(more >= 0 && more < 0.05, `the microphone's body is ${more} s later`);
       // 60 ms of the network and 40 of resampling. The default model may come without a mouth network.
@@ -201,7 +201,7 @@ export const tests = [
     "latency is that of now, a stall is caught up, and a slow machine is named",
     async (context) => {
       const page = await opened(context);
-      // A stream without a program and without a clock: the test says what time it is and when frames come.
+      // A stream without a program or a clock: the test sets the time and delivers frames.
       const told = await page.value(`(() => {
         const { live } = umo, { clock, motion } = live;
         let now = 100;
@@ -214,7 +214,7 @@ export const tests = [
           view.setBigUint64(8, BigInt(live.log.next), true);
           live.take(data);
         };
-        // Each step is a picture; every fifth brings five frames, \`late\` seconds after they could be there.
+        // Each step is a frame; every fifth delivers five frames, \`late\` seconds after they could arrive.
         const run = (seconds, late) => {
           for (let step = 0; step < 30 * seconds; step++) {
             now += 1 / 30;
@@ -337,7 +337,7 @@ export const tests = [
         const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(await umo.scene.video.arrayBuffer());
         return [sound.duration, sound.getChannelData(0).reduce((most, x) => Math.max(most, Math.abs(x)), 0)];
       })()`);
-      // A busy machine records fewer pictures and less sound.
+      // A busy machine records fewer frames and less sound.
       assert.ok(seconds > 1.2 && seconds < 8 && loudest > 0.1, `${seconds} s, as loud as ${loudest}`);
       await page.close();
     },
@@ -350,7 +350,7 @@ export const tests = [
       const page = await opened(context, at);
       fs.writeFileSync(context.at("live-broken.glb"), "no glb");
       await page.drop("#view", context.at("live-broken.glb"));
-      await until(async () => /it is no glb file/.test(await page.value('document.querySelector("#notice").textContent')), 30, "the sentence");
+      await until(async () => /not a glb file/.test(await page.value('document.querySelector("#notice").textContent')), 30, "the sentence");
       assert.equal(await page.value("umo.scene.character"), null);
       await page.drop("#view", context.at("live-stranger.glb"));
       await until(() => page.value("umo.scene.character !== null").catch(() => false), 60, "the page with the character");

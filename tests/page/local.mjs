@@ -1,4 +1,4 @@
-// The page of `umo view --web`: a folder that any web server serves, whose model runs in the browser.
+// The page of `umo view --web`: a folder that any web server can serve, with the model running in the browser.
 
 import assert from "node:assert/strict";
 import fs from "node:fs";
@@ -16,7 +16,8 @@ import { read } from "./frames.mjs";
 const OPTIONS = { target: 2, lookahead: 4, horizon: 0, seed: 7n };
 const PACKAGE = path.join(import.meta.dirname, "../../bindings/web");
 const VISEMES = ["sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou"].map((name) => `viseme_${name}`);
-/** One's own characters: with ARKit's shapes and legs of other proportions, with the Oculus set, with VRM's vowels and a blink. */
+/** Custom characters: with ARKit shapes and other leg proportions, with the Oculus visemes, with VRM vowels and a
+ * blink. */
 const CHARACTERS = {
   shins: longShins,
   visemes: (bytes) => named(bytes, VISEMES),
@@ -57,7 +58,7 @@ function near(found, wanted, most, what) {
   found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]) <= most, `${what}: ${found} is not ${wanted}`));
 }
 
-/** Whether a page's character moves as `umo retarget` moves it: one that the page came with, or one that is dropped onto it. */
+/** Checks that a page's character moves as `umo retarget` moves it: one built into the page, or one dropped onto it. */
 async function follows(context, name, isDropped) {
   const { at, browser, run } = context;
   const own = await serve(isDropped ? folder : at(`local-${name}`));
@@ -102,7 +103,7 @@ export function end() {
   server.close();
 }
 
-/** Whether the page's news are these. */
+/** Whether the page's notice matches. */
 const notice = async (page, text) => text.test(await page.value('document.querySelector("#notice").textContent'));
 
 async function opened({ browser }) {
@@ -119,7 +120,7 @@ const done = async (page) => {
   await page.close();
 };
 
-/** The values of every frame of a recording, computed in Node by the same package and model. */
+/** Values of all frames of a recording, computed in Node by the same package and model. */
 async function framesInNode(samples) {
   const [wasm, model] = await Promise.all(["umo/dist/umo.wasm", "model.safetensors.gz"].map((name) => readFile(path.join(folder, name))));
   const engine = await Model.load({ wasm, model });
@@ -129,7 +130,7 @@ async function framesInNode(samples) {
   const frames = [];
   while (!session.isDone) {
     while (engine.compute());
-    // A zero's sign is lost on the way out of the browser.
+    // The sign of zero is lost on the way out of the browser.
     for (const pose = new Pose(engine); session.pull(pose); ) frames.push([...pose.rotations, ...pose.translation, ...pose.face].map((value) => value + 0));
   }
   engine.free();
@@ -200,10 +201,10 @@ export const tests = [
       assert.ok(await notice(page, /speaks hello\.wav/));
       await page.drop("#view", context.at("local.jsonl"));
       await until(() => notice(page, /local\.jsonl: expected a character/), 10, "the sentence");
-      // What is no character leaves the page as it is.
+      // An invalid character leaves the page unchanged.
       fs.writeFileSync(context.at("local-broken.glb"), "no glb");
       await page.drop("#view", context.at("local-broken.glb"));
-      await until(() => notice(page, /local-broken\.glb: .*it is no glb file/), 10, "the sentence");
+      await until(() => notice(page, /local-broken\.glb: .*not a glb file/), 10, "the sentence");
       assert.ok((await page.value("umo.joints()")).every(({ place }) => place.every(Number.isFinite)));
       await done(page);
     },

@@ -1,6 +1,7 @@
-// The pictures of docs/view.md, the page, on a phone, and how it was made, and those of docs/avatar.md's clothes from near by.
-// UMO, CHROMIUM and OUT name the program, the browser and a folder, to which view.png, view-phone.png, view-made.png and
-// cloth-0.png to cloth-2.png are written; arguments name some of these (`view`, `view-phone`, `view-made`, `cloth`).
+// Screenshots for docs/view.md (the page, on a phone, and with details) and close-ups of the clothes for
+// docs/avatar.md. UMO, CHROMIUM and OUT name the program, the browser and a folder, to which view.png, view-phone.png,
+// view-made.png and cloth-0.png to cloth-2.png are written; arguments select some of these (`view`, `view-phone`,
+// `view-made`, `cloth`).
 
 import { execFileSync } from "node:child_process";
 import fs from "node:fs";

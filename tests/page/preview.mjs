@@ -1,5 +1,6 @@
-// Frames of the page for docs/img/preview.webp: `half-000.png` and so on for half body, `whole-000.png` for whole body. UMO, CHROMIUM and OUT name
-// the program, the browser and a folder; SPEECH a recording; RATE and SECONDS how many frames there are.
+// Frames of the page for docs/img/preview.webp: `half-000.png` etc. for half body, `whole-000.png` etc. for whole body.
+// UMO, CHROMIUM and OUT name the program, the browser and a folder; SPEECH a recording; RATE and SECONDS determine the
+// number of frames.
 
 import { execFileSync } from "node:child_process";
 import fs from "node:fs";

@@ -1,4 +1,4 @@
-// The ten lines of bindings/web/README.md, word for word, with characters of three.js: THREE names the folder of its packages.
+// The ten lines of bindings/web/README.md, verbatim, with three.js characters: THREE names the folder of its packages.
 
 import assert from "node:assert/strict";
 import fs from "node:fs";
@@ -21,17 +21,17 @@ const IMPORTS = {
   "umo-web": "./umo/src/index.js",
   "umo-web/three": "./umo/src/three.js",
 };
-/** Shapes that are looked at for the mouth. */
+/** Mouth shapes to check. */
 const CHARACTERS = { "blender.glb": VISEMES.slice(1), "one.vrm": ["mouth"], "zero.vrm": ["jawOpen"], "zero.vrm?turned": ["jawOpen"] };
 let server;
 
-/** The first block of code of the README. */
+/** The first code block of the README. */
 function lines() {
   const text = fs.readFileSync(path.join(ROOT, "bindings/web/README.md"), "utf8");
   return text.match(/```js\n([^]*?)```/)[1];
 }
 
-/** A page that has what the lines take for granted: a character, a scene, a camera and a renderer. */
+/** A page with the objects that the lines assume: a character, a scene, a camera and a renderer. */
 const page = (code) => `<!doctype html>
 <link rel="icon" href="data:,">
 <body style="margin:0"><script type="importmap">${JSON.stringify({ imports: IMPORTS })}</script>
@@ -98,7 +98,7 @@ export function end() {
   server.close();
 }
 
-/** A VRM with an animation of umo's in three-vrm's ordinary loop: how far the left hand is from where a T-pose has it, metres. */
+/** A VRM with a umo animation in three-vrm's usual loop: distance of the left hand from its T-pose position, metres. */
 const looped = (page, options) => page.value(`(async ({ file, clip, update }) => {
   const three = await import("three");
   const { GLTFLoader } = await import("three/addons/loaders/GLTFLoader.js");
@@ -136,11 +136,11 @@ async function loops({ browser, run, at }) {
   await page.close();
 }
 
-/** Where joints are now, and the rotations of the nodes beside those that the character's file alone leads to. */
+/** Current joint positions, and the node rotations beside those computed from the character's file alone. */
 const MEASURE = `(async () => {
   const { gltf, avatar, character, at, file, Follower } = test;
   const bytes = new Uint8Array(await (await fetch(file)).arrayBuffer());
-  // From here on nothing is waited for: the page's own loop would show another pose.
+  // No awaits from here on: the page's own loop would show another pose.
   const pose = avatar.pose;
   character.apply(pose);
   const places = Object.fromEntries(["pelvis", "head", "left_shoulder", "left_wrist", "right_shoulder", "right_wrist"].map((joint) => [joint, at(joint).toArray()]));
@@ -163,12 +163,12 @@ async function speaks({ browser, at }, name) {
   const { places, apart, missing, driven } = await page.value(MEASURE);
   const { hips, soles } = await page.value("seen");
   await page.picture(at(`readme-${name.replace(/\W/g, "-")}.png`));
-  // The figure's hips are at 0.95 m or so, its ankles at 0.1 m, its soles at 0.
+  // The figure's hips are at about 0.95 m, its ankles at 0.1 m, its soles at 0.
   assert.ok(Math.min(...hips) > 0.85 && Math.max(...hips) < 1.05, `hips at ${Math.min(...hips)} to ${Math.max(...hips)} m`);
   assert.ok(Math.min(...soles) > 0.005 && Math.max(...soles) < 0.1, `feet at ${Math.min(...soles)} to ${Math.max(...soles)} m`);
   for (const side of ["left", "right"]) {
     const [shoulder, wrist] = [places[`${side}_shoulder`], places[`${side}_wrist`]];
-    // A T-pose has the hand at the shoulder's height and far out; a gesture may lift it.
+    // In a T-pose the hand is at shoulder height and far out; a gesture may lift it.
     assert.ok(wrist[1] < places.head[1], `the ${side} hand is below the head: ${wrist}`);
     assert.ok(Math.hypot(wrist[0] - shoulder[0], wrist[2] - shoulder[2]) < 0.45, `the ${side} arm is not stretched out: ${wrist}, ${shoulder}`);
     const out = Math.sign(shoulder[0] - places.pelvis[0]);

@@ -1,4 +1,5 @@
-// The pages of `umo view` and of bindings/web in a real browser. UMO, CHROMIUM and OUT name the program, the browser and a folder.
+// Tests the pages of `umo view` and of bindings/web in a real browser. UMO, CHROMIUM and OUT name the program, the
+// browser and a folder.
 
 import { execFileSync } from "node:child_process";
 import fs from "node:fs";

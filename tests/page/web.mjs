@@ -1,4 +1,5 @@
-// The page of bindings/web, whose model runs in the browser. WEB names its folder, as bindings/web/demo/make writes it.
+// The page of bindings/web, with the model running in the browser. WEB names its folder, as written by
+// bindings/web/demo/make.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -33,7 +34,7 @@ const done = async (page) => {
   await page.close();
 };
 
-/** FNV-1a of the values' bits, as the page computes it too. */
+/** FNV-1a hash of the values' bits, also computed by the page. */
 const HASH = `(arrays) => {
   let hash = 0x811c9dc5;
   for (const values of arrays) {
@@ -42,7 +43,7 @@ const HASH = `(arrays) => {
   return hash;
 }`;
 
-/** Every frame of a recording in Node. */
+/** All frames of a recording, in Node. */
 async function framesInNode(samples) {
   const [wasm, model] = await Promise.all(
     ["umo/dist/umo.wasm", "umo-people.safetensors.gz"].map((name) => readFile(path.join(folder, name))),

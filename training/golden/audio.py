@@ -9,12 +9,12 @@ from transformers import HubertConfig, HubertModel, Wav2Vec2FeatureExtractor
 from layout import Config
 from margin import Margin
 
-# Layers after the stored ones, with weights of their own: `hidden_states[L]` must not depend on them.
+# Layers after the stored ones, with random weights: `hidden_states[L]` must not depend on them.
 UNSTORED_LAYERS = 2
 
 
 class Hubert(nn.Module):
-    """`HubertModel`, of which layer L's output is the feature."""
+    """`HubertModel` with the output of layer L as the feature."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -34,7 +34,7 @@ class Hubert(nn.Module):
             )
         ).eval()
         state = {name.removeprefix("audio.hubert."): t for name, t in tensors.items() if "hubert" in name}
-        # Hugging Face keeps direction and length apart; a folded weight is a direction with its own length.
+        # Hugging Face stores direction and length separately; a folded weight is a direction with its own length.
         folded = state.pop("encoder.pos_conv_embed.conv.weight")
         weight_norm = "encoder.pos_conv_embed.conv.parametrizations.weight"
         state[f"{weight_norm}.original0"] = folded.norm(dim=(0, 1), keepdim=True)
@@ -47,14 +47,14 @@ class Hubert(nn.Module):
         samples = self.extractor(audio.numpy(), sampling_rate=16000, return_tensors="pt").input_values
         dtype = next(self.model.parameters()).dtype
         output = self.model(samples.to(dtype), output_hidden_states=True)
-        # One state before the first layer and one after each: number L is what L layers make.
+        # One state before the first layer and one after each: state L is the output of layer L.
         assert len(output.hidden_states) == self.layers + UNSTORED_LAYERS + 1
         assert torch.equal(output.hidden_states[-1], output.last_hidden_state)
         return output.hidden_states[self.layers][0]
 
 
 class Mel(nn.Module):
-    """Log-mel bands with causal deltas, normalised; then convolutions over the last of them, where there are any."""
+    """Log-mel bands with causal deltas, normalised; then convolutions over the last of them, if configured."""
 
     window: Tensor
     filters: Tensor
@@ -93,7 +93,7 @@ class Mel(nn.Module):
             return rows
         silence = torch.zeros_like(rows[:1])
         silence[:, : self.sizes["bands"]] = math.log(self.sizes["floor"])
-        # Long enough that every layer has heard nothing else before the first row.
+        # Long enough that every layer sees only silence before the first row.
         before = ((silence - self.mean) * self.scale).repeat(100, 1)
         x = torch.cat([before, rows]).T[None]
         for i, layer in enumerate(self.network):
@@ -123,7 +123,7 @@ def front_end(config: Config, tensors: dict[str, Tensor]) -> Hubert | Mel:
 
 
 def nearest(rows: Tensor, table: Tensor, margin: Margin) -> Tensor:
-    """The index of each row's nearest table row."""
+    """Index of each row's nearest table row."""
     squared = torch.cdist(rows, table, compute_mode="donot_use_mm_for_euclid_dist") ** 2
     margin.nearest(squared)
     return squared.argmin(-1)

@@ -18,13 +18,13 @@ Propose = Callable[[torch.Generator], Tensors]
 Run = Callable[[Reference, Tensors, Margin], Tensors]
 
 ATTEMPTS = 400
-# A case is kept only if f32 and f64 runs of the reference agree this well, a tenth of what the tests demand.
+# A case is kept only if f32 and f64 runs of the reference agree to this precision, a tenth of the tests' tolerance.
 CONDITION = 2e-5
 
 
 @dataclass
 class Cases:
-    """What goes into `cases.safetensors`."""
+    """Contents of `cases.safetensors`."""
 
     seed: int
     single: Reference
@@ -33,7 +33,7 @@ class Cases:
     notes: dict[str, dict[str, object]] = field(default_factory=dict)
 
     def add(self, name: str, stage: str, propose: Propose, run: Run, **note: object) -> None:
-        """Draws inputs until every choice on the way is clear, then keeps them with the f32 outputs."""
+        """Draws inputs until every discrete choice has a clear margin, then stores them with the f32 outputs."""
         for attempt in range(ATTEMPTS):
             inputs = propose(weights.seeded(self.seed, name, attempt))
             margin = Margin()
@@ -87,7 +87,7 @@ def add_audio(cases: Cases, kind: str, lengths: tuple[int, ...]) -> None:
 
 
 def prompt(config: Config, length: int | None, generator: torch.Generator) -> Tensor:
-    """Random ids of the whole vocabulary, or (no length given) a whole audio-to-motion prompt."""
+    """Random ids from the whole vocabulary, or (without a length) a whole audio-to-motion prompt."""
     vocab = config["vocab"]
     if length is not None:
         return torch.randint(0, vocab["size"], (length,), generator=generator)
@@ -198,7 +198,7 @@ def add_encoders(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None
 
 
 def describe(cases: Cases) -> str:
-    """One line for each output that a person should look at: spread of floats, variety of choices."""
+    """One line per output for manual review: spread of floats, variety of choices."""
     lines = []
     for name, value in cases.tensors.items():
         if ".out." not in name:

@@ -38,7 +38,7 @@ def algorithm_1(w: torch.Tensor, gram: torch.Tensor, steps: torch.Tensor) -> tup
 def main() -> None:
     random = torch.Generator().manual_seed(1)
     normal = lambda *shape: torch.randn(*shape, generator=random, dtype=torch.float64)  # noqa: E731
-    # Inputs that depend on each other, of different sizes, one of them always 0.
+    # Correlated inputs of different sizes, one of them always 0.
     x = normal(SAMPLES, INPUTS // 3) @ normal(INPUTS // 3, INPUTS) + 0.3 * normal(SAMPLES, INPUTS)
     x *= torch.exp(0.5 * normal(INPUTS))
     x[:, 5] = 0

@@ -11,7 +11,7 @@ from frames import Codes, FrameReference
 from layout import PARTS, Config, moving
 from margin import Margin
 
-# What the face and the body hear.
+# Encoder states passed to the face and the body.
 HEARD = ("heard", "body_heard")
 
 
@@ -40,7 +40,7 @@ def _codes(parts: list[Config], count: int, generator: torch.Generator) -> Codes
 
 
 def prompt(config: Config, length: int | None, generator: torch.Generator) -> Tensor:
-    """Random ids of the vocabulary and of keyframes, or (no length given) a whole audio-to-motion prompt."""
+    """Random ids from the vocabulary and for keyframes, or (without a length) a whole audio-to-motion prompt."""
     vocab, prefix = config["vocab"], config["prefix"]
     if length is not None:
         return torch.randint(0, vocab["size"] + prefix, (length,), generator=generator)
@@ -122,7 +122,7 @@ def add_depth(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
 def add_interpolation(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
     def propose(frames: int, generator: torch.Generator) -> Tensors:
         at = torch.arange(frames)
-        # The last frame is known where that is off the grid of keyframes, and unknown on it.
+        # The last frame is known if it is off the keyframe grid, and unknown if on it.
         known = (at % config["keyframe_stride"] == 0) | (at == 11)
         vectors = {
             part["name"]: torch.randn(frames, part["width"], generator=generator) * known[:, None]

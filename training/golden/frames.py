@@ -36,7 +36,7 @@ class Keyframes(nn.Module):
 
 
 def offsets(part: Config) -> Tensor:
-    """Row of code 0 of every level in a stacked table."""
+    """First row of every level in a stacked table."""
     return torch.arange(part["levels"]) * part["codes"]
 
 
@@ -62,9 +62,9 @@ class DepthLayer(nn.Module):
 
 
 class Depth(nn.Module):
-    """Every code of a keyframe from the decoder's state, the codes before it and, with `depth.before`, the code in its
-    place at the keyframe before, all at once; with `depth.heard` also from the encoder's state where the keyframe is
-    heard, with `depth.body_heard` another one for all parts but those of the face."""
+    """Logits of all codes of a keyframe from the decoder's state, the codes before it and, with `depth.before`, the
+    same code of the previous keyframe, in one pass; with `depth.heard` also from the encoder's state where the
+    keyframe is heard, with `depth.body_heard` from a second one for all parts except the face."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -88,8 +88,8 @@ class Depth(nn.Module):
         self.eval()
 
     def forward(self, states: Tensor, codes: Codes, before: Codes, heard: list[Tensor]) -> Codes:
-        """States `[T, d_model]`, codes `[T, levels]` of each part, those of the keyframes before, and the encoder's
-        states `[T, d_model]` that the face and the body hear, where they do, to logits `[T, levels, codes]`."""
+        """States `[T, d_model]`, codes `[T, levels]` of each part, the previous keyframes' codes, and the encoder's
+        states `[T, d_model]` for face and body, if configured, to logits `[T, levels, codes]`."""
         said = self._looked_up(self.embed, codes)[:, :-1]
         given = self.input(states)[:, None]
         if heard:
@@ -112,8 +112,8 @@ class Depth(nn.Module):
         return torch.cat([tables[part["name"]](codes[part["name"]] + offsets(part)) for part in self.parts], 1)
 
     def greedy(self, state: Tensor, before: Codes, heard: list[Tensor], margin: Margin) -> Codes:
-        """The codes `[1, levels]` of one keyframe, each by a pass over all before it; `before` is the keyframe before,
-        `[1, levels]`, `heard` the encoder's states."""
+        """The codes `[1, levels]` of one keyframe, each by a pass over all before it; `before` is the previous
+        keyframe, `[1, levels]`, `heard` the encoder's states."""
         codes = {part["name"]: torch.zeros(1, part["levels"], dtype=torch.long) for part in self.parts}
         for part in self.parts:
             for level in range(part["levels"]):
@@ -124,7 +124,7 @@ class Depth(nn.Module):
 
 
 class VectorInterpolation(nn.Module):
-    """Code vectors of the known frames to those of all frames."""
+    """Interpolates code vectors of the known frames to all frames."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -170,7 +170,7 @@ class VectorInterpolation(nn.Module):
 
 
 def straight(vectors: Tensor, known: Tensor) -> Tensor:
-    """Straight lines between the known rows, and their values beyond the first and the last."""
+    """Linear interpolation between the known rows, and constant extrapolation."""
     at = known.nonzero()[:, 0]
     frame = torch.arange(len(known))
     after = torch.searchsorted(at, frame).clamp(max=len(at) - 1)
@@ -200,12 +200,12 @@ class ResidualMotion(Motion):
         self.eval()
 
     def own(self, channels: dict[str, Tensor], part: Config) -> Tensor:
-        """A part's channels of those of the four body parts."""
+        """A part's channels out of the four body parts' channels."""
         region, columns = self.places[part["name"]]
         return channels[region][:, columns]
 
     def levels(self, channels: dict[str, Tensor], part: Config, margin: Margin) -> Tensor:
-        """Motion to codes `[T, levels]`: each level the nearest to what those before it left."""
+        """Motion to codes `[T, levels]`: each level encodes the residual of those before it."""
         book = self.codebooks[part["name"]].get_parameter("weight").unflatten(0, (part["levels"], part["codes"]))
         left, codes = self.latents(part["name"], self.own(channels, part)), []
         for level in book:
@@ -285,20 +285,20 @@ class FrameReference(nn.Module):
         return self.centroids.dtype
 
     def encode(self, ids: Tensor, history: Codes) -> Tensor:
-        """Encoder states of ids, of which those behind the vocabulary are keyframes of the history."""
+        """Encoder states of ids; ids beyond the vocabulary are keyframes of the history."""
         rows = self.keyframes(history) + self.keyframes.history
         table = torch.cat([self.lm.model.shared.weight, rows])
         return self.lm.model.encoder(inputs_embeds=table[ids][None]).last_hidden_state[0]
 
     def decode(self, hidden: Tensor, codes: Codes) -> Tensor:
-        """The decoder's states for keyframes of which all but the last are read."""
+        """The decoder's states for keyframes, of which all but the last are inputs."""
         rows = torch.cat([self.keyframes.start[None], self.keyframes(codes)[:-1]])
         output = self.lm.model.decoder(inputs_embeds=rows[None], encoder_hidden_states=hidden[None], use_cache=False)
         return output.last_hidden_state[0]
 
     def heard(self, ids: Tensor, hidden: Tensor, keyframe: int, target: int) -> list[Tensor]:
-        """The encoder's states `[1, d_model]` where a keyframe of the chunk is heard, the last audio token's where that
-        is behind it, zeros where there is no audio."""
+        """The encoder's states `[1, d_model]` at the position where a keyframe of the chunk is heard, or at the last
+        audio token if that is beyond it; zeros without audio."""
         found = (ids == self.start).nonzero()
         out = []
         for token in self.heard_tokens:

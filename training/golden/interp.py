@@ -40,7 +40,7 @@ class Interpolation(nn.Module):
 
     def forward(self, codes: dict[str, Tensor], margin: Margin) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         masked = codes["face"] == MASK
-        assert all(torch.equal(codes[part] == MASK, masked) for part in PARTS), "parts are masked alike"
+        assert all(torch.equal(codes[part] == MASK, masked) for part in PARTS), "all parts have the same mask"
         frame = torch.arange(len(masked))
         kind = torch.where(frame % self.stride == 0, KEYFRAME, LAST_VALID)
         kind = torch.where(masked, MASKED, kind)

@@ -1,4 +1,4 @@
-"""What a model file says of itself: `config`, and the shape of every tensor that follows from it."""
+"""The contents of a model file: `config`, and the shape of every tensor that follows from it."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ PARTS = ("face", "hands", "upper", "lower")
 CODES = 256
 MASK = 256
 
-# Apple's order, as ARFaceAnchor.BlendShapeLocation lists the 52 coefficients from eyes to tongue.
+# In Apple's order, as in ARFaceAnchor.BlendShapeLocation, from eyes to tongue.
 ARKIT = (
     "eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft "
     "eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight "
@@ -37,7 +37,7 @@ def channel_count(config: Config, part: Config) -> int:
 
 
 def is_frames(config: Config) -> bool:
-    """Whether a position of the decoder is a keyframe."""
+    """Whether decoder positions are keyframes."""
     return config.get("layout") == "frames"
 
 
@@ -54,7 +54,7 @@ def vocabulary(text: int, units: int, parts: tuple[str, ...] = PARTS) -> Config:
 
 
 def face(expressions: int | None) -> Config:
-    """SMPL-X expression coefficients, or ARKit's 52 where no number is given."""
+    """SMPL-X expression coefficients, or ARKit's 52 if no number is given."""
     if expressions is None:
         return {"kind": "arkit", "names": list(ARKIT)}
     return {"kind": "smplx_expression", "names": [f"expression_{i}" for i in range(expressions)]}
@@ -70,7 +70,7 @@ def motion(width: int, names: int, layers: tuple[int, int, int, int, int]) -> Co
 
 
 def feature_width(config: Config) -> int:
-    """Width of the audio features that k-means sees."""
+    """Width of the audio features that are the input of k-means."""
     audio = config["audio"]
     if audio["kind"] == "hubert":
         return int(audio["hubert"]["hidden_size"])

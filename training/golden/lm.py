@@ -10,7 +10,7 @@ from margin import Margin
 
 
 class MixtureOfExperts(nn.Module):
-    """Softmax router, top-k experts, their probabilities divided by the sum over the chosen."""
+    """Softmax router, top-k experts, with their probabilities normalised over the chosen."""
 
     def __init__(self, config: T5Config, experts: int, top_k: int) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class MixtureOfExperts(nn.Module):
 
 
 class LanguageModel(nn.Module):
-    """Encoder, decoder and the forced structure. `dense` leaves Hugging Face's model as it is."""
+    """Encoder, decoder and the forced structure. `dense` uses Hugging Face's model unchanged."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor], *, dense: bool) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class LanguageModel(nn.Module):
         self.model = T5ForConditionalGeneration(t5).eval()
         assert t5.scale_decoder_outputs == sizes["tie_word_embeddings"]
         if not sizes["tie_word_embeddings"]:
-            # transformers 5 ties the head to the embedding whatever the config says; Flan-T5's is its own.
+            # transformers 5 ties the head to the embedding regardless of the config; Flan-T5 has a separate one.
             self.model.lm_head = nn.Linear(t5.d_model, t5.vocab_size, bias=False)
         if not dense:
             for stack in (self.model.encoder, self.model.decoder):
@@ -68,7 +68,7 @@ class LanguageModel(nn.Module):
         return margin
 
     def experts_used(self) -> list[int]:
-        """How many different experts each feed-forward has chosen so far."""
+        """Number of different experts chosen so far by each feed-forward layer."""
         return [len(module.chosen) for module in self.modules() if isinstance(module, MixtureOfExperts)]
 
     def encode(self, input_ids: Tensor) -> Tensor:
@@ -79,7 +79,7 @@ class LanguageModel(nn.Module):
         return output.logits[0]
 
     def structure(self, target: int) -> list[range]:
-        """The ids that each position after the decoder's start may take."""
+        """Allowed ids at each position after the decoder's start."""
         positions = []
         for part in PARTS:
             ids = self.vocab[part]
@@ -105,7 +105,7 @@ class LanguageModel(nn.Module):
         return codes
 
     def _agrees_with_hugging_face(self, input_ids: Tensor, ids: list[int], target: int) -> None:
-        """`generate` of transformers, with its cache and the same constraint, must take the same path."""
+        """`generate` of transformers, with its cache and the same constraint, must choose the same ids."""
         positions = self.structure(target)
         t5 = self.model.config
         output = self.model.generate(
@@ -118,11 +118,11 @@ class LanguageModel(nn.Module):
             max_new_tokens=len(positions),
             prefix_allowed_tokens_fn=lambda _, so_far: list(positions[len(so_far) - 1]),
         )
-        assert output[0].tolist() == ids, "transformers' generate took another path"
+        assert output[0].tolist() == ids, "transformers' generate chose other ids"
 
 
 def _state(tensors: dict[str, Tensor], *, dense: bool, tied: bool) -> dict[str, Tensor]:
-    """Our names to Hugging Face's; a dense model takes the first expert and no router."""
+    """Renames our tensors to Hugging Face's; a dense model takes the first expert and no router."""
     state = {}
     for name, tensor in tensors.items():
         if not name.startswith("lm."):

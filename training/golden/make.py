@@ -1,4 +1,4 @@
-"""Makes `tests/golden`: small random model files and what other implementations compute from them."""
+"""Makes `tests/golden`: small random model files and the outputs of other implementations for them."""
 
 import argparse
 import copy
@@ -33,12 +33,12 @@ def round_trip(tensors: dict[str, Tensor], storage: str) -> dict[str, Tensor]:
 
 
 def fit(model: Model, tensors: dict[str, Tensor]) -> None:
-    """Sets what needs data: mel normalisation, centroids, and the codebooks behind encoders."""
+    """Sets the tensors that depend on data: mel normalisation, centroids, and the codebooks behind encoders."""
     stored = round_trip(tensors, model.storage)
     clip = weights.audio(CALIBRATION_SAMPLES, weights.seeded(SEED, model.name, "calibration"))
     if model.config["audio"]["kind"] == "mel":
         features = Mel(model.config, stored).bands(clip)
-        # The clip's silence and its edges stand out too far to normalise by.
+        # Silence and the clip's edges are outliers that would distort the normalisation.
         loud = features[features[:, 0] > features[:, 0].median() - 4.0]
         tensors["audio.mel.mean"], tensors["audio.mel.scale"] = loud.mean(0), 1.0 / loud.std(0)
         stored = round_trip(tensors, model.storage)
@@ -60,7 +60,7 @@ def fit(model: Model, tensors: dict[str, Tensor]) -> None:
 
 
 def fit_levels(model: Model, tensors: dict[str, Tensor], motion: ResidualMotion) -> None:
-    """Each level's codebook from what the levels before it leave of real latents."""
+    """Fits each level's codebook to the residuals of the levels before it on real latents."""
     body = weights.body(model.config, CALIBRATION_FRAMES, weights.seeded(SEED, model.name, "codebook"))
     for part in motion.parts:
         left, books = motion.latents(part["name"], motion.own(body, part)), []
@@ -73,7 +73,7 @@ def fit_levels(model: Model, tensors: dict[str, Tensor], motion: ResidualMotion)
 
 
 def make_model(model: Model, folder: Path, tokenizer: bytes) -> Reference | FrameReference:
-    """Writes the model file and loads what was written into the reference implementations."""
+    """Writes the model file and loads it back into the reference implementations."""
     shapes = layout.shapes(model.config, encoders=model.encoders)
     tensors = weights.draw(model.config, shapes, SEED)
     if model.upcycled:
@@ -106,7 +106,7 @@ def make_cases(model: Model, reference: Reference | FrameReference, folder: Path
         if model.encoders:
             cases.add_encoders(made, model.config, (1, 23))
     if "mouth" in model.config:
-        # One frame; the end within a row; silence in between.
+        # One frame; an end within a row; silence in between.
         cases.add_mouth(made, (534, 5000, 20011))
     metadata = {
         "format": "umo-golden",
@@ -128,7 +128,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     default = Path(__file__).resolve().parents[2] / "tests" / "golden"
     parser.add_argument("--out", type=Path, default=default, help="folder to write (default: %(default)s)")
-    parser.add_argument("--only", help="make one model alone, by name")
+    parser.add_argument("--only", help="make only this model")
     options = parser.parse_args()
 
     torch.set_num_threads(1)

@@ -1,4 +1,4 @@
-"""How far a choice is from falling the other way. A case whose smallest margin is under `LEAST` is drawn again."""
+"""Margins of discrete choices. A case whose smallest margin is below `LEAST` is drawn again."""
 
 from torch import Tensor
 
@@ -6,7 +6,7 @@ LEAST = 1e-3
 
 
 class Margin:
-    """Keeps the smallest margin that it has been shown."""
+    """Records the smallest margin."""
 
     def __init__(self) -> None:
         self.smallest = float("inf")
@@ -25,6 +25,6 @@ class Margin:
         self.smallest = min(self.smallest, (1.0 - ordered[..., 0] / ordered[..., 1]).min().item())
 
     def require(self, holds: bool) -> None:
-        """Refuses the case unless a condition holds."""
+        """Rejects the case unless a condition holds."""
         if not holds:
             self.smallest = 0.0

@@ -1,4 +1,4 @@
-"""The small models: sizes that divide by nothing, and between them every branch of the format."""
+"""The small models: sizes without common divisors, which together cover every branch of the format."""
 
 from dataclasses import dataclass
 
@@ -316,7 +316,7 @@ FRAMES_SEVEN = Model(
     tokenizer=True,
 )
 
-# As few parts and levels as there can be: every channel is in one part, and a part is of one body part.
+# The minimum of parts and levels: all channels in one part, of one body part.
 FRAMES_ONE = Model(
     "frames_one",
     "I8",

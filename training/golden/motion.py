@@ -12,7 +12,7 @@ from margin import Margin
 
 JOINTS_OF = {"face": (skeleton.JAW,), "hands": skeleton.HANDS, "upper": skeleton.UPPER, "lower": skeleton.LOWER}
 VELOCITY = slice(54, 57)
-# Axis-angle flips its sign at half a turn, and Gram-Schmidt loses digits on short or nearly parallel rows.
+# Axis-angle changes sign at half a turn, and Gram-Schmidt loses digits on short or nearly parallel rows.
 LARGEST_ANGLE = 3.0
 SHORTEST_ROW = 0.2
 
@@ -31,13 +31,15 @@ class Residual(nn.Module):
 
 
 def encoder(width: int, channels: int, layers: int) -> nn.Sequential:
-    """Each layer a convolution, its activation and a residual block."""
+    """Each layer is a convolution, its activation and a residual block."""
     inputs = [channels] + [width] * (layers - 1)
     return nn.Sequential(*[m for n in inputs for m in (_conv(n, width), nn.LeakyReLU(0.2), Residual(width))])
 
 
 def decoder(width: int, channels: int, layers: int) -> nn.Sequential:
-    """Two residual blocks, `layers` convolutions of which the last goes to the output width, one more at that width."""
+    """Two residual blocks, `layers` convolutions of which the last changes to the output width, and one more at that
+    width.
+    """
     outputs = [width] * (layers - 1) + [channels]
     widen = [m for n in outputs for m in (_conv(width, n), nn.LeakyReLU(0.2))]
     return nn.Sequential(Residual(width), Residual(width), *widen, _conv(channels, channels))
@@ -49,7 +51,7 @@ def load(module: nn.Module, prefix: str, tensors: dict[str, Tensor]) -> nn.Modul
 
 
 class Motion(nn.Module):
-    """Four VQ decoders (and encoders, where the file has them) and the root network."""
+    """Four VQ decoders (and encoders, if the file has them) and the root network."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -74,11 +76,11 @@ class Motion(nn.Module):
         return nearest(self.latents(part, channels), book, margin)
 
     def decode(self, codes: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Codes to the channels of each VQ decoder, untouched by the root network."""
+        """Codes to the channels of each VQ decoder, without the root network."""
         return {part: self.decoders[part](self.codebooks[part](codes[part]).T[None])[0].T for part in PARTS}
 
     def pose(self, channels: dict[str, Tensor], margin: Margin) -> tuple[Tensor, Tensor]:
-        """Axis-angle of 55 joints `[T, 55, 3]` and root translation `[T, 3]`; joints of no part stay at rest."""
+        """Axis-angle of 55 joints `[T, 55, 3]` and root translation `[T, 3]`; joints without a part stay at rest."""
         frames = len(channels["face"])
         dtype = channels["face"].dtype
         rotations = torch.zeros(frames, skeleton.JOINTS, 3, dtype=dtype)
@@ -90,7 +92,7 @@ class Motion(nn.Module):
         return rotations, self.translation(channels["lower"])
 
     def translation(self, lower: Tensor) -> Tensor:
-        """Velocity integrated at 1/30 s from 0; height as the network gives it."""
+        """Velocity integrated at 1/30 s from 0; height from the network."""
         rows = torch.from_numpy(rotation_matrices(lower[:, :54], Margin())[:, :, :2]).flatten(1).to(lower.dtype)
         inputs = torch.cat([rows, torch.zeros_like(lower[:, VELOCITY]), lower[:, VELOCITY.stop :]], 1)
         root = self.decoders["root"](self.encoders["root"](inputs.T[None]))[0].T

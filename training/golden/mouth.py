@@ -1,4 +1,4 @@
-"""The live mouth: rows on torch's FFT, level control in plain numbers, `nn.Conv1d` over whole clips."""
+"""The live mouth: rows with torch's FFT, level control in plain Python, `nn.Conv1d` over whole clips."""
 
 import math
 
@@ -15,7 +15,7 @@ OPENING, SHUTTING = 0.5, 0.125
 
 
 class Mouth(nn.Module):
-    """Samples `[n]` to channels `[frames, channels]` and how far the gate is open `[frames]`."""
+    """Samples `[n]` to channels `[frames, channels]` and the opening of the gate `[frames]`."""
 
     window: Tensor
     filters: Tensor
@@ -54,7 +54,7 @@ class Mouth(nn.Module):
         return channels.clamp(0.0, 1.0), gate[:, 0]
 
     def rows(self, audio: Tensor, frames: int) -> Tensor:
-        """Rows from 0 to the last frame's newest, `[rows, bands + 2]`; row 0 and those before are silence."""
+        """Rows from 0 to the last frame's newest, `[rows, bands + 2]`; row 0 and earlier ones are silence."""
         count = (frames - 1) * self.sizes["rows"] + self.sizes["ahead"]
         ends = [row * self.sample_rate // self.row_rate for row in range(count + 1)]
         window = self.sizes["window"]
@@ -72,7 +72,7 @@ class Mouth(nn.Module):
         return (values.clamp(LOWEST, HIGHEST) - self.mean) * self.scale
 
     def levels(self, energies: list[float]) -> tuple[Tensor, Tensor]:
-        """Levels of the voice and of the noise after each row, those of row 0 first."""
+        """Levels of voice and noise after each row, starting with row 0."""
         full_scale = math.log(float(self.filters.double().sum() * self.window.double().square().sum()))
 
         def factor(seconds: float) -> float:
@@ -103,7 +103,7 @@ class Mouth(nn.Module):
         return self.head(x)[0].T
 
     def gate(self, odds: Tensor, margin: Margin) -> Tensor:
-        """How far the mouth follows the network."""
+        """Weight of the network's output."""
         opened, speaks, without, out = 0.0, False, 0, []
         for probability in torch.sigmoid(odds).tolist():
             margin.smallest = min(margin.smallest, abs(probability - OPENS), abs(probability - SHUTS))

@@ -1,4 +1,4 @@
-"""One model file, loaded into all the implementations that its outputs are compared with."""
+"""Loads a model file into the implementations that its outputs are compared with."""
 
 import torch
 from torch import Tensor, nn
@@ -12,7 +12,7 @@ from mouth import Mouth
 
 
 class Reference(nn.Module):
-    """Every stage of a model, from the values that its file holds."""
+    """Every stage of a model, with the values stored in its file."""
 
     centroids: Tensor
 

@@ -1,4 +1,4 @@
-"""The 55 joints of SMPL-X, which part turns which joint, and a small rest pose of our own."""
+"""The 55 joints of SMPL-X, their parts, and a small rest pose of our own."""
 
 JOINTS = 55
 JAW = 22
@@ -6,7 +6,7 @@ UPPER = (3, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21)
 LOWER = (0, 1, 2, 4, 5, 7, 8, 10, 11)
 HANDS = tuple(range(25, 55))
 
-# Channel widths that the joints fix; the face is 6 for the jaw and then one per coefficient.
+# Channel counts given by the joints; the face has 6 for the jaw, then one per coefficient.
 HANDS_CHANNELS = 6 * len(HANDS)
 UPPER_CHANNELS = 6 * len(UPPER)
 LOWER_CHANNELS = 6 * len(LOWER) + 3 + 4

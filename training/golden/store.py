@@ -1,4 +1,4 @@
-"""Writing and reading the two kinds of file. Tensors are read back as the f32 values that a file really holds."""
+"""Writes and reads the two kinds of files. Tensors are read back as the f32 values that a file really stores."""
 
 import json
 import struct
@@ -11,26 +11,26 @@ from torch import Tensor
 from layout import Config, Shapes
 
 STORAGE = {"F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
-# A file may mix its types; this storage names one for each prefix.
+# A file may mix types; this storage has one per prefix.
 MIXED = {"audio.": "F32", "lm.": "F32", "interp.": "F16", "vq.": "BF16"}
 TYPE_NAMES = {dtype: name for name, dtype in STORAGE.items()} | {
     torch.int8: "I8",
     torch.int64: "I64",
     torch.uint8: "U8",
 }
-# Small tables whose rounding would only blur a choice stay in F32 in an int8 file.
+# Small tables stay in F32 in an int8 file, where rounding would only blur choices.
 KEPT = ("router", "relative_attention_bias", "centroids", "quantizer", "frame_type", "pos_conv_embed")
 
 
 def float_type(name: str, storage: str) -> torch.dtype:
-    """The type of one tensor in a file without quantised ones."""
+    """The type of a tensor in a file without quantised tensors."""
     if storage == "mixed":
         storage = next(kind for prefix, kind in MIXED.items() if name.startswith(prefix))
     return STORAGE[storage]
 
 
 def pack(tensors: dict[str, Tensor], storage: str) -> dict[str, Tensor]:
-    """The tensors as a file of this storage keeps them; I8 splits a matrix into itself and `.scale`."""
+    """The tensors as stored in a file of this storage; I8 splits a matrix into itself and `.scale`."""
     if storage != "I8":
         return {name: tensor.to(float_type(name, storage)) for name, tensor in tensors.items()}
     packed: dict[str, Tensor] = {}
@@ -46,7 +46,7 @@ def pack(tensors: dict[str, Tensor], storage: str) -> dict[str, Tensor]:
 
 
 def unpack(packed: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The f32 values that packed tensors stand for."""
+    """The f32 values represented by packed tensors."""
     out: dict[str, Tensor] = {}
     for name, tensor in packed.items():
         if name.endswith(".scale") and name.removesuffix(".scale") in packed:
@@ -60,7 +60,7 @@ def unpack(packed: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def write(path: Path, tensors: dict[str, Tensor], metadata: dict[str, str]) -> None:
-    """Writes a safetensors file whose bytes depend on the contents alone (the library shuffles its metadata)."""
+    """Writes a safetensors file whose bytes depend only on the contents (the library shuffles its metadata)."""
     wide_first = sorted(tensors.items(), key=lambda item: (-item[1].element_size(), item[0]))
     header: dict[str, object] = {"__metadata__": dict(sorted(metadata.items()))}
     end = 0
@@ -87,7 +87,7 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 
 
 def read_model(path: Path, shapes: Shapes, storage: str) -> tuple[Config, dict[str, Tensor]]:
-    """A model file's config and f32 values, after checking format, names, shapes and types against what was meant."""
+    """A model file's config and f32 values, after checking format, names, shapes and types."""
     packed, metadata = read(path)
     assert metadata["format"] == "umo" and metadata["version"] == "1", metadata
     tensors = unpack(packed)

@@ -1,4 +1,4 @@
-"""A small SentencePiece model with T5's special ids, and what the sentencepiece package makes of awkward prompts."""
+"""A small SentencePiece model with T5's special ids, and the sentencepiece package's encoding of awkward prompts."""
 
 import io
 import json

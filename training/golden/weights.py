@@ -1,4 +1,4 @@
-"""Random weights whose activations stay near 1 through every layer, so that relative errors mean something."""
+"""Random weights that keep activations near 1 in every layer, so that relative errors are meaningful."""
 
 import math
 import zlib
@@ -8,8 +8,8 @@ from torch import Tensor
 
 from layout import CODES, PARTS, Config, Shapes, bands_width, is_frames, moving
 
-# Factors on the usual 1/sqrt(fan in). Routers are sharp so that choices are clear; query weights of T5,
-# which has no attention scaling, are divided by sqrt(d_kv) below.
+# Factors on the usual 1/sqrt(fan in). Routers are sharp so that choices are clear; query weights of T5, which does not
+# scale attention, are divided by sqrt(d_kv) below.
 GAINS = {
     ".router.weight": 3.0,
     ".SelfAttention.q.weight": 1.5,
@@ -39,12 +39,12 @@ EMBEDDINGS = {
 
 
 def seeded(*key: object) -> torch.Generator:
-    """A generator that depends on its key alone, so that no draw moves another."""
+    """A generator that depends only on its key, so that draws are independent of each other."""
     return torch.Generator().manual_seed(zlib.crc32("/".join(map(str, key)).encode()))
 
 
 def draw(config: Config, shapes: Shapes, seed: int) -> dict[str, Tensor]:
-    """All float tensors but those that need data (centroids, mel normalisation), which start at zero."""
+    """All float tensors except those that depend on data (centroids, mel normalisation), which start at zero."""
     tensors = {name: _draw(config, name, shape, seed) for name, shape in shapes.items()}
     rate = config["audio"]["sample_rate"]
     if config["audio"]["kind"] == "mel":
@@ -81,10 +81,10 @@ def _draw(config: Config, name: str, shape: tuple[int, ...], seed: int) -> Tenso
 
 
 def _centre_parts_on_rest(config: Config, tensors: dict[str, Tensor]) -> None:
-    """The same for the parts of layout `frames`, whose channels begin with their joints' rotations."""
+    """As `_centre_on_rest`, for the parts of layout `frames`, whose channels start with their joints' rotations."""
     for part in moving(config):
         last = f"vq.{part['name']}.decoder.main.{2 + 2 * part['layers']}"
-        # A vector is the sum of one per level, each as large as the only one of layout `parts`.
+        # A vector is the sum of one per level, each as large as the single one of layout `parts`.
         tensors[f"{last}.weight"] *= 0.12
         single = {*config["face"]["names"], "root_velocity", "contacts"}
         joints = sum(name not in single for name in part["channels"])
@@ -93,7 +93,7 @@ def _centre_parts_on_rest(config: Config, tensors: dict[str, Tensor]) -> None:
 
 
 def _centre_on_rest(config: Config, part: str, tensors: dict[str, Tensor]) -> None:
-    """Lets a decoder's last layer play around the rest pose: rotations far from half a turn, a standing height."""
+    """Makes a decoder's last layer vary around the rest pose: rotations far from half a turn, a standing height."""
     vq = config["vq"][part]
     last = f"vq.{part}.decoder.main.{2 + 2 * vq['layers']}"
     tensors[f"{last}.weight"] *= 0.25
@@ -105,7 +105,7 @@ def _centre_on_rest(config: Config, part: str, tensors: dict[str, Tensor]) -> No
 
 
 def _centre_on_speech(tensors: dict[str, Tensor]) -> None:
-    """Rows of order 1, channels around the middle of their range, a voice that comes and goes."""
+    """Rows of magnitude 1, channels around the middle of their range, a voice that comes and goes."""
     width = len(tensors["mouth.mean"])
     tensors["mouth.mean"], tensors["mouth.scale"] = torch.full((width,), -4.0), torch.full((width,), 0.3)
     tensors["mouth.rest"] = tensors["mouth.rest"].sub(1.0).abs()
@@ -115,7 +115,7 @@ def _centre_on_speech(tensors: dict[str, Tensor]) -> None:
 
 
 def mel_constants(name: str, mel: Config, sample_rate: int) -> dict[str, Tensor]:
-    """A Hann window and triangles that are even on the mel scale, from 50 Hz to 7,600 Hz."""
+    """A Hann window, and triangles with equal mel spacing from 50 Hz to 7,600 Hz."""
     low, high = (2595.0 * math.log10(1.0 + hz / 700.0) for hz in (50.0, 7600.0))
     edges = 700.0 * (10.0 ** (torch.linspace(low, high, mel["bands"] + 2, dtype=torch.float64) / 2595.0) - 1.0)
     bins = torch.arange(mel["fft"] // 2 + 1, dtype=torch.float64) * sample_rate / mel["fft"]
@@ -128,7 +128,7 @@ def mel_constants(name: str, mel: Config, sample_rate: int) -> dict[str, Tensor]
 
 
 def upcycle(tensors: dict[str, Tensor]) -> None:
-    """Makes every expert a copy of the first one of its layer."""
+    """Copies the first expert of each layer to all others."""
     for name in tensors:
         if ".moe.experts." in name:
             head, tail = name.split(".moe.experts.")
@@ -136,7 +136,7 @@ def upcycle(tensors: dict[str, Tensor]) -> None:
 
 
 def pick_rows(rows: Tensor, count: int, generator: torch.Generator) -> Tensor:
-    """`count` rows of real data, each moved a little: centroids that real data then falls between."""
+    """`count` rows of real data, each slightly perturbed: centroids with real data between them."""
     assert len(rows) >= count, f"{len(rows)} rows for {count} centroids"
     chosen = rows[torch.randperm(len(rows), generator=generator)[:count]]
     return chosen + 0.2 * rows.std() * torch.randn(chosen.shape, generator=generator)

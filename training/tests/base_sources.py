@@ -1,4 +1,4 @@
-"""The data sets and networks that configs/base.yaml asks for, made up and small, in the formats of the real ones."""
+"""Small synthetic stand-ins for the data sets and networks of configs/base.yaml, in their real formats."""
 
 import io
 import sys
@@ -17,7 +17,7 @@ BEAT2 = {"2_scott_0_1_1": "train", "2_scott_0_2_2": "additional", "4_lawrence_0_
 SECONDS = 4.0
 SPOKEN = "hello there my old friend"
 EXTRA_IDS = 100
-# What Flan-T5's table has beyond its vocabulary.
+# Rows of Flan-T5's table beyond its vocabulary.
 SPARE_ROWS = 28
 
 
@@ -30,7 +30,7 @@ def everything(work: Path) -> None:
 
 
 def speech(seconds: float, seed: int) -> np.ndarray:
-    """Noise whose band and loudness change, so that there are units to find."""
+    """Noise with changing band and loudness, so that there are units to find."""
     random = np.random.default_rng(seed)
     time = np.arange(int(seconds * 16000)) / 16000
     pitch = 150 + 900 * np.repeat(random.random(int(seconds * 8) + 1), 2000)[: len(time)]
@@ -69,7 +69,7 @@ def beat2(root: Path) -> None:
 
 
 def amass(root: Path, texts: Path) -> None:
-    """Two motions, of which one is described: its first half twice, its second once."""
+    """Two motions with one description each: one of the first half of a motion twice, one of the second half once."""
     (texts / "texts").mkdir(parents=True)
     frames = int(SECONDS * 60)
     for seed, name in enumerate(("CMU/01/01_01_poses", "KIT/3/walk02_poses")):
@@ -101,7 +101,7 @@ def librispeech(root: Path) -> None:
 
 
 def hubert(folder: Path) -> HubertModel:
-    """Real strides, few channels, one layer more than is used."""
+    """Real strides, few channels, one layer more than used."""
     torch.manual_seed(1)
     config = HubertConfig(
         conv_dim=(8,) * 7,
@@ -121,7 +121,7 @@ def hubert(folder: Path) -> HubertModel:
 
 
 def flan_t5(folder: Path) -> T5ForConditionalGeneration:
-    """The smoke plan's sizes, and a SentencePiece model whose ids end 100 before T5's vocabulary does."""
+    """The smoke plan's sizes, and a SentencePiece model with 100 ids fewer than T5's vocabulary."""
     folder.mkdir(parents=True)
     made = io.BytesIO()
     sentencepiece.SentencePieceTrainer.train(
@@ -156,14 +156,14 @@ def flan_t5(folder: Path) -> T5ForConditionalGeneration:
         decoder_start_token_id=0,
     )
     model = T5ForConditionalGeneration(config).eval()
-    # transformers 5 makes it the embedding table whatever the config says.
+    # transformers 5 uses the embedding table regardless of the config.
     model.lm_head = torch.nn.Linear(32, config.vocab_size, bias=False)
     model.save_pretrained(folder)
     return model
 
 
 def voice(folder: Path) -> dict[str, str]:
-    """A program that says every word for a third of a second."""
+    """A program that speaks every word for a third of a second."""
     program = folder / "speak.py"
     program.write_text(
         "import sys, wave, math, struct\n"

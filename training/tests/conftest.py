@@ -1,4 +1,4 @@
-"""Lets tests import the package and one another's made-up data from wherever pytest is started."""
+"""Lets tests import the package and each other's synthetic data from any working directory."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Small checkpoints in the formats in which the real ones are published, written by those who define the formats."""
+"""Small checkpoints in the formats of the published ones, written by the libraries that define the formats."""
 
 import json
 from pathlib import Path
@@ -35,14 +35,14 @@ def hubert(folder: Path, config: dict, layers: int) -> HubertModel:
 
 
 def t5(config: dict, rows: int) -> T5ForConditionalGeneration:
-    """A dense T5 with its own output head, as Flan-T5 is."""
+    """A dense T5 with its own output head, like Flan-T5."""
     torch.manual_seed(2)
     sizes = {k: v for k, v in config["lm"].items() if k not in ("experts", "top_k")}
     settings = T5Config(
         **sizes, vocab_size=rows, pad_token_id=0, eos_token_id=1, decoder_start_token_id=0, dropout_rate=0.0
     )
     model = T5ForConditionalGeneration(settings).eval()
-    # transformers 5 makes it the embedding table whatever the config says.
+    # transformers 5 uses the embedding table regardless of the config.
     model.lm_head = nn.Linear(sizes["d_model"], rows, bias=False)
     for parameter in model.parameters():
         parameter.data = 0.3 * torch.randn_like(parameter)
@@ -50,7 +50,7 @@ def t5(config: dict, rows: int) -> T5ForConditionalGeneration:
 
 
 def t5_state(model: T5ForConditionalGeneration) -> dict[str, Tensor]:
-    """As `torch.save(model.state_dict())` has it: with the embedding table three times."""
+    """As in `torch.save(model.state_dict())`: with the embedding table three times."""
     return {name: tensor.clone() for name, tensor in model.state_dict().items()}
 
 
@@ -77,7 +77,7 @@ class Main(nn.Module):
 
 
 class Codec(nn.Module):
-    """The modules of `VQVAEConvZero`, and without a codebook of `VAEConvZero`, by their names."""
+    """The modules of `VQVAEConvZero`, and without a codebook of `VAEConvZero`, with their names."""
 
     def __init__(self, width: int, channels: int, layers: int, codes: int | None) -> None:
         super().__init__()
@@ -107,7 +107,7 @@ def codecs(config: dict) -> dict[str, dict[str, Tensor]]:
 
 
 def emage(folder: Path, config: dict) -> list[Path]:
-    """EMAGE's files: one a part, from a model inside `DataParallel`, with the epoch beside it."""
+    """EMAGE's files: one per part, from a model inside `DataParallel`, with the epoch."""
     paths = []
     for name, state in codecs(config).items():
         paths.append(folder / f"last_{name}.bin")
@@ -116,14 +116,14 @@ def emage(folder: Path, config: dict) -> list[Path]:
 
 
 class Settings:
-    """A class of a trainer's own, which a reader does not have."""
+    """A trainer's own class, which a reader does not have."""
 
     def __init__(self) -> None:
         self.stage = "lm_instruct"
 
 
 def language_of_motion(path: Path, config: dict, lm: dict[str, Tensor] | None) -> Path:
-    """PyTorch Lightning's checkpoint: weights, and whatever the trainer keeps with them."""
+    """PyTorch Lightning's checkpoint: weights, and other data of the trainer."""
     names = {"hands": "hand", "root": "global"}
     parts = {f"vae_{names.get(part, part)}": weights for part, weights in codecs(config).items()}
     state = {f"{part}.{k}": v for part, weights in parts.items() for k, v in weights.items()}

@@ -80,7 +80,7 @@ def part(name: str) -> Part:
 
 
 def at(name: str) -> slice:
-    """Where a part's codes are."""
+    """Columns of a part's codes."""
     first = 0
     for one in PARTS:
         if one.name == name:

@@ -1,4 +1,4 @@
-"""A run of the smoke plan with random networks in place of trained ones: what the last step makes a model file of."""
+"""A run of the smoke plan with random networks in place of trained ones, for the export step."""
 
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ def make(work: Path) -> pipeline.Run:
     for part in PARTS:
         sizes = pipeline._tokenizer_plan(run, part)
         model = VqVae(sizes.width, CHANNELS[part], sizes.layers, sizes.codes)
-        # Around rotations by nothing, so that every joint's six channels are those of a rotation.
+        # Around zero rotations, so that every joint's six channels form a rotation.
         model.mean.copy_(_rest(part))
         model.scale.uniform_(0.5, 1.5)
         Saved(run.folder / f"tokenizer_{part}.pt", model=model).save(1)

@@ -1,4 +1,4 @@
-"""Made-up motion for the tests of metrics: a standing person with hanging arms that can be moved."""
+"""Synthetic motion for the metrics' tests: a standing person with hanging, movable arms."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,7 +16,7 @@ def still(frames: int) -> dict[str, np.ndarray]:
 
 
 def turned(motion: dict[str, np.ndarray], joint: int, angles: np.ndarray, axis: str = "z") -> dict[str, np.ndarray]:
-    """With a joint turned by angles `[T]` about an axis."""
+    """The motion with a joint rotated by angles `[T]` about an axis."""
     part = next(part for part, joints in JOINTS_OF.items() if joint in joints)
     at = 6 * JOINTS_OF[part].index(joint)
     out = {name: values.copy() for name, values in motion.items()}

@@ -1,4 +1,4 @@
-"""What the variants of the ablation table change, and that they change nothing else."""
+"""The changes of the ablation table's variants, and that they change nothing else."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_every_frame_is_heard_in_order_within_the_window() -> None:
     every, plain = _examples(ablations.EveryFrame), _examples(Examples)
     at = every.heard_at(5)
     assert np.array_equal(at[::3], plain.heard_at(5))
-    # What would be heard after the window is heard at its end.
+    # Audio after the window is replaced with that at its end.
     assert (np.diff(at[:-2]) > 0).all() and (np.diff(at) >= 0).all() and at[-1] == (4 + 5) * 5 - 1
 
 

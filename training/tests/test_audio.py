@@ -23,7 +23,7 @@ def test_mel_is_the_golden_one_after_80_zeros(deltas: int) -> None:
     samples = 0.1 * torch.randn(16000, generator=torch.Generator().manual_seed(1))
     samples[5000:9000] = 0
     reference = Reference({"audio": model_config(mel, 5)}, mel.tensors())
-    # A token's window begins 80 samples before its own 320: the first one's in the silence before the stream.
+    # A token's window starts 80 samples before its own 320: the first one's in the silence before the stream.
     expected = reference(torch.cat([torch.zeros(80), samples]))
     assert expected.shape == (50, 24 * (1 + deltas))
     torch.testing.assert_close(mel.features(samples), expected, rtol=1e-5, atol=1e-5)

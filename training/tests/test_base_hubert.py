@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
 
 
 def plain(folder, samples):
-    """Hugging Face's own features of the samples behind 80 zeros, its group norm's statistics with those zeros."""
+    """Hugging Face's features of the samples after 80 zeros, with group norm statistics that include the zeros."""
     model = HubertModel.from_pretrained(folder).eval()
     padded = torch.nn.functional.pad(torch.from_numpy(samples), (80, 0))
     with torch.no_grad():
@@ -43,7 +43,7 @@ def test_features_are_hugging_faces(folder, monkeypatch):
     ours = Hubert(folder, LAYER, normalize=False, window=0)
     found = ours.features(samples[None])[0]
     wanted = plain(folder, samples)
-    # Beside the statistics, in which 16 of 4800 outputs are left out, they are the same.
+    # They differ only through the statistics, which exclude 16 of 4800 outputs.
     assert 0 < (found - wanted).abs().max() < 0.05
     ours.model.feature_extractor.conv_layers[0].layer_norm.skip = 0
     torch.testing.assert_close(ours.features(samples[None])[0], wanted, rtol=1e-4, atol=1e-4)

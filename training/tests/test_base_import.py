@@ -23,7 +23,7 @@ def test_descriptions_are_of_spans_in_seconds(texts):
     found = humanml3d(texts)
     spans = [(one.start, one.end, one.sentences) for one in found["KIT/3/walk02"]]
     assert spans == [(0.0, 2.0, ("whole",)), (0.5, 2.0, ("part",)), (2.0, 4.0, ("a man stops",))]
-    # Three seconds are dropped of this set before frames are counted.
+    # Three seconds of this set are dropped before frames are counted.
     assert [(one.start, one.end) for one in found["MPI_HDM05/bk/a"]] == [(3.5, 5.0)]
     assert motion_name("KIT/3/walk02_stageii.npz") == "KIT/3/walk02"
 
@@ -52,7 +52,7 @@ def test_an_import_goes_on_after_the_sets_that_are_done(tmp_path):
     written = first.stat().st_mtime_ns
     import_clips(plan | {"librispeech": {"root": "libri"}}, tmp_path, folder, 100)
     assert first.stat().st_mtime_ns == written
-    # Of two utterances one is long enough.
+    # One of two utterances is long enough.
     found = [(entry.name, entry.spoken, entry.text) for entry in corpus.entries(folder)]
     assert found == [("00000", False, ""), ("00001", False, ""), ("00002", True, "my old friend walks and stops")]
 

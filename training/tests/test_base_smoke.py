@@ -1,4 +1,4 @@
-"""The paper's recipe from BEAT2, AMASS, LibriSpeech, HuBERT and Flan-T5 to a model file, on made-up ones."""
+"""The paper's recipe from BEAT2, AMASS, LibriSpeech, HuBERT and Flan-T5 to a model file, on synthetic data."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A run of every step."""
+    """A run of all steps."""
     work = tmp_path_factory.mktemp("base")
     base_sources.everything(work)
     run = pipeline.Run.read(CONFIGS / "base.yaml", work, smoke=True)
@@ -55,7 +55,7 @@ def test_every_clip_is_an_item(made):
 
 def test_units_have_a_row_for_each_recording_and_voice(made):
     rows = {path.stem: np.load(path).shape for path in (made.folder / "audio_tokens").glob("*.npy")}
-    # One clean, one recorded, and of training items with words one in another voice.
+    # One clean, one recorded, and for training items with words one in another voice.
     assert rows == {
         "00000": (3, 200), "00001": (3, 200), "00002": (2, 200), "00003": (2, 200),
         "00007": (2, 100), "00008": (2, 150),
@@ -91,10 +91,10 @@ def test_training_began_with_t5_and_moved(made):
     before = from_t5(Path(made.plan["lm"]["init"]), config, dense=False, seed=made.plan["seed"])
     after = load_file(made.folder / "lm_pretrain.safetensors")
     assert before.keys() == after.keys()
-    # Training starts from bf16 weights where their products are quick.
+    # Training starts from bf16 weights if bf16 products are fast.
     began = torch.bfloat16 if has_bf16(torch.device("cpu")) else torch.float32
     change = {name: float((after[name] - before[name].to(began)).abs().max()) for name in before}
-    # Six steps of 1e-4 at most; routers are not trained while lambda is 0.
+    # At most six steps of 1e-4; routers are not trained while lambda is 0.
     assert 0 < change["shared.weight"] < 1e-3 and 0 < change["encoder.block.0.layer.0.SelfAttention.q.weight"] < 1e-3
     assert all(value == 0 for name, value in change.items() if "router" in name)
     last = load_file(made.folder / "lm_stage2.safetensors")

@@ -45,7 +45,7 @@ def test_what_a_pickle_asks_to_run_is_not_run(tmp_path):
         with pytest.raises(SourceError):
             kmeans.convert(path, CONFIG)
     assert not (tmp_path / "ran").exists()
-    # The same bytes do run where nothing guards against them.
+    # The same bytes do run where nothing guards against it.
     pickle.loads(pickle.dumps(attack))
     assert (tmp_path / "ran").exists()
 
@@ -58,7 +58,11 @@ def test_wrong_files_are_named(tmp_path):
     joblib.dump(np.zeros((2, 2)), packed, compress=3)
     other = tmp_path / "other.npy"
     np.save(other, np.zeros((3, 4), np.float32))
-    for path, says in ((short, "no k-means"), (packed, "compress=0"), (other, r"expected \[37, 20\], got \[3, 4\]")):
+    for path, says in (
+        (short, "cannot read a k-means"),
+        (packed, "compress=0"),
+        (other, r"expected \[37, 20\], got \[3, 4\]"),
+    ):
         with pytest.raises(SourceError, match=says) as raised:
             kmeans.convert(path, CONFIG)
         assert str(path) in str(raised.value)

@@ -17,7 +17,7 @@ from umo_train.convert.layout import is_weight, shapes
 CONFIG = convert_sources.golden_config()
 USED = CONFIG["audio"]["hubert"]["num_hidden_layers"]
 PROGRAM = os.environ.get("UMO_PROGRAM")
-# Vectors of their own, not scales of int8 tensors.
+# Tensors named `scale` that are not scales of int8 tensors.
 SCALES = ("audio.mel.scale", "mouth.scale")
 
 
@@ -32,7 +32,7 @@ def test_layout_is_that_of_the_projects_model_files(name):
 
 
 class Sources:
-    """All that is published, in a folder."""
+    """All published files, in a folder."""
 
     def __init__(self, folder: Path, text_rows: int = CONFIG["vocab"]["size"]) -> None:
         self.folder, self.output = folder, folder / "model.safetensors"
@@ -123,9 +123,9 @@ def test_values_that_a_type_cannot_hold_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM does not name the program `umo`")
+@pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM is not set")
 class TestProgram:
-    """The Rust program reads the file and computes from it what the published models compute."""
+    """The Rust program reads the file, and its outputs equal the published models'."""
 
     @pytest.fixture
     def model(self, sources):

@@ -17,7 +17,7 @@ SIZE = CONFIG["vocab"]["size"]
 
 
 class Experts(nn.Module):
-    """A router and feed-forwards of transformers' own; top-k probabilities divided by their sum."""
+    """A router and feed-forwards of transformers; top-k probabilities are divided by their sum."""
 
     def __init__(self, config: T5Config, experts: int, top_k: int) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ def test_upcycling_leaves_the_output_unchanged(tmp_path, experts, top_k):
     assert new_rows == 0 and set(tensors) == {name for name in shapes(config) if name.startswith("lm.")}
     model = sparse(config, tensors)
     torch.testing.assert_close(logits(model, SIZE), logits(dense, SIZE), rtol=1e-5, atol=1e-5)
-    # Routers choose, and not all the same.
+    # Routers choose different experts.
     assert any(len(module.used) > 1 for module in model.modules() if isinstance(module, Experts))
 
 
@@ -91,7 +91,7 @@ def test_new_rows_are_those_of_hugging_face_and_old_ones_stay(tmp_path):
 
 
 def test_a_table_of_fewer_rows_than_columns_grows_by_its_mean():
-    # Too few rows for a covariance of full rank: Hugging Face takes the mean then, and nothing is drawn.
+    # Too few rows for a covariance of full rank: Hugging Face then uses the mean without sampling.
     rows = torch.randn(5, 26, generator=torch.Generator().manual_seed(0))
     table = t5.grown("file", "shared.weight", rows, 9, seed=0)
     torch.testing.assert_close(table[5:], rows.mean(0).expand(4, -1), rtol=1e-4, atol=2e-4)

@@ -84,7 +84,7 @@ def test_files_without_a_codec_are_refused(tmp_path):
     torch.save({"encoder.main.0.weight": torch.zeros(18, 99, 3)}, odd)
     text.write_text("<html>404</html>")
     torch.save({"epoch": 1}, empty)
-    for path, says in ((odd, "99 channels"), (text, "no PyTorch file of weights"), (empty, "no codec in it")):
+    for path, says in ((odd, "99 channels"), (text, "not a PyTorch file of weights"), (empty, "no codec in it")):
         with pytest.raises(SourceError, match=says):
             vq.convert([path], CONFIG)
     with pytest.raises(SourceError, match="there is no such file"):

@@ -1,4 +1,4 @@
-"""The corpus: what is held out is never trained on, and every item follows from the plan alone."""
+"""The corpus: held-out data is never trained on, and every item follows from the plan alone."""
 
 import random
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ PLAN = corpus.SpeechPlan(
 
 
 class _Voice:
-    """Says the same whatever it is asked; its text is what it was asked for."""
+    """Returns the same audio for any text; the text is the requested one."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -36,7 +36,7 @@ class _Voice:
 
 
 class _Inline:
-    """One process instead of many."""
+    """Runs in this process instead of many."""
 
     def __init__(self, _workers: int) -> None:
         self.map = lambda call, jobs, chunksize: map(call, jobs)
@@ -70,7 +70,7 @@ def test_what_is_held_out_is_never_trained_on(made: Path) -> None:
 
 
 def test_splits_draw_from_seeds_of_their_own(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Even at the same place in the corpus."""
+    """Even at the same position in the corpus."""
     seeds: list[str] = []
 
     class Noted(random.Random):
@@ -169,7 +169,7 @@ def test_actions_are_items_of_silence(tmp_path: Path, monkeypatch: pytest.Monkey
     assert first.prompt.split("\n") == list(actions.ACTIONS["bow"].prompts)
     assert not first.utterance.samples.any()
     assert len(corpus.read_intent(tmp_path, first.name)) == first.utterance.frames
-    # The performer leaves them alone.
+    # The performer leaves them unchanged.
     before = (tmp_path / "motion" / f"{first.name}.npz").stat().st_mtime_ns
     corpus.make_motion(tmp_path, 1)
     assert (tmp_path / "motion" / f"{first.name}.npz").stat().st_mtime_ns == before

@@ -16,7 +16,7 @@ def write(path, poses, trans, **more):
 
 
 def standing(frames, width=156, turn=0.0):
-    """Upright as AMASS has it: Z up, at 0 degrees facing away from +Y."""
+    """Upright in AMASS's axes: Z up, at 0 degrees facing away from +Y."""
     poses = np.zeros((frames, width))
     poses[:, :3] = (Rotation.from_euler("z", turn, degrees=True) * UPRIGHT).as_rotvec()
     return poses
@@ -35,7 +35,7 @@ def test_clips_are_found_in_folders_and_shapes_are_not_clips(tmp_path):
 
 @pytest.mark.parametrize("rate", [60.0, 100.0, 120.0, 25.0])
 def test_rotations_are_resampled_on_great_arcs(tmp_path, rate):
-    """An elbow that turns evenly still does, at 30 frames a second."""
+    """An elbow at constant angular speed keeps it at 30 frames a second."""
     speed, seconds = 1.3, 2.0
     time = np.arange(int(seconds * rate) + 1) / rate
     poses = standing(len(time))
@@ -51,7 +51,7 @@ def test_rotations_are_resampled_on_great_arcs(tmp_path, rate):
 
 
 def test_resampling_is_spherical_interpolation():
-    """Of any turns, joint by joint: as scipy's `Slerp` has it."""
+    """For arbitrary rotations, joint by joint: equal to scipy's `Slerp`."""
     turns = Rotation.random(2 * 9, rng=np.random.default_rng(0)).as_matrix().reshape(9, 2, 3, 3)
     found = smplx.resampled_rotations(turns, 25.0)
     at = np.arange(len(found)) / 30
@@ -68,7 +68,7 @@ def test_people_stand_upright_and_face_forward_from_the_origin(tmp_path):
     clip = next(iter(amass(tmp_path)))
     np.testing.assert_allclose(skeleton.rotations(clip.motion)[:, 0], np.tile(np.eye(3), (frames, 1, 1)), atol=1e-6)
     np.testing.assert_allclose(clip.translation[0], (0.0, 0.9, 0.0), atol=1e-6)
-    # Facing -Y in AMASS, who walks that way walks towards +Z here.
+    # Facing and walking -Y in AMASS is walking +Z here.
     np.testing.assert_allclose(clip.motion["lower"][:, skeleton.VELOCITY], np.tile((0, 0, 1.2), (frames, 1)), atol=1e-5)
 
 
@@ -85,7 +85,7 @@ def test_hands_of_both_bodies_land_on_the_hands(tmp_path):
 
 
 def test_contacts_are_of_feet_that_stand_still(tmp_path):
-    """The left leg lifts for a while by bending hip and knee, the right one stands throughout."""
+    """The left leg lifts for a while by bending hip and knee; the right one stands throughout."""
     frames = 60
     matrices = np.tile(np.eye(3), (frames, skeleton.JOINTS, 1, 1))
     lift = np.clip(np.minimum(np.arange(frames) - 15, 45 - np.arange(frames)) / 8, 0, 1)
@@ -117,6 +117,6 @@ def test_wrong_files_are_named(tmp_path):
     write(path, standing(4), np.zeros((3, 3)), mocap_framerate=30.0)
     refused(r"trans of shape \[3, 3\], expected \[4, 3\]")
     write(path, np.full((4, 156), np.nan), np.zeros((4, 3)), mocap_framerate=30.0)
-    refused("poses that are no numbers")
+    refused("poses that are not numbers")
     np.savez(path, poses=np.array([{}], dtype=object), trans=np.zeros((1, 3)))
-    refused("no .npz of numbers")
+    refused("not an .npz of numbers")

@@ -145,7 +145,7 @@ def test_damaged_and_foreign_files_are_refused(root):
     write_words(words, ("words", WORDS))
     refused("no tier `phones`, it has words")
     words.write_text("nothing")
-    refused("no TextGrid can be read")
+    refused("cannot read a TextGrid")
     write_words(words, ("words", WORDS), ("phones", SOUNDS))
     np.savez(motion, poses=np.zeros((5, 165)), trans=np.zeros((5, 3)))
     refused("no expressions in it")
@@ -154,10 +154,10 @@ def test_damaged_and_foreign_files_are_refused(root):
     np.savez(motion, poses=np.zeros((5, 165)), trans=np.zeros((5, 3)), expressions=np.zeros((5, 50)))
     refused(r"expressions of shape \[5, 50\], expected \[5, 100\]")
     motion.write_bytes(b"PK nothing")
-    refused("no .npz of numbers")
+    refused("not an .npz of numbers")
     (root / "wave16k" / "2_scott_0_2_2.wav").write_bytes(b"RIFF")
     np.savez(motion, poses=np.zeros((5, 165)), trans=np.zeros((5, 3)), expressions=np.zeros((5, 100)))
-    refused("no audio can be read")
+    refused("cannot read audio")
 
 
 def test_wrong_folders_and_lists_are_refused(root, tmp_path):

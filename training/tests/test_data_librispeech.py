@@ -29,7 +29,7 @@ def test_utterances_have_text_and_samples_at_16_khz(root):
     assert all(clip.motion is None for clip in clips)
     first, second = (clip.speech.samples for clip in clips)
     assert first.dtype == np.float32 and len(first) == len(second) == 16000
-    # Two channels are their mean, at another rate the same tone.
+    # Two channels are averaged; the resampled tone stays the same.
     np.testing.assert_allclose(2 * second[2000:-2000], first[2000:-2000], atol=0.01)
 
 

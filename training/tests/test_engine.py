@@ -1,4 +1,4 @@
-"""What is exported, the Rust program reads, and its stages compute what our modules do. `UMO_PROGRAM` names it."""
+"""The Rust program reads the exported file, and its stages compute the same as our modules. `UMO_PROGRAM` names it."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ from umo_train.mouth.run import Mouth
 from umo_train.skeleton import CHANNELS, JOINTS_OF, PARTS, VELOCITY, matrices, rotation_6d
 
 PROGRAM = os.environ.get("UMO_PROGRAM")
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM does not name the umo program")
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM is not set")
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def _model(run: pipeline.Run) -> Path:
 
 
 def _state(run: pipeline.Run, prefix: str) -> dict[str, Tensor]:
-    """The file's values, which are rounded to bf16, under a prefix."""
+    """The file's values under a prefix, which are rounded to bf16."""
     with safe_open(_model(run), "pt") as file:
         names = [name for name in file.keys() if name.startswith(prefix)]
         return {name.removeprefix(prefix): file.get_tensor(name).float() for name in names}
@@ -116,7 +116,7 @@ def test_interpolation(run: pipeline.Run, tmp_path: Path) -> None:
 
 @torch.no_grad()
 def test_motion(run: pipeline.Run, tmp_path: Path) -> None:
-    """Channels of the exported weights, joints and the root's way; and the exported weights are the trained ones."""
+    """Channels from the exported weights, joints and the root's path; the exported weights equal the trained ones."""
     frames, trained = 40, pipeline.tokenizers(run)
     generator = torch.Generator().manual_seed(2)
     count = run.plan["tokenizers"]["codes"]
@@ -158,7 +158,7 @@ def _root(run: pipeline.Run, out: dict[str, Tensor]) -> None:
 
 
 def test_mouth(run: pipeline.Run, tmp_path: Path) -> None:
-    """Added to a model, the live mouth is what our modules compute, and the rest of the model is as before."""
+    """Added to a model, the live mouth computes the same as our modules, and the rest of the model is unchanged."""
     about, tensors = made_run.mouth()
     mouth_part.write(tmp_path / "mouth.safetensors", about, tensors)
     model = tmp_path / "model.safetensors"

@@ -1,4 +1,4 @@
-"""The model file as the trainer writes it."""
+"""Export of the model file."""
 
 import json
 import zlib
@@ -12,7 +12,7 @@ from umo_train import export
 
 def test_the_checksums_are_those_of_the_config_and_the_data_and_of_the_header(tmp_path: Path) -> None:
     path = tmp_path / "model.safetensors"
-    # A config that holds what the checksum's place looks like before it is known, and letters beyond ASCII.
+    # A config with text that looks like the placeholder of the checksum, and non-ASCII letters.
     config = {"name": 'the "crc32:00000000" of ümo', "checksum": "crc32:00000000", "rest": [1, 2, 3]}
     export.write(path, config, {"b": torch.arange(7.0), "a": torch.ones(3, 5, dtype=torch.bfloat16)})
     with safe_open(path, "pt") as file:

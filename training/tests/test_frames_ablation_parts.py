@@ -1,4 +1,4 @@
-"""The row of the paper's layout: what is drawn of its packed file is what is drawn of the run, and it trains."""
+"""The paper's layout as a row: examples from its packed file equal those from the run, and it trains."""
 
 import csv
 from dataclasses import replace
@@ -42,7 +42,7 @@ def test_it_trains_as_long_as_the_other_rows_and_says_what_it_reached(tmp_path: 
     with (tmp_path / "lm_layout_parts.csv").open(newline="") as file:
         names = {row["name"]: int(row["step"]) for row in csv.DictReader(file)}
     assert names["held_out_loss"] == 5 and {"held_out_face", "held_out_lower"} <= set(names)
-    # What is trained already stays.
+    # Trained networks are kept.
     before = (tmp_path / "layout_parts.safetensors").stat().st_mtime_ns
     ablation_parts.train(data, tmp_path, like)
     assert (tmp_path / "layout_parts.safetensors").stat().st_mtime_ns == before

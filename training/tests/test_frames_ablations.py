@@ -1,4 +1,4 @@
-"""Ablations of layout `frames`: what a variant learns from is what the whole has, less what it is to do without."""
+"""Ablations of layout `frames`: a variant learns from the same data as the full model, except what it leaves out."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Parts one after the other: what one says wrong, the next ones make good."""
+"""Chained parts: later parts compensate for errors of earlier ones."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def _motion(frames: int = 12, seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def _wrong(channels: np.ndarray, joints: int, seed: int = 1) -> np.ndarray:
-    """The same with each rotation a few degrees off."""
+    """The channels with each rotation off by a few degrees."""
     random = np.random.default_rng(seed)
     out = channels.copy()
     out[:, : 6 * joints] += random.normal(0, 0.03, (len(out), 6 * joints))
@@ -56,19 +56,19 @@ def test_a_part_that_says_its_aims_undoes_the_errors_before_it() -> None:
     for name in ("head", "left_wrist"):
         errors = turned_deg(_world(rotations(said.channels), name), _world(rotations(motion), name))
         assert errors.max() < 0.01
-    # Where the arm begins is off with the trunk; how it goes on from there is not.
+    # The arm's start is off with the trunk; its motion relative to that is not.
     at, truly = (places(rotations(m), np.zeros((12, 3))) for m in (said.channels, motion))
     reach = [p[:, JOINT["left_wrist"]] - p[:, JOINT["left_shoulder"]] for p in (at, truly)]
     np.testing.assert_allclose(reach[0], reach[1], atol=1e-4)
 
 
 def test_a_part_is_told_nothing_of_what_comes_after_it() -> None:
-    """In an order from the tips inwards, parts say the performer's own rotations, and no error is undone twice."""
+    """From the tips inwards, parts encode the performer's own rotations, and no error is compensated twice."""
     motion = _motion()
     said = chain.Said(motion, FACE)
     np.testing.assert_allclose(said.aims(ARM), parts.own(ARM, FACE, motion), atol=1e-6)
     said.say(LOWER, _wrong(said.aims(LOWER), 9))
-    # The trunk between the pelvis and the arm will make the pelvis good.
+    # The trunk between pelvis and arm will compensate for the pelvis.
     np.testing.assert_allclose(said.aims(ARM), parts.own(ARM, FACE, motion), atol=1e-6)
     assert np.abs(said.aims(TORSO) - parts.own(TORSO, FACE, motion)).max() > 1e-3
 
@@ -93,7 +93,7 @@ def test_codes_of_a_part_follow_from_those_before_it() -> None:
     motion = _motion(40)
     codes, said = tokenizers.encode(order, models, motion, FACE)
     assert {name: rows.shape for name, rows in codes.items()} == {"lower": (40, 2), "torso": (40, 1), "head": (40, 3)}
-    # A part's decoded channels are in their places.
+    # A part's decoded channels are at their positions.
     with torch.no_grad():
         wanted = models["head"].motion(torch.from_numpy(codes["head"].astype(np.int64))[None])[0].numpy()
     np.testing.assert_allclose(parts.own(HEAD, FACE, said.channels), wanted, atol=1e-5)

@@ -1,4 +1,4 @@
-"""A model of layout `frames`, trained at its smallest: the Rust program reads it, computes what our modules do, and
+"""A model of layout `frames`, trained at minimal size: the Rust program reads it, computes the same as our modules, and
 plays. `UMO_PROGRAM` names the program."""
 
 import json
@@ -25,9 +25,9 @@ from umo_train.metrics.item import Item
 from umo_train.plan import merged
 
 PROGRAM = os.environ.get("UMO_PROGRAM")
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM does not name the umo program")
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="UMO_PROGRAM is not set")
 CONFIGS = Path(__file__).parents[1] / "configs"
-# Less than the smoke plan: what is learned does not matter here.
+# Even less than the smoke plan: the quality does not matter here.
 LEAST = {
     "speech": {"hours": 0.004, "test_minutes": 0.1, "seconds_per_item": 6},
     "tokenizers": {"steps": 22},
@@ -67,7 +67,7 @@ def _model(run: pipeline.Run) -> Path:
 
 
 def _state(run: pipeline.Run, prefix: str) -> dict[str, Tensor]:
-    """The file's values, which are rounded to bf16, under a prefix."""
+    """The file's values under a prefix, which are rounded to bf16."""
     with safe_open(_model(run), "pt") as file:
         names = [name for name in file.keys() if name.startswith(prefix)]
         return {name.removeprefix(prefix): file.get_tensor(name).float() for name in names}
@@ -101,7 +101,7 @@ def _language(run: pipeline.Run) -> FrameModel:
 
 
 def _split(run: pipeline.Run, prefix: str, codes: Tensor) -> dict[str, Tensor]:
-    """Codes `[T, J]` as the program's stages have them."""
+    """Codes `[T, J]` in the format of the program's stages."""
     out, at = {}, 0
     for part in steps.parts_of(run):
         out[f"{prefix}.{part.name}"] = codes[:, at : at + part.levels]
@@ -136,7 +136,7 @@ def test_depth(run: pipeline.Run, tmp_path: Path) -> None:
     hidden = torch.randn(6, run.plan["lm"]["d_model"], generator=torch.Generator().manual_seed(0))
     before = _codes(run, 6, 1)
     heard = torch.randn(6, run.plan["lm"]["d_model"], generator=torch.Generator().manual_seed(1))
-    # Networks learn with one place for all parts.
+    # The networks are trained with one order of all parts.
     inputs = (
         {"hidden": hidden, "heard": heard, "body_heard": heard.clone()}
         | _split(run, "codes", codes)
@@ -149,7 +149,7 @@ def test_depth(run: pipeline.Run, tmp_path: Path) -> None:
 
 @torch.no_grad()
 def test_encoder_and_decoder_on_an_example(run: pipeline.Run, tmp_path: Path) -> None:
-    """What training feeds is what the engine feeds: ids, history and keyframes in their places."""
+    """Training and the engine feed the same ids, history and keyframes at the same positions."""
     config, model = steps.model_file_config(run), _language(run)
     examples = steps.packed_of(run, config).examples(steps.parts_of(run), "train", augment=False)
     batch = examples.chunk(1, 5, np.random.default_rng(1))
@@ -176,7 +176,9 @@ def test_vectors_between(run: pipeline.Run, tmp_path: Path) -> None:
 
 @torch.no_grad()
 def test_motion(run: pipeline.Run, tmp_path: Path) -> None:
-    """Channels of all parts in their places in the body, of the exported weights and nearly of the trained ones."""
+    """Channels of all parts at their positions in the body, from the exported weights and approximately from the
+    trained ones.
+    """
     codes, trained = _codes(run, 40, 5), steps.tokenizers(run)
     face = steps.names_of_face(run)
     # Codes of motion, so that every joint's channels are those of a rotation.
@@ -220,7 +222,7 @@ def test_the_report_is_written(run: pipeline.Run) -> None:
 
 
 def test_a_run_goes_on_where_it_is(run: pipeline.Run) -> None:
-    """Everything is there: the steps again change nothing."""
+    """Everything exists: running the steps again changes nothing."""
     before = load_file(_model(run))
     pipeline.run(run, ("tokenizers", "codes", "lm", "interp", "export"))
     after = load_file(_model(run))
@@ -228,7 +230,7 @@ def test_a_run_goes_on_where_it_is(run: pipeline.Run) -> None:
 
 
 def test_rest_is_a_frame_that_was_seen(run: pipeline.Run) -> None:
-    """Codes of levels belong together: the rest of a part is what one frame of standing still has."""
+    """Codes of levels belong together: a part's rest codes are those of one standing frame."""
     model = steps.tokenizers(run)["torso"]
     codes = np.array([[1, 2], [1, 2], [3, 0], [1, 3]])
     found = steps.middle(codes, model)
@@ -254,7 +256,7 @@ def test_the_paper_layout_has_no_report(tmp_path: Path) -> None:
 
 
 def test_agreement_is_of_the_same_chunks(run: pipeline.Run) -> None:
-    """Traced as a stream goes: what was drawn is the next chunk's history. f32 agrees with itself, int8 mostly."""
+    """Traced like a stream: sampled codes become the next chunk's history. f32 agrees with itself, int8 mostly."""
     umo, config = Path(PROGRAM), steps.model_file_config(run)
     speech = Item("noise", "", np.random.default_rng(0).normal(0.0, 0.1, 4 * 16000).astype(np.float32))
     first, second = frame_agreement.trace(umo, speech, _model(run), 2)

@@ -1,4 +1,4 @@
-"""Examples of layout `frames`: what is seen, what is to be said, and what is hidden how often."""
+"""Examples of layout `frames`: inputs, targets, and masking."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ SIZE = CONFIG["vocab"]["size"]
 
 
 def _stream(frames: int = 90, prompts: bool = True) -> FrameStream:
-    """Codes that say their keyframe, and units that say theirs."""
+    """Codes that identify their keyframe, and units that identify theirs."""
     codes = np.repeat(np.arange(frames)[:, None] // 3, SLOTS, 1) % COUNTS
     units = (np.arange(frames * 5 // 3)[None] // TOKENS) % 20
     texts = (np.zeros(0, np.int64), np.array([21, 22]), np.array([23])) if prompts else ()
@@ -29,7 +29,7 @@ def _audio(ids: np.ndarray) -> np.ndarray:
 
 
 def _keyframe(batch_codes: np.ndarray) -> np.ndarray:
-    """Which keyframe rows of codes are of, by those of 13 and of 12 codes."""
+    """Index of the keyframe that rows of codes belong to, from those of 13 and of 12 codes."""
     thirteen, twelve = batch_codes[..., at("intent").start], batch_codes[..., at("mouth").start]
     every = np.arange(13 * 12)
     return np.array([np.flatnonzero((every % 13 == a) & (every % 12 == b))[0] for a, b in
@@ -37,7 +37,7 @@ def _keyframe(batch_codes: np.ndarray) -> np.ndarray:
 
 
 def test_a_chunk_is_what_follows_its_history() -> None:
-    """The input is not shifted: the history ends before the chunk, and neither it nor its audio is a keyframe off."""
+    """The input is not shifted: the history ends before the chunk, and history and audio are aligned to keyframes."""
     batch = _examples(augment=False).chunk(40, 2, np.random.default_rng(0))
     inside = _keyframe(batch.codes)[:, 0] >= PREFIX
     assert inside.sum() > 20
@@ -49,7 +49,7 @@ def test_a_chunk_is_what_follows_its_history() -> None:
         assert _keyframe(history).tolist() == list(range(first - PREFIX, first))
         assert (before == history[-1]).all()
         audio = _audio(ids) - AUDIO["first"]
-        # Every keyframe's own tokens, of all keyframes of history, chunk and what is behind it.
+        # Every keyframe's own tokens, for all keyframes of history, chunk and lookahead.
         wanted = np.repeat(np.arange(first - PREFIX, first + 2 + AHEAD), TOKENS)
         wanted = np.where(wanted < 30, wanted % 20, SILENCE)
         assert audio.tolist() == wanted.tolist()
@@ -63,7 +63,7 @@ def test_what_is_heard_is_the_keyframes_own_audio() -> None:
     for i in rows:
         found = batch.ids[i, batch.heard] - AUDIO["first"]
         assert found.tolist() == [k % 20 for k in _keyframe(batch.codes)[i]]
-        # With a delay of 4 the last of a keyframe's five tokens.
+        # With a delay of 4, the last of a keyframe's five tokens.
         after = batch.ids[i, batch.heard + 1] - AUDIO["first"]
         assert (after != found).all()
 
@@ -80,7 +80,7 @@ def test_the_bodys_history_is_hidden_in_a_third() -> None:
     body = np.repeat(BODY, [part.levels for part in PARTS])
     hidden = (batch.history[..., body] == -1).all((1, 2))
     assert hidden.mean() == pytest.approx(1 / 3, abs=0.03)
-    # All of it or none, and never the face's; what is to be said stays.
+    # All of it or nothing, and never the face's; targets stay unchanged.
     assert ((batch.history[..., body] == -1).any((1, 2)) == hidden).all()
     assert (batch.history[..., ~body] >= 0).all() and (batch.codes >= 0).all()
 
@@ -88,7 +88,7 @@ def test_the_bodys_history_is_hidden_in_a_third() -> None:
 def test_audio_behind_the_chunk_is_hidden_in_a_third() -> None:
     batch = _examples().chunk(3000, 2, np.random.default_rng(0))
     behind = np.stack([_audio(ids) for ids in batch.ids]) == AUDIO["mask"]
-    # Never what is in the chunk, and from some keyframe to the end.
+    # Never within the chunk, and from some keyframe to the end.
     assert not behind[:, : (PREFIX + 2) * TOKENS].any()
     count = behind.sum(1)
     assert (count % TOKENS == 0).all()
@@ -116,7 +116,7 @@ def test_histories_get_errors_and_short_ones_come_with_silence() -> None:
     inside = np.array([_audio(ids)[0] - AUDIO["first"] == SILENCE for ids in batch.ids])
     face = ~np.repeat(BODY, [part.levels for part in PARTS])
     rests = (batch.history[:, 0][:, face] == rest[face]).all(1)
-    # Of those whose first keyframe rests and that were not changed since, the audio there is silent.
+    # If the first keyframe rests and was not changed since, the audio there is silent.
     assert (rests & inside).sum() > 0.8 * rests.sum() > 50
     assert batch.history.max() < 13 and (batch.history < COUNTS).all()
 
@@ -140,7 +140,7 @@ def test_half_of_an_actions_chunks_have_its_beginning() -> None:
     stream.codes = np.arange(900)[:, None] + np.zeros((1, len(COUNTS)), int)
     stream.begins = (200,)
     examples = FrameExamples(CONFIG, PARTS, BODY, [stream], SILENCE)
-    # The body begins before the arms do.
+    # The body starts before the arms do.
     wanted = (200 - FrameExamples.AHEAD_OF_ARMS) * examples.stride
     for task, share in (("t2m", 0.5), ("a2m", 0.0)):
         said = examples.chunk(1000, 4, np.random.default_rng(1), task=task).codes
@@ -157,7 +157,7 @@ def test_a_task_without_data_says_so() -> None:
 
 
 def test_who_is_told_is_always_told() -> None:
-    """An action's prompt is never left out; and for motion from text alone it is drawn as often as it weighs."""
+    """An action's prompt is never left out; for motion from text alone, actions are sampled by their weight."""
     told = FrameStream(*(getattr(_stream(), name) for name in ("codes", "units", "prompts")), told=True, weight=9.0)
     told.prompts = (np.array([24]),)
     examples = FrameExamples(CONFIG, PARTS, BODY, [told], SILENCE)

@@ -1,4 +1,4 @@
-"""Vectors between keyframes: held to the reference of the golden files, what is asked, and that it learns."""
+"""Interpolation of vectors between keyframes: comparison with the golden reference, targets, and learning."""
 
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def test_known_frames_go_through_and_a_new_one_draws_straight_lines() -> None:
 
 
 def test_what_is_masked_has_no_influence() -> None:
-    """The truth between keyframes is asked, not seen."""
+    """The true values between keyframes are targets, not inputs."""
     model, truth, books = _model(), _vectors(2, 14), _books()
     seen = []
     forward = model.forward
@@ -90,7 +90,7 @@ def test_the_loss_is_of_vectors_and_of_what_they_decode_to() -> None:
     alone, _ = interp.loss_of(model, VectorPlan(steps=1, frames=20, decoded=0.0), truth, books)
     assert both.item() > alone.item() > 0
     assert {f"{what}_{part.name}" for what in ("vectors", "motion") for part in MOVING} == set(values)
-    # Straight lines are right where the truth is straight.
+    # Linear interpolation is exact for linear truth.
     line = {
         name: interp.straight(rows * interp.anchors(14, 3)[:, None], interp.anchors(14, 3))
         for name, rows in truth.items()
@@ -116,7 +116,7 @@ def test_vectors_are_the_sums_of_levels() -> None:
 
 
 def test_it_learns_what_straight_lines_do_not_say(tmp_path: Path) -> None:
-    """Codes in a cycle of the stride: what is between two keyframes is the same each time, and on no line."""
+    """Codes with the period of the stride: frames between keyframes repeat, and are not on a line."""
     items = [codes(3, seed=4).numpy()[np.arange(60) % 3]]
     books = _books()
     plan = VectorPlan(steps=120, frames=20, batch=4, rate=5e-3)

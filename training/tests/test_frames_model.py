@@ -1,4 +1,4 @@
-"""The language model of layout `frames`, held to the references of the golden files, and to what it must not see."""
+"""The language model of layout `frames`: comparison with the golden references, and causality."""
 
 import pytest
 import torch
@@ -11,7 +11,7 @@ from umo_train.lm import moe
 
 
 def _split(rows: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Codes `[T, J]` by part, as the references have them."""
+    """Codes `[T, J]` split by part, as in the references."""
     return {part.name: rows[:, at(part.name)] for part in PARTS}
 
 
@@ -43,7 +43,7 @@ def test_keyframes_are_the_references(model: FrameModel) -> None:
 
 @torch.no_grad()
 def test_greedy_drawing_agrees_with_teacher_forcing(model: FrameModel) -> None:
-    """The engine draws code after code; training says all at once."""
+    """The engine samples code after code; training computes all at once."""
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
     hidden = torch.randn(CONFIG["lm"]["d_model"])
     before = codes(1, seed=1)
@@ -169,7 +169,7 @@ def test_upcycling_leaves_what_is_said_as_it_was() -> None:
 
 @torch.no_grad()
 def test_a_marked_model_tells_places_before_any_training() -> None:
-    """Of tokens that are all the same, states of the encoder differ by how far the audio's start is."""
+    """With identical tokens, encoder states differ only by the distance from the audio's start."""
     config = CONFIG | {"lm": CONFIG["lm"] | {"d_model": 64, "num_heads": 4, "relative_attention_num_buckets": 64}}
     torch.manual_seed(0)
     ids = torch.full((1, 30), 50)
@@ -180,5 +180,5 @@ def test_a_marked_model_tells_places_before_any_training() -> None:
     assert found.std(0).max() > 0.05
     weights = [weight for weight, mask in model.fixed() if mask.any()]
     assert any(weight is model.frames.embed["intent"].weight for weight in weights)
-    # What all tokens share is in every keyframe once.
+    # The part common to all tokens is in every keyframe once.
     assert model.keyframes(codes(3))[:, 0].tolist() == [4.0] * 3

@@ -1,4 +1,4 @@
-"""The file that travels: what is drawn from it is what is drawn from the corpus."""
+"""The packed file: examples from it equal those from the corpus."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Parts of layout `frames`: their channels, what a plan may say, and what errors cost."""
+"""Parts of layout `frames`: their channels, valid plans, and the cost of errors."""
 
 import copy
 
@@ -38,8 +38,8 @@ def test_channels_are_in_the_order_of_their_list() -> None:
         ({"channels": ["left_knee", "head"]}, "lower and upper"),
         ({"channels": ["tail"]}, "no channel is called tail"),
         ({"channels": ["head"]}, r"in none: \['left_collar'"),
-        ({"name": "hands"}, "a name of its own"),
-        ({"name": "root"}, "none is `root`"),
+        ({"name": "hands"}, "a unique name"),
+        ({"name": "root"}, "other than `root`"),
     ],
 )
 def test_what_no_file_may_have_is_refused(change: dict, said: str) -> None:

@@ -1,4 +1,4 @@
-"""Going on from a model file: int8 weights with their scales, and networks that say what the file says."""
+"""Continuing from a model file: int8 weights with their scales, and networks that reproduce the file's outputs."""
 
 import json
 from pathlib import Path
@@ -41,7 +41,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="another layout"):
         published.read(_file(tmp_path / "m.safetensors", {"layout": "parts"}, {"a": torch.ones(1)}))
     save_file({"a": torch.ones(1)}, tmp_path / "other.safetensors")
-    with pytest.raises(ValueError, match="no umo model"):
+    with pytest.raises(ValueError, match="not a umo model"):
         published.read(tmp_path / "other.safetensors")
 
 
@@ -78,7 +78,7 @@ def test_a_listener_takes_a_smaller_ones_weights() -> None:
     after.take(before)
     rows, silence = torch.randn(9, 6), torch.randn(1, 6)
     torch.testing.assert_close(after.heard(rows, silence)[:, :3], before.heard(rows, silence))
-    with pytest.raises(ValueError, match="other sizes"):
+    with pytest.raises(ValueError, match="sizes differ"):
         before.take(after)
 
 

@@ -1,4 +1,4 @@
-"""The report on tokenizers: errors of known sizes, and the bars."""
+"""The tokenizer report: errors of known sizes, and the bars."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_motion_that_is_as_it_was_has_no_errors() -> None:
 def test_errors_are_as_large_as_they_are() -> None:
     motion = still(60)
     motion["lower"][:, CONTACT] = 1
-    # An elbow is 25 cm from its wrist; a wrist's place is seen from the pelvis.
+    # The elbow is 25 cm from the wrist; a wrist's position is relative to the pelvis.
     other = turned(still(60), JOINT["left_elbow"], np.full(60, 0.04))
     other = turned(other, JOINT["neck"], np.full(60, np.radians(2.0)))
     other["face"][:, 6:] = 0.25
@@ -63,7 +63,7 @@ def test_turning_points_on_accents_are_beats() -> None:
 
 
 def test_feet_are_those_of_the_root_network() -> None:
-    """The walk is the root network's, whatever velocity the codes say."""
+    """The walk comes from the root network, whatever velocity the codes have."""
     motion = {region: np.array(rows) for region, rows in still(30).items()}
     motion["lower"][:, VELOCITY] = 5.0
     root = RootNetwork(4, CHANNELS["lower"], 1).eval()

@@ -1,4 +1,4 @@
-"""Residual tokenizers: levels, revival, dropout, the losses, feet and root, and going on from a checkpoint."""
+"""Residual tokenizers: levels, revival, dropout, the losses, feet and root, and continuing from a checkpoint."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -21,12 +21,12 @@ ARM = Part("arm", ("left_shoulder", "left_elbow", "left_wrist"), 16, 3, 8, 2)
 LOWER = Part("lower", tuple(name for name, _ in parts.named([])["lower"]), 16, 2, 8, 2)
 SHAPES = Part("mouth", ("jawOpen", "mouthPucker", "mouthLeft"), 16, 3, 8, 2)
 PLAN = ResidualPlan(steps=40, stride=3, batch=4, frames=24, rate=3e-3)
-# Frames that what errors cost is measured against.
+# Frames that define the scale of errors.
 SPREAD = torch.from_numpy(np.random.default_rng(5).standard_normal((500, 18)).astype(np.float32))
 
 
 def _motions(count: int = 5, channels: int = 18) -> list[np.ndarray]:
-    """Waves of different speed, of few degrees of freedom."""
+    """Waves of different speeds, with few degrees of freedom."""
     random = np.random.default_rng(0)
     mix = random.standard_normal((4, channels))
     time = np.arange(80)[:, None]
@@ -70,13 +70,13 @@ def test_dropout_is_of_levels_and_of_a_share_of_examples() -> None:
     plan = replace(PLAN, batch=6000, dropout=0.4)
     used = tokenizers.used_levels(plan, 4, np.random.default_rng(0))
     share = np.bincount(used, minlength=5) / 6000
-    # A quarter of the examples with fewer levels draw all of them.
+    # The quarter of the examples with fewer levels samples any number of them.
     np.testing.assert_allclose(share, [0, 0.1, 0.1, 0.1, 0.7], atol=0.02)
     assert (tokenizers.used_levels(replace(plan, dropout=0.0), 4, np.random.default_rng(0)) == 4).all()
 
 
 def test_dropout_reaches_the_decoder() -> None:
-    """With all levels dropped but the first, the others' vectors have no influence on the loss."""
+    """With all levels but the first dropped, the others' vectors have no influence on the loss."""
     x = torch.from_numpy(np.stack([m[:24] for m in _motions(4)]))
     loss = PartLoss(ARM, PLAN, SPREAD)
 
@@ -84,7 +84,7 @@ def test_dropout_reaches_the_decoder() -> None:
         model = _model()
         model.levels[2].embedding.weight.mul_(scale)
         plan = replace(PLAN, dropout=dropout, commitment=0.0, sparse=0.0)
-        # Of the draws of the first seed, every example has fewer levels than three.
+        # A seed with which every example has fewer than three levels.
         chance = next(c for c in map(np.random.default_rng, range(99)) if _fewer(plan, c))
         return tokenizers.loss_of(model, plan, x, loss, chance, coded=True, phase=0)[0].item()
 
@@ -121,7 +121,7 @@ def test_every_level_that_is_used_commits_to_what_it_says() -> None:
 def test_codes_out_of_use_are_revived_on_every_level() -> None:
     model = _model()
     for level in model.levels:
-        # Far from every latent, and long out of use.
+        # Far from every latent, and long unused.
         level.embedding.weight[4:] = 1e4
         level.count.zero_()
         level.total.zero_()
@@ -132,7 +132,7 @@ def test_codes_out_of_use_are_revived_on_every_level() -> None:
     for level in model.levels:
         assert level.embedding.weight.abs().max() < 100
     codes, _, _ = model.quantized(model.latents(x).flatten(0, 1))
-    # Those that were dead say something again.
+    # Dead codes are in use again.
     assert (codes[:, 0] >= 4).any()
 
 
@@ -148,7 +148,7 @@ def test_codebooks_start_from_what_levels_leave() -> None:
 
 
 def test_the_file_holds_what_was_trained() -> None:
-    """Folded weights take and give channels as they are, but for the first and the last frames."""
+    """Folded weights work on unnormalised channels, equal except at the first and the last frames."""
     model = _model().eval()
     model.mean.uniform_(-1, 1)
     model.scale.uniform_(0.5, 2)
@@ -186,7 +186,7 @@ def _same(one: torch.nn.Module, other: torch.nn.Module) -> bool:
     return all(torch.equal(a, b) for a, b in pairs)
 
 
-# Stopped with codes, and before there are any.
+# Interrupted with codes, and before there are any.
 @pytest.mark.parametrize(("every", "after"), [(15, 20), (1, 1)])
 def test_a_resumed_tokenizer_ends_where_an_uninterrupted_one_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int, after: int
@@ -217,7 +217,7 @@ def test_a_tokenizer_learns_and_every_level_adds_to_it(tmp_path: Path) -> None:
     nothing = error(np.repeat(motions[0].mean(0)[None], 80, 0))
     by_level = [error(tokenizers.decoded(model, codes, levels)) for levels in (1, 2, 3)]
     assert by_level[2] < by_level[1] < by_level[0] < 0.5 * nothing
-    # Keyframes alone still say the motion.
+    # Keyframes alone still represent the motion.
     assert error(tokenizers.decoded(model, codes, stride=3)) < 0.5 * nothing
 
 
@@ -235,7 +235,7 @@ def test_errors_of_speed_and_acceleration_count() -> None:
 
 
 def test_errors_that_undo_each_other_along_a_part_cost_less() -> None:
-    """What counts is where a joint points, not how it is turned on the one before."""
+    """Errors are measured by a joint's world direction, not its rotation relative to the previous one."""
     loss = PartLoss(ARM, PLAN, SPREAD)
     still = torch.tensor([1.0, 0, 0, 0, 1, 0]).repeat(1, 30, 3)
     turn = torch.tensor([np.cos(0.1), np.sin(0.1), 0, -np.sin(0.1), np.cos(0.1), 0]).float()
@@ -268,7 +268,7 @@ def test_feet_are_where_the_skeleton_has_them() -> None:
 
 
 def _turning(lower: np.ndarray, column: int) -> np.ndarray:
-    """The joint of a column turned about the vertical, more and more."""
+    """The joint of a column rotated more and more about the vertical."""
     out, angle = lower.copy(), 0.01 * np.arange(len(lower))
     zero = np.zeros_like(angle)
     out[:, column : column + 6] = np.stack([np.cos(angle), zero, -np.sin(angle), zero, zero + 1, zero], 1)
@@ -290,7 +290,7 @@ def test_planted_feet_that_slide_cost_and_lifted_ones_do_not() -> None:
 
 
 def test_feet_slide_under_the_pelvis_that_was_said() -> None:
-    """A part of the legs alone is held to the places of the performer's feet, on the pelvis that was said before."""
+    """A part with legs only is compared with the performer's foot positions, on the decoded pelvis."""
     legs = Part("legs", LOWER.channels[1:], 16, 2, 8, 2)
     lower = _standing(20)["lower"]
     spread = torch.from_numpy(np.random.default_rng(1).normal(0, 1, (99, 55)).astype(np.float32))
@@ -310,7 +310,7 @@ def test_feet_that_go_together_are_told_from_those_that_part() -> None:
     error[:, :, 2:] *= -1
     apart, together = tokenizers.slides(error, planted)
     assert float(apart) == pytest.approx(0.09, rel=1e-3) and float(together) == pytest.approx(0, abs=1e-9)
-    # One foot alone never parts from another.
+    # One foot alone never moves relative to another.
     planted[..., 2:] = False
     assert float(tokenizers.slides(error, planted)[0]) == pytest.approx(0, abs=1e-9)
 
@@ -325,7 +325,7 @@ def test_the_root_network_sees_no_velocity() -> None:
 
 
 def _swaying(frames: int, seed: int) -> RootItem:
-    """A pelvis that sways over feet that stay: hips and ankles turn the other way round."""
+    """A swaying pelvis over fixed feet: hips and ankles rotate the other way."""
     random = np.random.default_rng(seed)
     lower = _standing(frames)["lower"]
     t = np.arange(frames) / 30
@@ -349,7 +349,7 @@ def test_the_root_goes_as_planted_feet_want(tmp_path: Path, width: int, layers: 
     error = np.abs(y[:-1, VELOCITY] - own)[:, [0, 2]]
     assert error.mean() < 0.05 * np.abs(own[:, [0, 2]]).mean()
     assert np.abs(y[:, VELOCITY.start + 1] - new.height).max() < 1e-3
-    # Where a stream ends, the zeros behind it are no motion.
+    # The zeros behind a stream's end are not motion.
     assert np.abs(y[-1, VELOCITY]).max() < 1.5
     again = RootNetwork(width, 61, layers)
     again.load_state_dict(torch.load(tmp_path / "tokenizer_root.pt", weights_only=True)["model"])
@@ -385,7 +385,7 @@ def test_a_published_tokenizer_goes_on_with_its_codes(tmp_path: Path) -> None:
     given |= {f"levels.{i}.embedding.weight": rows for i, rows in enumerate(tables)}
     folded.load_state_dict(folded.state_dict() | given)
     whole = torch.from_numpy(motions[0])[None]
-    # Folded weights, and the same unfolded by other statistics, say what the network said.
+    # Folded weights, and the same unfolded with other statistics, reproduce the network.
     again = ResidualVqVae(ARM, 18)
     again.load_state_dict(folded.state_dict())
     again.unfold(torch.full((18,), 0.3), torch.linspace(0.5, 2.0, 18))
@@ -396,6 +396,6 @@ def test_a_published_tokenizer_goes_on_with_its_codes(tmp_path: Path) -> None:
     gone_on = tokenizers.train_part(replace(PLAN, steps=2, rate=1e-5), ARM, motions, tmp_path / "again", None,
                                     folded.state_dict())  # fmt: skip
     assert (gone_on.codes(whole)[0, inner, 0] == codes[:, 0]).float().mean() > 0.9
-    # What these motions have not is not forgotten: no code starts anew at once.
+    # Codes absent from these motions are not forgotten: none is reset at once.
     for old, new in zip(first.levels, gone_on.levels, strict=True):
         assert (old.embedding.weight - new.embedding.weight).norm(dim=1).max() < 0.5 * old.embedding.weight.norm()

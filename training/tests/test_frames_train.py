@@ -1,4 +1,4 @@
-"""Training of layout `frames`: what each code counts, the loss by hand, and going on from a checkpoint."""
+"""Training of layout `frames`: the weight of each code, the loss computed by hand, and continuing from a checkpoint."""
 
 import csv
 from dataclasses import replace
@@ -25,7 +25,7 @@ def test_later_levels_count_less_and_what_changes_counts_more() -> None:
     # The part's first code: as before the chunk, another, the same again.
     before[0, upper.start] = 2
     said[0, :, upper.start] = torch.tensor([2, 5, 5])
-    # Later levels alone are no other motion.
+    # A change in later levels only is not another motion.
     said[0, 2, upper.start + 1] = (said[0, 1, upper.start + 1] + 1) % 7
     weight = train.code_weights(PARTS, plan, said, before)[0, :, upper]
     torch.testing.assert_close(weight[0], torch.tensor([1.0, 0.5, 0.25, 0.125]))
@@ -113,7 +113,7 @@ def test_a_piece_ends_with_a_checkpoint_from_which_the_next_goes_on(
         torch.manual_seed(0)
         model = FrameModel(CONFIG, PARTS)
         try:
-            # Its time is always over: a piece is one step.
+            # Its time is always used up: a piece is one step.
             train.train_stage(PLAN, model, _examples(), _examples(), tmp_path / "parts", until=0.0)
         except train.Interrupted as over:
             done += 1
@@ -126,7 +126,7 @@ def test_a_piece_ends_with_a_checkpoint_from_which_the_next_goes_on(
 
 
 def test_training_lowers_the_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keyframes of these streams count up: what follows is plain from what is before."""
+    """Keyframes of these streams count up, so the next one is predictable."""
     plan = replace(PLAN, steps=80, batch=8, targets=(5,), tasks={"a2m": 1.0}, rate=5e-3, bf16=False, save_every=1000)
     examples = FrameExamples(CONFIG, PARTS, BODY, [_stream()], SILENCE, augment=False)
     torch.manual_seed(0)
@@ -138,7 +138,7 @@ def test_training_lowers_the_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_every_weight_is_trained() -> None:
-    """No table, head or layer is left out of the loss."""
+    """Every table, head and layer contributes to the loss."""
     torch.manual_seed(0)
     model = FrameModel(CONFIG, PARTS)
     rng = np.random.default_rng(0)
@@ -150,5 +150,5 @@ def test_every_weight_is_trained() -> None:
         weight = train.code_weights(PARTS, PLAN, said, torch.from_numpy(batch.before))
         train.entropy(PARTS, logits, said, weight).backward()
     untouched = [name for name, p in model.named_parameters() if p.grad is None or not p.grad.any()]
-    # Nothing is said after a keyframe's last code.
+    # No code follows a keyframe's last one.
     assert untouched == ["depth.embed.eyes.weight"]

@@ -1,4 +1,4 @@
-"""The interpolation network: what it sees, what it is asked, and its smoothness terms."""
+"""The interpolation network: inputs, targets, and its smoothness terms."""
 
 import copy
 from pathlib import Path
@@ -54,7 +54,7 @@ def test_loss_ignores_padding_and_asks_what_is_masked() -> None:
     again, _ = train.loss_of(model, PLAN, changed, padding, np.random.default_rng(0))
     assert loss.item() == pytest.approx(again.item(), rel=1e-5)
 
-    # By hand: keyframes and each item's last frame are given, the rest is asked.
+    # By hand: keyframes and each item's last frame are given, the rest are targets.
     seen, total, count = truth.clone(), 0.0, 0
     asked = []
     for item, length in enumerate((16, 11, 7)):
@@ -100,7 +100,7 @@ def test_smoothness_pulls_neighbouring_codes_together() -> None:
 
 
 def test_noise_changes_anchors_alone() -> None:
-    """What is asked stays the truth: with noise everywhere the loss still sees it."""
+    """Targets stay the truth: the loss sees noise everywhere."""
     model = _model()
     truth, padding = _batch()
     seen = []
@@ -161,7 +161,7 @@ def test_a_resumed_network_ends_where_an_uninterrupted_one_does(
 
 
 def _circle() -> tuple[Interpolation, dict[str, torch.Tensor]]:
-    """A network that knows codes on a circle: the code between two others is the nearest to their mean."""
+    """A network that knows codes on a circle: the code between two others is the one nearest to their mean."""
     sizes = {"d_model": 64, "num_heads": 4, "d_ff": 32, "temporal_layers": 2, "part_layers": 1, "max_frames": 40}
     torch.manual_seed(0)
     model = Interpolation(CONFIG | {"interp": sizes}).eval()
@@ -173,13 +173,13 @@ def _circle() -> tuple[Interpolation, dict[str, torch.Tensor]]:
 
 @torch.no_grad()
 def test_an_untrained_network_that_knows_the_codes_interpolates() -> None:
-    """Keyframes two codes apart: the frames between go from one to the next."""
+    """Keyframes two codes apart: the frames in between go from one to the next."""
     model, _ = _circle()
     keys = np.arange(0, 10, 2)
     codes = np.full((4, 13), CODES)
     codes[:, ::STRIDE] = keys
     out = train.fill(model, codes)
-    # The other layers add a little of their own.
+    # The other layers add a little.
     off = np.array([out[:, at] - keys[at // STRIDE] - at % STRIDE * 2 / 3 for at in range(13) if at % STRIDE])
     assert np.abs(off).max() < 2 and np.abs(off.mean()) < 0.3
     held = np.array([3, 7, 11, 15])[:, None]
@@ -196,7 +196,7 @@ def test_what_is_like_the_truth_costs_less() -> None:
     truth, padding = _batch()
 
     def loss(by: int) -> float:
-        """Of a network that says the code `by` further on, surely, in every part."""
+        """For a network that confidently predicts the code `by` further on, in every part."""
         rows = torch.nn.functional.one_hot((truth + by) % CODES, CODES).float() * 20
         model.forward = lambda codes, padding=None: rows
         return train.loss_of(model, plan, truth, padding, np.random.default_rng(0), alike)[0].item()

@@ -1,4 +1,4 @@
-"""The network that hears what a face shows: its windows, what it is to say, and that it learns it."""
+"""The network that predicts the face from sound: its windows, its targets, and learning."""
 
 import numpy as np
 import pytest
@@ -125,7 +125,7 @@ def test_onsets_are_bumps_at_accented_vowels_heard_late() -> None:
     phones = [Phone("AH", 0.0, 0.2, 0), Phone("IY", 0.4, 0.6, 2), Phone("OW", 0.8, 0.9, 1), Phone("EH", 1.2, 1.3, 2)]
     heard = onsets(phones, 100, delay=14)
     assert heard.max() == 1.0 and np.flatnonzero(heard > 0.99).tolist() == [20 + 14, 60 + 14]
-    # 0.04 s away, two tokens: one deviation.
+    # 0.04 s away, two tokens: one standard deviation.
     assert heard[36] == pytest.approx(np.exp(-0.5)) and heard[54] < 1e-6
     assert not onsets(phones[:1], 10, delay=14).any()
 
@@ -136,5 +136,5 @@ def test_the_edge_between_units_tells_most() -> None:
     values = wanted * 1.0 + 0.2 * torch.randn(4000, generator=generator)
     edge = telling_edge(values, wanted)
     assert 0.35 < edge < 0.75
-    # Where a value says nothing beyond that, every edge on either side tells less.
+    # If a value carries no more information than that, edges on either side are less informative.
     assert telling_edge(3 * values - 1, wanted) == pytest.approx(3 * edge - 1, abs=0.05)

@@ -1,4 +1,4 @@
-"""Examples of every task: made streams whose codes say their frame, and units their token."""
+"""Examples of every task: synthetic streams whose codes identify their frame, and units their token."""
 
 from itertools import pairwise
 
@@ -43,7 +43,7 @@ def _examples(*streams: Stream, augment: bool = False) -> Examples:
 
 
 def _between(ids: np.ndarray, name: str) -> np.ndarray:
-    """What stands between a modality's markers, as codes; -1 where masked."""
+    """Codes between a modality's markers; -1 if masked."""
     ids = list(ids)
     first, last = ids.index(VOCAB[name]["start"]), ids.index(VOCAB[name]["end"])
     inside = np.array(ids[first + 1 : last])
@@ -51,14 +51,14 @@ def _between(ids: np.ndarray, name: str) -> np.ndarray:
 
 
 def _labels(labels: np.ndarray, part: str) -> np.ndarray:
-    """A part's codes among labels, -100 where nothing is asked."""
+    """A part's codes among labels, -100 for positions without a target."""
     first, last = list(labels).index(VOCAB[part]["start"]), list(labels).index(VOCAB[part]["end"])
     inside = labels[first + 1 : last]
     return np.where(inside == -100, -100, inside - VOCAB[part]["first"])
 
 
 def _markers(row: np.ndarray) -> list[int]:
-    """Task marks and start markers in the order in which they stand."""
+    """Task marks and start markers in order."""
     kinds = {VOCAB[name]["start"] for name in (*PARTS, "audio")} | {AUDIO_TASK, MOTION_TASK, TEXT_TASK, TEXT_END, END}
     return [int(i) for i in row if i in kinds]
 
@@ -67,7 +67,7 @@ STARTS = [VOCAB[part]["start"] for part in PARTS]
 
 
 def _check_chunk(batch: Batch, target: int) -> list[int]:
-    """History, audio and labels of each example belong together; where each begins."""
+    """History, audio and labels of each example belong together; returns their starts."""
     begins = []
     for ids, labels in zip(batch.ids, batch.labels, strict=True):
         frame = int(_labels(labels, "face")[0])
@@ -94,7 +94,7 @@ def test_chunks_hear_and_remember_what_belongs_to_them(target: int) -> None:
     assert batch.ids.shape == (200, 3 + (PREFIX + target) * TOKENS + 2 + 4 * (PREFIX + 2))
     assert batch.labels.shape == (200, 4 * (target + 2))
     begins = _check_chunk(batch, target)
-    # The beginning, with its history of rest codes and silence, and the end are among them.
+    # They include the beginning, with its history of rest codes and silence, and the end.
     assert min(begins) == 0 and max(begins) == KEYS - target - 1
     for ids, labels in zip(batch.ids, batch.labels, strict=True):
         assert _markers(ids) == [AUDIO_TASK, VOCAB["audio"]["start"], MOTION_TASK, *STARTS, END]
@@ -210,10 +210,10 @@ def test_augmented_histories_are_cut_replaced_or_hidden() -> None:
         hidden += bool((history[0] == -1).all())
         cut += bool(silent.any())
         replaced += bool(((history[1:] != true[1:]) & (history[1:] != REST[1:, None])).any())
-        # Of a cut history, what is silent is forgotten in the codes: silence ends where a keyframe begins.
+        # In a cut history, the codes of silence are removed too: silence ends where a keyframe begins.
         assert silent.sum() % TOKENS == 0 and not silent[PREFIX * TOKENS :].any()
         assert (np.where(silent, heard, audio) == np.where(heard < 0, SILENCE, heard)).all()
-        # What is asked stays as it was.
+        # Targets stay unchanged.
         assert _labels(labels, "lower").tolist() == [(at + i) * STRIDE + 180 for i in range(2)]
     rates = np.array([hidden, replaced, cut]) / 800
     assert rates[0] == pytest.approx(Examples.HIDDEN, abs=0.05)
@@ -227,6 +227,6 @@ def test_longer_items_are_drawn_more_often() -> None:
 
 
 def test_vocabularies_do_not_overlap() -> None:
-    """What these tests rely on: a modality's markers tell it from all others."""
+    """An assumption of these tests: a modality's markers are unique."""
     starts = [VOCAB[name]["first"] for name in (*PARTS, "audio")]
     assert all(a + 259 <= b for a, b in pairwise(starts))

@@ -27,7 +27,7 @@ def _pair(*, dense: bool, tied: bool, top_k: int = 1) -> tuple[LanguageModel, Re
     config = {"lm": LM | {"tie_word_embeddings": tied, "top_k": top_k}, "vocab": vocabulary(20, 9)}
     torch.manual_seed(7)
     model = LanguageModel(config, dense=dense).eval()
-    # Norms that do something.
+    # Norms with an effect.
     with torch.no_grad():
         for parameter in model.parameters():
             if parameter.ndim == 1:
@@ -38,7 +38,7 @@ def _pair(*, dense: bool, tied: bool, top_k: int = 1) -> tuple[LanguageModel, Re
 
 def _inputs() -> tuple[Tensor, Tensor, Tensor]:
     torch.manual_seed(8)
-    # Longer than the largest distance, so that every bucket is in use.
+    # Longer than the largest distance, so that every bucket is used.
     ids, said = torch.randint(0, 300, (3, 40)), torch.randint(0, 300, (3, 26))
     mask = torch.arange(40) < torch.tensor([40, 31, 7])[:, None]
     return ids, said, mask
@@ -64,7 +64,7 @@ def test_dense_is_transformers_t5(tied: bool, masked: bool) -> None:
 def test_sparse_is_a_mixture_of_transformers_feed_forwards(top_k: int) -> None:
     model, reference = _pair(dense=False, tied=False, top_k=top_k)
     _agree(model, reference, masked=True)
-    # Rows went to several experts: the dispatch was at work.
+    # Rows went to several experts: dispatch was exercised.
     assert max(reference.experts_used()) == 4
 
 

@@ -34,7 +34,7 @@ def test_upcycling_leaves_the_output_unchanged(top_k: int) -> None:
     assert not torch.allclose(sparse(ids, said), before)
     sparse.load_state_dict(moe.upcycled(dense.state_dict(), 4, seed=3))
     torch.testing.assert_close(sparse(ids, said), before, rtol=1e-5, atol=1e-5)
-    # Though different experts did the work.
+    # Even though different experts were used.
     assert all((layer.first_choices > 0).sum() > 1 for layer in moe.layers(sparse))
 
 
@@ -97,7 +97,7 @@ def test_balance_of_a_model_is_its_layers_mean() -> None:
 
 @pytest.mark.parametrize("top_k", [1, 2])
 def test_all_experts_for_every_row_say_the_same(top_k: int) -> None:
-    """What a GPU computes is what a CPU does, gradients too."""
+    """GPU and CPU algorithms agree, including gradients."""
     torch.manual_seed(1)
     layer = moe.MixtureOfExperts(12, 20, 4, top_k)
     rows = torch.randn(30, 12, requires_grad=True)

@@ -1,4 +1,4 @@
-"""A marked model tells where it is before it has learned anything, and training leaves that alone."""
+"""A marked model knows positions before any learning, and training keeps that."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def _config(lm: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_places_are_told_and_stay_as_they_are_while_the_rest_trains() -> None:
-    """The last cross-attention of a fresh marked model finds each keyframe's audio; training moves none of it."""
+    """The last cross-attention of a fresh marked model finds each keyframe's audio; training does not change it."""
     torch.manual_seed(0)
     lm = dict(d_model=128, d_kv=16, d_ff=64, num_heads=8, num_layers=1, num_decoder_layers=1)
     lm |= dict(relative_attention_num_buckets=512, relative_attention_max_distance=512, layer_norm_epsilon=1e-6)

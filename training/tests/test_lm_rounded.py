@@ -1,4 +1,4 @@
-"""Training for int8: what is rounded, to what, and that gradients go through."""
+"""Training for int8: the rounded tensors, their values, and that gradients pass through."""
 
 import torch
 
@@ -15,7 +15,7 @@ def test_rows_are_multiples_of_a_127th_of_their_largest() -> None:
     steps = y / (x.abs().amax(1, keepdim=True) / 127).clamp(min=1e-12)
     torch.testing.assert_close(steps, steps.round(), rtol=0, atol=1e-3)
     assert ((y - x).abs() <= x.abs().amax(1, keepdim=True) / 254 * 1.001).all() and y[3].eq(0).all()
-    # Nothing is left to round.
+    # Rounding is idempotent.
     torch.testing.assert_close(rounded(y), y)
 
 
@@ -47,7 +47,7 @@ def test_what_routes_and_what_is_kept_is_not_rounded() -> None:
     heads = {f"depth.head.{part.name}" for part in PARTS}
     assert routers and plain == routers | {"depth.input", "depth.heard"}
     assert all(layer.rounded for layer in moe.layers(model))
-    # Heads are products of their weights alone in this network, which go through untouched.
+    # Heads are products of their weights only in this network, whose inputs pass unrounded.
     assert heads <= set(named)
     history = codes(2, CONFIG["prefix"])
     ids = torch.tensor([[43, 44, *range(68, 68 + CONFIG["prefix"])]]).expand(2, -1)

@@ -1,4 +1,4 @@
-"""One step of training the language model: what the networks read, what the loss is made of, and several processes."""
+"""One training step of the language model: inputs, the parts of the loss, and several processes."""
 
 import os
 import socket
@@ -43,7 +43,7 @@ def _with_label(batch: Batch, at: int, label: int) -> Batch:
 
 @torch.no_grad()
 def test_the_decoder_never_reads_the_answer() -> None:
-    """The label at a position, whatever it is, changes what is said after it and nothing up to it."""
+    """The label at a position affects later outputs only."""
     model, batch = _model(), _examples().chunk(4, 2, np.random.default_rng(0))
     _, before, _ = train.loss_of(model, batch, CPU)
     for at in range(batch.labels.shape[1]):
@@ -66,7 +66,7 @@ def test_the_decoder_starts_with_the_start_and_reads_what_was_said() -> None:
 @torch.no_grad()
 def test_nothing_is_learned_where_nothing_is_asked() -> None:
     model, batch = _model(), _examples().chunk(4, 2, np.random.default_rng(0))
-    # The last label, so that what the decoder reads stays the same.
+    # The last label, so that the decoder's input stays the same.
     _, logits, labels = train.loss_of(model, batch, CPU)
     expected = torch.nn.functional.cross_entropy(logits[:, :-1].flatten(0, 1), labels[:, :-1].flatten())
     loss, _, _ = train.loss_of(model, _with_label(batch, -1, -100), CPU)
@@ -74,7 +74,7 @@ def test_nothing_is_learned_where_nothing_is_asked() -> None:
 
 
 class _Recorded:
-    """What one step of a stage gave to the networks, and the loss that it went back from."""
+    """Inputs of the networks in one step of a stage, and the loss that was differentiated."""
 
     def __init__(self, plan: StagePlan, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.model, examples = _model(), _examples()
@@ -105,7 +105,7 @@ class _Recorded:
             patch.setattr(train.Outputs, "forward", record_inputs)
             patch.setattr(train.Accelerator, "backward", record_total)
             patch.setattr(train, "draws", record_batch)
-            # A rate of 0: the model stays as it was, so that the loss can be computed again.
+            # With a rate of 0 the model stays unchanged, so that the loss can be recomputed.
             train.train_stage(replace(plan, rate=0.0, decay=0.0), self.model, examples, examples, folder)
 
 
@@ -195,7 +195,7 @@ def _one_of_two(rank: int, port: int, folder: str) -> None:
 def test_two_processes_see_different_batches_and_average_their_gradients(tmp_path: Path) -> None:
     torch.multiprocessing.spawn(_one_of_two, (_port(), str(tmp_path)), nprocs=2)
     first, second = (torch.load(tmp_path / f"rank{rank}.pt", weights_only=True) for rank in range(2))
-    assert not torch.equal(first["labels"], second["labels"]), "each process draws a batch of its own"
+    assert not torch.equal(first["labels"], second["labels"]), "each process draws a different batch"
 
     gradients = []
     for kept in (first, second):
@@ -210,7 +210,7 @@ def test_two_processes_see_different_batches_and_average_their_gradients(tmp_pat
     for one, other, *own in zip(first["gradients"], second["gradients"], *gradients, strict=True):
         grads = [torch.zeros_like(one) if g is None else g for g in own]
         torch.testing.assert_close(one, sum(grads) / 2, rtol=1e-4, atol=1e-6)
-        assert torch.equal(one, other), "and both go on from the same gradients"
+        assert torch.equal(one, other), "both continue with the same gradients"
         joined += int((grads[0] - grads[1]).abs().max() > 1e-5)
     assert joined > 10, "the batches' own gradients differ"
     for one, other in zip(first["weights"], second["weights"], strict=True):

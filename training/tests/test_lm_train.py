@@ -1,4 +1,4 @@
-"""The stages of the language model: the mixture of tasks, the rate, and going on from a checkpoint."""
+"""The stages of the language model: the mixture of tasks, the rate, and continuing from a checkpoint."""
 
 import csv
 from pathlib import Path
@@ -80,7 +80,7 @@ def _trained(folder: Path, monkeypatch: pytest.MonkeyPatch, *, stop_after: int |
 
 def test_a_resumed_stage_ends_where_an_uninterrupted_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = _trained(tmp_path / "whole", monkeypatch)
-    # Stopped at step 5, after the checkpoint of 4 steps; the steps since then are done again.
+    # Stopped at step 5, after the checkpoint of step 4; the steps since then are repeated.
     stopped = _trained(tmp_path / "parts", monkeypatch, stop_after=5)
     assert not torch.equal(stopped.shared.weight, whole.shared.weight)
     resumed = _trained(tmp_path / "parts", monkeypatch)

@@ -1,4 +1,4 @@
-"""Logs that go on where a checkpoint was, and checkpoints that are whole or absent."""
+"""Logs that continue from a checkpoint, and atomic checkpoints."""
 
 import csv
 from pathlib import Path
@@ -57,7 +57,7 @@ def test_checkpoints_bring_everything_back(tmp_path: Path) -> None:
     saved.save(1)
     other = objects()
     assert Saved(tmp_path / "deep" / "x.pt", **other).load() == 1
-    # Moments of the optimizer too: one more step leads to the same place.
+    # Including the optimizer's moments: one more step gives the same weights.
     step(**one)
     step(**other)
     assert torch.equal(one["model"].weight, other["model"].weight)

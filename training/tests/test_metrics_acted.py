@@ -1,4 +1,4 @@
-"""Actions are known by how somebody moves."""
+"""Actions are recognised from motion."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from umo_train.skeleton import JOINT, JOINTS
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Items of two actions: in one an arm is raised, in the other the trunk bends."""
+    """Items of two actions: one raises an arm, the other bends the trunk."""
     out = tmp_path_factory.mktemp("corpus")
     found = {}
     quarter = Rotation.from_euler("z", 80, degrees=True), Rotation.from_euler("x", 60, degrees=True)

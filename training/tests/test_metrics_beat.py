@@ -16,7 +16,7 @@ def clicks(times: np.ndarray, seconds: float) -> np.ndarray:
 
 
 def strokes(times: np.ndarray, frames: int) -> dict[str, np.ndarray]:
-    """An arm that goes to and fro and turns back, slow, at the given times."""
+    """An arm that moves back and forth slowly, turning at the given times."""
     angle = np.interp(np.arange(frames) / 30, times, 0.5 * (-1.0) ** np.arange(len(times)))
     smooth = np.convolve(np.pad(angle, 4, mode="edge"), np.hanning(9) / np.hanning(9).sum(), "valid")
     return turned(still(frames), JOINT["left_shoulder"], smooth)

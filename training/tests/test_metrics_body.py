@@ -27,7 +27,7 @@ def test_a_turn_of_the_whole_body_is_none_of_the_head():
 def test_phrases_are_as_long_as_a_wrist_gestures_with_short_rests():
     speed = np.zeros(300)
     speed[30:60] = 1.0
-    # A rest of 6 frames joins, one of 90 does not.
+    # A rest of 6 frames is merged, one of 90 is not.
     speed[66:90] = 0.5
     speed[180:195] = 0.3
     margin = 2 * (body.JOINED // 2) / 30
@@ -37,7 +37,7 @@ def test_phrases_are_as_long_as_a_wrist_gestures_with_short_rests():
 
 def test_a_swing_of_the_elbow_has_its_speed_and_jerk():
     forearm = 0.25
-    # Small, so that the wrist goes to and fro on a line.
+    # Small, so that the wrist moves on a line.
     swing = turned(still(300), JOINT["left_elbow"], 0.05 * np.sin(2 * np.pi * SECONDS))
     assert body.wrist_jerk(swing).max() == pytest.approx(forearm * 0.05 * (2 * np.pi) ** 3, rel=0.03)
     wide = turned(still(300), JOINT["left_elbow"], 0.4 * np.sin(2 * np.pi * SECONDS))

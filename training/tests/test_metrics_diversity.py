@@ -8,8 +8,8 @@ from umo_train.skeleton import JOINT
 
 def test_distance_between_two_poses_is_that_of_their_places():
     raised = turned(still(20), JOINT["left_elbow"], np.full(20, np.pi / 2))
-    # The forearm (0.25 m and 5 mm) and a hand of 15 joints turn up by a right angle; each moves by its reach, right
-    # and up.
+    # The forearm (0.25 m and 5 mm) and a hand of 15 joints turn up by a right angle; each moves by its reach, right and
+    # up.
     assert d.l1_between([still(20), raised]) == pytest.approx(d.l1_between([raised, still(20)]))
     assert 2 * 0.25 * 16 < d.l1_between([still(20), raised]) < 2 * 0.45 * 16
     assert d.l1_between([raised, raised]) == 0

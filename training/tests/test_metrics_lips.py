@@ -64,7 +64,7 @@ def test_pauses_are_still_only_if_nothing_moves_in_them():
 
 
 def syllables(seed: int, seconds: int = 8) -> np.ndarray:
-    """Noise whose loudness goes up and down some four times a second."""
+    """Noise with a loudness that varies about four times a second."""
     rng = np.random.default_rng(seed)
     knots = rng.uniform(0, 1, seconds * 8)
     level = np.interp(np.arange(seconds * SAMPLE_RATE) / SAMPLE_RATE * 8, np.arange(len(knots)), knots)

@@ -11,7 +11,7 @@ from umo_train.speech.utterance import Phone
 def test_jerk_is_that_of_a_known_swing():
     t = np.arange(300) / 30
     moved = turned(still(300), JOINT["left_elbow"], 0.1 * np.sin(2 * np.pi * t))
-    # The wrist is the only joint of the upper body that the elbow moves: a third derivative of 0.25 m * 0.1 * (2 pi)^3.
+    # The wrist is the only upper body joint that the elbow moves: a third derivative of 0.25 m * 0.1 * (2 pi)^3.
     want = 0.25 * 0.1 * (2 * np.pi) ** 3 * (2 / np.pi) / 13
     assert m.jerk(moved) == pytest.approx(want, rel=0.03)
     assert m.jerk(still(300)) == pytest.approx(0, abs=1e-6)

@@ -85,7 +85,7 @@ def test_ids_stand_between_their_markers():
 def test_the_likeliest_codes_are_read_where_they_are_told():
     codes = {part: np.array([i, 5 - i, 3]) for i, part in enumerate(PARTS)}
     ids = np.concatenate([agreement.decoder_ids(CONFIG, codes)[1:], [48]])
-    # An id that is no code is likelier everywhere, but has no say.
+    # An id that is not a code is more likely everywhere, but is ignored.
     logits = np.where(np.arange(60) == ids[:, None], 1.0, 0.0)
     logits[:, 9] = 9.0
     got = agreement.likeliest(CONFIG, logits)

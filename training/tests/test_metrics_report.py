@@ -49,7 +49,7 @@ def test_a_mouth_like_the_performers_meets_its_bars_and_a_still_one_does_not(mea
     assert bars["real speech: mouth against envelope, correlation"].met
     mute = mouth([Made(made.item, still(120)) for made in measured.held_out])
     assert mute["voice"]["lip_correlation"] == 0
-    # A mouth that is always shut reaches every closure, and the share by chance says so.
+    # An always shut mouth reaches every closure, as the share by chance shows.
     assert mute["voice"]["closures"] == mute["voice"]["closures_by_chance"] == 1
     ajar = still(120)
     ajar["face"][:, 6 + SHAPE["jawOpen"]] = 0.4
@@ -61,7 +61,7 @@ def test_bars_are_ratios_and_what_is_missing_is_missed(measured):
     assert bars["FGD over that of random codes"].met
     assert not bars["FGD over that of shuffled chunks"].met
     assert not bars["codes of int8 as of f32"].met
-    # No item has other takes, and none a pause.
+    # No item has other takes, or a pause.
     assert bars["prompts told apart"].value is None and not bars["prompts told apart"].met
     assert bars["mouth still in pauses of 0.4 s and more"].value is None
     assert not any(bar.met for bar in judge({}))
@@ -75,7 +75,7 @@ def test_the_page_holds_everything_itself(measured, tmp_path, monkeypatch):
     page = (tmp_path / "out/report.html").read_text()
     assert page.count("<svg") >= 8 and page.count("data:image/png;base64,") == 1
     assert 'class="missed"' in page and "model&lt;1&gt;" in page and "model<1>" not in page
-    # Nothing is fetched; namespaces of SVG are names.
+    # Nothing is fetched; SVG namespaces are only names.
     assert 'src="http' not in page and "<link" not in page and "<script" not in page
 
 

@@ -1,4 +1,4 @@
-"""The motion networks: weights that take channels as they are, and the codebook."""
+"""The motion networks: weights for unnormalised channels, and the codebook."""
 
 import pytest
 import torch
@@ -18,11 +18,11 @@ def test_folded_weights_give_the_same_inside_the_borders(layers: int) -> None:
     assert set(left.missing_keys) == {"mean", "scale", "quantizer.count", "quantizer.total"}
     motion = model.mean + model.scale * torch.randn(2, 50, 9)
     ours, folded = model.latents(motion), plain.latents(motion)
-    # Three convolutions of each layer pass on what the first one saw beside the motion.
+    # Three convolutions per layer propagate the zeros beside the motion.
     reach = 3 * layers
     torch.testing.assert_close(folded[:, reach:-reach], ours[:, reach:-reach], rtol=1e-4, atol=1e-4)
     assert not torch.allclose(folded[:, :1], ours[:, :1], atol=1e-2)
-    # Codes that look at latents, not at random tables.
+    # Codes near latents, not random tables.
     table = ours[0, reach : reach + 20].repeat(2, 1) + 0.01 * torch.randn(40, 12)
     model.quantizer.embedding.weight.copy_(table)
     plain.quantizer.embedding.weight.copy_(table)
@@ -41,7 +41,7 @@ def test_folding_leaves_the_model_as_it_is() -> None:
 
 
 def _clusters(seed: int, count: int = 512) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows around 6 far places, and the places."""
+    """Rows around 6 distant points, and the points."""
     places = 10 * torch.randn(6, 4, generator=torch.Generator().manual_seed(99))
     generator = torch.Generator().manual_seed(seed)
     chosen = places[torch.randint(6, (count,), generator=generator)]
@@ -89,7 +89,7 @@ def test_root_network_sees_21_frames_each_way() -> None:
     model = RootNetwork(8, 61, 4).double()
     lower = torch.randn(1, 60, 61, dtype=torch.float64)
     changed = lower.clone()
-    # So much that what is left of it at the far end shows.
+    # Large enough that the remainder at the far end is visible.
     changed[:, 30] += 1e6
     moved = (model(changed) - model(lower)).abs().sum((0, 2)) > 1e-9
     frames = moved.nonzero()[:, 0]

@@ -1,4 +1,4 @@
-"""Training of the motion tokenizers: codes between keyframes, the loss, and going on from a checkpoint."""
+"""Training of the motion tokenizers: codes between keyframes, the loss, and continuing from a checkpoint."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ PLAN = TokenizerPlan(width=6, layers=2, codes=16, steps=40, stride=3, batch=4, f
 def test_between_keyframes_vectors_are_mixed_linearly(phase: int, frames: int) -> None:
     vectors = torch.randn(2, frames, 3, dtype=torch.float64)
     kept = np.arange(phase, frames, 3)
-    # numpy repeats the first and the last beyond them, and so does the mix.
+    # numpy repeats the first and the last value beyond them, as does the mix.
     expected = np.stack(
         [[np.interp(np.arange(frames), kept, row[kept, c]) for c in range(3)] for row in vectors.numpy()]
     ).transpose(0, 2, 1)
@@ -27,7 +27,7 @@ def test_between_keyframes_vectors_are_mixed_linearly(phase: int, frames: int) -
 
 
 def _motions(count: int = 5) -> list[np.ndarray]:
-    """Waves of different speed, 78 channels of few degrees of freedom."""
+    """Waves of different speeds: 78 channels with few degrees of freedom."""
     random = np.random.default_rng(0)
     mix = random.standard_normal((4, CHANNELS["upper"]))
     time = np.arange(80)[:, None]
@@ -68,7 +68,7 @@ def test_a_resumed_tokenizer_ends_where_an_uninterrupted_one_does(
         with pytest.raises(_Stop):
             train.train_part(PLAN, "upper", _motions(), tmp_path / "parts")
     assert torch.load(tmp_path / "parts" / "tokenizer_upper.pt", weights_only=True)["step"] == 15
-    # Whatever was drawn in between.
+    # Whatever random numbers were drawn in between.
     torch.manual_seed(123)
     resumed = train.train_part(PLAN, "upper", _motions(), tmp_path / "parts")
     assert _same(whole, resumed)
@@ -104,7 +104,7 @@ def test_a_tokenizer_learns(tmp_path: Path) -> None:
 
 
 def test_checkpoints_without_draws_are_read(tmp_path: Path) -> None:
-    """Those of runs that began before draws were kept."""
+    """Checkpoints from before random states were stored."""
     model = train.train_part(PLAN, "upper", _motions(), tmp_path)
     path = tmp_path / "tokenizer_upper.pt"
     data = torch.load(path, weights_only=True)

@@ -1,4 +1,4 @@
-"""The live mouth: features and network against the golden reference, examples, training, and the part of a file."""
+"""The live mouth: features and network compared with the golden reference, examples, training, and the file's part."""
 
 import json
 import zlib
@@ -98,7 +98,7 @@ def test_training_learns_when_a_tone_speaks(tmp_path: Path) -> None:
     clean = torch.cat([torch.sigmoid(network(item.rows.float()[None])[0, :, -1]) for item in items]).detach()
     voice = torch.cat([item.voice for item in items]) > 0
     assert clean[voice].mean() > clean[~voice].mean() + 0.3
-    # Resumed where it ended: the same weights.
+    # Resumed after its end: the same weights.
     again = train(plan, front, items, MOUTH_CHANNELS, rest, tmp_path)
     assert all(torch.equal(a, b) for a, b in zip(network.parameters(), again.parameters(), strict=True))
 
@@ -123,7 +123,7 @@ def test_a_part_is_added_and_replaced(tmp_path: Path) -> None:
         assert found.keys() == other.keys() | tensors.keys()
         assert all(torch.equal(found[name], tensor) for name, tensor in (other | tensors).items())
         assert json.loads(metadata["config"]) == {"name": "Zoë", "prefix": 10, "mouth": about}
-        # Into its own result, in place of what is there.
+        # Into its own result, replacing the existing part.
         model = out
     raw = out.read_bytes()
     length = int.from_bytes(raw[:8], "little")

@@ -1,4 +1,4 @@
-"""People's recordings: their forms, the phones and accents that are found in them, and the items that they become."""
+"""People's recordings: their formats, the phones and accents found in them, and the resulting items."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -65,10 +65,10 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
 def test_phones_of_a_known_text_are_where_they_are_spoken(slt: list[Utterance]) -> None:
     got = check.agreement(slt, lambda true: align.from_text(true.samples, true.text))
     assert got["found"] == 1 and got["frames"] > 0.75 and got["edge"] < 15 and got["lips"] > 0.85, got
-    # The same with the words as another program pronounces them.
+    # The same with words pronounced by another program.
     got = check.agreement(slt, lambda true: align.from_text(true.samples, true.text, "en-us", dictionary=False))
     assert got["found"] == 1 and got["frames"] > 0.65 and got["edge"] < 20, got
-    # And of another text there are few.
+    # Few match with another text.
     other = check.agreement(slt, lambda true: align.from_text(true.samples, "eleven awful owls"))
     assert other["found"] == 0 or other["frames"] < 0.4, other
 
@@ -117,7 +117,7 @@ def test_pauses_are_those_of_the_recording(slt: list[Utterance], way: str) -> No
 
 
 def _vowels(high: int | None, loud: int | None) -> Utterance:
-    """Twelve vowels between consonants, one of them a fourth higher, another 8 dB louder, than the rest."""
+    """Twelve vowels between consonants; one is a fourth higher, another 8 dB louder than the rest."""
     phones, pieces, at = [], [], 0.0
     for k in range(12):
         t = np.arange(int(0.16 * SAMPLE_RATE)) / SAMPLE_RATE
@@ -134,7 +134,7 @@ def _vowels(high: int | None, loud: int | None) -> Utterance:
 def test_what_stands_out_is_accented(high: int, loud: int) -> None:
     found = accented(_vowels(high, loud))
     assert [i // 2 for i, phone in enumerate(found.phones) if phone.stress == 2] == sorted((high, loud))
-    # What a text says of accents does not count, and without vowels there are none.
+    # The text's accents do not count, and without vowels there are none.
     told = replace(found, phones=tuple(replace(phone, stress=2) for phone in _vowels(None, None).phones))
     assert not any(phone.stress == 2 for phone in accented(replace(told, samples=_vowels(None, None).samples)).phones)
     assert accented(Utterance("", "", np.zeros(160, np.float32), ())).phones == ()
@@ -152,7 +152,7 @@ def test_people_become_items(tmp_path: Path, slt: list[Utterance]) -> None:
     items = list(corpus.items(folder))
     train = [item for item in items if item.split == "train"]
     held = [item for item in items if item.split == HELD_OUT]
-    # Both sentences of one reader are one item; the tenth of the readers is kept out.
+    # Both sentences of a reader form one item; every tenth reader is held out.
     assert len(train) == 2 * (1 + 10) and [item.utterance.voice for item in held] == [corpus.PEOPLE + "read-109"]
     first, second = train[:2]
     assert [item.name for item in (first, second)] == [f"{FIRST:05}", f"{FIRST + 1:05}"]
@@ -160,7 +160,7 @@ def test_people_become_items(tmp_path: Path, slt: list[Utterance]) -> None:
     assert first.utterance.seconds != second.utterance.seconds or first.style != second.style
     assert any(phone.stress == 2 for phone in first.utterance.phones)
     assert hours(folder)["people"] > 0 and hours(folder)["synthesisers"] == 0
-    # A second run makes nothing, and what is missing of a first run comes out the same.
+    # A second run makes nothing, and missing files of a first run are remade identically.
     before = (folder / f"speech/{FIRST}.npz").stat().st_mtime_ns
     make_people(plan, folder, 1)
     assert (folder / f"speech/{FIRST}.npz").stat().st_mtime_ns == before
@@ -170,6 +170,6 @@ def test_people_become_items(tmp_path: Path, slt: list[Utterance]) -> None:
         np.array_equal(a.utterance.samples, b.utterance.samples)
         for a, b in zip(items, corpus.items(again), strict=True)
     )
-    # The performer takes them as it takes synthesisers'.
+    # The performer treats them like synthesisers' utterances.
     motion = perform(first.utterance, STYLES[first.style], first.seed)
     assert len(motion["upper"]) == first.utterance.frames

@@ -1,4 +1,4 @@
-"""Clips of other skeletons, and actions made of them."""
+"""Clips of other skeletons, and the actions made from them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from umo_train.performer import actions, captures, clips
 from umo_train.skeleton import CHANNELS, CONTACT, JOINT, JOINT_NAMES, JOINTS, OFFSETS_M, PARENTS, places, rotations
 
-# How far the other skeleton's arms hang at rest, in degrees: it stands in an A pose.
+# Rest angle of the other skeleton's arms in degrees: it stands in an A-pose.
 HANG = 45.0
 
 
@@ -23,8 +23,8 @@ def _inverse(turned):
 
 
 def mannequin(local):
-    """Our skeleton under Unreal's names, its arms hanging at rest, its bones turned about in any way: frames of it in
-    which every joint is turned in the world by what `local` `[T, 55, 3, 3]` says of ours."""
+    """Our skeleton under Unreal's names, with hanging arms at rest and arbitrarily rotated bones: frames in which every
+    joint has the world rotation that `local` `[T, 55, 3, 3]` gives ours."""
     names = tuple(clips._their_name(name, clips._UNREAL) or f"other {name}" for name in JOINT_NAMES)
     random = np.random.default_rng(0)
     bone = Rotation.random(JOINTS, random_state=random).as_matrix()
@@ -33,7 +33,7 @@ def mannequin(local):
         hanging = {"left_shoulder": -HANG, "right_shoulder": HANG}.get(JOINT_NAMES[joint])
         rest[joint] = turn("z", hanging) if hanging else (rest[parent] if parent >= 0 else np.eye(3))
         world[:, joint] = local[:, joint] if parent < 0 else world[:, parent] @ local[:, joint]
-    # Their bone is turned as ours is: from how it hangs at rest to where ours points.
+    # Its bone is rotated like ours: from its hanging rest direction to our direction.
     theirs, still = world @ bone, rest @ bone
 
     def local_to_parent(joint, turned):
@@ -53,7 +53,7 @@ def mannequin(local):
 
 
 def some(frames=24):
-    """Rotations of a body that turns its trunk, an arm and a knee."""
+    """Rotations of a body that moves its trunk, an arm and a knee."""
     local, s = np.tile(np.eye(3), (frames, JOINTS, 1, 1)), np.linspace(0.0, 1.0, frames)
     for name, axis, most in (
         ("spine2", "x", 30),
@@ -95,7 +95,7 @@ def test_blending_ends_where_it_should():
 
 def test_who_stands_stays_where_the_feet_are():
     local = np.tile(np.eye(3), (60, JOINTS, 1, 1))
-    # Both knees give and straighten again.
+    # Both knees bend and straighten again.
     bend = 25.0 * np.sin(np.linspace(0.0, np.pi, 60))
     for side in ("left", "right"):
         for name, share in (("hip", -1.0), ("knee", 2.0), ("ankle", -1.0)):

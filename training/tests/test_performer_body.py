@@ -19,7 +19,7 @@ HANDS = [JOINT["left_wrist"], JOINT["right_wrist"], *JOINTS_OF["hands"]]
 
 
 def walk(motion):
-    """Places of all joints in the world `[T, 55, 3]`."""
+    """World positions of all joints `[T, 55, 3]`."""
     steps = motion["lower"][:, VELOCITY].astype(np.float64) / 30.0
     at = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)[:-1]])
     at[:, 1] = motion["height"]
@@ -40,7 +40,7 @@ def performed(request, spoken):
 
 
 def turned(motion, name, axis=None):
-    """A joint's turn in degrees `[T]`, or its Euler angles about X, Y and Z."""
+    """A joint's rotation angle in degrees `[T]`, or its Euler angles about X, Y and Z."""
     local = Rotation.from_matrix(motion["local"][:, JOINT[name]])
     return np.degrees(local.magnitude()) if axis is None else local.as_euler("YXZ", degrees=True)[:, axis]
 
@@ -106,7 +106,7 @@ def test_planted_feet_do_not_slide(performed):
         speed = np.linalg.norm(np.diff(at[:, CONTACT_JOINTS], axis=0), axis=-1) * 30.0
         assert speed[contact[1:] & contact[:-1]].max() < 0.01
         assert at[:, CONTACT_JOINTS, 1].min() > 0.015
-        # The pelvis never strays far, and one foot at least stands.
+        # The pelvis stays within limits, and at least one foot stands.
         assert np.abs(at[:, 0, [0, 2]]).max() < 0.25
         assert (contact[:, :2].all(1) | contact[:, 2:].all(1)).all()
 
@@ -171,7 +171,7 @@ def _statistics(motion):
 
 
 def test_styles_are_told_apart():
-    """A ridge classifier learns on some seeds and an utterance, and is tried on other seeds and another utterance."""
+    """A ridge classifier is trained on some seeds and an utterance, and tested on others."""
     rows, made = [], (speech(LONG[:8]), speech(LONG[1:9][::-1]))
     for k, spoken in enumerate(made):
         rows.append([[_statistics(perform(spoken, style, 50 * k + s)) for s in range(8)] for style in STYLES.values()])
@@ -204,7 +204,7 @@ def test_silence_and_short_utterances():
             assert np.isfinite(motion[part]).all()
     hands = walk(motion)[:, HANDS]
     assert np.ptp(hands, axis=0).max() < 0.12
-    # Idle, but alive.
+    # Idle, but moving.
     assert np.ptp(hands, axis=0).max() > 0.001
 
 
@@ -212,5 +212,5 @@ def test_far_faster_than_real_time(spoken):
     perform(spoken, Style(), 1)
     start = time.process_time()
     perform(spoken, Style(), 2)
-    # A fifth of what is asked of an idle core, for machines that are not.
+    # A fifth of the requirement for an idle core, to allow for busy machines.
     assert spoken.seconds / (time.process_time() - start) > 60.0

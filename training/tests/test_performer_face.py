@@ -1,4 +1,4 @@
-"""The performer's face against the phones."""
+"""The performer's face compared with the phones."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def shape(motion, name):
 
 
 def frames(phone):
-    """Frames within a phone; at least the nearest one."""
+    """Frames within a phone, or at least the nearest one."""
     first, last = int(np.ceil(phone.start * 30)), int(np.floor(phone.end * 30))
     return slice(first, last + 1) if last >= first else slice(last, last + 1)
 

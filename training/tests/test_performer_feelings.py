@@ -1,4 +1,4 @@
-"""Emotions and listening: what they show, and what they leave alone."""
+"""Emotions and listening: their effects, and what they must not change."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def mean(motion, name):
 
 
 def pitch(motion, *joints):
-    """Degrees forward, summed over the joints, on average."""
+    """Mean forward pitch in degrees, summed over the joints."""
     local = rotations(motion)
     return np.degrees(sum(np.arctan2(local[:, JOINT[j], 2, 1], local[:, JOINT[j], 2, 2]) for j in joints)).mean()
 

@@ -1,4 +1,4 @@
-"""The phase of a gesture: as the performer plans it, and as one code a frame."""
+"""The phase of a gesture, as the performer's plan and as one code per frame."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_codes_are_of_phase_and_side() -> None:
     left = np.array([REST, STROKE, REST, STROKE, HOLD, PREPARE, RETRACT])
     right = np.array([REST, REST, PREPARE, STROKE, STROKE, HOLD, RETRACT])
     names = [intent.name(int(code)) for code in intent.codes(np.stack([left, right]))]
-    # Of two phases the one that is seen more.
+    # If two phases coincide, the more visible one counts.
     assert names == ["rest", "stroke left", "prepare right", "stroke both", "stroke right", "prepare left",
                      "retract both"]  # fmt: skip
     every = {intent.code(phase, side) for phase in range(5) for side in intent.SIDES}
@@ -62,7 +62,7 @@ def test_strokes_end_on_accents_and_move_the_hand(spoken) -> None:
     assert apart.max() < 1.5 / FRAME_RATE
     assert speed[striking].mean() > 3 * speed[made.phases == HOLD].mean()
     assert speed[made.phases == REST].max(initial=0.0) < 0.15
-    # A stroke follows its preparation, or the hold of a hand that is ready.
+    # A stroke follows its preparation, or the hold of a ready hand.
     begins = [(arm, i) for arm, i in zip(*np.nonzero(striking[:, 1:] & ~striking[:, :-1]), strict=True)]
     assert {made.phases[arm, i] for arm, i in begins} <= {PREPARE, HOLD}
 
@@ -80,7 +80,7 @@ def test_the_corpus_keeps_it(tmp_path, spoken) -> None:
 
 
 def test_the_label_changes_nothing_else(spoken) -> None:
-    """A stream of choices of its own is not drawn from."""
+    """The choices use a separate random stream."""
     prosody = listen(spoken)
     one, other = (gestures.gesticulate(prosody, STYLES["calm"], np.random.default_rng(5)) for _ in range(2))
     assert np.array_equal(one.states, other.states) and np.array_equal(one.phases, other.phases)

@@ -1,4 +1,4 @@
-"""The performer's motion beside people's numbers: each a property over several seeds of fixed, made-up speech."""
+"""The performer's motion compared with people's numbers: properties over several seeds of fixed, synthetic speech."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,12 @@ from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, Phone, Utterance
 
 LONG = SENTENCES * 6
 SEEDS = range(6)
-# Styles that have numbers of people beside them; of the others a few takes do.
+# Styles with numbers of people for comparison; a few takes suffice for the others.
 MEASURED = ("neutral", "explaining", "excited")
 
 
 def chest_heading(motion):
-    """Which way the chest faces `[T]`, radians to the left."""
+    """Heading of the chest `[T]`, radians to the left."""
     forward = world_rotation(rotations(motion), JOINT["spine3"])[:, :, 2]
     return np.arctan2(forward[:, 0], forward[:, 2])
 
@@ -31,7 +31,7 @@ def spoken():
 
 @pytest.fixture(scope="module")
 def takes(spoken):
-    """Several takes of each style, by its name."""
+    """Several takes of each style, by name."""
     heard = listen(spoken)
 
     def of(name):
@@ -49,7 +49,7 @@ def numbers(takes):
 @pytest.mark.parametrize(("style", "least"), [("neutral", (2.5, 2.0, 1.5)), ("explaining", (4.0, 3.5, 2.5))])
 def test_head_moves_as_far_as_peoples(numbers, style, least):
     for name, bar in zip(("yaw", "pitch", "roll"), least, strict=True):
-        # Twice as far as a lively speaker is no talk any more.
+        # More than twice a lively speaker's value would no longer look like talking.
         assert bar <= numbers[style][f"head {name} sd, deg"] < 12.0
 
 
@@ -64,7 +64,7 @@ def test_nods_fall_on_accents(numbers):
 
 
 def test_head_leads_and_trunk_follows(spoken):
-    """Of all shifts of the trunk's turn the one that fits the head's best is a later one."""
+    """The trunk's rotation correlates best with the head's when shifted later."""
     heard = listen(spoken)
     found = []
     for seed in SEEDS:
@@ -76,7 +76,7 @@ def test_head_leads_and_trunk_follows(spoken):
 
 
 def test_head_turns_ahead_of_a_phrase(spoken):
-    """More of a new attitude's turn lies before the phrase than where phrases are shifted."""
+    """More of a new attitude's rotation precedes the phrase than with shifted phrases."""
     heard = listen(spoken)
     starts = heard.phrases[1:, 0]
     own, shifted = [], []
@@ -126,14 +126,14 @@ def test_hands_stay_out_of_each_other_and_of_the_trunk(takes):
         for take in made:
             at = world_places(take.motion)
             points = clearance.hand_points(at)
-            # Two fingers are as thick as this.
+            # Two fingers are this thick.
             assert clearance.between_hands(points).min() > 0.018
             yaw = chest_heading(take.motion)
             assert clearance.inside_trunk(points, at, yaw).max() < 0.02
 
 
 def test_hands_that_would_meet_are_parted(spoken, takes, monkeypatch):
-    """Without the clearance some do: the test above can fail."""
+    """Without the clearance some hands meet: the test above can fail."""
     monkeypatch.setattr(clearance, "clear", lambda states, yaw, solve: states)
     apart = [
         clearance.between_hands(clearance.hand_points(world_places(perform(spoken, STYLES["explaining"], seed)))).min()
@@ -181,7 +181,7 @@ def test_weight_shifts_and_steps_with_planted_feet(numbers, takes):
 
 
 def test_head_and_trunk_never_jump(spoken):
-    """An attitude may come before the one before it is reached."""
+    """An attitude may start before the previous one is reached."""
     for seed in range(12):
         made = bear(listen(spoken), STYLES["excited"], np.random.default_rng(seed))
         for turned in (made.head, made.trunk):

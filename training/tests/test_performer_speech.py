@@ -1,4 +1,4 @@
-"""Made-up speech with known phones, and what the performer hears in it."""
+"""Synthetic speech with known phones, and the performer's analysis of it."""
 
 import numpy as np
 import pytest
@@ -72,11 +72,11 @@ def test_given_accents_are_those_of_the_nearest_vowels():
     given = np.array([vowels[1].start + 0.05, own[2], own[2] + 60.0])
     heard = listen(made, given).accents
     assert len(heard) == 2 and any(vowels[1].start <= at <= vowels[1].end for at in heard) and own[2] in heard
-    # Nothing heard is no accent, where phones would say some.
+    # Accents come from the sound, even if phones would have some.
     assert len(listen(made, np.zeros(0)).accents) == 0
     moved = perform(made, STYLES["neutral"], 3, given)
     assert not np.array_equal(moved["upper"], perform(made, STYLES["neutral"], 3)["upper"])
-    # The mouth says the phones as before.
+    # The mouth follows the phones as before.
     mouth = slice(6, None)
     assert np.abs(moved["face"][:, mouth] - perform(made, STYLES["neutral"], 3)["face"][:, mouth]).mean() < 0.02
 

@@ -1,4 +1,4 @@
-"""The stroke library: readers, cutting, and what the performer makes of it."""
+"""The stroke library: readers, cutting, and its use by the performer."""
 
 import json
 import struct
@@ -26,7 +26,7 @@ def test_the_library_is_of_captures(library):
     assert library.bend.shape == (len(library), BENDS, 3)
     assert {"basketball_signal_1", "directing_traffic_1", "Victory"} <= set(library.sources)
     assert np.isfinite(library.bend).all() and (library.seconds > 0.19).all() and (library.hold >= 0.0).all()
-    # Longer ways take longer, but far less than in proportion: as people move.
+    # Longer strokes take longer, but far less than in proportion, as people move.
     ways = np.log(np.linalg.norm(library.end - library.start, axis=1))
     assert 0.2 < np.polyfit(ways, np.log(library.seconds), 1)[0] < 0.6
 
@@ -74,7 +74,7 @@ def test_cmu_reads_places_of_arms(tmp_path):
         offsets[[shoulder, elbow, wrist]] = side * np.array([[200.0, 100.0, 0.0], [300.0, 0.0, 0.0], [200.0, 0.0, 0.0]])
         offsets[shoulder, 1] = 100.0
     expmap = np.zeros((240, 117))
-    # The left elbow bends by 90 degrees: the forearm points ahead.
+    # The left elbow bends by 90 degrees: the forearm points forward.
     expmap[:, 3 + 3 * 22 + 1] = np.pi / 2
     whole = dict(expmap=expmap, parent=parents, offset_mm=offsets, fps=np.array(120.0))
     np.savez(tmp_path / "a.npz", **whole)
@@ -93,7 +93,7 @@ def test_cmu_reads_places_of_arms(tmp_path):
 
 
 def _glb(path, names):
-    """Two arms held out, the left hand's forearm turning; a node of each name."""
+    """Two arms held out, the left forearm rotating; a node per name."""
     rest = {"pelvis": (0, 1, 0), "spine_03": (0, 0.4, 0), "upperarm_l": (0.2, 0, 0), "upperarm_r": (-0.2, 0, 0)}
     rest |= {"lowerarm_l": (0.3, 0, 0), "lowerarm_r": (-0.3, 0, 0), "hand_l": (0.25, 0, 0), "hand_r": (-0.25, 0, 0)}
     children = {"pelvis": ["spine_03"], "spine_03": ["upperarm_l", "upperarm_r"], "upperarm_l": ["lowerarm_l"],
@@ -131,7 +131,7 @@ def test_gltf_without_known_arms_or_form_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no nodes named as in"):
         captures.gltf(tmp_path / "other.glb")
     (tmp_path / "none.glb").write_bytes(b"glTF")
-    with pytest.raises(ValueError, match="no glTF file"):
+    with pytest.raises(ValueError, match="not a glTF file"):
         captures.gltf(tmp_path / "none.glb")
 
 
@@ -161,7 +161,7 @@ def test_phrases_last_as_peoples_do():
 
 
 def test_hands_differ():
-    """Where both arms gesture, they are no mirror images: apart by centimetres, and with other paths."""
+    """If both arms gesture, they are not mirror images: centimetres apart, on different paths."""
     heard = listen(speech(SENTENCES * 6))
     apart = []
     for seed in range(4):

@@ -1,4 +1,4 @@
-"""The plan, and what the pipeline makes of it."""
+"""The plan, and its interpretation by the pipeline."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from umo_train.skeleton import PARTS
 def test_smoke_lies_over_the_plan() -> None:
     run = pipeline.Run.read(made_run.SMALL, Path("w"), smoke=True)
     assert run.plan["name"] == "umo-smoke" and run.plan["lm"]["d_model"] == 32
-    # Of what both have, what smoke leaves out stays; voices and stages are replaced as a whole.
+    # Common keys missing from smoke are kept; voices and stages are replaced as a whole.
     assert run.plan["lm"]["experts"] == 4 and run.plan["tokenizers"]["lower"] == {"layers": 4, "steps": 20}
     assert set(run.plan["speech"]["voices"]) == {"flite-slt", "flite-kal"}
     assert run.corpus == Path("w/corpus") and run.folder == Path("w/run")
@@ -84,7 +84,7 @@ def test_plans_hold_what_stages_read(smoke: bool) -> None:
     for name in (*PARTS, "root"):
         assert pipeline._tokenizer_plan(run, name).steps > 0
     stages = [StagePlan(**stage) for stage in run.plan["stages"]]
-    # As in the paper: dense and without the balancing loss first, sparse with it after.
+    # As in the paper: dense and without the balancing loss first, then sparse with it.
     first, *rest = [(s.dense, s.balance) for s in stages]
     assert first == (True, 0.0) and rest == [(False, 0.01)] * len(rest) and len(rest) >= 2
     # A keyframe has a whole number of audio tokens, and a window fits the interpolation network.
@@ -102,7 +102,7 @@ def test_plans_of_layout_frames_hold_what_stages_read(smoke: bool) -> None:
     order = frame_steps.parts_of(run)
     assert [part.name for part in order if not part.moves] == ["intent"] and len(frame_steps.moving(run)) == 8
     if not smoke:
-        # With the intent 31 codes a keyframe, as the plan says.
+        # Including the intent, 31 codes per keyframe, as the plan says.
         assert all(part.codes == 256 for part in frame_steps.moving(run))
         assert sum(part.levels for part in frame_steps.moving(run)) == 30
     for entry in run.plan["parts"]:
@@ -126,7 +126,7 @@ def test_the_text_model_is_the_plans(tmp_path: Path) -> None:
 
 
 def test_the_config_describes_every_tensor(tmp_path: Path) -> None:
-    """By the shapes that converters hold their files to."""
+    """Using the shapes that converters check their files against."""
     run = made_run.make(tmp_path)
     pipeline.step_export(run)
     with safe_open(run.folder / "umo-smoke.safetensors", "pt") as file:

@@ -1,4 +1,4 @@
-"""Curves are drawn from what logs hold."""
+"""Curves drawn from logs."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def _run(folder: Path) -> Path:
 
 def test_each_log_is_a_figure_and_experts_another(tmp_path: Path) -> None:
     written = plots.draw(_run(tmp_path), tmp_path / "plots")
-    # The stage that has not begun has none.
+    # A stage that has not started has none.
     assert [path.name for path in written] == ["lm_stage2.png", "tokenizer_face.png", "experts.png"]
     for path in written:
         picture = image.imread(path)[..., :3]

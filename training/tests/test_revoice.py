@@ -47,7 +47,7 @@ def test_clicks_land_where_they_are_wanted():
 
 
 class Bursts:
-    """A voice that speaks each word as noise of a band of its own, at times that it tells or keeps to itself."""
+    """A voice that speaks each word as noise in its own band, at times that it reports or not."""
 
     def __init__(self, speed: float, told: bool) -> None:
         self.name, self.speed, self.told = f"bursts {speed}", speed, told
@@ -80,7 +80,7 @@ def spoken_bursts() -> Utterance:
 
 
 def heard_words(samples: np.ndarray) -> dict[str, tuple[float, float]]:
-    """From and to when each word's band is loud: within 10 ms."""
+    """Start and end of the loud part of each word's band, to 10 ms."""
     frames = np.lib.stride_tricks.sliding_window_view(samples, 320)[::80]
     spectrum = np.abs(np.fft.rfft(frames * np.hanning(320), 1024))
     out = {}
@@ -94,14 +94,14 @@ def heard_words(samples: np.ndarray) -> dict[str, tuple[float, float]]:
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("speed", [0.6, 1.0, 1.7])
 def test_words_land_within_40_ms(told, speed):
-    """Whether the voice tells when its words are, or they are found by likeness."""
+    """Whether the voice reports word times, or they are found by similarity."""
     original = spoken_bursts()
     out = revoice.revoiced(original, Bursts(speed, told))
     assert out.shape == original.samples.shape
     for word in original.words:
         start, end = heard_words(out)[word.text]
         assert abs(start - word.start) < 0.04 and abs(end - word.end) < 0.04, word
-    # Nothing is heard where nobody speaks.
+    # Silence where nobody speaks.
     assert np.abs(out[int(1.3 * SAMPLE_RATE) : int(1.8 * SAMPLE_RATE)]).max() == 0
 
 
@@ -136,7 +136,7 @@ def sentence():
 
 
 def test_real_voices_are_found_in_each_other(sentence):
-    """A synthetic speaker's words, found by likeness alone in another's speech, against the times that it told."""
+    """A synthetic speaker's words found by similarity in another's speech, compared with the reported times."""
     other = next(iter(voices.find("espeak-en-us+f3").speak([Line(sentence.text, 1.3, 1.3)])))
     silent = replace(other, words=(), phones=())
     heard, wanted = revoice._anchors(sentence, list(sentence.words), silent)
@@ -159,7 +159,7 @@ def test_a_command_is_a_voice(tmp_path, sentence):
     said = next(iter(voice.speak([Line(sentence.text)])))
     assert said.words == (Word("the", 0.1, 0.4), Word("quick", 0.4, 0.9))
     np.testing.assert_allclose(said.samples, sentence.samples, atol=1e-4)
-    with pytest.raises(VoiceError, match="there is no program nowhere"):
+    with pytest.raises(VoiceError, match="program nowhere not found"):
         list(revoice.CommandVoice("x", "nowhere {text} {wav}").speak([Line("a")]))
     with pytest.raises(VoiceError, match="failed with 1"):
         list(revoice.CommandVoice("x", f"{sys.executable} {program} other {{wav}} {{words}}").speak([Line("a")]))

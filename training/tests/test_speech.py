@@ -1,4 +1,4 @@
-"""Sentences are drawn from their seeds alone; what changes speech keeps its times."""
+"""Sentences depend on their seeds alone; speech augmentation keeps times correct."""
 
 import random
 from itertools import pairwise
@@ -34,7 +34,7 @@ def _utterance(name: str, samples: int) -> Utterance:
 
 
 def _covered(utterance: Utterance) -> None:
-    """Phones follow each other without a gap, from the first sample to the last, no two silences in a row."""
+    """Phones follow each other without gaps, from the first sample to the last, and no two silences are adjacent."""
     ends = [0.0, *(phone.end for phone in utterance.phones)]
     starts = [*(phone.start for phone in utterance.phones), utterance.seconds]
     np.testing.assert_allclose(ends, starts, atol=1e-9)
@@ -50,7 +50,7 @@ def test_joined_speech_keeps_times() -> None:
     words = [(word.text, word.start, word.end) for word in joined.words]
     assert words == [("one", pytest.approx(0.6), pytest.approx(1.3)), ("two", pytest.approx(1.85), pytest.approx(2.3))]
     assert [phone.name for phone in joined.phones] == [SILENCE, "aa", SILENCE, "aa", SILENCE]
-    # Samples stand where the times say.
+    # Samples match their times.
     for word, source in zip(joined.words, (one, two), strict=True):
         first = round(word.start * SAMPLE_RATE)
         np.testing.assert_array_equal(joined.samples[first : first + 100], source.samples[1600:1700])
@@ -91,9 +91,9 @@ def test_recordings_differ_and_keep_times() -> None:
     np.testing.assert_array_equal(heard[0], variation.recorded(click, np.random.default_rng(0)))
     for samples in heard:
         assert len(samples) == len(click) and np.abs(samples).max() <= 1 and samples.dtype == np.float32
-        # Rooms and filters smear, the direct sound stays where it was.
+        # Rooms and filters smear, but the direct sound stays in place.
         assert abs(int(np.abs(samples).argmax()) - 8000) <= 16
     assert len({samples.tobytes() for samples in heard}) == len(heard)
-    # Some are in rooms: much of what is heard comes later.
+    # Some are in rooms: much of the energy arrives later.
     late = [np.square(s[8100:12000]).sum() / np.square(s[7900:8100]).sum() for s in heard]
     assert min(late) < 0.01 and max(late) > 0.05

@@ -30,7 +30,7 @@ def test_int4_codes_are_multiplied_by_multipliers_and_scales() -> None:
 
 
 def test_files_of_the_program_are_near_the_floats(tmp_path: Path) -> None:
-    """A random model of floats as int4 and back, at the error of four bits."""
+    """A random float model to int4 and back, with the error of four bits."""
     umo = program.find()
     before, after = tmp_path / "float.safetensors", tmp_path / "int4.safetensors"
     program.run(umo, "model", "random", "--size", "tiny", "--store", "f32", "-o", before)
@@ -40,7 +40,7 @@ def test_files_of_the_program_are_near_the_floats(tmp_path: Path) -> None:
     int4 = [name for name in exact if f"{name}.multipliers" in given]
     assert int4 and all(".moe.experts." in name for name in int4)
     for name in int4:
-        # Channels of `wi_1` and `wo` are evened out, which changes values but not the function.
+        # Channels of `wi_1` and `wo` are equalised, which changes values but not the function.
         if name.endswith("wi_0.weight"):
             error = (read[name] - exact[name]).norm() / exact[name].norm()
             assert 0.01 < error < 0.12, name

@@ -1,4 +1,4 @@
-"""Voices tell the truth about the times of their phones. Those whose program is missing are passed over."""
+"""Voices report correct phone times. Voices whose program is missing are skipped."""
 
 import ctypes.util
 import shutil
@@ -42,7 +42,7 @@ def _needs(name: str) -> None:
     else:
         missing = None if ctypes.util.find_library("espeak-ng") else "libespeak-ng-dev"
     if missing:
-        pytest.skip(f"{name} is not here: install {missing}")
+        pytest.skip(f"{name} is missing: install {missing}")
 
 
 @cache
@@ -51,8 +51,7 @@ def _spoken(name: str) -> tuple[Utterance, ...]:
 
 
 def _displacement(utterance: Utterance, late: float) -> float:
-    """By how many seconds phones that are `late` seconds late have to move for vowels to be where speech is loudest
-    and pauses where it is quietest."""
+    """Shift in seconds that phones delayed by `late` seconds need for vowels to be loudest and pauses quietest."""
     level = np.add.reduceat(utterance.samples**2, np.arange(0, len(utterance.samples), STEP))
     decibels = 10 * np.log10(level + 1e-5)
     kind = np.zeros(len(decibels))
@@ -72,7 +71,7 @@ def test_labels_agree_with_energy(name: str) -> None:
     _needs(name)
     together = variation.joined(list(_spoken(name)), [0.2] * (len(LINES) + 1))
     assert abs(_displacement(together, 0.0)) <= 0.030
-    # Labels that are wrong are found out.
+    # Wrong labels are detected.
     assert _displacement(together, 0.08) == pytest.approx(-0.08, abs=0.03)
 
 
@@ -99,7 +98,7 @@ def test_words_are_those_of_the_text(name: str) -> None:
     for line, utterance in zip(LINES, _spoken(name), strict=True):
         wanted = [word.strip(",.").lower() for word in line.text.split()]
         heard = [word.text.strip(",.").lower() for word in utterance.words]
-        # Voices may run short words together.
+        # Voices may merge short words.
         assert len(set(wanted) & set(heard)) >= 0.7 * len(set(wanted)), heard
         assert all(a.end <= b.start + 1e-6 for a, b in pairwise(utterance.words))
 

@@ -1,9 +1,11 @@
 """Adds the words of the performer's prompts to a SentencePiece vocabulary, each as one piece.
 
-Usage: python training/text/add_words.py [BASE] [OUT]      (needs the packages `sentencepiece` and `protobuf`)
+Usage: python training/text/add_words.py [BASE] [OUT]      (needs the packages `sentencepiece` and
+`protobuf`)
 
-Prompts are few and short. Spelt in letters, "he bows" and "he boxes" share most of their pieces, and a model hears
-late which of them was said. The pieces of BASE keep their ids; the new ones come behind them.
+Prompts are few and short. Spelled in letters, "he bows" and "he boxes" share most of their pieces,
+and a model can distinguish them only late. The pieces of BASE keep their ids; the new ones are
+appended.
 """
 
 import sys
@@ -14,12 +16,12 @@ from umo_train.performer.actions import ACTIONS
 from umo_train.performer.style import PROMPTS
 
 BASE, OUT = "cli/assets/text.model", "training/text/people.model"
-# What SentencePiece writes for the space before a word.
+# SentencePiece's marker of the space before a word.
 SPACE = "\u2581"
 
 
 def words() -> list[str]:
-    """Of all prompts, in alphabetical order, without what punctuation they end with."""
+    """Words of all prompts in alphabetical order, without trailing punctuation."""
     prompts = [*PROMPTS.values(), *(action.prompts for action in ACTIONS.values())]
     return sorted({word.strip(",") for some in prompts for prompt in some for word in prompt.split()})
 
@@ -31,7 +33,7 @@ def main() -> None:
     pieces = {piece.piece: piece for piece in model.pieces}
     for word in words():
         piece = pieces.get(SPACE + word) or model.pieces.add(piece=SPACE + word)
-        # As likely as a piece can be: whole words win over their parts.
+        # The maximum score: whole words win over their parts.
         piece.score = 0.0
     model.trainer_spec.vocab_size = len(model.pieces)
     with open(out, "wb") as file:

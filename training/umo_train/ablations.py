@@ -1,7 +1,7 @@
-"""`python -m umo_train.ablations`: what each part of the recipe is worth, as the paper's table (4.3) on this data.
+"""`python -m umo_train.ablations`: effect of each part of the recipe, like the paper's table (4.3), on this data.
 
-Every variant's stage 2 is trained for the same few steps on what a finished run in `--work` has made, and moves to the
-same held-out items. Everything goes on where it stopped.
+Every variant's stage 2 is trained for the same small number of steps on the outputs of a finished run in `--work`, and
+animates the same held-out items. Interrupted runs continue.
 """
 
 import argparse
@@ -28,14 +28,14 @@ from umo_train.plan import Run, merged
 from umo_train.skeleton import PARTS
 from umo_train.speech.utterance import FRAME_RATE
 
-# What a variant takes over from the finished run.
+# Files that a variant shares with the finished run.
 _SHARED = ("audio.safetensors", "audio_tokens", "codes", "rest.yaml", "interp.pt", "lm_pretrain.safetensors")
 _TOKENIZERS = tuple(f"tokenizer_{name}.pt" for name in (*PARTS, "root"))
 
 
 @dataclass(frozen=True)
 class Variant:
-    """`over` is laid over the plan; `same` names the variant whose language model it shares."""
+    """`over` is merged into the plan; `same` names the variant whose language model it shares."""
 
     name: str
     over: dict[str, Any]
@@ -55,7 +55,7 @@ VARIANTS = (
 
 
 class EveryFrame(Examples):
-    """Chunks whose every frame the decoder says, after the same history and speech."""
+    """Chunks in which the decoder predicts every frame, with the same history and speech."""
 
     def said(self, stream: Stream, at: int, target: int) -> np.ndarray:
         out = np.full((len(PARTS), target * self.stride), -1, np.int64)
@@ -69,7 +69,7 @@ class EveryFrame(Examples):
 
 
 def prepare(s: Run, variant: Variant) -> Run:
-    """The variant's own plan and folder, with what it shares linked into it."""
+    """The variant's plan and folder, with its shared files linked into it."""
     folder = s.folder / "ablations" / (variant.same or variant.name).replace(" ", "_")
     folder.mkdir(parents=True, exist_ok=True)
     shared = [*_SHARED, *_TOKENIZERS]
@@ -84,7 +84,7 @@ def prepare(s: Run, variant: Variant) -> Run:
 
 
 def train(s: Run, variant: Variant, steps: int) -> None:
-    """The language model up to stage 2, of `steps` steps."""
+    """Trains the language model up to stage 2, of `steps` steps."""
     config = model_file_config(s)
     kind = Examples if variant.keyframes else EveryFrame
     held = pipeline.examples(s, config, s.plan.get("held_out", "test_voice"), augment=False, kind=kind)
@@ -109,8 +109,7 @@ def train(s: Run, variant: Variant, steps: int) -> None:
 
 
 def write_model(s: Run, variant: Variant) -> Path:
-    """The variant as a model file. What interpolates linearly is the network as it is before any training, without its
-    other layers."""
+    """Writes the variant as a model file. Linear interpolation is the untrained network without its other layers."""
     path = s.folder / f"{variant.name.replace(' ', '_')}.safetensors"
     plan = s.plan | {"name": path.stem, "stages": s.plan["stages"][:3]}
     interpolation = None
@@ -133,7 +132,7 @@ def write_model(s: Run, variant: Variant) -> Path:
 def every_frame(
     s: Run, umo: Path, model: Path, items: Sequence[item.Item], seed: int = 0
 ) -> list[dict[str, np.ndarray]]:
-    """Motion of a model that says every frame: chunks of all items side by side, sampled as the file says."""
+    """Motion of a model that predicts every frame: chunks of all items in a batch, sampled according to the file."""
     config = config_of(umo, model)
     network = LanguageModel(model_file_config(s), marked=s.plan.get("marked", False)).eval()
     network.load_state_dict(export.load_state(s.folder / "lm_stage2.safetensors"))
@@ -178,7 +177,7 @@ def _drawn(logits: torch.Tensor, config: dict[str, Any], plan: dict[str, Any], p
 
 
 def measured(items: Sequence[item.Item], moved: Sequence[item.Motion]) -> dict[str, Any]:
-    """The numbers of a row of the table that follow from one take of the items."""
+    """Numbers of a table row computed from one take of the items."""
     made = [measure.Made(one, motion) for one, motion in zip(items, moved, strict=True)]
     lips = list(measure.mouth(made).values())
     return {
@@ -192,14 +191,14 @@ def measured(items: Sequence[item.Item], moved: Sequence[item.Motion]) -> dict[s
 def distance(
     subject: measure.Subject, encoder: fgd.AutoEncoder, items: Sequence[item.Item], moved: Sequence[item.Motion]
 ) -> dict[str, Any]:
-    """FGD of the subject's takes without layers over that of random codes (`measure.distance`)."""
+    """FGD of the subject's takes without layers, relative to that of random codes (`measure.distance`)."""
     made = [measure.Made(one, motion) for one, motion in zip(items, moved, strict=True)]
     found = measure.distance(subject, made, encoder)
     return {"fgd": found["model"] / found["random_codes"]}
 
 
 def millions(state: dict[str, torch.Tensor]) -> float:
-    """Of parameters."""
+    """Number of parameters in millions."""
     return sum(tensor.numel() for tensor in state.values()) / 1e6
 
 
@@ -219,13 +218,13 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
 
 
 def held_out_loss(folder: Path) -> float:
-    """The last of stage 2's log."""
+    """The last value in stage 2's log."""
     lines = (folder / "lm_stage2.csv").read_text().splitlines()
     return float([line for line in lines if ",held_out_loss," in line][-1].split(",")[2])
 
 
 def row_of(s: Run, umo: Path, variant: Variant, encoder: fgd.AutoEncoder, items: list[item.Item]) -> dict[str, Any]:
-    """Everything that the table says of a trained variant."""
+    """All numbers of the table for a trained variant."""
     model = write_model(s, variant)
     config = config_of(umo, model)
     if variant.keyframes:
@@ -235,14 +234,14 @@ def row_of(s: Run, umo: Path, variant: Variant, encoder: fgd.AutoEncoder, items:
     frames = min(len(motion["face"]) for motion in moved)
     seconds = config["target"] * config["keyframe_stride"] / FRAME_RATE
     labels = config["target"] * (1 if variant.keyframes else config["keyframe_stride"])
-    # The same stretch of every item, whichever way its chunks end.
+    # The same stretch of every item, however its chunks end.
     moved = [{part: values[:frames] for part, values in motion.items()} for motion in moved]
     return {
         **measured(items, moved),
         **distance(measure.Subject(umo, model), encoder, items, moved),
         "parameters": millions(export.load_state(s.folder / "lm_stage2.safetensors")),
         "ids": len(PARTS) * (labels + 2) / seconds,
-        # Between keyframes the code is often the one before: not the same measure.
+        # Between keyframes the code is often the previous one: not comparable.
         "loss": held_out_loss(s.folder) if variant.keyframes else None,
     }
 
@@ -251,15 +250,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="umo-train ablations", description=__doc__)
     parser.add_argument("--config", type=Path, required=True, help="the YAML file of the plan")
     parser.add_argument("--work", type=Path, required=True, help="the folder of a finished run")
-    parser.add_argument("--smoke", action="store_true", help="of a run with --smoke")
-    parser.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
-    parser.add_argument("--steps", type=int, default=600, help="of stage 2, for every variant")
-    parser.add_argument("--most", type=int, default=8, help="items of the held-out voices to move to")
+    parser.add_argument("--smoke", action="store_true", help="the run was made with --smoke")
+    parser.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
+    parser.add_argument("--steps", type=int, default=600, help="steps of stage 2, for every variant")
+    parser.add_argument("--most", type=int, default=8, help="maximum number of items of the held-out voices")
     parser.add_argument(
-        "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder; the package's where not given"
+        "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder (default: the package's)"
     )
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="file for the table; beside it, the numbers")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="file for the table; the numbers are written beside it"
+    )
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
     s = Run.read(options.config, options.work, smoke=options.smoke)

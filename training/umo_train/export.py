@@ -1,4 +1,4 @@
-"""Writes a trained model as the file that umo reads (SPEC 3)."""
+"""Writes a trained model as a umo file (SPEC 3)."""
 
 import json
 import zlib
@@ -18,10 +18,10 @@ def tensors(
     text: bytes | None,
     dtype: torch.dtype,
 ) -> dict[str, Tensor]:
-    """Every tensor under its name; matrices in `dtype`, what decides nearest neighbours and routes in f32."""
+    """All tensors by name; matrices in `dtype`, tensors that decide nearest neighbours and routing in f32."""
     out = {name: tensor.float() for name, tensor in audio.items()}
     for name, tensor in language.items():
-        # The depth network of layout `frames` is a network of its own.
+        # The depth network of layout `frames` is a separate network.
         full = name if name.startswith("depth.") else f"lm.{name}"
         out[full] = tensor.float() if "router" in name or "relative" in name else tensor.to(dtype)
     out |= {f"interp.{name}": tensor.to(dtype) for name, tensor in interpolation.items()}
@@ -35,7 +35,7 @@ def tensors(
 
 
 def sharpen(language: dict[str, Tensor], vocab: dict[str, Any], factors: dict[str, float]) -> None:
-    """Multiplies the logits of parts' codes, in place: one temperature then draws lips closely and gestures freely."""
+    """Scales the logits of parts' codes, in place: one temperature then samples lips sharply and gestures freely."""
     if factors and "lm_head.weight" not in language:
         raise ValueError("`sharpen` needs a plan whose language model has `tie_word_embeddings: false`")
     for part, factor in factors.items():
@@ -44,7 +44,7 @@ def sharpen(language: dict[str, Tensor], vocab: dict[str, Any], factors: dict[st
 
 
 def write(path: Path, config: dict[str, Any], named: dict[str, Tensor]) -> None:
-    """By renaming: a file that exists is whole."""
+    """Atomic by renaming: an existing file is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     text = json.dumps(config, separators=(",", ":"))
@@ -63,21 +63,21 @@ def checksum(value: int) -> str:
 
 
 def add_checksum(path: Path, config: str) -> None:
-    """Replaces the zeros of both checksums: of the config and all bytes behind the header, and of the header."""
+    """Replaces the placeholders of both checksums: of the config and all bytes after the header, and of the header."""
     with path.open("r+b") as file:
         length = int.from_bytes(file.read(8), "little")
         header = file.read(length)
         value = zlib.crc32(config.encode())
         while piece := file.read(1 << 22):
             value = zlib.crc32(piece, value)
-        # The config's own quotes are escaped in the header: this stands there once.
+        # The config's own quotes are escaped in the header, so this occurs only once.
         placed = header.replace(f'"checksum":"{checksum(0)}"'.encode(), f'"checksum":"{checksum(value)}"'.encode())
         file.seek(8)
         file.write(sealed(placed))
 
 
 def sealed(header: bytes) -> bytes:
-    """The header with its own checksum, of its length and itself, in the place of 0."""
+    """The header with its own checksum, computed over its length and itself with a checksum of 0."""
     value = zlib.crc32(len(header).to_bytes(8, "little") + header)
     return header.replace(f'"{HEADER}":"{checksum(0)}"'.encode(), f'"{HEADER}":"{checksum(value)}"'.encode())
 

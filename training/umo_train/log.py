@@ -1,4 +1,4 @@
-"""A CSV of a stage's numbers, averaged over some steps each."""
+"""A CSV of a stage's numbers, averaged over several steps."""
 
 import csv
 from collections import defaultdict
@@ -11,7 +11,7 @@ EVERY = 20
 
 
 class Log:
-    """Appends rows `step, name, value`; a resumed stage goes on where its checkpoint was."""
+    """Appends rows `step, name, value`; a resumed stage continues from its checkpoint."""
 
     def __init__(self, path: Path, start: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -25,14 +25,14 @@ class Log:
         self.sums: dict[str, list[float | Tensor]] = defaultdict(list)
 
     def add(self, step: int, values: Mapping[str, float | Tensor]) -> None:
-        """Values may still be on their way on a GPU: they are fetched when they are written."""
+        """Values may still be pending on a GPU: they are fetched when they are written."""
         for name, value in values.items():
             self.sums[name].append(value)
         if (step + 1) % EVERY == 0:
             self.write(step)
 
     def write(self, step: int) -> None:
-        """What was added since the last row: a stage's end calls it, wherever that is."""
+        """Writes values added since the last row; called at the end of a stage."""
         with self.path.open("a", newline="") as file:
             rows = [[step, name, f"{sum(map(float, v)) / len(v):.6g}"] for name, v in self.sums.items()]
             csv.writer(file).writerows(rows)

@@ -12,10 +12,10 @@ from umo_train.performer.style import PROMPTS
 from umo_train.plan import Config, Run
 from umo_train.skeleton import ARKIT, CHANNELS, JOINTS_OF, OFFSETS_M, PARENTS, PARTS
 
-# Text ids that mark the tasks in templates; they name no piece that prompts need.
+# Text ids that mark the tasks in templates; they belong to no piece that prompts need.
 AUDIO_TASK, MOTION_TASK, TEXT_TASK, TEXT_END = 8, 9, 10, 11
 END = 1
-# Templates that the program uses; a plan may have more, of tasks that only training has.
+# Templates that the program uses; a plan may have more, for tasks used only in training.
 _OF_THE_PROGRAM = ("audio_to_motion", "audio_to_motion_with_text", "text_to_motion")
 _MARKED = {
     "audio_to_motion": [AUDIO_TASK, "audio", MOTION_TASK, *PARTS, END],
@@ -25,7 +25,7 @@ _MARKED = {
 
 
 def face(plan: Config) -> Config:
-    """`config.face`: 52 ARKit shapes where the plan says nothing."""
+    """`config.face`: 52 ARKit shapes by default."""
     given = plan.get("face", {"kind": "arkit"})
     if given["kind"] == "arkit":
         return {"kind": "arkit", "names": list(ARKIT)}
@@ -33,13 +33,13 @@ def face(plan: Config) -> Config:
 
 
 def channels(plan: Config) -> dict[str, int]:
-    """Channels of each part, as wide as the plan's faces."""
+    """Channels of each part, with the plan's number of face channels."""
     return CHANNELS | {"face": 6 * len(JOINTS_OF["face"]) + len(face(plan)["names"])}
 
 
 def vocabulary(s: Run, parts: tuple[str, ...] = PARTS) -> Config:
     """Text, then the parts' codes and audio in Language of Motion's order."""
-    # T5's vocabulary has ids that its SentencePiece model has no pieces for.
+    # T5's vocabulary has ids without pieces in its SentencePiece model.
     text = pieces(s).get_piece_size() + s.plan.get("text", {}).get("extra_ids", 0)
     vocab: Config = {"size": 0, "pad": 0, "eos": END, "decoder_start": 0}
     first = text + 3
@@ -62,7 +62,7 @@ def pieces(s: Run) -> sentencepiece.SentencePieceProcessor:
 
 
 def templates(s: Run) -> dict[str, list[Any]]:
-    """Of every task. A plan gives them as sentences with `{audio}`, `{text}` and the parts where these go."""
+    """Templates of every task. A plan gives them as sentences with `{audio}`, `{text}` and the parts as slots."""
     given: dict[str, str] = s.plan.get("templates", {})
     out = {}
     for name, sentence in given.items():
@@ -74,7 +74,7 @@ def templates(s: Run) -> dict[str, list[Any]]:
 
 
 def common_sizes(s: Run, parts: tuple[str, ...]) -> Config:
-    """What configs of both layouts have; `parts` are those with ids in the vocabulary."""
+    """Config entries common to both layouts; `parts` are those with ids in the vocabulary."""
     plan = s.plan
     return {
         "name": plan["name"],
@@ -92,7 +92,7 @@ def common_sizes(s: Run, parts: tuple[str, ...]) -> Config:
 
 
 def sizes(s: Run) -> Config:
-    """All but the codes at rest, which are known once motion is."""
+    """Everything except the rest codes, which are known once the motion is."""
     plan = s.plan
     vq: Config = {"codes": plan["tokenizers"]["codes"], "width": plan["tokenizers"]["width"]}
     for name in (*PARTS, "root"):
@@ -105,7 +105,7 @@ def sizes(s: Run) -> Config:
 def model_file_config(s: Run) -> Config:
     """`config` of the model file."""
     config = sizes(s) | {"rest": yaml.safe_load((s.folder / "rest.yaml").read_text())}
-    # A model of the performer's motion knows the performer's prompts and no others.
+    # A model of the performer's motion knows only the performer's prompts.
     if "speech" in s.plan:
         config["prompts"] = [prompt for prompts in PROMPTS.values() for prompt in prompts if prompt]
     return config

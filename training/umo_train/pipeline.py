@@ -1,4 +1,4 @@
-"""From nothing to a model file, step by step. Each step goes on where it stopped and is skipped where it is done."""
+"""From nothing to a model file, step by step. Each step resumes where it stopped, and is skipped if it is done."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -49,7 +49,7 @@ STEPS = (
     "export",
     "mouth",
 )
-# Steps whose items several machines can share.
+# Steps whose items can be shared by several machines.
 SHARED = ("speech", "actions", "motion")
 # Steps of a plan that names none, if its layout has them: speech and motion are made.
 _DEFAULT = ("speech", "motion", "audio", "tokenizers", "report", "codes", "lm", "interp", "export")
@@ -73,14 +73,14 @@ def run(settings: Run, steps: tuple[str, ...] = ()) -> None:
 
 
 def step_import(s: Run) -> None:
-    """Data sets of others, with what reads them."""
+    """Imports third-party data sets."""
     from umo_train.data import imported
 
     imported.import_clips(s.plan["import"], s.work, s.corpus, channels(s.plan)["face"] - 6)
 
 
 def step_voices(s: Run) -> None:
-    """Further voices for the motions of others."""
+    """Adds voices for imported motions."""
     from umo_train.speech import revoice
 
     revoice.revoice_corpus(s.corpus, [revoice.find(v) for v in s.plan["voices"]], s.plan["workers"])
@@ -92,7 +92,7 @@ def step_speech(s: Run) -> None:
 
 
 def step_people(s: Run) -> None:
-    """Recorded people, where the plan names any."""
+    """Adds recorded people, if the plan names any."""
     from umo_train.people.make import PeoplePlan, make_people
 
     plan = s.plan.get("people")
@@ -102,7 +102,7 @@ def step_people(s: Run) -> None:
 
 
 def step_actions(s: Run) -> None:
-    """Actions from clips, where the plan names any."""
+    """Adds actions from clips, if the plan names any."""
     plan = s.plan.get("actions")
     if not plan:
         raise ValueError("the step `actions` needs a section `actions` in the plan: `clips`")
@@ -118,7 +118,7 @@ def step_motion(s: Run) -> None:
 
 
 def _heard_accents(s: Run) -> corpus.HeardAccents | None:
-    """What the performer hears where the plan has `motion: {accents: units}`: those of the step `audio` before it."""
+    """Accents for the performer if the plan has `motion: {accents: units}`: those from the preceding step `audio`."""
     accents = s.plan.get("motion", {}).get("accents", "phones")
     if accents == "phones":
         return None
@@ -159,13 +159,13 @@ def step_tokenizers(s: Run, names: tuple[str, ...] = (*PARTS, "root")) -> None:
 
 
 def _published_tokenizers(s: Run) -> None:
-    """EMAGE's or Language of Motion's, as the paper takes them."""
+    """EMAGE's or Language of Motion's tokenizers, as in the paper."""
     tensors = vq.convert([Path(path) for path in s.plan["tokenizers"]["weights"]], sizes(s))
     s.folder.mkdir(parents=True, exist_ok=True)
     for name in (*PARTS, "root"):
         model = _network(s, name)
         state = {key.removeprefix(f"vq.{name}."): tensor for key, tensor in tensors.items() if f"vq.{name}." in key}
-        # Channels go in as they are: no normalisation, no statistics of training.
+        # Channels are used directly: no normalisation, no training statistics.
         model.load_state_dict(model.state_dict() | state)
         torch.save({"model": model.state_dict()}, s.folder / f"tokenizer_{name}.pt")
 
@@ -204,7 +204,7 @@ def step_codes(s: Run) -> None:
             motion = corpus.read_motion(s.corpus, path.stem)
             codes = np.stack([tokenize(models[part], motion[part]) for part in PARTS])
             if path.stem in silent:
-                # Nobody says what a face does that was not recorded.
+                # The face was not recorded, so it has no codes.
                 codes[PARTS.index("face")] = -1
             np.save(target, codes)
     made = channels(s.plan) == CHANNELS
@@ -213,13 +213,13 @@ def step_codes(s: Run) -> None:
 
 
 def _performers_rest(models: dict[str, VqVae]) -> dict[str, int]:
-    """Codes of the performer while nobody speaks."""
+    """Codes of the performer in silence."""
     still = perform(_silence(20.0), STYLES["neutral"], 0)
     return {part: int(np.bincount(tokenize(models[part], still[part])[30:]).argmax()) for part in PARTS}
 
 
 def _most_common(s: Run) -> dict[str, int]:
-    """Each part's most frequent code of recorded people, of those frames in which they do not speak, if any."""
+    """Each part's most frequent code of recorded people, from frames without speech, if there are any."""
     counts = np.zeros((2, len(PARTS), s.plan["tokenizers"]["codes"]), int)
     for entry in corpus.entries(s.corpus, "train"):
         path = s.folder / "codes" / f"{entry.name}.npy"
@@ -249,7 +249,7 @@ def examples(s: Run, config: Config, split: str, *, augment: bool, kind: type[Ex
         codes, units = (_array(s.folder / kind / f"{entry.name}.npy") for kind in ("codes", "audio_tokens"))
         if codes is None and units is None:
             continue
-        # An empty prompt says nothing of the style: examples with a prompt take another of the same style's.
+        # An empty prompt does not describe the style: examples with a prompt use another of the same style.
         prompts = entry.prompt or (PROMPTS[entry.style][-1] if entry.style else "")
         first, *more = (np.array(pieces(s).encode(prompt), int) for prompt in prompts.split("\n"))
         text, spoken = np.array(pieces(s).encode(entry.text), int), None
@@ -267,7 +267,7 @@ def _array(path: Path) -> np.ndarray | None:
 
 
 def _timed(s: Run, entry: corpus.Entry, rate: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ids of an item's words, and the audio tokens from and to which each is spoken."""
+    """Ids of an item's words, and the first and last audio token of each."""
     ids = [pieces(s).encode(word.text) for word in entry.words]
     times = [(word.start * rate, word.end * rate) for word in entry.words]
     return np.concatenate(ids), np.repeat(times, [len(word) for word in ids], axis=0)
@@ -301,14 +301,14 @@ def step_lm(s: Run) -> None:
 
 
 def carried(before: LanguageModel, plan: StagePlan, config: Config) -> dict[str, torch.Tensor]:
-    """What a stage starts from: the one before, upcycled where that was dense and this one is not."""
+    """Initial weights of a stage: the previous one's, upcycled from dense to sparse if needed."""
     state = before.state_dict()
     upcycles = not moe.layers(before) and not plan.dense
     return moe.upcycled(state, config["lm"]["experts"], plan.seed) if upcycles else state
 
 
 def train_result(folder: Path, plan: StagePlan, model: LanguageModel) -> dict[str, torch.Tensor]:
-    """The f32 weights of a stage's last checkpoint under their names."""
+    """The f32 weights of a stage's last checkpoint, by name."""
     copies = _trained(folder / f"lm_{plan.name}.pt", "optimizer")["copies"]
     names = [name for name, _ in model.named_parameters()]
     return dict(zip(names, copies, strict=True))
@@ -324,7 +324,7 @@ def step_interp(s: Run) -> None:
 
 
 def step_mouth(s: Run) -> None:
-    """`run/mouth.safetensors`: the live mouth, a part of its own."""
+    """`run/mouth.safetensors`: the live mouth, as a separate part."""
     from umo_train.mouth.make import make
 
     make(s)

@@ -1,4 +1,4 @@
-"""A run's plan: the YAML file's content, and where the run's files are."""
+"""A run's plan: the contents of the YAML file, and the paths of the run's files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,15 +9,14 @@ import yaml
 from umo_train.shard import ALL, Shard
 
 Config = dict[str, Any]
-# Paths in a plan, of files and folders that others publish; they are below the work folder where they are relative.
+# Plan entries that are paths of third-party files and folders; relative ones are below the work folder.
 _PATHS = (("audio", "hubert"), ("audio", "kmeans"), ("text", "model"), ("lm", "init"), ("tokenizers", "weights"))
 
 
 @dataclass
 class Run:
-    """A plan, the folder that it is in, the corpus' folder and the folder of everything made from it. Training ends
-    with a checkpoint at the moment `until` of `time.monotonic`, where there is one; of the items that are made only
-    those of `shard` are."""
+    """A plan, its folder, the corpus' folder and the folder of everything made from it. Training stops with a
+    checkpoint at the time `until` of `time.monotonic`, if set; only items of `shard` are made."""
 
     plan: Config
     plans: Path
@@ -28,7 +27,7 @@ class Run:
 
     @staticmethod
     def read(config: Path, work: Path, *, smoke: bool = False) -> "Run":
-        """A plan with `base` is laid over the one in that file beside it, which may have one too."""
+        """Reads a plan. With `base` it is merged over the plan in that file beside it, recursively."""
         plan = yaml.safe_load(config.read_text())
         while base := plan.pop("base", None):
             plan = merged(yaml.safe_load((config.parent / base).read_text()), plan)
@@ -47,7 +46,9 @@ class Run:
         return self.folder.parent
 
     def text_model(self) -> bytes:
-        """The SentencePiece model of prompts and transcripts: others' below the work folder, our own beside plans."""
+        """The SentencePiece model of prompts and transcripts: third-party ones below the work folder, our own beside
+        the plans.
+        """
         if "model" in self.plan.get("text", {}):
             return Path(self.plan["text"]["model"]).read_bytes()
         given = self.plan.get("text_model")
@@ -55,7 +56,7 @@ class Run:
 
 
 def merged(base: Config, over: Config) -> Config:
-    """`over` laid over `base`; a mapping of it with `replace: true` takes the other's place."""
+    """`over` merged over `base`; a mapping in it with `replace: true` replaces the other."""
     out = dict(base)
     for key, value in over.items():
         both = isinstance(value, dict) and isinstance(base.get(key), dict) and not value.pop("replace", False)

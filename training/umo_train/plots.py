@@ -1,4 +1,4 @@
-"""Curves of a run: a figure for each stage's log, and one of how the experts are used."""
+"""Curves of a run: a figure for each stage's log, and one of the use of experts."""
 
 import csv
 import re
@@ -15,10 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-# Of a log: name to steps and values.
+# Contents of a log: name to steps and values.
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 
-# What is drawn together: a panel's title, the names that belong to it, and whether its scale is logarithmic.
+# Panels of a figure: title, names of the curves, and whether the scale is logarithmic.
 _PANELS = (
     ("Cross-entropy", re.compile(r"loss_.*|held_out_loss|entropy"), False),
     ("Accuracy", re.compile(r"accuracy(_.*)?|held_out_(?!copied_|loss).*"), False),
@@ -31,7 +31,7 @@ _COLORS = ("#3b6fb6", "#d1622b", "#3f9142", "#8a5aa8", "#b23a48", "#6b6b6b", "#c
 
 
 def read(path: Path) -> Curves:
-    """A log as `umo_train.log` writes it."""
+    """Reads a log written by `umo_train.log`."""
     rows: dict[str, list[tuple[float, float]]] = defaultdict(list)
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
@@ -40,7 +40,9 @@ def read(path: Path) -> Curves:
 
 
 def draw(run: Path, out: Path) -> list[Path]:
-    """A PNG for each log of the run's folder, and `experts.png` where the model is sparse; what was written."""
+    """Draws a PNG for each log in the run's folder, and `experts.png` if the model is sparse; returns the written
+    files.
+    """
     logs = {path.stem: read(path) for path in sorted(run.glob("*.csv"))}
     logs = {name: curves for name, curves in logs.items() if curves}
     if not logs:
@@ -125,7 +127,7 @@ def _smoothed(values: np.ndarray) -> np.ndarray:
 
 
 def _experts(logs: dict[str, Curves]) -> Figure:
-    """Per stage and layer over time: the share of rows that the most used expert gets, and of experts in use."""
+    """Per stage and layer over time: the most used expert's share of rows, and the share of experts in use."""
     figure, axes = pyplot.subplots(
         len(logs), 2, figsize=(10.4, 0.8 + 2.6 * len(logs)), squeeze=False, layout="constrained"
     )

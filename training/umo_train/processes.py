@@ -1,11 +1,11 @@
-"""Several processes of one run, as `accelerate launch` starts them; a run without it is one."""
+"""Several processes of one run, started by `accelerate launch`; a run without it has one."""
 
 import os
 from datetime import timedelta
 
 from accelerate import PartialState
 
-# The others wait for as long as the first one takes to make a corpus.
+# The other processes wait while the first one makes a corpus.
 _LONGEST_WAIT = timedelta(days=30)
 
 
@@ -18,6 +18,6 @@ def is_first() -> bool:
 
 
 def wait() -> None:
-    """Until every process is here."""
+    """Waits until every process is here."""
     if _several():
         PartialState(timeout=_LONGEST_WAIT).wait_for_everyone()

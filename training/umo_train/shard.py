@@ -1,4 +1,4 @@
-"""One of several equal shares of the work, for machines that know nothing of each other."""
+"""One of several equal shares of the work, for machines without communication."""
 
 import re
 from dataclasses import dataclass
@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Shard:
-    """Share `number` of `count`, from 1 on. Every item is in one share: which, its number alone says."""
+    """Share `number` of `count`, counted from 1. Each item belongs to one share, determined by its number."""
 
     number: int = 1
     count: int = 1
 
     @staticmethod
     def parse(text: str) -> "Shard":
-        """Of `NUMBER/COUNT`, as `2/4`. ValueError for anything else."""
+        """Parses `NUMBER/COUNT`, such as `2/4`. Raises ValueError for anything else."""
         found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
         if not found or not 1 <= int(found[1]) <= int(found[2]):
-            raise ValueError(f"`{text}`: expected NUMBER/COUNT, as 2/4, NUMBER from 1 to COUNT")
+            raise ValueError(f"`{text}`: expected NUMBER/COUNT, such as 2/4, NUMBER from 1 to COUNT")
         return Shard(int(found[1]), int(found[2]))
 
     def has(self, item: int) -> bool:

@@ -1,4 +1,4 @@
-"""The 55 joints of SMPL-X, the part that turns each, and the default model's own rest pose."""
+"""The 55 joints of SMPL-X, their parts, and the default model's own rest pose."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ JOINTS_OF = {
     "lower": (0, 1, 2, 4, 5, 7, 8, 10, 11),
 }
 
-# Apple's order, as ARFaceAnchor.BlendShapeLocation lists the 52 coefficients from eyes to tongue.
+# In Apple's order, as in ARFaceAnchor.BlendShapeLocation, from eyes to tongue.
 ARKIT = (
     "eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft "
     "eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight "
@@ -50,12 +50,12 @@ EXTRA_CHANNELS = {"face": len(ARKIT), "hands": 0, "upper": 0, "lower": 7}
 CHANNELS = {part: 6 * len(JOINTS_OF[part]) + EXTRA_CHANNELS[part] for part in PARTS}
 VELOCITY = slice(54, 57)
 CONTACT = slice(57, 61)
-# Foot contact is of these joints, in this order.
+# Joints of the foot contact channels, in order.
 CONTACT_JOINTS = (JOINT["left_ankle"], JOINT["left_foot"], JOINT["right_ankle"], JOINT["right_foot"])
 
 
 def _hand(side: float) -> list[list[float]]:
-    """Index, middle, pinky, ring and thumb, three bones each, in metres from the wrist of a T pose."""
+    """Index, middle, pinky, ring and thumb, three bones each, in metres from the wrist of a T-pose."""
     knuckles = ((0.092, 0.0, 0.026), (0.095, 0.003, 0.004), (0.081, -0.004, -0.036), (0.089, 0.0, -0.017))
     bones = ((0.038, 0.024), (0.042, 0.027), (0.030, 0.018), (0.039, 0.025))
     chains = [[k, (b[0], 0.0, 0.0), (b[1], 0.0, 0.0)] for k, b in zip(knuckles, bones, strict=True)]
@@ -63,7 +63,7 @@ def _hand(side: float) -> list[list[float]]:
     return [[side * x, y, z] for chain in chains for x, y, z in chain]
 
 
-# A person of 1.72 m in a T pose: Y up, facing +Z, the left hand towards +X. Metres from the parent joint.
+# A person of 1.72 m in a T-pose: Y up, facing +Z, the left hand towards +X. Metres from the parent joint.
 OFFSETS_M = np.array(
     [
         [0.0, 0.0, 0.0],
@@ -95,7 +95,7 @@ OFFSETS_M = np.array(
         *_hand(-1.0),
     ]
 )
-# The pelvis' height when the legs are straight and the soles on the floor (a foot joint is 0.02 m above it).
+# The pelvis' height with straight legs and the soles on the floor (a foot joint is 0.02 m above it).
 STANDING_HEIGHT_M = 0.975
 
 
@@ -122,7 +122,7 @@ def rotations(motion: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def places(local: np.ndarray, translation: np.ndarray, offsets: np.ndarray = OFFSETS_M) -> np.ndarray:
-    """Forward kinematics: `[T, 55, 3, 3]` and the pelvis' place `[T, 3]` to every joint's place `[T, 55, 3]`, m."""
+    """Forward kinematics: `[T, 55, 3, 3]` and the pelvis' position `[T, 3]` to all joints' `[T, 55, 3]`, m."""
     world, at = np.empty_like(local), np.empty((*local.shape[:2], 3))
     for joint, parent in enumerate(PARENTS):
         if parent < 0:

@@ -1,4 +1,4 @@
-"""Checkpoints: everything that a stage needs to go on, in one file that is whole or absent."""
+"""Checkpoints: everything that a stage needs to continue, in one atomically written file."""
 
 import json
 import os
@@ -10,7 +10,7 @@ import torch
 
 
 class Chance:
-    """Where a stage's draws stand: those of its own generator and those of PyTorch's global one."""
+    """The random state of a stage: its own generator and PyTorch's global one."""
 
     def __init__(self, generator: np.random.Generator) -> None:
         self.generator = generator
@@ -24,18 +24,18 @@ class Chance:
 
 
 class Saved:
-    """The state of named objects that have `state_dict`, and the number of steps done."""
+    """The state of named objects with `state_dict`, and the number of completed steps."""
 
     def __init__(self, path: Path, **objects: Any) -> None:
         self.path, self.objects = path, objects
 
     def load(self) -> int:
-        """Steps done; 0 where there is no checkpoint."""
+        """Number of completed steps; 0 without a checkpoint."""
         if not self.path.exists():
             return 0
         data = torch.load(self.path, map_location="cpu", weights_only=True)
         for name, target in self.objects.items():
-            # Early checkpoints have no draws: their stages go on with fresh ones.
+            # Early checkpoints have no random state: their stages continue with a fresh one.
             if name in data or not isinstance(target, Chance):
                 target.load_state_dict(data[name])
         return int(data["step"])

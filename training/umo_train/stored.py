@@ -1,4 +1,4 @@
-"""Weights of a model file as floats, whatever they are stored as (docs/model-format.md)."""
+"""Weights of a model file as floats, in any storage type (docs/model-format.md)."""
 
 from collections.abc import Mapping
 
@@ -7,17 +7,17 @@ from torch import Tensor
 
 _SCALE = ".scale"
 _MULTIPLIERS = ".multipliers"
-# Values of a row that share a multiplier, and what is added to an int4 code.
+# Values of a row that share a multiplier, and the offset of an int4 code.
 _GROUP = 32
 _OFFSET = 8
 
 
 def floats(stored: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors `stored` of a file in f32: int8 weights are multiplied by the scales of their rows, int4 codes by the
-    multipliers of their groups too. Bytes of other tensors are left out.
+    """The tensors `stored` of a file in f32: int8 weights are multiplied by their rows' scales, int4 codes also by
+    their groups' multipliers. Bytes of other tensors are left out.
 
-    Int4 tensors are `[rows, inputs]`, whatever shape they had; an odd number of inputs is rounded up, since the file
-    does not say it.
+    Int4 tensors are `[rows, inputs]`, whatever their original shape; an odd number of inputs is rounded up, since the
+    file does not record it.
     """
     out = {}
     for name, tensor in stored.items():

@@ -63,11 +63,11 @@ fn header() -> String {
     let mut config = cbindgen::Config::from_file(format!("{folder}/cbindgen.toml")).expect("cbindgen.toml is a config");
     config.header = Some(include_str!("head.h").trim_end().to_owned());
     config.after_includes = Some(format!("\n{}", include_str!("macros.h").trim_end()));
-    // It finds the other modules from there.
+    // cbindgen finds the other modules from there.
     let builder = cbindgen::Builder::new().with_config(config).with_src(format!("{folder}/src/lib.rs"));
     let mut text = Vec::new();
     builder.generate().expect("the sources parse").write(&mut text);
     let text = String::from_utf8(text).expect("sources are UTF-8");
-    // What Rust calls a safety section is, for C, what pointers must be.
+    // Rust's safety sections are about pointers in C.
     text.replace("// # Safety\n", "// Pointers:\n").replace("[`", "`").replace("`]", "`")
 }

@@ -189,14 +189,16 @@ impl UmoEngineConfig {
         let threads = match (self.mode, self.threads as usize) {
             (UMO_ENGINE_THREADS, threads) => Threads::Own(threads),
             (UMO_ENGINE_POLLED, threads @ 1..) => Threads::Host(threads - 1),
-            (UMO_ENGINE_POLLED, 0) => return Err(Failure::argument("threads 0: the one that polls counts")),
-            (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is none of UMO_ENGINE_…"))),
+            (UMO_ENGINE_POLLED, 0) => {
+                return Err(Failure::argument("threads 0: expected at least 1, as the polling thread counts"));
+            }
+            (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is not one of UMO_ENGINE_…"))),
         };
         let priority = match self.priority {
             UMO_PRIORITY_NORMAL => Priority::Normal,
             UMO_PRIORITY_HIGH => Priority::High,
             UMO_PRIORITY_LOW => Priority::Low,
-            other => return Err(Failure::argument(format_args!("priority {other} is none of UMO_PRIORITY_…"))),
+            other => return Err(Failure::argument(format_args!("priority {other} is not one of UMO_PRIORITY_…"))),
         };
         // SAFETY: guaranteed by the caller (see # Safety).
         let lender = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
@@ -209,7 +211,7 @@ impl UmoEngineConfig {
                 let lend = move |count| (0..count).for_each(|_| jobs.submit(handle.load(Ordering::Relaxed)));
                 Some(Lender(Arc::new(lend)))
             }
-            _ => return Err(Failure::argument("jobs are for engines that are polled: UMO_ENGINE_POLLED")),
+            _ => return Err(Failure::argument("jobs need a polled engine: UMO_ENGINE_POLLED")),
         };
         Ok(EngineConfig {
             threads,
@@ -358,9 +360,7 @@ pub extern "C" fn umo_engine_set_late_limit(engine: *mut UmoEngine, seconds: f64
     guard(|| {
         let engine = get(engine)?;
         if !seconds.is_finite() {
-            return Err(Failure::argument(
-                "`seconds` is not finite: a late limit is a time, and a negative one holds no body",
-            ));
+            return Err(Failure::argument("`seconds` is not finite: give a time; a negative one turns holding off"));
         }
         let limit = (seconds >= 0.0).then(|| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
         engine.engine().set_late_limit(limit);

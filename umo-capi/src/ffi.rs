@@ -107,7 +107,7 @@ fn check_len<T>(values: *const T, len: usize, what: &str) -> Result<(), Failure>
     check_alignment(values, what)?;
     let end = len.checked_mul(size_of::<T>()).filter(|&bytes| bytes <= MAX_BYTES);
     if end.and_then(|bytes| values.addr().checked_add(bytes)).is_none() {
-        return Err(Failure::argument(format_args!("`{what}`: {len} values are more than memory has")));
+        return Err(Failure::argument(format_args!("`{what}`: {len} values are more than memory holds")));
     }
     Ok(())
 }

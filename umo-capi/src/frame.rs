@@ -334,7 +334,7 @@ impl<'a> Given<'a> {
         }
         let last = (count - 1).checked_mul(layout.frame_stride as usize).and_then(|start| start.checked_add(extent));
         let size =
-            last.ok_or_else(|| Failure::argument(format_args!("`clip`: {count} frames are more than memory has")))?;
+            last.ok_or_else(|| Failure::argument(format_args!("`clip`: {count} frames are more than memory holds")))?;
         // SAFETY: guaranteed by the caller (see # Safety): the last frame ends there.
         let bytes = unsafe { ffi::slice(frames.cast::<u8>(), size, "clip.frames")? };
         Ok(Self { layout, axes, channels, bytes })

@@ -106,7 +106,7 @@ impl UmoGestureOptions {
     fn read(&self) -> Result<GestureOptions, Failure> {
         let Self { side, axes, has_target, at, speed, strength, target, reserved, .. } = *self;
         let axes = crate::axes(axes)?;
-        let unknown = || Failure::argument(format_args!("side {side} is none of UMO_SIDE_…"));
+        let unknown = || Failure::argument(format_args!("side {side} is not one of UMO_SIDE_…"));
         let side = Side::ALL.get(side as usize).copied().ok_or_else(unknown)?;
         let mut options = GestureOptions { speed, strength, side, ..GestureOptions::default() };
         // A NaN stays, and is refused later.

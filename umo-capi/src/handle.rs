@@ -111,7 +111,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
     }
 
     fn invalid(&self) -> Failure {
-        let what = format_args!("this is no {} handle, or the {} was freed", self.name, self.name);
+        let what = format_args!("not a {} handle, or the {} was freed", self.name, self.name);
         Failure::new(UMO_STATUS_INVALID_HANDLE, what)
     }
 

@@ -63,7 +63,7 @@ pub(crate) fn axes(which: u32) -> Result<Axes, Failure> {
         UMO_AXES_GLTF => Ok(Axes::Gltf),
         UMO_AXES_UNREAL => Ok(Axes::Unreal),
         UMO_AXES_UNITY => Ok(Axes::Unity),
-        _ => Err(Failure::argument(format_args!("axes {which} are none of UMO_AXES_…"))),
+        _ => Err(Failure::argument(format_args!("axes {which} is not one of UMO_AXES_…"))),
     }
 }
 

@@ -177,7 +177,7 @@ pub(crate) fn check_abi(abi: u32) -> Result<(), Failure> {
     }
     let (major, minor) = (abi >> 16, abi & 0xffff);
     let (have_major, have_minor) = (UMO_ABI_VERSION >> 16, UMO_ABI_VERSION & 0xffff);
-    let what = format_args!("umo.h is of ABI {major}.{minor}, this library has ABI {have_major}.{have_minor}");
+    let what = format_args!("umo.h has ABI {major}.{minor}, this library has ABI {have_major}.{have_minor}");
     Err(Failure::new(UMO_STATUS_VERSION, what))
 }
 
@@ -192,7 +192,7 @@ fn precision(number: u32) -> Result<Precision, Failure> {
         UMO_PRECISION_F32 => Ok(Precision::F32),
         UMO_PRECISION_BF16 => Ok(Precision::Bf16),
         UMO_PRECISION_INT8 => Ok(Precision::Int8),
-        _ => Err(Failure::argument(format_args!("precision {number} is none of UMO_PRECISION_…"))),
+        _ => Err(Failure::argument(format_args!("precision {number} is not one of UMO_PRECISION_…"))),
     }
 }
 
@@ -209,7 +209,7 @@ fn isa(number: u32) -> Result<Isa, Failure> {
         UMO_ISA_NEON => &["scalar", "neon"],
         UMO_ISA_NEON_DOTPROD => &["scalar", "neon", "neon_dotprod"],
         UMO_ISA_NEON_I8MM => &["scalar", "neon", "neon_dotprod", "neon_i8mm"],
-        _ => return Err(Failure::argument(format_args!("isa {number} is none of UMO_ISA_…"))),
+        _ => return Err(Failure::argument(format_args!("isa {number} is not one of UMO_ISA_…"))),
     };
     Ok(Isa::available().filter(|isa| allowed.contains(&isa.name())).last().unwrap_or(Isa::SCALAR))
 }

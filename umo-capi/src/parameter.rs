@@ -141,7 +141,7 @@ const PARAMETERS: [Parameter; 16] = [
 ];
 
 fn find(id: u32) -> Result<&'static Parameter, Failure> {
-    let unknown = || Failure::argument(format_args!("parameter {id} is none of UMO_PARAMETER_…"));
+    let unknown = || Failure::argument(format_args!("parameter {id} is not one of UMO_PARAMETER_…"));
     PARAMETERS.iter().find(|parameter| parameter.id == id).ok_or_else(unknown)
 }
 
@@ -151,25 +151,25 @@ pub(crate) fn idle(number: u32) -> Result<Idle, Failure> {
         UMO_IDLE_HOLD => Ok(Idle::Hold),
         UMO_IDLE_REST => Ok(Idle::Rest),
         UMO_IDLE_LIVE => Ok(Idle::Live),
-        _ => Err(Failure::argument(format_args!("idle {number} is none of UMO_IDLE_…"))),
+        _ => Err(Failure::argument(format_args!("idle {number} is not one of UMO_IDLE_…"))),
     }
 }
 
 /// Converts a number to an attention.
 fn attention(number: u32) -> Result<Attention, Failure> {
-    let unknown = || Failure::argument(format_args!("attention {number} is none of UMO_ATTENTION_…"));
+    let unknown = || Failure::argument(format_args!("attention {number} is not one of UMO_ATTENTION_…"));
     Attention::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 
 /// Converts a number to a mood.
 pub(crate) fn mood(number: u32) -> Result<Mood, Failure> {
-    let unknown = || Failure::argument(format_args!("mood {number} is none of UMO_MOOD_…"));
+    let unknown = || Failure::argument(format_args!("mood {number} is not one of UMO_MOOD_…"));
     Mood::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 
 /// Converts a number to a shape of the lips.
 pub(crate) fn lips(number: u32) -> Result<LipShape, Failure> {
-    let unknown = || Failure::argument(format_args!("shape {number} is none of UMO_LIPS_…"));
+    let unknown = || Failure::argument(format_args!("shape {number} is not one of UMO_LIPS_…"));
     LipShape::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 

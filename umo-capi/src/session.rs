@@ -325,13 +325,13 @@ unsafe fn read_config(
     wanted.packets = match given.packets {
         UMO_PACKETS_NONE => None,
         UMO_PACKETS_BESIDE_FRAMES | UMO_PACKETS_ONLY => Some(packets),
-        packets => return Err(Failure::argument(format_args!("packets {packets} are none of UMO_PACKETS_…"))),
+        packets => return Err(Failure::argument(format_args!("packets {packets} is not one of UMO_PACKETS_…"))),
     };
     wanted.avatar.sampler.seed = given.seed;
     wanted.voice = match given.voice {
         UMO_VOICE_DELAYED => Voice::Delayed,
         UMO_VOICE_LIVE => Voice::Live,
-        voice => return Err(Failure::argument(format_args!("voice {voice} is none of UMO_VOICE_…"))),
+        voice => return Err(Failure::argument(format_args!("voice {voice} is not one of UMO_VOICE_…"))),
     };
     wanted.idle = parameter::idle(given.idle)?;
     wanted.idle_after = Duration::from_millis(given.idle_after_ms.into());

@@ -45,11 +45,11 @@ pub const UMO_STATUS_CLOSED: UmoStatus = -14;
 pub const UMO_STATUS_PANIC: UmoStatus = -15;
 /// This model, processor or engine cannot do that.
 pub const UMO_STATUS_UNSUPPORTED: UmoStatus = -16;
-/// The bytes are not a state of such a session. Nothing was changed.
+/// The bytes are not a state of a session with this configuration. Nothing was changed.
 pub const UMO_STATUS_STATE: UmoStatus = -17;
 /// A worker thread could not be created or pinned.
 pub const UMO_STATUS_THREAD: UmoStatus = -18;
-/// The bytes are not a packet for such a decoder. Nothing was changed.
+/// The bytes are not a packet for this decoder. Nothing was changed.
 pub const UMO_STATUS_PACKET: UmoStatus = -19;
 
 /// Message of a status, with a remedy.
@@ -70,13 +70,13 @@ fn text(status: UmoStatus) -> &'static CStr {
         UMO_STATUS_FULL => c"no free slot: free a model, an engine or a session first",
         UMO_STATUS_BUSY => c"another thread is in a call that excludes this one: call again",
         UMO_STATUS_FINISHED => c"audio was pushed after finish: reset or interrupt the session first",
-        UMO_STATUS_FAILED => c"the session's computation failed, it gives no more frames: free it",
-        UMO_STATUS_CLOSED => c"the session's engine was freed, it gives no more frames: free it",
+        UMO_STATUS_FAILED => c"the session's computation failed and it yields no more frames: free it",
+        UMO_STATUS_CLOSED => c"the session's engine was freed and it yields no more frames: free it",
         UMO_STATUS_PANIC => c"a defect of this library was caught: free the session, and report the defect",
         UMO_STATUS_UNSUPPORTED => c"this model, processor or engine cannot do that",
-        UMO_STATUS_STATE => c"not a state of such a session",
+        UMO_STATUS_STATE => c"not a state of a session with this configuration",
         UMO_STATUS_THREAD => c"a worker thread could not be created or pinned",
-        UMO_STATUS_PACKET => c"not a packet for such a decoder",
+        UMO_STATUS_PACKET => c"not a packet for this decoder",
         _ => c"not a status of this library",
     }
 }

@@ -502,7 +502,7 @@ fn a_clip_gives_the_channels_that_it_was_made_from() {
         let turned = quat_to_axis_angle(umo_core_pose::rotation::six_to_quat(six));
         assert!((turned[0] - 0.1 * frame as f32).abs() < 1e-5, "the knee is the fourth of the lower joints");
         assert!((row[54] - 0.06).abs() < 1e-4 && (row[55] - 1.0).abs() < 1e-6 && (row[56] + 0.6).abs() < 1e-4);
-        assert_eq!(row[57..], [0.0; 4], "2 cm a frame is no standing foot");
+        assert_eq!(row[57..], [0.0; 4], "a foot that moves 2 cm a frame does not stand");
     }
     assert_eq!(channels.face.len(), 9 * model.decoder.channels(Part::Face));
     assert!(channels.face.chunks_exact(58).all(|row| row[6..] == face));

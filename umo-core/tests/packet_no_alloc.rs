@@ -55,7 +55,7 @@ fn run(model: &Model, name: &str) {
                     decoder.push_packet(model, cx, packet, &mut |_: FrameRef| frames += 1).expect("a good packet");
                 }
             }
-            decoder.push_packet(model, cx, &packet[1..], &mut |_: FrameRef| ()).expect_err("no packet");
+            decoder.push_packet(model, cx, &packet[1..], &mut |_: FrameRef| ()).expect_err("not a packet");
         }
     });
     assert_eq!(calls, 0, "{name}: decoding packets");

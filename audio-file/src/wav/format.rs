@@ -72,7 +72,7 @@ impl Format {
             Encoding::Samples { codec, .. } => (codec, 1),
             Encoding::Int24In32 { is_big } => (if is_big { CODEC_ID_PCM_S32BE } else { CODEC_ID_PCM_S32LE }, 1),
             Encoding::Adpcm { codec, frames, .. } => (codec, frames),
-            Encoding::Mpeg => unreachable!("read as a file of its own"),
+            Encoding::Mpeg => unreachable!("read as a separate file"),
         };
         let mut parameters = AudioCodecParameters::new();
         parameters

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// Speak MODEL WAV: plays a 16-bit recording to an avatar as a game would, at the speed of speech: one thread pushes what a
-// sound card would play, the other asks 60 times a second for the pose of that moment. Prints where the jaw is.
+// Speak MODEL WAV: feeds a 16-bit recording to an avatar as a game would, in real time: one thread pushes the samples
+// that a sound card would play, the other asks 60 times a second for the pose at that moment. Prints the position of
+// the jaw.
 
 using System;
 using System.Diagnostics;
@@ -31,9 +32,9 @@ internal static class Speak
             {
                 Latency latency;
                 session.GetLatency(out latency);
-                // A player delays the sound by as much, and by what the processor needs.
+                // A player delays the sound by this much, plus some time for the processor.
                 double delay = latency.AlgorithmicSamples / (double)rate + 0.1;
-                Console.Error.WriteLine("motion follows speech by {0:0.000} s", delay);
+                Console.Error.WriteLine("motion lags speech by {0:0.000} s", delay);
 
                 Stopwatch clock = Stopwatch.StartNew();
                 Thread audio = new Thread(() => Push(session, samples, rate, channels, clock));
@@ -104,7 +105,7 @@ internal static class Speak
                     channels = file.ReadInt16();
                     rate = file.ReadInt32();
                     file.ReadBytes(6);
-                    if (file.ReadInt16() != 16) throw new InvalidDataException("only 16-bit recordings are read here");
+                    if (file.ReadInt16() != 16) throw new InvalidDataException("this example reads only 16-bit recordings");
                     file.ReadBytes(size - 16);
                 }
                 else if (chunk == "data")

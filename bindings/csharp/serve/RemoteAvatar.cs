@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// A client of `umo serve`: speech goes to a server, frames or packets come back. It needs nothing of libumo.
+// A client of `umo serve`: sends speech to a server and receives frames or packets. Does not need libumo.
 
 using System;
 using System.IO;
@@ -12,10 +12,10 @@ using System.Threading.Tasks;
 
 namespace Umo.Serve
 {
-    /// <summary>The server gives no session, or ends it.</summary>
+    /// <summary>The server refused a session or ended it.</summary>
     public sealed class ServeException : Exception
     {
-        /// <summary>A word: "full", "unauthorized", "bad_request" …; "closed" where the connection broke.</summary>
+        /// <summary>Error code: "full", "unauthorized", "bad_request" …; "closed" if the connection broke.</summary>
         public string Code { get; }
 
         public ServeException(string code, string reason, Exception cause = null) : base(reason, cause)
@@ -24,24 +24,24 @@ namespace Umo.Serve
         }
     }
 
-    /// <summary>What a client wants. What is null is the server's default.</summary>
+    /// <summary>Settings that a client requests. Null selects the server's default.</summary>
     [DataContract]
     public sealed class Hello
     {
         [DataMember(Name = "type")] internal string Type = "hello";
         [DataMember(Name = "restore", EmitDefaultValue = false)] internal long? Restore;
 
-        /// <summary>Where the server has tokens.</summary>
+        /// <summary>Required if the server uses tokens.</summary>
         [DataMember(Name = "token", EmitDefaultValue = false)] public string Token { get; set; }
         /// <summary>"pcm" or "opus".</summary>
         [DataMember(Name = "audio", EmitDefaultValue = false)] public string Audio { get; set; }
-        /// <summary>Samples a second, 8000 to 192000; of Opus 8000, 12000, 16000, 24000 or 48000.</summary>
+        /// <summary>Samples a second, 8000 to 192000; with Opus 8000, 12000, 16000, 24000 or 48000.</summary>
         [DataMember(Name = "rate", EmitDefaultValue = false)] public int? Rate { get; set; }
         /// <summary>"frames" or "packets".</summary>
         [DataMember(Name = "output", EmitDefaultValue = false)] public string Output { get; set; }
         /// <summary>"delayed" or "live".</summary>
         [DataMember(Name = "voice", EmitDefaultValue = false)] public string Voice { get; set; }
-        /// <summary>Another take.</summary>
+        /// <summary>Random seed: another seed gives another take.</summary>
         [DataMember(Name = "seed", EmitDefaultValue = false)] public long? Seed { get; set; }
         /// <summary>Free text, for models that take one.</summary>
         [DataMember(Name = "prompt", EmitDefaultValue = false)] public string Prompt { get; set; }
@@ -49,19 +49,19 @@ namespace Umo.Serve
         [DataMember(Name = "mood", EmitDefaultValue = false)] public string Mood { get; set; }
         /// <summary>0 to 1.</summary>
         [DataMember(Name = "mood_strength", EmitDefaultValue = false)] public double? MoodStrength { get; set; }
-        /// <summary>Keyframes of a chunk.</summary>
+        /// <summary>Keyframes in a chunk.</summary>
         [DataMember(Name = "target", EmitDefaultValue = false)] public int? Target { get; set; }
-        /// <summary>Keyframes of audio that it waits for behind a chunk.</summary>
+        /// <summary>Keyframes of audio to wait for beyond the end of a chunk.</summary>
         [DataMember(Name = "horizon", EmitDefaultValue = false)] public int? Horizon { get; set; }
         /// <summary>Strength of the layers, 0 to 1.</summary>
         [DataMember(Name = "layers", EmitDefaultValue = false)] public double? Layers { get; set; }
-        /// <summary>Whether the session's state is taken where the server stops.</summary>
+        /// <summary>Whether the client accepts the session's state when the server stops.</summary>
         [DataMember(Name = "handover", EmitDefaultValue = false)] public bool? Handover { get; set; }
-        /// <summary>Samples at the start that a restored session knows already.</summary>
+        /// <summary>Number of samples at the start that a restored session already has.</summary>
         [DataMember(Name = "skip", EmitDefaultValue = false)] public long? Skip { get; set; }
     }
 
-    /// <summary>A text message of the server: which fields there are depends on its type.</summary>
+    /// <summary>A text message from the server. The fields present depend on its type.</summary>
     [DataContract]
     public sealed class Reply
     {
@@ -74,21 +74,24 @@ namespace Umo.Serve
         [DataMember(Name = "output")] public string Output { get; private set; }
         [DataMember(Name = "frame_rate")] public int FrameRate { get; private set; }
         [DataMember(Name = "joints")] public int Joints { get; private set; }
-        /// <summary>Names of the face's channels.</summary>
+        /// <summary>Names of the face channels.</summary>
         [DataMember(Name = "face")] public string[] Face { get; private set; }
-        /// <summary>Floats of a frame.</summary>
+        /// <summary>Number of floats in a frame.</summary>
         [DataMember(Name = "floats")] public int Floats { get; private set; }
         [DataMember(Name = "chunk_frames")] public int ChunkFrames { get; private set; }
         [DataMember(Name = "latency_samples")] public long LatencySamples { get; private set; }
         [DataMember(Name = "mouth_samples")] public long MouthSamples { get; private set; }
         [DataMember(Name = "state_bytes")] public long StateBytes { get; private set; }
-        /// <summary>Of "done": frames since the session began.</summary>
+        /// <summary>In "done": frames since the start of the session.</summary>
         [DataMember(Name = "frames")] public long Frames { get; private set; }
         [DataMember(Name = "late_frames")] public long LateFrames { get; private set; }
-        /// <summary>Of "state": samples of this connection that it knows of. Push those after them to whoever restores it.</summary>
+        /// <summary>
+        /// In "state": samples of this connection that the state includes. Push the samples after them to the restored
+        /// session.
+        /// </summary>
         [DataMember(Name = "samples")] public long Samples { get; private set; }
         [DataMember(Name = "bytes")] internal long Bytes { get; private set; }
-        /// <summary>Of "state": whether the server ends the session now.</summary>
+        /// <summary>In "state": whether the server is ending the session.</summary>
         [DataMember(Name = "is_handover")] public bool IsHandover { get; private set; }
         [DataMember(Name = "code")] public string Code { get; private set; }
         [DataMember(Name = "reason")] public string Reason { get; private set; }
@@ -97,37 +100,40 @@ namespace Umo.Serve
     /// <summary>One pose.</summary>
     public struct RemoteFrame
     {
-        /// <summary>Number of the frame since the session began.</summary>
+        /// <summary>Index of the frame since the start of the session.</summary>
         public long Index;
-        /// <summary>Sample of the speech that it belongs to.</summary>
+        /// <summary>Sample of the speech that the frame belongs to.</summary>
         public long Sample;
-        /// <summary>[joints * 4]: each joint's rotation in its parent's frame, x, y, z, w.</summary>
+        /// <summary>[joints * 4]: rotation of each joint in its parent's frame, x, y, z, w.</summary>
         public float[] Rotations;
-        /// <summary>[3]: where the root is, metres.</summary>
+        /// <summary>[3]: position of the root, metres.</summary>
         public float[] Translation;
-        /// <summary>[channels]: the face.</summary>
+        /// <summary>[channels]: face channels.</summary>
         public float[] Face;
     }
 
-    /// <summary>What came: one of these is there.</summary>
+    /// <summary>One received message: exactly one kind is set.</summary>
     public sealed class Received
     {
-        /// <summary>Frames in their order.</summary>
+        /// <summary>Frames in order.</summary>
         public RemoteFrame[] Frames { get; internal set; }
         /// <summary>A packet for a decoder.</summary>
         public byte[] Packet { get; internal set; }
-        /// <summary>The session's state, for <see cref="RemoteAvatar.ConnectAsync"/>; Reply says of which sample.</summary>
+        /// <summary>
+        /// State of the session, for <see cref="RemoteAvatar.ConnectAsync"/>; Reply gives the sample that it was saved
+        /// at.
+        /// </summary>
         public byte[] State { get; internal set; }
-        /// <summary>Of the state, or "done": all of a speech came.</summary>
+        /// <summary>Set with a state, or alone for "done": all frames of the speech were received.</summary>
         public Reply Reply { get; internal set; }
-        /// <summary>Whether all of a speech came.</summary>
+        /// <summary>Whether all frames of the speech were received.</summary>
         public bool IsDone { get { return Reply != null && Reply.Type == "done"; } }
     }
 
-    /// <summary>A session of a server. One task sends, one receives: both at once, if you like.</summary>
+    /// <summary>A session on a server. One task may send while another receives.</summary>
     public sealed class RemoteAvatar : IDisposable
     {
-        // Bytes of a message with audio or a state, at most.
+        // Maximum size in bytes of a message with audio or a state.
         private const int Piece = 32768;
 
         private readonly ClientWebSocket socket;
@@ -136,7 +142,7 @@ namespace Umo.Serve
         private Reply waiting;
         private readonly MemoryStream state = new MemoryStream();
 
-        /// <summary>What the server says of the session.</summary>
+        /// <summary>The server's description of the session.</summary>
         public Reply Ready { get; private set; }
 
         private RemoteAvatar(ClientWebSocket socket)
@@ -144,7 +150,7 @@ namespace Umo.Serve
             this.socket = socket;
         }
 
-        /// <summary>Opens a session at "ws://HOST:PORT/v1/session". With a state it goes on from there: the hello is the one of that session.</summary>
+        /// <summary>Opens a session at "ws://HOST:PORT/v1/session". A given state is restored; the hello must be that of the saved session.</summary>
         public static async Task<RemoteAvatar> ConnectAsync(
             Uri address, Hello hello, byte[] state = null, CancellationToken cancel = default(CancellationToken))
         {
@@ -183,7 +189,7 @@ namespace Umo.Serve
         public Task PushAsync(short[] samples, int start, int count, CancellationToken cancel = default(CancellationToken))
         {
             if (start < 0 || count < 0 || count > samples.Length - start)
-                throw new ArgumentOutOfRangeException(nameof(count), "beyond the samples");
+                throw new ArgumentOutOfRangeException(nameof(count), "outside the array of samples");
             byte[] data = new byte[2 * count];
             for (int i = 0; i < count; i++)
             {
@@ -193,57 +199,60 @@ namespace Umo.Serve
             return SendAsync(data, cancel);
         }
 
-        /// <summary>Sends one packet of Opus, as RTP carries it, where the hello says "opus".</summary>
+        /// <summary>Sends one Opus packet, as carried by RTP. The hello must say "opus".</summary>
         public Task PushOpusAsync(byte[] packet, CancellationToken cancel = default(CancellationToken))
         {
             if (packet == null || packet.Length == 0 || packet.Length > Piece)
-                throw new ArgumentException("a packet of Opus has 1 to " + Piece + " bytes", nameof(packet));
+                throw new ArgumentException("an Opus packet has 1 to " + Piece + " bytes", nameof(packet));
             return SendAsync(packet, cancel);
         }
 
-        /// <summary>So many packets of Opus before the next one did not come: the server conceals them.</summary>
+        /// <summary>Reports that packets before the next one were lost: the server conceals them.</summary>
         public Task LostAsync(int packets = 1, CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "lost", Packets = packets }, cancel);
         }
 
-        /// <summary>The speech is over: its last frames come, then "done".</summary>
+        /// <summary>Ends the speech: its last frames arrive, then "done".</summary>
         public Task FinishAsync(CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "finish" }, cancel);
         }
 
-        /// <summary>Drops what was not sent yet and eases to rest in so many seconds; what is pushed from now on is a new speech.</summary>
+        /// <summary>
+        /// Drops unsent frames and eases to rest over the given number of seconds. Audio pushed afterwards starts a new
+        /// speech.
+        /// </summary>
         public Task InterruptAsync(double ease = 0.2, CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "interrupt", Ease = ease }, cancel);
         }
 
-        /// <summary>Another mood.</summary>
+        /// <summary>Sets the mood.</summary>
         public Task SetMoodAsync(string mood, double strength = 1, CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "mood", Mood = mood, Strength = strength }, cancel);
         }
 
-        /// <summary>A gesture over the motion, at a time of it, or as soon as may be.</summary>
+        /// <summary>Plays a gesture on top of the motion, at a time of the motion or as soon as possible.</summary>
         public Task PlayGestureAsync(string name, double? at = null, CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "gesture", Name = name, At = at }, cancel);
         }
 
-        /// <summary>Eyes, head and trunk turn to a point, metres.</summary>
+        /// <summary>Turns eyes, head and trunk to a point, in metres.</summary>
         public Task LookAtAsync(float x, float y, float z, double strength = 1, CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "look_at", Point = new[] { x, y, z }, Strength = strength }, cancel);
         }
 
-        /// <summary>Asks for the session's state, which is received.</summary>
+        /// <summary>Requests the session's state, which arrives through ReceiveAsync.</summary>
         public Task SaveAsync(CancellationToken cancel = default(CancellationToken))
         {
             return SayAsync(new Request { Type = "save" }, cancel);
         }
 
-        /// <summary>What comes next. <see cref="ServeException"/> where the server ends the session.</summary>
+        /// <summary>Receives the next message. Throws <see cref="ServeException"/> if the server ends the session.</summary>
         public async Task<Received> ReceiveAsync(CancellationToken cancel = default(CancellationToken))
         {
             while (true)
@@ -305,7 +314,7 @@ namespace Umo.Serve
             return frames;
         }
 
-        // Little-endian, as every machine that .NET runs on.
+        // Little-endian, like every machine that .NET runs on.
         private static float[] Floats(byte[] data, int at, int count)
         {
             float[] values = new float[count];
@@ -323,7 +332,7 @@ namespace Umo.Serve
         private static ServeException Refused(Reply reply)
         {
             return reply == null || reply.Code == null
-                ? new ServeException("closed", "the server answers in another protocol")
+                ? new ServeException("closed", "the server speaks another protocol")
                 : new ServeException(reply.Code, reply.Reason);
         }
 
@@ -396,7 +405,7 @@ namespace Umo.Serve
             }
             catch (SerializationException error)
             {
-                throw new ServeException("closed", "no message of umo serve: " + Encoding.UTF8.GetString(text), error);
+                throw new ServeException("closed", "not a message of umo serve: " + Encoding.UTF8.GetString(text), error);
             }
         }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// ServeTests URL WAV FRAMES OPUS: the client of `umo serve` against a server. FRAMES is what `umo animate --horizon 0 -o FRAMES.jsonl` wrote.
+// ServeTests URL WAV FRAMES OPUS: tests the client of `umo serve` against a server. FRAMES was written by
+// `umo animate --horizon 0 -o FRAMES.jsonl`.
 
 using System;
 using System.Collections.Generic;
@@ -29,12 +30,12 @@ internal static class ServeTests
         wanted = File.ReadLines(args[2]).Skip(1).Select(Numbers).ToArray();
         var tests = new Dictionary<string, Func<Task>>
         {
-            { "frames are those of umo animate", FramesAreThoseOfAnimate },
-            { "a session goes on where its state was", AStateGoesOn },
-            { "another speech follows an interrupt", AnotherSpeechFollows },
-            { "packets come in place of frames", PacketsCome },
-            { "packets of Opus animate, and lost ones keep their time", PacketsOfOpusAnimate },
-            { "what is wrong is said", WhatIsWrongIsSaid },
+            { "frames equal those of umo animate", FramesAreThoseOfAnimate },
+            { "a restored session continues from its state", AStateGoesOn },
+            { "an interrupt starts a new speech", AnotherSpeechFollows },
+            { "packets replace frames", PacketsCome },
+            { "Opus packets animate, and lost ones keep their duration", PacketsOfOpusAnimate },
+            { "errors say what is wrong", WhatIsWrongIsSaid },
         };
         int failed = 0;
         foreach (KeyValuePair<string, Func<Task>> test in tests)
@@ -53,7 +54,7 @@ internal static class ServeTests
         return failed == 0 ? 0 : 1;
     }
 
-    // Translation, rotations and face of a line; its first two numbers are the frame's and the time.
+    // Translation, rotations and face of a line; its first two numbers are the frame index and the time.
     private static float[] Numbers(string line)
     {
         MatchCollection found = Regex.Matches(line, @"-?\d+\.?\d*(e-?\d+)?(?=[,\]}])");
@@ -125,7 +126,7 @@ internal static class ServeTests
 
     private static async Task PacketsOfOpusAnimate()
     {
-        // Packets of 20 ms, 0.6 s of speech, each after its length.
+        // Packets of 20 ms, 0.6 s of speech, each preceded by its length.
         byte[] data = File.ReadAllBytes(opus);
         Hello hello = new Hello { Audio = "opus" };
         using (RemoteAvatar avatar = await RemoteAvatar.ConnectAsync(address, hello, null, Soon))
@@ -192,13 +193,13 @@ internal static class ServeTests
             }
             catch (ServeException error)
             {
-                Check(error.Code == "bad_request" && error.Message.Contains("no gesture has this name"), error.Code + ": " + error.Message);
+                Check(error.Code == "bad_request" && error.Message.Contains("unknown gesture"), error.Code + ": " + error.Message);
             }
         }
         try
         {
             await RemoteAvatar.ConnectAsync(new Uri("ws://127.0.0.1:9/v1/session"), new Hello(), null, Soon);
-            throw new Exception("a server that is not there answered");
+            throw new Exception("connected to a server that does not exist");
         }
         catch (ServeException error)
         {

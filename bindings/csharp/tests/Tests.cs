@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// Tests MODEL WAV HEADER FRAMES-GLTF FRAMES-UNITY MOUTH: HEADER is umo.h, FRAMES what tests/reference printed,
-// MOUTH a model with a mouth network.
+// Tests MODEL WAV LAYOUT FRAMES-GLTF FRAMES-UNITY MOUTH: LAYOUT is the output of tests/layout, FRAMES the output of
+// tests/reference, MOUTH a model with a mouth network.
 
 using System;
 using System.Collections.Generic;
@@ -89,7 +89,7 @@ internal static unsafe class Tests
         MethodInfo[] methods = typeof(Native).GetMethods(BindingFlags.Public | BindingFlags.Static)
             .Where(method => (method.Attributes & MethodAttributes.PinvokeImpl) != 0).ToArray();
         Equal(string.Join(" ", wanted), string.Join(" ", methods.Select(method => method.Name).OrderBy(name => name)));
-        // Throws where the library has no such symbol.
+        // Throws if the library lacks the symbol.
         foreach (MethodInfo method in methods) Marshal.Prelink(method);
         Equal(Native.AbiVersion, Native.umo_abi_version());
     }
@@ -163,7 +163,7 @@ internal static unsafe class Tests
         Throws<ArgumentException>(() => frames.Face(0, new float[3]));
     }
 
-    /// Of both axes' frames the file is the same.
+    /// The file is the same for frames in either axes.
     [Test]
     private static void frames_become_files()
     {
@@ -386,11 +386,11 @@ internal static unsafe class Tests
             System.Threading.Thread.Sleep(50);
             Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
             frame.Rotations(0, second);
-            True(first.SequenceEqual(second), "it stands still with its host's time");
+            True(first.SequenceEqual(second), "it must stand still while the host's time does");
             Equal(Status.Ok, session.SetClock(7.5));
             Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
             frame.Rotations(0, second);
-            True(!first.SequenceEqual(second), "it goes on with its host's time");
+            True(!first.SequenceEqual(second), "it must move when the host's time does");
         }
     }
 
@@ -410,7 +410,7 @@ internal static unsafe class Tests
         }
         Equal(samples[1] + 3 * config.SampleRate / 30, samples[0]);
         config.Guidance = 9;
-        True(Throws<UmoException>(() => new Session(engine, config)).Message.Contains("guidance"), "it says which");
+        True(Throws<UmoException>(() => new Session(engine, config)).Message.Contains("guidance"), "the message must name the setting");
     }
 
     [Test]
@@ -438,7 +438,7 @@ internal static unsafe class Tests
             error = Throws<UmoException>(() => own.AddGestureFile("greet", file, "wave"));
             True(error.Status == Status.InvalidArgument && error.Message.Contains("salute"), error.Message);
             error = Throws<UmoException>(() => own.AddGestureFile("greet", new byte[0]));
-            True(error.Message.Contains("no glb file"), error.Message);
+            True(error.Message.Contains("not a glb file"), error.Message);
             Throws<ArgumentNullException>(() => own.AddGestureFile("greet", (byte[])null));
             using (Session session = new Session(own)) Equal(Status.Ok, session.PlayGesture("look"));
         }
@@ -574,12 +574,12 @@ internal static unsafe class Tests
             }
             if (i == 100) before = Resident();
         }
-        // A session has about 1 MiB: 900 that were not freed would show.
+        // A session uses about 1 MiB: 900 leaked ones would show.
         long grown = Resident() - before;
         True(grown < 64 << 20, "memory grew by " + grown + " bytes");
     }
 
-    /// Bytes of the process that are in memory.
+    /// Resident memory of the process in bytes.
     private static long Resident()
     {
         string line = File.ReadLines("/proc/self/status").First(l => l.StartsWith("VmRSS:"));
@@ -606,7 +606,7 @@ internal static unsafe class Tests
                 }
                 catch (UmoException full) when (full.Status == Status.Full && tries < 200)
                 {
-                    // The collector looks at stacks conservatively: another try has another stack.
+                    // The collector scans stacks conservatively: sleeping and retrying gives another stack.
                     Thread.Sleep(1);
                 }
             }
@@ -617,7 +617,7 @@ internal static unsafe class Tests
     [MethodImpl(MethodImplOptions.NoInlining)]
     private static void Forget(Engine small)
     {
-        // In a thread of its own, whose stack is gone with it.
+        // In its own thread, whose stack disappears with it.
         Thread thread = new Thread(() =>
         {
             int taken;
@@ -652,7 +652,7 @@ internal static unsafe class Tests
         return made;
     }
 
-    /// Bytes that this thread has allocated since it was started; null where the runtime does not count them.
+    /// Bytes that this thread has allocated since it started; null if the runtime does not count them.
     private static Func<long> AllocatedBytes()
     {
         MethodInfo count = typeof(GC).GetMethod("GetAllocatedBytesForCurrentThread", BindingFlags.Public | BindingFlags.NonPublic | BindingFlags.Static);
@@ -682,7 +682,7 @@ internal static unsafe class Tests
                     Status c = i % 2 == 0 ? session.PullFrames(frames, out count) : session.SamplePose(i / 100.0, pose, out sampled);
                     Status d = session.Set(Parameter.GainFace, 1), e = session.Get(Parameter.GainFace, out value);
                     Status f = session.GetStats(out stats), g = session.GetLatency(out latency);
-                    // What fails allocates no more than what works.
+                    // A failing call allocates no more than a successful one.
                     session.PushAudio(block, 100, 100, out taken);
                     session.Interrupt(99999);
                     worst = (Status)Math.Min((int)worst, Math.Min(Math.Min((int)a, (int)b), Math.Min((int)c, Math.Min(Math.Min((int)d, (int)e), Math.Min((int)f, (int)g)))));
@@ -699,7 +699,7 @@ internal static unsafe class Tests
                     action(10000);
                     return allocated() - before;
                 }
-                // Less exact: as many rounds as it takes to fill the young generation many times.
+                // Less exact fallback: as many rounds as it takes to fill the young generation many times.
                 int collections = GC.CollectionCount(0);
                 for (int i = 0; i < 100; i++) action(10000);
                 return GC.CollectionCount(0) - collections;
@@ -742,7 +742,7 @@ internal static unsafe class Tests
         }
     }
 
-    /// Computes what can be, and takes so many frames.
+    /// Computes all due work, then pulls the given number of frames.
     private static byte[] Pull(Engine polled, Session session, int count)
     {
         Frames frames = new Frames(model, count, Axes.Gltf);
@@ -786,7 +786,7 @@ internal static unsafe class Tests
             {
                 packets++;
                 Equal(Status.Packet, decoder.PushPacket(packet, length - 1));
-                True(decoder.LastError().Contains("no packet"), decoder.LastError());
+                True(decoder.LastError().Contains("not a packet"), decoder.LastError());
                 Equal(Status.Ok, decoder.PushPacket(packet, length));
                 Equal(Status.Ok, decoder.PushPacket(packet, length));
             }
@@ -797,7 +797,7 @@ internal static unsafe class Tests
             Equal(packets, stats.Packets);
             Equal(packets, stats.Late);
             Equal(0ul, stats.Lost + stats.Held);
-            // Calls of the other kind.
+            // Calls that only the other kind of session accepts.
             Equal(Status.InvalidArgument, decoder.PushAudio(speech, 0, 10, out taken));
             Equal(Status.InvalidArgument, plain.PushPacket(packet, 0));
             Equal(Status.InvalidArgument, plain.PullPacket(packet, out length));

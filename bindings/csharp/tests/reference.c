@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// reference MODEL WAV AXES: the frames of a 16-bit mono recording with the usual header of 44 bytes, as C gets them:
-// packed frames, one after the other, to standard output.
+// reference MODEL WAV AXES: writes the frames of a 16-bit mono recording with the usual 44-byte header, as the C
+// interface returns them: packed, one after the other, to standard output.
 
 #include <stdint.h>
 #include <stdio.h>

@@ -1,12 +1,12 @@
 extends RefCounted
-## A body for an avatar without an artist: bones where the model's joints are, capsules around them, and a face.
+## A placeholder body for an avatar: bones at the model's joints, capsules around them, and a face.
 
 const SKIN := Color(0.93, 0.72, 0.58)
 const SHIRT := Color(0.22, 0.47, 0.72)
 const TROUSERS := Color(0.25, 0.27, 0.34)
 
 
-## Gives a skeleton the bones of the model, standing on the floor, and a look.
+## Gives a skeleton the bones of the model, standing on the floor, with meshes.
 static func build(skeleton: Skeleton3D, avatar: UmoAvatar3D) -> void:
 	var names := avatar.get_joint_names()
 	var parents := avatar.get_joint_parents()
@@ -88,11 +88,11 @@ static func _paint(color: Color) -> StandardMaterial3D:
 	return paint
 
 
-## Mouth, eyes and brows as flat shapes on the head's front, with the blend shapes that show most.
+## Mouth, eyes and brows as flat shapes on the front of the head, with the most visible blend shapes.
 static func _face() -> ArrayMesh:
 	var mesh := ArrayMesh.new()
 	mesh.blend_shape_mode = Mesh.BLEND_SHAPE_MODE_NORMALIZED
-	# What each shape does to a point: [which part, which way].
+	# Effect of each shape on a point: [part, displacement].
 	var shapes := {
 		"jawOpen": func(part: String, p: Vector2) -> Vector2:
 			return Vector2(-0.15 * p.x, -0.028 if p.y < 0 else 0.0) if part == "mouth" else Vector2.ZERO,
@@ -155,7 +155,7 @@ static func _disc(center: Vector2, size: Vector2, move: Callable) -> Array:
 	return arrays
 
 
-## A WAV file of 16 bits, read as it is: no import, and Godot before 4.4 has no loader at run time.
+## Reads a 16-bit WAV file directly: no import, and Godot before 4.4 cannot load WAV at run time.
 static func wav(path: String) -> AudioStreamWAV:
 	var bytes := FileAccess.get_file_as_bytes(path)
 	var stream := AudioStreamWAV.new()

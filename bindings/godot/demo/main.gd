@@ -1,5 +1,5 @@
 extends Node3D
-## hello.wav, spoken by a body of capsules that is made from the model's own joints. Space speaks again, Escape interrupts.
+## hello.wav, spoken by a capsule body built from the model's joints. Space speaks again, Escape interrupts.
 
 @onready var avatar: UmoAvatar3D = $Avatar
 @onready var voice: AudioStreamPlayer = $Voice

@@ -13,7 +13,7 @@ use crate::rig::{Face, Rig};
 use crate::source::{self, Source};
 use crate::umo::{FileGesture, Hint, Model, Play, Session, Settings, Shown};
 
-/// Where a project keeps umo's library, beside this one: a folder a platform, as `umo.gdextension` says.
+/// Folder of umo's library in a project, next to this one: one subfolder per platform, as in `umo.gdextension`.
 const ADDON: &str = "res://addons/umo/bin/";
 const PLATFORM: &str = if cfg!(target_os = "windows") {
     "windows-x64"
@@ -42,125 +42,124 @@ const _: () =
 const MOST_HINTS: usize = 64;
 const VOICE_AUTO: i32 = 0;
 const VOICE_LIVE: i32 = 2;
-/// What the player plays, and which time of the motion belongs to it.
+/// A sound that the player plays, and the motion time that belongs to it.
 struct Line {
     stream: Variant,
-    /// Where the player was last, seconds.
+    /// The last known position of the player, in seconds.
     position: f64,
-    /// Where the source began.
+    /// Position at which the source began, in seconds.
     start: f64,
-    /// The motion's time of that.
+    /// Motion time that belongs to `start`.
     base: f64,
-    /// Seconds of the session's audio before that; None where they are not known.
+    /// Seconds of audio that the session received before; `None` if unknown.
     first: Option<f64>,
     source: Source,
 }
 
-/// A living avatar: moves a skeleton and blend shapes to what an audio player plays.
+/// An animated avatar: moves a skeleton and blend shapes to the sound of an audio player.
 ///
-/// Main thread only, as everything of the scene tree.
+/// Use it on the main thread only, like everything in the scene tree.
 #[derive(GodotClass)]
 #[class(init, base = Node3D)]
 pub(crate) struct UmoAvatar3D {
-    /// The model, any path that Godot can read.
+    /// The model file, at any path that Godot can read.
     #[export(file = "*.safetensors")]
     model: GString,
-    /// The player that is heard: an AudioStreamPlayer, 2D or 3D.
+    /// The audio player whose sound drives the avatar: an AudioStreamPlayer, 2D or 3D.
     #[export]
     audio_player: NodePath,
-    /// The Skeleton3D whose bones are moved: named as `docs/retarget.md` lists.
+    /// The Skeleton3D to animate. Its bones need names that `docs/retarget.md` lists.
     #[export]
     skeleton: NodePath,
-    /// MeshInstance3Ds whose blend shapes are moved: named as ARKit's.
+    /// MeshInstance3Ds whose blend shapes are animated. The shapes need ARKit's names.
     #[export]
     meshes: Array<NodePath>,
-    /// Whether the hips move through the world too.
+    /// Whether the hips translate as well as rotate.
     #[export]
     #[init(val = true)]
     move_root: bool,
-    /// Keyframes predicted per chunk: fewer answer sooner; 0 is the model's own number. From the
-    /// next open on.
+    /// Keyframes predicted per chunk: fewer reduce latency. 0 is the model's default. Applied at the next `open()`.
     #[export]
     #[init(val = 1)]
     target: i32,
-    /// Frames held back for smoother seams; -1 is the model's own number. From the next open on.
+    /// Frames held back for smoother seams; -1 is the model's default. Applied at the next `open()`.
     #[export]
     #[init(val = -1)]
     lookahead: i32,
-    /// Low-pass of the body's motion, standard deviation in frames: 0 is the model's own motion, -1
-    /// the default. From the next open on.
+    /// Low-pass filter of the body's motion, standard deviation in frames: 0 turns it off, -1 is the default. Applied
+    /// at the next `open()`.
     #[export(range = (-1.0, 1.5, 0.1))]
     #[init(val = -1.0)]
     smoothing: f64,
-    /// How strongly the prompt steers, for models that can be guided. From the next open on.
+    /// Guidance strength of the prompt, for models that support it. Applied at the next `open()`.
     #[export(range = (1.0, 3.0, 0.1))]
     #[init(val = 1.0)]
     guidance: f64,
-    /// Keyframes of sound that it hears ahead, for models that were made to. From the next open on.
+    /// Keyframes of future sound to use, for models that support it. Applied at the next `open()`.
     #[export]
     horizon: i32,
-    /// Seconds from the output that Godot knows of (`AudioServer.get_output_latency`) to the sound that
-    /// is heard, as by Bluetooth.
+    /// Extra output delay in seconds, in addition to the one that Godot knows (`AudioServer.get_output_latency`): for
+    /// example of Bluetooth headphones.
     #[export(range = (0.0, 2.0, 0.01))]
     #[var(set = set_output_delay)]
     output_delay: f64,
-    /// What is shown while no audio comes.
+    /// Behaviour while no audio arrives.
     #[export(enum = (Hold = 0, Rest = 1, Live = 2))]
     #[var(set = set_idle)]
     #[init(val = IDLE_REST)]
     idle: i32,
-    /// How much the face moves: 0 at rest, 1 as computed.
+    /// Gain of the face's motion: 0 is the rest pose, 1 the model's motion.
     #[export(range = (0.0, 2.0, 0.01))]
     #[var(set = set_gain_face)]
     #[init(val = 1.0)]
     gain_face: f64,
-    /// How much the fingers move.
+    /// Gain of the fingers' motion.
     #[export(range = (0.0, 2.0, 0.01))]
     #[var(set = set_gain_hands)]
     #[init(val = 1.0)]
     gain_hands: f64,
-    /// How much spine, neck, head and arms move.
+    /// Gain of the motion of spine, neck, head and arms.
     #[export(range = (0.0, 2.0, 0.01))]
     #[var(set = set_gain_upper)]
     #[init(val = 1.0)]
     gain_upper: f64,
-    /// How much pelvis and legs move.
+    /// Gain of the motion of pelvis and legs.
     #[export(range = (0.0, 2.0, 0.01))]
     #[var(set = set_gain_lower)]
     #[init(val = 1.0)]
     gain_lower: f64,
-    /// Strength of blinks, gaze and lids over the model's motion.
+    /// Strength of the layer of blinks, gaze and eyelids over the model's motion.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_layer_gaze)]
     #[init(val = 1.0)]
     layer_gaze: f64,
-    /// Strength of breath, sway, weight shifts and fingers.
+    /// Strength of the layer of breathing, sway, weight shifts and finger motion.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_layer_idle)]
     #[init(val = 1.0)]
     layer_idle: f64,
-    /// Strength of the differences between the face's left and right.
+    /// Strength of the layer of differences between the left and the right side of the face.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_layer_asymmetry)]
     #[init(val = 1.0)]
     layer_asymmetry: f64,
-    /// Strength of nods on accents, and while listening.
+    /// Strength of the layer of nods, on accents and while listening.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_layer_nods)]
     #[init(val = 1.0)]
     layer_nods: f64,
-    /// Strength of the mood's face and posture.
+    /// Strength of the layer of the mood's face and posture.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_layer_mood)]
     #[init(val = 1.0)]
     layer_mood: f64,
-    /// Strength of planted feet, steps, and the way back home.
+    /// Strength of the layer of planted feet, steps and the return to the starting place.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_layer_feet)]
     #[init(val = 1.0)]
     layer_feet: f64,
-    /// What the avatar attends to; `Auto`: it speaks while its audio is heard, listens while
-    /// `push_other_audio`'s is, else idles.
+    /// Focus of attention. `Auto`: the avatar speaks while its audio is heard, listens while that of `push_other_audio`
+    /// is heard, and is idle otherwise.
     #[export(enum = (Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4))]
     #[var(set = set_attention)]
     attention: i32,
@@ -172,28 +171,27 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_mood_strength)]
     #[init(val = 1.0)]
     mood_strength: f64,
-    /// A Node3D that the avatar looks at, as the camera; empty for none.
+    /// A Node3D to look at, such as the camera; empty for none.
     #[export]
     gaze_target: NodePath,
-    /// When the mouth moves. `Auto`: with the sound, and before the body, where the player's sound
-    /// is not known ahead, as a microphone's; with the body otherwise. `Live` needs a model with a
-    /// mouth network; with others it is `Delayed`. From the next open on.
+    /// When the mouth moves. `Delayed`: together with the body. `Live`: with the sound, before the body; needs a model
+    /// with a mouth network, otherwise it acts as `Delayed`. `Auto`: `Live` if the player's sound is not known in
+    /// advance, such as a microphone's, else `Delayed`. Applied at the next `open()`.
     #[export(enum = (Auto = 0, Delayed = 1, Live = 2))]
     voice: i32,
-    /// What the avatar is told, where the model takes texts.
+    /// The text prompt, for models that take text.
     #[export(multiline)]
     #[var(set = set_prompt)]
     prompt: GString,
-    /// The seed of all draws; -1 is the model's own.
+    /// The random seed; -1 is the model's default.
     #[export]
     #[var(set = set_seed)]
     #[init(val = -1)]
     seed: i64,
-    /// Samples per second of `push_audio`; 0 is the model's own. From the next open on; a player
-    /// has its own.
+    /// Sample rate of `push_audio`; 0 is the model's default. A player brings its own. Applied at the next `open()`.
     #[export]
     sample_rate: i32,
-    /// Interleaved channels of `push_audio`. From the next open on.
+    /// Number of interleaved channels of `push_audio`. Applied at the next `open()`.
     #[export]
     #[init(val = 1)]
     channels: i32,
@@ -201,22 +199,22 @@ pub(crate) struct UmoAvatar3D {
     shared: Option<Rc<Model>>,
     session: Option<Session>,
     line: Option<Line>,
-    /// Hints of the line that the player begins next, seconds of it.
+    /// Lip hints for the line that the player begins next, in seconds of that line.
     hints: Vec<Hint>,
-    /// Whether the session heard anything yet.
+    /// Whether the session has received any audio.
     heard: bool,
-    /// The time of the motion that was shown last, and what that was.
+    /// The motion time that was shown last, and its pose.
     time: f64,
     shown: Shown,
     frame: Vec<f32>,
     rig: Option<Rig>,
-    /// The game's time, seconds since the session was opened.
+    /// The game's time in seconds since the session was opened.
     clock: f64,
-    /// Gestures of the game's own.
+    /// Custom gestures.
     own_gestures: Vec<FileGesture>,
     /// Whether it looks at the target.
     gazes: bool,
-    /// What was said of a skeleton whose bones' names make no body.
+    /// The problem already reported about a skeleton whose bone names form no humanoid.
     told_of_bones: Option<String>,
     faces: Vec<Option<Face>>,
     base: Base<Node3D>,
@@ -237,7 +235,7 @@ impl INode3D for UmoAvatar3D {
         let player = self.base().get_node_or_null(&self.audio_player);
         self.clock += delta;
         let clock = self.clock;
-        // What moves while nothing is said goes by the game's time: it may render slower, or pause.
+        // Idle motion follows the game's time, because the game may render slowly or pause.
         let told = self.session.as_ref().map_or(Ok(()), |session| session.set_clock(clock));
         let told = told.and_then(|()| self.follow(player, delta)).and_then(|()| self.show());
         if let Err(error) = told {
@@ -246,25 +244,24 @@ impl INode3D for UmoAvatar3D {
     }
 
     fn exit_tree(&mut self) {
-        // The effect on the player's bus goes; what the player plays when the avatar comes back is
-        // a new line.
+        // Dropping the line removes the effect from the player's bus. When the avatar returns, the player's sound is a
+        // new line.
         self.line = None;
     }
 }
 
 #[godot_api]
 impl UmoAvatar3D {
-    /// The model is loaded, and the avatar takes audio.
+    /// The model is loaded and the avatar accepts audio.
     #[signal]
     fn opened();
 
-    /// Something did not work: umo's words, which are in Godot's log too. Where it is not
-    /// `is_open()` now, the avatar keeps still until it is opened again.
+    /// An error occurred; the same message is in Godot's log. If `is_open()` is now false, the avatar stands still
+    /// until it is opened again.
     #[signal]
     fn failed(message: GString);
 
-    /// Loads the model, or takes the one that another avatar has loaded, and starts anew with the
-    /// properties as they are.
+    /// Loads the model, or reuses it if another avatar has loaded it, and restarts with the current properties.
     #[func]
     fn open(&mut self) -> bool {
         self.close();
@@ -280,7 +277,7 @@ impl UmoAvatar3D {
         }
     }
 
-    /// Lets go of session and model.
+    /// Releases session and model.
     #[func]
     fn close(&mut self) {
         (self.line, self.session, self.shared, self.rig) = (None, None, None, None);
@@ -289,32 +286,30 @@ impl UmoAvatar3D {
         self.start_clock();
     }
 
-    /// Whether it takes audio.
+    /// Whether the avatar accepts audio.
     #[func]
     fn is_open(&self) -> bool {
         self.session.is_some()
     }
 
-    /// Takes interleaved samples, full scale 1; how many of them there was room for: push the rest
-    /// later.
+    /// Feeds interleaved samples, full scale 1. Returns the number accepted: push the rest later.
     #[func]
     fn push_audio(&mut self, samples: PackedFloat32Array) -> i64 {
         self.heard = true;
         self.tell(|session| session.push(samples.as_slice())).unwrap_or(0) as i64
     }
 
-    /// Takes interleaved samples, full scale 1, of who speaks to the avatar, so that it listens: at
-    /// the rate and channels of its own audio.
+    /// Feeds the interlocutor's audio, so that the avatar listens: interleaved samples, full scale 1, with the same
+    /// rate and channels as its own audio.
     #[func]
     fn push_other_audio(&mut self, samples: PackedFloat32Array) {
         self.tell(|session| session.push_other(samples.as_slice()));
     }
 
-    /// Says that a sound is heard that one sees on the lips, as a synthesiser's times tell: `shape`
-    /// is 0 closed (p, b, m), 1 teeth (f, v) or 2 round (w). With an audio player `start` is seconds
-    /// of its stream, of what it plays now, or else of what it plays next; without one, of the audio
-    /// that was pushed since the node was opened or reset. `duration` is at most 2 seconds. False
-    /// where 64 wait already: call again when the time of one has passed.
+    /// Schedules a visible lip shape, for example from the timings of a speech synthesiser: `shape` is 0 closed (p, b,
+    /// m), 1 teeth (f, v) or 2 round (w). With an audio player `start` is in seconds of the stream that it plays now,
+    /// or plays next; without one, of the audio pushed since the node was opened or reset. `duration` is at most 2
+    /// seconds. Returns false if 64 hints are waiting: call again after one has passed.
     #[func]
     fn hint_lips(&mut self, shape: i32, start: f64, duration: f64) -> bool {
         if !(0..=2).contains(&shape) || !(start >= 0.0 && start.is_finite()) || !(0.0..=2.0).contains(&duration) {
@@ -338,8 +333,8 @@ impl UmoAvatar3D {
         has_room
     }
 
-    /// Looks at a point of the world from the next frame on, the eyes first; a strength of 0 ends
-    /// it. Where there is a `gaze_target`, that counts.
+    /// Looks at a point in world space from the next frame on, the eyes first; strength 0 ends it. A `gaze_target`
+    /// takes precedence.
     #[func]
     fn gaze_at(&mut self, point: Vector3, strength: f64) {
         let point = self.to_avatar(point);
@@ -347,10 +342,9 @@ impl UmoAvatar3D {
         self.tell(|session| session.look_at(point, strength as f32));
     }
 
-    /// Plays a gesture over what the avatar does: one of `get_gesture_names()`, as `wave`, `nod` or
-    /// `thumbs_up`. Its stroke falls on `at`, a time of the motion in seconds, or as soon as
-    /// possible where that is negative; `side` is 0 for the nearer hand, 1 left, 2 right, 3 both.
-    /// False where there is none of that name, or eight wait.
+    /// Plays a gesture over the current motion: one of `get_gesture_names()`, such as `wave`, `nod` or `thumbs_up`. Its
+    /// stroke falls on `at`, a motion time in seconds; if that is negative, as soon as possible. `side` is 0 for the
+    /// nearer hand, 1 left, 2 right, 3 both. Returns false if the name is unknown or eight gestures are waiting.
     #[func]
     fn play_gesture(
         &mut self,
@@ -362,7 +356,7 @@ impl UmoAvatar3D {
         self.play(&gesture, at, side, strength, None)
     }
 
-    /// The same for gestures that point, at a point of the world.
+    /// Plays a pointing gesture at a point in world space; the rest is as for `play_gesture`.
     #[func]
     fn play_gesture_at(
         &mut self,
@@ -375,10 +369,9 @@ impl UmoAvatar3D {
         self.play(&gesture, at, side, strength, Some(self.to_avatar(point)))
     }
 
-    /// Makes the avatar know a gesture of the game's own, from the next `open()` on: the animation
-    /// in a `.glb` or `.vrm` file of any character with a human's bones. `animation` is its name in
-    /// the file, empty for the first; `parts` is a sum of 1 (head), 2 (trunk), 4 (left arm) and 8
-    /// (right arm); `stroke` is seconds from its start to the stroke, negative for its middle.
+    /// Adds a custom gesture, available after the next `open()`: the animation in a `.glb` or `.vrm` file of any
+    /// humanoid character. `animation` is its name in the file, empty for the first; `parts` is a sum of 1 (head), 2
+    /// (trunk), 4 (left arm) and 8 (right arm); `stroke` is in seconds from its start, negative for its middle.
     #[func]
     fn add_gesture(&mut self, gesture: GString, file: GString, animation: GString, parts: i32, stroke: f64) -> bool {
         let bytes = FileAccess::get_file_as_bytes(&file);
@@ -404,15 +397,14 @@ impl UmoAvatar3D {
         true
     }
 
-    /// What time it is for the game, in seconds that never go back, for avatars without an audio
-    /// player: what moves while nothing is said goes by it from then on. With a player the node does
-    /// so by itself.
+    /// Sets the game's time in seconds, which must never decrease, for avatars without an audio player: idle motion
+    /// follows it from then on. With a player the node does this by itself.
     #[func]
     fn set_clock(&mut self, seconds: f64) {
         self.tell(|session| session.set_clock(seconds));
     }
 
-    /// Names of the gestures that the avatar knows.
+    /// Names of the available gestures.
     #[func]
     fn get_gesture_names(&self) -> PackedStringArray {
         let names = self.shared.as_ref().map(|model| model.gesture_names()).unwrap_or_default();
@@ -425,9 +417,8 @@ impl UmoAvatar3D {
         self.session.as_ref().is_some_and(|session| session.is_live)
     }
 
-    /// The samples of a WAV, however it was imported, as `push_audio` takes them: interleaved, full
-    /// scale 1; at the stream's `mix_rate`, two channels where it is `stereo`. Empty where it
-    /// cannot be decoded.
+    /// Decodes a WAV, in any import format, to samples for `push_audio`: interleaved, full scale 1, at the stream's
+    /// `mix_rate`, two channels if it is `stereo`. Empty if it cannot be decoded.
     #[func]
     fn decode(&self, stream: Gd<AudioStreamWav>) -> PackedFloat32Array {
         match source::samples(&stream) {
@@ -439,27 +430,26 @@ impl UmoAvatar3D {
         }
     }
 
-    /// No more audio is pushed: the last frames come.
+    /// Ends the audio: the last frames follow.
     #[func]
     fn finish(&mut self) {
         self.tell(Session::finish);
     }
 
-    /// All frames that are ready, each once: `get_frame_floats()` numbers each, which are the
-    /// root's translation (3), the joints' rotations (4 each: x y z w), the channels, and the
-    /// visemes where the model has them.
+    /// Returns all frames that are ready, each once. A frame has `get_frame_floats()` numbers: the root's translation
+    /// (3), the joints' rotations (4 each: x y z w), the channels, and the visemes if the model has them.
     #[func]
     fn pull_frames(&mut self) -> PackedFloat32Array {
         self.tell(Session::pull).map(PackedFloat32Array::from).unwrap_or_default()
     }
 
-    /// Floats of a frame.
+    /// Number of floats in a frame.
     #[func]
     fn get_frame_floats(&self) -> i64 {
         self.shared.as_ref().map_or(0, |model| model.frame_floats() as i64)
     }
 
-    /// The pose at a time of the motion, seconds, as one frame of `pull_frames`.
+    /// Returns the pose at a motion time in seconds, as one frame of `pull_frames`.
     #[func]
     fn sample_pose(&mut self, seconds: f64) -> PackedFloat32Array {
         let mut frame = std::mem::take(&mut self.frame);
@@ -474,8 +464,7 @@ impl UmoAvatar3D {
         }
     }
 
-    /// Shows the pose at a time of the motion, seconds, on skeleton and meshes: for a clock of your
-    /// own, without a player.
+    /// Shows the pose at a motion time in seconds on skeleton and meshes: for your own clock, without a player.
     #[func]
     fn drive(&mut self, seconds: f64) {
         if let Err(error) = self.gaze() {
@@ -486,14 +475,13 @@ impl UmoAvatar3D {
         }
     }
 
-    /// The time of the motion that was shown last, seconds.
+    /// The motion time that was shown last, in seconds.
     #[func]
     fn get_motion_time(&self) -> f64 {
         self.time
     }
 
-    /// Drops what is not shown yet and eases to rest. What the player plays is not heard until it
-    /// starts again.
+    /// Drops all pending motion and eases to rest. The player's current sound is ignored until it starts again.
     #[func]
     fn interrupt(&mut self, milliseconds: i64) {
         let milliseconds = u32::try_from(milliseconds).unwrap_or(u32::MAX);
@@ -505,7 +493,7 @@ impl UmoAvatar3D {
         }
     }
 
-    /// Back to the start: as newly opened.
+    /// Returns to the state after `open()`.
     #[func]
     fn reset(&mut self) {
         self.tell(Session::reset);
@@ -514,23 +502,21 @@ impl UmoAvatar3D {
         self.start_clock();
     }
 
-    /// Whether every frame was shown or pulled after `finish`, or after the end of what the player
-    /// played.
+    /// Whether every frame was shown or pulled after `finish`, or after the end of the player's sound.
     #[func]
     fn is_done(&self) -> bool {
         self.tell(Session::is_done).unwrap_or(false)
     }
 
-    /// Everything that the avatar's stream is, for `restore_state`; empty where a chunk of it is
-    /// just computed: try again in the next frame.
+    /// Returns the complete state of the avatar's stream, for `restore_state`; empty while a chunk of it is being
+    /// computed: try again in the next frame.
     #[func]
     fn save_state(&self) -> PackedByteArray {
         self.tell(Session::save).unwrap_or_default()
     }
 
-    /// Goes on as the stream did that was saved, of this avatar or of one with the same properties:
-    /// the same audio then gives the same bits. What the player plays is not heard until it starts
-    /// again.
+    /// Continues from a saved state of this avatar, or of one with the same properties: the same audio then gives
+    /// bit-identical motion. The player's current sound is ignored until it starts again.
     #[func]
     fn restore_state(&mut self, state: PackedByteArray) -> bool {
         if self.tell(|session| session.restore(state.as_slice())).is_none() {
@@ -544,11 +530,10 @@ impl UmoAvatar3D {
         true
     }
 
-    /// How far motion is behind speech: `samples` of future audio that a frame needs, the same in
-    /// `seconds`, and what computing adds, seconds: `compute_p50`, `compute_p99`, `compute_p999`,
-    /// `compute_max`; by how many seconds frames are further behind than that, because the
-    /// engine does not keep up: `backlog` now, `backlog_max` at most; and the `mouth_seconds` of
-    /// future audio that a mouth needs, fewer where it `is_live()`.
+    /// Delay of the motion behind the speech: `samples` of future audio that a frame needs, and the same in `seconds`;
+    /// computing time in seconds: `compute_p50`, `compute_p99`, `compute_p999`, `compute_max`; additional delay in
+    /// seconds because the engine does not keep up: `backlog` now, `backlog_max` at most; and `mouth_seconds` of future
+    /// audio that a mouth needs, less if `is_live()`.
     #[func]
     fn latency(&mut self) -> VarDictionary {
         let rate = self.session.as_ref().map_or(1, |session| session.sample_rate);
@@ -566,8 +551,8 @@ impl UmoAvatar3D {
         }
     }
 
-    /// What the session went through: `chunks`, `frames`, `late_frames`, `dropped_frames`,
-    /// `overruns`, `silenced`, `held_chunks`.
+    /// Statistics of the session: `chunks`, `frames`, `late_frames`, `dropped_frames`, `overruns`, `silenced`,
+    /// `held_chunks`.
     #[func]
     fn stats(&mut self) -> VarDictionary {
         let Some(stats) = self.tell(Session::stats) else { return VarDictionary::new() };
@@ -582,7 +567,7 @@ impl UmoAvatar3D {
         }
     }
 
-    /// What users must be told about the model, empty where there is nothing.
+    /// Notice that users of the model must be shown; may be empty.
     #[func]
     fn get_notice(&self) -> GString {
         self.shared.as_ref().map(|model| GString::from(&model.notice())).unwrap_or_default()
@@ -594,13 +579,13 @@ impl UmoAvatar3D {
         self.names(ffi::JOINT_COUNT, |model, index| model.joint_name(index))
     }
 
-    /// For each joint its parent, -1 for the first.
+    /// Parent of each joint, -1 for the first.
     #[func]
     fn get_joint_parents(&self) -> PackedInt32Array {
         self.shared.as_ref().map(|model| PackedInt32Array::from(model.parents)).unwrap_or_default()
     }
 
-    /// For each joint its place in its parent's frame at rest, metres.
+    /// Rest position of each joint in its parent's frame, in metres.
     #[func]
     fn get_joint_offsets(&self) -> PackedVector3Array {
         let Some(model) = &self.shared else { return PackedVector3Array::new() };
@@ -736,7 +721,7 @@ impl UmoAvatar3D {
     #[func]
     fn set_seed(&mut self, seed: i64) {
         self.seed = seed;
-        // What the model's own seed is, only a new session knows.
+        // Only a new session knows the model's default seed.
         if let Ok(seed) = u64::try_from(seed) {
             self.tell(|session| session.set_seed(seed));
         }
@@ -760,8 +745,8 @@ impl UmoAvatar3D {
         self.open_session(None, self.voice == VOICE_LIVE)
     }
 
-    /// A session for samples of that rate and channels, or of those that the properties say; whose
-    /// mouth moves with the sound, if that is wanted and the model can.
+    /// Opens a session for this sample rate and channel count, or else for the ones in the properties. The mouth moves
+    /// with the sound if `is_live` and the model supports it.
     fn open_session(&mut self, format: Option<(u32, u32)>, is_live: bool) -> Result<(), String> {
         let Some(model) = &self.shared else { return Ok(()) };
         let given = |value: i32| u32::try_from(value).ok().filter(|&value| value > 0);
@@ -817,7 +802,7 @@ impl UmoAvatar3D {
         (self.heard, self.time, self.clock, self.shown) = (false, 0.0, 0.0, Shown::default());
     }
 
-    /// A call on the session, whose error is told; nothing where there is no session or it fails.
+    /// Calls the session and reports an error; `None` if there is no session or the call fails.
     fn tell<T>(&self, call: impl FnOnce(&Session) -> Result<T, String>) -> Option<T> {
         match call(self.session.as_ref()?) {
             Ok(value) => Some(value),
@@ -830,18 +815,17 @@ impl UmoAvatar3D {
 
     fn complain(&self, error: &str) {
         godot_error!("umo: {error}");
-        // Later: whoever made this node may not have connected the signal yet, or is still in a
-        // call of it.
+        // Deferred: the owner of this node may not have connected the signal yet, or may be in a call of it.
         self.to_gd().call_deferred("emit_signal", vslice!["failed", error]);
     }
 
-    /// It cannot go on.
+    /// Reports an error after which the session cannot continue.
     fn fail(&mut self, error: &str) {
         (self.line, self.session) = (None, None);
         self.complain(error);
     }
 
-    /// Whether the session takes a parameter's value; without a session any is taken until the next
+    /// Whether the session accepts the value of a parameter; without a session every value is accepted until the next
     /// open.
     fn set(&self, parameter: u32, value: f64) -> bool {
         self.session.is_none() || self.tell(|session| session.set_parameter(parameter, value)).is_some()
@@ -861,7 +845,7 @@ impl UmoAvatar3D {
         self.session.is_none() || self.tell(|session| session.set_mood(mood, strength)).is_some()
     }
 
-    /// A point of the world in the avatar's space: the skeleton's, or, without one, the node's.
+    /// Converts a point from world space to the avatar's space: the skeleton's, or the node's if there is no skeleton.
     fn to_avatar(&self, point: Vector3) -> [f32; 3] {
         let skeleton = if self.skeleton.is_empty() { None } else { self.base().get_node_or_null(&self.skeleton) };
         let space = skeleton.and_then(|node| node.try_cast::<Node3D>().ok()).unwrap_or_else(|| self.to_gd().upcast());
@@ -875,7 +859,7 @@ impl UmoAvatar3D {
     }
 }
 
-/// Where umo's library may lie: in the project, beside the game, wherever the system looks.
+/// Possible places of umo's library: in the project, next to the game, or on the system's search path.
 fn places() -> Vec<PathBuf> {
     let project = ProjectSettings::singleton().globalize_path(&format!("{ADDON}{PLATFORM}/{LIBRARY}")).to_string();
     let game = PathBuf::from(Os::singleton().get_executable_path().to_string());
@@ -883,7 +867,7 @@ fn places() -> Vec<PathBuf> {
     [Some(project.into()), beside, Some(LIBRARY.into())].into_iter().flatten().collect()
 }
 
-/// A number among the project's settings, 0 where there is none.
+/// Reads a number from the project settings, 0 if it is not set.
 fn setting(name: &str) -> u32 {
     let settings = ProjectSettings::singleton();
     if !settings.has_setting(name) {

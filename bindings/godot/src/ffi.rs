@@ -1,5 +1,7 @@
-//! What `umo.h` declares, and the library itself, opened while the game runs: a project without it
-//! still starts, and its avatars say what is missing.
+//! The part of `umo.h` that this extension uses, and the library itself. It is opened while the game runs: a project
+//! without it still starts, and its avatars report what is missing.
+//!
+//! `tests/layout.c` checks the sizes and offsets at the end of this file against the header.
 
 use std::ffi::{CStr, c_char, c_void};
 use std::path::{Path, PathBuf};
@@ -9,13 +11,13 @@ mod generated;
 pub(crate) use generated::*;
 
 pub(crate) type Status = i32;
-/// `umo_model`, `umo_engine`, `umo_session`: handles, never pointers to memory.
+/// `umo_model`, `umo_engine`, `umo_session`: opaque handles, never pointers to memory.
 pub(crate) type Handle = *mut c_void;
 
 /// The library's functions by their names in `umo.h`, without `umo_`.
 macro_rules! library {
     ($($name:ident($($argument:ty),*) $(-> $result:ty)?;)*) => {
-        /// The open library.
+        /// The opened library.
         pub(crate) struct Library {
             $(pub(crate) $name: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
             _file: libloading::Library,
@@ -23,7 +25,7 @@ macro_rules! library {
 
         impl Library {
             fn open(path: &Path) -> Result<Self, String> {
-                // SAFETY: opening libumo runs no code of its own.
+                // SAFETY: opening libumo runs no initialisation code.
                 let file = unsafe { libloading::Library::new(path) }.map_err(|error| error.to_string())?;
                 Ok(Self {
                     $($name: {
@@ -88,7 +90,7 @@ library! {
 }
 
 impl Library {
-    /// The first of `places` that can be opened and has our version; it stays open.
+    /// Opens the first of `places` that has our version; it stays open.
     pub(crate) fn find(places: &[PathBuf]) -> Result<&'static Self, String> {
         let mut tried = String::new();
         for place in places {
@@ -108,15 +110,16 @@ impl Library {
     }
 }
 
-/// What a structure's `struct_size` says.
+/// Value of a structure's `struct_size`.
 #[expect(clippy::cast_possible_truncation, reason = "a structure has a few bytes")]
 pub(crate) const fn size<T>() -> u32 {
     size_of::<T>() as u32
 }
 
-/// A text of the library's, empty where there is none.
+/// Copies a text of the library, empty if it is NULL.
 ///
 /// # Safety
+///
 /// `text` is NULL or ends with a zero byte, and lives until this returns.
 pub(crate) unsafe fn text(text: *const c_char) -> String {
     if text.is_null() {

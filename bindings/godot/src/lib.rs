@@ -1,14 +1,14 @@
 //! umo for Godot 4: the node [`UmoAvatar3D`](avatar::UmoAvatar3D), which moves a skeleton and blend
-//! shapes to what an audio player plays. All of the work is umo's, behind its C interface.
+//! shapes to the sound of an audio player. All of the work is done by umo, behind its C interface.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
 //! | `avatar` | the node: properties, methods, signals, and the clock from sound to motion |
-//! | `source` | where the samples of a player come from |
-//! | `wave` | samples out of the data of an `AudioStreamWAV` |
-//! | `rig` | which joint moves which bone, which channel which blend shape |
+//! | `source` | samples of an audio player |
+//! | `wave` | decoder for the data of an `AudioStreamWAV` |
+//! | `rig` | mapping of joints to bones and of channels to blend shapes |
 //! | `umo` | safe objects over the C interface |
-//! | `ffi` | what `umo.h` declares, and the library, opened while the game runs |
+//! | `ffi` | the declarations of `umo.h`, and the library, opened while the game runs |
 
 mod avatar;
 mod ffi;
@@ -21,6 +21,6 @@ use godot::init::{ExtensionLibrary, gdextension};
 
 struct UmoExtension;
 
-// SAFETY: the crate's own condition, that Godot and no other calls the entry point.
+// SAFETY: required by the crate: only Godot calls the entry point.
 #[gdextension]
 unsafe impl ExtensionLibrary for UmoExtension {}

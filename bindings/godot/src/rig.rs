@@ -1,4 +1,4 @@
-//! Which joint moves which bone, and which channel which blend shape.
+//! Maps joints to bones and face channels to blend shapes.
 
 use std::collections::HashMap;
 
@@ -11,23 +11,23 @@ use crate::ffi::JOINT_COUNT;
 use crate::umo::{CHANNELS_AT, Model};
 
 const ANKLES: [usize; 2] = [7, 8];
-/// Shoulder and elbow, with the joint that each points to: arms are turned from how the skeleton
-/// rests to umo's T.
+/// Shoulder and elbow, each with the joint it points to. Arms are corrected from the skeleton's rest pose to umo's
+/// T-pose.
 const ARMS: [(usize, usize); 4] = [(16, 18), (17, 19), (18, 20), (19, 21)];
 const ELBOWS: [usize; 2] = [18, 19];
 
 /// A bone that a joint moves, or that lies between such bones.
 struct Bone {
     bone: i32,
-    /// Where it is known by its name.
+    /// The joint that moves it, if its name is known.
     joint: Option<Follow>,
-    /// Where its parent is among these.
+    /// Index of its parent in this list, if the parent is in it.
     parent: Option<usize>,
-    /// How it is turned in the skeleton while the body stands in a T.
+    /// Its rotation in skeleton space while the body stands in a T-pose.
     rest: Quaternion,
 }
 
-/// A skeleton's bones with the joints that move them.
+/// The bones of a skeleton with the joints that move them.
 pub(crate) struct Rig {
     skeleton: InstanceId,
     version: u64,
@@ -42,7 +42,7 @@ pub(crate) struct Rig {
 }
 
 impl Rig {
-    /// Moves the bones whose names are known, few or many.
+    /// Maps the bones with known names, however many there are.
     pub(crate) fn new(skeleton: &Gd<Skeleton3D>, model: &Model) -> Self {
         let (mapping, problem) =
             names(skeleton).unwrap_or_else(|problem| (Mapping::default(), Some(problem.to_string())));
@@ -83,7 +83,7 @@ impl Rig {
         }
     }
 
-    /// Why the names make no body, where they do not.
+    /// The reason why the names form no humanoid, if they do not.
     pub(crate) fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
     }
@@ -111,7 +111,8 @@ impl Rig {
                     body[*from].slerp(body[*to], *share) * *rest
                 }
                 Some(follow) => body[follow.joints[1]] * *rest,
-                // Whoever else moves it may: what hangs on it is where umo wants it.
+                // A bone between joints may be moved by other nodes: its children are still placed as umo computes
+                // them.
                 None => parent * skeleton.get_bone_pose_rotation(*bone),
             };
             if joint.is_some() {
@@ -126,12 +127,12 @@ impl Rig {
     }
 }
 
-/// What the best of umo's tables of names finds among a skeleton's bones, and why that is not
-/// enough for a body, where it is not.
+/// Matches the bones' names with the best of umo's tables. Also returns the reason why the matches do not form a
+/// humanoid, if so.
 fn names(skeleton: &Gd<Skeleton3D>) -> Result<(Mapping, Option<String>), RetargetError> {
     let bones = (0..skeleton.get_bone_count()).map(|bone| {
         let parent = usize::try_from(skeleton.get_bone_parent(bone)).ok();
-        // Where bones are does not matter to names.
+        // Matching by name does not need the positions of bones.
         umo_core::Bone::new(skeleton.get_bone_name(bone).to_string(), parent, [0.0; 3])
     });
     let rig = umo_core::Rig::new(bones.collect())?;
@@ -164,7 +165,7 @@ fn corrections(
         let (Some(bone), Some(child_bone)) = (bone_of[joint], bone_of[child]) else { continue };
         let place = |bone| skeleton.get_bone_global_rest(bone).origin;
         let (from, to) = (place(child_bone) - place(bone), offset(model, child));
-        // Opposite directions have no shortest way, and nobody's arms are turned inside out.
+        // Opposite directions have no unique shortest rotation, and no rest pose has its arms turned inside out.
         if from.length() < 1e-6 || to.length() < 1e-6 || from.normalized().dot(to.normalized()) < -0.99 {
             continue;
         }
@@ -182,7 +183,7 @@ fn corrections(
     corrections
 }
 
-/// Whether a joint hangs on one of `above`, however far.
+/// Whether a joint is a descendant of one of `above`.
 fn is_below(model: &Model, joint: usize, above: &[usize]) -> bool {
     match usize::try_from(model.parents[joint]) {
         Ok(parent) => above.contains(&parent) || is_below(model, parent, above),
@@ -190,7 +191,7 @@ fn is_below(model: &Model, joint: usize, above: &[usize]) -> bool {
     }
 }
 
-/// The hips, and how large this body is beside umo's, by the height of the hips over the ankles.
+/// Finds the hips, and the scale of this body relative to umo's from the height of the hips over the ankles.
 fn root(
     skeleton: &Gd<Skeleton3D>,
     model: &Model,
@@ -216,7 +217,7 @@ fn root(
         Some((rest.y - skeleton.get_bone_global_rest(bone).origin.y) / height)
     });
     let metre = heights.into_iter().find(|metre| metre.is_finite() && *metre > 0.0).unwrap_or(1.0);
-    // The floor is where the skeleton's own origin is, as importers lay characters out.
+    // The floor is at the skeleton's origin, as importers place characters.
     let origin = Vector3::new(rest.x, 0.0, rest.z) + offset(model, 0) * metre;
     Some((hips, origin, to_parent.affine_inverse(), metre))
 }
@@ -226,7 +227,7 @@ pub(crate) struct Face {
     instance: InstanceId,
     mesh: InstanceId,
     count: i32,
-    /// Blend shape and channel.
+    /// Index of the blend shape and of its channel.
     shapes: Vec<(i32, usize)>,
 }
 
@@ -259,7 +260,7 @@ impl Face {
     }
 }
 
-/// `jawOpen`, `JawOpen`, `jaw_open` and `face.jawOpen` are one name, and so are `eyeBlinkLeft` and
+/// Normalises a name: `jawOpen`, `JawOpen`, `jaw_open` and `face.jawOpen` are equal, and so are `eyeBlinkLeft` and
 /// `eyeBlink_L`.
 fn plain(name: &str) -> String {
     let name = name.rsplit('.').next().unwrap_or(name);

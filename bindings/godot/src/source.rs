@@ -1,4 +1,4 @@
-//! Where the samples of an audio player come from.
+//! Reads the samples of an audio player.
 
 use godot::classes::{AudioEffect, AudioEffectCapture, AudioServer, AudioStream, AudioStreamWav, Node};
 use godot::prelude::*;
@@ -6,19 +6,19 @@ use godot::prelude::*;
 use crate::umo::Session;
 use crate::wave::{Coding, Wave};
 
-/// Starts before this many seconds are starts from the beginning: the player was a little ahead of
-/// the frame that saw it.
+/// A start before this many seconds counts as a start from the beginning: the player was slightly ahead of the frame
+/// that noticed it.
 const FROM_START: f64 = 0.25;
-/// Seconds that a capture keeps while no frame is drawn.
+/// Length of a capture's buffer in seconds, for the time in which no frame is drawn.
 const CAPTURE_SECONDS: f32 = 1.0;
 
-/// What is heard.
+/// Source of the samples.
 pub(crate) enum Source {
-    /// The samples of an `AudioStreamWAV`, ahead of their sound.
+    /// The samples of an `AudioStreamWAV`, in advance of their sound.
     Wav(Wav),
-    /// What the player's bus mixes, as it sounds.
+    /// The mix of the player's bus, as it sounds.
     Capture(Capture),
-    /// Nothing any more: somebody has interrupted the avatar, and the player plays on.
+    /// Nothing more: the avatar was interrupted while the player plays on.
     Dropped,
 }
 
@@ -26,16 +26,16 @@ pub(crate) struct Wav {
     data: PackedByteArray,
     wave: Wave,
     rate: u32,
-    /// Samples that were decoded, and how many of them were handed over.
+    /// Decoded samples, and the number of them already fed.
     decoded: Vec<i16>,
     taken: usize,
     is_finished: bool,
 }
 
 impl Wav {
-    /// None where a later Godot writes samples in a way that is not known here.
+    /// Returns `None` if the stream has an unknown sample format, from a later Godot.
     fn new(stream: &Gd<AudioStreamWav>) -> Result<Option<Self>, String> {
-        // By name: the getter knows no formats but those of the oldest Godot, and panics at others.
+        // By name: the getter panics at formats that are not in the oldest supported Godot.
         let format = stream.get("format").try_to::<i64>().unwrap_or(-1);
         let rate = u32::try_from(stream.get_mix_rate()).ok();
         let Some((coding, rate)) = Coding::of(format).zip(rate) else { return Ok(None) };
@@ -49,7 +49,7 @@ impl Wav {
         self.wave.frames() as f64 / f64::from(self.rate)
     }
 
-    /// Goes to a position of the player; the seconds that were really gone to.
+    /// Seeks to a position of the player. Returns the actual position in seconds.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a position within the stream")]
     fn seek(&mut self, position: f64) -> f64 {
         if position < FROM_START {
@@ -60,7 +60,7 @@ impl Wav {
         frame as f64 / f64::from(self.rate)
     }
 
-    /// Hands over as much as there is room for, and ends the stream after the last sample.
+    /// Feeds as many samples as the session accepts, and ends the stream after the last one.
     fn feed(&mut self, session: &Session) -> Result<(), String> {
         while !self.is_finished {
             if self.taken == self.decoded.len() {
@@ -104,11 +104,11 @@ fn wrong(stream: &Gd<AudioStreamWav>, problem: &str) -> String {
     format!("{name}: {problem}; import the WAV again")
 }
 
-/// An effect of our own on a bus, which is taken away again.
+/// Our own effect on a bus, removed when dropped.
 pub(crate) struct Capture {
     effect: Gd<AudioEffectCapture>,
     rate: u32,
-    /// Frames that were handed over.
+    /// Number of frames fed.
     frames: u64,
 }
 
@@ -127,7 +127,7 @@ impl Capture {
         Ok(Self { effect, rate: server.get_mix_rate().round() as u32, frames: 0 })
     }
 
-    /// Seconds that were handed over.
+    /// Seconds of audio fed.
     pub(crate) fn seconds(&self) -> f64 {
         self.frames as f64 / f64::from(self.rate)
     }
@@ -137,7 +137,7 @@ impl Capture {
         if count > 0 {
             let frames = self.effect.get_buffer(count);
             let samples: Vec<f32> = frames.as_slice().iter().flat_map(|frame| [frame.x, frame.y]).collect();
-            // What there is no room for is lost, as umo's statistics say; the clock goes on.
+            // Samples that do not fit are lost and counted in umo's statistics; the clock goes on.
             session.push(&samples)?;
             self.frames += frames.len() as u64;
         }
@@ -160,7 +160,7 @@ impl Drop for Capture {
 }
 
 impl Source {
-    /// What a player plays from `position` on, and the position where it begins.
+    /// Opens the source of a player from `position` on. Also returns the actual position at which it begins.
     pub(crate) fn of(player: &Gd<Node>, position: f64) -> Result<(Self, f64), String> {
         let stream = player.get("stream").try_to::<Option<Gd<AudioStream>>>().ok().flatten();
         let wav = stream.and_then(|stream| stream.try_cast::<AudioStreamWav>().ok());
@@ -171,7 +171,7 @@ impl Source {
         Ok((Self::Capture(Capture::new(player)?), 0.0))
     }
 
-    /// Samples per second and channels that its session must have.
+    /// Sample rate and channel count that its session must have.
     pub(crate) fn format(&self) -> Option<(u32, u32)> {
         match self {
             Self::Wav(wav) => Some((wav.rate, if wav.wave.channels() == 2 { 2 } else { 1 })),
@@ -180,7 +180,7 @@ impl Source {
         }
     }
 
-    /// Hands samples over.
+    /// Feeds samples to the session.
     pub(crate) fn feed(&mut self, session: &Session) -> Result<(), String> {
         match self {
             Self::Wav(wav) => wav.feed(session),

@@ -1,6 +1,6 @@
-//! Safe objects over the C interface: a model with the engine that computes it, and sessions.
+//! Safe objects over the C interface: a model with its engine, and sessions.
 //!
-//! Errors are texts for people: what umo says of the status, and of this very failure.
+//! Errors are readable texts: umo's message for the status, and the detail of this error.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
@@ -17,7 +17,7 @@ use crate::ffi::{self, Handle, JOINT_COUNT, Latency, Library, ModelInfo, Stats, 
 /// Floats of a translation and of all rotations: where the channels begin in a frame.
 pub(crate) const CHANNELS_AT: usize = 3 + 4 * JOINT_COUNT;
 
-/// A loaded model and its engine: shared by all avatars that name the same file.
+/// A loaded model and its engine, shared by all avatars that use the same file.
 pub(crate) struct Model {
     library: &'static Library,
     model: Handle,
@@ -50,7 +50,7 @@ fn error_text(library: &Library, status: Status, detail: &str) -> String {
     if detail.is_empty() || detail == message { message } else { format!("{message}: {detail}") }
 }
 
-/// What a call came to that is not on a session.
+/// Converts the status of a call that is not on a session.
 fn check(library: &Library, status: Status) -> Result<(), String> {
     if status == 0 {
         return Ok(());
@@ -63,8 +63,7 @@ fn check(library: &Library, status: Status) -> Result<(), String> {
 }
 
 impl Model {
-    /// The model of that name, loaded from what `read` gives where no avatar has it yet; `setting` is a number of the
-    /// project's settings, for its engine.
+    /// Returns the model of that name; `read` loads its bytes if no avatar uses it yet.
     pub(crate) fn shared(
         name: &str,
         places: &[PathBuf],
@@ -128,7 +127,7 @@ impl Model {
         Ok(model)
     }
 
-    /// What users must be told about the model, empty where there is nothing.
+    /// Notice that users of the model must be shown; may be empty.
     pub(crate) fn notice(&self) -> String {
         let mut text = std::ptr::null();
         // SAFETY: `text` is writable.
@@ -145,7 +144,7 @@ impl Model {
         self.info.has_mouth == 1
     }
 
-    /// Names of the gestures that its sessions know.
+    /// Names of the gestures available to its sessions.
     pub(crate) fn gesture_names(&self) -> Vec<String> {
         let mut names = Vec::new();
         for index in 0.. {
@@ -161,10 +160,10 @@ impl Model {
         names
     }
 
-    /// Makes sessions know a gesture that are opened from now on, of the animation in a `.glb` or
-    /// `.vrm` file: the one of a name, or the first.
+    /// Adds a gesture for sessions opened later: the animation with that name in a `.glb` or `.vrm` file, or its first.
     pub(crate) fn add_gesture(&self, gesture: &FileGesture) -> Result<(), String> {
-        let text = |text: &str| CString::new(text).map_err(|_| "a gesture's name has no zero bytes".to_owned());
+        let text =
+            |text: &str| CString::new(text).map_err(|_| "a gesture's name must not contain zero bytes".to_owned());
         let (name, clip) = (text(&gesture.name)?, gesture.animation.as_deref().map(text).transpose()?);
         let clip = clip.as_ref().map_or(std::ptr::null(), |clip| clip.as_ptr());
         let (data, size) = (gesture.bytes.as_ptr(), gesture.bytes.len());
@@ -188,13 +187,12 @@ impl Model {
         unsafe { ffi::text(name) }
     }
 
-    /// Floats of a frame: translation, rotations, channels, visemes where the model has ARKit's
-    /// channels.
+    /// Number of floats in a frame: translation, rotations, channels, and visemes if the model has ARKit's channels.
     pub(crate) fn frame_floats(&self) -> usize {
         CHANNELS_AT + self.channels.len() + if self.info.is_arkit == 1 { VISEME_COUNT } else { 0 }
     }
 
-    /// Where a frame's values go, behind `head` bytes that are left alone.
+    /// Layout of a frame, after `head` bytes that are left untouched.
     #[expect(clippy::cast_possible_truncation, reason = "a frame has a few thousand bytes")]
     fn layout(&self, head: usize) -> ffi::FrameLayout {
         let channels = head + 4 * CHANNELS_AT;
@@ -226,7 +224,7 @@ impl Drop for Model {
     }
 }
 
-/// What a session is opened with. `None` leaves a number to the model.
+/// Settings of a session. `None` is the model's default.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Settings {
     pub(crate) sample_rate: Option<u32>,
@@ -234,28 +232,28 @@ pub(crate) struct Settings {
     pub(crate) target: Option<u32>,
     pub(crate) lookahead: Option<u32>,
     pub(crate) seed: Option<u64>,
-    /// Standard deviation of the body's low-pass, frames.
+    /// Standard deviation of the body's low-pass filter, in frames.
     pub(crate) smoothing: Option<f32>,
-    /// How strongly the prompt steers.
+    /// Guidance strength of the prompt.
     pub(crate) guidance: f32,
-    /// Keyframes of sound that it hears ahead.
+    /// Keyframes of future sound to use.
     pub(crate) horizon: u32,
     pub(crate) idle: u32,
-    /// Whether the mouth moves with the sound, where the model has a mouth network.
+    /// Whether the mouth moves with the sound, if the model has a mouth network.
     pub(crate) is_live: bool,
 }
 
-/// A gesture out of a file.
+/// A gesture from a file.
 pub(crate) struct FileGesture {
     pub(crate) name: String,
     pub(crate) bytes: Vec<u8>,
     pub(crate) animation: Option<String>,
     pub(crate) parts: u32,
-    /// Seconds from its start to the stroke; negative in its middle.
+    /// Seconds from its start to the stroke; negative for its middle.
     pub(crate) stroke: f32,
 }
 
-/// A sound that one sees on the lips: 0 closed, 1 teeth, 2 round, and seconds.
+/// A visible lip shape: 0 closed, 1 teeth, 2 round; times in seconds.
 #[derive(Clone, Copy)]
 pub(crate) struct Hint {
     pub(crate) shape: u32,
@@ -264,23 +262,23 @@ pub(crate) struct Hint {
 }
 
 impl Hint {
-    /// The same sound where its audio begins later.
+    /// The same shape, delayed by `seconds`.
     pub(crate) fn after(self, seconds: f64) -> Self {
         Self { start: self.start + seconds, ..self }
     }
 }
 
-/// How a gesture is played.
+/// Options of a gesture.
 #[derive(Clone, Copy)]
 pub(crate) struct Play {
     pub(crate) at: Option<f64>,
     pub(crate) side: u32,
     pub(crate) strength: f32,
-    /// The avatar's space, metres.
+    /// In the avatar's space, in metres.
     pub(crate) target: Option<[f32; 3]>,
 }
 
-/// What `Session::sample` showed.
+/// Result of `Session::sample`.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Shown {
     pub(crate) index: u64,
@@ -291,15 +289,14 @@ pub(crate) struct Shown {
 pub(crate) struct Session {
     pub(crate) model: Rc<Model>,
     session: Handle,
-    /// What it was made with, filled in.
+    /// Settings after defaults were filled in.
     pub(crate) sample_rate: u32,
     pub(crate) channels: u32,
     pub(crate) is_live: bool,
-    /// Seconds beyond the newest frame in which the pose of rest is reached, where the idle mode is
-    /// that.
+    /// Seconds after the newest frame at which the rest pose is reached, in the idle mode that returns to rest.
     pub(crate) rest_seconds: f64,
-    /// Samples of each channel that it took since it began or was reset; None after a state was
-    /// restored, which does not say.
+    /// Samples per channel accepted since the session began or was reset; `None` after a state was restored, which does
+    /// not contain this number.
     pushed: Cell<Option<u64>>,
 }
 
@@ -346,7 +343,7 @@ impl Session {
         Err(error_text(library, status, &detail))
     }
 
-    /// Takes interleaved samples; how many there was room for.
+    /// Feeds interleaved samples. Returns the number accepted.
     pub(crate) fn push(&self, samples: &[f32]) -> Result<usize, String> {
         let mut taken = 0;
         let push = self.model.library.session_push_audio;
@@ -356,7 +353,7 @@ impl Session {
         self.check(status).map(|()| taken)
     }
 
-    /// The same for 16-bit samples.
+    /// Feeds interleaved 16-bit samples. Returns the number accepted.
     pub(crate) fn push_i16(&self, samples: &[i16]) -> Result<usize, String> {
         let mut taken = 0;
         let push = self.model.library.session_push_audio_i16;
@@ -370,13 +367,12 @@ impl Session {
         self.pushed.set(self.pushed.get().map(|before| before + samples as u64 / u64::from(self.channels)));
     }
 
-    /// Seconds of the audio that it took, which hints of lips count by; None where that is not
-    /// known.
+    /// Seconds of accepted audio, the time base of lip hints; `None` if unknown.
     pub(crate) fn pushed_seconds(&self) -> Option<f64> {
         self.pushed.get().map(|samples| samples as f64 / f64::from(self.sample_rate))
     }
 
-    /// The lips have a sound's shape at a time of the audio that it took. False where 64 wait.
+    /// Schedules a lip shape at a time of the accepted audio. False if 64 are waiting.
     pub(crate) fn hint_lips(&self, hint: Hint) -> Result<bool, String> {
         let hint_lips = self.model.library.session_hint_lips;
         // SAFETY: takes no pointers but the handle.
@@ -387,7 +383,7 @@ impl Session {
         self.check(status).map(|()| true)
     }
 
-    /// Takes interleaved samples of who speaks to the avatar.
+    /// Feeds interleaved samples of the interlocutor.
     pub(crate) fn push_other(&self, samples: &[f32]) -> Result<(), String> {
         let push = self.model.library.session_push_other_audio;
         // SAFETY: `samples` has its length.
@@ -395,7 +391,7 @@ impl Session {
         self.check(status)
     }
 
-    /// Looks at a point of the avatar's space, metres.
+    /// Looks at a point in the avatar's space, in metres.
     pub(crate) fn look_at(&self, point: [f32; 3], strength: f32) -> Result<(), String> {
         let look_at = self.model.library.session_look_at;
         // SAFETY: `point` has three values.
@@ -403,10 +399,10 @@ impl Session {
         self.check(status)
     }
 
-    /// Plays a gesture; `at` is when its stroke falls, seconds, None as soon as possible.
+    /// Plays a gesture; `at` is the time of its stroke in seconds, `None` for as soon as possible.
     pub(crate) fn play_gesture(&self, name: &str, play: Play) -> Result<(), String> {
         let library = self.model.library;
-        let name = CString::new(name).map_err(|_| "a gesture's name has no zero bytes".to_owned())?;
+        let name = CString::new(name).map_err(|_| "a gesture's name must not contain zero bytes".to_owned())?;
         let mut options = std::mem::MaybeUninit::uninit();
         let size = size_of::<ffi::GestureOptions>();
         // SAFETY: `options` is writable for its size.
@@ -450,15 +446,14 @@ impl Session {
         self.check(status)
     }
 
-    /// All frames that are ready, one after the other.
+    /// Returns all frames that are ready, concatenated.
     pub(crate) fn pull(&self) -> Result<Vec<f32>, String> {
         let (library, width) = (self.model.library, self.model.frame_floats());
         let mut ready = 0;
         // SAFETY: `ready` is writable.
         let status = unsafe { (library.session_ready_frames)(self.session, &mut ready) };
         self.check(status)?;
-        // One at least: a pull that finds nothing asks for motion on silence, and says what has
-        // failed.
+        // At least one: a pull that finds none requests motion on silence, and reports an error of the session.
         let mut frames = vec![0.0; ready.max(1) * width];
         let (layout, size, mut count) = (self.model.layout(0), 4 * frames.len(), 0);
         let pull = library.session_pull_frames;
@@ -469,13 +464,13 @@ impl Session {
         Ok(frames)
     }
 
-    /// The pose at a time, into `frame`.
+    /// Writes the pose at a time into `frame`.
     pub(crate) fn sample(&self, seconds: f64, frame: &mut Vec<f32>) -> Result<Shown, String> {
-        /// Floats before a frame's own, for its index.
+        /// Floats before a frame's values, for its index.
         const HEAD: usize = 2;
         frame.resize(HEAD + self.model.frame_floats(), 0.0);
         let layout = self.model.layout(4 * HEAD);
-        // Frames whose index is wanted are aligned as the index is, even if there is only one.
+        // With an index, frames must be aligned like it, even a single one.
         let layout = ffi::FrameLayout { index: 0, frame_stride: layout.frame_stride.next_multiple_of(8), ..layout };
         let size = ffi::size::<ffi::Sampled>();
         let mut sampled = ffi::Sampled { struct_size: size, ..ffi::Sampled::default() };
@@ -492,8 +487,7 @@ impl Session {
         Ok(Shown { index, newest: sampled.newest })
     }
 
-    /// Whether all frames of a finished stream were handed out; an error where the rest will never
-    /// come.
+    /// Whether all frames of a finished stream were handed out; an error if the rest will never come.
     pub(crate) fn is_done(&self) -> Result<bool, String> {
         let mut done = 0;
         // SAFETY: `done` is writable.
@@ -501,7 +495,7 @@ impl Session {
         self.check(status).map(|()| done == 1)
     }
 
-    /// Everything that the session is.
+    /// The session's complete state.
     pub(crate) fn save(&self) -> Result<PackedByteArray, String> {
         let library = self.model.library;
         let mut size = 0;
@@ -518,7 +512,7 @@ impl Session {
         Ok(state)
     }
 
-    /// Becomes what was saved.
+    /// Restores a saved state.
     pub(crate) fn restore(&self, state: &[u8]) -> Result<(), String> {
         // SAFETY: `state` has its length.
         let status = unsafe { (self.model.library.session_restore)(self.session, state.as_ptr(), state.len()) };
@@ -532,7 +526,7 @@ impl Session {
         self.check(status)
     }
 
-    /// What time it is for the game, seconds.
+    /// Sets the game's time in seconds.
     pub(crate) fn set_clock(&self, seconds: f64) -> Result<(), String> {
         // SAFETY: takes any number.
         let status = unsafe { (self.model.library.session_set_clock)(self.session, seconds) };

@@ -1,25 +1,24 @@
-//! Samples out of the data of an `AudioStreamWAV`, in each of the forms in which the editor imports
-//! a WAV file.
+//! Decodes the data of an `AudioStreamWAV`, in every format in which the editor imports a WAV file.
 
-/// Samples of each channel that are decoded at a time: those of a frame of QOA.
+/// Samples per channel that are decoded at a time: one QOA frame.
 const BLOCK: usize = 5120;
 
-/// How samples are written, as Godot numbers it.
+/// Sample format, numbered as in Godot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Coding {
     /// Signed bytes.
     Bits8,
     /// Little-endian.
     Bits16,
-    /// Four bits a sample, as Godot writes them: one block, channels byte by byte, a header that
-    /// decodes to silence.
+    /// Four bits per sample, as Godot writes them: one block, channels byte by byte, with a header that decodes to
+    /// silence.
     ImaAdpcm,
     /// A file of the Quite OK Audio format: the editor's default.
     Qoa,
 }
 
 impl Coding {
-    /// Of `AudioStreamWAV.format`; none for what later versions may have.
+    /// From `AudioStreamWAV.format`; `None` for formats of later versions.
     pub(crate) fn of(format: i64) -> Option<Self> {
         match format {
             0 => Some(Self::Bits8),
@@ -31,22 +30,23 @@ impl Coding {
     }
 }
 
-/// Reads samples from data that is lent to it, always the same.
+/// Reads samples from data that the caller passes in, always the same data.
 #[derive(Clone, Debug)]
 pub(crate) struct Wave {
     coding: Coding,
     channels: usize,
-    /// Samples of each channel.
+    /// Number of samples per channel.
     frames: usize,
-    /// The next one.
+    /// Index of the next sample.
     at: usize,
     ima: [Ima; 2],
 }
 
 impl Wave {
-    /// From the start. `channels` is 1 or 2.
+    /// Starts at the beginning. `channels` is 1 or 2.
     ///
     /// # Errors
+    ///
     /// QOA data without its header.
     pub(crate) fn new(coding: Coding, channels: usize, data: &[u8]) -> Result<Self, String> {
         let frames = match coding {
@@ -62,12 +62,12 @@ impl Wave {
         self.channels
     }
 
-    /// Samples of each channel.
+    /// Number of samples per channel.
     pub(crate) fn frames(&self) -> usize {
         self.frames
     }
 
-    /// Goes on from there.
+    /// Continues at `frame`.
     pub(crate) fn seek(&mut self, frame: usize, data: &[u8]) {
         if self.coding == Coding::ImaAdpcm {
             self.ima = [Ima::default(); 2];
@@ -79,6 +79,7 @@ impl Wave {
     /// Appends the next samples, interleaved; none at the end.
     ///
     /// # Errors
+    ///
     /// QOA data that is cut short or damaged.
     pub(crate) fn read(&mut self, data: &[u8], out: &mut Vec<i16>) -> Result<(), String> {
         let end = self.frames.min(self.at + BLOCK);
@@ -113,7 +114,7 @@ impl Wave {
     }
 }
 
-/// A channel of IMA-ADPCM.
+/// Decoder state of one IMA-ADPCM channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ima {
     predictor: i32,
@@ -129,7 +130,7 @@ const IMA_STEPS: [i32; 89] = [
 ];
 
 impl Ima {
-    /// The sample of four bits: three of size, one of sign.
+    /// Decodes a sample of four bits: three of magnitude, one of sign.
     fn next(&mut self, bits: u8) -> i16 {
         let step = IMA_STEPS[self.step];
         let shares = [(4, step), (2, step >> 1), (1, step >> 2)];
@@ -155,16 +156,16 @@ mod qoa {
 
     const FILE_HEAD: usize = 8;
     const FRAME_HEAD: usize = 8;
-    /// History and weights of a channel.
+    /// Bytes of a channel's history and weights.
     const STATE: usize = 16;
     const SLICE: usize = 8;
-    /// Samples of a slice.
+    /// Samples per slice.
     const SLICE_SAMPLES: usize = 20;
     const SCALES: [i32; 16] = [1, 7, 21, 45, 84, 138, 211, 304, 421, 562, 731, 928, 1157, 1419, 1715, 2048];
     /// Quarters of a scale.
     const RESIDUALS: [i32; 4] = [3, 10, 18, 28];
 
-    /// What predicts the next sample of a channel from its last four.
+    /// Predicts the next sample of a channel from its last four.
     #[derive(Clone, Copy, Default)]
     struct Filter {
         history: [i32; 4],
@@ -180,7 +181,7 @@ mod qoa {
         fn next(&mut self, residual: i32) -> i16 {
             let products = self.history.iter().zip(self.weights).map(|(h, w)| i64::from(*h) * i64::from(w));
             let [least, most] = [i16::MIN, i16::MAX].map(i64::from);
-            // Weights of damaged data may be anything.
+            // Damaged data may give any weights.
             let predicted = ((products.sum::<i64>() >> 13) + i64::from(residual)).clamp(least, most);
             let sample = i16::try_from(predicted).unwrap_or_default();
             for (weight, history) in self.weights.iter_mut().zip(self.history) {
@@ -193,7 +194,7 @@ mod qoa {
         }
     }
 
-    /// Samples of each channel that a file has.
+    /// Number of samples per channel in a file.
     pub(super) fn samples(file: &[u8]) -> Result<usize, String> {
         match file.first_chunk::<FILE_HEAD>() {
             Some([b'q', b'o', b'a', b'f', a, b, c, d]) => Ok(u32::from_be_bytes([*a, *b, *c, *d]) as usize),
@@ -267,15 +268,15 @@ mod tests {
 
     #[test]
     fn ima_adpcm_grows_and_shrinks_its_steps() {
-        // By hand: 7/8 of 7 and 7 itself; then the step is 16, then back down.
+        // Computed by hand: 7/8 of 7, then 7 itself; then the step is 16, and falls again.
         assert_eq!(all(Coding::ImaAdpcm, 1, &[0x07, 0x08], 0).unwrap(), [11, 13, 12, 13]);
-        // Two channels take turns byte by byte; a start in the middle decodes what is before.
+        // Channels alternate byte by byte; a start in the middle decodes everything before it.
         let data = [0x07, 0x0f, 0x08, 0x00];
         assert_eq!(all(Coding::ImaAdpcm, 2, &data, 0).unwrap(), [11, -11, 13, -9, 12, -8, 13, -7]);
         assert_eq!(all(Coding::ImaAdpcm, 2, &data, 2).unwrap(), [12, -8, 13, -7]);
     }
 
-    /// A file of noise: any slice is a valid one.
+    /// A file of noise: every slice is valid.
     fn noise(samples: u32, channels: u8) -> Vec<u8> {
         let mut file = b"qoaf".to_vec();
         file.extend(samples.to_be_bytes());
@@ -313,9 +314,9 @@ mod tests {
     #[test]
     fn qoa_decodes_a_slice_as_the_format_says() {
         let mut file = noise(3, 1);
-        // Scale 7; residuals 5, -18, 49. From (1, 2, 3, 4) the filter predicts 2 * 4 - 3 = 5, then
-        // 2 * 10 - 4 = 16; the second residual takes 2 of 8192 from each weight, so that -14
-        // becomes a little less and is rounded down to -15.
+        // Scale 7; residuals 5, -18, 49. From (1, 2, 3, 4) the filter predicts 2 * 4 - 3 = 5, then 2 * 10 - 4 = 16; the
+        // second residual takes 2 of 8192 from each weight, so that -14 becomes slightly less and is rounded down to
+        // -15.
         let start = file.len() - 8;
         file[start..].copy_from_slice(&(1_u64 << 60 | 0b000_011_110_u64 << 51).to_be_bytes());
         assert_eq!(all(Coding::Qoa, 1, &file, 0).unwrap(), [10, -2, 34]);

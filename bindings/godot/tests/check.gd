@@ -1,18 +1,19 @@
 extends SceneTree
-## What the extension does in a running Godot: godot --headless -s check.gd -- REFERENCE. Exits with the number of failures.
+## Tests of the extension in a running Godot: godot --headless -s check.gd -- REFERENCE. The exit status is the number
+## of failures.
 
 const Body := preload("res://body.gd")
 const MODEL := "res://addons/umo/umo-people.safetensors"
-## Bones are computed in f32 with a few products more than the frames.
+## Tolerance: bones are computed in f32 with a few more products than frames.
 const CLOSE := 1e-4
 const LAYERS := ["layer_gaze", "layer_idle", "layer_asymmetry", "layer_nods", "layer_mood", "layer_feet"]
-## Seconds that a busy machine may take for what takes an idle one a moment.
+## Timeout in seconds, for a busy machine.
 const PATIENCE := 60.0
 
 var failures := 0
 var reference: PackedFloat32Array
 var width: int
-## Whether a failure was told, and with what words.
+## Failures reported by signal.
 var told: Array[String] = []
 
 
@@ -40,7 +41,7 @@ func expect(holds: bool, what: String) -> void:
 func make(properties := {}) -> UmoAvatar3D:
 	var avatar := UmoAvatar3D.new()
 	avatar.model = MODEL
-	# Layers go by the clock while there are no frames: off where poses are compared.
+	# Layers follow the clock while there are no frames: off where poses are compared.
 	for layer in LAYERS:
 		avatar.set(layer, 0.0)
 	for property in properties:
@@ -72,7 +73,7 @@ func wait(seconds: float) -> void:
 	await create_timer(seconds).timeout
 
 
-## Lets Godot run until something holds; whether it came to hold.
+## Lets Godot run until the condition holds or time is up; returns whether it holds.
 func until(holds: Callable) -> bool:
 	var started := Time.get_ticks_msec()
 	while not holds.call():
@@ -102,7 +103,7 @@ func quaternion(frame: PackedFloat32Array, joint: int) -> Quaternion:
 	return Quaternion(frame[at], frame[at + 1], frame[at + 2], frame[at + 3])
 
 
-## The reference's frame at a time, as a renderer sees it.
+## The reference frame at a time, interpolated as a renderer sees it.
 func at_time(seconds: float) -> PackedFloat32Array:
 	var last := reference.size() / width - 1
 	var first := clampi(floori(seconds * 30), 0, last)
@@ -122,7 +123,7 @@ func at_time(seconds: float) -> PackedFloat32Array:
 	return a
 
 
-## Forward kinematics: where every joint is, from the floor's origin.
+## Forward kinematics: transforms of all joints relative to the floor's origin.
 func places(avatar: UmoAvatar3D, frame: PackedFloat32Array) -> Array[Transform3D]:
 	var joints: Array[Transform3D] = []
 	for joint in 55:
@@ -166,8 +167,8 @@ func test_bones_and_blend_shapes_follow_the_player() -> void:
 		var computed: int = avatar.stats().frames
 		await process_frame
 		var time := avatar.get_motion_time()
-		# What is shown before the first frame was computed, or after the last, is no frame of the reference. Nor is it where
-		# a busy machine computes late: the avatar rests, and eases back.
+		# Poses before the first computed frame or after the last are not reference frames. Nor are poses when a busy machine
+		# computes late: the avatar rests and eases back.
 		if time * 30 > computed - 1:
 			late = Time.get_ticks_msec()
 		if time <= 0.2 or Time.get_ticks_msec() - late < 1000:
@@ -186,14 +187,14 @@ func test_bones_and_blend_shapes_follow_the_player() -> void:
 	expect(times.size() > 100 and times[-1] > 6, "poses over the whole speech, got %d" % times.size())
 	expect(worst < CLOSE, "bones, hips and jaw within %f of the frames, got %f" % [CLOSE, worst])
 	expect(moved > 0.02, "bones that move, got %f rad" % moved)
-	# The median: a busy machine mixes late now and then.
+	# The median: a busy machine sometimes mixes late.
 	off.sort()
 	expect(off[off.size() / 2] < 0.1, "motion within 0.1 s of the player's position, got %f" % off[off.size() / 2])
 	expect(await until(avatar.is_done), "a stream that is over")
 	expect(avatar.stats().frames == 229, "229 frames computed, got %s" % avatar.stats())
 
 
-## The humanoid profile's names, bones rolled as artists roll them, arms in an A, a twist between, a bone missing, half the size.
+## The humanoid profile's names, artist-like bone rolls, arms in an A-pose, a twist bone, a missing bone, half the size.
 func test_another_rig_stands_where_the_frames_say() -> void:
 	var avatar := make({"skeleton": ^"/root/Body"})
 	var names := {}
@@ -215,7 +216,7 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 	root.add_child(skeleton)
 	var random := RandomNumberGenerator.new()
 	random.seed = 7
-	# At rest: where each bone is and how it is turned, arms lowered by 40 degrees about the shoulders.
+	# At rest: position and rotation of each bone, arms lowered by 40 degrees about the shoulders.
 	var rests: Array[Transform3D] = []
 	var bones := {}
 	for joint in 55:
@@ -237,7 +238,7 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 		skeleton.add_bone(names[joint_names[joint]])
 		var above: int = bones.get(under, -1)
 		if joint_names[joint] == "left_elbow":
-			# A bone that nobody drives, half way.
+			# A bone that no joint drives, half way.
 			skeleton.add_bone("LeftTwist")
 			skeleton.set_bone_parent(bone + 1, above)
 			var twist := Transform3D(roll, (rests[under].origin + rest.origin) / 2)
@@ -259,8 +260,8 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 		avatar.drive(time)
 		var wanted := places(avatar, at_time(avatar.get_motion_time()))
 		for joint in bones:
-			# Above the missing chest nothing bends where umo bends: compare directions, from each bone's parent. The spine's two
-			# bones share what three turn.
+			# Above the missing chest, bending differs from umo's: compare directions from each bone's parent. The spine's two
+			# bones share the rotations of three joints.
 			var bone: int = bones[joint]
 			var up := skeleton.get_bone_parent(bone)
 			if up < 0 or skeleton.get_bone_name(up) == "LeftTwist" or parents[joint] not in bones or turn < 20 or joint_names[joint] == "spine2":
@@ -274,7 +275,7 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 	expect((hips - root_place).length() < CLOSE, "hips where the frames say at half the size, got %s for %s" % [hips, root_place])
 
 
-## A body whose bones are called so, their own axes umo's; the avatar is told of it.
+## A body whose bones have the given names and umo's axes; the avatar is assigned to it.
 func named(avatar: UmoAvatar3D, name_of: Callable) -> Skeleton3D:
 	var skeleton := Skeleton3D.new()
 	skeleton.name = "Body"
@@ -287,7 +288,7 @@ func named(avatar: UmoAvatar3D, name_of: Callable) -> Skeleton3D:
 	return skeleton
 
 
-## Mixamo's name of a joint; Ready Player Me has the same without the prefix.
+## Mixamo's name of a joint; Ready Player Me uses the same without the prefix.
 func mixamo(joint: String) -> String:
 	var parts := {"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
 		"jaw": "Jaw", "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "collar": "Shoulder", "shoulder": "Arm",
@@ -311,7 +312,7 @@ func test_bones_of_mixamo_and_ready_player_me_are_found() -> void:
 			worst = maxf(worst, skeleton.get_bone_pose_rotation(joint).angle_to(quaternion(frame, joint).normalized()))
 		expect(worst < 2e-3, "%s: every bone as its joint, got %f rad" % [mixamo("left_elbow"), worst])
 		await process_frame
-		expect(told.is_empty(), "nothing to complain of, got %s" % [told])
+		expect(told.is_empty(), "no error, got %s" % [told])
 		avatar.free()
 		skeleton.free()
 
@@ -324,10 +325,10 @@ func test_too_few_bones_are_told_once() -> void:
 		avatar.drive(turn / 30.0)
 		await process_frame
 	expect(told.size() == 1 and told[0].contains("`Body`") and told[0].contains("left_shoulder"), "one error, got %s" % [told])
-	expect(avatar.is_open(), "an avatar that goes on")
+	expect(avatar.is_open(), "an avatar that keeps running")
 
 
-## As the editor imports a WAV: QOA, and IMA-ADPCM.
+## WAV files imported by the editor as QOA and IMA-ADPCM.
 func test_compressed_wavs_are_decoded() -> void:
 	var wanted := hello()
 	for file: String in ["res://qoa.wav", "res://ima.wav"]:
@@ -335,7 +336,7 @@ func test_compressed_wavs_are_decoded() -> void:
 		expect(stream != null and stream.format == (3 if file.contains("qoa") else 2), "%s as it is imported" % file)
 		var avatar := make({"audio_player": ^"/root/Voice"})
 		var samples := avatar.decode(stream)
-		# IMA-ADPCM begins with a header of eight silent samples.
+		# IMA-ADPCM starts with a header of eight silent samples.
 		var late := 0 if file.contains("qoa") else 8
 		var signal_power := 0.0
 		var noise := 0.0
@@ -407,7 +408,7 @@ func test_a_restored_avatar_gives_the_same_bits_again() -> void:
 	var avatar := make()
 	var samples := hello()
 	avatar.push_audio(samples.slice(0, 40000))
-	# Nothing is saved or restored while a chunk of the session is computed.
+	# Saving and restoring are refused while a chunk of the session is computed.
 	var saved := [PackedByteArray()]
 	expect(await until(func() -> bool:
 		saved[0] = avatar.save_state()
@@ -437,7 +438,7 @@ func test_a_missing_model_fails_with_words() -> void:
 	avatar.model = "res://hello.wav"
 	avatar.open()
 	await process_frame
-	expect(told.size() == 2 and told[1].length() > 20, "umo's words about a file that is no model, got %s" % [told])
+	expect(told.size() == 2 and told[1].length() > 20, "umo's message about a file that is not a model, got %s" % [told])
 	avatar.model = MODEL
 	expect(avatar.open(), "an avatar after all")
 
@@ -503,16 +504,16 @@ func test_it_looks_listens_and_gestures() -> void:
 	avatar.gaze_at(Vector3(1, 1.5, 2), 1.0)
 	avatar.push_other_audio(PackedFloat32Array([0.1, -0.1, 0.1]))
 	await process_frame
-	expect(told.is_empty(), "no complaint, got %s" % [told])
-	expect(not avatar.play_gesture("somersault"), "a gesture that it does not know refused")
+	expect(told.is_empty(), "no error, got %s" % [told])
+	expect(not avatar.play_gesture("somersault"), "an unknown gesture is refused")
 	avatar.attention = 99
 	avatar.layer_feet = 2.0
-	expect(avatar.attention == 3 and avatar.layer_feet == 0.0, "properties as they were before what was refused")
+	expect(avatar.attention == 3 and avatar.layer_feet == 0.0, "properties unchanged by refused values")
 	await process_frame
-	expect(told.size() == 3, "each of these told, got %s" % [told])
+	expect(told.size() == 3, "an error for each, got %s" % [told])
 
 
-## How far the lips are open.
+## Opening of the lips.
 func opening(avatar: UmoAvatar3D, frame: PackedFloat32Array) -> float:
 	var names := avatar.get_channel_names()
 	var first := 3 + 4 * 55
@@ -540,16 +541,16 @@ func test_hints_close_the_lips() -> void:
 		expect(avatar.hint_lips(0, 20.0 + count, 0.1), "room for 64 hints, not for %d" % count)
 	expect(not avatar.hint_lips(0, 100.0, 0.1), "no room for more")
 	await process_frame
-	expect(told.is_empty(), "no complaint, got %s" % [told])
-	expect(not avatar.hint_lips(3, 1.0, 0.1) and not avatar.hint_lips(0, -1.0, 0.1), "what is no hint refused")
+	expect(told.is_empty(), "no error, got %s" % [told])
+	expect(not avatar.hint_lips(3, 1.0, 0.1) and not avatar.hint_lips(0, -1.0, 0.1), "invalid hints are refused")
 	await process_frame
-	expect(told.size() == 2 and "expected a shape" in told[0], "both told, got %s" % [told])
+	expect(told.size() == 2 and "expected a shape" in told[0], "an error for each, got %s" % [told])
 
 
 func test_hints_are_of_the_line_that_the_player_plays() -> void:
 	var voice := player(Body.wav("res://hello.wav"))
 	var avatar := make({"audio_player": ^"/root/Voice"})
-	# Where the lips are open most, more than a second from the start.
+	# The frame with the widest opening, more than a second from the start.
 	var widest := 45
 	for at in range(45, reference.size() / width - 45):
 		if opening(avatar, frame_of(reference, at)) > opening(avatar, frame_of(reference, widest)):
@@ -558,16 +559,16 @@ func test_hints_are_of_the_line_that_the_player_plays() -> void:
 	expect(opening(avatar, frame_of(reference, widest)) > 0.2, "lips that open")
 	var plain := await openings(avatar, voice, place, false)
 	var first := await openings(avatar, voice, place, true)
-	# In the call in which the player begins anew: it is not of the line before.
+	# The hint in the call that restarts the player belongs to the new line.
 	var second := await openings(avatar, voice, place, true)
 	expect(plain > 0.1, "open lips without a hint, got %f" % plain)
 	expect(first < 0.01, "closed lips, got %f" % first)
 	expect(second < 0.01, "closed lips again, got %f" % second)
-	expect(told.is_empty(), "no complaint, got %s" % [told])
+	expect(told.is_empty(), "no error, got %s" % [told])
 
 
-## Plays from a second before a place of the voice, and holds the player until there are frames of it, however busy the machine is: how
-## far the lips are open at most within a tenth of a second of the place.
+## Plays from one second before a position of the voice, and holds the player until its frames exist, however busy the
+## machine is. Returns the widest opening of the lips within a tenth of a second of the position.
 func openings(avatar: UmoAvatar3D, voice: AudioStreamPlayer, place: float, is_hinted: bool) -> float:
 	var before: int = avatar.stats().frames
 	voice.play(place - 1.0)
@@ -593,14 +594,14 @@ func test_gestures_of_ones_own_come_out_of_files() -> void:
 	expect(avatar.add_gesture("greet", "res://salute.bytes", "", 8, -1.0), "a gesture out of a file")
 	avatar.smoothing = -1.0
 	expect(avatar.open(), "an avatar that knows it")
-	expect(absf(avatar.latency().seconds - rough - 0.1) < 1e-6, "a low-pass that looks three frames ahead")
+	expect(absf(avatar.latency().seconds - rough - 0.1) < 1e-6, "the low-pass filter looks three frames ahead")
 	expect(avatar.get_gesture_names().has("greet") and avatar.play_gesture("greet"), "a greeting")
 	await process_frame
-	expect(told.is_empty(), "no complaint, got %s" % [told])
-	expect(not avatar.add_gesture("greet", "res://salute.bytes", "wave", 8, -1.0), "an animation that the file has not refused")
-	expect(not avatar.add_gesture("greet", "res://nothing.bytes", "", 8, -1.0), "a file that is not there refused")
+	expect(told.is_empty(), "no error, got %s" % [told])
+	expect(not avatar.add_gesture("greet", "res://salute.bytes", "wave", 8, -1.0), "an animation missing from the file is refused")
+	expect(not avatar.add_gesture("greet", "res://nothing.bytes", "", 8, -1.0), "a missing file is refused")
 	await process_frame
-	expect(told.size() == 2 and "salute" in told[0] and "nothing.bytes" in told[1], "both told, got %s" % [told])
+	expect(told.size() == 2 and "salute" in told[0] and "nothing.bytes" in told[1], "an error for each, got %s" % [told])
 
 
 func test_what_moves_in_silence_goes_by_the_games_time() -> void:
@@ -609,20 +610,20 @@ func test_what_moves_in_silence_goes_by_the_games_time() -> void:
 	var poses := []
 	for i in 3:
 		poses.append(avatar.sample_pose(0.0))
-	expect(poses[1] == poses[2], "an avatar that stands still with the game's time")
+	expect(poses[1] == poses[2], "an avatar that pauses with the game's time")
 	avatar.set_clock(3.5)
-	expect(avatar.sample_pose(0.0) != poses[2], "an avatar that goes on with it")
+	expect(avatar.sample_pose(0.0) != poses[2], "an avatar that continues with it")
 
 
 func test_bad_arguments_are_errors_and_no_crash() -> void:
 	var avatar := make({"target": 10000})
 	await process_frame
-	expect(told.size() == 1 and not avatar.is_open(), "a target that is none refused, got %s" % [told])
+	expect(told.size() == 1 and not avatar.is_open(), "an invalid target is refused, got %s" % [told])
 	avatar.target = 0
 	expect(avatar.open(), "an avatar")
 	avatar.idle = 99
 	avatar.gain_face = -1e9
-	expect(avatar.idle == 1 and avatar.gain_face == 1, "properties as they were before what was refused")
+	expect(avatar.idle == 1 and avatar.gain_face == 1, "properties unchanged by refused values")
 	avatar.interrupt(-5)
 	avatar.prompt = "smile"
 	expect(avatar.sample_pose(NAN).is_empty(), "no pose at no time")
@@ -631,4 +632,4 @@ func test_bad_arguments_are_errors_and_no_crash() -> void:
 	expect(avatar.push_audio(PackedFloat32Array([0.5])) == 0, "nothing taken after the end")
 	expect(avatar.is_open(), "an avatar still")
 	await process_frame
-	expect(told.size() == 6, "each of these told, got %s" % [told])
+	expect(told.size() == 6, "an error for each, got %s" % [told])

@@ -1,8 +1,8 @@
 extends SceneTree
-## What Godot's importer makes of an animation of `umo animate`: godot --headless -s glb.gd -- ANIMATION.jsonl, with the same
-## animation imported as res://speech.glb. Exits with the number of failures.
+## Tests how Godot imports an animation from `umo animate`: godot --headless -s glb.gd -- ANIMATION.jsonl, with the same
+## animation imported as res://speech.glb. The exit status is the number of failures.
 
-## The motion's 55 joints, and the figure's 18 that follow them.
+## The motion's 55 joints, and the figure's 18 bones that follow them.
 const BONES := 73
 
 var failures := 0
@@ -55,7 +55,7 @@ func check_meshes(scene: Node, header: Dictionary) -> void:
 			check_jaw(instance, arrays[Mesh.ARRAY_VERTEX])
 
 
-## The shape for the open jaw, which is stored sparse, moves some vertices down and leaves most where they are.
+## The jawOpen shape, stored sparse, moves some vertices down and leaves most unchanged.
 func check_jaw(face: MeshInstance3D, rest: PackedVector3Array) -> void:
 	var jaw := face.find_blend_shape_by_name("jawOpen")
 	var moved: PackedVector3Array = face.mesh.surface_get_blend_shape_arrays(0)[jaw][Mesh.ARRAY_VERTEX]

@@ -1,5 +1,5 @@
 extends SceneTree
-## A project without umo's library still runs, and its avatar says what is missing.
+## A project without umo's library still runs, and its avatar reports the missing library.
 
 var told := ""
 
@@ -13,5 +13,5 @@ func _initialize() -> void:
 	await process_frame
 	avatar.push_audio(PackedFloat32Array([0.0]))
 	var right := told.contains("libumo") and not avatar.is_open()
-	print("a missing library is told ... ", "ok" if right else "FAILED: " + told)
+	print("a missing library is reported ... ", "ok" if right else "FAILED: " + told)
 	quit(0 if right else 1)

@@ -1,5 +1,5 @@
 extends SceneTree
-## A picture of the demo at a time of its speech: godot -s picture.gd -- SECONDS FILE
+## Renders the demo at a time of its speech: godot -s picture.gd -- SECONDS FILE
 
 
 func _initialize() -> void:

@@ -1,5 +1,5 @@
-/* The frames of a WAV file (16 bits, one channel) by the C interface: raw floats, one frame after the other, each
- * translation, rotations, channels, visemes. reference MODEL WAV OUT; prints frames and floats per frame. */
+/* Writes the frames of a WAV file (16 bits, one channel) through the C interface: raw floats, one frame after the
+ * other, each translation, rotations, channels, visemes. reference MODEL WAV OUT; prints frames and floats per frame. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,10 +32,10 @@ int main(int argc, char **argv) {
     check(umo_engine_new(model, NULL, &engine));
     check(umo_session_config_init(&config, sizeof config, model));
     memcpy(&config.sample_rate, head + 24, 4);
-    /* The default of the node, which is for live use. */
+    /* The node's default, which is for live use. */
     config.target = 1;
     check(umo_session_new(engine, &config, &session));
-    /* Layers go by the clock while there are no frames: off where poses are compared. */
+    /* Layers follow the clock while there are no frames: off where poses are compared. */
     for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
         check(umo_session_set_parameter(session, layer, 0));
     }

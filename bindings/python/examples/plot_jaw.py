@@ -1,4 +1,4 @@
-"""The jaw over the waveform: python plot_jaw.py SPEECH.wav OUT.png     (needs matplotlib; 16-bit WAV files)"""
+"""Plots the jaw over the waveform: python plot_jaw.py SPEECH.wav OUT.png     (needs matplotlib; 16-bit WAV files)"""
 
 import sys
 import wave

@@ -1,4 +1,5 @@
-"""What the tests share: the speech, the models, and the install that the wheel was made from."""
+"""Shared by the tests: the speech, the models, and the installation that the wheel was made from.
+"""
 
 import os
 import warnings
@@ -29,14 +30,14 @@ def hello():
 @pytest.fixture(scope="session")
 def model():
     with warnings.catch_warnings():
-        # The notice of a model that was never trained; test_model.py looks at it.
+        # The notice of an untrained model; test_model.py checks it.
         warnings.simplefilter("ignore", UserWarning)
         return umo.Model()
 
 
 @pytest.fixture(scope="session")
 def mouth_model():
-    """A small model of random weights that has a mouth network."""
+    """A small model of random weights with a mouth network."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return umo.Model(ROOT / "tests/golden/mel_k2_arkit/model.safetensors")
@@ -49,5 +50,5 @@ def whole(hello, model):
 
 @pytest.fixture(scope="session")
 def live(hello, model):
-    """What a session makes of it by default: it hears nothing ahead."""
+    """Default frames of a session: no lookahead audio."""
     return umo.animate(*hello, model=model, horizon=0)

@@ -1,4 +1,4 @@
-/* Frames as the C interface gives them: reference PREFIX RATE CHANNELS AXES <samples.i16 >frames.bin
+/* Writes the C interface's frames: reference PREFIX RATE CHANNELS AXES <samples.i16 >frames.bin
  *
  * SPDX-License-Identifier: MIT OR Apache-2.0 */
 #include <stdio.h>

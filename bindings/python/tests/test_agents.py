@@ -21,13 +21,13 @@ def run(coroutine):
 
 
 def pieces(samples, seconds, rate):
-    """What a synthesiser gives: bytes, cut where it likes."""
+    """A synthesiser's output: bytes, cut at odd positions."""
     data, size = samples.astype("<i2").tobytes(), int(seconds * rate) * 2 + 1
     return [data[at : at + size] for at in range(0, len(data), size)]
 
 
 async def spoken(avatar, count=1):
-    """The poses until so many speeches are over."""
+    """The poses until `count` speeches are over."""
     poses = []
     async for pose in avatar:
         poses.append(pose)
@@ -43,14 +43,14 @@ def same(poses, motion):
 
 
 def joints(poses):
-    """Largest step of a joint from each pose to the next, degrees."""
+    """Largest joint rotation from each pose to the next, degrees."""
     rotations = np.array([pose.frame.rotations for pose in poses])
     cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
     return np.degrees(2 * np.arccos(cosine)).max(-1)
 
 
 def niceness():
-    """Of each thread of this process by name; Linux alone says it."""
+    """Nice value of each thread of this process by name; Linux only."""
     found = {}
     for task in pathlib.Path("/proc/self/task").iterdir():
         name, rest = (task / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
@@ -125,13 +125,13 @@ def test_speeches_follow_each_other_without_a_jump(hello, model):
     assert [pose.frame.index for pose in poses] == reference.index.tolist() == list(range(138))
     assert [pose.speech for pose in poses] == [0] * 60 + [None] * 9 + [1] * 60 + [None] * 9
     assert [pose.time for pose in poses[69:72]] == [0, 1 / 30, 2 / 30]
-    # The second one begins out of rest, as the session's own does.
+    # The second one starts from rest, as the session itself does.
     same(poses, reference)
     assert joints(poses)[60:80].max() < 20, joints(poses)[60:80].max()
 
 
 async def until_silent(avatar, seconds=0.3):
-    """What still comes, until nothing comes."""
+    """The remaining poses, until none arrives."""
     poses = avatar.__aiter__()
     while True:
         try:
@@ -156,7 +156,7 @@ def test_poses_come_at_their_time(hello, model):
     times = run(speak())
     assert len(times) == 60
     due = np.arange(60) / 30
-    # Never earlier than the lead; how much later is the machine's affair.
+    # Never earlier than the lead; the delay depends on the machine.
     assert (times >= due - 0.1 - 0.01).all()
     assert times[-1] > 1.8
 
@@ -181,7 +181,7 @@ def test_an_interrupt_drops_what_was_not_spoken_and_recovers(hello, live, model)
 
     before, cut, after = run(speak())
     same(before, live[:45])
-    # 45 poses were given out, up to 0.1 s before they are heard.
+    # 45 poses were delivered, up to 0.1 s before they are heard.
     assert cut.speech == 0 and 45 / 30 - 0.15 < cut.seconds <= 45 / 30 + 1e-6
     assert [pose.speech for pose in after] == [None] * 6 + [1] * 90
     assert [pose.frame.index for pose in before + after] == list(range(45 + 96))
@@ -234,7 +234,7 @@ def test_an_interrupt_before_the_first_pose_leaves_nothing_of_the_speech(hello, 
 
     async def speak():
         avatar = umo.agents.Avatar(rate, model=model, lead=None)
-        # Before it is started, audio waits; what is cut then was never heard.
+        # Before the start, audio is queued; interrupted audio was never heard.
         avatar.push(samples)
         assert avatar.interrupt() == (0, 0.0)
         async with avatar:
@@ -316,7 +316,7 @@ def test_the_loop_is_not_blocked(hello, model):
 
     start = time.process_time()
     poses, gaps = run(speak())
-    # Computing takes far longer than the longest time that nothing else ran, also on a busy machine.
+    # Computing takes far longer than the longest blocked interval, also on a busy machine.
     assert len(poses) == int(4 * len(samples) / rate * 30)
     assert sorted(gaps)[-3] < (time.process_time() - start) / 10
 
@@ -351,7 +351,7 @@ def test_packets_come_beside_poses(hello, model):
             return await spoken(avatar)
 
     poses, shown = run(speak()), []
-    # Layers are the decoder's own.
+    # Layers belong to the decoder.
     with umo.Decoder(model, idle=umo.Idle.HOLD) as decoder:
         for name in layers:
             setattr(decoder, name, 0)
@@ -369,7 +369,7 @@ def test_wrong_arguments_say_what_is_right(model):
         ({"lead": -1}, "lead -1"),
         ({"idle": True, "lead": None}, "expected a lead"),
         ({"packets": "only"}, "beside_frames"),
-        ({"engine": object(), "model": model}, "one of both"),
+        ({"engine": object(), "model": model}, "one of the two"),
     ):
         with pytest.raises(ValueError, match=message):
             umo.agents.Avatar(**settings)
@@ -421,7 +421,7 @@ def typed(events):
 
 @pytest.fixture(scope="module")
 def spoken_24k(hello):
-    """The speech at the rate of the API: what it is at another pitch matters to nobody here."""
+    """The speech at the API's rate; that its pitch changes does not matter here."""
     samples, _ = hello
     return samples.astype("<i2").tobytes()
 
@@ -460,7 +460,7 @@ def test_the_user_s_speech_truncates_the_item(model, spoken_24k):
                 if count == 15:
                     break
             answers = speech.take(started())
-            # What the server had sent before it heard of it, and its end.
+            # Audio that the server had sent before it heard of the interruption, and its end.
             assert speech.take(delta(spoken_24k[96000:])) == [] and not avatar.is_speaking
             speech.take(done())
             speech.take({"type": "response.done", "response": {"id": "resp_1", "status": "cancelled"}})
@@ -517,7 +517,7 @@ def schemas(tools):
 
 @pytest.fixture()
 def three(model):
-    """Sessions that do the same unless they are told otherwise, and what they show in the next two seconds."""
+    """Sessions with equal output unless told otherwise, and their motion over the next two seconds."""
     with umo.Engine(model, polled=True) as engine:
         sessions = [engine.session(24000) for _ in range(3)]
 
@@ -589,7 +589,7 @@ def test_a_mood_may_end_by_itself(three, monkeypatch):
             break
         time.sleep(0.02)
     assert told == [("joy", 1.0), ("neutral", 1.0)]
-    # A new mood ends the wait for the old one's end.
+    # A new mood cancels the timer of the old one.
     tools.call("avatar_mood", {"mood": "joy", "seconds": 0.05})
     tools.call("avatar_mood", {"mood": "sad"})
     time.sleep(0.2)

@@ -1,4 +1,4 @@
-"""Frames are those of the C interface and of the program `umo`, bit for bit, however they are asked for."""
+"""Frames equal those of the C interface and of the program `umo` bit for bit, through every function."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from umo import _generated, _library
 
 @pytest.fixture(scope="module")
 def reference(prefix, tmp_path_factory):
-    """The C program: bytes of frames for samples."""
+    """Runs the C program: bytes of frames for samples."""
     program = tmp_path_factory.mktemp("c") / "reference"
     library = prefix / "lib"
     command = ["cc", "-std=c11", "-Wall", "-Wextra", "-I", prefix / "include", "-o", program]
@@ -30,7 +30,7 @@ def reference(prefix, tmp_path_factory):
 
 
 def values(motion):
-    """What is compared: every value's bits."""
+    """The bits of every value, for comparison."""
     return [motion.frames[name].tobytes() for name in motion.frames.dtype.names]
 
 
@@ -114,7 +114,7 @@ def test_stream_gives_frames_before_the_speech_is_over(hello, model):
     frames = umo.stream(chunks(), rate, model=model, horizon=0)
     first = next(frames)
     assert first.index == 0
-    # No more audio than the frame needs was asked for, but for the rest of its piece.
+    # No more audio was requested than the frame needs, except for the rest of its block.
     assert len(taken) * 800 <= (1 + model.latency_frames) * rate / 30 + 2 * 800
     frames.close()
 
@@ -159,11 +159,11 @@ def test_a_recording_s_speech_is_heard_at_any_level_and_in_any_channel(hello, mo
     samples, rate = hello
     speech = samples[: 4 * rate] / np.float32(32768)
     plain = umo.animate(speech, rate, model=model)
-    with pytest.warns(UserWarning, match="channels are heard by 1, -1"):
+    with pytest.warns(UserWarning, match="channels are scaled by 1, -1"):
         opposite = umo.animate(np.stack([speech, -speech], 1), rate, model=model)
-    with pytest.warns(UserWarning, match="channels are heard by 3.05176e-05"):
+    with pytest.warns(UserWarning, match="channels are scaled by 3.05176e-05"):
         integers = umo.animate(samples[: 4 * rate].astype(np.float32), rate, model=model)
     assert values(opposite) == values(plain) == values(integers)
-    with pytest.warns(UserWarning, match="channels are heard by 16"):
+    with pytest.warns(UserWarning, match="channels are scaled by 16"):
         quiet = umo.animate([speech * np.float32(0.02)], rate, model=model)[0]
     assert np.corrcoef(quiet.channel("jawOpen"), plain.channel("jawOpen"))[0, 1] >= 0.85

@@ -1,4 +1,4 @@
-"""What the package says of the C interface is what umo.h says."""
+"""The package's declarations of the C interface match umo.h."""
 
 import re
 
@@ -17,7 +17,8 @@ def header(prefix):
 def test_every_function_is_declared_and_no_other(header):
     functions = set(re.findall(r"\b(umo_\w+)\(", header))
     assert set(_library._ARGUMENTS) <= functions
-    # numpy's layouts are made from the library's own and need no check; a Motion outlives its model, and has its own writer of files.
+    # numpy's layouts are built from the library's own and need no check; a Motion outlives its model, and has its own
+    # file writer.
     unused = {"umo_frame_layout_check", "umo_clip_init", "umo_clip_write_file"}
     assert functions - set(_library._ARGUMENTS) <= unused
 

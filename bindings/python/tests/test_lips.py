@@ -1,4 +1,4 @@
-"""Hints of lips: what spelling says for certain, and what a session shows of it."""
+"""Lip hints: sounds that are certain from the spelling, and their effect in a session."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from umo import lips
 
 
 def shapes(text):
-    """The hints of a text whose characters take 0.1 s each."""
+    """The hints of a text with characters of 0.1 s each."""
     starts = [0.1 * at for at in range(len(text))]
     return [(hint.shape, round(10 * hint.start)) for hint in lips.of_characters(text, starts, [start + 0.1 for start in starts])]
 
@@ -60,7 +60,7 @@ def test_words_say_their_first_sound_alone():
 def test_a_transcript_gives_hints_as_its_words_end():
     transcript = lips.Transcript()
     assert transcript.push("Maybe ", 0.1, 0.4) == [("closed", 0.1, 0.08)]
-    # Characters, in two calls; "I" is a word or one of them, and has no hints.
+    # Characters, in two calls; "I" is a word or a character, and has no hints.
     assert transcript.push("I", 0.5, 0.55) == []
     assert transcript.push("but ", 0.6, 0.8) == [("closed", 0.6, 0.08)]
     made = [transcript.push(character, 1 + 0.1 * at, 1.1 + 0.1 * at) for at, character in enumerate("top map")]

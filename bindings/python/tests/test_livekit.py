@@ -1,4 +1,4 @@
-"""Outputs and generators of LiveKit agents, with a voice that is scripted."""
+"""Outputs and generators of LiveKit agents, with a scripted voice."""
 
 import asyncio
 
@@ -25,7 +25,7 @@ def run(coroutine):
 
 
 class Speaker(AudioOutput):
-    """Plays at the speed of audio, and tells when it is done, as a room's output does."""
+    """Plays in real time and reports when it is done, like a room's output."""
 
     def __init__(self, rate):
         super().__init__(label="speaker", capabilities=AudioOutputCapabilities(pause=True), sample_rate=rate)
@@ -154,7 +154,7 @@ def test_a_pause_holds_both(hello, model):
 
 
 class Voice(tts.TTS):
-    """A synthesiser that knows one sentence."""
+    """A synthesiser with one fixed sentence."""
 
     def __init__(self, samples, rate):
         super().__init__(capabilities=tts.TTSCapabilities(streaming=False), sample_rate=rate, num_channels=1)
@@ -172,7 +172,7 @@ class Sentence(tts.ChunkedStream):
 
 
 def test_an_agent_speaks_through_it_and_is_interrupted(hello, model):
-    """The whole of LiveKit's agent, but for the room."""
+    """A complete LiveKit agent, except for the room."""
     samples, rate = hello
 
     async def speak():
@@ -210,7 +210,7 @@ def test_an_agent_speaks_through_it_and_is_interrupted(hello, model):
 
 
 class TimedVoice(tts.TTS):
-    """A synthesiser that streams, and tells the times of what it says with the second half of the audio."""
+    """A streaming synthesiser, which reports timings with the second half of the audio."""
 
     def __init__(self, samples, rate, pieces):
         capabilities = tts.TTSCapabilities(streaming=True, aligned_transcript=True)
@@ -278,7 +278,7 @@ def test_an_aligned_transcript_shapes_the_lips(hello, live, model, pieces, hints
         assert len(inside) >= 2 * len(expected)
         assert all(pose.frame.face[jaw] - pose.frame.face[close] < 0.01 for pose in inside)
         if number == 0:
-            # The rest is as without.
+            # The rest equals the result without hints.
             assert all(np.array_equal(p.frame.face, w) for p, w in zip(speech, live.face) if not near(p.time))
             assert expected == [] or not np.array_equal([pose.frame.face for pose in speech][: len(live)], live.face)
 
@@ -322,7 +322,7 @@ def test_a_generator_gives_pictures_and_audio_in_step(hello, live, model):
 
 def test_another_rate_is_refused(model):
     async def refused():
-        with pytest.raises(ValueError, match="the next output wants 8000"):
+        with pytest.raises(ValueError, match="the next output needs 8000"):
             AvatarOutput(Speaker(8000), on_pose=print, rate=16000)
         output = AvatarOutput(Speaker(None), on_pose=print)
         assert output.sample_rate == 24000

@@ -1,4 +1,4 @@
-"""Another project's package of the same name is told from this one."""
+"""Another project's package of the same name is detected."""
 
 import shutil
 import subprocess
@@ -11,7 +11,7 @@ import umo
 
 
 def imported(folder, module):
-    """What a new interpreter, without this one's folders, says to the import of a module in the folder."""
+    """The message of a new interpreter, without this one's folders, on importing a module in the folder."""
     code = f"import sys; sys.path.insert(0, {str(folder)!r}); import {module}"
     return subprocess.run([sys.executable, "-I", "-c", code], capture_output=True, text=True)
 

@@ -1,4 +1,4 @@
-"""The frame processor in a Pipecat pipeline, with a voice that is scripted."""
+"""The frame processor in a Pipecat pipeline, with a scripted voice."""
 
 import asyncio
 
@@ -34,12 +34,12 @@ from pipecat.workers.runner import WorkerRunner
 from umo.agents.pipecat import AvatarProcessor, PoseFrame
 
 logger.remove()
-# Pipecat's own.
+# Pipecat's own warnings.
 pytestmark = pytest.mark.filterwarnings("default")
 
 
 class Sink(FrameProcessor):
-    """Keeps what arrives."""
+    """Collects the frames that arrive."""
 
     def __init__(self):
         super().__init__()
@@ -59,7 +59,7 @@ class Sink(FrameProcessor):
 
 
 class Speaker(BaseOutputTransport):
-    """A transport that plays at the speed of audio."""
+    """A transport that plays in real time."""
 
     def __init__(self):
         super().__init__(TransportParams(audio_out_enabled=True, audio_out_sample_rate=16000))
@@ -81,7 +81,7 @@ class Speaker(BaseOutputTransport):
 
 
 def run(processors, script, **params):
-    """Runs a pipeline while `script` queues frames, which ends with an EndFrame."""
+    """Runs a pipeline while `script` queues frames, the last being an EndFrame."""
 
     async def all_of_it():
         made = processors()
@@ -111,7 +111,7 @@ def run(processors, script, **params):
 
 
 def voice(samples, rate, context="a"):
-    """What a synthesiser says, faster than it is heard."""
+    """A synthesiser's output, faster than real time."""
     data = samples.astype("<i2").tobytes()
     frames = [TTSStartedFrame(context_id=context)]
     for at in range(0, len(data), 6400):
@@ -147,11 +147,11 @@ def test_poses_and_audio_come_in_step_and_other_frames_stay_in_their_place(hello
     same(speech, live)
     assert audio_of(frames) == samples.astype("<i2").tobytes()
     assert {frame.context_id for frame in frames if isinstance(frame, TTSAudioRawFrame)} == {"a"}
-    # Each pose is before its audio.
+    # Each pose precedes its audio.
     order = [frame for frame in frames if isinstance(frame, (PoseFrame, TTSAudioRawFrame))]
     for pose, audio in zip(order[0 : 2 * len(live) : 2], order[1 : 2 * len(live) : 2]):
         assert pose.pose.audio == audio.audio
-    # The word belongs behind 0.4 s of audio, the end behind all of it.
+    # The word belongs after 0.4 s of audio, the end after all of it.
     kinds = [type(frame) for frame in frames]
     assert len(audio_of(frames[: kinds.index(TTSTextFrame)])) in range(12800, 12800 + 1068)
     assert kinds.index(TTSStartedFrame) < kinds.index(PoseFrame)
@@ -160,7 +160,7 @@ def test_poses_and_audio_come_in_step_and_other_frames_stay_in_their_place(hello
 
 
 class Voice(TTSService):
-    """A synthesiser that knows one sentence and the times of its words, some of which come before its audio."""
+    """A synthesiser with one fixed sentence and its word times, some of which arrive before their audio."""
 
     def __init__(self, samples, rate, words):
         settings = TTSSettings(model=None, voice=None, language=None)
@@ -180,7 +180,7 @@ class Voice(TTSService):
 
 @pytest.mark.parametrize("hints", [True, False])
 def test_times_of_words_shape_the_lips(hello, live, model, hints):
-    """Of "big" there is no time, and "the" and "top" begin with no sound that is seen."""
+    """"big" has no time, and "the" and "top" start with no visible sound."""
     samples, rate = hello
     given, loud = [], [("map", 0.1), ("the", 0.9), ("top", 1.2), ("man", 1.5)]
 
@@ -189,7 +189,7 @@ def test_times_of_words_shape_the_lips(hello, live, model, hints):
         processor.avatar.hint = lambda hint: (given.append((processor.avatar.speeches, hint)), take(hint))
         for count in range(1, 4):
             await worker.queue_frame(TTSSpeakFrame("Map the top man big."))
-            # The second comes while the first one's words are still to be heard, the third after a pause.
+            # The second speech arrives while the first one's words are still to be heard, the third after a pause.
             await sink.until(lambda frames: sum(isinstance(frame, TTSStoppedFrame) for frame in frames) >= count)
             await asyncio.sleep(2 if count == 2 else 0)
 
@@ -198,7 +198,7 @@ def test_times_of_words_shape_the_lips(hello, live, model, hints):
     assert len(given) == (6 if hints else 0)
     for speech in range(3 if hints else 0):
         (_, first), (_, second) = given[2 * speech : 2 * speech + 2]
-        # They are those that the synthesiser told, but for the time of a call.
+        # They equal the synthesiser's times, except for the duration of a call.
         assert first == ("closed", pytest.approx(0.1, abs=0.01), 0.08)
         assert second == ("closed", pytest.approx(1.5, abs=0.01), 0.08)
     jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
@@ -277,5 +277,5 @@ def test_audio_of_another_rate_is_an_error_that_says_what_to_do(hello, model):
 
     *_, sink = run(lambda: [Errors(), AvatarProcessor(model=model), Sink()], speak)
     assert len(errors) == 1 and "8000 Hz" in errors[0] and "give AvatarProcessor the rate" in errors[0]
-    # It is heard nevertheless.
+    # It is still heard.
     assert audio_of(sink.frames) == bytes(3200)

@@ -24,7 +24,7 @@ WORKERS = 3
 
 @pytest.fixture(scope="module")
 def cluster():
-    # Ray's workers are nice to others otherwise, and would wait for them on a busy machine.
+    # Ray's workers otherwise lower their priority, and would stall on a busy machine.
     os.environ["RAY_worker_niceness"] = "0"
     ray.init(num_cpus=WORKERS, include_dashboard=False, log_to_driver=False, object_store_memory=100 << 20)
     ray.data.DataContext.get_current().enable_progress_bars = False
@@ -34,7 +34,7 @@ def cluster():
 
 @pytest.fixture
 def lines(hello, tmp_path):
-    """Files with a second and a half of speech each, none like another."""
+    """Files with a second and a half of speech each, all different."""
     samples, rate = hello
     paths = []
     for number in range(12):
@@ -72,7 +72,7 @@ def workers():
 
 
 def here(lines, folder, format=".npz", animator=None, **settings):
-    """An actor's work in this process: rows by the file's name."""
+    """An actor's work in this process: rows by file name."""
     work = [json.dumps(umo.ray._line(line, str(folder), format)) for line in lines]
     columns = (animator or umo.ray.Animator(**settings))({"line": np.array(work)})
     rows = [dict(zip(columns, row)) for row in zip(*(values.tolist() for values in columns.values()))]
@@ -114,7 +114,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_comes_twice(cluster, lines, m
     (_, done, count), = killed
     assert done < len(lines) and count > 1, killed
     assert sorted(row["file"] for row in rows) == sorted(f"file://{line}" for line in lines)
-    # A line that was written just before its worker died is kept when it comes again.
+    # A line that was written just before its worker died is kept on the second try.
     assert {row["status"] for row in rows} <= {"done", "kept"} and {row["frames"] for row in rows} == {45}
     names = sorted(path.name for path in folder.iterdir() if not path.name.endswith(".part"))
     wanted = [f"{line.stem}.npz" for line in lines]
@@ -135,10 +135,10 @@ def test_a_second_run_makes_what_is_not_done_or_not_the_same(lines, tmp_path):
     assert {row["status"] for row in first.values()} == {"done"} and len(first) == len(lines)
     before = state(folder)
     for line in lines:
-        # Dates count for nothing.
+        # Modification times are ignored.
         os.utime(line)
     assert {row["status"] for row in run().values()} == {"kept"} and state(folder) == before
-    # Another recording, a spoilt output, a lost note, another seed.
+    # Another recording, a corrupted output, a deleted note, another seed.
     lines[0].write_bytes(lines[1].read_bytes())
     (folder / "line02.csv").write_bytes(b"spoilt")
     (folder / ".line04.csv.umo.json").unlink()
@@ -149,7 +149,7 @@ def test_a_second_run_makes_what_is_not_done_or_not_the_same(lines, tmp_path):
     assert {row["status"] for name, row in second.items() if name not in made} == {"kept"}
     assert second["line02.wav"]["sha256"] == first["line02.wav"]["sha256"]
     assert second["line06.wav"]["sha256"] != first["line06.wav"]["sha256"]
-    # Another setting makes all.
+    # Another setting recomputes everything.
     assert {row["status"] for row in run(settings={"parameters": {"gain_face": 0.5}}).values()} == {"done"}
     assert {row["status"] for row in run(settings={"parameters": {"gain_face": 0.5}}, again=True).values()} == {"done"}
 

@@ -21,7 +21,7 @@ def test_the_readme_s_programs_run(monkeypatch, model, tmp_path):
     names = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        # One after the other: each goes on where the one before ended.
+        # One after the other: each continues where the previous one ended.
         for program in programs:
             exec(compile(program, "README.md", "exec"), names)
     assert sorted(file.name for file in tmp_path.glob("hello.*")) == ["hello.bvh", "hello.csv", "hello.glb", "hello.jsonl", "hello.npz", "hello.vrma"]

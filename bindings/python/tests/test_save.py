@@ -13,7 +13,7 @@ import umo
 
 @pytest.fixture(scope="module")
 def reference():
-    """The files of `umo animate`: without a suffix."""
+    """The files of `umo animate`, without a suffix."""
     return Path(os.environ["UMO_REFERENCE"]).with_suffix("")
 
 

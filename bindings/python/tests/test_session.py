@@ -27,10 +27,10 @@ def engine(model):
 
 
 def drain(session, count, seconds=60):
-    """`count` frames of an engine with threads of its own."""
+    """Pulls `count` frames of an engine with its own threads."""
     parts, end = [], time.monotonic() + seconds
     while sum(map(len, parts)) < count:
-        assert time.monotonic() < end, "no frames come"
+        assert time.monotonic() < end, "no frames arrive"
         parts.append(session.pull())
         time.sleep(0.002)
     return parts
@@ -94,7 +94,7 @@ def test_sessions_of_an_engine_that_gathers_have_the_same_frames(model, hello):
 
 
 def test_other_threads_run_while_a_call_computes(model, hello):
-    """A thread of Python counts while another one is inside of one long poll."""
+    """A Python thread counts while another one is inside one long poll."""
     with umo.Engine(model, polled=True, threads=1) as engine, engine.session(hello[1]) as session:
         session.push(hello[0])
         counted, done = [0], threading.Event()
@@ -112,7 +112,7 @@ def test_other_threads_run_while_a_call_computes(model, hello):
         during, took = counted[0] - before, time.monotonic() - start
         done.set()
         counter.join()
-        assert took > 0.02, "the poll was too short to say anything"
+        assert took > 0.02, "the poll was too short for a measurement"
         assert during >= 5
 
 
@@ -314,7 +314,7 @@ def test_gestures_play_at_their_time_and_hosts_add_theirs(model, hello):
             engine.add_gesture_file("greet", "/no/such/file.glb")
         with pytest.raises(umo.Error, match="salute"):
             engine.add_gesture_file("greet", SALUTE, animation="wave")
-        with pytest.raises(umo.Error, match="no glb file"):
+        with pytest.raises(umo.Error, match="not a glb file"):
             engine.add_gesture_file("greet", b"RIFF")
         with pytest.raises(umo.Error, match="stroke"):
             engine.add_gesture("late", still, stroke=2.0)
@@ -385,7 +385,7 @@ def test_a_model_file_that_cannot_be_opened_is_python_s_own_exception(tmp_path):
     with pytest.raises(IsADirectoryError) as caught:
         umo.Model(str(tmp_path))
     assert (caught.value.errno, caught.value.filename) == (errno.EISDIR, str(tmp_path))
-    # What exists and is no regular file is refused in umo's own words.
+    # Existing paths that are not regular files get umo's own message.
     with pytest.raises(umo.Error, match="null"):
         umo.Model(os.devnull)
 
@@ -430,10 +430,10 @@ def test_audio_with_channels_first_is_refused_with_what_to_pass(engine, model):
         for call in (lambda: session.push(stereo), lambda: umo.animate(stereo, 16000, model=model)):
             with pytest.raises(ValueError, match=r"shape \(2, 16000\).*\[samples, channels\].*audio\.T .*audio\.mean\(axis=0\)"):
                 call()
-        # The mean of int16 samples is no int16.
+        # The mean of int16 samples is not int16.
         with pytest.raises(ValueError, match=r"audio\.mean\(axis=0\)\.astype\(np\.int16\) for mono"):
             session.push(stereo.astype(np.int16))
-        # Few enough samples to be channels, but not those of the session.
+        # Few enough samples to be mistaken for channels, but not the session's number.
         with pytest.raises(ValueError, match=r"shape \(2, 40\): expected \[samples, 2\].*audio\.T"):
             session.push(stereo[:, :40])
         with pytest.raises(ValueError, match=r"shape \(5, 0\)"):
@@ -500,7 +500,7 @@ def test_the_skeleton_is_in_the_axes_asked_for(model):
     parents, offsets = model.skeleton()
     assert parents[0] == -1 and all(0 <= parent < i for i, parent in enumerate(parents) if i)
     assert offsets.shape == (len(umo.JOINTS), 3)
-    # glTF: the left is +X, up is +Y, metres; Unreal: forward is +X, the right is +Y, up is +Z, centimetres.
+    # glTF: left is +X, up is +Y, metres; Unreal: forward is +X, right is +Y, up is +Z, centimetres.
     left, head = umo.JOINTS.index("left_shoulder"), umo.JOINTS.index("head")
     assert offsets[left, 0] > 0 and offsets[head, 1] > 0
     x, y, z = offsets.T
@@ -513,13 +513,13 @@ def test_forgotten_objects_are_freed(model, hello):
     for _ in range(50):
         session = engine.session(hello[1])
         session.push(hello[0][:4000])
-        # A circle, which only the collector can undo.
+        # A reference cycle, which only the garbage collector can break.
         session._itself = session
         gone = weakref.ref(session)
         del session
         gc.collect()
         assert gone() is None
-    # Both places are free again.
+    # Both slots are free again.
     kept = [engine.session(hello[1]) for _ in range(2)]
     with pytest.raises(umo.Error) as caught:
         engine.session(hello[1])
@@ -560,7 +560,7 @@ def test_a_thousand_sessions_leave_no_memory_behind(model, hello):
     with umo.Engine(model, polled=True, threads=1) as engine:
 
         def once(i):
-            # Every tenth speaks: what a chunk takes is most of the time of this test.
+            # Every tenth speaks: computing chunks dominates the time of this test.
             speaks = i % 10 == 0
             with engine.session(rate, idle=umo.Idle.HOLD, seed=i) as session:
                 session.push(samples[: 20000 if speaks else 2000])

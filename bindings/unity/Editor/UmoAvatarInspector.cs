@@ -4,7 +4,7 @@ using UnityEditor;
 
 namespace Umo.Unity.Editing
 {
-    /// <summary>Says in the inspector what is wrong, and how things go.</summary>
+    /// <summary>Shows errors and statistics of the avatar in the inspector.</summary>
     [CustomEditor(typeof(UmoAvatar))]
     public sealed class UmoAvatarInspector : Editor
     {

@@ -4,7 +4,7 @@ using UnityEditor;
 
 namespace Umo.Unity.Editing
 {
-    /// <summary>No thread of an engine's runs while the editor unloads code, and none outlives play.</summary>
+    /// <summary>Stops all engine threads before the editor unloads code and when play mode ends.</summary>
     [InitializeOnLoad]
     public static class UmoReload
     {

@@ -6,28 +6,28 @@ using UnityEngine;
 namespace Umo.Unity
 {
     /// <summary>
-    /// The voice in a player of a browser, where no filter gets what a source plays: its samples are read out of the clip.
-    /// What has begun to play is paused until its motion is there, and read ahead of what is heard from then on. For the main
-    /// thread.
+    /// The voice in WebGL players, where no audio filter receives the output of a source: samples are read from the
+    /// clip instead. A source that starts to play is paused until its motion is ready; from then on samples are read
+    /// ahead of playback. Main thread only.
     /// </summary>
     public sealed class ClipVoice
     {
-        /// Whoever moves the place in a clip by more than this, seconds, has sought.
+        /// A jump of the playback position by more than this many seconds counts as a seek.
         private const double Sought = 0.5;
 
         private readonly VoiceLine line;
         private readonly int rate, channels, ahead;
         private readonly float[] block;
         private AudioClip clip;
-        /// The clip that `samples` have room for: one that is still being loaded is tried again at every picture.
+        /// The clip that `samples` was sized for. A clip that is still loading is retried each frame.
         private AudioClip tried;
         private float[] samples;
         private bool waits;
         private double left, owed;
-        /// The clip's sample that is pushed next, and the one that was heard at the last picture.
+        /// Sample of the clip to push next, and the sample heard at the last frame.
         private int at, heard;
 
-        /// <param name="ahead">Samples of each channel by which it is heard later than it is pushed.</param>
+        /// <param name="ahead">Delay between push and playback, in samples per channel.</param>
         public ClipVoice(VoiceLine line, int rate, int channels, int ahead)
         {
             this.line = line;
@@ -37,16 +37,16 @@ namespace Umo.Unity
             block = new float[1024 * channels];
         }
 
-        /// <summary>Whether the source plays, or waits for its motion.</summary>
+        /// <summary>Whether the source is playing or waiting for its motion.</summary>
         public bool Plays { get { return clip != null; } }
 
-        /// <summary>Whether a clip has another rate or other channels, so that it needs a session of its own.</summary>
+        /// <summary>Whether a clip has another rate or channel count and so needs a new session.</summary>
         public bool IsOther(AudioClip other)
         {
             return other != null && (other.frequency != rate || other.channels != channels);
         }
 
-        /// <summary>A picture has passed. False where the samples of the source's clip cannot be read.</summary>
+        /// <summary>Call once per frame. False if the samples of the source's clip cannot be read.</summary>
         public bool Follow(AudioSource source, double seconds)
         {
             if (clip != null && source.clip != clip) Stop();
@@ -100,7 +100,7 @@ namespace Umo.Unity
             return true;
         }
 
-        /// <summary>Plays no more.</summary>
+        /// <summary>Stops playing.</summary>
         public void Stop()
         {
             clip = tried = null;
@@ -108,7 +108,7 @@ namespace Umo.Unity
             waits = false;
         }
 
-        /// <summary>A source that waits is left as it was found.</summary>
+        /// <summary>Restores a source that waits to its original state.</summary>
         public void Release(AudioSource source)
         {
             if (waits) source.UnPause();
@@ -121,7 +121,7 @@ namespace Umo.Unity
             {
                 if (loops) at %= clip.samples;
                 int some = Math.Min(count, block.Length / channels);
-                // After the clip's end its motion is still to be heard out.
+                // After the end of the clip, silence follows until its motion has been shown.
                 int there = Math.Max(0, Math.Min(some, clip.samples - at));
                 if (loops) some = there;
                 if (there > 0) Array.Copy(samples, at * channels, block, 0, there * channels);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// No type of the engine: this half is tested without it.
+// Does not use engine types, so that it can be tested without Unity.
 
 using System;
 using System.Collections.Generic;
@@ -8,8 +8,8 @@ using System.Text;
 namespace Umo.Unity
 {
     /// <summary>
-    /// Finds a face channel by the name that an artist's tool gave its shape: jawOpen, JawOpen, jaw_open, blendShape1.jawOpen,
-    /// Face.eyeBlink_L, ARKit_mouthSmileLeft.
+    /// Finds a face channel by the blend shape names that art tools use: jawOpen, JawOpen, jaw_open,
+    /// blendShape1.jawOpen, Face.eyeBlink_L, ARKit_mouthSmileLeft.
     /// </summary>
     public sealed class FaceMap
     {
@@ -28,7 +28,7 @@ namespace Umo.Unity
             {
                 int channel;
                 if (channels.TryGetValue(Plain(Sided(name)), out channel)) return channel;
-                // A word in front may be the mesh's or the tool's.
+                // The first word may be a prefix from the mesh or the tool.
                 int cut = name.IndexOf('_');
                 if (cut < 0) return -1;
                 name = name.Substring(cut + 1);
@@ -42,7 +42,7 @@ namespace Umo.Unity
             return name;
         }
 
-        /// Letters and digits only, all small.
+        /// Letters and digits only, in lower case.
         private static string Plain(string name)
         {
             StringBuilder plain = new StringBuilder(name.Length);

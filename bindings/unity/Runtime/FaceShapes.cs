@@ -5,14 +5,14 @@ using UnityEngine;
 
 namespace Umo.Unity
 {
-    /// <summary>The blend shapes of some meshes that have face channels' names.</summary>
+    /// <summary>Blend shapes of a set of meshes whose names match face channels.</summary>
     internal sealed class FaceShapes
     {
         private struct Shape
         {
             public SkinnedMeshRenderer Mesh;
             public int Index, Channel;
-            /// Weight at which the shape is there in full: 100, as a rule.
+            /// Weight of the fully applied shape: usually 100.
             public float Full;
         }
 
@@ -42,7 +42,7 @@ namespace Umo.Unity
 
         public int Count { get { return shapes.Length; } }
 
-        /// <summary>How many channels move something.</summary>
+        /// <summary>Number of channels that move at least one shape.</summary>
         public int Channels
         {
             get

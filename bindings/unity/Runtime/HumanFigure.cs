@@ -5,12 +5,12 @@ using UnityEngine;
 
 namespace Umo.Unity
 {
-    /// <summary>A humanoid's bones, and the joints of the model that they follow.</summary>
+    /// <summary>Bones of a humanoid, and the model joints that drive them.</summary>
     internal sealed class HumanFigure
     {
         private static readonly HumanBodyBones[] Back = { HumanBodyBones.Spine, HumanBodyBones.Chest, HumanBodyBones.UpperChest };
 
-        /// The back aside, whose bones depend on how many there are.
+        /// Without the spine, whose bones depend on how many there are.
         private static readonly Dictionary<int, HumanBodyBones> Bones = new Dictionary<int, HumanBodyBones>
         {
             { 0, HumanBodyBones.Hips }, { 12, HumanBodyBones.Neck }, { 15, HumanBodyBones.Head },
@@ -35,7 +35,7 @@ namespace Umo.Unity
         private readonly List<Transform> transforms = new List<Transform>();
         private readonly List<int> joints = new List<int>();
 
-        /// <summary>Parents stand before their children. A jaw or eye that shapes move is not turned as well.</summary>
+        /// <summary>Parents come before their children. A jaw or eye that is driven by blend shapes is not rotated as well.</summary>
         public HumanFigure(Animator animator, bool withFace)
         {
             root = animator.transform;
@@ -63,7 +63,7 @@ namespace Umo.Unity
 
         public Transform Root { get { return root; } }
 
-        /// <summary>Rotations and places as they are now, in the root's frame.</summary>
+        /// <summary>Current rotations and positions, in the root's frame.</summary>
         public void Capture(out Quaternion[] rotations, out Vector3[] places)
         {
             rotations = new Quaternion[Count];

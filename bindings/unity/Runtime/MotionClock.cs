@@ -1,24 +1,24 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// No type of the engine: this half is tested without it.
+// Does not use engine types, so that it can be tested without Unity.
 
 using System;
 
 namespace Umo.Unity
 {
     /// <summary>
-    /// The time of the motion that belongs to the sound that is heard. Sound is known in blocks of some 20 ms; the clock runs
-    /// with the game's frames, follows the sound, and never goes back.
+    /// Motion time that belongs to the sound being heard. The position of the sound is known in blocks of about 20 ms;
+    /// the clock advances with the game's frames, follows the sound, and never goes back.
     /// </summary>
     public sealed class MotionClock
     {
         private const double FrameRate = 30;
-        /// Behind the sound by more than this, it jumps; ahead by more than that, it waits.
+        /// Maximum lag behind the sound before the clock jumps, and maximum lead before it waits, in seconds.
         private const double Behind = 0.15, Ahead = 0.05;
-        /// Share of the difference that is made up per second.
+        /// Share of the difference corrected per second.
         private const double Pull = 5;
 
         private readonly double rate;
-        /// Time of the motion of the stream's sample 0.
+        /// Motion time of the stream's sample 0.
         private double origin;
         private double easeEnd;
         private ulong firstFrame;
@@ -31,7 +31,7 @@ namespace Umo.Unity
         /// <summary>Seconds of the motion, for Session.SamplePose.</summary>
         public double Time { get; private set; }
 
-        /// <summary>A frame of the game has passed, and this sample is heard now, before 0 where none is yet.</summary>
+        /// <summary>Advances by one game frame. `heard` is the sample being heard, or negative if none is yet.</summary>
         public void Advance(double seconds, double heard)
         {
             if (Time < easeEnd)
@@ -45,16 +45,19 @@ namespace Umo.Unity
             else if (error > -Ahead) Time += Math.Max(0, seconds + error * Math.Min(1, Pull * seconds));
         }
 
-        /// <summary>Time passes though nothing is heard: an ease to rest runs.</summary>
+        /// <summary>Advances while nothing is heard, such as during an ease to rest.</summary>
         public void Rest(double seconds)
         {
             Time += seconds;
         }
 
-        /// <summary>The first sample whose motion is not in the past already.</summary>
+        /// <summary>First sample whose motion is not already in the past.</summary>
         public long NextSample { get { return (long)Math.Ceiling((Math.Max(Time, easeEnd) - origin) * rate); } }
 
-        /// <summary>The session was interrupted when frame <paramref name="shown"/>, or none, had been shown and so many samples pushed.</summary>
+        /// <summary>
+        /// The session was interrupted after frame <paramref name="shown"/> (if any) was shown and <paramref
+        /// name="pushed"/> samples were pushed.
+        /// </summary>
         public void Interrupt(ulong shown, bool any, uint easeMs, long pushed)
         {
             firstFrame = any ? shown + 1 + (ulong)Math.Ceiling(easeMs * FrameRate / 1000) : 0;
@@ -62,11 +65,11 @@ namespace Umo.Unity
             origin = easeEnd - pushed / rate;
         }
 
-        /// <summary>What a frame says of itself: keeps frames and samples together, whatever was dropped.</summary>
+        /// <summary>Synchronises with a frame's own index and sample, so that dropped frames cause no drift.</summary>
         public void Follow(ulong index, ulong sample)
         {
             double found = index / FrameRate - sample / rate;
-            // A sample's number is a whole one.
+            // Samples are whole numbers: ignore differences from rounding.
             if (index >= firstFrame && Math.Abs(found - origin) > 2 / rate) origin = found;
         }
     }

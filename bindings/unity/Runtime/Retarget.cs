@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// No type of the engine: this half is tested without it.
+// Does not use engine types, so that it can be tested without Unity.
 
 using System;
 
@@ -39,7 +39,7 @@ namespace Umo.Unity
 
         public static readonly Quat Identity = new Quat(0, 0, 0, 1);
 
-        /// <summary>First b, then a.</summary>
+        /// <summary>Applies b first, then a.</summary>
         public static Quat operator *(Quat a, Quat b)
         {
             return new Quat(
@@ -56,7 +56,7 @@ namespace Umo.Unity
             return v + q.W * turned + Vec.Cross(axis, turned);
         }
 
-        /// <summary>The shortest turn that brings one direction onto another.</summary>
+        /// <summary>Shortest rotation from one direction to another.</summary>
         public static Quat Between(Vec from, Vec to)
         {
             Vec axis = Vec.Cross(from, to);
@@ -64,7 +64,7 @@ namespace Umo.Unity
             if (sine <= 1e-6f * from.Length * to.Length)
             {
                 if (cosine >= 0) return Identity;
-                // Opposite: half a turn about anything across.
+                // Opposite directions: half a turn about any perpendicular axis.
                 axis = Vec.Cross(from, Math.Abs(from.X) < 0.7f * from.Length ? new Vec(1, 0, 0) : new Vec(0, 1, 0));
             }
             double half = Math.Atan2(sine, cosine) / 2;
@@ -73,41 +73,41 @@ namespace Umo.Unity
         }
     }
 
-    /// <summary>A bone of the figure that is to move, in the frame of the figure's root.</summary>
+    /// <summary>A bone of the figure to drive, in the frame of the figure's root.</summary>
     public struct Bone
     {
-        /// <summary>Joint of the model that it follows.</summary>
+        /// <summary>Model joint that drives it.</summary>
         public int Joint;
-        /// <summary>Rotation and place in the figure's pose of rest.</summary>
+        /// <summary>Rotation and position in the figure's rest pose.</summary>
         public Quat Rotation;
         public Vec Place;
     }
 
     /// <summary>
-    /// The model's rotations onto a figure with bones of its own: any bind axes, some bones missing, and a pose of rest that
-    /// need not be a T. Arms, legs and fingers are turned as if the figure rested as the model does; its back, head and feet
-    /// keep the shape that they have.
+    /// Transfers the model's rotations to a figure with its own skeleton: any bind axes, missing bones, and a rest pose
+    /// that need not be a T-pose. Arms, legs and fingers are rotated as if the figure's rest pose were the model's;
+    /// back, head and feet keep their own rest shape.
     /// </summary>
     public sealed class Retarget
     {
         private const int Joints = Native.JointCount;
         private const int Pelvis = 0, Spine1 = 3, Spine2 = 6, Spine3 = 9;
 
-        /// The joint that a limb's joint points to; 0 where the figure's own shape is kept, -1 where the parent's correction is.
+        /// Joint that a limb's joint points to; 0 keeps the figure's own shape, -1 uses the parent's correction.
         private static readonly int[] Towards = MakeTowards();
 
         private readonly int[] parents;
         private readonly Bone[] bones;
-        /// From the bone's rest to where it would be, if the figure rested as the model does.
+        /// Rotation from the bone's rest to the model's rest pose.
         private readonly Quat[] rest;
         private readonly Quat[] global = new Quat[Joints];
         private readonly Vec pelvis;
         private readonly float scale;
         private readonly Vec stand;
 
-        /// <param name="parents">Of the model's joints, parents first.</param>
-        /// <param name="offsets">Of the model's joints in the engine's axes, three each.</param>
-        /// <param name="bones">At most one for a joint.</param>
+        /// <param name="parents">Parents of the model's joints, parents first.</param>
+        /// <param name="offsets">Offsets of the model's joints in the engine's axes, three values each.</param>
+        /// <param name="bones">At most one per joint.</param>
         public Retarget(int[] parents, float[] offsets, Bone[] bones)
         {
             this.parents = parents;
@@ -144,18 +144,18 @@ namespace Umo.Unity
             if (boneOf[Pelvis] >= 0)
             {
                 Vec hips = bones[boneOf[Pelvis]].Place;
-                // From the hips down to the sole: hip, knee, ankle, ball of the foot.
+                // Leg length from the hips to the sole: hip, knee, ankle, ball of the foot.
                 float leg = -(offsets[3 * 1 + 1] + offsets[3 * 4 + 1] + offsets[3 * 7 + 1] + offsets[3 * 10 + 1]);
                 if (leg > 0 && hips.Y > 0) scale = hips.Y / leg;
                 stand = new Vec(hips.X, 0, hips.Z);
             }
         }
 
-        /// <summary>How large the figure is for one of the model's.</summary>
+        /// <summary>Size of the figure relative to the model's.</summary>
         public float Scale { get { return scale; } }
 
-        /// <summary>Rotations of the figure's bones in its root's frame. Allocates nothing.</summary>
-        /// <param name="rotations">Of the model's joints, relative to their parents, four each.</param>
+        /// <summary>Rotations of the figure's bones in its root's frame. Does not allocate.</summary>
+        /// <param name="rotations">Rotations of the model's joints, relative to their parents, four values each.</param>
         public void Rotate(float[] rotations, Quat[] into)
         {
             for (int j = 0; j < Joints; j++)
@@ -166,22 +166,22 @@ namespace Umo.Unity
             for (int b = 0; b < bones.Length; b++) into[b] = global[bones[b].Joint] * rest[b];
         }
 
-        /// <summary>Where the figure's hips are in its root's frame.</summary>
+        /// <summary>Position of the figure's hips in its root's frame.</summary>
         /// <param name="translation">The model's.</param>
         public Vec Hips(float[] translation)
         {
             return stand + scale * (pelvis + new Vec(translation[0], translation[1], translation[2]));
         }
 
-        /// <summary>Where a place of the figure, in its root's frame, is for the model.</summary>
+        /// <summary>Converts a point in the figure's root frame to the model's space.</summary>
         public Vec Place(Vec figure)
         {
             return 1 / scale * (figure - stand);
         }
 
         /// <summary>
-        /// The joints that a back of so many bones follows, from the lowest up: the highest bone carries neck and arms, and
-        /// follows what they are on.
+        /// Joints that drive a spine of the given number of bones, from the lowest up: the highest bone carries neck
+        /// and arms, and follows the joint that they hang on.
         /// </summary>
         public static int[] Back(int count)
         {

@@ -8,9 +8,9 @@ using UnityEngine.Networking;
 namespace Umo.Unity
 {
     /// <summary>
-    /// Moves a humanoid and the shapes of its face to what its AudioSource plays. Motion needs to hear a little of the
-    /// future, so the voice is delayed until its motion is there. With the live voice, as for a microphone, it is not: the
-    /// mouth moves at once, and the body follows.
+    /// Animates a humanoid and its blend shapes from the sound of its AudioSource. The model needs some audio from the
+    /// future, so the voice is delayed until its motion is ready. With the live voice, which is used for a microphone,
+    /// it is not delayed: the mouth moves at once and the body follows.
     /// </summary>
     [AddComponentMenu("Audio/umo Avatar")]
     [DisallowMultipleComponent]
@@ -20,36 +20,36 @@ namespace Umo.Unity
     {
         [Tooltip("Model file in StreamingAssets, or an absolute path.")]
         public string model = "umo-people.safetensors";
-        [Tooltip("The figure. Empty: an Animator here or below.")]
+        [Tooltip("The figure. Empty: an Animator on this object or its children.")]
         public Animator animator;
-        [Tooltip("Meshes with ARKit blend shapes. Empty: all here and below.")]
+        [Tooltip("Meshes with ARKit blend shapes. Empty: all on this object and its children.")]
         public SkinnedMeshRenderer[] faces = new SkinnedMeshRenderer[0];
 
-        [Header("Taken over while it runs")]
+        [Header("Applied while running")]
         [Range(0, 2)] public float faceGain = 1;
         [Range(0, 2)] public float handsGain = 1;
         [Range(0, 2)] public float upperGain = 1;
         [Range(0, 2)] public float lowerGain = 1;
-        [Tooltip("What is shown while nothing is said: the last pose, the pose of rest, or the model on silence.")]
+        [Tooltip("Behaviour without speech: the last pose, the rest pose, or the model run on silence.")]
         public Idle idle = Idle.Live;
-        [Tooltip("What the avatar is told, for models that take texts.")]
+        [Tooltip("Text prompt, for models that take text.")]
         public string prompt = "";
-        [Tooltip("Whether the hips move, or only turn.")]
+        [Tooltip("Whether the hips translate as well as rotate.")]
         public bool moveHips = true;
-        [Tooltip("What the avatar attends to. Auto: it speaks while its voice is heard, listens while the other source is, else idles.")]
+        [Tooltip("Focus of attention. Auto: speaking while its voice is heard, listening while the other source is heard, else idle.")]
         public Attention attention = Attention.Auto;
         [Tooltip("The mood of face and posture.")]
         public Mood mood = Mood.Neutral;
         [Range(0, 1)] public float moodStrength = 1;
-        [Tooltip("What the avatar looks at, as the player's head.")]
+        [Tooltip("Object to look at, such as the player's head.")]
         public Transform lookAt;
         [Range(0, 1)] public float lookAtStrength = 1;
-        [Tooltip("Who speaks to the avatar: it listens while this source is heard.")]
+        [Tooltip("The interlocutor's voice: the avatar listens while this source is heard.")]
         public AudioSource otherSource;
-        [Tooltip("Seconds from Unity's mixer to the sound that is heard: some 0.2 by Bluetooth.")]
+        [Tooltip("Delay of the output device in seconds: about 0.2 for Bluetooth.")]
         [Range(0, 2)] public float outputDelay = 0;
 
-        [Header("Layers over the model's motion, taken over while it runs")]
+        [Header("Layers over the model's motion, applied while running")]
         [Range(0, 1)] public float gazeLayer = 1;
         [Range(0, 1)] public float idleLayer = 1;
         [Range(0, 1)] public float asymmetryLayer = 1;
@@ -57,38 +57,38 @@ namespace Umo.Unity
         [Range(0, 1)] public float moodLayer = 1;
         [Range(0, 1)] public float feetLayer = 1;
 
-        [Header("Taken over when it is enabled")]
-        [Tooltip("Keyframes per step, ten a second in the default model: fewer answer sooner, more see more at once. 0: the model's default.")]
+        [Header("Applied when enabled")]
+        [Tooltip("Keyframes per step, ten a second in the default model: fewer reduce latency, more give more context. 0: the model's default.")]
         [Min(0)] public int target = 1;
-        [Tooltip("Frames held back for smoother seams, that much later. -1: the model's default.")]
+        [Tooltip("Frames held back for smoother seams; adds that much latency. -1: the model's default.")]
         [Min(-1)] public int lookahead = -1;
-        [Tooltip("The voice is heard when its motion is there. Without, it is heard at once and motion follows late.")]
+        [Tooltip("Delay the voice until its motion is ready. Off: the voice plays at once and the motion lags.")]
         public bool delayVoice = true;
-        [Tooltip("The voice is heard at once, the mouth moves with it, and the body follows: needs a model with a mouth network. UseMicrophone does so by itself.")]
+        [Tooltip("The voice plays at once, the mouth moves with it, and the body follows. Needs a model with a mouth network. UseMicrophone enables it.")]
         public bool liveVoice = false;
-        [Tooltip("Whether what a microphone hears is played, too.")]
+        [Tooltip("Whether the microphone's sound is also played.")]
         public bool playMicrophone = false;
-        [Tooltip("Seconds for the processor, on top of what the model needs to hear.")]
+        [Tooltip("Time reserved for computing in seconds, in addition to the audio that the model needs.")]
         [Range(0, 1)] public float margin = 0.1f;
-        [Tooltip("Low-pass of the body's motion, standard deviation in frames: 0 is the model's own motion. -1: the default.")]
+        [Tooltip("Low-pass of the body's motion, standard deviation in frames: 0 turns it off. -1: the default.")]
         [Range(-1, 1.5f)] public float smoothing = -1;
-        [Tooltip("How strongly the prompt steers, for models that can be guided.")]
+        [Tooltip("Guidance strength of the prompt, for models that support it.")]
         [Range(1, 3)] public float guidance = 1;
-        [Tooltip("Keyframes of voice that it hears ahead, for models that were made to; that much later.")]
+        [Tooltip("Keyframes of future voice to use, for models that support it; adds that much latency.")]
         [Min(0)] public int horizon = 0;
-        [Tooltip("Gestures of your own, for PlayGesture.")]
+        [Tooltip("Custom gestures for PlayGesture.")]
         public UmoGesture[] gestures = new UmoGesture[0];
         [Tooltip("The same seed and voice give the same motion.")]
         public int seed = 0;
-        [Tooltip("Which of the model's templates. Empty: speech to motion.")]
+        [Tooltip("Template of the model. Empty: speech to motion.")]
         public string template = "";
 
         private AudioSource source;
         private string path;
         private Session session;
-        /// The audio thread's: it takes a look once per block.
+        /// Read by the audio thread once per block.
         private volatile VoiceLine line;
-        /// Where no audio thread calls; else null.
+        /// Used if there is no audio thread; else null.
         private ClipVoice voice;
         private bool cannotRead;
         private MotionClock clock;
@@ -114,27 +114,27 @@ namespace Umo.Unity
 #if !UNITY_WEBGL || UNITY_EDITOR
         private string microphone;
 #endif
-        /// The pose of rest is that of the first time: later ones are animated. Kept when code is loaded anew.
+        /// The rest pose is captured the first time: later poses are animated. Kept across code reloads.
         private Quaternion[] restRotations;
         private Vector3[] restPlaces;
 
-        /// <summary>What keeps it from moving; empty where nothing does.</summary>
+        /// <summary>Reason why the avatar does not move; else empty.</summary>
         public string Error { get; private set; } = "";
 
-        /// <summary>What users must be told about the model; empty where there is nothing.</summary>
+        /// <summary>Notice that users of the model must be shown; may be empty.</summary>
         public string Notice { get; private set; } = "";
 
-        /// <summary>Blend shapes that were found, and bones.</summary>
+        /// <summary>Number of blend shapes found, and of bones.</summary>
         public int ShapeCount { get { return shapes == null ? 0 : shapes.Count; } }
         public int BoneCount { get { return figure == null ? 0 : figure.Count; } }
 
-        /// <summary>Seconds by which voice and motion are behind what the AudioSource plays.</summary>
+        /// <summary>Delay of voice and motion behind the AudioSource, in seconds.</summary>
         public float Delay { get { return rate == 0 ? 0 : lag / (float)rate; } }
 
-        /// <summary>Whether the mouth moves as the sound is heard: where the live voice is wanted, and the model has a mouth network.</summary>
+        /// <summary>Whether the mouth moves as the sound is heard: the live voice is on and the model has a mouth network.</summary>
         public bool IsLive { get; private set; }
 
-        /// <summary>The session, for what this component does not do; null where there is none.</summary>
+        /// <summary>The session, for anything this component does not offer; null if there is none.</summary>
         public Session Session { get { return session; } }
 
         private void OnEnable()
@@ -154,12 +154,12 @@ namespace Umo.Unity
 
         private void ConfigurationChanged(bool deviceWasChanged) { restart = true; }
 
-        /// <summary>Says a clip, to its end: the AudioSource plays on until its last sound was heard. Allocates.</summary>
+        /// <summary>Speaks a clip to its end: the AudioSource keeps playing until its last sound has been heard. Allocates.</summary>
         public void Speak(AudioClip clip)
         {
             if (UmoRuntime.IsPolled)
             {
-                // Its end is heard when its motion is shown, since it begins so much later.
+                // The end is heard when its motion is shown, because the start is delayed equally.
                 source.Stop();
                 if (voice != null) voice.Stop();
                 source.clip = clip;
@@ -188,13 +188,13 @@ namespace Umo.Unity
         private AudioClip spoken;
 
         /// <summary>
-        /// Speaks what a microphone hears, the system's own where no name is given: with the live voice, where the model has a
-        /// mouth network. Begins a new session.
+        /// Speaks the input of a microphone, or the system's default if none is named, with the live voice if the model
+        /// has a mouth network. Starts a new session.
         /// </summary>
         public void UseMicrophone(string device = null)
         {
 #if UNITY_WEBGL && !UNITY_EDITOR
-            Debug.LogWarning("umo: Unity has no microphone in the player of a browser", this);
+            Debug.LogWarning("umo: Unity WebGL players have no microphone", this);
 #else
             StopMicrophone();
             AudioClip clip = Microphone.Start(device, true, 1, AudioSettings.outputSampleRate);
@@ -212,7 +212,7 @@ namespace Umo.Unity
 #endif
         }
 
-        /// <summary>Ends what UseMicrophone began.</summary>
+        /// <summary>Stops the microphone.</summary>
         public void StopMicrophone()
         {
             if (!usesMicrophone) return;
@@ -227,8 +227,8 @@ namespace Umo.Unity
         }
 
         /// <summary>
-        /// Plays a gesture over what it does, as soon as possible: one of GestureNames, as wave, nod, thumbs_up, or point, which
-        /// points at the target. False where there is no such gesture, or eight wait already.
+        /// Plays a gesture over the motion as soon as possible: one of GestureNames, such as wave, nod, thumbs_up, or
+        /// point, which points at the target. False if the gesture is unknown or eight are already queued.
         /// </summary>
         public bool PlayGesture(string gesture, Transform target = null, Side side = Side.Auto, float strength = 1)
         {
@@ -244,10 +244,10 @@ namespace Umo.Unity
             return false;
         }
 
-        /// <summary>Names of the gestures that it knows; none where there is no session.</summary>
+        /// <summary>Names of the available gestures; empty if there is no session.</summary>
         public string[] GestureNames { get { return session == null ? new string[0] : session.Engine.GestureNames(); } }
 
-        /// <summary>Somebody talks over the avatar: it falls silent at once and eases to rest. What is said next is a new speech.</summary>
+        /// <summary>Barge-in: the avatar falls silent at once and eases to rest. Later sound starts a new speech.</summary>
         public void Interrupt(float easeSeconds = 0.3f)
         {
             if (session == null) return;
@@ -270,10 +270,10 @@ namespace Umo.Unity
             else Begin(hostChannels, null);
         }
 
-        /// Where assets lie in an archive, as on Android.
+        /// For assets that are packed in an archive, as on Android.
         private IEnumerator Fetch(int hostChannels)
         {
-            // The library of a player of a browser lies where the model does.
+            // In WebGL players the library is stored beside the model.
             WebLibrary.Load(System.IO.Path.Combine(Application.streamingAssetsPath, "umo.wasm"));
             while (!LibraryIsReady())
             {
@@ -333,7 +333,7 @@ namespace Umo.Unity
         private void Make(Engine engine, int hostChannels)
         {
             Model loaded = engine.Model;
-            // The mixer's rate, not the clip's: it is what filters get. Where there are none, clips are read.
+            // The mixer's rate, which filters receive, not the clip's. Without filters, clips are read.
             bool polled = UmoRuntime.IsPolled;
             AudioClip clip = polled ? source.clip : null;
             rate = clip != null ? clip.frequency : AudioSettings.outputSampleRate;
@@ -358,7 +358,7 @@ namespace Umo.Unity
             int length, count;
             AudioSettings.GetDSPBufferSize(out length, out count);
             int delay = (int)latency.AlgorithmicSamples + Mathf.CeilToInt(margin * rate);
-            // What the mixer gets is heard when its buffers have been played.
+            // The mixer's output is heard after its buffers have been played.
             int buffered = polled ? 0 : length * count;
             bodyLag = delay + buffered;
             lag = IsLive ? Math.Max((int)latency.MouthSamples, buffered) : bodyLag;
@@ -413,7 +413,7 @@ namespace Umo.Unity
             if (voice != null) voice.Release(source);
             voice = null;
             if (session == null) return;
-            // The audio thread may still be in a block: the library says so, and this waits for it.
+            // The audio thread may still be processing a block: the library reports this, and Dispose waits.
             session.Dispose();
             UmoRuntime.Release(path, session.Engine);
             session = null;
@@ -459,7 +459,7 @@ namespace Umo.Unity
             }
             Tick(seconds);
             UmoRuntime.Compute();
-            // What moves while nothing is said goes by the pictures, however long they take to render.
+            // Without speech, motion follows the frame time, however long frames take to render.
             hostTime += seconds;
             if (!Works(session.SetClock(hostTime))) return;
             Sampled sampled;
@@ -469,7 +469,7 @@ namespace Umo.Unity
             Show();
         }
 
-        /// Seconds of a picture: those of the film where pictures are captured, real ones else.
+        /// Duration of a frame: that of the captured film while capturing, else real time.
         private static double FrameSeconds
         {
             get { return Time.captureFramerate > 0 ? 1.0 / Time.captureFramerate : Time.unscaledDeltaTime; }
@@ -484,9 +484,9 @@ namespace Umo.Unity
                 clock.Advance(seconds, line.Pushed - lag);
                 return;
             }
-            // Filters of a source that stands get nothing, so that the end of what was said would never move.
+            // Filters of a stopped source are not called, so the end of the speech would never be shown.
             quiet += seconds;
-            // What is left of a voice that was cut off is not to be heard before the next.
+            // The rest of a voice that was cut off must not be heard before the next one.
             if (quiet < 0.2) blocks = line.Blocks;
             else if (blocks == line.Blocks) line.Clear();
             else blocks = -1;
@@ -504,7 +504,7 @@ namespace Umo.Unity
             }
         }
 
-        /// Begins to play a microphone's clip a little behind where it is written.
+        /// Starts playing a microphone's clip slightly behind its write position.
         private void PlayMicrophone()
         {
 #if !UNITY_WEBGL || UNITY_EDITOR
@@ -515,7 +515,7 @@ namespace Umo.Unity
 #endif
         }
 
-        /// Looks at what it is to look at, in the model's own size.
+        /// Sends the look-at target, scaled to the model's size.
         private bool Look()
         {
             if (lookAt == null && !looks) return true;
@@ -526,22 +526,22 @@ namespace Umo.Unity
             return Works(session.LookAt(Axes.Unity, at.X, at.Y, at.Z, Mathf.Clamp(lookAtStrength, 0, 1)));
         }
 
-        /// A place of the world in the model's own size and space; false where it is none.
+        /// Converts a world position to the model's space and size; false if it is not finite.
         private bool Place(Vector3 world, out Vec at)
         {
             Vector3 place = (figure == null ? transform : figure.Root).InverseTransformPoint(world);
             at = new Vec(place.x, place.y, place.z);
             if (figure != null) at = retarget.Place(at);
             float distance = at.Length;
-            // The library takes places within 10 km.
+            // The library accepts positions within 10 km.
             if (distance > 9000) at = 9000 / distance * at;
             return distance < float.PositiveInfinity;
         }
 
-        /// Hands on what the other said since the last frame: one channel of it, since only its loudness counts.
+        /// Sends the interlocutor's audio since the last frame: one channel, since only its loudness counts.
         private bool Listen()
         {
-            // Browsers' players do not give what a source puts out.
+            // WebGL players do not expose the output of a source.
             if (otherSource == null || !otherSource.isPlaying || voice != null) return true;
             int count = Math.Min(Mathf.RoundToInt((float)(FrameSeconds * rate)), otherHeard.Length);
             otherSource.GetOutputData(otherHeard, 0);
@@ -549,10 +549,10 @@ namespace Umo.Unity
             return Works(session.PushOtherAudio(otherSamples, 0, count * channels));
         }
 
-        /// Where the attention and the output's delay are in `sent`.
+        /// Indices of the attention and the output delay in `sent`.
         private const int AttentionIndex = 10, DelayIndex = 11;
 
-        /// Hands on what was changed in the inspector or by a script.
+        /// Sends settings that were changed in the inspector or by a script.
         private bool Send()
         {
             bool works = Send(0, Parameter.GainFace, faceGain, 2) && Send(1, Parameter.GainHands, handsGain, 2)
@@ -569,7 +569,7 @@ namespace Umo.Unity
                 sentMood = mood;
                 sentMoodStrength = strength;
             }
-            // Live is silence that this component puts in, so that sound and motion keep one clock.
+            // This component inserts the silence for Live, so that sound and motion share one clock.
             Idle wanted = idle == Idle.Rest ? Idle.Rest : Idle.Hold;
             if (works && wanted != sentIdle)
             {

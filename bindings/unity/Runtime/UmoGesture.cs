@@ -5,17 +5,17 @@ using UnityEngine;
 namespace Umo.Unity
 {
     /// <summary>
-    /// A gesture of your own: the animation of any character with a human's bones, out of a .glb or .vrm file that is in the
-    /// project as bytes (renamed to end with .bytes, so that Unity takes it as it is).
+    /// A custom gesture: the animation of any humanoid character from a .glb or .vrm file, stored in the project as raw
+    /// bytes (rename it to end with .bytes so that Unity does not import it).
     /// </summary>
     [CreateAssetMenu(menuName = "umo/Gesture", fileName = "gesture")]
     public sealed class UmoGesture : ScriptableObject
     {
-        [Tooltip("What PlayGesture calls it. Empty: the name of this asset.")]
+        [Tooltip("Name for PlayGesture. Empty: the name of this asset.")]
         public string gestureName = "";
         [Tooltip("The .glb or .vrm file, renamed to end with .bytes.")]
         public TextAsset file;
-        [Tooltip("Which of the file's animations. Empty: the first.")]
+        [Tooltip("Name of the animation in the file. Empty: the first.")]
         public string animationName = "";
         [Tooltip("Seconds from its start to the stroke. -1: its middle.")]
         [Min(-1)] public float stroke = -1;
@@ -24,10 +24,10 @@ namespace Umo.Unity
         public bool movesLeftArm = true;
         public bool movesRightArm = true;
 
-        /// <summary>What PlayGesture calls it.</summary>
+        /// <summary>Name for PlayGesture.</summary>
         public string Name { get { return string.IsNullOrEmpty(gestureName) ? name : gestureName; } }
 
-        /// <summary>Makes sessions of an engine know it that are made from now on. Throws UmoException.</summary>
+        /// <summary>Adds the gesture to an engine, for sessions created from now on. Throws UmoException.</summary>
         public void AddTo(Engine engine)
         {
             if (file == null) throw new UmoException(Status.InvalidArgument, "the gesture " + Name + " has no file");

@@ -7,9 +7,8 @@ using UnityEngine;
 namespace Umo.Unity
 {
     /// <summary>
-    /// One engine per model file for the whole process, as long as somebody uses it. To keep a model loaded from scene to
-    /// scene, acquire it once more. For the main thread. Settings are those of engines that are made from now on; 0 is the
-    /// library's default.
+    /// One engine per model file for the whole process, while it has users. Acquire it once more to keep a model loaded
+    /// between scenes. Main thread only.
     /// </summary>
     public static partial class UmoRuntime
     {
@@ -22,29 +21,33 @@ namespace Umo.Unity
         private static readonly Dictionary<string, Shared> Engines = new Dictionary<string, Shared>();
 
         /// <summary>
-        /// Whether engines compute on the main thread, in <see cref="Compute"/>: a player of a browser has no other threads.
+        /// Whether engines compute on the main thread, in <see cref="Compute"/>, as in WebGL players, which have no
+        /// other threads.
         /// </summary>
         public static bool IsPolled { get { return Application.platform == RuntimePlatform.WebGLPlayer; } }
 
-        /// <summary>Microseconds of each picture for computing, where <see cref="IsPolled"/>; one step at least is done.</summary>
+        /// <summary>Computing time per frame in microseconds, if <see cref="IsPolled"/>; at least one step is done.</summary>
         public static uint PollMicroseconds { get; set; } = 4000;
 
         private static int computed = -1;
 
-        /// <summary>Computes what is due, once a picture. Avatars call it. Nothing to do where the library has threads.</summary>
+        /// <summary>Computes due work once per frame; called by avatars. Does nothing if the library has threads.</summary>
         public static void Compute()
         {
             if (!IsPolled || Time.frameCount == computed) return;
             computed = Time.frameCount;
             bool more;
-            // What failed its sessions say.
+            // Sessions report failures themselves.
             foreach (Shared shared in Engines.Values) shared.Engine.Poll(PollMicroseconds, out more);
         }
 
-        /// <summary>Whether nothing needs to be loaded for this file.</summary>
+        /// <summary>Whether the model file is already loaded.</summary>
         public static bool Has(string path) { return Engines.ContainsKey(path); }
 
-        /// <summary>The engine of a model file, or of a file's bytes where it cannot be opened. Throws UmoException.</summary>
+        /// <summary>
+        /// Returns the engine of a model file, or of its bytes if the file cannot be opened by path. Throws
+        /// UmoException.
+        /// </summary>
         public static Engine Acquire(string path, byte[] bytes = null)
         {
             Shared shared;
@@ -73,7 +76,7 @@ namespace Umo.Unity
             return shared.Engine;
         }
 
-        /// <summary>Gives back what <see cref="Acquire"/> gave; after <see cref="Shutdown"/> there is nothing to give back.</summary>
+        /// <summary>Releases an engine from <see cref="Acquire"/>; no-op after <see cref="Shutdown"/>.</summary>
         public static void Release(string path, Engine engine)
         {
             Shared shared;
@@ -83,8 +86,8 @@ namespace Umo.Unity
         }
 
         /// <summary>
-        /// Frees all engines, whoever uses them: their avatars stand still. Called before code is unloaded, and when play
-        /// starts in a process in which it ran before.
+        /// Frees all engines even if in use: their avatars stop moving. Called before code is unloaded, and when play
+        /// starts in a process that has already played.
         /// </summary>
         [RuntimeInitializeOnLoadMethod(RuntimeInitializeLoadType.SubsystemRegistration)]
         public static void Shutdown()

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// No type of the engine: this half is tested without it.
+// Does not use engine types, so that it can be tested without Unity.
 
 using System;
 using System.Threading;
@@ -7,12 +7,12 @@ using System.Threading;
 namespace Umo.Unity
 {
     /// <summary>
-    /// The audio thread's side: sound goes to the session, and comes out as much later as its motion does. Allocates nothing
-    /// after it is made, and waits for nobody.
+    /// Audio thread side: passes sound to the session and outputs it with the delay of its motion. After construction
+    /// it does not allocate and never waits for a lock.
     /// </summary>
     public sealed class VoiceLine
     {
-        /// Most silence at once, seconds.
+        /// Maximum silence inserted at once, in seconds.
         private const int MostSilence = 5;
 
         private readonly Session session;
@@ -26,8 +26,8 @@ namespace Umo.Unity
         private int inside, clear, status, channelsSeen, blocks;
         private volatile bool playing;
 
-        /// <param name="delay">Samples of each channel by which sound is delayed; 0 leaves it alone.</param>
-        /// <param name="mutes">Whether no sound comes out.</param>
+        /// <param name="delay">Delay of the sound in samples per channel; 0 leaves it unchanged.</param>
+        /// <param name="mutes">Whether the output is muted.</param>
         public VoiceLine(Session session, int sampleRate, int channels, int delay, bool mutes = false)
         {
             this.mutes = mutes;
@@ -39,28 +39,28 @@ namespace Umo.Unity
             silence = new float[512 * channels];
         }
 
-        /// <summary>Samples of each channel that the session has taken.</summary>
+        /// <summary>Samples per channel that the session has taken.</summary>
         public long Pushed { get { return Interlocked.Read(ref pushed); } }
 
-        /// <summary>What the last push came to.</summary>
+        /// <summary>Result of the last push.</summary>
         public Status Status { get { return (Status)Volatile.Read(ref status); } }
 
-        /// <summary>Channels of the last block: where they are others than the session's, nothing is pushed.</summary>
+        /// <summary>Channel count of the last block: if it differs from the session's, nothing is pushed.</summary>
         public int ChannelsSeen { get { return Volatile.Read(ref channelsSeen); } }
 
-        /// <summary>Blocks that came.</summary>
+        /// <summary>Number of blocks received.</summary>
         public int Blocks { get { return Volatile.Read(ref blocks) & int.MaxValue; } }
 
-        /// <summary>Whether the source plays. Where it does not, silence is no speech.</summary>
+        /// <summary>Whether the source plays. If it does not, silence does not count as speech.</summary>
         public bool Playing { get { return playing; } set { playing = value; } }
 
-        /// <summary>Silence is put in before the next sound, so that this is its first sample.</summary>
+        /// <summary>Inserts silence before the next sound, so that the sound starts at this sample.</summary>
         public void StartAt(long sample) { Interlocked.Exchange(ref next, sample); }
 
-        /// <summary>Drops the sound that is delayed.</summary>
+        /// <summary>Drops the delayed sound.</summary>
         public void Clear() { Volatile.Write(ref clear, 1); }
 
-        /// <summary>A block of sound, on the audio thread.</summary>
+        /// <summary>Processes a block of sound on the audio thread.</summary>
         public void Process(float[] data, int blockChannels)
         {
             Volatile.Write(ref channelsSeen, blockChannels);
@@ -71,17 +71,17 @@ namespace Umo.Unity
             else Delay(data);
         }
 
-        /// <summary>Sound for the session, without a delay of what is heard.</summary>
+        /// <summary>Pushes sound to the session without delaying the output.</summary>
         public void Push(float[] data, int count)
         {
-            // Where the game thread is just putting silence in, that stands for this block.
+            // If the game thread is inserting silence at this moment, that silence replaces this block.
             if (Interlocked.CompareExchange(ref inside, 1, 0) != 0) return;
             PutSilence(Math.Min(Interlocked.Read(ref next) - pushed, MostSilence * (long)rate));
             Put(data, count);
             Volatile.Write(ref inside, 0);
         }
 
-        /// <summary>Silence instead of sound, on the game thread.</summary>
+        /// <summary>Pushes silence instead of sound, on the game thread.</summary>
         public void Silence(int samples)
         {
             if (Interlocked.CompareExchange(ref inside, 1, 0) != 0) return;

@@ -5,8 +5,8 @@ using System.Runtime.InteropServices;
 namespace Umo.Unity
 {
     /// <summary>
-    /// The library in a player of a browser: a module of its own, umo.wasm, which has to be fetched before the first call
-    /// (WebGL/umo.jslib). Everywhere else the library is there from the beginning.
+    /// The library in WebGL players: a separate module, umo.wasm, that must be fetched before the first call
+    /// (WebGL/umo.jslib). On all other platforms the library is available from the start.
     /// </summary>
     public static class WebLibrary
     {
@@ -16,10 +16,10 @@ namespace Umo.Unity
         [DllImport(Native.Library)] private static extern void umo_web_load(string url);
         [DllImport(Native.Library)] private static extern uint umo_web_state();
 
-        /// <summary>Begins to fetch the module, if that is still to be done.</summary>
+        /// <summary>Starts to fetch the module unless it was already fetched.</summary>
         public static void Load(string url) { umo_web_load(url); }
 
-        /// <summary>Whether calls can be made. Throws UmoException where the module could not be fetched.</summary>
+        /// <summary>Whether calls can be made. Throws UmoException if the module could not be fetched.</summary>
         public static bool IsReady
         {
             get
@@ -30,10 +30,10 @@ namespace Umo.Unity
             }
         }
 #else
-        /// <summary>Begins to fetch the module, if that is still to be done.</summary>
+        /// <summary>Does nothing on this platform.</summary>
         public static void Load(string url) { }
 
-        /// <summary>Whether calls can be made. Throws UmoException where the module could not be fetched.</summary>
+        /// <summary>Always true on this platform.</summary>
         public static bool IsReady { get { return true; } }
 #endif
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// The component in a stand-in of the engine, with the real library: a mixer's thread, the game's frames, play and stop.
+// The component in a stand-in for Unity with the real library: an audio thread, the game's frames, play and stop.
 
 using System;
 using System.Collections.Generic;
@@ -31,7 +31,7 @@ namespace Umo.Unity.Tests
 
         public AvatarTests()
         {
-            // The editor does so when it has loaded the code.
+            // The editor does this after loading the code.
             System.Runtime.CompilerServices.RuntimeHelpers.RunClassConstructor(typeof(Editing.UmoReload).TypeHandle);
             Debug.Said.Clear();
             AudioSettings.outputSampleRate = 48000;
@@ -40,7 +40,7 @@ namespace Umo.Unity.Tests
             byte[] wav = File.ReadAllBytes(Runner.Arguments[1]);
             short[] samples = new short[(wav.Length - 44) / 2];
             Buffer.BlockCopy(wav, 44, samples, 0, 2 * samples.Length);
-            // 16 kHz mono in a mixer of 48 kHz stereo.
+            // 16 kHz mono to 48 kHz stereo, the mixer's format.
             speech = new float[6 * samples.Length];
             for (int i = 0; i < speech.Length; i++) speech[i] = samples[i / 6] / 32768f;
 
@@ -62,7 +62,7 @@ namespace Umo.Unity.Tests
             GameObject chest = Bone("chest", spine, HumanBodyBones.Chest, 0, 0.2f, 0);
             GameObject head = Bone("head", chest, HumanBodyBones.Head, 0, 0.3f, 0);
             Bone("jaw", head, HumanBodyBones.Jaw, 0, 0, 0.1f);
-            // An arm that rests at an angle.
+            // An arm with a rotated rest pose.
             GameObject upper = Bone("upper arm", chest, HumanBodyBones.LeftUpperArm, -0.2f, 0.2f, 0);
             GameObject lower = Bone("lower arm", upper, HumanBodyBones.LeftLowerArm, -0.2f, -0.2f, 0);
             Bone("hand", lower, HumanBodyBones.LeftHand, -0.2f, -0.2f, 0);
@@ -83,7 +83,7 @@ namespace Umo.Unity.Tests
 
         private readonly float[] block = new float[2 * Block];
 
-        /// One block of the mixer's. Where nothing plays, a filter is not called, or is called with silence.
+        /// Processes one mixer block. While nothing plays, a filter is either not called or called with silence.
         private void Mix(bool callsAlways)
         {
             if (!source.isPlaying && !callsAlways) return;
@@ -99,7 +99,8 @@ namespace Umo.Unity.Tests
             heard.AddRange(block);
         }
 
-        /// Sound and frames as long as that, each waiting for frames that are due, so that a slow machine changes nothing.
+        /// Runs sound and frames for the given time, each waiting for due frames, so that a slow machine changes
+        /// nothing.
         private void Run(double seconds, Action each = null, bool callsAlways = false)
         {
             for (double end = time + seconds; time < end; time += Frame)
@@ -116,7 +117,7 @@ namespace Umo.Unity.Tests
             }
         }
 
-        /// Waits until the engine has computed what the audio so far is enough for.
+        /// Waits until the engine has computed all frames that the audio so far allows.
         private void Settle()
         {
             VoiceLine line = (VoiceLine)LineField.GetValue(avatar);
@@ -124,7 +125,7 @@ namespace Umo.Unity.Tests
             Latency latency;
             Stats stats;
             avatar.Session.GetLatency(out latency);
-            // The resampler holds some samples back, too.
+            // The resampler also holds back some samples.
             long heard = line.Pushed - begun - (long)latency.AlgorithmicSamples - AudioSettings.outputSampleRate / 20;
             long due = computed + Math.Max(heard, 0) * 30 / AudioSettings.outputSampleRate;
             for (int tries = 0; tries < 20000; tries++)
@@ -136,13 +137,13 @@ namespace Umo.Unity.Tests
             Assert.IsTrue(false, "the engine computes nothing");
         }
 
-        /// The sample that the stream began with, and how many frames were computed before it.
+        /// First sample of the stream, and the number of frames computed before it.
         private long begun, computed;
 
         private void Interrupt(float seconds)
         {
             avatar.Interrupt(seconds);
-            // What was just computed is counted, though dropped.
+            // Frames that were just computed are counted even if dropped.
             Thread.Sleep(300);
             Stats stats;
             avatar.Session.GetStats(out stats);
@@ -166,7 +167,7 @@ namespace Umo.Unity.Tests
 
         private static readonly FieldInfo FrameField = typeof(UmoAvatar).GetField("frame", BindingFlags.NonPublic | BindingFlags.Instance);
 
-        /// The frame that is shown is that of the sound that is heard.
+        /// The shown frame belongs to the sound being heard.
         private void InStep()
         {
             VoiceLine line = (VoiceLine)LineField.GetValue(avatar);
@@ -182,7 +183,7 @@ namespace Umo.Unity.Tests
             Enable();
             Assert.AreEqual("", avatar.Error);
             Assert.AreEqual(2, avatar.ShapeCount);
-            // The jaw is moved by a shape, not by its bone as well.
+            // The jaw is moved by a blend shape and not by its bone as well.
             Assert.AreEqual(7, avatar.BoneCount);
             Play(speech);
             HashSet<float> jaws = new HashSet<float>();
@@ -195,9 +196,9 @@ namespace Umo.Unity.Tests
             });
             Assert.IsTrue(jaws.Count > 50 && heads.Count > 50, jaws.Count + " jaws, " + heads.Count + " heads");
             Assert.IsTrue(jaws.Max() > 1 && jaws.All(w => w >= 0 && w <= 100), "weights from " + jaws.Min() + " to " + jaws.Max());
-            Assert.IsTrue(!mesh.Weights.ContainsKey(2), "a shape that is no channel was moved");
+            Assert.IsTrue(!mesh.Weights.ContainsKey(2), "a shape that is not a channel was moved");
             Assert.IsTrue(Math.Abs(animator.Bones[HumanBodyBones.LeftHand].position.y - hand) > 0.01, "the hand moved");
-            // The sound is heard as late as its motion is shown.
+            // The sound is heard exactly as late as its motion is shown.
             int late = heard.FindIndex(s => s != 0) / 2 - Array.FindIndex(speech, s => s != 0) / 2;
             Assert.AreEqual(avatar.Delay * 48000 - 4 * 1024, late, 1.0, "the voice's delay");
             Assert.AreEqual(3 - avatar.Delay, Clock, 0.06, "the motion's");
@@ -208,12 +209,12 @@ namespace Umo.Unity.Tests
         [Test]
         public void a_pose_is_the_one_that_the_library_gives_for_that_moment()
         {
-            // Layers go by the clock while there are no frames.
+            // Layers follow the clock while there are no frames.
             avatar.gazeLayer = avatar.idleLayer = avatar.asymmetryLayer = avatar.nodsLayer = avatar.moodLayer = avatar.feetLayer = 0;
             Enable();
             Play(speech);
             Run(3);
-            // The same sound and seed to a session of our own.
+            // Push the same sound with the same seed to a separate session.
             Engine engine = avatar.Session.Engine;
             SessionConfig config = Session.Defaults(engine.Model);
             config.SampleRate = 48000;
@@ -224,7 +225,8 @@ namespace Umo.Unity.Tests
             {
                 for (uint layer = (uint)Parameter.LayerGaze; layer <= (uint)Parameter.LayerFeet; layer++) session.Set((Parameter)layer, 0);
                 int taken;
-                // A block's samples may have been left out while the component saw that it plays; none were, or it would differ.
+                // Samples of a block may be dropped before the component sees that the source plays; none were, or the
+                // result would differ.
                 session.PushAudio(speech, 0, 2 * 3 * 48000, out taken);
                 Frames frames = new Frames(engine.Model, 1, Axes.Unity);
                 Sampled sampled;
@@ -238,7 +240,8 @@ namespace Umo.Unity.Tests
                 frames.Face(0, face);
                 int jaw = Array.IndexOf(engine.Model.ChannelNames(), "jawOpen");
                 Assert.AreEqual(100 * face[jaw], Jaw, 1e-4, "the jaw");
-                // The figure is turned half a turn about up: rotations of the hips are those of the pelvis after that.
+                // The figure is rotated half a turn about up: rotations of the hips are the pelvis rotations followed
+                // by that turn.
                 float[] rotations = new float[220];
                 frames.Rotations(0, rotations);
                 Quaternion hips = new Quaternion(0, 1, 0, 0) * new Quaternion(rotations[0], rotations[1], rotations[2], rotations[3]);
@@ -261,7 +264,7 @@ namespace Umo.Unity.Tests
                 Run(4, null, callsAlways);
                 float rest = Jaw;
                 Run(1, () => Assert.AreEqual(rest, Jaw, 1e-6, "at rest"), callsAlways);
-                // And what is said next is shown when it is heard.
+                // The next speech is also shown when it is heard.
                 Play(speech);
                 HashSet<float> jaws = new HashSet<float>();
                 Run(3, () => jaws.Add(Jaw), callsAlways);
@@ -272,7 +275,7 @@ namespace Umo.Unity.Tests
             NothingSaid();
         }
 
-        /// Frames in the player of a browser: no mixer's thread calls, and a source's place moves with the time.
+        /// Simulates frames in a WebGL player: no audio thread calls, and the position of a source advances with time.
         private void RunInBrowser(double seconds, Action each = null)
         {
             for (double end = time + seconds; time < end; time += Frame)
@@ -303,7 +306,7 @@ namespace Umo.Unity.Tests
                 Enable();
                 Assert.AreEqual("", avatar.Error);
                 RunInBrowser(1);
-                // Another format of the clip is another session.
+                // A clip of another format needs another session.
                 avatar.Speak(clip);
                 RunInBrowser(Frame);
                 Assert.IsTrue(!source.isPlaying && source.IsPaused, "it waits for its motion");
@@ -315,18 +318,18 @@ namespace Umo.Unity.Tests
                     if (begins == 0 && source.isPlaying) begins = time;
                     jaws.Add(Jaw);
                     if (begins == 0 || time - begins < 0.3) return;
-                    // The frame that is shown is that of the sample that is heard.
+                    // The shown frame belongs to the sample being heard.
                     Frames frame = (Frames)FrameField.GetValue(avatar);
                     Assert.AreEqual(source.timeSamples / 48000.0, ((double)frame.Sample(0) - first) / 48000, 0.08, "the frame's sample");
                 });
                 Assert.AreEqual(avatar.Delay, begins - start, 0.04, "it is heard as late as its motion is shown");
                 Assert.IsTrue(jaws.Count > 50, "the jaw moves: " + jaws.Count);
-                // To its end and on: what was read ahead is shown, and it lives on.
+                // To its end and beyond: all audio read ahead is shown, and the avatar stays alive.
                 double before = Clock;
                 RunInBrowser(clip.samples / 48000.0 + 2);
                 Assert.AreEqual(before + clip.samples / 48000.0 + 2, Clock, 0.1, "the motion goes on");
                 Assert.IsTrue(!source.isPlaying && !source.IsPaused, "it has ended");
-                // A loop has no end, and somebody may seek in it.
+                // A loop has no end, and the position can be changed.
                 source.loop = true;
                 source.Play();
                 RunInBrowser(clip.samples / 48000.0 + 3);
@@ -335,7 +338,7 @@ namespace Umo.Unity.Tests
                 source.timeSamples = 48000;
                 RunInBrowser(1);
                 Assert.AreEqual(1, (Line.Pushed - pushed) / 48000.0, 0.05, "a second for a second");
-                // Barge-in while it waits: it is not heard later.
+                // Barge-in while it waits: the clip must not be heard later.
                 source.Stop();
                 RunInBrowser(1);
                 avatar.Speak(clip);
@@ -344,7 +347,7 @@ namespace Umo.Unity.Tests
                 RunInBrowser(2);
                 Assert.IsTrue(!source.isPlaying, "it stays silent");
                 NothingSaid();
-                // A clip that cannot be read is said once, and plays.
+                // An unreadable clip is reported once, and plays.
                 clip.IsReadable = false;
                 source.loop = false;
                 source.Play();
@@ -643,10 +646,10 @@ namespace Umo.Unity.Tests
             Assert.IsTrue(Debug.Said.Last().Contains("microphone"), Debug.Said.Last());
         }
 
-        /// How far the head is turned to the side after a while.
+        /// Sideways turn of the head after a while.
         private float Turned(float x)
         {
-            // The figure looks along -Z.
+            // The figure faces -Z.
             avatar.lookAt.localPosition = figure.transform.TransformPoint(new Vector3(x, 1.4f, 1));
             Enable();
             Play(speech);
@@ -663,7 +666,7 @@ namespace Umo.Unity.Tests
             avatar.lookAt = new GameObject("player").transform;
             float right = Turned(2), left = Turned(-2);
             Assert.IsTrue(right > left + 0.1f, "the head's turn: " + right + " to the right, " + left + " to the left");
-            // A place that the library would refuse.
+            // A position that the library would refuse.
             avatar.lookAt.localPosition = new Vector3(1e6f, 0, float.NaN);
             Enable();
             Run(0.1);
@@ -684,10 +687,10 @@ namespace Umo.Unity.Tests
             Assert.IsTrue(avatar.PlayGesture("wave"), "it waves");
             Assert.IsTrue(avatar.PlayGesture("point", new GameObject("player").transform, Side.Left, 0.5f), "it points");
             NothingSaid();
-            Assert.IsTrue(!avatar.PlayGesture("somersault"), "it does not know that");
+            Assert.IsTrue(!avatar.PlayGesture("somersault"), "an unknown gesture");
             Assert.IsTrue(Debug.Said.Single().Contains("somersault"), Debug.Said[0]);
             float hand = animator.Bones[HumanBodyBones.LeftHand].position.y, highest = hand;
-            Assert.IsTrue(avatar.PlayGesture("stop", null, Side.Left), "it stops somebody");
+            Assert.IsTrue(avatar.PlayGesture("stop", null, Side.Left), "a known gesture");
             avatar.idle = Idle.Live;
             Run(6, () => highest = Math.Max(highest, animator.Bones[HumanBodyBones.LeftHand].position.y));
             Assert.IsTrue(highest > hand + 0.2f, "the hand rose from " + hand + " to " + highest);
@@ -721,7 +724,7 @@ namespace Umo.Unity.Tests
             Time.captureFramerate = 10;
             Run(0.5);
             Quaternion before = Of(HumanBodyBones.Chest).transform.localRotation;
-            // A picture of the film is a tenth of a second, however short it took to render.
+            // A frame of the film lasts a tenth of a second, however fast it was rendered.
             Run(Frame * 1.5);
             float moved = Angle(before, Of(HumanBodyBones.Chest).transform.localRotation);
             Time.captureFramerate = 0;

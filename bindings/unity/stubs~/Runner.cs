@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// As much of NUnit as the package's tests use, and a program that runs them.
+// The subset of NUnit that the package's tests use, and a program that runs them.
 
 using System;
 using System.Linq;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// As much of the editor's surface as the package uses.
+// The subset of the editor's API that the package uses.
 
 using System;
 

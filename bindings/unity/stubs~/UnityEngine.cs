@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// As much of the engine's surface as the package uses, written for its test: transforms turn and move, meshes keep weights,
-// sources play when told. The names and signatures are those of the engine's documentation.
+// The subset of the Unity API that the package uses, written for its tests: transforms rotate and move, meshes keep
+// weights, sources play on request. Names and signatures follow Unity's documentation.
 
 using System;
 using System.Collections;
@@ -109,7 +109,7 @@ namespace UnityEngine
             Components.Add(made);
             return made;
         }
-        /// As the engine calls its messages: whatever they are called in the class, private or not.
+        /// Calls messages as Unity does: by name, private or not.
         public static void Send(object to, string message, params object[] arguments)
         {
             MethodInfo method = to.GetType().GetMethod(message, BindingFlags.Instance | BindingFlags.Public | BindingFlags.NonPublic);
@@ -293,7 +293,7 @@ namespace UnityEngine.Networking
     public sealed class DownloadHandler { public byte[] data { get; internal set; } }
     public sealed class UnityWebRequestAsyncOperation { }
 
-    /// Knows file: only.
+    /// Supports file: only.
     public sealed class UnityWebRequest : IDisposable
     {
         private readonly string uri;

@@ -1,5 +1,5 @@
-// The little of UnrealBuildTool that the Build.cs files use, and a program that says what they ask for on a platform:
-// its arguments are the plugin's folder and the platform. $(PluginDir) stands for the former.
+// The subset of UnrealBuildTool that the Build.cs files use, and a program that prints the files they need on a
+// platform. Its arguments are the plugin's folder, for which $(PluginDir) stands, and the platform.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 using System;
@@ -93,7 +93,7 @@ namespace UnrealBuildTool
                 files.Add(item.Value);
             }
             foreach (string path in files) Console.WriteLine(path.Replace("$(PluginDir)", arguments[0]));
-            // The modules' own rules can be made, too.
+            // The modules' own rules must also be constructible.
             var umo = new Umo(target);
             var editor = new UmoEditor(target);
             if (!umo.PrivateDependencyModuleNames.Contains("UmoLibrary") || !editor.PublicDependencyModuleNames.Contains("Umo"))

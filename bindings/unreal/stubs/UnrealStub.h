@@ -1,5 +1,5 @@
-// The little of Unreal Engine 5.4's interface that the plugin uses, written from its documentation so that the plugin's
-// source can be compiled without the engine: declarations only, nothing here is ever run or linked.
+// The subset of Unreal Engine 5.4's API that the plugin uses, written from its documentation so that the plugin's
+// source compiles without the engine: declarations only, never linked or run.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once

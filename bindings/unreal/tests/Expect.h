@@ -1,4 +1,4 @@
-// The little that the tests need.
+// Minimal test macros.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once
@@ -26,7 +26,7 @@ inline int failures = 0;
         }                                                                                                              \
     } while (false)
 
-/// For main to return.
+/// Return value of main.
 inline int verdict(const char *name) {
     std::printf("%s: %s\n", name, failures == 0 ? "ok" : "FAILED");
     return failures == 0 ? EXIT_SUCCESS : EXIT_FAILURE;

@@ -1,5 +1,6 @@
-// A character that speaks assets/hello.wav with the real library: the frames are the library's own, the lips go with the
-// sound, nothing is allocated, and two threads do it. Arguments: the model, the recording, a model with a mouth network.
+// A character that speaks assets/hello.wav with the real library: frames equal the library's, lips are in sync with the
+// sound, nothing is allocated, and two threads take part. Arguments: the model, the recording, a model with a mouth
+// network.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #include <algorithm>
@@ -23,7 +24,7 @@ thread_local long allocations = 0;
 
 } // namespace
 
-// Not inlined: gcc takes the inlined pairs for mismatched ones.
+// Not inlined: gcc reports the inlined pairs as mismatched.
 [[gnu::noinline]] void *operator new(std::size_t size) {
     ++allocations;
     if (void *memory = std::malloc(size)) return memory;
@@ -58,14 +59,15 @@ std::vector<float> recording(const char *path) {
     return samples;
 }
 
-/// Layers never stand still, and go by the clock while there are no frames: off where poses are compared.
+/// Turns the layers off: they never stand still and follow the clock while there are no frames, so poses could not be
+/// compared.
 template <class T> void without_layers(T &to) {
     for (std::uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; ++layer) {
         EXPECT(to.set(layer, 0) == UMO_STATUS_OK);
     }
 }
 
-/// What the library gives for the whole recording, to be sampled at any rising time.
+/// The library's frames for the whole recording, to be sampled at rising times.
 struct Reference {
     umo::session session;
     umo::frames frame;
@@ -83,7 +85,7 @@ struct Reference {
         EXPECT(*session.ready() >= frames);
     }
 
-    /// All frames of the recording wait in the queue until they are sampled.
+    /// All frames of the recording stay in the queue until they are sampled.
     static umo::session make(Host &host, std::size_t samples) {
         umo_session_config config = umo::session::defaults(host.model);
         config.sample_rate = rate;
@@ -110,7 +112,7 @@ Settings plain() {
     return settings;
 }
 
-/// Speech in stereo in the time of a made-up clock: the engine gets as long as it needs.
+/// Speech in stereo with a simulated clock: the engine gets as long as it needs.
 void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> &host,
                                                     const std::vector<float> &samples) {
     std::string problem;
@@ -118,7 +120,7 @@ void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> 
     EXPECT(avatar != nullptr);
     if (!avatar) return;
     without_layers(*avatar);
-    // The layers that were shown before are eased out by the game's time.
+    // Layers shown before are eased out in game time.
     for (int i = 0; i < 90; ++i) EXPECT(avatar->show(0, 100, 1 / 30.0) == UMO_STATUS_OK);
     Reference reference(*host, samples);
 
@@ -144,7 +146,7 @@ void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> 
             EXPECT(stereo[2 * i] == wanted);
         }
         pushed += block;
-        // 50 ticks a second. First all frames up to two after what is heard now.
+        // 50 ticks a second. First wait for all frames up to two after the sound being heard.
         if (++ticks % 2 != 0) continue;
         const double audio = static_cast<double>(pushed) / rate;
         const double due = std::floor((audio - avatar->delay()) * 30) + 3;
@@ -174,7 +176,7 @@ void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> 
                 1000 * worst, avatar->delay());
 }
 
-/// Where a file lies in an archive, what it holds is given.
+/// If the file is in an archive, its contents are passed instead.
 void a_model_of_memory_is_that_of_the_file(const char *model) {
     std::ifstream file(model, std::ios::binary);
     const std::vector<char> content{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
@@ -187,8 +189,8 @@ void a_model_of_memory_is_that_of_the_file(const char *model) {
     EXPECT(hosts.open("assets/other", one_thread(), problem, content.data(), 16) == nullptr && !problem.empty());
 }
 
-/// Speech is heard at once, and the mouth's frames are those of what is heard, computed or not.
-/// The lips are closed while a hint says so, and are not without it.
+/// Speech is heard at once, and the mouth's frames belong to the sound being heard, computed or not. A hint closes the
+/// lips, which are open without it.
 void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
     const std::vector<std::string> names = host->model.channel_names();
     const auto index = [&](const char *name) { return std::find(names.begin(), names.end(), name) - names.begin(); };
@@ -242,7 +244,7 @@ void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float
     const auto avatar = Avatar::make(host, settings, problem);
     EXPECT(avatar != nullptr && avatar->is_live() && avatar->delay() > 0 && avatar->delay() <= 0.1);
     if (!avatar) return;
-    // Another one that hears the same, whose mouth is closed by the jaw.
+    // A second avatar hears the same; its mouth is closed by the jaw.
     settings.has_mouth_close = false;
     const auto jawed = Avatar::make(host, settings, problem);
     const auto index = [&](const char *name) {
@@ -283,7 +285,7 @@ double wall() {
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// An audio thread and a game thread in real time, an interrupt, and the end while the audio goes on.
+/// An audio thread and a game thread in real time, an interrupt, and closing while audio arrives.
 void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
     std::string problem;
     Settings settings = plain();
@@ -325,9 +327,9 @@ void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host
         const bool settled = (since > 1.6 && since < 2.4) || since > 2.5 + avatar->delay() + 0.7;
         if (settled) off.push_back(std::fabs(avatar->shown() - avatar->heard(now)));
     }
-    // The next stream's frames come after the ease's.
+    // The next stream's frames follow those of the ease.
     EXPECT(avatar->pose().index > at_interrupt + 6 + 10);
-    // A tick and a buffer at most; the median, since a busy machine is late now and then.
+    // One tick and one buffer at most; the median, since a busy machine is sometimes late.
     EXPECT(off.size() > 20);
     std::sort(off.begin(), off.end());
     const double median = off.empty() ? 1 : off[off.size() / 2];
@@ -359,7 +361,7 @@ void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host
     std::printf("two threads: lips within %.0f ms of the sound, the median\n", 1000 * median);
 }
 
-/// In real time: before any audio it moves as it listens, and rests where it is told to.
+/// In real time: before any audio it moves as while listening, or rests if so configured.
 void idle_modes_go_on_without_audio(const std::shared_ptr<Host> &host) {
     std::string problem;
     Settings settings = plain();
@@ -397,7 +399,7 @@ void hosts_are_shared_and_errors_say_what(const char *model) {
     auto host = hosts.open(model, one_thread(), problem);
     EXPECT(host != nullptr && hosts.open(model, one_thread(), problem) == host && hosts.count() == 1);
     if (!host) return;
-    // The curves are ARKit's, as MetaHuman's face and Live Link Face name them.
+    // The curves are ARKit's, with the names used by MetaHuman and Live Link Face.
     EXPECT(host->info.is_arkit == 1 && host->channels.size() == 52);
     EXPECT(host->channels.front() == "eyeBlinkLeft" && host->channels.back() == "tongueOut");
     EXPECT(host->skeleton.parents[0] == -1 && host->skeleton.parents[15] == 12);
@@ -417,14 +419,14 @@ void hosts_are_shared_and_errors_say_what(const char *model) {
     host.reset();
     hosts.close_unused();
     EXPECT(hosts.count() == 1);
-    // The engine goes: the character says so, once.
+    // The engine is freed: the character reports it once.
     avatar->close();
     avatar.reset();
     hosts.close_unused();
     EXPECT(hosts.count() == 0);
 }
 
-/// A film is rendered picture by picture, however long that takes; a game that is paused stands still.
+/// A film is rendered frame by frame, however long that takes; a paused game stands still.
 void what_moves_in_silence_goes_by_the_game_s_time(const std::shared_ptr<Host> &host) {
     std::string problem;
     const auto avatar = Avatar::make(host, plain(), problem);
@@ -454,7 +456,7 @@ void gestures_and_settings_are_the_host_s(const std::shared_ptr<Host> &host, con
     settings.smoothing = -1;
     const auto smooth = Avatar::make(host, settings, problem);
     EXPECT(smooth && smooth->play_gesture("greet", UMO_SIDE_AUTO, 1, nullptr) == UMO_STATUS_OK);
-    // The low-pass looks three frames ahead.
+    // The low-pass filter looks three frames ahead.
     EXPECT(rough && smooth && std::abs(smooth->delay() - rough->delay() - 0.1) < 1e-9);
     settings.guidance = 9;
     EXPECT(!Avatar::make(host, settings, problem) && problem.find("guidance") != std::string::npos);
@@ -467,7 +469,7 @@ void a_lost_engine_is_told_once(const char *model) {
     auto avatar = Avatar::make(host, plain(), problem);
     EXPECT(avatar && avatar->failure().empty());
     host->engine.reset();
-    // It keeps its pose; the audio that nobody takes any more is what tells.
+    // It keeps its pose; the failure shows in audio that is not taken.
     EXPECT(avatar->show(0.01, 1) == UMO_STATUS_OK);
     float samples[16] = {};
     avatar->hear(samples, 16, 1, rate, 1);

@@ -1,4 +1,4 @@
-// The clocks, the delay and the ring, alone: this program also runs under the thread sanitizer.
+// The clocks, the delay and the ring by themselves: this program also runs under the thread sanitizer.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #include <thread>
@@ -18,14 +18,14 @@ void audio_is_played_from_when_it_was_given() {
     clock.advance(100, 10.0);
     EXPECT_NEAR(clock.read(9.9).seconds, 0, 0);
     EXPECT_NEAR(clock.read(10.04).seconds, 0.04, 1e-9);
-    // No further than what was given.
+    // Not beyond the audio that was given.
     EXPECT_NEAR(clock.read(10.2).seconds, 0.1, 1e-9);
     EXPECT(!clock.read(10.3).is_quiet && clock.read(10.4).is_quiet);
     clock.advance(50, 10.1);
     EXPECT_NEAR(clock.read(10.12).seconds, 0.12, 1e-9);
 }
 
-/// A stream of frames 30 a second whose frame `i` belongs to second `i / 30` of the audio, all there.
+/// A stream at 30 frames a second whose frame `i` belongs to second `i / 30` of the audio, fully computed.
 struct Stream {
     MotionClock clock{30};
     double newest = 100;
@@ -44,7 +44,7 @@ void motion_waits_for_its_sound_and_then_goes_with_it() {
     for (; heard < 0; heard += 1.0 / 60) EXPECT_NEAR(stream.tick(1.0 / 60, heard), 0, heard < -0.25 ? 0 : 0.13);
     double last = 0;
     for (int i = 0; i < 600; ++i, heard += 1.0 / 60) {
-        // The audio's clock comes in steps of 20 ms.
+        // The audio clock advances in steps of 20 ms.
         const double stepped = std::floor(heard * 50) / 50;
         const double time = stream.tick(1.0 / 60, stepped);
         EXPECT(time >= last);
@@ -54,10 +54,10 @@ void motion_waits_for_its_sound_and_then_goes_with_it() {
     // Half a second without ticks: it skips.
     heard += 0.5;
     EXPECT_NEAR(stream.tick(1.0 / 60, heard), heard, 0.06);
-    // The audio stalls: motion comes to a stop soon.
+    // The audio stalls: motion soon stops.
     for (int i = 0; i < 120; ++i) last = stream.tick(1.0 / 60, heard);
     EXPECT_NEAR(last, heard, 0.26);
-    // It is quiet: motion goes on by itself.
+    // It is quiet: motion continues by itself.
     const double before = last;
     for (int i = 0; i < 60; ++i) last = stream.tick(1.0 / 60, heard, true);
     EXPECT_NEAR(last - before, 1, 0.02);
@@ -69,7 +69,7 @@ void it_does_not_run_beyond_the_newest_frame() {
     double heard = 0;
     for (int i = 0; i < 120; ++i, heard += 1.0 / 60) stream.tick(1.0 / 60, heard);
     EXPECT_NEAR(stream.clock.time(), 1 + 1.0 / 30, 1e-9);
-    // What comes late is caught up with in two ticks: one sees that it is there.
+    // Late frames are caught up with in two ticks.
     stream.newest = 3;
     stream.tick(1.0 / 60, heard);
     EXPECT_NEAR(stream.tick(1.0 / 60, heard), heard, 0.06);
@@ -80,7 +80,7 @@ void frames_of_no_audio_go_at_their_own_pace() {
     clock.found(0, 0, 10);
     clock.next(0.1, 0.1, false, 0);
     clock.found(3, 0.1, 10);
-    // An ease: the frames that follow have the stamp of the one before.
+    // An ease: its frames repeat the stamp of the one before.
     clock.next(1.0 / 30, 0.1, false, 0);
     clock.found(4, 0.1, 10);
     const double start = clock.time();
@@ -88,7 +88,7 @@ void frames_of_no_audio_go_at_their_own_pace() {
         EXPECT_NEAR(clock.next(1.0 / 30, 5, false, 0), start + i / 30.0, 1e-9);
         clock.found(static_cast<std::uint64_t>(4 + i), 0.1, 10);
     }
-    // Then comes the next stream, whose sound is not heard yet.
+    // Then the next stream arrives, whose sound is not heard yet.
     clock.next(1.0 / 30, 5, false, 0);
     clock.found(15, 6, 10);
     const double held = clock.time();
@@ -106,7 +106,7 @@ void delay_gives_what_was_there_so_many_frames_ago() {
     delay.clear();
     delay.run(more, 4, 2);
     EXPECT(more[0] == 0 && more[3] == 0);
-    // Mono after stereo starts from silence; more channels than reckoned with, and no delay at all, change nothing.
+    // Mono after stereo restarts from silence; more channels than expected, or no delay, change nothing.
     float mono[4] = {1, 2, 3, 4};
     delay.run(mono, 4, 1);
     EXPECT(mono[0] == 0 && mono[2] == 0 && mono[3] == 1);
@@ -151,7 +151,7 @@ void ring_keeps_order_between_threads() {
 }
 
 void clock_is_read_whole() {
-    // Every buffer is as long as its time says: a reading of two halves would not be on the line.
+    // Every buffer matches its time, so a torn read would be off the line.
     AudioClock clock(1000);
     std::atomic<bool> is_over{false};
     std::thread writer([&] {
@@ -166,7 +166,7 @@ void clock_is_read_whole() {
     int wrong = 0;
     double last = 0;
     while (!is_over) {
-        // At a time before the last buffer, the reading is that buffer's start: a whole number of thousandths.
+        // Before the last buffer, the reading is that buffer's start: a whole number of thousandths.
         const double seconds = clock.read(-1).seconds;
         wrong += seconds < last || std::fabs(seconds * 1000 - std::round(seconds * 1000)) > 1e-6 ? 1 : 0;
         last = seconds;

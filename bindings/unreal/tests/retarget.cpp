@@ -1,4 +1,4 @@
-// The pose on a skeleton such as the mannequin's: an A at rest, bones along their own X, looking along +Y.
+// The pose on a skeleton like the mannequin's: A-pose at rest, bones along their own X, facing +Y.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #include <cstring>
@@ -23,7 +23,7 @@ Quat about(Vec3 axis, double angle) {
 struct Skeleton {
     std::vector<Bone> bones;
 
-    /// A bone at a place of the component, turned as a whole by `turn`.
+    /// Adds a bone at a component-space position with component-space rotation `turn`.
     int add(const char *name, int parent, Vec3 place, Quat turn) {
         const Quat from = parent < 0 ? Quat{} : turns[static_cast<std::size_t>(parent)];
         const Vec3 at = parent < 0 ? Vec3{} : places[static_cast<std::size_t>(parent)];
@@ -43,10 +43,11 @@ struct Skeleton {
     std::vector<Quat> turns;
 };
 
-/// The turn of a bone whose own X points along `direction`, with a roll of its own, as the mannequin's have.
+/// Rotation of a bone whose own X points along `direction`, with an additional roll as in the mannequin.
 Quat along(Vec3 direction) { return arc({1, 0, 0}, direction) * about({1, 0, 0}, 0.7); }
 
-/// Twice as large as the library's body below, in an A: arms 45 degrees down, elbows 10 degrees forward, legs apart.
+/// Twice as large as the library's body below, in an A-pose: arms 45 degrees down, elbows 10 degrees forward, legs
+/// apart.
 Skeleton mannequin() {
     Skeleton s;
     const int root = s.add("root", -1, {0, 0, 0}, about({1, 0, 0}, -half_pi));
@@ -58,7 +59,7 @@ Skeleton mannequin() {
     }
     const int neck = s.add("neck_01", spine, {0, 0, 280}, along({0, 0.2, 1}));
     s.add("Head", neck, {0, 0, 300}, along({0, 0, 1}));
-    // Looking along +Y in left-handed axes, the left side is towards +X.
+    // Facing +Y in left-handed axes, the left side is towards +X.
     for (const double side : {1.0, -1.0}) {
         const std::string tail = side > 0 ? "_l" : "_r";
         const auto name = [&](const char *bone) { return bone + tail; };
@@ -83,7 +84,7 @@ Skeleton mannequin() {
     return s;
 }
 
-/// A body of straight limbs, looking along +X with its right hand towards +Y.
+/// A body of straight limbs, facing +X with its right hand towards +Y.
 SourceSkeleton body() {
     SourceSkeleton source;
     const std::int32_t parents[joint_count] = {-1, 0,  0,  0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  9,  9,  12, 13, 14, 16,
@@ -134,7 +135,7 @@ struct Frame {
     }
 };
 
-/// Where bones are and how they are turned in the component, the driven ones by `retarget`.
+/// Component-space positions and rotations of the bones; driven ones as computed by `retarget`.
 struct Posed {
     std::vector<Vec3> places;
     std::vector<Quat> turns;
@@ -189,7 +190,7 @@ void an_a_pose_becomes_the_t() {
         EXPECT_PLACE(way("hand", "middle_01"), (1 / std::sqrt(82.0)) * (9.0 * out + Vec3{0, 1, 0}));
         EXPECT_PLACE(way("middle_01", "middle_02"), out);
         EXPECT_PLACE(way("middle_02", "middle_03"), out);
-        // A finger's tip points nowhere: it follows the bone before.
+        // A fingertip has no direction: it follows the bone before.
         const int tip = skeleton.find(name("middle_03"));
         for (const Driven &driven : retarget.driven()) {
             if (driven.bone != tip) continue;
@@ -207,7 +208,7 @@ void an_a_pose_becomes_the_t() {
         const Quat turn = inverse(skeleton.turns[i]) * posed.turns[i];
         EXPECT_NEAR(std::fabs(turn.w), 1, 1e-12);
     }
-    // The twist bone is no joint's: it follows its arm.
+    // The twist bone belongs to no joint: it follows its arm.
     for (const Driven &driven : retarget.driven()) EXPECT(driven.bone != skeleton.find("upperarm_twist_01"));
     EXPECT_PLACE(direction(skeleton, posed, "upperarm_l", "upperarm_twist_01_l"), (Vec3{1, 0, 0}));
 }
@@ -218,11 +219,13 @@ void turns_are_those_of_the_body() {
     std::string problem;
     EXPECT(retarget.build(skeleton.bones, body(), {}, problem));
     Frame frame;
-    // The left forearm points along -Y, the body's left, in the T. A quarter about Z takes -Y to +X: ahead. Ahead is +Y here.
+    // The left forearm points along -Y, the body's left, in the T-pose. A quarter turn about Z takes -Y to +X: forward.
+    // Forward is +Y here.
     frame.turn(18, about({0, 0, 1}, half_pi));
-    // The right arm points along +Y. A quarter about X takes +Y to +Z: up, the forearm with it.
+    // The right arm points along +Y. A quarter turn about X takes +Y to +Z: up, the forearm with it.
     frame.turn(17, about({1, 0, 0}, half_pi));
-    // The left thigh points down. A quarter about Y takes -Z to -X: behind, -Y here; the knee takes the shin down again.
+    // The left thigh points down. A quarter turn about Y takes -Z to -X: back, -Y here; the knee turns the shin down
+    // again.
     frame.turn(1, about({0, 1, 0}, half_pi));
     frame.turn(4, about({0, 1, 0}, -half_pi));
     retarget.apply(frame.rotations, frame.translation, true);
@@ -236,7 +239,7 @@ void turns_are_those_of_the_body() {
     // The foot is level again: hip and knee cancel.
     const Vec3 sole{0, 20, -12};
     EXPECT_PLACE(direction(skeleton, posed, "foot_l", "ball_l"), (1 / length(sole)) * sole);
-    // The whole body turns a quarter about Z: ahead, +Y here, becomes -X, and the left thigh, which pointed behind, +X.
+    // The whole body turns a quarter about Z: forward, +Y here, becomes -X, and the left thigh, which pointed back, +X.
     frame.turn(0, about({0, 0, 1}, half_pi));
     retarget.apply(frame.rotations, frame.translation, true);
     EXPECT_PLACE(direction(skeleton, Posed(skeleton, retarget), "thigh_l", "calf_l"), (Vec3{1, 0, 0}));
@@ -256,7 +259,7 @@ void the_pelvis_moves_by_the_length_of_the_legs() {
     frame.translation[2] = 87;
     retarget.apply(frame.rotations, frame.translation, true);
     const auto pelvis = static_cast<std::size_t>(retarget.pelvis());
-    // 10 ahead are +Y, 4 to the right are -X.
+    // 10 forward are +Y, 4 to the right are -X.
     EXPECT_PLACE(Posed(skeleton, retarget).places[pelvis], (Vec3{-4 * scale, 10 * scale, 180 - 3 * scale}));
     retarget.apply(frame.rotations, frame.translation, false);
     EXPECT_PLACE(Posed(skeleton, retarget).places[pelvis], (Vec3{0, 0, 180 - 3 * scale}));

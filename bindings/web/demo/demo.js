@@ -1,4 +1,4 @@
-// A page that runs the model: a recording or the microphone in, a character of three.js that speaks out.
+// A page that runs the model: a recording or the microphone in, a speaking three.js character out.
 
 import { AmbientLight, Box3, Color, DirectionalLight, GridHelper, PerspectiveCamera, Scene, Timer, Vector3, WebGLRenderer } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
@@ -15,7 +15,7 @@ let end;
 let gltf;
 let character;
 
-/** What a test reads. */
+/** State that tests read. */
 window.demo = { drawn: 0, mouth: 0, failed: null };
 
 function failed(error) {
@@ -36,12 +36,12 @@ scene.add(new AmbientLight(0xffffff, 1.2), sun, floor);
 const loader = new GLTFLoader();
 loader.register((parser) => new VRMLoaderPlugin(parser));
 
-/** An avatar for audio at this rate, in a worker of its own; another one goes. */
+/** Creates an avatar for audio at this rate in a new worker, replacing the previous one. */
 async function create(options) {
   avatar?.close();
   avatar = undefined;
   window.demo.avatar = undefined;
-  const percent = ({ loaded, total }) => say(total ? `loads the model: ${Math.round((100 * loaded) / total)} %` : `loads the model: ${loaded >> 20} MB`);
+  const percent = ({ loaded, total }) => say(total ? `loading the model: ${Math.round((100 * loaded) / total)} %` : `loading the model: ${loaded >> 20} MB`);
   const parameters = new URLSearchParams(location.search);
   const model = parameters.get("model") ?? "umo-people.safetensors.gz";
   avatar = await Avatar.create({ model, onProgress: percent, onError: failed, ...options });
@@ -50,7 +50,7 @@ async function create(options) {
   if (gltf) wear();
 }
 
-/** Shows a character: a `.glb` or `.vrm` file. */
+/** Loads a character from a `.glb` or `.vrm` file. */
 async function load(address) {
   const loaded = await loader.loadAsync(address);
   if (gltf) {
@@ -69,7 +69,7 @@ async function load(address) {
   wear();
 }
 
-/** The character follows the avatar. */
+/** Connects the character to the avatar. */
 function wear() {
   character?.free();
   character = new Character(gltf.userData.vrm ?? gltf.scene, avatar.model);
@@ -107,7 +107,7 @@ element("microphone").onclick = () =>
       stream.getTracks().forEach((track) => track.stop());
       return ended();
     };
-    say(`listens; the mouth is ${Math.round(1000 * avatar.mouthLatency)} ms behind the sound, the body ${Math.round(1000 * avatar.latency)} ms`);
+    say(`listening; the mouth is ${Math.round(1000 * avatar.mouthLatency)} ms behind the sound, the body ${Math.round(1000 * avatar.latency)} ms`);
   });
 
 element("file").onchange = ({ target }) =>
@@ -117,7 +117,7 @@ element("file").onchange = ({ target }) =>
     await stop();
     const buffer = await context.decodeAudioData(await file.arrayBuffer());
     await create({ sampleRate: buffer.sampleRate });
-    say("computes the first frames…");
+    say("computing the first frames…");
     await avatar.say(buffer, context);
     end = () => avatar.call("reset");
     say(`speaks ${file.name}, ${buffer.duration.toFixed(1)} s`);

@@ -2,7 +2,7 @@
 
 import { Library, UmoError, compiled } from "./engine.js";
 
-/** Seconds that the sound of a recording waits beyond the engine's latency, for a computation to end. */
+/** Seconds by which a recording's sound is delayed beyond the engine's latency, so that computing can finish. */
 const MARGIN = 0.25;
 
 export class Avatar {
@@ -16,8 +16,9 @@ export class Avatar {
   #source = null;
 
   /**
-   * Loads the engine and a model in a worker. `wasm` and `model` are URLs or bytes; `wasm` may be a module. `delay` sets the property of
-   * that name; the other options are a session's. `worker` is a worker of the page's own that runs `umo-web/worker`.
+   * Loads the engine and a model in a worker. `wasm` and `model` are URLs or bytes; `wasm` may also be a module.
+   * `delay` sets the property of that name; the other options are a session's. `worker` is an existing worker that runs
+   * `umo-web/worker`.
    */
   static async create({ worker, wasm = new URL("../dist/umo.wasm", import.meta.url), model, delay = 0, onProgress, onError, ...options }) {
     const avatar = new Avatar(worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" }), onProgress, onError);
@@ -25,7 +26,7 @@ export class Avatar {
     try {
       const module = await compiled(absolute(wasm));
       const loaded = avatar.call("load", { ...options, wasm: module, model: absolute(model) });
-      // Characters are moved in this thread.
+      // Characters are animated on this thread.
       const [library] = await Promise.all([Library.load(module), loaded]);
       Object.assign(avatar, await loaded);
       avatar.model.library = library;
@@ -34,7 +35,7 @@ export class Avatar {
       throw error;
     }
     avatar.sampleRate = options.sampleRate;
-    /** Seconds that the device's sound is later than its context knows: a Bluetooth speaker's or a television's. */
+    /** Latency in seconds that the AudioContext does not know, such as a Bluetooth speaker's or a television's. */
     avatar.delay = delay;
     return avatar;
   }
@@ -56,7 +57,8 @@ export class Avatar {
     };
   }
 
-  /** Calls the engine's worker: `push`, `finish`, `interrupt`, `reset`, `set`, `prompt`, `mood`, `lookAt`, `gesture`, `pull`. */
+  /** Calls the engine in the worker: `push`, `finish`, `interrupt`, `reset`, `set`, `prompt`, `mood`, `lookAt`,
+   * `gesture`, `pull`. */
   call(name, ...args) {
     const id = ++this.#count;
     const transfer = args.filter((arg) => arg instanceof MessagePort);
@@ -65,8 +67,8 @@ export class Avatar {
   }
 
   /**
-   * Speaks what an audio node plays, from now on: a microphone's `MediaStreamAudioSourceNode`, a call's, or an element's. The session
-   * must have the context's sample rate. Returns a function that ends it.
+   * Speaks the output of an audio node from now on, such as a microphone's `MediaStreamAudioSourceNode`, a call, or an
+   * element. The session must have the context's sample rate. Returns a function that stops it.
    */
   async listen(source) {
     const { context } = source;
@@ -79,9 +81,9 @@ export class Avatar {
     node.port.postMessage({ target: channel.port2 }, [channel.port2]);
     let start;
     node.port.onmessage = ({ data }) => (start ??= data.time);
-    // A frame is complete when its future audio has been heard; the mouth alone may be earlier.
+    // A frame is complete once its future audio has arrived; the mouth alone may be earlier.
     const behind = Math.min(this.latency, this.mouthLatency);
-    // The people beside a microphone hear themselves without the device.
+    // People beside a microphone hear themselves directly, without the device's latency.
     const played = () => ("mediaStream" in source ? 0 : this.#output(context));
     this.#clock = () => (start === undefined ? 0 : Math.max(0, context.currentTime - start - behind - played()));
     source.connect(node);
@@ -89,7 +91,7 @@ export class Avatar {
     return () => this.#stop();
   }
 
-  /** Speaks and plays a recording; resolves when it begins to sound. `output` is where the sound goes. */
+  /** Speaks and plays a recording; resolves when playback starts. `output` is the node to play to. */
   async say(buffer, context, output = context.destination) {
     this.#check(buffer.sampleRate);
     await this.#stop();
@@ -99,7 +101,7 @@ export class Avatar {
     }
     await this.call("push", samples);
     await this.call("finish");
-    // Until the first frames are there.
+    // Wait for the first frames.
     for (let first = this.#last; ; ) {
       const { pose } = await this.call("samplePose", first);
       if (pose.newest > 0) break;
@@ -136,14 +138,14 @@ export class Avatar {
     [this.#node, this.#source, this.#last, this.#clock] = [null, null, 0, () => 0];
   }
 
-  /** Seconds of the motion that are to be seen now. */
+  /** Motion time to show now, in seconds. */
   get time() {
     return this.#clock();
   }
 
   /**
-   * The pose to show now: that of the last picture's time and the time between two pictures. Asks the worker for the next, and never
-   * waits. Call it once for each picture.
+   * The pose to show now, which the last call requested one frame ahead. Requests the next pose from the worker and
+   * never waits. Call it once per frame.
    */
   samplePose(seconds = this.time) {
     if (!this.#asked) {
@@ -164,7 +166,7 @@ export class Avatar {
     return this.pose;
   }
 
-  /** Ends the worker, which frees everything. */
+  /** Terminates the worker, which frees everything. */
   close() {
     this.#node?.source.disconnect(this.#node.node);
     this.#source?.stop();

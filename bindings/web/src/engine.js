@@ -1,5 +1,5 @@
-// The engine in this thread: models, sessions and poses, over the C interface of `umo.wasm`. In a page it belongs in a worker
-// (`avatar.js`, `worker.js`); in Node it can be called as it is.
+// The engine on this thread: models, sessions and poses, over the C interface of `umo.wasm`. In a page, run it in a
+// worker (`avatar.js`, `worker.js`); in Node it can be called directly.
 
 import {
   ABI_VERSION, ABSENT, AXES, ENGINE_CONFIG, FRAME_LAYOUT, GESTURE_OPTIONS, LATENCY, MODEL_CONFIG, MODEL_INFO, MODEL_TEXTS, RECEIVED, SAMPLED,
@@ -9,7 +9,7 @@ import {
 /** Names of the statuses by their numbers. */
 const STATUS_NAMES = new Map(Object.entries(STATUSES).map(([name, status]) => [status, name]));
 
-/** A call that failed: `status` is the name that `umo.h` has for it. */
+/** A failed call: `status` is the status name in `umo.h`. */
 export class UmoError extends Error {
   constructor(status, message) {
     super(`${status}: ${message}`);
@@ -24,7 +24,7 @@ const CHUNK = 16_384;
 
 /** The module's memory and functions. */
 export class Library {
-  /** An instance of its own of a compiled module. */
+  /** Instantiates a compiled module. */
   static async load(module) {
     return new Library(await WebAssembly.instantiate(module, {}));
   }
@@ -48,7 +48,7 @@ export class Library {
 
   allocate(size) {
     const at = this.run("umo_web_allocate", size);
-    if (at === 0) throw new UmoError("OUT_OF_MEMORY", `no ${size} bytes could be allocated`);
+    if (at === 0) throw new UmoError("OUT_OF_MEMORY", `cannot allocate ${size} bytes`);
     return at;
   }
 
@@ -57,7 +57,7 @@ export class Library {
     return new TextDecoder().decode(memory.slice(at, memory.indexOf(0, at)));
   }
 
-  /** Puts a text with its end into the scratch memory at `offset`. */
+  /** Writes a text with its terminator to the scratch memory at `offset`. */
   write(text, offset) {
     const bytes = new TextEncoder().encode(`${text}\0`);
     if (offset + bytes.length > SCRATCH) throw new UmoError("INVALID_ARGUMENT", "the text is too long");
@@ -111,7 +111,8 @@ export class Library {
   }
 }
 
-/** Bytes of what is given: a URL, a `Response`, a buffer or a view. What is compressed by gzip, by its first bytes, is unpacked. */
+/** Fetches the bytes of a URL, a `Response`, a buffer or a view. Data that starts with the gzip header is
+ * decompressed. */
 export async function fetchBytes(source, onProgress) {
   if (source instanceof ArrayBuffer) return unpacked(new Uint8Array(source));
   if (ArrayBuffer.isView(source)) return unpacked(new Uint8Array(source.buffer, source.byteOffset, source.byteLength));
@@ -136,7 +137,7 @@ export async function fetchBytes(source, onProgress) {
   return unpacked(bytes);
 }
 
-/** A module: compiled from a URL, a response or bytes, or as it is. */
+/** Returns a module, compiled from a URL, a response or bytes unless it already is one. */
 export async function compiled(wasm) {
   return wasm instanceof WebAssembly.Module ? wasm : WebAssembly.compile(await fetchBytes(wasm));
 }
@@ -147,26 +148,26 @@ async function unpacked(bytes) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** A body and a face at one moment: arrays that a session fills. */
+/** A body and a face at one moment: arrays filled by a session. */
 export class Pose {
   constructor(model) {
-    /** Number of the frame, and the sample of the audio that it belongs to. */
+    /** Index of the frame, and the sample of the audio that it belongs to. */
     this.index = 0;
     this.sample = 0;
-    /** Where the root is, metres, y up. */
+    /** Position of the root, metres, y up. */
     this.translation = new Float32Array(3);
-    /** Of each of `model.jointNames`: x y z w, in its parent's frame. */
+    /** Rotation of each of `model.jointNames`: x y z w, in its parent's frame. */
     this.rotations = new Float32Array(4 * model.jointNames.length);
-    /** Of each of `model.channelNames`. */
+    /** Values of `model.channelNames`. */
     this.face = new Float32Array(model.channelNames.length);
-    /** Of each of `model.visemeNames`; empty without them. */
+    /** Values of `model.visemeNames`; empty if there are none. */
     this.visemes = new Float32Array(model.visemeNames.length);
-    /** Whether the time asked for is later than what has been computed. */
+    /** Whether the requested time is later than the computed frames. */
     this.isAhead = false;
   }
 }
 
-/** A model, and an engine that computes its sessions whenever `compute` is called. */
+/** A model, and an engine that computes its sessions when `compute` is called. */
 export class Model {
   #library;
   #model = 0;
@@ -239,14 +240,15 @@ export class Model {
   }
 
   /**
-   * A session: one avatar. Options are those of `umo_session_config`, in camel case; `voice` is "delayed" or "live", `packets` "none",
-   * "besideFrames" or "only".
+   * Creates a session: one avatar. Options are those of `umo_session_config` in camel case; `voice` is "delayed" or
+   * "live", `packets` "none", "besideFrames" or "only".
    */
   session(options = {}) {
     return this.#make("umo_session_new", () => this.#engine, options);
   }
 
-  /** An avatar whose frames come of packets, where it is seen. `target`, `lookahead` and `smoothing` are the sender's. */
+  /** Creates an avatar that is animated by received packets. `target`, `lookahead` and `smoothing` must match the
+   * sender's. */
   decoder(options = {}) {
     return this.#make("umo_decoder_new", () => this.#model, options);
   }
@@ -263,7 +265,7 @@ export class Model {
     return session;
   }
 
-  /** Computes what is due, in at most `milliseconds`, but one layer at least; returns whether there is more. */
+  /** Computes due work for at most `milliseconds`, but at least one layer; returns whether there is more. */
   compute(milliseconds = Infinity) {
     const library = this.#library;
     this.#open();
@@ -275,12 +277,12 @@ export class Model {
     }
   }
 
-  /** The module that it runs in, which moves characters, too. */
+  /** The module that it runs in, which also animates characters. */
   get library() {
     return this.#library;
   }
 
-  /** Bytes of memory that the module has. */
+  /** Memory size of the module in bytes. */
   get memory() {
     return this.#library.exports.memory.buffer.byteLength;
   }
@@ -290,7 +292,7 @@ export class Model {
     return this.#model;
   }
 
-  /** Frees the model with its sessions. Twice is fine. */
+  /** Frees the model and its sessions. Calling it twice is harmless. */
   free() {
     const library = this.#library;
     if (this.#model === 0) return;
@@ -334,7 +336,7 @@ export class Session {
     this.#library.call(name, this.#session, ...args);
   }
 
-  /** Takes audio, interleaved 32-bit floats; returns how many samples there was room for. */
+  /** Takes audio as interleaved 32-bit floats; returns the number of samples taken. */
   push(samples) {
     const library = this.#library;
     let taken = 0;
@@ -349,7 +351,7 @@ export class Session {
     return taken;
   }
 
-  /** Takes audio of who speaks to the avatar, so that it listens. */
+  /** Feeds the interlocutor's audio, so that the avatar listens. */
   pushOther(samples) {
     const library = this.#library;
     for (let at = 0; at < samples.length; at += CHUNK) {
@@ -359,22 +361,23 @@ export class Session {
     }
   }
 
-  /** No more audio. */
+  /** Ends the audio. */
   finish() {
     this.#call("umo_session_finish");
   }
 
-  /** Drops what is not shown yet, and eases to rest. */
+  /** Drops frames that were not shown yet and eases to rest. */
   interrupt(easeMs = 200) {
     this.#call("umo_session_interrupt", easeMs);
   }
 
-  /** Back to the start. */
+  /** Returns to the initial state. */
   reset() {
     this.#call("umo_session_reset");
   }
 
-  /** Packets that are ready, each a `Uint8Array` to be sent to decoders as it is, of a session made with `packets`. */
+  /** Pulls the ready packets of a session created with `packets`, each a `Uint8Array` to be sent to decoders
+   * unchanged. */
   pullPackets() {
     const library = this.#library;
     const { scratch, audio } = library;
@@ -386,16 +389,16 @@ export class Session {
     }
   }
 
-  /** Takes a packet of a decoder's sender, in any order and any number of times. */
+  /** Takes a packet from the decoder's sender. Packets may arrive reordered or duplicated. */
   pushPacket(packet) {
     const library = this.#library;
-    // No packet is longer, and a longer one is refused as what it is.
+    // Truncate: no valid packet is longer, and a longer one is still refused as malformed.
     const bytes = packet.subarray(0, 4 * CHUNK);
     library.bytes(library.audio, bytes.length).set(bytes);
     this.#call("umo_decoder_push_packet", library.audio, bytes.length);
   }
 
-  /** What came of a decoder's packets: how many were taken, were late, are missing; keyframes that were held. */
+  /** Statistics of a decoder's packets: taken, late and missing packets; keyframes that were held. */
   get received() {
     const library = this.#library;
     library.set(library.scratch, RECEIVED, { structSize: RECEIVED.size });
@@ -404,7 +407,7 @@ export class Session {
     return { packets: count("packets"), late: count("late"), lost: count("lost"), held: count("held") };
   }
 
-  /** Takes the next frame into `pose`; returns false where none is ready. */
+  /** Pulls the next frame into `pose`; returns false if none is ready. */
   pull(pose) {
     const library = this.#library;
     try {
@@ -418,10 +421,10 @@ export class Session {
     return true;
   }
 
-  /** The pose at `seconds` of the motion, into `pose`, which it returns. */
+  /** Samples the pose at motion time `seconds` into `pose` and returns it. */
   samplePose(seconds, pose = new Pose(this.#model)) {
     const library = this.#library;
-    // The module has no clock, by which it eases to rest and back.
+    // The module has no clock for easing to rest and back.
     if (!this.#hasClock) this.#call("umo_session_set_clock", (performance.now() - this.#start) / 1000);
     library.set(library.scratch, SAMPLED, { structSize: SAMPLED.size });
     this.#call("umo_session_sample_pose", seconds, this.#layout, this.#frame, this.#model.layout.size, library.scratch);
@@ -443,19 +446,19 @@ export class Session {
     if (layout.visemes !== ABSENT) pose.visemes.set(floats(layout.visemes, pose.visemes.length));
   }
 
-  /** Frames that `pull` would give. */
+  /** Number of frames that `pull` would return. */
   get ready() {
     this.#call("umo_session_ready_frames", this.#library.scratch);
     return this.#library.view.getUint32(this.#library.scratch, true);
   }
 
-  /** Whether `finish` was called and every frame was taken. */
+  /** Whether `finish` was called and all frames were pulled. */
   get isDone() {
     this.#call("umo_session_is_done", this.#library.scratch);
     return this.#library.view.getUint32(this.#library.scratch, true) === 1;
   }
 
-  /** What time it is, seconds: for pages that are paused or rendered elsewhere. */
+  /** Sets the time in seconds, for pages that are paused or rendered offline. */
   setClock(seconds) {
     this.#hasClock = true;
     this.#call("umo_session_set_clock", seconds);
@@ -466,25 +469,25 @@ export class Session {
     this.#call("umo_session_set_parameter", parameter, value);
   }
 
-  /** Says in words how to move, for models that take texts. */
+  /** Sets a text prompt, for models that take text. */
   prompt(text) {
     const { at, length } = this.#library.write(text, 64);
     this.#call("umo_session_set_prompt", at, length);
   }
 
-  /** Sets one of `Mood`, 0 to 1. */
+  /** Sets one of `Mood` with strength 0 to 1. */
   mood(mood, strength = 1) {
     this.#call("umo_session_set_mood", mood, strength);
   }
 
-  /** Looks at a point in the avatar's space, metres; a strength of 0 ends it. */
+  /** Looks at a point in the avatar's space, metres; a strength of 0 stops it. */
   lookAt([x, y, z], strength = 1) {
     const at = this.#library.scratch;
     [x, y, z].forEach((value, i) => this.#library.view.setFloat32(at + 4 * i, value, true));
     this.#call("umo_session_look_at", AXES.gltf, at, strength);
   }
 
-  /** Plays a gesture by its name: at `at` seconds of the motion, or as soon as it can. */
+  /** Plays a gesture by name, at motion time `at` in seconds or as soon as possible. */
   gesture(name, { side = "auto", at = -1, speed = 1, strength = 1, target } = {}) {
     const library = this.#library;
     const options = library.scratch + 8;
@@ -495,7 +498,7 @@ export class Session {
     this.#call("umo_session_play_gesture", library.write(name, 64).at, options);
   }
 
-  /** Frees it. Twice is fine. */
+  /** Frees the session. Calling it twice is harmless. */
   free() {
     if (this.#session === 0) return;
     const session = this.#session;

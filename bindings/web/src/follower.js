@@ -1,4 +1,4 @@
-// A character that follows poses: the retargeter of `umo retarget`, in this thread.
+// A character that follows poses: the retargeter of `umo retarget`, on this thread.
 
 import { UmoError } from "./engine.js";
 
@@ -7,17 +7,18 @@ export class Follower {
   #character;
   #memory;
   #size;
-  /** Floats of a pose and of its values. */
+  /** Buffers of a pose and of the character's values. */
   #pose;
   #values;
 
   /**
-   * Reads a character: the bytes of a `.glb` or `.vrm` file. `model` is an avatar's or a `Model`; `given` is a mapping file's content,
-   * `{ bones: { left_elbow: "Arm_2.L" }, face: { jawOpen: "Mouth_Open" } }`, where a bone may also be the number of a node.
+   * Reads a character from the bytes of a `.glb` or `.vrm` file. `model` is an avatar's or a `Model`; `given` is the
+   * content of a mapping file, `{ bones: { left_elbow: "Arm_2.L" }, face: { jawOpen: "Mouth_Open" } }`, where a bone
+   * may also be a node index.
    */
   constructor(file, model, given = {}) {
     const { library, parents, offsets, channelNames, isArkit } = model;
-    if (!library) throw new UmoError("NULL_POINTER", "the model has no `library`: pass `avatar.model`, or what `Model.load` gives");
+    if (!library) throw new UmoError("NULL_POINTER", "the model has no `library`: pass `avatar.model`, or the result of `Model.load`");
     const skeleton = { parents, offsets_m: parents.map((_, joint) => Array.from(offsets.subarray(3 * joint, 3 * joint + 3))) };
     const source = { skeleton, face: { kind: isArkit ? "arkit" : "smplx_expression", names: channelNames }, given };
     const text = new TextEncoder().encode(`${JSON.stringify(source)}\0`);
@@ -32,7 +33,7 @@ export class Follower {
     }
     this.#library = library;
     this.#character = library.view.getUint32(scratch, true);
-    /** What the values are of: `umo_core_rig::glb::Follower::read` lists it. */
+    /** The names of the values, as described at `umo_core::glb::Follower::read`. */
     this.description = JSON.parse(library.text(library.view.getUint32(scratch + 4, true)));
     const { driven, hips, tracks, expressions } = this.description;
     this.#pose = 4 * parents.length + 3 + channelNames.length;
@@ -42,8 +43,9 @@ export class Follower {
   }
 
   /**
-   * The values for a pose: a rotation of each of `description.driven`, the place of `hips` where there are any, the weights of all shapes
-   * of each of `tracks`, and those of `expressions`. Good until the next call of the module.
+   * Returns the values for a pose: a rotation for each of `description.driven`, the position of `hips` if there is one,
+   * the weights of all shapes for each of `tracks`, and the weights of `expressions`. Valid until the next call of the
+   * module.
    */
   values({ rotations, translation, face }) {
     const library = this.#library;

@@ -12,7 +12,7 @@ export class UmoError extends Error {
 /** A URL, a response, or bytes; bytes may be compressed by gzip. */
 export type Source = string | URL | Response | ArrayBuffer | ArrayBufferView;
 
-/** What a model has. */
+/** Description of a model. */
 export interface ModelDescription {
   readonly name: string;
   readonly licence: string;
@@ -49,9 +49,9 @@ export interface PoseValues {
   face: Float32Array;
   /** Of each viseme. */
   visemes: Float32Array;
-  /** Whether the time asked for is later than what has been computed. */
+  /** Whether the requested time is later than the computed frames. */
   isAhead: boolean;
-  /** Seconds of the newest frame that is ready, after `samplePose`. */
+  /** Time of the newest ready frame in seconds, after `samplePose`. */
   newest?: number;
 }
 
@@ -70,7 +70,7 @@ export class Pose implements PoseValues {
 export type Precision = "stored" | "f32" | "bf16" | "int8";
 export type Progress = { loaded: number; total?: number };
 
-/** A model, and an engine that computes in the thread that calls `compute`. */
+/** A model, and an engine that computes on the thread that calls `compute`. */
 export class Model implements ModelDescription {
   static load(
     options: EngineOptions & {
@@ -95,12 +95,12 @@ export class Model implements ModelDescription {
   readonly parents: number[];
   readonly offsets: Float32Array;
   readonly library: unknown;
-  /** Bytes of memory that the module has. */
+  /** Memory size of the module in bytes. */
   readonly memory: number;
   session(options?: SessionOptions): Session;
-  /** An avatar whose frames come of packets, where it is seen. */
+  /** Creates an avatar that is animated by received packets. */
   decoder(options?: SessionOptions): Session;
-  /** Computes what is due, in at most `milliseconds`, but one layer at least; returns whether there is more. */
+  /** Computes due work for at most `milliseconds`, but at least one layer; returns whether there is more. */
   compute(milliseconds?: number): boolean;
   free(): void;
 }
@@ -108,25 +108,25 @@ export class Model implements ModelDescription {
 /** One avatar. */
 export class Session {
   private constructor();
-  /** Samples of future audio that a frame needs at most, and its mouth. */
+  /** Maximum number of future audio samples that a frame needs, and its mouth. */
   readonly latencySamples: number;
   readonly mouthSamples: number;
-  /** Takes audio, interleaved; returns how many samples there was room for. */
+  /** Takes interleaved audio; returns the number of samples taken. */
   push(samples: Float32Array): number;
-  /** Takes audio of who speaks to the avatar, so that it listens. */
+  /** Feeds the interlocutor's audio, so that the avatar listens. */
   pushOther(samples: Float32Array): void;
   finish(): void;
   interrupt(easeMs?: number): void;
   reset(): void;
-  /** Takes the next frame into `pose`; false where none is ready. */
+  /** Pulls the next frame into `pose`; false if none is ready. */
   pull(pose: Pose): boolean;
-  /** Packets that are ready, to be sent to decoders as they are, of a session made with `packets`. */
+  /** Pulls the ready packets of a session created with `packets`, to be sent to decoders unchanged. */
   pullPackets(): Uint8Array[];
-  /** Takes a packet of a decoder's sender, in any order and any number of times. */
+  /** Takes a packet from the decoder's sender. Packets may arrive reordered or duplicated. */
   pushPacket(packet: Uint8Array): void;
-  /** What came of a decoder's packets. */
+  /** Statistics of a decoder's packets. */
   readonly received: Received;
-  /** The pose at `seconds` of the motion. */
+  /** The pose at motion time `seconds`. */
   samplePose(seconds: number, pose?: Pose): Pose;
   readonly ready: number;
   readonly isDone: boolean;
@@ -141,34 +141,35 @@ export class Session {
 
 export interface GestureOptions {
   side?: "auto" | "left" | "right" | "both";
-  /** Seconds of the motion at which the stroke falls; as soon as it can without. */
+  /** Motion time of the stroke in seconds; as soon as possible if not given. */
   at?: number;
   speed?: number;
   strength?: number;
-  /** A place to point at, metres. */
+  /** A point to point at, metres. */
   target?: [number, number, number];
 }
 
-/** A character of a `.glb` file that follows poses. */
+/** A character from a `.glb` file that follows poses. */
 export class Follower {
-  /** `given`: bones and shapes that are not found, as a mapping file has them; a bone may be the number of a node. */
+  /** `given`: bones and shapes that were not found, as in a mapping file; a bone may be a node index. */
   constructor(file: Uint8Array, model: ModelDescription, given?: { bones?: Record<string, string | string[] | number>; face?: Record<string, unknown> });
   readonly description: {
     convention: string;
     bones: Record<string, number[]>;
     /** The node of each joint. */
     nodes: (number | null)[];
-    /** Node, path and value of what the bind pose has elsewhere than the file. */
+    /** Node, path and value of every property where the bind pose differs from the file. */
     held: [number, "translation" | "rotation" | "scale", number[]][];
     driven: number[];
     hips: number | null;
     tracks: { node: number; count: number; moved: number[] }[];
     expressions: string[];
-    /** Face channels that move no shape themselves. */
+    /** Face channels that drive no shape themselves. */
     still: string[];
     speaks: boolean;
   };
-  /** Rotations of `driven`, the place of `hips`, weights of `tracks`, weights of `expressions`: good until the next call. */
+  /** Rotations of `driven`, position of `hips`, weights of `tracks`, weights of `expressions`. Valid until the next
+   * call. */
   values(pose: PoseValues): Float32Array;
   free(): void;
 }
@@ -187,26 +188,26 @@ export class Avatar {
     },
   ): Promise<Avatar>;
   readonly model: ModelDescription;
-  /** Seconds of future audio that a frame needs at most, and its mouth. */
+  /** Maximum future audio in seconds that a frame needs, and its mouth. */
   readonly latency: number;
   readonly mouthLatency: number;
-  /** Seconds that the device's sound is later than its AudioContext knows: a Bluetooth speaker's or a television's. */
+  /** Latency in seconds that the AudioContext does not know, such as a Bluetooth speaker's or a television's. */
   delay: number;
-  /** The newest pose; at rest before the first. */
+  /** The newest pose; the rest pose before the first. */
   readonly pose: PoseValues;
-  /** Seconds of the motion that are to be seen now. */
+  /** Motion time to show now, in seconds. */
   readonly time: number;
   /** Whether all of a recording has been shown. */
   readonly isDone?: boolean;
-  /** What ended the session. */
+  /** The error that ended the session. */
   readonly error?: Error;
-  /** Speaks what an audio node plays, from now on; the result ends it. */
+  /** Speaks the output of an audio node from now on; the returned function stops it. */
   listen(source: AudioNode): Promise<() => Promise<void>>;
-  /** Speaks and plays a recording; resolves when it begins to sound. */
+  /** Speaks and plays a recording; resolves when playback starts. */
   say(buffer: AudioBuffer, context: AudioContext, output?: AudioNode): Promise<void>;
-  /** The pose to show now. Never waits. Call it once for each picture. */
+  /** The pose to show now. Never waits. Call it once per frame. */
   samplePose(seconds?: number): PoseValues;
-  /** Calls the session in the worker, as `call("gesture", "wave")`. */
+  /** Calls the session in the worker, such as `call("gesture", "wave")`. */
   call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "pushOther" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
   close(): void;
 }

@@ -1,26 +1,26 @@
-/** The server gives no session, or ends it. */
+/** The server refused a session or ended it. */
 export class ServeError extends Error {
   constructor(code: string, reason: string);
-  /** A word: "full", "unauthorized", "bad_request" …; "closed" where the connection broke. */
+  /** Error code: "full", "unauthorized", "bad_request" …; "closed" if the connection broke. */
   readonly code: string;
 }
 
-/** A frame; its arrays belong to the message that it came with. */
+/** A frame; its arrays are views of the received message. */
 export interface RemoteFrame {
   index: number;
   sample: number;
-  /** Of each joint: x y z w, in its parent's frame. */
+  /** Rotation of each joint: x y z w, in its parent's frame. */
   rotations: Float32Array;
-  /** Where the root is, metres. */
+  /** Position of the root, metres. */
   translation: Float32Array;
-  /** The channels of `ready.face`. */
+  /** Values of the channels `ready.face`. */
   face: Float32Array;
 }
 
-/** Fields of the server's hello, in docs/serve.md. */
+/** Fields of the server's hello; see docs/serve.md. */
 export interface Hello {
   token?: string;
-  /** "opus": `rate` is 8000, 12000, 16000, 24000 or 48000. */
+  /** With "opus", `rate` must be 8000, 12000, 16000, 24000 or 48000. */
   audio?: "pcm" | "opus";
   rate?: number;
   output?: "frames" | "packets";
@@ -33,13 +33,13 @@ export interface Hello {
   horizon?: number;
   layers?: number;
   handover?: boolean;
-  /** Samples at the start that a restored session knows already. */
+  /** Number of samples at the start that a restored session already has. */
   skip?: number;
-  /** A state to go on from. */
+  /** A saved state to continue from. */
   state?: Uint8Array;
 }
 
-/** What the server says of a session. */
+/** The server's description of a session. */
 export interface Ready {
   version: number;
   model: string;
@@ -58,14 +58,15 @@ export interface Ready {
   note?: string;
 }
 
-/** A session of a server. */
+/** A session on a server. */
 export class RemoteAvatar {
   static connect(url: string, hello?: Hello): Promise<RemoteAvatar>;
   readonly ready: Ready;
   onframe: (frame: RemoteFrame) => void;
   onpacket: (packet: Uint8Array) => void;
   ondone: (done: { frames: number; late_frames: number }) => void;
-  /** `samples` of this connection are part of the state; with `isHandover` the server ends the session now. */
+  /** `samples` samples of this connection are included in the state; with `isHandover` the server is ending the
+   * session. */
   onstate: (state: Uint8Array, samples: number, isHandover: boolean) => void;
   onend: (error: ServeError) => void;
   push(samples: Int16Array | Float32Array): void;

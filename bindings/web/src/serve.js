@@ -1,8 +1,9 @@
-// A client of `umo serve`: speech goes to a server, frames or packets come back. For browsers, and Node with WebSocket.
+// A client of `umo serve`: sends speech to a server and receives frames or packets. For browsers, and Node with
+// WebSocket.
 
 const PIECE = 32768;
 
-/** The server gives no session, or ends it. */
+/** The server refused a session or ended it. */
 export class ServeError extends Error {
   constructor(code, reason) {
     super(reason);
@@ -11,7 +12,7 @@ export class ServeError extends Error {
   }
 }
 
-/** A session of a server. */
+/** A session on a server. */
 export class RemoteAvatar {
   onframe = () => {};
   onpacket = () => {};
@@ -33,7 +34,7 @@ export class RemoteAvatar {
     socket.onclose = ({ reason }) => this.onend(this.#error ?? new ServeError("closed", reason || "the connection ended"));
   }
 
-  /** Opens a session; `hello` has the fields of the server's hello, and `state` a state to go on from. */
+  /** Opens a session; `hello` has the fields of the server's hello, and `state` a saved state to continue from. */
   static connect(url, { state, ...hello } = {}) {
     return new Promise((resolve, reject) => {
       const socket = new WebSocket(url);
@@ -59,16 +60,16 @@ export class RemoteAvatar {
     for (let at = 0; at < data.length; at += PIECE / 2) this.#socket.send(data.slice(at, at + PIECE / 2));
   }
 
-  /** Sends one packet of Opus, as RTP carries it, where the hello has `audio: "opus"`. */
+  /** Sends one Opus packet, as carried by RTP. The hello must have `audio: "opus"`. */
   pushOpus(packet) { this.#socket.send(packet); }
 
-  /** So many packets of Opus before the next one did not come: the server conceals them. */
+  /** Reports that packets before the next one were lost: the server conceals them. */
   lost(packets = 1) { this.#say({ type: "lost", packets }); }
 
-  /** The speech is over: its last frames come, then `ondone`. */
+  /** Ends the speech: its last frames arrive, then `ondone`. */
   finish() { this.#say({ type: "finish" }); }
 
-  /** Drops what was not sent yet and eases to rest; what is pushed from now on is a new speech. */
+  /** Drops unsent frames and eases to rest; audio pushed afterwards starts a new speech. */
   interrupt(ease = 0.2) { this.#say({ type: "interrupt", ease }); }
 
   setMood(mood, strength = 1) { this.#say({ type: "mood", mood, strength }); }
@@ -77,7 +78,7 @@ export class RemoteAvatar {
 
   lookAt(point, strength = 1) { this.#say({ type: "look_at", point: [...point], strength }); }
 
-  /** Asks for the session's state, which `onstate` gets. */
+  /** Requests the session's state, which is passed to `onstate`. */
   save() { this.#say({ type: "save" }); }
 
   close() { this.#socket.close(); }

@@ -1,6 +1,6 @@
 import type { ModelDescription, PoseValues } from "./index.js";
 
-/** The part of three.js' Object3D that is used. */
+/** The subset of three.js' Object3D that is used. */
 export interface Node3D {
   name: string;
   children: Node3D[];
@@ -10,25 +10,26 @@ export interface Node3D {
   traverse(callback: (node: any) => void): void;
 }
 
-/** The part of a VRM of @pixiv/three-vrm that is used. */
+/** The subset of a @pixiv/three-vrm VRM that is used. */
 export interface Vrm {
   scene: Node3D;
   humanoid: unknown;
   expressionManager?: unknown;
 }
 
-/** Moves a character by poses. */
+/** Applies poses to a character. */
 export class Character {
-  /** `bones` names bones that are not found, or null for a joint without one; with `moves: false` the character stays where it is. */
+  /** `bones` gives bones that were not found, or null to leave a joint out; with `moves: false` the character stays
+   * in place. */
   constructor(target: Node3D | Vrm, model: ModelDescription, options?: { bones?: Record<string, Node3D | null>; moves?: boolean });
-  /** The bones of each joint; `spine` and `neck` may be several, or each of the joints alone. */
+  /** Bones of each joint; `spine` and `neck` may have several, or each of their joints a single one. */
   readonly bones: Record<string, Node3D[]>;
-  /** Joints without a bone, and face channels that move no shape themselves. */
+  /** Joints without a bone, and face channels that drive no shape themselves. */
   readonly missing: { joints: string[]; channels: string[] };
-  /** Whether some shape opens the mouth. */
+  /** Whether any shape opens the mouth. */
   readonly speaks: boolean;
   /** Shows a pose. */
   apply(pose: PoseValues): void;
-  /** Frees what the module keeps of it. */
+  /** Frees the character's memory in the module. */
   free(): void;
 }

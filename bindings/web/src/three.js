@@ -1,13 +1,13 @@
-// Characters of three.js: glTF files whose bones have the usual names, and VRM (@pixiv/three-vrm). Nothing of three.js is imported:
-// the objects of the page's own copy are used. What a character's bones and shapes are, and how they follow a pose, the module says
-// (`follower.js`), to which the character is described as a glTF file.
+// Characters for three.js: glTF files with common bone names, and VRM (@pixiv/three-vrm). Imports nothing from
+// three.js: it uses the objects of the page's own copy. The module (`follower.js`) finds bones and shapes and retargets
+// poses; the character is described to it as a glTF file.
 
 import { Follower } from "./follower.js";
 
-/** A name as the character's file has it: three.js takes signs out of it. */
+/** Node name as in the character's file: three.js removes reserved characters. */
 const nameOf = ({ name, userData }) => userData?.name ?? userData?.originalName ?? name ?? "";
 
-/** The nodes below and with `root`, itself without a place: where it stands is the scene's matter. */
+/** Collects `root` and the nodes below it, ignoring the root's own transform, which places it in the scene. */
 function describe(root) {
   const nodes = [];
   root.traverse((node) => nodes.push(node));
@@ -41,12 +41,12 @@ function meshOf({ name, morphTargetDictionary = {}, morphTargetInfluences }) {
   return { name, primitives: [{ targets: targetNames.map(() => ({})) }], extras: { targetNames } };
 }
 
-/** The product of two matrices, columns in a row. */
+/** Product of two matrices in column-major order. */
 function times(a, b) {
   return Array.from({ length: 16 }, (_, at) => [0, 1, 2, 3].reduce((sum, k) => sum + a[4 * k + (at % 4)] * b[4 * (at >> 2) + k], 0));
 }
 
-/** A VRM's own bones and expressions, as a VRM 1.0 file has them. */
+/** Bones and expressions of a VRM, as a VRM 1.0 extension. */
 function vrmExtension({ humanoid, expressionManager }, index) {
   const humanBones = {};
   for (const name of Object.keys(humanoid.humanBones)) {
@@ -62,7 +62,7 @@ function vrmExtension({ humanoid, expressionManager }, index) {
   return { humanoid: { humanBones }, expressions: { preset } };
 }
 
-/** A .glb file. */
+/** Writes a .glb file. */
 function pack(json, numbers) {
   const words = new TextEncoder().encode(JSON.stringify(json));
   const text = new Uint8Array(4 * Math.ceil(words.length / 4)).fill(0x20);
@@ -77,7 +77,7 @@ function pack(json, numbers) {
   return file;
 }
 
-/** Moves a character by poses: `character.apply(avatar.samplePose())` for each picture. */
+/** Applies poses to a character: call `character.apply(avatar.samplePose())` for each frame. */
 export class Character {
   #follower;
   #moves;
@@ -87,22 +87,22 @@ export class Character {
   #expressions;
 
   /**
-   * `target` is a glTF's scene or any Object3D that stands at rest, or a VRM of @pixiv/three-vrm. `model` is `avatar.model`. `bones`
-   * names bones that are not found: `{ left_elbow: Object3D }`, or null for a joint without one. With `moves: false` the character stays
-   * where it is, and only sways and turns.
+   * `target` is a glTF scene or any Object3D at rest, or a VRM of @pixiv/three-vrm. `model` is `avatar.model`. `bones`
+   * gives bones that were not found: `{ left_elbow: Object3D }`, or null to leave a joint out. With `moves: false` the
+   * character stays in place, and only sways and turns.
    */
   constructor(target, model, { bones = {}, moves = true } = {}) {
     const isVrm = target.humanoid !== undefined;
     const root = isVrm ? target.scene : target;
     if (isVrm) {
-      // The humanoid's own rig would overwrite what is set here.
+      // The VRM's humanoid rig would overwrite the pose set here.
       if ("autoUpdateHumanBones" in target.humanoid) target.humanoid.autoUpdateHumanBones = false;
       target.humanoid.resetRawPose?.();
     }
     const { nodes, index, json, numbers } = describe(root);
     if (isVrm) json.extensions = { VRMC_vrm: vrmExtension(target, index) };
     const given = Object.entries(bones).map(([joint, node]) => {
-      if (node && !index.has(node)) throw new Error(`umo: the bone for ${joint} is no part of the character`);
+      if (node && !index.has(node)) throw new Error(`umo: the bone for ${joint} is not part of the character`);
       return [joint, node ? index.get(node) : ""];
     });
     this.#follower = new Follower(pack(json, numbers), model, { bones: Object.fromEntries(given) });
@@ -118,13 +118,14 @@ export class Character {
     this.#hips = hips === null ? undefined : nodes[hips].position;
     this.#tracks = tracks.map(({ node, count, moved }) => ({ influences: nodes[node].morphTargetInfluences, count, moved, values: [] }));
     this.#expressions = expressions.map((name) => ({ manager, name }));
-    /** The bones of each joint, `spine` and `neck` in a row; joints without a bone, and face channels without a shape. */
+    /** Bones of each joint, with `spine` and `neck` as lists; joints without a bone, and face channels without a
+     * shape. */
     this.bones = Object.fromEntries(Object.entries(bones).map(([joint, found]) => [joint, found.map((node) => nodes[node])]));
     this.missing = { joints: Object.keys(bones).filter((joint) => bones[joint].length === 0), channels: still };
     /** Whether the mouth moves at all. */
     this.speaks = this.#follower.description.speaks;
     if (!manager?.update) return;
-    // The manager clears all shapes that any expression has, wherever in a picture it is asked to.
+    // The expression manager clears every shape that an expression uses, at any point of a frame.
     const update = manager.update.bind(manager);
     manager.update = () => {
       update();
@@ -132,7 +133,7 @@ export class Character {
     };
   }
 
-  /** Shows a pose of `avatar.samplePose()` or of a session. */
+  /** Applies a pose from `avatar.samplePose()` or a session. */
   apply(pose) {
     const { translation: [x, y, z] } = pose;
     const values = this.#follower.values({ ...pose, translation: this.#moves ? [x, y, z] : [0, y, 0] });
@@ -149,7 +150,7 @@ export class Character {
     for (const { influences, moved, values } of this.#tracks) for (const shape of moved) influences[shape] = values[shape] ?? influences[shape];
   }
 
-  /** Frees what the module keeps of it. */
+  /** Frees the character's memory in the module. */
   free() {
     this.#follower.free();
   }

@@ -1,12 +1,12 @@
-// The engine in a worker. Messages are `{ id, call, args }`; each is answered by `{ id, value }` or `{ id, error }`. Audio comes by
-// the ports of worklets, or by `push`. Between two layers of a computation the worker answers.
+// The engine in a worker. Messages are `{ id, call, args }`; each is answered by `{ id, value }` or `{ id, error }`.
+// Audio arrives through worklet ports or `push`. The worker answers messages between two layers of a computation.
 
 import { Model, Pose } from "./engine.js";
 
 let model;
 let session;
 let pose;
-/** Samples a second, those pushed so far, and what there was no room for yet. */
+/** Sample rate, samples pushed so far, and samples that have not fitted yet. */
 let rate = 0;
 let pushed = 0;
 let waiting = [];
@@ -29,7 +29,7 @@ function compute() {
   turns.port2.postMessage(0);
 }
 
-/** Pushes what waits, as far as there is room. */
+/** Pushes waiting samples until the queue is full. */
 function feed() {
   while (waiting.length > 0) {
     const taken = session.push(waiting[0]);
@@ -64,7 +64,7 @@ const calls = {
   session(options) {
     session?.free();
     [waiting, finishing, pushed] = [[], false, 0];
-    // The rest is another session's: one that was looked at before its speech begins eases from there.
+    // The rest pose comes from another session: a session that was sampled before its speech would ease from that pose.
     const still = model.session(options);
     const rest = still.samplePose(0);
     still.free();
@@ -74,7 +74,7 @@ const calls = {
     const { name, licence, notice, isa, isArkit, hasMouth, hasText, frameRate, channelNames, jointNames, visemeNames, parents, offsets } = model;
     return {
       model: { name, licence, notice, isa, isArkit, hasMouth, hasText, frameRate, channelNames, jointNames, visemeNames, parents, offsets },
-      /** At rest, until `samplePose` gives another. */
+      /** The rest pose until `samplePose` returns another. */
       pose: rest,
       latency: session.latencySamples / rate,
       mouthLatency: session.mouthSamples / rate,
@@ -107,14 +107,14 @@ const calls = {
     compute();
   },
 
-  /** The pose at a time, and how far audio and frames are. */
+  /** The pose at a time, and the progress of audio and frames. */
   samplePose(seconds) {
     session.samplePose(seconds, pose);
     compute();
     return { pose, seconds, pushed: pushed / rate, isDone: session.isDone };
   },
 
-  /** Frames that are ready, each once. */
+  /** Pulls ready frames, each once. */
   pull() {
     const frames = [];
     for (let frame = new Pose(model); session.pull(frame); frame = new Pose(model)) frames.push(frame);

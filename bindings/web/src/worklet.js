@@ -1,4 +1,5 @@
-// Runs on the audio thread: mixes what it hears to one channel and posts it, some 20 ms at a time, to the engine's worker.
+// Runs on the audio thread: mixes its input to one channel and posts it to the engine's worker in blocks of about 20
+// ms.
 
 const QUANTA = 8;
 
@@ -18,7 +19,7 @@ class UmoPush extends AudioWorkletProcessor {
   process([input]) {
     if (!this.isOn) return false;
     if (!this.target) return true;
-    // An input without a source has no channels: silence, so that time goes on.
+    // An input without a source has no channels: push silence, so that time advances.
     const size = input[0]?.length ?? 128;
     this.block ??= new Float32Array(QUANTA * size);
     for (const channel of input) {

@@ -1,4 +1,4 @@
-// The page's side without a browser: a worker that answers as worker.js does, and a context whose time the test sets.
+// The page's side without a browser: a worker that answers like worker.js, and a context whose time the test sets.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -8,7 +8,7 @@ import { Avatar, Model } from "../src/index.js";
 const root = new URL("../../../", import.meta.url);
 const [wasm, file] = await Promise.all(["bindings/web/dist/umo.wasm", "models/umo-people/model.safetensors"].map((path) => readFile(new URL(path, root))));
 
-/** A worker with a real session behind it. */
+/** A worker backed by a real session. */
 class Worker {
   async postMessage({ id, call, args: [first] }) {
     const value = await this[call]?.(first);
@@ -32,7 +32,7 @@ class Worker {
 const create = (options) => Avatar.create({ worker: new Worker(), wasm, model: file, ...options });
 const sound = () => ({ connect() {}, start(at) { this.at = at; }, stop() {} });
 
-/** A context at a time, and a recording for it. */
+/** A context at a given time, and a recording for it. */
 function playing(latencies) {
   const made = sound();
   const context = { currentTime: 10, destination: {}, createBufferSource: () => made, ...latencies };
@@ -52,7 +52,7 @@ test("the motion is as late as a recording is heard: the context's latencies, an
   await avatar.say(buffer, context);
   context.currentTime = made.at + 1;
   assert.equal(avatar.time, 1 - 0.0625 - 0.25 - 0.125);
-  // What the context knows may change, as when headphones are put on, and so may the setting.
+  // The context's latency may change, for example when headphones are connected, and so may the setting.
   context.outputLatency = 0.5;
   avatar.delay = 0;
   assert.equal(avatar.time, 1 - 0.0625 - 0.5);

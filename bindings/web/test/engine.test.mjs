@@ -1,5 +1,5 @@
-// The engine in Node: its frames beside native ones, bit for bit; errors; memory. NATIVE names the native frames of
-// `assets/hello.wav`, which `test/run` makes.
+// The engine in Node: bit-exact frames compared with native ones; errors; memory. NATIVE names the native frames of
+// `assets/hello.wav`, which `test/run` computes.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -16,7 +16,7 @@ const samples = await speech(new URL("assets/hello.wav", root));
 
 const fails = (call, status, message) => assert.throws(call, (error) => error instanceof UmoError && error.status === status && message.test(error.message));
 
-/** Every frame of the recording, pushed by `step` samples. */
+/** All frames of the recording, pushed in steps of `step` samples. */
 function frames(session, step = 16_000) {
   const poses = [];
   const take = () => {
@@ -133,8 +133,8 @@ test("a decoder has the frames of its sender, whatever is lost once", () => {
   assert.deepEqual(again, wanted);
   assert.ok(decoder.received.lost > 2 && decoder.received.held === 0);
   assert.deepEqual(shown, wanted.slice(0, shown.length));
-  fails(() => decoder.pushPacket(new Uint8Array(40)), "PACKET", /no packet/);
-  fails(() => decoder.pushPacket(new Uint8Array(100_000)), "PACKET", /no packet/);
+  fails(() => decoder.pushPacket(new Uint8Array(40)), "PACKET", /not a packet/);
+  fails(() => decoder.pushPacket(new Uint8Array(100_000)), "PACKET", /not a packet/);
   fails(() => decoder.push(new Float32Array(10)), "INVALID_ARGUMENT", /decoder/);
   fails(() => model.session({ packets: "all" }), "INVALID_ARGUMENT", /packets/);
   for (const session of [sender, decoder, other]) session.free();

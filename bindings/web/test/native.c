@@ -1,5 +1,5 @@
-// Writes every frame of a recording as the native library computes it with its portable back-end, whose bits are those of
-// WebAssembly: `native MODEL SAMPLES OUT`, where SAMPLES are 32-bit floats at 16 kHz.
+// Writes every frame of a recording as computed by the native library with its portable back-end, whose results equal
+// WebAssembly's bit for bit: `native MODEL SAMPLES OUT`, where SAMPLES are 32-bit floats at 16 kHz.
 #include <stdio.h>
 #include <stdlib.h>
 #include <umo.h>

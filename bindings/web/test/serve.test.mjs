@@ -1,4 +1,4 @@
-// The client of `umo serve`, against a server that `scripts/test/serve` starts.
+// Tests the client of `umo serve` against a server that `scripts/test/serve` starts.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";

@@ -1,4 +1,4 @@
-// The samples of a WAV file of one channel and 16 bits, as floats.
+// Reads a mono 16-bit WAV file as float samples.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";

@@ -1,5 +1,5 @@
-// The adapter for three.js, on nodes with three.js' fields: bones found by their names, a pose of rest, and directions of bones. In a
-// browser, with three.js itself, tests/page/readme.mjs tests it.
+// The three.js adapter on nodes with three.js' fields: bone names, the rest pose, and bone directions. In a browser
+// with three.js itself, tests/page/readme.mjs tests it.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -49,11 +49,11 @@ const place = (node) => {
   return v;
 };
 
-/** A character of Mixamo's names, arms lowered by 45 degrees, with a turned bone between and a face. */
+/** A character with Mixamo names, arms lowered by 45 degrees, a rotated intermediate bone, and a face. */
 function mixamo() {
   const half = Math.PI / 4;
   const arm = (side, s) => {
-    // Its own axes: along the bone is y, as Mixamo has it.
+    // Mixamo's bone axes: y is along the bone.
     const turn = [0, 0, -s * Math.sin(half / 2 + Math.PI / 4), Math.cos(half / 2 + Math.PI / 4)];
     const hand = new Node(`mixamorig:${side}Hand`, [0, 0.25, 0]).add(new Node(`mixamorig:${side}HandIndex1`, [0, 0.08, 0]));
     const fore = new Node(`mixamorig:${side}ForeArm`, [0, 0.28, 0]).add(hand);
@@ -104,7 +104,7 @@ test("a bone that has another name can be given, and one that is elsewhere is re
   elbow.name = "thing";
   assert.throws(() => new Character(scene, model), /INVALID_ARGUMENT.*left_elbow/);
   assert.equal(new Character(scene, model, { bones: { left_elbow: elbow } }).bones.left_elbow[0], elbow);
-  assert.throws(() => new Character(scene, model, { bones: { left_elbow: new Node("thing") } }), /left_elbow is no part/);
+  assert.throws(() => new Character(scene, model, { bones: { left_elbow: new Node("thing") } }), /left_elbow is not part/);
 });
 
 test("the model's rest is a T-pose on a character that stands otherwise", () => {
@@ -130,7 +130,7 @@ test("a turn of a joint turns what hangs from it, and the root goes with the cha
   for (let j = 0; j < 55; j++) pose.rotations[4 * j + 3] = 1;
   character.apply(pose);
   const before = place(character.bones.head[0]);
-  // The pelvis turns to the left, about y.
+  // The pelvis turns left, about y.
   pose.rotations.set([0, Math.SQRT1_2, 0, Math.SQRT1_2], 0);
   pose.translation.set([0, 0.1, 0]);
   character.apply(pose);
@@ -154,7 +154,7 @@ test("morph targets by ARKit's names; others are left alone", () => {
   assert.ok(character.missing.channels.includes("mouthPucker") && !character.missing.channels.includes("jawOpen"));
 });
 
-/** A VRM of a character, with an expression for each of some shapes, whose manager clears those as three-vrm's does. */
+/** A VRM with an expression for each of some shapes, whose manager clears them as three-vrm's does. */
 function vrmOf(scene, expressions) {
   const face = scene.children[1];
   const named = new Map();

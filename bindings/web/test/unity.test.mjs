@@ -1,5 +1,5 @@
-// Unity's WebGL functions (bindings/unity/Runtime/WebGL/umo.jslib) in a stand-in of what Emscripten links them with: another memory,
-// malloc, texts. What they give is what the package gives, and every function that C# declares is there.
+// Unity's WebGL functions (bindings/unity/Runtime/WebGL/umo.jslib) in a stand-in for their Emscripten environment:
+// separate memory, malloc, texts. Results must equal the package's, and every function that C# declares must exist.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -18,7 +18,7 @@ const [code, wasm, file, declarations] = await Promise.all([
 const samples = await speech(new URL("assets/hello.wav", root));
 const UNSUPPORTED = -16, INVALID_HANDLE = -2, MODEL = -8;
 
-/** A player's memory and the functions in it. */
+/** A player's memory and its functions. */
 class Player {
   constructor(response = () => new Response(wasm)) {
     this.memory = new Uint8Array(96 << 20);
@@ -35,7 +35,7 @@ class Player {
       fetch: async (url) => response(url),
     };
     vm.runInNewContext(code, scope);
-    // What Emscripten prints at the top of a program.
+    // As emitted by Emscripten at the top of a program.
     scope.umoModule = library.$umoModule;
     this.library = library;
   }
@@ -84,13 +84,13 @@ test("every function that C# declares is there, with as many arguments", () => {
     const wide = list.filter((parameter) => /\bulong\b/.test(parameter) && !parameter.includes("*")).length;
     assert.equal(kinds.filter((kind) => kind === "l").length, wide, name);
     assert.equal(library[name].length, list.length + wide, name);
-    // An address is handed on as one.
+    // Address parameters must be passed on as addresses.
     list.forEach((parameter, i) => assert.equal(/\*/.test(parameter), !/^[vl]$/.test(kinds[i]), `${name}: ${parameter}`));
   }
   assert.equal(Object.keys(library.$umoModule.functions).length, declared.length);
 });
 
-test("before the module is there, and where there is none, every call says so", async () => {
+test("without a loaded module every call fails", async () => {
   const early = new Player();
   assert.equal(early.library.umo_model_free(5), UNSUPPORTED);
   assert.match(early.text(early.library.umo_last_error()), /not loaded/);
@@ -109,7 +109,7 @@ for (const wide of ["two halves", "a BigInt"]) {
 
     const out = player.malloc(64), config = player.malloc(256);
     player.call("umo_model_config_init", config, 20);
-    // A log is C#'s, which the module cannot call.
+    // The log is a C# callback, which the module cannot call.
     words[(config + 16) >> 2] = 4711;
     player.call("umo_model_load_memory", 1, player.bytes(file), file.length, config, out);
     const model = words[out >> 2];
@@ -129,7 +129,7 @@ for (const wide of ["two halves", "a BigInt"]) {
     assert.notEqual(library.umo_session_new(engine, config, out), 0);
     assert.match(player.text(library.umo_last_error()), /no such template/);
     words[(config + 48) >> 2] = player.put("audio_to_motion");
-    // The layers' seed is the configuration's.
+    // The layers' seed is that of the configuration.
     const seed = 0x1_0000_0007n;
     words[(config + 40) >> 2] = Number(seed & 0xffff_ffffn);
     words[(config + 44) >> 2] = Number(seed >> 32n);
@@ -186,7 +186,7 @@ for (const wide of ["two halves", "a BigInt"]) {
   });
 }
 
-test("a file that is no model is refused, and texts that are not ASCII arrive", async () => {
+test("a file that is not a model is refused, and non-ASCII texts are passed correctly", async () => {
   const player = new Player();
   await player.load();
   const out = player.malloc(8);

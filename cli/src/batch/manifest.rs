@@ -224,7 +224,7 @@ fn mood(text: &str) -> Result<(Mood, f32), String> {
     let (name, strength) = text.split_once('=').map_or((text, "1"), |(name, strength)| (name.trim(), strength.trim()));
     let found = Mood::ALL.into_iter().find(|mood| mood.name().eq_ignore_ascii_case(name));
     let known = || Mood::ALL.map(Mood::name).join(", ");
-    let mood = found.ok_or_else(|| format!("no mood is called `{name}`; there are {}", known()))?;
+    let mood = found.ok_or_else(|| format!("unknown mood `{name}`; known: {}", known()))?;
     match strength.parse() {
         Ok(strength) if (0.0..=1.0).contains(&strength) => Ok((mood, strength)),
         _ => Err(format!("mood `{text}`: expected a strength of 0 to 1")),

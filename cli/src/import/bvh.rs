@@ -46,7 +46,7 @@ fn rate(frame_time: f64) -> f32 {
 }
 
 /// Returns a joint's rotation from its channels, the first outermost.
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted")]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended")]
 fn rotation(joint: &Joint, values: &[f64]) -> Quat {
     joint.channels.iter().zip(values).fold(IDENTITY, |turned, (channel, &value)| match channel {
         Channel::Position(_) => turned,
@@ -68,7 +68,7 @@ fn position(joint: &Joint, values: &[f64]) -> [f64; 3] {
     place
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted; the result is checked")]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended; the result is checked")]
 fn metres(cm: [f64; 3]) -> [f32; 3] {
     cm.map(|x| (x * METRES) as f32)
 }

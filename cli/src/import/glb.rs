@@ -33,7 +33,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     Ok(Clip { frame_rate: tracks.rate()?, skeleton, face, rotations, translation, face_values })
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted; the result is checked")]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended; the result is checked")]
 fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, String> {
     let parents = super::parents(places, &document.parents()?)?;
     let mut offsets_m = Vec::with_capacity(JOINTS);

@@ -48,7 +48,7 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
         Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,
         Format::Jsonl => jsonl::read(&bytes()?).map_err(wrong)?,
         Format::Vrma => {
-            return Err(wrong("a vrma file holds what VRM avatars take: expected npz, glb, bvh or jsonl".to_owned()));
+            return Err(wrong("a .vrma file cannot be read back: expected npz, glb, bvh or jsonl".to_owned()));
         }
         Format::Csv => return Err(wrong("a csv file has a face only: expected npz, glb, bvh or jsonl".to_owned())),
     };
@@ -68,7 +68,7 @@ fn joints<'a>(names: impl Iterator<Item = Option<&'a str>>) -> Result<[usize; JO
     let mut places = [0; JOINTS];
     for (place, joint) in places.iter_mut().zip(JOINT_NAMES) {
         let found = names.iter().position(|name| *name == Some(joint));
-        *place = found.ok_or_else(|| format!("not an animation that umo wrote: it lacks the joint `{joint}`"))?;
+        *place = found.ok_or_else(|| format!("not an animation written by umo: it has no joint `{joint}`"))?;
     }
     Ok(places)
 }

@@ -70,7 +70,7 @@ pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<S
         return Err("array `poses`: it has no frames".to_owned());
     }
     if joints == SMPL_H {
-        notes.push("the motion is of SMPL-H, 52 joints: jaw and eyes stay at rest".to_owned());
+        notes.push("the motion is SMPL-H with 52 joints: jaw and eyes stay at rest".to_owned());
     }
     let (frames, width) = (shape[0], clip.face.names.len());
     let translation = rows(archive, "trans", frames, 3)?;
@@ -90,13 +90,14 @@ pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<(Clip, Vec<S
     }
     match rate(archive)? {
         Some(rate) => clip.frame_rate = rate,
-        None => {
-            notes.push(format!("the file has no frame rate (`{}`): {} a second are assumed", RATES[0], clip.frame_rate))
-        }
+        None => notes.push(format!(
+            "the file has no frame rate (`{}`): {} frames a second are assumed",
+            RATES[0], clip.frame_rate
+        )),
     }
     if is_z_up(&clip) {
         turn_upright(&mut clip);
-        notes.push("the motion stands along Z, as AMASS has it with Z up: it was turned upright".to_owned());
+        notes.push("the motion has Z up, as in AMASS: it was rotated to Y up".to_owned());
     }
     Ok((clip, notes))
 }
@@ -169,8 +170,8 @@ fn array(archive: &mut Archive, name: &str) -> Result<Option<Array>, String> {
 }
 
 /// Converts values of a number type to f32.
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted")]
-#[expect(clippy::cast_precision_loss, reason = "rounding to f32 is what is wanted")]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended")]
+#[expect(clippy::cast_precision_loss, reason = "rounding to f32 is intended")]
 fn numbers<R: Read>(npy: NpyFile<R>) -> Result<Vec<f32>, String> {
     fn all<R: Read, T: npyz::Deserialize>(npy: NpyFile<R>, f: impl Fn(T) -> f32) -> Result<Vec<f32>, String> {
         let values = npy.into_vec::<T>().map_err(|error| error.to_string())?;

@@ -37,7 +37,7 @@ pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
         let rights = character.rights();
         rights.iter().for_each(|(field, value)| add(field, value.clone()));
         if !rights.iter().any(|(field, _)| *field == "licence") {
-            add("licence", "the file says none".to_owned());
+            add("licence", "not given in the file".to_owned());
         }
         add("height", height(character, &mapping));
     }
@@ -51,7 +51,7 @@ pub(super) fn report(target: &Target) -> Result<Vec<String>, String> {
     if let Target::Character(character) = target {
         shapes(character, &faces).into_iter().for_each(|value| add("shapes", value));
     }
-    let checked = target.check(&mapping, "`umo retarget --print-mapping` what was found");
+    let checked = target.check(&mapping, "`umo retarget --print-mapping` prints what was found");
     let notes = target.notes(&mapping, &faces, &face);
     checked.err().into_iter().chain(notes).for_each(|note| add("note", note));
     Ok(lines)
@@ -62,7 +62,7 @@ fn height(character: &Character, mapping: &Mapping) -> String {
     let surface = Body::read(character, false).map(|body| body.extent(character));
     match surface {
         Ok(Some([low, high])) => format!("{:.2} m", high - low),
-        Ok(None) => "unknown: its surface has none".to_owned(),
+        Ok(None) => "unknown: its mesh has no surface".to_owned(),
         Err(problem) => {
             let bones = [0, 7, 8, 10, 11, 15].into_iter().filter_map(|joint| mapping.bone(joint));
             let heights = bones.map(|bone| character.rig().place(bone)[1]);

@@ -441,10 +441,10 @@ fn a_mapping_file_goes_before_names() {
         },
     };
     assert!(refused("[bone]").contains("bone"));
-    assert!(refused("[bones]\nleft_wing = \"Wing\"").contains("`left_wing` is no joint"));
+    assert!(refused("[bones]\nleft_wing = \"Wing\"").contains("`left_wing` is not a joint"));
     assert!(refused("[bones]\nhead = \"Hed\"").contains("`mixamorig:Head`"));
     assert!(refused("[face]\njawOpen = \"Jaw\"").contains("Other"));
-    assert!(refused("[face]\nchewing = \"Other\"").contains("no face channel"));
+    assert!(refused("[face]\nchewing = \"Other\"").contains("not a face channel"));
 }
 
 #[test]

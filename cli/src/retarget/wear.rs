@@ -67,7 +67,7 @@ impl Wearer {
         let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
         let character = Character::read(file).map_err(wrong)?;
         let (mapping, _) = character.mapping(&given).map_err(wrong)?;
-        let help = "`umo retarget --print-mapping` what was found";
+        let help = "`umo retarget --print-mapping` prints what was found";
         let checked = super::check(character.rig(), &mapping, false, help);
         checked.map_err(|problem| wrong(format!("no recognised humanoid skeleton: {problem}")))?;
         shown(character.bytes()).map_err(wrong)?;

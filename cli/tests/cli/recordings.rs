@@ -52,7 +52,7 @@ fn the_mouth_follows_speech_of_any_level_and_in_any_channel() {
     for (name, recording, finding) in [
         ("antiphase", floats(&folder, "a.wav", 2, all().flat_map(|x| [x, -x])), "cancel each other"),
         ("integers as floats", floats(&folder, "b.wav", 1, all().map(|x| x * 32768.0)), "16-bit integers"),
-        ("34 dB less", floats(&folder, "c.wav", 1, all().map(|x| x * 0.02)), "heard at -26 dB"),
+        ("34 dB less", floats(&folder, "c.wav", 1, all().map(|x| x * 0.02)), "adjusted to -26 dB"),
         (
             "in the centre of 5.1",
             floats(
@@ -61,7 +61,7 @@ fn the_mouth_follows_speech_of_any_level_and_in_any_channel() {
                 6,
                 all().zip(all().skip(900)).flat_map(|(x, y)| [y / 9.0, -y / 9.0, x, y, 0.0, 0.0]),
             ),
-            "only the centre",
+            "only its centre channel",
         ),
     ] {
         let (moved, said) = jaw(&folder, &recording);

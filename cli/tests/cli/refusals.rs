@@ -18,7 +18,7 @@ fn recordings_without_sound_are_refused() {
     lying[16..20].copy_from_slice(&u32::MAX.to_le_bytes());
     let recordings = [
         (folder.file("nothing.wav", b""), "WAV"),
-        (folder.file("text.wav", b"this is no recording at all, it is text"), "WAV"),
+        (folder.file("text.wav", b"this is text, not a recording"), "WAV"),
         (folder.file("heading.wav", &whole[..12]), "format"),
         (folder.file("no_data.wav", &whole[..data]), "data"),
         (folder.file("cut_data.wav", &whole[..data + 8]), "empty"),

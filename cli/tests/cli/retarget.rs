@@ -54,7 +54,7 @@ fn a_character_is_inspected_and_said_what_it_lacks() {
     let box_of = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/characters/");
     let [turned, boxes] = ["z_up.npz", "character.glb"].map(|name| format!("{box_of}{name}"));
     let ended = umo(&["retarget", &turned, "--onto", &boxes, "-o", &folder.at("out.glb")]).success();
-    assert!(ended.err.contains("it was turned upright"), "{}", ended.err);
+    assert!(ended.err.contains("it was rotated to Y up"), "{}", ended.err);
     let ended = umo(&["retarget", &npz, "--onto", &boxes, "-o", &folder.at("out.glb")]).success();
     assert!(!ended.err.contains("upright") && !ended.err.contains("rate"), "{}", ended.err);
 }

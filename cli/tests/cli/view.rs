@@ -118,7 +118,7 @@ fn files_that_are_no_characters_are_refused_in_words() {
     let speech = folder.speech();
     let refused = |args: &[&str]| folder.refused(&[&["view", "--no-open"], args].concat());
     let onto = |name: &str, bytes: &[u8]| refused(&[&speech, "--onto", &folder.file(name, bytes)]);
-    assert!(onto("text.glb", b"no character").contains("text.glb: it is no glb file"));
+    assert!(onto("text.glb", b"not a character").contains("text.glb: not a glb file"));
     assert!(onto("cut.vrm", b"glTF\x02\0\0\0\xff\0\0\0").contains("cut.vrm: the file is cut short"));
     assert!(onto("bones.bvh", b"HIERARCHY").contains("bones and no body"));
     assert!(onto("person.gltf", b"{}").contains("person.gltf: no recognised humanoid skeleton"));

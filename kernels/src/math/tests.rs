@@ -26,7 +26,7 @@ fn erf(x: f64) -> f64 {
     (core::f64::consts::FRAC_2_SQRT_PI * (-size * size).exp() * sum).copysign(x)
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "the spacing of f32 around a value is what is measured")]
+#[expect(clippy::cast_possible_truncation, reason = "measures the spacing of f32 around a value")]
 fn ulp(exact: f64) -> f64 {
     let size = (exact.abs() as f32).max(f32::MIN_POSITIVE);
     f64::from(f32::from_bits(size.to_bits() + 1)) - f64::from(size)

@@ -1,4 +1,4 @@
-# An overlay port of the repository that it lies in: vcpkg install umo --overlay-ports=packaging/vcpkg
+# Overlay port for this repository: vcpkg install umo --overlay-ports=packaging/vcpkg
 # Builds with Cargo, which must be in the PATH, and downloads the Rust crates of Cargo.lock.
 
 get_filename_component(SOURCE_PATH "${CMAKE_CURRENT_LIST_DIR}/../../.." ABSOLUTE)
@@ -8,7 +8,7 @@ endif()
 find_program(CARGO cargo PATHS "$ENV{HOME}/.cargo/bin" REQUIRED)
 get_filename_component(CARGO_DIR "${CARGO}" DIRECTORY)
 
-# One optimised build: its interface is C, so programs of both configurations use it.
+# One optimised build: its interface is C, so programs of both configurations can use it.
 set(VCPKG_BUILD_TYPE release)
 
 vcpkg_execute_required_process(
@@ -18,7 +18,7 @@ vcpkg_execute_required_process(
   WORKING_DIRECTORY "${SOURCE_PATH}"
   LOGNAME "install-${TARGET_TRIPLET}")
 
-# Of the two libraries, the one that the triplet asks for.
+# Keep only the library that the triplet selects.
 if(VCPKG_LIBRARY_LINKAGE STREQUAL "static")
   file(GLOB UNWANTED "${CURRENT_PACKAGES_DIR}/lib/libumo.so*" "${CURRENT_PACKAGES_DIR}/lib/libumo*.dylib")
 else()

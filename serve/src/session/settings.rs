@@ -6,7 +6,8 @@ use umo_core_model::lm::layout::Template;
 use crate::protocol::{Hello, Output, VoiceKind};
 
 /// Message for a packet client that sends a mood, gesture or look-at.
-pub(super) const NOT_IN_PACKETS: &str = "packets know no mood, gestures and look-at: the decoders of the viewers do";
+pub(super) const NOT_IN_PACKETS: &str =
+    "packets do not carry mood, gestures and look-at: set them on the viewers' decoders";
 
 /// Returns the settings of a hello, with `defaults` for missing ones; or an error message for the client.
 pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model) -> Result<SessionConfig, String> {
@@ -40,7 +41,7 @@ pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model)
             return Err(NOT_IN_PACKETS.to_owned());
         }
         if hello.voice == VoiceKind::Live {
-            return Err("voice live: packets have the mouth of their chunk".to_owned());
+            return Err("voice live: not available with packets, which carry their chunk's mouth".to_owned());
         }
         settings.packets = Some(PacketConfig { history: settings.avatar.target, with_frames: false });
     }

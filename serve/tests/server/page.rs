@@ -104,8 +104,8 @@ async fn a_hello_without_settings_has_those_of_the_server() {
     settings.avatar.sampler.seed = 9;
     settings.avatar.target = 1;
     settings.avatar.lookahead = 3;
-    let avatar = settings.avatar.clone();
-    let server = Running::new(|config| config.avatar = Some(avatar)).await;
+    let defaults = settings.clone();
+    let server = Running::new(|config| config.session = Some(defaults)).await;
     let audio = speech(32_000, 12);
     let run = async |hello| {
         let mut client = Client::new(server.address, hello).await.unwrap();

@@ -1,5 +1,5 @@
-//! Any sequence of calls of the C interface, from up to three threads at once, with handles, sizes,
-//! numbers, structures and texts as they come: statuses, and nothing else.
+//! Any sequence of calls of the C interface, from up to three threads at once, with arbitrary handles, sizes, numbers,
+//! structures and texts: they return statuses, and nothing else happens.
 #![no_main]
 
 use std::ffi::{CStr, c_char, c_void};
@@ -23,16 +23,16 @@ use umo::session::*;
 use umo::status::*;
 use umo::*;
 
-/// Handles that the calls choose from.
+/// Number of slots for handles of each kind.
 const PLACES: usize = 4;
-/// Samples at hand, 16 bits or floats.
+/// Available samples, 16 bits or floats.
 const SAMPLES: usize = 20_000;
-/// Bytes at hand for frames and states.
+/// Available bytes for frames and states.
 const ROOM: usize = 1 << 21;
 
 /// A character with two animations.
 static SALUTE: &[u8] = include_bytes!("../../capi/salute.glb");
-/// Names of gestures: known ones, one that may be added, and wrong ones.
+/// Gesture names: known ones, one that may be added, and invalid ones.
 const GESTURES: [&CStr; 8] = [c"wave", c"nod", c"point", c"clap", c"Thumbs Up", c"own", c"no such", c""];
 
 /// The default model, and one of layout `frames` with text.
@@ -41,14 +41,14 @@ static MODELS: [&[u8]; 2] = [
     include_bytes!("../../golden/frames_seven/model.safetensors"),
 ];
 
-/// Which of them this run loads.
+/// Index of the model that this run loads.
 static CHOSEN: AtomicUsize = AtomicUsize::new(0);
 
 fn model_bytes() -> &'static [u8] {
     MODELS[CHOSEN.load(Ordering::Relaxed)]
 }
 
-/// Handles of this run: good, freed and made-up ones.
+/// Handles of this run: valid, freed and made-up ones.
 #[derive(Default)]
 struct Handles {
     models: [AtomicUsize; PLACES],
@@ -56,7 +56,7 @@ struct Handles {
     sessions: [AtomicUsize; PLACES],
 }
 
-/// Which handle a call gets.
+/// The handle that a call gets.
 #[derive(Arbitrary, Clone, Copy, Debug)]
 enum Which {
     Model(u8),
@@ -66,7 +66,7 @@ enum Which {
     MadeUp(usize),
 }
 
-/// A size: one that is there, or any.
+/// A size: one that is available, or any.
 #[derive(Arbitrary, Clone, Copy, Debug)]
 enum Size {
     Small(u8),
@@ -76,7 +76,7 @@ enum Size {
 }
 
 impl Size {
-    /// As the argument of a call whose memory has `most`: what is more than that comes with a NULL.
+    /// Size argument of a call with `most` elements of memory, and whether it fits: a larger size is passed with NULL.
     fn of(self, most: usize) -> (usize, bool) {
         match self {
             Self::Small(n) => (usize::from(n).min(most), true),
@@ -88,7 +88,7 @@ impl Size {
     }
 }
 
-/// Fields of a configuration that are changed, by their place in words of 4 bytes.
+/// Changed fields of a configuration, by their offset in 4-byte words.
 #[derive(Arbitrary, Clone, Debug)]
 struct Changes {
     words: [(u8, u32); 2],
@@ -155,7 +155,7 @@ impl<'a> Arbitrary<'a> for Script {
             let thread = u.int_in_range(0..=threads - 1)?;
             script.threads[thread].push(u.arbitrary()?);
         }
-        // Last, so that inputs of the time before this choice mean what they meant.
+        // Read last, so that older inputs keep their meaning.
         script.frames = u.arbitrary()?;
         Ok(script)
     }
@@ -174,7 +174,7 @@ impl Handles {
         std::ptr::without_provenance_mut(value)
     }
 
-    /// Puts a new handle away, and frees the one that was there.
+    /// Stores a new handle, and frees the previous one.
     fn put(table: &[AtomicUsize; PLACES], n: u8, handle: *mut c_void, free: impl Fn(*mut c_void) -> i32) {
         let before = table[usize::from(n) % PLACES].swap(handle.addr(), Ordering::Relaxed);
         while free(std::ptr::without_provenance_mut(before)) == UMO_STATUS_BUSY {
@@ -187,15 +187,14 @@ fn change<T>(value: &mut T, changes: &Changes) {
     let words = size_of::<T>() / 4;
     for &(at, word) in &changes.words[..usize::from(changes.count % 3)] {
         let at = usize::from(at) % words;
-        // The structure must be as long as it says: its size is checked by tests that are not
-        // random. Pointers are not for the library to check.
+        // The structure must be as long as it says: other tests check its size. The library cannot check pointers.
         if at > 0 {
             unsafe { (&raw mut *value).cast::<u32>().add(at).write(word) };
         }
     }
 }
 
-/// What one thread has at hand.
+/// Buffers of one thread.
 struct Hands {
     floats: Vec<f32>,
     words: Vec<i16>,
@@ -216,10 +215,10 @@ use std::alloc::GlobalAlloc as _;
 const HOOKS: UmoAllocator = UmoAllocator { userdata: null_mut(), allocate: Some(allocate), release: Some(release) };
 
 fn check(status: UmoStatus) {
-    assert!((UMO_STATUS_PACKET..=UMO_STATUS_OK).contains(&status), "{status} is no status");
+    assert!((UMO_STATUS_PACKET..=UMO_STATUS_OK).contains(&status), "{status} is not a status");
     assert!(status != UMO_STATUS_PANIC, "a defect was caught");
     for text in [umo_status_message(status), umo_last_error()] {
-        // Both end.
+        // Both are terminated.
         assert!(unsafe { CStr::from_ptr(text) }.count_bytes() < UMO_ERROR_SIZE);
     }
 }
@@ -270,7 +269,7 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             let whole = sized::<UmoModelInfo>();
             info.struct_size = if what % 3 == 0 { *what % whole } else { whole };
             check(unsafe { umo_model_get_info(model(*which), &mut info) });
-            // The text itself may be gone by now: another thread may free the model.
+            // Only the pointer is checked: another thread may free the model, and with it the text.
             check(unsafe { umo_model_get_text(model(*which), *what, &mut text) });
             let (mut parents, mut offsets) = ([0; 55], [0.0; 3 * 55]);
             let (parents, offsets) = (parents.as_mut_ptr(), offsets.as_mut_ptr());
@@ -289,7 +288,7 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             check(unsafe { umo_engine_config_init(&mut config, size_of::<UmoEngineConfig>()) });
             (config.max_sessions, config.max_batch) = (4, 2);
             change(&mut config, changes);
-            // Not so many that making them takes all the time there is.
+            // Limited, so that creating threads does not take all the time.
             (config.threads, config.max_batch) = (config.threads.min(70) % 66, config.max_batch % 6);
             if config.threads > 3 && config.threads < 65 {
                 config.threads = 3;
@@ -422,7 +421,7 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             let mut clip: UmoGestureClip = unsafe { std::mem::zeroed() };
             check(unsafe { umo_gesture_clip_init(&mut clip, size_of::<UmoGestureClip>()) });
             change(&mut clip, changes);
-            // As many frames as there are floats for, or more with a NULL.
+            // As many frames as there are floats for, or more with NULL.
             let (frames, there) = size.of(SAMPLES / (4 * UMO_JOINT_COUNT as usize));
             clip.frame_count = u32::try_from(frames).unwrap_or(u32::MAX);
             clip.rotations = if there { hands.floats.as_ptr() } else { null() };
@@ -469,8 +468,7 @@ fn session_config(model: *const UmoModel, changes: &Changes) -> UmoSessionConfig
     let mut config: UmoSessionConfig = unsafe { std::mem::zeroed() };
     check(unsafe { umo_session_config_init(&mut config, size_of::<UmoSessionConfig>(), model) });
     change(&mut config, changes);
-    // Filters between rates without a common divisor take seconds to plan under a sanitizer; they
-    // are tested elsewhere.
+    // Filters between rates without a common divisor take seconds to plan under a sanitizer; other tests cover them.
     if config.sample_rate % 50 != 0 {
         config.sample_rate = 48_000;
     }
@@ -478,10 +476,10 @@ fn session_config(model: *const UmoModel, changes: &Changes) -> UmoSessionConfig
     config
 }
 
-/// Each model, loaded once and again when a call has freed it: loading takes longer than all else.
+/// Each model, loaded once, and again after a call has freed it: loading takes longer than everything else.
 static KEPT: [AtomicUsize; MODELS.len()] = [const { AtomicUsize::new(0) }; MODELS.len()];
 
-/// That of the models which this run loads.
+/// Slot of the model that this run loads.
 fn place() -> &'static AtomicUsize {
     &KEPT[CHOSEN.load(Ordering::Relaxed)]
 }
@@ -532,10 +530,10 @@ fuzz_target!(|script: Script| {
                 })
             })
             .collect();
-        // To their last instruction: what a thread still has is no leak.
+        // Joined explicitly: allocations of a thread that has not ended yet would count as leaks.
         threads.into_iter().for_each(|thread| thread.join().expect("calls do not panic"));
     });
-    // The model that is kept from run to run is not freed, where no call has done so.
+    // The model kept between runs is not freed, unless a call has freed it.
     let kept = place().load(Ordering::Relaxed);
     for model in &handles.models {
         let _ = model.compare_exchange(kept, 0, Ordering::Relaxed, Ordering::Relaxed);

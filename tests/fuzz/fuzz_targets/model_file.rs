@@ -1,5 +1,4 @@
-//! Any bytes as a model file: an error or a model, never a panic, a crash or memory beyond what the
-//! file justifies.
+//! Any bytes as a model file: an error or a model, never a panic, a crash or more memory than the file justifies.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

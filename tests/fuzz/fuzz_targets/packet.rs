@@ -9,7 +9,7 @@ use umo_core::{AvatarConfig, Compute, Decoder, FrameRef, Isa, Model, ModelFile, 
 static BYTES: &[u8] = include_bytes!("../../golden/frames_seven/model.safetensors");
 static MODEL: OnceLock<(Model, Team)> = OnceLock::new();
 
-/// Most frames of one run: a packet may say that very many chunks were lost.
+/// Maximum number of frames in one run: a packet may claim that very many chunks were lost.
 const MOST: usize = 4000;
 
 fuzz_target!(|data: &[u8]| {
@@ -24,7 +24,7 @@ fuzz_target!(|data: &[u8]| {
     (config.target, config.lookahead) = (1 + usize::from(first & 1), usize::from(first >> 1 & 7));
     let mut decoder = Decoder::new(model, &config, usize::from(first >> 4) % 5).expect("sound settings");
     let mut next = 0;
-    // A length before each packet; the model's number is put in, which nobody would guess.
+    // A length before each packet; the model's number is inserted, because a fuzzer would not guess it.
     let mut sound = vec![0; 64];
     let layout = PacketLayout::new(model);
     let head = umo_core::PacketHead {
@@ -46,7 +46,7 @@ fuzz_target!(|data: &[u8]| {
         }
         let mut begins = true;
         let pushed = decoder.push_packet(model, cx, &packet, &mut |frame: FrameRef| {
-            // Only a new stream, or one that begins anew, leaves the order.
+            // Only a new or restarted stream may break the order.
             assert!(frame.index >= next || begins, "frame {} after {next}", frame.index);
             assert!(frame.pose.translation.iter().all(|v| v.is_finite()));
             (next, begins) = (frame.index + 1, false);

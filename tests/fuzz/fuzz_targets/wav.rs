@@ -5,16 +5,16 @@
 use libfuzzer_sys::fuzz_target;
 use umo_core_model::audio::resample;
 
-/// Longest recording that is resampled here, so that one input does not take seconds.
+/// Longest recording resampled here, so that one input does not take seconds.
 const MAX_SAMPLES: usize = 2_000;
 
-/// The model's rate. Filters between rates with a small common divisor are as long as the rate
-/// itself and take seconds to plan under a sanitizer; they are tested elsewhere.
+/// The model's rate. Filters between rates with a small common divisor are as long as the rate itself and take seconds
+/// to plan under a sanitizer; other tests cover them.
 const RATE: usize = 16_000;
 const MIN_DIVISOR: usize = 50;
 
 fuzz_target!(|data: &[u8]| {
-    // Other formats have decoders of other people.
+    // Other formats use third-party decoders.
     if data.get(8..12) != Some(b"WAVE") {
         return;
     }

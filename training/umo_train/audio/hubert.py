@@ -1,4 +1,4 @@
-"""HuBERT's features (SPEC 2.1) on any device, and the audio tokens that a k-means makes of them."""
+"""HuBERT's features (SPEC 2.1) on any device, and the audio tokens of a k-means over them."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from umo_train.device import best
 from umo_train.speech.utterance import SAMPLE_RATE
 
 Config = dict[str, Any]
-# As Hugging Face's feature extractor adds it to the waveform's variance.
+# Added to the waveform's variance by Hugging Face's feature extractor.
 _WAVE_EPS = 1e-7
 _SIZES = (
     "conv_dim", "conv_kernel", "conv_stride", "hidden_size", "intermediate_size", "num_attention_heads",
@@ -41,7 +41,7 @@ def model_config(folder: Path, plan: Config) -> Config:
 
 
 class _GroupNorm(nn.Module):
-    """The first convolution's norm over time, its statistics without the outputs that hear the silence put before."""
+    """The first convolution's norm over time, with statistics that exclude outputs of the prepended silence."""
 
     def __init__(self, norm: nn.GroupNorm, skip: int) -> None:
         super().__init__()
@@ -56,11 +56,11 @@ class _GroupNorm(nn.Module):
 
 
 class Hubert:
-    """Features of layer `layer`. Convolutions hear the whole recording; layers look at `window` features at a time, as
-    the program's do, or at all of them where it is 0."""
+    """Features of layer `layer`. Convolutions run over the whole recording; layers see `window` features at a time, as
+    in the program, or all of them if it is 0."""
 
     def __init__(self, folder: Path, layer: int, *, normalize: bool, window: int, device: torch.device | None = None):
-        # Only those who use it wait for it.
+        # Imported late: only some users need it.
         from transformers import HubertModel
 
         checkpoint.check_form(folder)
@@ -76,7 +76,7 @@ class Hubert:
 
     @torch.no_grad()
     def features(self, recordings: np.ndarray, batch: int = 64) -> Tensor:
-        """Recordings of one length `[b, n]` to `[b, n // 320, width]`, on the CPU."""
+        """Recordings of equal length `[b, n]` to `[b, n // 320, width]`, on the CPU."""
         rows = [self._convolved(torch.from_numpy(row).to(self.device)) for row in recordings]
         hidden = torch.stack(rows)
         out = torch.empty(*hidden.shape[:2], self.width)
@@ -91,12 +91,12 @@ class Hubert:
         samples = samples.float()
         if self.normalize:
             samples = (samples - samples.mean()) / (samples.var(unbiased=False) + _WAVE_EPS).sqrt()
-        # A window begins before its token's own samples: SPEC 2.1.
+        # A window starts before its token's own samples: SPEC 2.1.
         padded = nn.functional.pad(samples[: len(samples) // HOP * HOP], (BEFORE, 0))
         return self.model.feature_projection(self.model.feature_extractor(padded[None]).transpose(1, 2))[0]
 
     def _tiles(self, hidden: Tensor) -> list[tuple[slice, Tensor]]:
-        """Which features come of which windows `[k, window, width]`; the last window ends at the end."""
+        """Slices of features and their source windows `[k, window, width]`; the last window ends at the end."""
         count, window = hidden.shape[1], self.window
         if not window or count <= window:
             return [(slice(0, count), hidden)]
@@ -120,17 +120,17 @@ class HubertTokenizer:
         return self.many(np.asarray(samples)[None])[0]
 
     def many(self, recordings: np.ndarray) -> np.ndarray:
-        """Recordings of one length `[b, n]` to `[b, n // 320]`."""
+        """Recordings of equal length `[b, n]` to `[b, n // 320]`."""
         features = self.hubert.features(np.ascontiguousarray(recordings, np.float32))
         return nearest(features.flatten(0, 1), self.centroids).view(features.shape[:2]).numpy().astype(np.int16)
 
     def tensors(self) -> dict[str, Tensor]:
-        """As the model file has them."""
+        """Tensors as in the model file."""
         config = {"audio": model_config(self.folder, self.plan)}
         return checkpoint.convert(self.folder, config) | {"audio.kmeans.centroids": self.centroids}
 
     def save(self, path: Path) -> None:
-        """The centroids: the network stays where it is."""
+        """Saves the centroids only; the network stays in its folder."""
         path.parent.mkdir(parents=True, exist_ok=True)
         save_file({"audio.kmeans.centroids": self.centroids}, path)
 

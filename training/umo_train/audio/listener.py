@@ -1,10 +1,9 @@
-"""A small network on log-mel features that hears what a face shows of speech: what k-means is run on in its place.
+"""A small network on log-mel features that predicts speech's effect on the face; k-means runs on its output instead.
 
-Clusters of mel features are clusters of voices: of the mouth's opening they leave a correlation of 0.70 in voices
-that were not trained on, the features themselves 0.86. What this network gives is the opening and the shape of the
-lips, whether they are closed, and accents, at distances that say how much each matters; clusters of that lose nothing.
-Two dense layers hear the opening with 0.86, residual blocks over time with 0.88 and, of 100 closures, 94 instead
-of 70.
+Clusters of mel features are clusters of voices: in held-out voices their correlation with the mouth's opening is 0.70,
+that of the features themselves 0.86. This network's outputs are the opening and the shape of the lips, whether they are
+closed, and accents, scaled by how much each matters; clustering them loses nothing. Two dense layers predict the
+opening with 0.86, residual blocks over time with 0.88 and, of 100 closures, 94 instead of 70.
 """
 
 from collections.abc import Sequence
@@ -23,20 +22,21 @@ from umo_train.speech.utterance import FRAME_RATE, Phone
 
 TOKEN_RATE = 50
 JAW = 6
-# Shapes that speech moves, of which as many directions are kept.
+# Shapes moved by speech; `SHAPES` of their principal directions are kept.
 LIPS = [i for i, name in enumerate(ARKIT) if name.startswith(("jaw", "mouth", "tongue"))]
 SHAPES = 6
-# Outputs: the shapes, the opening, whether the lips touch, accents; what distance 1 of each is.
+# Outputs: the shapes, the opening, whether the lips touch, accents; and the unit of each.
 WIDTH = SHAPES + 3
 OPENING, CLOSURE, ACCENT = 3.5, 1.0, 0.8
-# One more where the plan asks for onsets of accents: a bump of so many seconds around each, heard later than the rest.
+# One more if the plan asks for onsets of accents: a bump of this many seconds around each, predicted later than the
+# rest.
 ONSET, ONSET_S = 2.0, 0.04
 
 
 class Listener(torch.nn.Module):
     """Rows of normalised mel features to `widths[-1]` values each, from a row and the `reach` before it: dense layers
-    with ReLU between them, the first over `taps` rows; behind it, where there are `blocks`, so many
-    `x + pointwise(relu(causal(x)))`, each over `kernel` rows, and ReLU. Before the first row is `silence`."""
+    with ReLU in between, the first over `taps` rows; then `blocks` residual blocks `x + pointwise(relu(causal(x)))`,
+    each over `kernel` rows, and ReLU. `silence` precedes the first row."""
 
     def __init__(self, bands: int, taps: int, widths: Sequence[int], blocks: dict[str, int] | None = None) -> None:
         super().__init__()
@@ -76,10 +76,10 @@ class Listener(torch.nn.Module):
 
     @torch.no_grad()
     def take(self, other: "Listener") -> None:
-        """The weights of one with as many taps and the same width, and with as many blocks and outputs or fewer: blocks
-        that are new begin as nothing, outputs that are new as they are."""
+        """Copies the weights of a listener with as many taps and the same width, and with as many blocks and outputs or
+        fewer: new blocks start as zero, new outputs keep their initial values."""
         if (other.taps, other.widths[:-1]) != (self.taps, self.widths[:-1]) or len(other.blocks) > len(self.blocks):
-            raise ValueError("the published listener has other sizes than the plan's: no run can go on from it")
+            raise ValueError("the published listener's sizes differ from the plan's: training cannot continue from it")
         mine = self.state_dict()
         for name, tensor in other.state_dict().items():
             mine[name][: len(tensor)] = tensor
@@ -88,12 +88,12 @@ class Listener(torch.nn.Module):
             pointwise.bias.zero_()
 
     def tensors(self) -> dict[str, Tensor]:
-        """As the model file has them."""
+        """Tensors as in the model file."""
         return {f"audio.mel.network.{name.removeprefix('layers.')}": t for name, t in self.state_dict().items()}
 
     @staticmethod
     def of(tensors: dict[str, Tensor]) -> "Listener":
-        """That of a model file of one tap, whose sizes are those of its tensors."""
+        """The listener of a model file with one tap; sizes follow from its tensors."""
         prefix, count = "audio.mel.network.", 0
         while f"{prefix}blocks.{count}.0.weight" in tensors:
             count += 1
@@ -113,20 +113,20 @@ class Listener(torch.nn.Module):
 
 @dataclass(frozen=True)
 class Voices:
-    """What other speakers, microphones and rooms would make of rows of mel features, of so many `bands` before and
-    after normalising by `mean` and `scale`; no band is below the logarithm `floor`."""
+    """Varies rows of mel features as other speakers, microphones and rooms would, for `bands` before and after
+    normalising by `mean` and `scale`; no band is below the logarithm `floor`."""
 
     mean: Tensor
     scale: Tensor
     bands: int
     floor: float
 
-    # Share of rows that have another vocal tract, how far its resonances are moved, as a logarithm, and by how much
-    # level, tilt and a bend of the spectrum vary, as logarithms of power.
+    # Share of rows with another vocal tract, the shift of its resonances as a logarithm, and the variation of level,
+    # tilt and curvature of the spectrum as logarithms of power.
     WARPED, TRACT, LEVEL, TILT, BEND = 0.7, 0.14, 0.8, 0.8, 0.5
 
     def vary(self, rows: Tensor) -> Tensor:
-        """`[b, n, bands * (1 + deltas)]`, each of the batch in a way of its own."""
+        """`[b, n, bands * (1 + deltas)]`, each item of the batch varied differently."""
         count, bands = len(rows), self.bands
         rows = rows / self.scale + self.mean
         moved = torch.empty(count).uniform_(-self.TRACT, self.TRACT) * (torch.rand(count) < self.WARPED)
@@ -147,7 +147,7 @@ class Voices:
 
 @dataclass(frozen=True)
 class Heard:
-    """An item for training: features of one recording `[n, bands]`, and what they are to give `[n, WIDTH]`."""
+    """A training item: features of one recording `[n, bands]`, and the targets `[n, WIDTH]`."""
 
     features: Tensor
     wanted: Tensor
@@ -155,14 +155,14 @@ class Heard:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Directions in which lips move `[SHAPES, lips]`, at unit deviation altogether."""
+    """Principal directions of lip motion `[SHAPES, lips]`, with unit deviation in total."""
 
     mean: np.ndarray
     axes: np.ndarray
 
     @staticmethod
     def of(faces: Sequence[np.ndarray]) -> "Shapes":
-        """From faces `[frames, channels]` of many items."""
+        """Computed from faces `[frames, channels]` of many items."""
         rows = np.concatenate([face[::5, JAW:][:, LIPS] for face in faces]).astype(np.float64)
         mean = rows.mean(0)
         values, axes = np.linalg.eigh(np.cov((rows - mean).T))
@@ -172,8 +172,8 @@ class Shapes:
     def wanted(
         self, face: np.ndarray, phones: Sequence[Phone], count: int, delay: int, onset_delay: int | None = None
     ) -> np.ndarray:
-        """What token `i` of `count` is to say of the moment `delay` tokens before it `[count, WIDTH]`; with
-        `onset_delay` one column more, of the onsets of accents so many tokens before it."""
+        """Targets of token `i` of `count` for the moment `delay` tokens before it `[count, WIDTH]`; with `onset_delay`
+        one more column for the onsets of accents `onset_delay` tokens before it."""
         times = np.maximum(np.arange(count) - delay, 0) / TOKEN_RATE
         frames, known = times * FRAME_RATE, np.arange(len(face))
         lips = np.stack([np.interp(frames, known, face[:, JAW + i]) for i in LIPS], 1)
@@ -190,7 +190,7 @@ class Shapes:
 
 
 def onsets(phones: Sequence[Phone], count: int, delay: int) -> np.ndarray:
-    """Of `count` tokens, how near each is to the onset of an accented vowel `delay` tokens before it: 0 to 1."""
+    """Proximity of each of `count` tokens to the onset of an accented vowel `delay` tokens before it: 0 to 1."""
     starts = np.array([phone.start for phone in phones if phone.stress == 2])
     if not len(starts):
         return np.zeros(count)
@@ -200,7 +200,7 @@ def onsets(phones: Sequence[Phone], count: int, delay: int) -> np.ndarray:
     return near
 
 
-# Neighbours in an example of training, and examples of a step.
+# Consecutive rows per training example, and examples per step.
 STRETCH, BATCH = 128, 16
 RATE, FINAL_RATE = 2e-3, 0.02
 
@@ -214,13 +214,13 @@ def train(
     seed: int,
     before: Listener | None = None,
 ) -> Listener:
-    """Least squares on random stretches of the items, as other `voices` would say them; from fresh weights, or from
-    those of a listener `before` that may have fewer blocks and outputs."""
+    """Least squares on random stretches of the items, varied by other `voices`; from fresh weights, or from a
+    listener `before` that may have fewer blocks and outputs."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     bands = items[0].features.shape[1]
     network = Listener(bands, plan["taps"], plan["widths"], plan.get("blocks"))
-    # Mel features are normalised for distances between them; here each is to count as 1.
+    # Mel features are normalised for distances; here each should have unit scale.
     unit = bands**0.5 / 2**0.5
     if before is not None:
         network.take(before)
@@ -249,8 +249,8 @@ def train(
 
 
 def _stretch(item: Heard, network: Listener, silence: Tensor, rng: np.random.Generator) -> tuple[Tensor, ...]:
-    """`STRETCH` neighbours and the rows that they look back to, what they are to give, and which are there; where the
-    item begins, what is before it is silence."""
+    """`STRETCH` consecutive rows with the rows they look back to, their targets, and a validity mask; silence precedes
+    an item."""
     count = len(item.features)
     first = int(rng.integers(0, max(count - STRETCH, 0) + 1))
     rows = silence.to(item.features.dtype).repeat(network.reach + STRETCH, 1)

@@ -1,4 +1,4 @@
-"""The log-mel front end of small models (SPEC 2.1), as the model file defines it."""
+"""The log-mel front end of small models (SPEC 2.1), as defined by the model file."""
 
 from typing import Any
 
@@ -10,13 +10,13 @@ from umo_train.audio.listener import Listener, Voices
 from umo_train.speech.utterance import SAMPLE_RATE
 
 HOP = 320
-# A window begins this many samples before its token's own: SPEC 2.1.
+# A window starts this many samples before its token's own: SPEC 2.1.
 BEFORE = 80
 
 
 class Mel:
     """Bands between 60 Hz and 7.6 kHz, equally wide on the mel scale; causal differences; normalised; then a network,
-    where there is one."""
+    if there is one."""
 
     def __init__(
         self, window: int, fft: int, bands: int, floor: float, deltas: int, network: dict[str, Any] | None = None
@@ -65,11 +65,11 @@ class Mel:
 
     @property
     def voices(self) -> Voices:
-        """Other voices' rows of `bands`."""
+        """Variation of rows of `bands` by other voices."""
         return Voices(self.mean, self.scale, self.sizes["bands"], float(np.log(self.sizes["floor"])))
 
     def fit(self, features: Tensor, delta_weight: float) -> None:
-        """Takes mean and scale from unnormalised features: each band's deviation 1, differences times `delta_weight`,
+        """Sets mean and scale from unnormalised features: unit deviation per band, differences times `delta_weight`,
         all divided by the root of the number of bands."""
         bands = self.sizes["bands"]
         self.mean = features.mean(0)
@@ -101,7 +101,7 @@ def filters(fft: int, bands: int) -> Tensor:
     bins = np.arange(fft // 2 + 1) * SAMPLE_RATE / fft
     low, middle, high = edges[:-2, None], edges[1:-1, None], edges[2:, None]
     triangles = np.clip(np.minimum((bins - low) / (middle - low), (high - bins) / (high - middle)), 0, None)
-    # The narrowest may hold no bin: it takes the nearest one.
+    # The narrowest may contain no bin: use the nearest one.
     empty = triangles.sum(1) == 0
     triangles[empty, np.abs(bins[None] - middle[empty]).argmin(1)] = 1
     return torch.from_numpy(triangles / triangles.sum(1, keepdims=True)).float()

@@ -1,4 +1,4 @@
-"""Audio tokens of a corpus: clean, and as other microphones and rooms give them."""
+"""Audio tokens of a corpus: clean, and with other microphones and rooms."""
 
 import itertools
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ from umo_train.speech.variation import recorded
 
 Plan = dict[str, Any]
 _CENTROIDS = "audio.kmeans.centroids"
-# What the step `start` leaves beside what is fitted: the audio's tensors of a published model.
+# Written by the step `start`: the audio tensors of a published model.
 PUBLISHED = "published_audio.safetensors"
 
 
@@ -38,7 +38,7 @@ class Tokenizer:
         return nearest(features, self.centroids).numpy().astype(np.int16)
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """As the model file has them."""
+        """Tensors as in the model file."""
         return self.mel.tensors() | {_CENTROIDS: self.centroids}
 
     def save(self, path: Path) -> None:
@@ -56,15 +56,15 @@ AnyTokenizer = Tokenizer | HubertTokenizer
 
 
 def load(path: Path, plan: Plan) -> AnyTokenizer:
-    """What `fit` has made. A plan's `hubert` is the folder of Hugging Face's HuBERT."""
+    """Loads the result of `fit`. A plan's `hubert` is the folder of Hugging Face's HuBERT."""
     if plan["kind"] == "hubert":
         return HubertTokenizer.load(path, Path(plan["hubert"]), plan)
     return Tokenizer.load(path, plan)
 
 
 def fit(folder: Path, out: Path, plan: Plan, seed: int) -> AnyTokenizer:
-    """Clusters features of the corpus, or takes the clusters that are published; of a published listener that is to
-    have no more steps its own. Done already where `out` exists."""
+    """Clusters features of the corpus, or uses published clusters, including those of a published listener without
+    further training. Skipped if `out` exists."""
     if not out.exists():
         before = out.parent / PUBLISHED
         if before.exists() and plan.get("listener", {}).get("steps") == 0:
@@ -79,12 +79,12 @@ def fit(folder: Path, out: Path, plan: Plan, seed: int) -> AnyTokenizer:
 
 
 def _heard(folder: Path, plan: Plan, seed: int) -> Iterator[tuple[np.ndarray, slice]]:
-    """Items of training, as one recording or another, and which of their features to take."""
-    # A part of the corpus holds every voice.
+    """Training items, in a random recording each, and the features to use."""
+    # Part of the corpus contains every voice.
     for item in tqdm(itertools.islice(_spoken(folder), 0, None, plan["every"]), "features"):
         rng = np.random.default_rng((seed, int(item.name)))
         samples = item.utterance.samples if rng.random() < 0.3 else recorded(item.utterance.samples, rng)
-        # A third of the windows: neighbours say the same.
+        # A third of the windows: neighbours are similar.
         yield samples, slice(int(rng.integers(3)), None, 3)
 
 
@@ -140,8 +140,8 @@ def _fit_mel(
 
 
 def _with_onsets(features: torch.Tensor, wanted: torch.Tensor, plan: Plan, seed: int) -> torch.Tensor:
-    """Centroids of which each stands twice: without the onset of an accent and with it. Where the one ends and the
-    other begins is what tells most of the onsets `wanted` `[n]`, 0 to 1."""
+    """Centroids in two versions: without the onset of an accent and with it. The threshold is the value with the most
+    information about the onsets `wanted` `[n]`, 0 to 1."""
     centroids = kmeans(features[:, :-1].contiguous(), plan["units"] // 2, plan["steps"], seed)
     edge = units.telling_edge(features[:, -1], wanted > 0.5)
     sides = (torch.full((len(centroids), 1), edge + side) for side in (-0.5, 0.5))
@@ -149,9 +149,9 @@ def _with_onsets(features: torch.Tensor, wanted: torch.Tensor, plan: Plan, seed:
 
 
 def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.Heard]:
-    """What the listener learns from: every `every`-th item of training, clean and as one recording."""
+    """Training data of the listener: every `every`-th training item, clean and as one recording."""
     about = plan["listener"]
-    # A listener's mouth says nothing of the voice.
+    # A listening avatar's mouth does not depend on the voice.
     entries = [entry for entry in corpus.entries(folder, "train") if entry.spoken and not entry.listens]
     names = [entry.name for entry in entries][:: about["every"]]
     paths = [path for path in corpus.paths(folder, "speech") if path.stem in set(names)]
@@ -159,7 +159,7 @@ def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.
     delays = about["delay"], about.get("onset_delay")
     jobs = [(folder, path, front, shapes, delays, seed) for path in paths]
     with ProcessPoolExecutor() as pool:
-        heard = tqdm(pool.map(_listen, jobs, chunksize=8), "what is heard", len(jobs), unit="item")
+        heard = tqdm(pool.map(_listen, jobs, chunksize=8), "listening", len(jobs), unit="item")
         return [listener.Heard(*map(torch.from_numpy, pair)) for pairs in heard for pair in pairs]
 
 
@@ -198,7 +198,7 @@ def tokenize(folder: Path, out: Path, tokenizer: AnyTokenizer, recordings: int, 
             made = pool.map(_tokenize_item, [(tokenizer, *job) for job in jobs], chunksize=8)
             list(tqdm(made, "audio tokens", len(jobs), unit="item"))
             return
-        # One process has the network; the others make what it hears, a few items ahead of it.
+        # One process runs the network; the others prepare its input a few items ahead.
         ahead = 8 * workers
         for first in tqdm(range(0, len(jobs), ahead), "audio tokens", unit=f"{ahead} items"):
             some = jobs[first : first + ahead]

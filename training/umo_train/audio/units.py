@@ -1,4 +1,4 @@
-"""Audio units: k-means of features, mini-batches on any device."""
+"""Audio units: k-means of features, with mini-batches on any device."""
 
 import torch
 from torch import Tensor
@@ -11,8 +11,8 @@ def nearest(rows: Tensor, centroids: Tensor) -> Tensor:
 
 
 def kmeans(rows: Tensor, units: int, steps: int, seed: int, device: torch.device | None = None) -> Tensor:
-    """`units` centroids of `[n, width]`: k-means++ on a sample, then Lloyd's steps; empty ones restart at the rows
-    farthest from theirs. The steps run on `device`, part by part: rows need not fit there."""
+    """`units` centroids of `[n, width]`: k-means++ on a sample, then Lloyd's steps; empty clusters restart at the rows
+    farthest from their centroid. The steps run on `device` in parts: rows need not fit there."""
     generator = torch.Generator().manual_seed(seed)
     centroids = _plus_plus(rows[torch.randperm(len(rows), generator=generator)[: 40 * units]], units, generator)
     centroids = centroids.to(device or rows.device)
@@ -48,8 +48,8 @@ def _plus_plus(rows: Tensor, units: int, generator: torch.Generator) -> Tensor:
 
 
 def telling_edge(values: Tensor, wanted: Tensor, edges: int = 200) -> float:
-    """The value of `[n]` from which on rows are most likely those that are `wanted` `[n]`: whether a row is above it
-    has the largest mutual information with that."""
+    """The threshold on values `[n]` that best separates rows that are `wanted` `[n]`: being above it has the largest
+    mutual information with them."""
     lowest, highest = float(values.min()), float(values.max())
     best_of, edge = -1.0, lowest
     for candidate in torch.linspace(lowest, highest, edges + 2)[1:-1]:

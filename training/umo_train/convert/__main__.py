@@ -1,4 +1,4 @@
-"""`python -m umo_train.convert`: published weights into one umo file."""
+"""`python -m umo_train.convert`: converts published weights to one umo file."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from umo_train.convert.sources import SourceError, read_json
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code 0, or 2 where the input is at fault."""
+    """Returns exit code 0, or 2 if the input is at fault."""
     options = _parser().parse_args(arguments)
     try:
         model = convert(
@@ -42,17 +42,17 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("python -m umo_train.convert", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, required=True, metavar="FILE", help="config as docs/model-format.md has it")
+    add("--config", type=Path, required=True, metavar="FILE", help="config in the format of docs/model-format.md")
     add("--hubert", type=Path, required=True, metavar="DIR", help="Hugging Face's HuBERT")
     add("--kmeans", type=Path, required=True, metavar="FILE", help="fairseq's .bin, a .npy, or safetensors")
     add("--t5", type=Path, required=True, metavar="DIR", help="Hugging Face's T5, or Language of Motion's .ckpt")
     add("--vq", type=Path, required=True, nargs="+", metavar="FILE", help="EMAGE's .bin files, or one .ckpt")
-    add("--interp", type=Path, metavar="FILE", help="trained interpolation network; untrained where not given")
-    add("--tokenizer", type=Path, metavar="FILE", help="SentencePiece model; T5's own where not given")
-    add("--experts", type=int, metavar="E", help="experts of each feed-forward; the config's where not given")
-    add("--top-k", type=int, metavar="K", help="experts that a row is sent to; the config's where not given")
-    add("--dtype", choices=DTYPES, default="bf16", help="of weights and tables (default: %(default)s)")
-    add("--seed", type=int, default=0, metavar="NUMBER", help="of routers and what else no file has")
+    add("--interp", type=Path, metavar="FILE", help="trained interpolation network (default: untrained)")
+    add("--tokenizer", type=Path, metavar="FILE", help="SentencePiece model (default: T5's own)")
+    add("--experts", type=int, metavar="E", help="experts of each feed-forward (default: the config's)")
+    add("--top-k", type=int, metavar="K", help="experts that a row is sent to (default: the config's)")
+    add("--dtype", choices=DTYPES, default="bf16", help="type of weights and tables (default: %(default)s)")
+    add("--seed", type=int, default=0, metavar="NUMBER", help="seed of routers and other missing tensors")
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
     return parser
 

@@ -1,4 +1,4 @@
-"""Hugging Face's HuBERT: the layers that are used, the position convolution's weight norm folded."""
+"""Hugging Face's HuBERT: the used layers, with the position convolution's weight norm folded."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ from umo_train.convert.sources import SourceError, Tensors, agree, read, read_js
 
 _PREFIX = "audio.hubert."
 _CONVOLUTION = "encoder.pos_conv_embed.conv"
-# Scale and direction of the weight norm, as transformers named them before and after PyTorch's parametrizations.
+# Scale and direction of the weight norm, named by transformers before and after PyTorch's parametrizations.
 _SCALE = (f"{_CONVOLUTION}.weight_g", f"{_CONVOLUTION}.parametrizations.weight.original0")
 _DIRECTION = (f"{_CONVOLUTION}.weight_v", f"{_CONVOLUTION}.parametrizations.weight.original1")
-# What makes it the network of the specification rather than a relative of it.
+# Settings that identify the specification's network among its variants.
 _FORM = {
     "feat_extract_norm": "group",
     "feat_extract_activation": "gelu",
@@ -24,13 +24,13 @@ _SIZES = (
     "conv_dim", "conv_kernel", "conv_stride", "hidden_size", "intermediate_size", "num_attention_heads",
     "num_conv_pos_embeddings", "num_conv_pos_embedding_groups", "layer_norm_eps",
 )  # fmt: skip
-# Used in training alone, or by what stands on the features.
+# Used only in training, or by heads on the features.
 _IGNORED = (r"masked_spec_embed", r"(lm_head|projector|classifier)\..*", r"layer_weights")
 
 
 def convert(folder: Path, config: Config) -> Tensors:
-    """`audio.hubert.*` of a folder with `config.json` and weights. Whether samples are normalised is for the config to
-    say, not for `preprocessor_config.json`: it must be as it was when the k-means was fitted."""
+    """`audio.hubert.*` from a folder with `config.json` and weights. Whether samples are normalised comes from the
+    config, not from `preprocessor_config.json`: it must match the fitting of the k-means."""
     _check(folder, config)
     source = {name.removeprefix("hubert."): tensor for name, tensor in read(folder).items()}
     _fold(source)
@@ -42,7 +42,7 @@ def convert(folder: Path, config: Config) -> Tensors:
 
 
 def check_form(folder: Path) -> None:
-    """Refuses a relative of the specification's network."""
+    """Refuses variants of the specification's network."""
     path = folder / "config.json"
     theirs = read_json(path)
     agree(f"{path}", _FORM, {key: theirs[key] for key in _FORM if key in theirs})
@@ -60,7 +60,7 @@ def _check(folder: Path, config: Config) -> None:
 
 
 def _fold(source: Tensors) -> None:
-    """`g * v / |v|`, the norm of `v` over all but the kernel's taps, in place of `g` and `v`."""
+    """Replaces `g` and `v` with `g * v / |v|`, with the norm of `v` over all dimensions except the kernel's taps."""
     for scale, direction in zip(_SCALE, _DIRECTION, strict=True):
         if scale in source and direction in source:
             g, v = source.pop(scale).double(), source.pop(direction).double()

@@ -1,4 +1,4 @@
-"""The interpolation network, which nobody publishes: trained weights from a file, or untrained ones to train."""
+"""The interpolation network, which has not been published: trained weights from a file, or untrained ones to train."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ _TABLE_STD = 0.02
 
 
 def convert(path: Path, config: Config) -> Tensors:
-    """`interp.*` of a file that has them, with or without the prefix; other tensors of a umo file are left alone."""
+    """`interp.*` from a file, with or without the prefix; other tensors of a umo file are ignored."""
     found = read(path)
     own = {name: tensor for name, tensor in found.items() if name.startswith(_PREFIX)}
     source = own or {_PREFIX + name: tensor for name, tensor in found.items()}
@@ -22,7 +22,7 @@ def convert(path: Path, config: Config) -> Tensors:
 
 
 def untrained(config: Config, seed: int) -> Tensors:
-    """Weights as PyTorch starts them."""
+    """Weights with PyTorch's initialisation."""
     sizes, out = config["interp"], {}
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)

@@ -1,4 +1,4 @@
-"""Centroids of a k-means, as fairseq publishes them: scikit-learn's `MiniBatchKMeans`, dumped by joblib."""
+"""Centroids of a k-means as published by fairseq: scikit-learn's `MiniBatchKMeans`, dumped by joblib."""
 
 import pickle
 from pathlib import Path
@@ -17,15 +17,15 @@ _ATTRIBUTE = "cluster_centers_"
 
 
 class _Array(NumpyArrayWrapper):
-    """joblib's own, which older versions let unpickle whatever objects an array holds."""
+    """joblib's class without its unpickling of object arrays, which older versions allow."""
 
     def read_array(self, unpickler: NumpyUnpickler, *arguments: Any) -> np.ndarray:
         if self.dtype.hasobject:
-            raise pickle.UnpicklingError("an array of objects, where numbers are wanted")
+            raise pickle.UnpicklingError("an array of objects instead of numbers")
         return super().read_array(unpickler, *arguments)
 
 
-# All that the numbers need; every other class becomes an inert object.
+# Sufficient for numbers; every other class becomes an inert object.
 _KNOWN = {
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): _Array,
     # scikit-learn before 0.23 had its own copy.
@@ -41,7 +41,7 @@ class _Unpickler(NumpyUnpickler):
 
 
 def convert(path: Path, config: Config) -> Tensors:
-    """`audio.kmeans.centroids` of a joblib dump, a `.npy` of rows, or a safetensors file with one tensor."""
+    """`audio.kmeans.centroids` from a joblib dump, a `.npy` of rows, or a safetensors file with one tensor."""
     if not path.is_file():
         raise SourceError(f"{path}: there is no such file")
     if path.suffix == ".safetensors":
@@ -58,12 +58,12 @@ def _rows(path: Path) -> np.ndarray:
         return np.load(path, allow_pickle=False)
     with path.open("rb") as file:
         if file.peek(1)[:1] != b"\x80":
-            raise SourceError(f"{path}: no joblib dump, or a compressed one: dump it again with `compress=0`")
+            raise SourceError(f"{path}: not a joblib dump, or a compressed one: dump it again with `compress=0`")
         try:
             model = _Unpickler(str(path), file, ensure_native_byte_order=True).load()
         except Exception as error:
-            # A pickle that is damaged, or that wants more than numbers, fails in any way it likes.
-            raise SourceError(f"{path}: no k-means can be read from it: {error}") from error
+            # A pickle that is damaged or needs other classes can fail in any way.
+            raise SourceError(f"{path}: cannot read a k-means from it: {error}") from error
     rows = getattr(model, _ATTRIBUTE, model)
     if not isinstance(rows, np.ndarray):
         raise SourceError(f"{path}: no `{_ATTRIBUTE}` in it, which scikit-learn's k-means have")

@@ -1,4 +1,4 @@
-"""Every tensor that a umo config asks for (docs/model-format.md), by name."""
+"""Every tensor required by a umo config (docs/model-format.md), by name."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -8,12 +8,12 @@ from umo_train.skeleton import PARTS
 Config = dict[str, Any]
 Shapes = dict[str, tuple[int, ...]]
 
-# What decides a code, an expert or a position stays in full precision; it is small.
+# Tensors that decide a code, an expert or a position stay in full precision; they are small.
 _EXACT = (".moe.router.", "relative_attention_bias", "centroids", ".quantizer.", "audio.mel.")
 
 
 def shapes(config: Config, *, encoders: bool = True) -> Shapes:
-    """All tensors and their shapes; `encoders` asks for those that only tokenising motion needs."""
+    """All tensors and their shapes; `encoders` includes those needed only for tokenising motion."""
     out = audio_shapes(config) | {name: shape for part in (_lm, _interp) for name, shape in part(config)}
     out.update(_codecs(config, encoders))
     out.update(_mouth(config))
@@ -21,7 +21,7 @@ def shapes(config: Config, *, encoders: bool = True) -> Shapes:
 
 
 def audio_shapes(config: Config) -> Shapes:
-    """Those of the audio tokenizer."""
+    """Tensors of the audio tokenizer."""
     return dict(_hubert(config) if config["audio"]["kind"] == "hubert" else _mel(config))
 
 
@@ -85,7 +85,7 @@ def _mel(config: Config) -> Entries:
 
 
 def _mouth(config: Config) -> Entries:
-    """The live mouth, if the config has one."""
+    """Tensors of the live mouth, if the config has one."""
     m = config.get("mouth")
     if m is None:
         return

@@ -1,4 +1,4 @@
-"""One umo file from its sources."""
+"""Assembles one umo file from its sources."""
 
 import copy
 import json
@@ -21,7 +21,7 @@ DTYPES = {"bf16": torch.bfloat16, "f16": torch.float16, "f32": torch.float32}
 
 @dataclass(frozen=True)
 class Model:
-    """What a umo file holds, in f32."""
+    """Contents of a umo file, in f32."""
 
     config: Config
     tensors: Tensors
@@ -42,11 +42,11 @@ def convert(
     top_k: int | None = None,
     seed: int = 0,
 ) -> Model:
-    """A model of published weights. What none of them has is drawn from `seed` and named in the config's notice:
-    rows of new tokens, and the interpolation network where no file is given. Routers too, which choose among equals."""
+    """A model from published weights. Missing tensors are drawn from `seed` and named in the config's notice: rows of
+    new tokens, and the interpolation network if no file is given. So are routers, which choose among equal experts."""
     config = copy.deepcopy(config)
     if config["audio"]["kind"] != "hubert":
-        raise SourceError("the config's `audio.kind` is not hubert: there is nothing published to convert for it")
+        raise SourceError("the config's `audio.kind` is not hubert: no published weights exist for it")
     lm = config["lm"]
     lm["experts"] = experts or lm["experts"]
     lm["top_k"] = top_k or lm["top_k"]
@@ -67,7 +67,7 @@ def convert(
 
 
 def _tokenizer(given: Path | None, t5_path: Path) -> bytes | None:
-    """The one given, or the one that lies beside T5's weights."""
+    """The given one, or the one beside T5's weights."""
     path = given or t5_path / "spiece.model"
     if given is not None and not path.is_file():
         raise SourceError(f"{path}: there is no such file")
@@ -75,13 +75,13 @@ def _tokenizer(given: Path | None, t5_path: Path) -> bytes | None:
 
 
 def write(path: Path, model: Model, dtype: str = "bf16") -> None:
-    """The umo file; `dtype` is that of weights and tables. It appears whole or not at all, as a program may have an
-    older one mapped."""
+    """Writes the umo file; `dtype` is the type of weights and tables. Atomic, as a program may have an older file
+    mapped."""
     expected = shapes(model.config)
     checked = renamed("the model", model.tensors, {name: name for name in expected}, expected)
     unfit = [name for name, tensor in checked.items() if not tensor.isfinite().all()]
     if unfit:
-        raise SourceError("values that are no numbers in:\n  " + "\n  ".join(unfit))
+        raise SourceError("values that are not numbers in:\n  " + "\n  ".join(unfit))
     out: Tensors = {}
     for name, tensor in checked.items():
         stored = tensor.to(DTYPES[dtype]) if is_weight(name, expected[name]) else tensor
@@ -97,7 +97,7 @@ def write(path: Path, model: Model, dtype: str = "bf16") -> None:
     metadata = {"format": FORMAT, "version": VERSION, "config": config} | sums
     part = path.with_name(f".{path.name}.part")
     try:
-        # The library makes files that only their owner may read; this one is as any other.
+        # The library creates files with owner-only permissions; use the usual ones.
         part.touch()
         mode = part.stat().st_mode
         save_file(out, part, metadata)

@@ -1,4 +1,4 @@
-"""Tensors of the checkpoints that others publish, by name."""
+"""Tensors of published checkpoints, by name."""
 
 import json
 import pickle
@@ -18,16 +18,16 @@ Tensors = dict[str, Tensor]
 
 # Hugging Face's names of a checkpoint's files, the safer format first.
 _WHOLE = ("model.safetensors", "pytorch_model.bin")
-# Where trainers keep the weights: PyTorch Lightning and Language of Motion; EMAGE.
+# Keys under which trainers store the weights: PyTorch Lightning and Language of Motion; EMAGE.
 _NESTED = ("state_dict", "model_state")
 
 
 class SourceError(Exception):
-    """What is wrong with a file to convert, and what to do."""
+    """A problem of a file to convert, and its solution."""
 
 
 def read(path: Path) -> Tensors:
-    """A safetensors or PyTorch file, or a folder as `save_pretrained` leaves it, in shards too."""
+    """Reads a safetensors or PyTorch file, or a folder written by `save_pretrained`, also with shards."""
     if not path.exists():
         raise SourceError(f"{path}: there is no such file or folder")
     if not path.is_dir():
@@ -38,7 +38,7 @@ def read(path: Path) -> Tensors:
         index = path / f"{name}.index.json"
         if index.is_file():
             return _sharded(index)
-    raise SourceError(f"{path}: none of {', '.join(_WHOLE)} is in it, nor an index of shards")
+    raise SourceError(f"{path}: contains neither {', '.join(_WHOLE)} nor an index of shards")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -70,28 +70,28 @@ def _safetensors(path: Path) -> Tensors:
         with safe_open(path, framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}
     except SafetensorError as error:
-        raise SourceError(f"{path}: no safetensors file: {error}") from error
+        raise SourceError(f"{path}: not a safetensors file: {error}") from error
 
 
 def _pickled(path: Path) -> dict[str, Any]:
-    """A file of `torch.save`. Classes of the trainer's, as its configuration's, become inert objects."""
+    """A file of `torch.save`. Classes of the trainer, such as its configuration, become inert objects."""
     try:
         try:
             unsafe = torch.serialization.get_unsafe_globals_in_checkpoint(path)
         except ValueError:
-            # Written before PyTorch 1.6: no archive to look into.
+            # Written before PyTorch 1.6: not an archive that can be inspected.
             unsafe = []
         with torch.serialization.safe_globals([(inert(name), name) for name in unsafe]):
             found = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError) as error:
-        raise SourceError(f"{path}: no PyTorch file of weights: {str(error).splitlines()[0]}") from error
+        raise SourceError(f"{path}: not a PyTorch file of weights: {str(error).splitlines()[0]}") from error
     if not isinstance(found, dict):
         raise SourceError(f"{path}: expected tensors by name, got {type(found).__name__}")
     return found
 
 
 def _unwrapped(found: dict[str, Any]) -> Tensors:
-    """The weights of a trainer's file without what `DataParallel` puts before their names."""
+    """The weights of a trainer's file without the name prefix of `DataParallel`."""
     for key in _NESTED:
         if isinstance(found.get(key), dict):
             found = found[key]
@@ -102,8 +102,8 @@ def _unwrapped(found: dict[str, Any]) -> Tensors:
 
 
 def renamed(what: str, source: Tensors, names: dict[str, str], shapes: Shapes, ignored: Iterable[str] = ()) -> Tensors:
-    """The tensors `names` (ours to theirs) as f32. Whatever is missing, of another shape, or neither asked for nor
-    matched by one of the expressions `ignored` is an error that lists it."""
+    """The tensors `names` (ours to theirs) as f32. Raises an error that lists tensors that are missing, have another
+    shape, or are neither requested nor matched by one of the expressions `ignored`."""
     wanted = set(names.values())
     skip = re.compile("|".join(ignored) or r"(?!)")
     problems = [f"missing: {name}" for name in sorted(wanted - source.keys())]
@@ -118,7 +118,7 @@ def renamed(what: str, source: Tensors, names: dict[str, str], shapes: Shapes, i
 
 
 def agree(what: str, ours: dict[str, Any], theirs: dict[str, Any]) -> None:
-    """Refuses a checkpoint whose own configuration says otherwise than ours."""
+    """Refuses a checkpoint with a configuration that contradicts ours."""
     differ = [f"{key}: {theirs[key]!r}, the config has {ours[key]!r}" for key in theirs if theirs[key] != ours[key]]
     if differ:
         raise SourceError(f"{what}:\n  " + "\n  ".join(differ))

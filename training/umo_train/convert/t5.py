@@ -1,6 +1,6 @@
-"""A dense T5 to the sparse language model: a larger vocabulary, and every feed-forward as equal experts.
+"""Converts a dense T5 to the sparse language model: a larger vocabulary, and every feed-forward copied to all experts.
 
-Reads Hugging Face's T5 v1.1 and Flan-T5 of any size, and what Language of Motion trained from one."""
+Reads Hugging Face's T5 v1.1 and Flan-T5 of any size, and Language of Motion's model trained from one."""
 
 import re
 from pathlib import Path
@@ -15,21 +15,21 @@ _PREFIX = "lm."
 _LOM_PREFIX = "lm.language_model."
 _TABLES = ("shared.weight", "lm_head.weight")
 _TIED = ("encoder.embed_tokens.weight", "decoder.embed_tokens.weight")
-# Old checkpoints carry a table that no layer reads.
+# Old checkpoints contain a table that no layer reads.
 _IGNORED = (r"decoder\.block\.0\.layer\.1\.EncDecAttention\.relative_attention_bias\.weight",)
 _SIZES = (
     "d_model", "d_kv", "d_ff", "num_heads", "num_layers", "num_decoder_layers", "relative_attention_num_buckets",
     "relative_attention_max_distance", "layer_norm_epsilon", "feed_forward_proj", "tie_word_embeddings",
 )  # fmt: skip
-# Small beside a hidden state of order 1, so that every expert is tried when training starts.
+# Small relative to hidden states of magnitude 1, so that every expert is tried when training starts.
 _ROUTER_STD = 0.02
-# Hugging Face draws new rows this close to the mean of the old ones.
+# Variance around the old rows' mean with which Hugging Face draws new rows.
 _NEW_ROW_VARIANCE = 1e-9
 
 
 def vocabulary(text: int = 32100, codes: int = 256, units: int = 500) -> Config:
-    """`config.vocab` in the order in which Language of Motion adds its tokens to `text` ids of T5's tokenizer: 3 of
-    motion, the parts' codes each with 3 markers, and the audio units with 2 ids to spare and 3 markers."""
+    """`config.vocab` in Language of Motion's order of tokens after the `text` ids of T5's tokenizer: 3 for motion, the
+    parts' codes with 3 markers each, and the audio units with 2 spare ids and 3 markers."""
     vocab: Config = {"pad": 0, "eos": 1, "decoder_start": 0}
     first = text + 3
     sizes = (("face", codes, 0), ("hands", codes, 0), ("upper", codes, 0), ("lower", codes, 0), ("audio", units, 2))
@@ -41,8 +41,8 @@ def vocabulary(text: int = 32100, codes: int = 256, units: int = 500) -> Config:
 
 
 def convert(path: Path, config: Config, seed: int) -> tuple[Tensors, int]:
-    """`lm.*` of a folder with `config.json` and weights, or of a checkpoint of Language of Motion; and how many rows
-    of its vocabulary are new."""
+    """`lm.*` from a folder with `config.json` and weights, or from a checkpoint of Language of Motion; and the number
+    of new rows in its vocabulary."""
     if path.is_dir():
         _check(path, config)
     source, trained = _source(path)
@@ -64,13 +64,13 @@ def convert(path: Path, config: Config, seed: int) -> tuple[Tensors, int]:
 
 
 def dense_name(name: str) -> str:
-    """Hugging Face's name of the tensor that `name` starts as: of all experts, the one feed-forward."""
+    """Hugging Face's name of the tensor that `name` is initialised from: one feed-forward for all experts."""
     return re.sub(r"\.moe\.experts\.\d+\.", ".DenseReluDense.", name.removeprefix(_PREFIX))
 
 
 def grown(what: str, name: str, rows: Tensor, size: int, seed: int) -> Tensor:
-    """`rows` and new ones after them, drawn as Hugging Face's `resize_token_embeddings` does: from the distribution of
-    the old rows, its variance made so small that all start in the same place but for symmetry."""
+    """`rows` followed by new ones, drawn like Hugging Face's `resize_token_embeddings`: from the distribution of the
+    old rows with a very small variance, so that all start nearly equal but not symmetric."""
     old = len(rows)
     if old > size:
         raise SourceError(f"{what}:\n  {name}: {old} rows, more than the {size} of `vocab.size` in the config")
@@ -81,7 +81,7 @@ def grown(what: str, name: str, rows: Tensor, size: int, seed: int) -> Tensor:
     covariance = _NEW_ROW_VARIANCE * ((values - mean).T @ (values - mean) / old)
     new = mean.expand(size - old, -1)
     if torch.distributions.constraints.positive_definite.check(covariance).all():
-        # A generator of one's own cannot be given to a distribution.
+        # Distributions do not accept a generator.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             normal = torch.distributions.MultivariateNormal(mean, covariance_matrix=covariance)
@@ -101,7 +101,7 @@ def _source(path: Path) -> tuple[Tensors, bool]:
 
 
 def _untie(path: Path, source: Tensors, tied: bool) -> None:
-    """Takes out the copies of the embedding table, after a look that they are copies."""
+    """Removes the copies of the embedding table, after checking that they are copies."""
     for name in (*_TIED, *(("lm_head.weight",) if tied else ())):
         if name in source and not torch.equal(source.pop(name), source["shared.weight"]):
             raise SourceError(f"{path}:\n  {name}: differs from shared.weight, which it should repeat")
@@ -109,7 +109,7 @@ def _untie(path: Path, source: Tensors, tied: bool) -> None:
 
 def _check(folder: Path, config: Config) -> None:
     theirs = read_json(folder / "config.json")
-    # Since its version 5 transformers writes that the head is tied for every T5, and beside it what that meant.
+    # Since version 5, transformers declares the head tied for every T5, and stores the old setting beside it.
     theirs["tie_word_embeddings"] = theirs.get("scale_decoder_outputs", theirs.get("tie_word_embeddings", True))
     found = {key: theirs[key] for key in _SIZES if theirs.get(key) is not None}
     agree(f"{folder / 'config.json'}", config["lm"], found)

@@ -8,7 +8,7 @@ from umo_train.convert.sources import SourceError, Tensors, read, renamed
 from umo_train.skeleton import PARTS
 
 _CODECS = (*PARTS, "root")
-# What comes before a codec's names where one file has several: Language of Motion's, then EMAGE's.
+# Name prefixes of a codec in files with several: Language of Motion's, then EMAGE's.
 _PREFIXES = {
     "face": ("vae_face.", "vq_model_face."),
     "hands": ("vae_hand.", "vae_hands.", "vq_model_hands."),
@@ -20,12 +20,12 @@ _CODEBOOK = "quantizer.embedding.weight"
 _FIRST = "encoder.main.0.weight"
 # Statistics of a codebook's training.
 _IGNORED = (r"quantizer\.embedding\.(cluster_size|embed_avg)",)
-# What else a whole program's checkpoint has: the language model, bodies to measure with, and measures.
+# Other contents of a whole program's checkpoint: the language model, body models, and metrics.
 _OTHERS = ("lm.", "smplx.", "flame.", "_losses.", "metrics.", "Metrics.")
 
 
 def convert(paths: Iterable[Path], config: Config) -> Tensors:
-    """`vq.*` of files that together hold every codec once."""
+    """`vq.*` from files that together contain every codec once."""
     codecs: dict[str, tuple[Path, Tensors]] = {}
     for path in paths:
         for codec, source in _split(path, config).items():
@@ -63,14 +63,14 @@ def _split(path: Path, config: Config) -> dict[str, Tensors]:
 
 
 def _which(path: Path, tensors: Tensors, config: Config) -> str:
-    """The part of a file with one codec: by its channels, and the root network's lack of a codebook."""
+    """The part of a file with one codec: by its channels, and by the root network's missing codebook."""
     if _FIRST not in tensors:
         some = ", ".join(sorted(tensors)[:3]) or "nothing"
-        raise SourceError(f"{path}: no codec in it: no {_FIRST}; it has {some} …")
+        raise SourceError(f"{path}: no codec in it: {_FIRST} is missing; it has {some} …")
     channels = tensors[_FIRST].shape[1]
     codecs = PARTS if _CODEBOOK in tensors else ("root",)
     fitting = [codec for codec in codecs if config["vq"][codec]["channels"] == channels]
     if len(fitting) == 1:
         return fitting[0]
     sizes = ", ".join(f"{codec} {config['vq'][codec]['channels']}" for codec in codecs)
-    raise SourceError(f"{path}: a codec of {channels} channels, where the config has {sizes}")
+    raise SourceError(f"{path}: a codec of {channels} channels, but the config has {sizes}")

@@ -11,14 +11,14 @@ from umo_train.data.clip import Clip, DataError, folder
 from umo_train.skeleton import EXTRA_CHANNELS
 
 _FETCH = "fetch sets of AMASS (SMPL-X or SMPL+H) and unpack them there"
-# A person's shape, and what fitting its markers left, lie beside the motion.
+# A person's shape and intermediate results of fitting are stored beside the motion.
 _NO_MOTION = ("shape.npz", "_stagei.npz")
 # AMASS has Z up; here Y is.
 _UPRIGHT = Rotation.from_euler("x", -90, degrees=True)
 
 
 def amass(root: Path, face: int = EXTRA_CHANNELS["face"]) -> Iterator[Clip]:
-    """Clips of all `.npz` below `root` at 30 frames a second, that begin at the origin and face +Z; `face` coefficients
+    """Clips of all `.npz` below `root` at 30 frames a second, starting at the origin and facing +Z; `face` coefficients
     at rest, as AMASS has no faces."""
     folder(root, _FETCH)
     paths = sorted(path for path in root.rglob("*.npz") if not path.name.endswith(_NO_MOTION))
@@ -40,12 +40,12 @@ def _clip(root: Path, path: Path, face: int) -> Clip:
     matrices, translation = _turned(matrices, smplx.resampled(translation, rate))
     motion = smplx.channels(matrices, translation, np.zeros((len(matrices), face)))
     name = path.relative_to(root).with_suffix("").as_posix()
-    # Sets have a folder for each person.
+    # Data sets have a folder for each person.
     return Clip(name, path.parent.name, None, motion, translation.astype(np.float32))
 
 
 def _turned(matrices: np.ndarray, translation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Upright, from the origin of the floor, the pelvis facing +Z in the first frame."""
+    """Rotated to Y up, starting at the floor's origin with the pelvis facing +Z in the first frame."""
     pelvis = _UPRIGHT * Rotation.from_matrix(matrices[:, 0])
     forward = pelvis[0].apply((0.0, 0.0, 1.0))
     heading = Rotation.from_euler("y", -np.arctan2(forward[0], forward[2]))

@@ -1,4 +1,4 @@
-"""BEAT2: SMPL-X motion with the speech that belongs to it."""
+"""BEAT2: SMPL-X motion with speech."""
 
 import csv
 from collections.abc import Collection, Iterator
@@ -13,13 +13,13 @@ from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, Utterance
 
 SPLITS = ("train", "val", "test", "additional")
 _MOTION, _SPEECH, _WORDS, _SPLIT = "smplxflame_30", "wave16k", "textgrid", "train_test_split.csv"
-_FETCH = "fetch the data set BEAT2, and name the folder of one language, as beat_english_v2.0.0"
-# Values of the face after the jaw.
+_FETCH = "fetch the data set BEAT2, and name the folder of one language, such as beat_english_v2.0.0"
+# Number of face values after the jaw.
 EXPRESSION = 100
 
 
 def beat2(root: Path, split: str, speakers: Collection[int] | None = None) -> Iterator[Clip]:
-    """Clips of a split, of all speakers or those given; faces are the jaw and 100 expression coefficients."""
+    """Clips of a split, of all speakers or the given ones; faces are the jaw and 100 expression coefficients."""
     if split not in SPLITS:
         raise DataError(f"no split `{split}`: {', '.join(SPLITS)}")
     folder(root, _FETCH)
@@ -36,10 +36,10 @@ def _of(speakers: Collection[int] | None) -> str:
 
 
 def speaker(name: str) -> int:
-    """The number of the speaker of a clip, as 2 of `2_scott_0_1_1`."""
+    """Speaker number from a clip's name, such as 2 from `2_scott_0_1_1`."""
     number = name.split("_")[0]
     if not number.isdecimal():
-        raise DataError(f"clip `{name}`: expected a name as 2_scott_0_1_1, which begins with the speaker's number")
+        raise DataError(f"clip `{name}`: expected a name such as 2_scott_0_1_1, which begins with the speaker's number")
     return int(number)
 
 
@@ -58,10 +58,10 @@ def _clip(root: Path, name: str) -> Clip:
     sound = recording.samples(file(root / _SPEECH / f"{name}.wav", listed))
     words_file = file(root / _WORDS / f"{name}.TextGrid", listed)
     motion, translation = _motion(path)
-    # The recordings stop at different times, a little apart.
+    # Motion and sound end at slightly different times.
     frames = min(len(translation), len(sound) * FRAME_RATE // SAMPLE_RATE)
     if frames == 0:
-        raise DataError(f"{path}: not one frame with speech")
+        raise DataError(f"{path}: no frame with speech")
     sound = sound[: -(-frames * SAMPLE_RATE // FRAME_RATE)]
     words, phones = alignment(words_file, len(sound) / SAMPLE_RATE)
     text = " ".join(word.text for word in words)

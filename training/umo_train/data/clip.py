@@ -1,4 +1,4 @@
-"""What every reader yields."""
+"""Types yielded by every reader."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ from umo_train.speech.utterance import Utterance
 
 
 class DataError(Exception):
-    """What is missing or wrong in a data set: the file, and what to do."""
+    """A problem of a data set: the file, and the solution."""
 
 
 @dataclass(frozen=True)
@@ -21,19 +21,19 @@ class Clip:
     speech: Utterance | None = None
     # Channels of each part, f32 `[T, C]`.
     motion: dict[str, np.ndarray] | None = None
-    # The pelvis' place, f32 `[T, 3]`, metres, Y up: what the root's velocity and height are learned from.
+    # Position of the pelvis, f32 `[T, 3]`, metres, Y up, from which the root's velocity and height are learned.
     translation: np.ndarray | None = None
 
 
 def folder(path: Path, what: str) -> Path:
-    """`path`, if it is a folder."""
+    """`path`, if it is a folder; else an error."""
     if not path.is_dir():
         raise DataError(f"{path}: there is no such folder: {what}")
     return path
 
 
 def file(path: Path, what: str) -> Path:
-    """`path`, if it is a file."""
+    """`path`, if it is a file; else an error."""
     if not path.is_file():
         raise DataError(f"{path}: there is no such file: {what}")
     return path

@@ -1,4 +1,4 @@
-"""The corpus that the default model learns: made speech and the performer's motion to it, a file of each per item."""
+"""The corpus of the default model: synthetic speech and the performer's motion to it, one file of each per item."""
 
 import json
 import random
@@ -21,7 +21,7 @@ from umo_train.speech.utterance import SAMPLE_RATE, Phone, Utterance, Word
 
 @dataclass(frozen=True)
 class Item:
-    """What `utterance` is spoken as, in which style, and in which part of the corpus it is."""
+    """The item's utterance, style, and split."""
 
     name: str
     split: str
@@ -44,8 +44,7 @@ class SpeechPlan:
 
 
 def make_speech(plan: SpeechPlan, folder: Path, workers: int, shard: Shard = ALL) -> None:
-    """Speaks what is missing of the plan's items, or of a share of them. Deterministic in the plan, whatever was there
-    before."""
+    """Synthesises missing items of the plan, or of a share of it. Depends only on the plan, not on existing files."""
     (folder / "speech").mkdir(parents=True, exist_ok=True)
     names = list(plan.voices)
     train = round(plan.hours * 3600 / plan.seconds_per_item)
@@ -68,7 +67,7 @@ def _path(folder: Path, kind: str, index: int) -> Path:
 
 def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
     plan, folder, split, index, voice = job
-    # Sentences of the test splits are drawn from seeds that training never sees.
+    # Sentences of the test splits use seeds that training never sees.
     chance = random.Random(f"{plan.seed} {split} {index}")
     stretch, pitch = chance.uniform(0.85, 1.25), chance.uniform(0.85, 1.2)
     style, prompt = draw(chance)
@@ -76,7 +75,7 @@ def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
     count = max(2, round(plan.seconds_per_item / 3.3))
     lines = [voices.Line(sentence(chance), stretch * chance.uniform(0.95, 1.05), pitch) for _ in range(count)]
     spoken = [variation.faster(u, factor) for u in voices.find(voice).speak(lines)]
-    # Mostly breaths between sentences, at times a silence long enough to stand idle in.
+    # Mostly breaths between sentences, sometimes a silence long enough for idle motion.
     gaps = [chance.uniform(0.0, 0.5) if chance.random() < 0.8 else chance.uniform(0.8, 3.0) for _ in spoken]
     utterance = variation.joined(spoken, [*gaps, chance.uniform(0.3, 1.5)])
     levelled = replace(utterance, voice=voice, samples=variation.leveled(utterance.samples, 24))
@@ -84,7 +83,7 @@ def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
 
 
 def write_item(folder: Path, item: Item) -> None:
-    """An item's speech. One without speech has no samples."""
+    """Writes an item's speech. An item without speech has no samples."""
     spoken = item.utterance
     about = {
         "voice": spoken.voice,
@@ -113,7 +112,7 @@ def int16(samples: np.ndarray) -> np.ndarray:
 
 
 def write(path: Path, data: dict[str, np.ndarray]) -> None:
-    """By renaming: a file that exists is whole."""
+    """Atomic by renaming: an existing file is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".tmp.npz")
     np.savez(part, **data)
@@ -121,7 +120,7 @@ def write(path: Path, data: dict[str, np.ndarray]) -> None:
 
 
 def write_array(path: Path, values: np.ndarray) -> None:
-    """By renaming: a file that exists is whole."""
+    """Atomic by renaming: an existing file is complete."""
     part = path.with_suffix(".part")
     with part.open("wb") as file:
         np.save(file, values)
@@ -151,7 +150,7 @@ def paths(folder: Path, kind: str) -> list[Path]:
 
 
 def read_voices(path: Path) -> list[np.ndarray]:
-    """An item's words as other voices speak them at the same times, if they do: samples as many as its own."""
+    """An item's words spoken by other voices at the same times, if available, with as many samples as its own."""
     voices = path.parent.parent / "voices" / path.name
     if not voices.exists():
         return []
@@ -159,7 +158,7 @@ def read_voices(path: Path) -> list[np.ndarray]:
         return [data[name].astype(np.float32) / 32767 for name in sorted(data.files)]
 
 
-# Voices that are people's begin so.
+# Prefix of voices that are people's.
 PEOPLE = "people/"
 
 
@@ -173,23 +172,23 @@ class Entry:
     prompt: str
     text: str
     words: tuple[Word, ...]
-    # Whether it has speech: without, there is motion of the body alone.
+    # Whether it has speech; if not, there is only body motion.
     spoken: bool
     voice: str
 
     @property
     def person(self) -> bool:
-        """Whether a recorded person speaks, no synthesiser."""
+        """Whether a recorded person speaks instead of a synthesiser."""
         return self.voice.startswith(PEOPLE)
 
     @property
     def listens(self) -> bool:
-        """Whether the voice is not that of who moves."""
+        """Whether the voice belongs to the interlocutor."""
         return self.style in STYLES and STYLES[self.style].listens
 
 
 def entries(folder: Path, split: str | None = None) -> Iterator[Entry]:
-    """Of one split or of all, in order."""
+    """Entries of one split or of all, in order."""
     for path in paths(folder, "speech"):
         with np.load(path) as data:
             about = json.loads(str(data["about"]))
@@ -216,14 +215,14 @@ def items(folder: Path, split: str | None = None) -> Iterator[Item]:
             yield item
 
 
-# Items of actions have numbers from here on, behind people's.
+# First item number of actions, above people's.
 FIRST_ACTION = 80_000
 
 
 @dataclass(frozen=True)
 class ActionPlan:
-    """`clips`: glTF files with the clips that `performer.actions` names; each action is `takes` items long, of which
-    every tenth is held out."""
+    """`clips`: glTF files with the clips named in `performer.actions`; each action has `takes` items, of which every
+    tenth is held out."""
 
     clips: tuple[Path, ...]
     takes: int = 16
@@ -232,8 +231,8 @@ class ActionPlan:
 
 
 def make_actions(plan: ActionPlan, folder: Path, workers: int, shard: Shard = ALL) -> None:
-    """Writes what is missing of the plan's items, or of a share of them: silence, and the motion. Deterministic in the
-    plan and the clips."""
+    """Writes missing items of the plan, or of a share of it: silence, and the motion. Depends only on the plan and the
+    clips."""
     from umo_train.performer.actions import ACTIONS
 
     names = [(name, take) for name in ACTIONS for take in range(plan.takes)]
@@ -263,22 +262,22 @@ def _clips(files: tuple[Path, ...]) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class HeardAccents:
-    """Accents as a model's audio units say them, `rate` a second: runs of at least `least` units from `first` on,
-    `delay` units behind the onset. `folder` has an item's units as `NAME.npy` `[recordings, n]`, the clean ones
+    """Accents according to a model's audio units, at `rate` a second: runs of at least `least` units from `first` up,
+    `delay` units after the onset. `folder` has an item's units as `NAME.npy` `[recordings, n]`, the clean ones
     first."""
 
     folder: Path
     first: int
     delay: int
     rate: int
-    # Shorter runs are mostly stressed syllables of words that have no accent.
+    # Shorter runs are mostly stressed syllables of words without an accent.
     least: int = 4
 
     def of(self, name: str) -> np.ndarray:
         """Seconds of an item's accents."""
         marked = np.load(self.folder / f"{name}.npy")[0] >= self.first
         edges = np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int))).reshape(-1, 2)
-        # The middle of a run is as far behind the onset as its units are late.
+        # The middle of a run follows the onset by the units' delay.
         runs = [(first + last) / 2 for first, last in edges if last - first >= self.least]
         return (np.array(runs) - self.delay) / self.rate
 
@@ -286,9 +285,8 @@ class HeardAccents:
 def make_motion(
     folder: Path, workers: int, shard: Shard = ALL, heard: HeardAccents | None = None, seeds: int = 0
 ) -> None:
-    """Has the performer move to every item that has no motion yet, or to those of a share. Where a model learns from
-    it, it moves by the accents `heard`, if given, and from an item's seed and `seeds`: what is held out keeps to the
-    true accents and to its seed."""
+    """Lets the performer animate every item without motion, or those of a share. Training items use the accents
+    `heard`, if given, and the item's seed with `seeds`; held-out items keep the true accents and their seed."""
     mine = [path for path in paths(folder, "speech") if shard.has(int(path.stem))]
     jobs = [(folder, path, heard, seeds) for path in mine if not (folder / "motion" / path.name).exists()]
     with ProcessPoolExecutor(workers) as pool:
@@ -318,9 +316,9 @@ def read_motion(folder: Path, name: str, only: tuple[str, ...] = (*PARTS, "heigh
 
 
 def read_intent(folder: Path, name: str) -> np.ndarray:
-    """What the performer's arms are about, `[T]` codes of `performer.intent`.
+    """Intent of the performer's arms, `[T]` codes of `performer.intent`.
 
-    Raises `ValueError` where the motion says nothing of it.
+    Raises `ValueError` if the motion has none.
     """
     path = folder / "motion" / f"{name}.npz"
     with np.load(path) as data:

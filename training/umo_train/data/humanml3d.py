@@ -1,4 +1,4 @@
-"""HumanML3D: what people say of AMASS' motions, and of which span of them."""
+"""HumanML3D: people's descriptions of AMASS' motions and of spans in them."""
 
 import csv
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from umo_train.data.clip import DataError, file, folder
 
 _FETCH = "fetch the data set HumanML3D, with its texts unpacked"
 _FRAME_RATE = 20
-# Beginnings that HumanML3D drops of some sets before it counts frames, in seconds.
+# Seconds dropped by HumanML3D at the start of some sets before counting frames.
 _DROPPED = {
     "Eyes_Japan_Dataset": 3.0, "MPI_HDM05": 3.0, "TotalCapture": 1.0, "MPI_Limits": 1.0, "Transitions_mocap": 0.5,
 }  # fmt: skip
@@ -24,7 +24,7 @@ class Described:
 
 
 def humanml3d(root: Path) -> dict[str, list[Described]]:
-    """By the motion's name as `motion_name` has it. Mirrored motions are left out, as AMASS does not hold them."""
+    """Descriptions by motion name as in `motion_name`. Mirrored motions are left out, as AMASS lacks them."""
     index = file(root / "index.csv", _FETCH)
     folder(root / "texts", _FETCH)
     out: dict[str, list[Described]] = {}
@@ -43,12 +43,12 @@ def humanml3d(root: Path) -> dict[str, list[Described]]:
 
 
 def motion_name(name: str) -> str:
-    """The name of a motion whatever the version of AMASS: without suffix and what the versions add."""
+    """Name of a motion independent of the version of AMASS: without suffix and the versions' additions."""
     return name.removesuffix(".npy").removesuffix(".npz").removesuffix("_poses").removesuffix("_stageii")
 
 
 def _described(path: Path, start: float, end: float) -> list[Described]:
-    """Lines `sentence#tokens#from#to`; `from` and `to` are seconds in the span, both 0 where it is the whole span."""
+    """Lines `sentence#tokens#from#to`; `from` and `to` are seconds in the span, both 0 for the whole span."""
     spans: dict[tuple[float, float], list[str]] = {}
     for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
         fields = line.strip().split("#")
@@ -58,7 +58,7 @@ def _described(path: Path, start: float, end: float) -> list[Described]:
             first, last = float(fields[2]), float(fields[3])
         except ValueError as error:
             raise DataError(f"{path}: line {number}: expected seconds, got `{fields[2]}` and `{fields[3]}`") from error
-        # The data set has a few lines without numbers.
+        # A few lines of the data set lack numbers.
         span = (start + first, min(start + last, end)) if last > first else (start, end)
         spans.setdefault(span, []).append(fields[0].strip())
     return [Described(*span, tuple(sentences)) for span, sentences in spans.items()]

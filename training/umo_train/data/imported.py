@@ -1,4 +1,4 @@
-"""Data sets of others in the corpus' layout: an item per clip, or per span of a clip that is described."""
+"""Third-party data sets in the corpus' layout: an item per clip, or per described span of a clip."""
 
 import csv
 import json
@@ -20,13 +20,13 @@ from umo_train.speech.utterance import FRAME_RATE, Utterance
 from umo_train.speech.variation import leveled
 
 Plan = dict[str, Any]
-# Loudness of all speech, decibels below full scale: as the default model's.
+# Loudness of all speech in decibels below full scale, as in the default model.
 _LEVEL = 24
 
 
 @dataclass(frozen=True)
 class Source:
-    """One part of a data set: its name, the corpus' split that it becomes, and how its clips are read."""
+    """One part of a data set: its name, its split in the corpus, and its clips."""
 
     name: str
     split: str
@@ -34,8 +34,8 @@ class Source:
 
 
 def import_clips(plan: Plan, root: Path, folder: Path, coefficients: int) -> None:
-    """Writes every clip of the plan's data sets, whose folders are below `root`. Begins again with the part of a data
-    set in which it was stopped; items that exist already are written as they were."""
+    """Writes every clip of the plan's data sets, whose folders are below `root`. An interrupted import restarts with
+    the current part of a data set; existing items are overwritten with the same contents."""
     done_file = folder / "imported.json"
     done: dict[str, int] = json.loads(done_file.read_text()) if done_file.exists() else {}
     first = 0
@@ -54,7 +54,7 @@ def import_clips(plan: Plan, root: Path, folder: Path, coefficients: int) -> Non
 
 
 def _sources(plan: Plan, root: Path, coefficients: int) -> Iterator[Source]:
-    """In the plan's order. Readers look at their folders when they are made."""
+    """Sources in the plan's order. Readers check their folders on creation."""
     if (beat := plan.get("beat2")) is not None:
         speakers = set(beat["speakers"]) if beat.get("speakers") else None
         prompts = _prompts(root / beat["prompts"]) if beat.get("prompts") else {}
@@ -71,7 +71,7 @@ def _sources(plan: Plan, root: Path, coefficients: int) -> Iterator[Source]:
 
 
 def _prompts(path: Path) -> dict[str, tuple[str, ...]]:
-    """Columns `id` and `text` of a CSV; several lines of one id are several prompts."""
+    """Columns `id` and `text` of a CSV; several lines with one id are several prompts."""
     out: dict[str, tuple[str, ...]] = {}
     with file(path, "columns id and text: a prompt for each clip").open(newline="", encoding="utf-8-sig") as lines:
         rows = csv.DictReader(lines)
@@ -83,7 +83,7 @@ def _prompts(path: Path) -> dict[str, tuple[str, ...]]:
 
 
 def _spans(clip: Clip, described: dict[str, list[Described]]) -> Iterator[tuple[Clip, tuple[str, ...]]]:
-    """What is described of a motion; all of it where nothing is."""
+    """The described spans of a motion, or all of it if there are none."""
     found = described.get(motion_name(clip.name), [])
     for i, span in enumerate(found):
         frames = slice(round(span.start * FRAME_RATE), round(span.end * FRAME_RATE))
@@ -102,7 +102,7 @@ def _write(folder: Path, name: str, split: str, clip: Clip, sentences: tuple[str
     speech = clip.speech or Utterance(clip.speaker, "", np.zeros(0, np.float32), ())
     if len(speech.samples):
         speech = replace(speech, samples=leveled(speech.samples, _LEVEL))
-    # Several prompts of one item are its prompt's lines.
+    # Several prompts of one item are the lines of its prompt.
     item = corpus.Item(name, split, "", "\n".join(sentences), int(name), speech)
     if clip.motion is not None:
         height = clip.translation[:, 1].astype(np.float32)

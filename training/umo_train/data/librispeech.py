@@ -7,11 +7,11 @@ from umo_train.data import recording
 from umo_train.data.clip import Clip, DataError, file, folder
 from umo_train.speech.utterance import Utterance
 
-_FETCH = "fetch a set of LibriSpeech, as train-clean-100, and unpack it there"
+_FETCH = "fetch a set of LibriSpeech, such as train-clean-100, and unpack it there"
 
 
 def librispeech(root: Path) -> Iterator[Clip]:
-    """Utterances below `root`, in folders `speaker/chapter`; phones and words have no times, so there are none."""
+    """Utterances below `root`, in folders `speaker/chapter`, without phones and words, as they have no times."""
     texts = sorted(folder(root, _FETCH).rglob("*.trans.txt"))
     if not texts:
         raise DataError(f"{root}: no .trans.txt below it: {_FETCH}")

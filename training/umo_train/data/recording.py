@@ -1,4 +1,4 @@
-"""Audio files of any rate and format as samples at 16 kHz."""
+"""Reads audio files of any rate and format as samples at 16 kHz."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def samples(path: Path) -> np.ndarray:
     try:
         channels, rate = soundfile.read(path, dtype="float32", always_2d=True)
     except soundfile.LibsndfileError as error:
-        raise DataError(f"{path}: no audio can be read from it, fetch it again: {error}") from error
+        raise DataError(f"{path}: cannot read audio from it, fetch it again: {error}") from error
     if not np.isfinite(channels).all():
-        raise DataError(f"{path}: samples that are no numbers, fetch it again")
+        raise DataError(f"{path}: samples that are not numbers, fetch it again")
     return soxr.resample(channels.mean(1), rate, SAMPLE_RATE).astype(np.float32)

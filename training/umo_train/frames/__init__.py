@@ -1,1 +1,1 @@
-"""Training for layout `frames` (SPEC 2.12 to 2.16): residual codes of any parts, a keyframe per position."""
+"""Training for layout `frames` (SPEC 2.12 to 2.16): residual codes of arbitrary parts, a keyframe per position."""

@@ -1,8 +1,8 @@
-"""The row of the ablation table that has the paper's layout: the same corpus, audio units and steps, four parts whose
-codes the decoder says one by one.
+"""The ablation table's row for the paper's layout: the same corpus, audio units and steps, with four parts whose codes
+the decoder samples one by one.
 
-Its plan is `configs/ablation_parts.yaml`. It learns from audio with and without a prompt, and neither from text alone
-nor from what is said behind a chunk, which the layout cannot hear.
+Its plan is `configs/ablation_parts.yaml`. It learns from audio with and without a prompt, but not from text alone, nor
+from audio beyond a chunk, which the layout does not support.
 """
 
 from dataclasses import replace
@@ -29,8 +29,8 @@ _NOTHING = np.zeros(0, np.int64)
 
 
 def pack(s: Run, out: Path) -> None:
-    """Codes of keyframes, units and prompts of the run `s` of layout `parts`, as the step `pack` of layout `frames`
-    writes them."""
+    """Codes of keyframes, units and prompts of the run `s` of layout `parts`, in the format of layout `frames`' step
+    `pack`."""
     config = model_file_config(s)
     held_out = s.plan.get("held_out", "test_voice")
     drawn = {split: pipeline.examples(s, config, split, augment=False) for split in ("train", held_out)}
@@ -46,7 +46,7 @@ def _frame_stream(stream: Stream) -> FrameStream:
 
 
 def examples(data: Packed, split: str, *, augment: bool) -> Examples:
-    """What is drawn of a packed split."""
+    """Examples from a packed split."""
     streams = [
         Stream(None if one.codes is None else one.codes.T, one.units, _NOTHING, *_prompts(one.prompts))
         for one in data.splits[split]
@@ -59,7 +59,7 @@ def _prompts(given: tuple[np.ndarray, ...]) -> tuple[np.ndarray, tuple[np.ndarra
 
 
 def stage(like: FrameStagePlan) -> StagePlan:
-    """As long, as large and as fast as the other rows' stage. Two thirds of the examples have a prompt, as theirs."""
+    """As long, as large and as fast as the other rows' stage. Two thirds of the examples have a prompt, as there."""
     return StagePlan(
         FILE,
         like.steps,
@@ -94,8 +94,8 @@ def train(data: Packed, folder: Path, like: FrameStagePlan) -> None:
 
 
 def write_model(s: Run, folder: Path) -> Path:
-    """`folder/models/layout_parts.safetensors`: the row as a model file, bf16. Tokenizers and interpolation network are
-    those of the run `s`."""
+    """`folder/models/layout_parts.safetensors`: the row as a model file, bf16. Tokenizers and interpolation network
+    come from the run `s`."""
     path = folder / "models" / f"{FILE}.safetensors"
     if not path.exists():
         export.save_state(s.folder / f"lm_{FILE}.safetensors", export.load_state(folder / f"{FILE}.safetensors"))

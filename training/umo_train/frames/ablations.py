@@ -1,9 +1,9 @@
-"""`python -m umo_train.frames.ablations`: what each part of layout `frames` and of its data is worth, on this data.
+"""`python -m umo_train.frames.ablations`: effect of each part of layout `frames` and of its data.
 
-Every variant's language model is trained from fresh weights for the same steps on what a run in `--work` has packed
-(`train`, where a GPU is), and moves to the same held-out items through the run's tokenizers (`measure`). All have one
-expert: what more of them give does not show after so few steps (training/README.md). With `--parts`, the folder of a
-run of `ablation_parts.yaml`, a row has the paper's layout: `pack` makes of it what `train` needs.
+Every variant's language model is trained from fresh weights for the same steps on a run's packed data in `--work`
+(`train`, on a machine with a GPU), and animates the same held-out items with the run's tokenizers (`measure`). All have
+one expert: the benefit of more does not show after so few steps (training/README.md). With `--parts`, the folder of a
+run of `ablation_parts.yaml`, a row has the paper's layout: `pack` prepares its data for `train`.
 """
 
 import argparse
@@ -29,8 +29,8 @@ from umo_train.skeleton import PARTS
 
 @dataclass(frozen=True)
 class Variant:
-    """What is left out: parts by name, levels from `levels` on, or people's recordings. `same` names the variant whose
-    weights it shares, and `more` and `more_of_text` what `umo animate` and `umo text` are told then."""
+    """Left out: parts by name, levels from `levels` up, or people's recordings. `same` names the variant whose weights
+    it shares, and `more` and `more_of_text` are then additional arguments of `umo animate` and `umo text`."""
 
     name: str
     without: tuple[str, ...] = ()
@@ -56,7 +56,7 @@ def file_of(variant: Variant) -> str:
 
 
 def varied(variant: Variant, whole: Packed, order: list[Part]) -> tuple[Packed, list[Part]]:
-    """What a variant's language model learns from, and its parts."""
+    """Training data of a variant's language model, and its parts."""
     kept, columns, at = [], [], 0
     for part in order:
         levels = min(part.levels, variant.levels or part.levels)
@@ -143,8 +143,8 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
 
 
 def measure(s: Run, data: Packed, options: argparse.Namespace) -> None:
-    """The table of all variants that are trained, and the numbers beside it."""
-    # What measuring needs is not where the weights are trained.
+    """Writes the table of all trained variants, and the numbers beside it."""
+    # Imported late: the training machine may lack the requirements of measuring.
     from umo_train.ablations import distance, measured, millions
     from umo_train.metrics import acted, fgd, item, program
     from umo_train.metrics.measure import Made, Subject, real_mouth
@@ -198,10 +198,10 @@ def parts_run(options: argparse.Namespace) -> Run:
 
 
 def stage(options: argparse.Namespace, given: Config) -> FrameStagePlan:
-    """`given` is the plan's first stage that has experts: its batch, tasks and weights."""
+    """`given` is the plan's first stage with experts: its batch, tasks and weights."""
     own = {"name": "", "steps": options.steps, "rate": 1.5e-3, "warmup": 60, "final_rate": 0.05}
     known = {key: given[key] for key in ("batch", "readers", "tasks", "unknown", "part_weights") if key in given}
-    # Fresh weights find what a keyframe hears sooner where the encoder is asked for it itself.
+    # Fresh weights find the audio of a keyframe sooner if the encoder has to predict it itself.
     return FrameStagePlan(**own, **known, heard=0.5, balance=0.0, save_every=options.steps)
 
 
@@ -210,24 +210,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("what", choices=("pack", "train", "measure"))
     parser.add_argument("--config", type=Path, required=True, help="the YAML file of the plan")
     parser.add_argument("--work", type=Path, required=True, help="the folder of a run with run/packed.xz")
-    parser.add_argument("--steps", type=int, default=600, help="of every variant")
-    parser.add_argument("--rows", nargs="+", help="names of the rows to train; all where not given")
-    parser.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
+    parser.add_argument("--steps", type=int, default=600, help="steps of every variant")
+    parser.add_argument("--rows", nargs="+", help="names of the rows to train (default: all)")
+    parser.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
     parser.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
-    parser.add_argument("--most", type=int, default=8, help="held-out items of each split to move to")
-    parser.add_argument("--takes", type=int, default=2, help="of each item")
+    parser.add_argument("--most", type=int, default=8, help="maximum number of held-out items per split")
+    parser.add_argument("--takes", type=int, default=2, help="takes of each item")
     parser.add_argument("--parts", type=Path, help="the folder of a run of ablation_parts.yaml")
     parser.add_argument("--speech", type=Path, help="folder of real recordings")
     parser.add_argument("--acted", type=int, default=4, help="takes of each action")
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch")
-    parser.add_argument("-o", "--output", type=Path, help="file for the table; beside it, the numbers")
+    parser.add_argument("-o", "--output", type=Path, help="file for the table; the numbers are written beside it")
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
     s = Run.read(options.config, options.work)
     packed_parts = s.folder / "packed_parts.xz"
     if options.what == "pack":
         if options.parts is None:
-            parser.error("--parts: where is the run of ablation_parts.yaml?")
+            parser.error("--parts is required: the folder of the run of ablation_parts.yaml")
         ablation_parts.pack(parts_run(options), packed_parts)
         return
     data = packed.read(s.folder / packed.NAME)
@@ -237,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         measure(s, data, options)
         return
     if options.steps < EVERY:
-        parser.error(f"--steps: at least {EVERY}, which are logged")
+        parser.error(f"--steps: expected at least {EVERY}, the logging interval")
     plan = stage(options, next(one for one in s.plan["stages"] if not one.get("dense")))
     wanted = set(options.rows or [ablation_parts.NAME, *(variant.name for variant in VARIANTS)])
     for variant in VARIANTS:

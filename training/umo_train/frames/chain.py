@@ -1,9 +1,10 @@
-"""Parts from the pelvis outwards: each turns its first joints so that what the parts before it said wrong is made good.
+"""Chained parts from the pelvis outwards: each rotates its first joints to compensate for errors of the parts before
+it.
 
-The rotations of a chain of joints add up, and so do the errors of the parts that say them. A part's tokenizer therefore
-does not say a joint's rotation as the performer has it, but the one that turns the joint as the performer has it in the
-world, from where the parts before it, as their codes decode, have turned its parent. The engine decodes parts without
-regard to each other: only what is encoded differs.
+Rotations along a chain of joints add up, and so do the errors of their parts. A part's tokenizer therefore does not
+encode the performer's rotation of a joint relative to its true parent, but the rotation that gives the joint the
+performer's world rotation from the parent as decoded from the earlier parts' codes. The engine decodes parts
+independently: only the encoded targets differ.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,8 @@ from umo_train.frames.parts import Part
 from umo_train.metrics.item import Motion
 from umo_train.skeleton import JOINT, JOINT_NAMES, JOINTS_OF, PARENTS, PARTS, matrices, rotation_6d
 
-# Body parts whose joints are turned in the world. Fingers are seen on their hand, the jaw on its head.
+# Body parts with joints corrected in world space. Fingers are seen relative to their hand, the jaw relative to its
+# head.
 REGIONS = ("lower", "upper")
 _COLUMN = {joint: (region, slice(6 * i, 6 * i + 6)) for region in REGIONS for i, joint in enumerate(JOINTS_OF[region])}
 # Parents before their children.
@@ -25,12 +27,12 @@ _BODY = tuple(sorted(_COLUMN))
 
 
 class Said:
-    """One item's motion, as far as parts have said it: what a part is to say now, and what it said."""
+    """The motion of one item as decoded so far: the next part's target, and the decoded channels."""
 
     def __init__(self, motion: Motion, face: list[str]) -> None:
         self.motion, self.face = motion, face
         self.channels = {region: np.array(motion[region], np.float32) for region in PARTS if region in motion}
-        # World rotations as the performer has them, and of the joints that were said, as said.
+        # World rotations of the performer, and of decoded joints as decoded.
         self.true: dict[int, np.ndarray] = {}
         self.told: dict[int, np.ndarray] = {}
         if all(region in motion for region in REGIONS):
@@ -45,7 +47,7 @@ class Said:
         return matrices(np.asarray(motion[region])[:, at].astype(np.float64))
 
     def aims(self, part: Part) -> np.ndarray:
-        """`[T, C]` what the part is to say."""
+        """`[T, C]`: the part's target."""
         region, at = parts.columns(part, self.face)
         out = np.array(self.motion[region][:, at], np.float32)
         first = 0
@@ -58,18 +60,18 @@ class Said:
         return out
 
     def say(self, part: Part, channels: np.ndarray) -> None:
-        """`channels` `[T, C]` are what the part's codes decode to."""
+        """Sets a part's decoded `channels` `[T, C]`."""
         region, at = parts.columns(part, self.face)
         self.channels[region][:, at] = channels
         for joint in sorted(JOINT[name] for name in part.channels if JOINT.get(name) in _COLUMN):
             parent = PARENTS[joint]
             local = self._local(self.channels, joint)
-            # What was not said yet will make good what is wrong before it.
+            # Joints not decoded yet will compensate for errors before them.
             self.told[joint] = local if parent < 0 else self.told.get(parent, self.true[parent]) @ local
 
 
 def before(order: Sequence[Part], part: Part) -> list[Part]:
-    """The parts of `order` whose errors a part makes good: those with joints between its own and the pelvis."""
+    """The parts of `order` whose errors a part compensates for: those with joints between its own and the pelvis."""
     found = set()
     for name in part.channels:
         joint = JOINT.get(name)
@@ -80,9 +82,8 @@ def before(order: Sequence[Part], part: Part) -> list[Part]:
 
 
 class Chained:
-    """Channels of a part whose rotations are not from a joint's parent, but from where the part begins: errors of
-    joints that follow each other are then seen as they add up. Other channels stay as they are, and so do rotations
-    of fingers and jaw."""
+    """Channels of a part with rotations relative to the start of the part instead of the parent joint, so that errors
+    of consecutive joints count as they add up. Other channels are unchanged, as are rotations of fingers and jaw."""
 
     def __init__(self, part: Part) -> None:
         places, at = {}, 0
@@ -94,7 +95,7 @@ class Chained:
         self.columns = torch.tensor([[places[joint] + i for i in range(6)] for joint in self.joints], dtype=torch.long)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """`[..., C]` to the same, rotations made proper."""
+        """`[..., C]` to the same shape, with rotations orthonormalised."""
         if not self.joints:
             return x
         columns = self.columns.to(x.device)

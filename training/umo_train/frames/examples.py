@@ -9,24 +9,24 @@ from umo_train.frames.parts import Part
 
 Config = dict[str, Any]
 _NOTHING = np.zeros(0, np.int64)
-# What an item must have to be drawn for a task.
+# Data that an item needs for a task.
 NEEDS: dict[str, tuple[str, ...]] = {"a2m": ("codes", "units"), "t2m": ("codes", "prompt")}
 
 
 @dataclass
 class FrameStream:
     """One item: codes of every frame `[frames, J]`, -1 where a part did not move; `units` `[recordings, tokens]`; ids
-    of its prompts. An item without motion or without speech has none. Of an item that is `told`, nobody would do what
-    it shows without its prompt, which speech is never without. `begins` are keyframes at which an action begins."""
+    of its prompts. Items without motion or speech have none. If an item is `told`, nobody would do its motion
+    without the prompt, which is then never left out. `begins` are keyframes at which an action begins."""
 
     codes: np.ndarray | None
     units: np.ndarray | None
     prompts: tuple[np.ndarray, ...] = ()
     told: bool = False
-    # How often it is drawn for `t2m`, beside others of its length.
+    # Sampling weight for `t2m`, relative to others of its length.
     weight: float = 1.0
     begins: tuple[int, ...] = ()
-    # Whether a person's recording is heard, not a synthesiser.
+    # Whether the voice is a person's recording and not a synthesiser.
     person: bool = False
 
     def has(self, what: str) -> bool:
@@ -37,9 +37,9 @@ class FrameStream:
 
 @dataclass
 class FrameBatch:
-    """`ids` `[b, n]` and which count; the history's codes `[b, P, J]`, -1 where hidden; the codes to say `[b, N, J]`,
-    -1 where nothing is asked, and those of the keyframe before them `[b, J]`; the places in `ids` of the audio tokens
-    that say most of each keyframe `[N]`, if there is audio."""
+    """`ids` `[b, n]` and their mask; the history's codes `[b, P, J]`, -1 if hidden; the target codes `[b, N, J]`, -1
+    without a target, and those of the keyframe before them `[b, J]`; the positions in `ids` of the audio tokens that
+    carry most information about each keyframe `[N]`, if there is audio."""
 
     ids: np.ndarray
     mask: np.ndarray | None
@@ -51,15 +51,15 @@ class FrameBatch:
 
 @dataclass
 class Pool:
-    """What batches of a task are drawn from: all its items one behind the other, and where each of them begins, so that
-    a batch is a few array operations and not a loop over its examples."""
+    """Data of a task: all its items concatenated, and their starts, so that drawing a batch takes a few array
+    operations instead of a loop over its examples."""
 
     chance: np.ndarray
     # Keyframes `[K, J]`, audio units `[n]` of all recordings, ids of the prompts `[m, longest]`.
     keys: np.ndarray
     units: np.ndarray
     prompts: np.ndarray
-    # Of each item: its first row in `keys`, how many, its first unit, how many of a recording, how many recordings.
+    # For each item: its first row in `keys`, their number, its first unit, units per recording, number of recordings.
     first: np.ndarray
     keyframes: np.ndarray
     heard: np.ndarray
@@ -67,11 +67,11 @@ class Pool:
     recordings: np.ndarray
     # Whether its prompt is never left out.
     told: np.ndarray
-    # Its first prompt that says something and how many do; how long all prompts are, and 0 behind them.
+    # Its first non-empty prompt and their number; lengths of all prompts, padded with 0.
     texts: np.ndarray
     texts_count: np.ndarray
     lengths: np.ndarray
-    # Keyframes at which actions begin, of all items; its first of them, and how many it has.
+    # Keyframes at which actions begin, of all items; its first of them, and their number.
     begins: np.ndarray
     starts: np.ndarray
     starts_count: np.ndarray
@@ -106,17 +106,17 @@ class Pool:
 
 
 class FrameExamples:
-    """Draws batches of a task; every example of a batch has the same shape but for its prompt."""
+    """Draws batches of a task; all examples of a batch have the same shape except for the prompt."""
 
-    # Shares of the examples of which the body's history is hidden, the prompt is left out, or audio behind the chunk is
-    # hidden. What the body does then follows from what is heard, not from what it did.
+    # Shares of examples with hidden body history, without prompt, and with hidden lookahead audio. The body then
+    # follows from the audio instead of its own past.
     HIDDEN, UNPROMPTED, UNHEARD = 1 / 3, 1 / 3, 1 / 3
-    # From text alone: of which the prompt is left out, and of an action's those in which it begins. Who is asked for an
-    # action is to begin with it, not to stand as long as somebody does who repeats it.
+    # From text alone: shares without prompt, and, for actions, of chunks in which the action begins. A prompted action
+    # should start at once, and not after the rest between repetitions.
     WORDLESS, BEGINNING = 1 / 8, 1 / 2
-    # Keyframes by which somebody who goes over to an action begins before his arms do.
+    # Number of keyframes by which the body's transition to an action precedes the arms'.
     AHEAD_OF_ARMS = 4
-    # Shares of which history is cut short, or codes of it are replaced, and of how many.
+    # Shares of examples with a shortened history or replaced codes, and the share of replaced codes.
     SHORT, NOISY, REPLACED = 0.12, 0.3, 0.12
 
     def __init__(
@@ -130,15 +130,14 @@ class FrameExamples:
         augment: bool = True,
         delay: int | None = None,
     ) -> None:
-        """`body` says of each part whether it is of the body (not of the face); `delay` in tokens is how late units say
-        what they say."""
+        """`body` tells whether each part belongs to the body (not the face); `delay` is the units' delay in tokens."""
         self.config, self.parts, self.streams, self.silence = config, parts, streams, silence
         self.augment = augment
         self.vocab: Config = config["vocab"]
         self.stride, self.prefix = config["keyframe_stride"], config["prefix"]
         self.ahead: int = config["audio"].get("ahead", 0)
         rate = config["audio"]["token_rate"]
-        # A keyframe's audio tokens; the config holds only for whole ones.
+        # Audio tokens per keyframe; the config ensures a whole number.
         self.tokens = self.stride * rate // config["frame_rate"]
         self.middle = heard_token(config, delay)
         self.rest = np.concatenate([entry["rest"] for entry in config["parts"]]).astype(np.int64)
@@ -156,7 +155,7 @@ class FrameExamples:
         return self.pools[task]
 
     def chunk(self, count: int, target: int, rng: np.random.Generator, *, task: str = "a2m") -> FrameBatch:
-        """A chunk of `target` keyframes after the prefix, from audio (`a2m`), with a prompt or without, or from a
+        """A chunk of `target` keyframes after the prefix, from audio (`a2m`), with or without a prompt, or from a
         prompt alone (`t2m`)."""
         pool = self._pool(task)
         item = rng.choice(len(pool.chance), count, p=pool.chance)
@@ -164,7 +163,7 @@ class FrameExamples:
         rows = at[:, None] + np.arange(-self.prefix, target)
         inside = (rows >= 0) & (rows < pool.keyframes[item][:, None])
         codes = pool.keys[np.where(inside, pool.first[item][:, None] + rows, 0)].astype(np.int64)
-        # The keyframes before the chunk: the chunk's own are what is to be said.
+        # The keyframes before the chunk; the chunk's own are the targets.
         history = np.where(inside[:, : self.prefix, None], codes[:, : self.prefix], self.rest)
         said = np.where(inside[:, self.prefix :, None], codes[:, self.prefix :], -1)
         before = history[:, -1].copy()
@@ -180,7 +179,7 @@ class FrameExamples:
         return batch
 
     def _first(self, pool: Pool, item: np.ndarray, target: int, rng: np.random.Generator, task: str) -> np.ndarray:
-        """The chunks' first keyframes."""
+        """First keyframes of the chunks."""
         at = _one_of(np.maximum(pool.keyframes[item] - target, 1), rng)
         if task != "t2m" or not self.augment:
             return at
@@ -189,8 +188,7 @@ class FrameExamples:
         return np.where(beginning, np.maximum(begins - rng.integers(target, size=len(item)), 0), at)
 
     def _audio(self, pool: Pool, item: np.ndarray, at: np.ndarray, target: int, rng: np.random.Generator) -> np.ndarray:
-        """Ids of the prefix', the chunk's and the audio's behind it, with markers; before an item and after it is
-        silence."""
+        """Ids of the audio of prefix, chunk and lookahead, with markers; silence before and after an item."""
         recording = _one_of(pool.recordings[item], rng) if self.augment else np.zeros_like(item)
         count = (self.prefix + target + self.ahead) * self.tokens
         rows = (at[:, None] - self.prefix) * self.tokens + np.arange(count)
@@ -204,14 +202,14 @@ class FrameExamples:
         return np.pad(ids, ((0, 0), (1, 1)), constant_values=((0, 0), (audio["start"], audio["end"])))
 
     def _unheard(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """How many keyframes of the audio behind the chunk a session does not wait for."""
+        """Number of lookahead keyframes that a session does not wait for."""
         if not self.ahead or not self.augment:
             return np.zeros(count, np.int64)
         return np.where(rng.random(count) < self.UNHEARD, rng.integers(1, self.ahead + 1, count), 0)
 
     def _worse(self, history: np.ndarray, audio: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
-        """Histories as streams have them: short, with errors, or none of the body's. Of a short one the audio is silent
-        too, in place."""
+        """Histories as in streams: short, with errors, or without the body's. The audio of a short one is silenced too,
+        in place."""
         count = len(history)
         cut = np.where(rng.random(count) < self.SHORT, self.prefix - rng.integers(0, self.prefix, count), 0)
         history = np.where((np.arange(self.prefix) < cut[:, None])[..., None], self.rest, history)
@@ -227,8 +225,7 @@ class FrameExamples:
     def _prompt(
         self, pool: Pool, item: np.ndarray, rng: np.random.Generator, task: str
     ) -> tuple[np.ndarray, np.ndarray]:
-        """One of each item's prompts, `[b, longest]`, and how long it is: 0 as in the row that guidance goes away
-        from."""
+        """One of each item's prompts, `[b, longest]`, and its length: 0 as in the unprompted row of guidance."""
         share = np.full(len(item), self.WORDLESS) if task == "t2m" else np.where(pool.told[item], 0, self.UNPROMPTED)
         kept = pool.texts_count[item] > 0
         if self.augment:
@@ -239,8 +236,8 @@ class FrameExamples:
     def _fill(
         self, template: str, audio: np.ndarray | None, texts: np.ndarray, lengths: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """The template's ids with everything in its place, and which of them count, if not all do: rows with a shorter
-        prompt are filled up at their end."""
+        """The template's ids with all slots filled, and their mask, if not all count: rows with a shorter prompt are
+        padded at the end."""
         count = len(texts)
         history = np.tile(self.vocab["size"] + np.arange(self.prefix), (count, 1))
         places = {"audio": audio, "text": texts, "history": history}
@@ -249,7 +246,7 @@ class FrameExamples:
         kept = [np.ones(column.shape, bool) for column in columns]
         kept[entries.index("text")] = np.arange(texts.shape[1]) < lengths[:, None]
         ids, mask = np.concatenate(columns, 1), np.concatenate(kept, 1)
-        # What counts moves together.
+        # Move valid ids to the front.
         order = np.argsort(~mask, axis=1, kind="stable")[:, : mask.sum(1).max()]
         mask = np.take_along_axis(mask, order, 1)
         ids = np.where(mask, np.take_along_axis(ids, order, 1), 0)
@@ -257,16 +254,16 @@ class FrameExamples:
 
 
 def heard_token(config: Config, delay: int | None) -> int:
-    """Which of a keyframe's audio tokens says it; units say what they say `delay` tokens late."""
+    """Index of the audio token of a keyframe that describes it; units are `delay` tokens late."""
     tokens = config["keyframe_stride"] * config["audio"]["token_rate"] // config["frame_rate"]
     return int(tokens // 2 if delay is None else min(delay, tokens - 1))
 
 
 def _firsts(lengths: list[int]) -> np.ndarray:
-    """Where each of arrays of these lengths begins, one behind the other."""
+    """Start of each array in the concatenation of arrays with these lengths."""
     return np.cumsum([0, *lengths])[:-1]
 
 
 def _one_of(counts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A number below each of `counts`; 0 below 0."""
+    """A random number below each of `counts`; 0 if the count is 0."""
     return (rng.random(len(counts)) * counts).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Where the feet are under a pelvis: what the lower body's errors do to them."""
+"""Positions of the feet under a pelvis, to measure the lower body's errors."""
 
 import torch
 from torch import Tensor
@@ -18,12 +18,12 @@ def matrices(six: Tensor) -> Tensor:
 
 
 def product(a: Tensor, b: Tensor) -> Tensor:
-    """Matrices `[..., 3, 3]` times matrices, or times vectors `[3]`. PyTorch's own is slow for so small ones."""
+    """Product of matrices `[..., 3, 3]` with matrices or vectors `[3]`. PyTorch's own is slow for such small ones."""
     return (a * b).sum(-1) if b.dim() == 1 else (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
 
 
 def places(lower: Tensor) -> Tensor:
-    """Lower-body channels `[..., 61]` to the places of the four joints that touch the floor, seen from the pelvis,
+    """Lower-body channels `[..., 61]` to positions of the four floor-contact joints relative to the pelvis,
     `[..., 4, 3]`, metres."""
     local = matrices(lower[..., : 6 * len(_LEGS)].unflatten(-1, (len(_LEGS), 6)))
     offsets = torch.as_tensor(OFFSETS_M, dtype=lower.dtype, device=lower.device)

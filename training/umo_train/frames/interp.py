@@ -21,7 +21,7 @@ SAVE_EVERY = 250
 
 
 class VectorInterpolation(nn.Module):
-    """Vectors of the known frames to those of all. A new one draws straight lines."""
+    """Interpolates vectors of the known frames to all frames; linearly until it is trained."""
 
     def __init__(self, config: dict[str, Any], parts: list[Part]) -> None:
         super().__init__()
@@ -44,8 +44,8 @@ class VectorInterpolation(nn.Module):
             nn.init.zeros_(head.bias)
 
     def forward(self, vectors: dict[str, Tensor], known: Tensor) -> dict[str, Tensor]:
-        """Vectors `[b, t, width]` of each part and which frames are known `[t]`, to `[b, t, width]`: known frames go
-        through unchanged."""
+        """Vectors `[b, t, width]` of each part and the known frames `[t]`, to `[b, t, width]`: known frames are
+        unchanged."""
         frame = torch.arange(len(known), device=known.device)
         kind = torch.where(frame % self.stride == 0, KEYFRAME, LAST_VALID)
         kind = torch.where(known, kind, MASKED)
@@ -67,7 +67,7 @@ class VectorInterpolation(nn.Module):
 
 
 def straight(vectors: Tensor, known: Tensor) -> Tensor:
-    """Straight lines between the known rows of `[b, t, width]`, and their values beyond the first and the last."""
+    """Linear interpolation between the known rows of `[b, t, width]`, and constant extrapolation."""
     at = known.nonzero()[:, 0]
     frame = torch.arange(len(known), device=known.device)
     after = torch.searchsorted(at, frame).clamp(max=len(at) - 1)
@@ -79,8 +79,8 @@ def straight(vectors: Tensor, known: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class VectorPlan:
-    """`velocity` and `acceleration` weigh errors of first and second differences beside those of values; `decoded`
-    weighs the same of decoded motion beside those of vectors."""
+    """`velocity` and `acceleration` weight errors of first and second differences relative to errors of values;
+    `decoded` weights the same errors of decoded motion relative to errors of vectors."""
 
     steps: int
     frames: int
@@ -101,8 +101,8 @@ def train(
     tokenizers: dict[str, ResidualVqVae],
     folder: Path,
 ) -> VectorInterpolation:
-    """`codes` are `[T, J]` of every frame, `tokenizers` those of the parts with channels. Resumes from what is in the
-    folder."""
+    """`codes` are `[T, J]` of every frame; `tokenizers` belong to the parts with channels. Resumes from a checkpoint in
+    the folder."""
     torch.manual_seed(plan.seed)
     device = best()
     model = VectorInterpolation(config, parts).to(device)
@@ -129,7 +129,7 @@ def train(
 
 
 def windows(plan: VectorPlan, codes: list[np.ndarray], stride: int, rng: np.random.Generator) -> np.ndarray:
-    """`[b, t, J]`: windows of one length that differs from batch to batch, each from a keyframe on."""
+    """`[b, t, J]`: windows whose length varies from batch to batch, each starting at a keyframe."""
     longest = min(plan.frames, max(map(len, codes)))
     length = int(rng.integers(min(plan.shortest * stride, longest), longest + 1))
     fit = [item for item in codes if len(item) >= length]
@@ -152,13 +152,13 @@ def vectors_of(parts: list[Part], books: dict[str, ResidualVqVae], codes: Tensor
 
 
 def anchors(frames: int, stride: int) -> Tensor:
-    """Which frames of a window are known: keyframes and the last one."""
+    """Known frames of a window: keyframes and the last one."""
     at = torch.arange(frames)
     return (at % stride == 0) | (at == frames - 1)
 
 
 def errors(y: Tensor, x: Tensor, weight: Tensor, plan: VectorPlan) -> tuple[Tensor, list[float]]:
-    """Of values, first and second differences of `[b, t, n]`, each value's square weighted."""
+    """Weighted squared errors of values, first and second differences of `[b, t, n]`."""
     difference, total, terms = y - x, torch.zeros((), device=x.device), []
     for share in (1.0, plan.velocity, plan.acceleration):
         if difference.shape[1] == 0:
@@ -173,7 +173,7 @@ def errors(y: Tensor, x: Tensor, weight: Tensor, plan: VectorPlan) -> tuple[Tens
 def loss_of(
     model: VectorInterpolation, plan: VectorPlan, truth: dict[str, Tensor], books: dict[str, ResidualVqVae]
 ) -> tuple[Tensor, dict[str, float]]:
-    """The objective of one batch: `truth` `[b, t, width]` of each part, of which the anchors are shown."""
+    """The objective of one batch: `truth` `[b, t, width]` of each part, of which the anchors are inputs."""
     frames = next(iter(truth.values())).shape[1]
     known = anchors(frames, model.stride).to(next(iter(truth.values())).device)
     filled = model({name: vectors * known[:, None] for name, vectors in truth.items()}, known)

@@ -20,7 +20,7 @@ from umo_train.lm.model import (
 )
 
 Config = dict[str, Any]
-# Rows of the table of kinds.
+# Rows of the `kind` table.
 HISTORY, START = range(2)
 
 
@@ -34,7 +34,7 @@ class Tables(nn.ModuleDict):
             nn.init.normal_(table.weight, std=std)
 
     def forward(self, codes: Tensor) -> Tensor:
-        """Codes `[..., J]` to vectors `[..., J, width]`; those of -1, which nobody knows, are zero."""
+        """Codes `[..., J]` to vectors `[..., J, width]`; zero for unknown codes, -1."""
         out, at = [], 0
         for part in self.parts:
             mine = codes[..., at : at + part.levels]
@@ -59,7 +59,7 @@ class DepthLayer(nn.Module):
         """`[n, J, d]`, causal over the codes."""
         normed = self.attention_norm(x)
         q, k, v = (self.attention[name](normed).unflatten(-1, (self.heads, -1)).transpose(1, 2) for name in "qkv")
-        # For some thirty codes a CPU is quicker so than by the fused operation.
+        # For about thirty codes this is faster on a CPU than the fused operation.
         later = torch.ones(x.shape[1], x.shape[1], dtype=torch.bool, device=x.device).triu(1)
         scores = (q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5).masked_fill(later, float("-inf"))
         context = torch.softmax(scores, -1) @ v
@@ -69,10 +69,11 @@ class DepthLayer(nn.Module):
 
 
 class Depth(nn.Module):
-    """Every code of a keyframe from the decoder's state, the codes before it and, where `depth.before` says so, the
-    code in its place at the keyframe before, all at once."""
+    """Logits of all codes of a keyframe from the decoder's state, the codes before it and, with `depth.before`, the
+    same code of the previous keyframe, in one pass."""
 
-    # Of the head's first weights beside the table of the keyframe before: an untrained network mostly says it again.
+    # Scale of the head's initial weights relative to the table of the previous keyframe: an untrained network mostly
+    # repeats it.
     AGAIN = 0.1
 
     def __init__(self, config: Config, parts: list[Part]) -> None:
@@ -96,9 +97,9 @@ class Depth(nn.Module):
     def forward(
         self, states: Tensor, codes: Tensor, before: Tensor | None = None, heard: Tensor | None = None
     ) -> dict[str, Tensor]:
-        """States `[n, d_model]` and codes `[n, J]` to logits `[n, levels, codes]` of each part. Code `j` sees those
-        before it, as the engine has drawn them when it draws `j`, and `before` `[n, J]`, the keyframe before, -1
-        where that is not known. `heard` `[n, d_model]` are the encoder's states where the keyframes are heard."""
+        """States `[n, d_model]` and codes `[n, J]` to logits `[n, levels, codes]` of each part. Code `j` sees the codes
+        before it, as already sampled by the engine at `j`, and the previous keyframe `before` `[n, J]`, -1 if
+        unknown. `heard` `[n, d_model]` are the encoder's states where the keyframes are heard."""
         drawn = functional.pad(self.embed(codes)[:, :-1], (0, 0, 1, 0))
         given = self.input(states)
         if self.heard is not None and heard is not None:
@@ -108,7 +109,7 @@ class Depth(nn.Module):
             x = x + self.before(before)
         for layer in self.layers:
             x = layer(x)
-        # Code after code, so that a level's matrix product reads and writes rows that follow each other.
+        # Code-major order, so that a level's matrix product accesses consecutive rows.
         states = self.norm(x).transpose(0, 1).contiguous()
         logits = {}
         for part, mine in zip(self.parts, states.split([part.levels for part in self.parts]), strict=True):
@@ -118,19 +119,19 @@ class Depth(nn.Module):
 
 
 class Frames(nn.Module):
-    """Tables of keyframes: `embed` of their codes, `kind` of the history and of the decoder's start."""
+    """Tables for keyframes: `embed` for codes, `kind` for the history and the decoder's start."""
 
     def __init__(self, parts: list[Part], width: int) -> None:
         super().__init__()
-        # In the model file `type`, which is the name of a method of modules.
+        # `type` in the model file, which is a method name of modules.
         self.kind = nn.Embedding(2, width)
-        # A keyframe's sum is as long as another token's vector.
+        # Scaled so that a keyframe's sum is as long as another token's vector.
         self.embed = Tables(parts, width, sum(part.levels for part in parts) ** -0.5)
 
 
 class FrameModel(nn.Module):
-    """`config["lm"]` and `config["depth"]` with fresh weights. `dense` is without experts, before upcycling; `marked`
-    tells places from the first step on (see `LanguageModel`)."""
+    """`config["lm"]` and `config["depth"]` with fresh weights. `dense` has no experts, as before upcycling; `marked`
+    knows positions from the first step on (see `LanguageModel`)."""
 
     def __init__(self, config: Config, parts: list[Part], *, dense: bool = False, marked: bool = False) -> None:
         super().__init__()
@@ -149,14 +150,14 @@ class FrameModel(nn.Module):
 
     @torch.no_grad()
     def _mark_places(self) -> None:
-        """As `LanguageModel` does: the audio's start and the decoder's start are marks that heads tell places by."""
+        """As in `LanguageModel`: heads derive positions from marks of the audio's start and the decoder's start."""
         tables = self._tables()
         for table in tables:
             table[:, : self.places] = 0.0
         self.shared.weight[:, SHARED] = 4.0
         self.shared.weight[self.vocab["audio"]["start"], BEGINS] = 8.0
         first = self.parts[0]
-        # One code of every keyframe has what all tokens share.
+        # One code of every keyframe carries the component common to all tokens.
         self.frames.embed[first.name].weight[: first.codes, SHARED] = 4.0
         self.frames.kind.weight[START, SHARED], self.frames.kind.weight[START, STARTS] = 4.0, 8.0
         for linear in self._writers():
@@ -170,12 +171,12 @@ class FrameModel(nn.Module):
         return [embedding.weight for embedding in embeddings]
 
     def _writers(self) -> list[nn.Linear]:
-        """Every matrix of T5 that writes to what the layers pass on."""
+        """Every matrix of T5 that writes to the residual stream."""
         modules = [*self.encoder.named_modules(), *self.decoder.named_modules()]
         return [m for name, m in modules if name.endswith((".o", ".wo")) and isinstance(m, nn.Linear)]
 
     def fixed(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights, and which of their values training leaves alone."""
+        """Weights, and the values in them that training leaves unchanged."""
         if not self.marked:
             return []
         return fixed_weights(self.places, self._tables(), self._writers(), (self.encoder, self.decoder))
@@ -185,8 +186,8 @@ class FrameModel(nn.Module):
         return self.frames.embed(codes).sum(-2)
 
     def encode(self, ids: Tensor, history: Tensor, mask: Tensor | None = None) -> Tensor:
-        """`[b, n]` ids, of which `vocab.size + k` is keyframe `k` of the history `[b, P, J]`, and which of them count,
-        to `[b, n, d]`."""
+        """`[b, n]` ids, of which `vocab.size + k` is keyframe `k` of the history `[b, P, J]`, and their mask, to
+        `[b, n, d]`."""
         size = self.vocab["size"]
         rows = self.keyframes(history) + self.frames.kind.weight[HISTORY]
         place = (ids - size).clamp(0, history.shape[1] - 1)
@@ -198,8 +199,8 @@ class FrameModel(nn.Module):
         return self.encoder(x, bias)
 
     def decode(self, hidden: Tensor, codes: Tensor, mask: Tensor | None = None) -> Tensor:
-        """The decoder's states `[b, N, d]` for keyframes of which all but the last are read `[b, N, J]`: at each, what
-        it sees are the keyframes before."""
+        """The decoder's states `[b, N, d]` for keyframes `[b, N, J]`, of which all but the last are inputs: each
+        position sees the keyframes before it."""
         start = self.frames.kind.weight[START].expand(len(codes), 1, -1)
         x = torch.cat([start, self.keyframes(codes[:, :-1])], 1)
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
@@ -219,10 +220,10 @@ class FrameModel(nn.Module):
         guessed: Tensor | None = None,
         unknown: Tensor | None = None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None]:
-        """Logits `[b * N, levels, codes]` of each part, teacher forcing. `places` `[N]` are where in `ids` the chunk's
-        keyframes are heard, if they are. `unknown` `[b, N]` are keyframes whose depth network is not told the keyframe
-        before. With `guessed`, keyframes of the chunk `[H]`, also the logits `[b * H, levels, codes]` that the
-        encoder's states of these places alone give."""
+        """Logits `[b * N, levels, codes]` of each part with teacher forcing. `places` `[N]` are the positions in `ids`
+        where the chunk's keyframes are heard, if given. `unknown` `[b, N]` are keyframes whose depth network does
+        not see the previous keyframe. With `guessed`, keyframes of the chunk `[H]`, also the logits
+        `[b * H, levels, codes]` from the encoder's states at these positions alone."""
         hidden = self.encode(ids, history, mask)
         before = torch.cat([history[:, -1:], codes[:, :-1]], 1)
         if unknown is not None:
@@ -236,7 +237,7 @@ class FrameModel(nn.Module):
 
 
 def for_file(state: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Weights of a `FrameModel` under the names that the model file has, less `lm.`."""
+    """Weights of a `FrameModel` under the model file's names without `lm.`."""
     return {name.replace("frames.kind.", "frames.type."): tensor for name, tensor in state.items()}
 
 

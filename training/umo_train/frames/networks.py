@@ -1,4 +1,4 @@
-"""Tokenizers of residual codes: a convolutional auto-encoder with a codebook per level (SPEC 2.12)."""
+"""Tokenizers with residual codes: a convolutional auto-encoder with a codebook per level (SPEC 2.12)."""
 
 import torch
 from torch import Tensor, nn
@@ -8,7 +8,7 @@ from umo_train.motion.networks import Codebook, Decoder, Encoder
 
 
 class ResidualVqVae(nn.Module):
-    """One part's tokenizer. Channels are normalised inside, which `folded` undoes for the model file."""
+    """One part's tokenizer. Channels are normalised inside; `folded` folds this into the weights for the model file."""
 
     def __init__(self, part: Part, channels: int) -> None:
         super().__init__()
@@ -24,9 +24,9 @@ class ResidualVqVae(nn.Module):
 
     @torch.no_grad()
     def quantized(self, rows: Tensor, used: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
-        """`[n, width]` to codes `[n, levels]`, their vectors `[n, levels, width]`, and what each level was to say.
+        """`[n, width]` to codes `[n, levels]`, their vectors `[n, levels, width]`, and the target of each level.
 
-        With `used` `[n]` a row's levels from that number on have no vector, as where a level has not been said.
+        With `used` `[n]`, a row's levels from that number up have no vector, as if not yet decoded.
         """
         left, codes, vectors, asked = rows, [], [], []
         for i, level in enumerate(self.levels):
@@ -44,7 +44,7 @@ class ResidualVqVae(nn.Module):
         return self.quantized(z.flatten(0, 1))[0].unflatten(0, z.shape[:2])
 
     def vectors(self, codes: Tensor) -> Tensor:
-        """Codes `[..., levels]`, or the first of these, to their sum `[..., width]`, levels ascending."""
+        """Codes `[..., levels]`, or the first ones, to their sum `[..., width]`, levels ascending."""
         out = self.levels[0].embedding(codes[..., 0])
         for i in range(1, codes.shape[-1]):
             out = out + self.levels[i].embedding(codes[..., i])
@@ -55,16 +55,16 @@ class ResidualVqVae(nn.Module):
         return self.decoder(vectors.transpose(1, 2)).transpose(1, 2) * self.scale + self.mean
 
     def motion(self, codes: Tensor) -> Tensor:
-        """Codes `[b, t, levels]`, or the first levels of these, to motion `[b, t, channels]`."""
+        """Codes `[b, t, levels]`, or the first levels, to motion `[b, t, channels]`."""
         return self.decode(self.vectors(codes))
 
     def table(self) -> Tensor:
-        """All levels' vectors, `[levels * codes, width]`, as the model file has them."""
+        """All levels' vectors, `[levels * codes, width]`, as in the model file."""
         return torch.cat([level.embedding.weight for level in self.levels]).detach()
 
     @torch.no_grad()
     def unfold(self, mean: Tensor, scale: Tensor) -> None:
-        """Of weights as `folded` gives them, those with channels normalised inside, by these."""
+        """Converts weights from `folded` back to normalised channels with these statistics."""
         self.mean.copy_(mean)
         self.scale.copy_(scale)
         first, last = self.encoder.main[0], self.decoder.main[-1]
@@ -74,8 +74,8 @@ class ResidualVqVae(nn.Module):
         last.bias.copy_((last.bias - mean) / scale)
 
     def folded(self) -> dict[str, Tensor]:
-        """Weights that take and give channels as they are. Only the encoder's first and last frames differ: there the
-        zeros beside the motion stand for zeros, in training for the mean."""
+        """Weights for unnormalised channels. Only the encoder's first and last frames differ: there the zero padding
+        stands for zeros, in training for the mean."""
         state = {k: v.clone() for k, v in self.state_dict().items() if k.startswith(("encoder.", "decoder."))}
         first = state["encoder.main.0.weight"] / self.scale[None, :, None]
         state["encoder.main.0.bias"] -= (first * self.mean[None, :, None]).sum((1, 2))

@@ -1,6 +1,6 @@
-"""The step `pack`: all that the language model learns from as one file, small enough to take to a machine with a GPU.
+"""The step `pack`: the language model's training data as one file, small enough to copy to a machine with a GPU.
 
-Codes of keyframes and audio units alone: for 19 hours 19 MB, where corpus and run have several GB.
+Only codes of keyframes and audio units: 19 MB for 19 hours, whereas corpus and run have several GB.
 """
 
 import io
@@ -21,7 +21,7 @@ NAME = "packed.xz"
 
 @dataclass
 class Packed:
-    """The model file's config, and what `FrameExamples` takes of each split."""
+    """The model file's config, and the input of `FrameExamples` for each split."""
 
     config: Config
     silence: int
@@ -36,7 +36,7 @@ class Packed:
 
 
 def write(path: Path, packed: Packed) -> None:
-    """Codes of keyframes alone: those of frames between them are not drawn."""
+    """Writes codes of keyframes only: the frames in between are not used."""
     stride: int = packed.config["keyframe_stride"]
     about: Config = {"config": packed.config, "silence": packed.silence, "delay": packed.delay, "body": packed.body}
     about["splits"] = {}
@@ -45,7 +45,7 @@ def write(path: Path, packed: Packed) -> None:
         about["splits"][split] = [_described(stream, stride) for stream in streams]
         codes += [stream.codes[::stride].astype(np.int16) for stream in streams if stream.codes is not None]
         units += [stream.units.astype(np.int16).ravel() for stream in streams if stream.units is not None]
-    # Code after code: what changes seldom stands together.
+    # Code-major order, so that rarely changing values are adjacent and compress well.
     arrays = {
         "codes": np.concatenate(codes).T.copy() if codes else np.zeros((0, 0), np.int16),
         "units": np.concatenate(units) if units else np.zeros(0, np.int16),
@@ -81,7 +81,7 @@ def read(path: Path) -> Packed:
         for entry in entries:
             mine = said = None
             if entry["keyframes"] is not None:
-                # Of every frame again, of which examples take the keyframes.
+                # Repeated for every frame, of which examples take the keyframes.
                 mine = codes[at : at + entry["keyframes"]].repeat(stride, 0)
                 at += entry["keyframes"]
             if entry["units"] is not None:

@@ -1,4 +1,4 @@
-"""The parts of layout `frames` (SPEC 2.12): which channels each has, where they are, and what its errors cost."""
+"""The parts of layout `frames` (SPEC 2.12): their channels, positions, and error weights."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,7 @@ from umo_train.skeleton import ARKIT, JOINT, JOINT_NAMES, JOINTS, JOINTS_OF, OFF
 Config = dict[str, Any]
 
 MOST_CODES, MOST_LEVELS = 256, 16
-# Names that stand for several channels in a plan; the name of a body part stands for all of its channels.
+# Names for groups of channels in a plan; a body part's name stands for all of its channels.
 _EYES = tuple(name for name in ARKIT if name.startswith(("eye", "brow")))
 GROUPS: dict[str, tuple[str, ...]] = {
     "eyes_and_brows": _EYES,
@@ -18,18 +18,19 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "left_fingers": tuple(name for name in JOINT_NAMES[25:] if name.startswith("left_")),
     "right_fingers": tuple(name for name in JOINT_NAMES[25:] if name.startswith("right_")),
 }
-# Channels that are neither a rotation nor one value.
+# Channels that are neither a rotation nor a single value.
 _WIDTHS = {"root_velocity": 3, "contacts": 4}
-# Of a channel's squared error, per unit: a shape of the face shows at 0.03, the mouth's own at 0.015 and less.
+# Weights of a channel's squared error, per unit: a shape of the face becomes visible at 0.03, the mouth's at 0.015 and
+# less.
 _SHAPE, _MOUTH, _LIDS = 30.0**2, 65.0**2, 45.0**2
 _SPOKEN = ("jawOpen", "mouthClose", "mouthFunnel", "mouthPucker", "mouthRoll", "mouthPress", "mouthLower", "mouthUpper")
-# The root network's velocity is what is used; a contact shows at a fifth.
+# The root network's velocity is used instead; a contact becomes visible at a fifth.
 _VELOCITY, _CONTACT = 5.0**2, 5.0**2
 
 
 @dataclass(frozen=True)
 class Part:
-    """As `config.parts` has it, but for the codes of rest. A part without channels is an annotation."""
+    """As in `config.parts`, without the rest codes. A part without channels is an annotation."""
 
     name: str
     channels: tuple[str, ...]
@@ -54,7 +55,7 @@ class Part:
 
 
 def named(face: list[str]) -> dict[str, list[tuple[str, int]]]:
-    """Every channel of the four body parts in their order: names and how many values each has."""
+    """All channels of the four body parts in order: names and numbers of values."""
     joints = {region: [(JOINT_NAMES[joint], 6) for joint in JOINTS_OF[region]] for region in PARTS}
     joints["face"] += [(name, 1) for name in face]
     joints["lower"] += _WIDTHS.items()
@@ -64,7 +65,7 @@ def named(face: list[str]) -> dict[str, list[tuple[str, int]]]:
 def columns(part: Part, face: list[str]) -> tuple[str, np.ndarray]:
     """The body part that a part belongs to, and the columns in it of each of its channels.
 
-    Raises `ValueError` where a channel has no such name or they are of several body parts.
+    Raises `ValueError` if a channel is unknown or channels belong to several body parts.
     """
     at = {}
     for region, entries in named(face).items():
@@ -83,12 +84,12 @@ def columns(part: Part, face: list[str]) -> tuple[str, np.ndarray]:
 
 
 def widths(part: Part) -> list[tuple[str, int]]:
-    """A part's channels in their order, and how many values each has."""
+    """A part's channels in order, and their numbers of values."""
     return [(name, 6 if name in JOINT else _WIDTHS.get(name, 1)) for name in part.channels]
 
 
 def own(part: Part, face: list[str], motion: dict[str, np.ndarray]) -> np.ndarray:
-    """A part's channels `[T, C]` of those of the body parts."""
+    """A part's channels `[T, C]` out of the body parts' channels."""
     region, at = columns(part, face)
     return motion[region][:, at]
 
@@ -96,7 +97,7 @@ def own(part: Part, face: list[str], motion: dict[str, np.ndarray]) -> np.ndarra
 def read(plan: Config, face: list[str]) -> list[Part]:
     """`parts` of a plan, in order.
 
-    Raises `ValueError` where they are not what a model file may have: `docs/model-format.md` has the limits.
+    Raises `ValueError` if they are invalid for a model file: see the limits in `docs/model-format.md`.
     """
     shared = {key: plan["tokenizers"][key] for key in ("codes", "levels", "width", "layers")}
     groups = GROUPS | {region: tuple(name for name, _ in entries) for region, entries in named(face).items()}
@@ -114,7 +115,7 @@ def read(plan: Config, face: list[str]) -> list[Part]:
 def _check(parts: list[Part], face: list[str]) -> None:
     names = [part.name for part in parts]
     if len(set(names)) != len(names) or "root" in names:
-        raise ValueError("parts: each needs a name of its own, and none is `root`")
+        raise ValueError("parts: each needs a unique name other than `root`")
     for part in parts:
         if not 1 <= part.codes <= MOST_CODES or not 1 <= part.levels <= MOST_LEVELS:
             raise ValueError(f"part `{part.name}`: 1 to {MOST_CODES} codes and 1 to {MOST_LEVELS} levels, "
@@ -130,7 +131,7 @@ def _check(parts: list[Part], face: list[str]) -> None:
 
 
 def reach_m(joint: int) -> float:
-    """How far from a joint the furthest place is that it moves, in metres; a joint without others moves 3 cm, the head
+    """Distance from a joint to the furthest point that it moves, in metres; a joint without others moves 3 cm, the head
     its crown."""
     if joint == JOINT["head"]:
         return 0.2
@@ -138,14 +139,14 @@ def reach_m(joint: int) -> float:
     return max([float(np.linalg.norm(OFFSETS_M[child])) + reach_m(child) for child in children], default=0.03)
 
 
-# Where a face looks is seen as if the head were so long, in metres; and a pelvis' turn as if it reached to the neck:
-# by its bones alone it would count a tenth of a thigh, and who boxes or sways would stand.
+# Effective length of the head for its gaze direction, in metres; and of the pelvis, as if it reached to the neck: by
+# its bones alone it would weigh a tenth of a thigh, and swaying or boxing would be lost.
 _GAZE_M, _PELVIS_M = 0.8, 0.6
 
 
 def bone_m(joint: int) -> float:
-    """How far from a joint the furthest place is that it moves while all other joints of a part keep their turn in the
-    world, in metres: the next joint, or of one that ends the part all that a person sees turn."""
+    """Distance from a joint to the furthest point that it moves while all other joints of a part keep their world
+    rotation, in metres: the next joint, or for a part's last joint everything visible that it rotates."""
     if joint in (JOINT["head"], JOINT["pelvis"]):
         return _GAZE_M if joint == JOINT["head"] else _PELVIS_M
     children = [child for child in range(JOINTS) if PARENTS[child] == joint]
@@ -155,7 +156,7 @@ def bone_m(joint: int) -> float:
 
 
 def chained_weights(part: Part) -> np.ndarray:
-    """`[C]`: as `weights`, where rotations are from where the part begins (`chain.Chained`)."""
+    """`[C]`: as `weights`, for rotations relative to the start of the part (`chain.Chained`)."""
     out, first = weights(part), 0
     for name, width in widths(part):
         if name in JOINT:
@@ -165,8 +166,8 @@ def chained_weights(part: Part) -> np.ndarray:
 
 
 def weights(part: Part) -> np.ndarray:
-    """`[C]`: what a channel's squared error costs. Of a rotation, the squared error in centimetres of the furthest
-    place that it moves; of neck and head, that of a longer one."""
+    """`[C]`: weight of a channel's squared error. For a rotation, the squared error in centimetres of the furthest
+    point that it moves; for neck and head, of an extended one."""
     out: list[float] = []
     for name in part.channels:
         if name in JOINT:

@@ -1,4 +1,6 @@
-"""What goes through the tokenizers of layout `frames`: beats, wrists, head, jerk and planted feet, level by level."""
+"""Quality of motion through the tokenizers of layout `frames`: beats, wrists, head, jerk and planted feet, level by
+level.
+"""
 
 import json
 from collections.abc import Sequence
@@ -25,8 +27,8 @@ WRISTS = (JOINT["left_wrist"], JOINT["right_wrist"])
 
 @dataclass(frozen=True)
 class Row:
-    """Of one way through the tokenizers, over all items. Errors are to the performer: means, and of wrists the 95th
-    percentile too; `jerk` is the 95th percentile of the faster wrist's."""
+    """One setting of the tokenizers, over all items. Errors are relative to the performer: means, and for wrists also
+    the 95th percentile; `jerk` is the 95th percentile of the faster wrist's."""
 
     name: str
     beats: float
@@ -40,7 +42,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Bar:
-    """What a row is held to: `least` or at most, on a value of it."""
+    """A bar for a value of a row: a minimum with `least`, else a maximum."""
 
     name: str
     limit: float
@@ -71,8 +73,8 @@ def through(
     levels: int | None = None,
     stride: int = 1,
 ) -> dict[str, np.ndarray]:
-    """Motion as the first levels' codes say it, or the vectors of every `stride`-th frame with straight lines between
-    them. Codes are those of all levels, part after part."""
+    """Motion decoded from the first levels' codes, or from the vectors of every `stride`-th frame with linear
+    interpolation. Codes of all levels, part after part."""
     out = {region: np.array(motion[region], np.float32) for region in ("face", "hands", "upper", "lower")}
     codes, _ = encode(order, models, out, face)
     for part in order:
@@ -84,7 +86,7 @@ def through(
 
 @torch.no_grad()
 def walked(motion: dict[str, np.ndarray], root: RootNetwork) -> dict[str, np.ndarray]:
-    """The same with the root network's velocity, as the engine has it."""
+    """The motion with the root network's velocity, as in the engine."""
     lower = motion["lower"].copy()
     device = next(root.parameters()).device
     lower[:, VELOCITY] = root(rooted(torch.from_numpy(lower)[None].to(device)))[0, :, VELOCITY].cpu().numpy()
@@ -92,7 +94,7 @@ def walked(motion: dict[str, np.ndarray], root: RootNetwork) -> dict[str, np.nda
 
 
 def heads(motion: Motion) -> np.ndarray:
-    """Rotations of the head in the world `[T, 3, 3]`."""
+    """World rotations of the head `[T, 3, 3]`."""
     local = rotations(dict(motion))
     joint, out = JOINT["head"], local[:, JOINT["head"]]
     while (joint := PARENTS[joint]) >= 0:
@@ -101,13 +103,13 @@ def heads(motion: Motion) -> np.ndarray:
 
 
 def turned_deg(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Angles between rotations `[T, 3, 3]`, degrees. By the chord: near 0, an arc cosine has no digits."""
+    """Angles between rotations `[T, 3, 3]`, degrees. By the chord: near 0, an arc cosine loses all digits."""
     chord = np.linalg.norm((one - other).reshape(len(one), -1), axis=1) / np.sqrt(8.0)
     return np.degrees(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
 
 
 def row(name: str, items: Sequence[Item], motions: Sequence[Motion], slides: Sequence[Motion]) -> Row:
-    """`motions` are of the items, in order, and `slides` the same as the root walks."""
+    """`motions` belong to the items, in order, and `slides` are the same with the root network's walk."""
     wrists, head, jerks, face, feet, seconds, pairs = [], [], [], [], [], [], []
     for item, motion, walking in zip(items, motions, slides, strict=True):
         at, truly = (joint_places(m, walking=False)[:, WRISTS] for m in (motion, item.motion))
@@ -139,7 +141,7 @@ def measure(
     root: RootNetwork,
     stride: int,
 ) -> list[Row]:
-    """Before the tokenizers, through more and more of their levels, and through all of them at keyframes alone."""
+    """Without the tokenizers, through more and more of their levels, and through all of them at keyframes only."""
     own = [item.motion for item in items]
     out = [row("before", items, own, own)]
     most = max(part.levels for part in order if part.moves)
@@ -151,7 +153,7 @@ def measure(
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The rows, and which bars the row of all levels meets."""
+    """The rows, and the bars met by the row of all levels."""
     lines = [
         "| | beats | wrists, cm (95 %) | head, degrees | wrist jerk 95 %, m/s³ | slide, cm/s | face |",
         "| --- | --- | --- | --- | --- | --- | --- |",

@@ -1,7 +1,7 @@
-"""The root network of layout `frames` (SPEC 2.7): the pelvis goes so that the decoded feet that are planted stay.
+"""The root network of layout `frames` (SPEC 2.7): moves the pelvis so that planted decoded feet stay in place.
 
-How fast it goes is, but for small terms, linear in how the legs' rotations change from a frame to the next, and so
-small a difference of large values is the hardest that a network can learn. So it is not learnt: the network is the
+The velocity is, except for small terms, linear in the change of the legs' rotations from frame to frame, and such a
+small difference of large values is the hardest thing for a network to learn. So it is not learned: the network is the
 least-squares solution, written into its layers."""
 
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from umo_train.speech.utterance import FRAME_RATE
 from umo_train.state import Saved
 
 _ROTATIONS = 6 * len(feet.NAMES)
-# Channels of what the network says: velocity along x and z, and the height.
+# Output channels of the network: velocity along x and z, and the height.
 _SAID = (VELOCITY.start, VELOCITY.start + 2, VELOCITY.start + 1)
 # Units that pass these on.
 PASSED = 2 * len(_SAID)
-# What the change from an item's last frame to the zeros behind it counts beside a frame: as motion it would be large.
+# Weight of the change from an item's last frame to the zeros after it: it is large, but not motion.
 _END = 1e-3
-# Of the mean square of what is solved for: keeps weights of what hardly moves small.
+# Regularisation relative to the mean square of the solution: keeps weights of nearly constant channels small.
 _RIDGE = 1e-6
 
 
 @dataclass(frozen=True)
 class RootPlan:
-    """Of the network: `width` at least 6."""
+    """Settings of the network: `width` at least 6."""
 
     width: int
     layers: int
@@ -39,8 +39,8 @@ class RootPlan:
 
 @dataclass(frozen=True)
 class RootItem:
-    """One item: the lower body as the performer has it `[T, 61]` and as codes say it (each `[T, 61]`), and the pelvis'
-    height `[T]`, metres."""
+    """One item: the performer's lower body `[T, 61]` and the decoded one (each `[T, 61]`), and the pelvis' height
+    `[T]`, metres."""
 
     lower: np.ndarray
     said: tuple[np.ndarray, ...]
@@ -49,7 +49,7 @@ class RootItem:
 
 @dataclass(frozen=True)
 class Linear:
-    """Velocity along x and z as `change` `[54, 2]` times what rotations change to the next frame, and the height as
+    """Velocity along x and z as `change` `[54, 2]` times the change of rotations to the next frame, and the height as
     `pose` `[54]` times rotations, plus `offset`."""
 
     change: np.ndarray
@@ -58,8 +58,8 @@ class Linear:
 
 
 def wanted(lower: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
-    """Velocity `[T - 1, 2]` with which planted feet of a lower body `[T, 61]` stay as well as they can, and how many
-    there are; where none is planted, that of the performer `truth` `[T, 61]`."""
+    """Velocity `[T - 1, 2]` that best keeps planted feet of a lower body `[T, 61]` in place, and their number; without
+    planted feet, the performer's velocity from `truth` `[T, 61]`."""
     planted = truth[:, CONTACT] > 0.5
     both = (planted[1:] & planted[:-1])[..., None]
     moved = feet.places(lower).diff(dim=0)[..., [0, 2]] * FRAME_RATE
@@ -69,7 +69,7 @@ def wanted(lower: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def solve(items: list[RootItem]) -> Linear:
-    """Least squares over the legs as the performer has them and as codes say them."""
+    """Least squares over the performer's legs and the decoded ones."""
     sums = np.zeros((_ROTATIONS, _ROTATIONS)), np.zeros((_ROTATIONS, 2))
     posed, high, count = np.zeros((_ROTATIONS + 1, _ROTATIONS + 1)), np.zeros(_ROTATIONS + 1), 0
     for item in items:
@@ -87,7 +87,7 @@ def solve(items: list[RootItem]) -> Linear:
             high += ones.T @ item.height
             count += len(x)
     change = np.linalg.solve(sums[0] + _RIDGE * np.trace(sums[0]) / _ROTATIONS * np.eye(_ROTATIONS), sums[1])
-    # About the means: the constant is not held back.
+    # About the means: the constant is not regularised.
     mean, at = posed[:-1, -1] / count, high[-1] / count
     spread = posed[:-1, :-1] / count - np.outer(mean, mean)
     ridge = _RIDGE * np.trace(spread) / _ROTATIONS * np.eye(_ROTATIONS)
@@ -97,8 +97,8 @@ def solve(items: list[RootItem]) -> Linear:
 
 @torch.no_grad()
 def embed(model: RootNetwork, linear: Linear) -> None:
-    """Makes a network say what `linear` does. The first units of every layer pass it on, in pairs `leaky(x)` and
-    `leaky(-x)`, whose difference is 1.2 `x`; all other weights are zero."""
+    """Writes `linear` into a network. The first units of every layer pass it on, in pairs `leaky(x)` and `leaky(-x)`,
+    whose difference is 1.2 `x`; all other weights are zero."""
     if model.encoder.main[0].out_channels < PASSED:
         raise ValueError(f"root: a width of at least {PASSED}")
     for weight in model.parameters():
@@ -109,7 +109,7 @@ def embed(model: RootNetwork, linear: Linear) -> None:
         for sign, unit in ((1.0, 2 * k), (-1.0, 2 * k + 1)):
             first = convs[0].weight[unit, :_ROTATIONS]
             if k < 2:
-                # Two taps of the same size: rounded, they still see no change where there is none.
+                # Two taps of the same magnitude: rounded, they still cancel without change.
                 first[:, 1], first[:, 2] = -sign * row, sign * row
             else:
                 first[:, 1], convs[0].bias[unit] = sign * row, sign * linear.offset
@@ -119,7 +119,7 @@ def embed(model: RootNetwork, linear: Linear) -> None:
 
 
 def solved(plan: RootPlan, items: list[RootItem], folder: Path) -> RootNetwork:
-    """The root from the lower body, as it is and as codes say it: `tokenizer_root.pt`."""
+    """The root from the lower body, original and decoded: `tokenizer_root.pt`."""
     torch.manual_seed(plan.seed)
     model = RootNetwork(plan.width, CHANNELS["lower"], plan.layers)
     embed(model, solve(items))
@@ -128,7 +128,7 @@ def solved(plan: RootPlan, items: list[RootItem], folder: Path) -> RootNetwork:
 
 
 def rooted(lower: Tensor) -> Tensor:
-    """What the root network sees of decoded channels `[..., 61]`: rotations made proper, no velocity (SPEC 2.7)."""
+    """Input of the root network from decoded channels `[..., 61]`: orthonormal rotations, no velocity (SPEC 2.7)."""
     joints = len(feet.NAMES)
     out = lower.clone()
     proper = feet.matrices(lower[..., : 6 * joints].unflatten(-1, (joints, 6)))[..., :2, :]

@@ -1,4 +1,4 @@
-"""The steps of a plan of layout `frames`, where they differ from the paper's layout (`umo_train/pipeline.py`)."""
+"""The steps of a plan of layout `frames` that differ from the paper's layout (`umo_train/pipeline.py`)."""
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -43,13 +43,13 @@ from umo_train.plan import Config, Run
 from umo_train.skeleton import CHANNELS
 from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, Phone, Utterance
 
-# Places for a prompt, which are empty without one: guidance goes from the second to the first (SPEC 2.16).
+# Slots for a prompt, empty without one: guidance extrapolates from the second to the first (SPEC 2.16).
 TEMPLATES: dict[str, list[Any]] = {
     "audio_to_motion": [AUDIO_TASK, "audio", MOTION_TASK, TEXT_TASK, "text", TEXT_END, "history", END],
     "text_to_motion": [TEXT_TASK, "text", TEXT_END, "history", END],
 }
 INTENT = "intent"
-# How often an action is drawn for motion from text alone, beside talk of its length.
+# Sampling weight of an action for motion from text alone, relative to speech of its length.
 _ACTIONS_FROM_TEXT = 8.0
 
 
@@ -58,14 +58,14 @@ def names_of_face(s: Run) -> list[str]:
 
 
 def parts_of(s: Run) -> list[Part]:
-    """The plan's parts. An annotation is `intent`, whose codes the performer says.
+    """The plan's parts. An annotation is `intent`, with the performer's codes.
 
-    Raises `ValueError` for an annotation that nobody makes.
+    Raises `ValueError` for an annotation that nothing produces.
     """
     out = parts.read(s.plan, names_of_face(s))
     for part in out:
         if not part.moves and (part.name, part.codes, part.levels) != (INTENT, intent.CODES, 1):
-            raise ValueError(f"part `{part.name}` has no channels: the performer says `{INTENT}` alone, "
+            raise ValueError(f"part `{part.name}` has no channels: the performer only provides `{INTENT}`, "
                              f"of {intent.CODES} codes and 1 level")  # fmt: skip
     return out
 
@@ -76,19 +76,21 @@ def moving(s: Run) -> list[Part]:
 
 
 def step_start(s: Run) -> None:
-    """Tokenizers and the interpolation network of the model file that the plan names as `start`, relative to itself."""
+    """Takes tokenizers and the interpolation network from the model file that the plan names as `start`, relative to
+    itself.
+    """
     path = s.plans / s.plan["start"]
     published.start(path, s.folder, parts_of(s), names_of_face(s), root_plan(s), [*steps_more(s)])
 
 
 def steps_more(s: Run) -> dict[str, int]:
-    """Parts whose published tokenizers are trained on, and for how many steps."""
+    """Parts whose published tokenizers are trained further, and their numbers of steps."""
     return dict(s.plan["tokenizers"].get("more", {}))
 
 
 def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
-    """Part after part, each on what those before it leave. Needs the body's motion of every training item in memory.
-    With `tokenizers.more` those alone, from the published model's on."""
+    """Part after part, each on the errors that those before it leave. Needs the body motion of every training item in
+    memory. With `tokenizers.more`, only those, starting from the published model's."""
     given = {entry["name"]: entry for entry in s.plan["parts"]}
     stride, seed = s.plan["window"]["keyframe_stride"], s.plan["seed"]
     order, more = moving(s), steps_more(s)
@@ -100,13 +102,13 @@ def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
             given[part.name] |= {"steps": more[part.name]}
             begun = _trained(s.folder / published.tokenizer(part.name), "model")
         region, _ = parts.columns(part, names_of_face(s))
-        # Faces move with speech: where there is none, they are at rest throughout.
+        # Faces move with speech: without it, they are at rest throughout.
         items = trained_on(s, spoken=region == "face")
         motions, beside = [], []
         body = region in chain.REGIONS
         before = chain.before(order[:i], part) if body else []
         models = tokenizers(s, before)
-        for item in tqdm(items, f"what {part.name} is to say"):
+        for item in tqdm(items, f"targets of {part.name}"):
             motion = corpus.read_motion(s.corpus, item, chain.REGIONS if body else (region,))
             _, said = encode(before, models, motion, names_of_face(s))
             motions.append(said.aims(part))
@@ -114,7 +116,7 @@ def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
                 beside.append(with_feet(motion["lower"], said.channels["lower"]))
         plan = plan_of(s.plan["tokenizers"], given[part.name], stride, seed)
         train_part(plan, part, motions, s.folder, beside or None, begun)
-    # The root follows what the lower body's codes say.
+    # The root network is fitted to the decoded lower body.
     if "root" in only or (not only and (not more or "lower" in more)):
         _solve_root(s)
 
@@ -126,14 +128,14 @@ def chosen_by(s: Run) -> list[str]:
 
 
 def trained_on(s: Run, *, spoken: bool) -> list[str]:
-    """The other training items; with `tokenizers.every` so many of them."""
+    """The other training items; with `tokenizers.every` only every n-th."""
     kept = set(chosen_by(s))
     found = [name for name in corpus.with_motion(s.corpus, "train", spoken=spoken) if name not in kept]
     return found[:: s.plan["tokenizers"].get("every", 1)]
 
 
 def _solve_root(s: Run) -> None:
-    """Needs the lower body's tokenizers: the root follows what their codes say."""
+    """Needs the lower body's tokenizers: the root network is fitted to their decoded output."""
     face_names, stride = names_of_face(s), s.plan["window"]["keyframe_stride"]
     order = [part for part in moving(s) if parts.columns(part, face_names)[0] == "lower"]
     models, items = tokenizers(s, order), []
@@ -160,7 +162,7 @@ def root_network(s: Run) -> RootNetwork:
 
 
 def tokenizers(s: Run, of: list[Part] | None = None) -> dict[str, ResidualVqVae]:
-    """Of every part with channels, or of some parts, which may have fewer levels than were trained: the first."""
+    """Tokenizers of all parts with channels, or of some parts, which may use only the first of their trained levels."""
     out = {}
     for part in moving(s) if of is None else filter(lambda part: part.moves, of):
         model = ResidualVqVae(part, len(parts.columns(part, names_of_face(s))[1]))
@@ -204,7 +206,7 @@ def _item(s: Run, name: str) -> Item:
 
 
 def codes_of(s: Run, order: list[Part], models: dict[str, ResidualVqVae], motion: Motion) -> np.ndarray:
-    """Codes of every frame `[T, J]`; those of an annotation are the motion's own."""
+    """Codes of every frame `[T, J]`; those of an annotation come from the motion."""
     said, _ = encode(order, models, motion, names_of_face(s))
     own = {part.name: np.asarray(motion[part.name])[:, None].astype(np.int16) for part in order if not part.moves}
     return np.concatenate([(said | own)[part.name] for part in order], 1)
@@ -217,7 +219,7 @@ def step_codes(s: Run) -> None:
     silent = {entry.name for entry in corpus.entries(s.corpus) if not entry.spoken and not _acts(entry)}
     items = [path.stem for path in corpus.paths(s.corpus, "motion")]
     missing = [name for name in items if not (out / f"{name}.npy").exists()]
-    # One process has a GPU to itself.
+    # One process uses the GPU.
     workers = 1 if best().type == "cuda" else s.plan["workers"]
     shares = [(s, missing[k::workers], silent) for k in range(workers)]
     with ThreadPoolExecutor(1) if workers == 1 else ProcessPoolExecutor(workers) as pool:
@@ -244,19 +246,19 @@ def _encode_items(share: tuple[Run, list[str], set[str]]) -> None:
             motion[INTENT] = corpus.read_intent(s.corpus, name)
         codes = codes_of(s, order, models, motion)
         if name in silent:
-            # Nobody says what a face does that was not recorded; in actions it is the performer's.
+            # The face was not recorded, so it has no codes; in actions it is the performer's.
             codes[:, of_face] = -1
         corpus.write_array(s.folder / "codes" / f"{name}.npy", codes)
 
 
 def is_face(s: Run) -> list[bool]:
-    """Of each part, whether it is of the face."""
+    """Whether each part belongs to the face."""
     return [part.moves and parts.columns(part, names_of_face(s))[0] == "face" for part in parts_of(s)]
 
 
 @torch.no_grad()
 def middle(codes: np.ndarray, model: ResidualVqVae | None) -> list[int]:
-    """The codes, of `[T, levels]`, whose vector is nearest to the mean of all; of an annotation the most frequent."""
+    """The codes in `[T, levels]` whose vector is nearest to the mean; for an annotation the most frequent."""
     if model is None:
         return [int(np.bincount(level).argmax()) for level in codes.T]
     vectors = model.vectors(torch.from_numpy(codes.astype(np.int64)).to(model.mean.device))
@@ -282,8 +284,8 @@ def model_file_config(s: Run) -> Config:
         "templates": TEMPLATES,
     }
     config["audio"]["ahead"] = s.plan["audio"].get("ahead", 0)
-    # The plan says whether, the model file which of a keyframe's audio tokens; and of the body by how many tokens
-    # sooner than it learns to.
+    # The plan says whether to use it, the model file which of a keyframe's audio tokens, and for the body how many
+    # tokens earlier than in training.
     sooner = config["depth"].pop("body_sooner", 0)
     if config["depth"].pop("heard", False):
         config["depth"]["heard"] = heard_token(config, s.plan["audio"].get("listener", {}).get("delay"))
@@ -298,7 +300,7 @@ def model_file_config(s: Run) -> Config:
 
 
 def packed_of(s: Run, config: Config) -> Packed:
-    """Codes, units and prompts of the splits that are trained on and measured."""
+    """Codes, units and prompts of the splits used for training and measuring."""
     splits = {split: _streams(s, split) for split in ("train", _held_out(s))}
     tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
@@ -311,7 +313,7 @@ def _held_out(s: Run) -> str:
 
 
 def step_pack(s: Run) -> None:
-    """`run/packed.xz`: all that the step `lm` needs beside the plan."""
+    """`run/packed.xz`: everything that the step `lm` needs besides the plan."""
     packed.write(s.folder / packed.NAME, packed_of(s, model_file_config(s)))
 
 
@@ -326,7 +328,7 @@ def _streams(s: Run, split: str) -> list[FrameStream]:
         ids = tuple(np.array(pieces(s).encode(prompt), np.int64) for prompt in prompts)
         told = bool(entry.style) and entry.style not in UNTOLD
         acts = _acts(entry)
-        # From text alone come actions above all: talking has a voice to go by.
+        # Text alone mainly asks for actions: speech comes with a voice.
         weight = _ACTIONS_FROM_TEXT if acts else 1.0
         starts = begins(codes, order, s.plan["window"]["keyframe_stride"]) if acts and codes is not None else ()
         streams.append(FrameStream(codes, units, ids, told, weight, starts, entry.person))
@@ -338,7 +340,7 @@ def _acts(entry: corpus.Entry) -> bool:
 
 
 def begins(codes: np.ndarray, order: list[Part], stride: int) -> tuple[int, ...]:
-    """Keyframes of codes `[frames, J]` before which both arms rested and at which one does not; none without intent."""
+    """Keyframes of codes `[frames, J]` at which an arm starts to move after both rested; empty without intent."""
     at = 0
     for part in order:
         if part.name == INTENT:
@@ -354,8 +356,8 @@ def stage_plan(s: Run, stage: Config) -> FrameStagePlan:
 
 
 def step_lm(s: Run) -> None:
-    """The stages of the plan; upcycling at the first that is not dense. With `start_language_model` the first goes on
-    from the published model's weights."""
+    """The stages of the plan; upcycling happens at the first one that is not dense. With `start_language_model` the
+    first continues from the published model's weights."""
     pack, order = s.folder / packed.NAME, parts_of(s)
     data = packed.read(pack) if pack.exists() else packed_of(s, model_file_config(s))
     config = data.config
@@ -384,7 +386,7 @@ def step_lm(s: Run) -> None:
 
 
 def copies(folder: Path, plan: FrameStagePlan, model: FrameModel) -> dict[str, torch.Tensor]:
-    """The f32 weights of a stage's last checkpoint under their names."""
+    """The f32 weights of a stage's last checkpoint, by name."""
     names = [name for name, _ in model.named_parameters()]
     return dict(zip(names, _trained(folder / f"lm_{plan.name}.pt", "optimizer")["copies"], strict=True))
 
@@ -403,7 +405,7 @@ def step_export(s: Run) -> None:
 
 
 def export_model(s: Run, path: Path, config: Config, order: list[Part], language: dict[str, torch.Tensor]) -> None:
-    """A model file of the run's tokenizers, of which parts in `order` may lack levels, and of a language model."""
+    """Writes a model file of a language model and the run's tokenizers; parts in `order` may lack levels."""
     interpolation = VectorInterpolation(config, order)
     interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
     motion = {name: model.folded() for name, model in tokenizers(s, order).items()}

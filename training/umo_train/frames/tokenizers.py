@@ -22,18 +22,18 @@ from umo_train.speech.utterance import FRAME_RATE
 from umo_train.state import Chance, Saved
 
 SAVE_EVERY = 250
-# Smallest standard deviation that a channel is divided by: below it, differences are not seen.
+# Minimum standard deviation for normalising a channel: smaller differences are not visible.
 LEAST_SCALE = 0.01
-# Batches whose latents the codebooks start from, and rounds of k-means over them.
+# Number of batches whose latents initialise the codebooks, and rounds of k-means over them.
 _START_BATCHES, _START_ROUNDS = 6, 8
-# What a joint's own rotation counts beside that in its chain, and feet that slide together beside feet that slide
-# against each other: the root network follows the first.
+# Weight of a joint's own rotation relative to that in its chain, and of feet sliding together relative to feet sliding
+# against each other: the root network follows the former.
 LOCAL, TOGETHER = 0.1, 0.1
 
 
 @dataclass(frozen=True)
 class ResidualPlan:
-    """Of one part's tokenizer. `stride` is the keyframes'; errors of speed and acceleration are per frame."""
+    """Settings of one part's tokenizer. `stride` is the keyframes'; errors of speed and acceleration are per frame."""
 
     steps: int
     stride: int
@@ -43,21 +43,22 @@ class ResidualPlan:
     commitment: float = 0.25
     velocity: float = 2.0
     acceleration: float = 2.0
-    # Of the lower body: planted feet that slide, metres a second squared.
+    # For the lower body: weight of sliding planted feet, metres per second squared.
     slide: float = 20.0
-    # Share of examples of which only the first levels are used: each level then says the most that it can.
+    # Share of examples that use only the first levels, so that each level encodes as much as it can.
     dropout: float = 0.25
-    # Share of examples whose codes between keyframes are mixed from their neighbours': what is said at keyframes is all
-    # that the language model makes.
+    # Share of examples with codes between keyframes interpolated from their neighbours: the language model only
+    # produces keyframes.
     sparse: float = 0.35
     seed: int = 0
 
 
 class PartLoss:
-    """What the errors of a part's channels cost, as a share of what doing nothing at all would. Rotations count as they
-    add up along the part (`chain.Chained`), and a little by themselves, so that what is decoded stays near a rotation.
+    """Error of a part's channels relative to that of outputting the mean. Rotations count accumulated along the part
+    (`chain.Chained`), and slightly by themselves, so that decoded values stay near rotations.
 
-    A part with feet is given the lower body as the parts before it say it, and where the feet are (`with_feet`)."""
+    A part with feet also gets the lower body decoded from earlier parts, and the positions of the feet (`with_feet`).
+    """
 
     def __init__(self, part: Part, plan: ResidualPlan, motions: Tensor) -> None:
         device = motions.device
@@ -75,7 +76,7 @@ class PartLoss:
         return weight / (weight * motions.std(0) ** 2).sum()
 
     def __call__(self, y: Tensor, x: Tensor, beside: Tensor | None = None) -> tuple[Tensor, dict[str, float]]:
-        """`[b, t, channels]` of what was decoded and of the motion."""
+        """`[b, t, channels]`: the decoded motion and the true one."""
         difference = self.chained(y) - self.chained(x)
         terms = [
             (self.chain_weight * d**2).sum(-1).mean()
@@ -101,15 +102,15 @@ def feet_of(part: Part) -> bool:
 
 
 def with_feet(lower: np.ndarray, said: np.ndarray) -> np.ndarray:
-    """`[T, 61 + 12 + 4]`: the lower body as parts before one say it, where the performer's feet are under the pelvis,
-    and which are planted."""
+    """`[T, 61 + 12 + 4]`: the lower body decoded from earlier parts, positions of the performer's feet relative to the
+    pelvis, and whether they are planted."""
     places = feet.places(torch.from_numpy(lower)).flatten(1).numpy()
     return np.concatenate([said, places, lower[:, CONTACT]], 1)
 
 
 def slides(error: Tensor, planted: Tensor) -> tuple[Tensor, Tensor]:
-    """How planted feet `[b, t, 4]` move that are `error` `[b, t, 4, 3]` from where they ought to be, along the floor,
-    mean squares in (m/s)^2: against each other, which no way of the pelvis makes good, and together."""
+    """Sliding of planted feet `[b, t, 4]` with position errors `error` `[b, t, 4, 3]`, along the floor, mean squares in
+    (m/s)^2: against each other, which no motion of the pelvis can compensate, and together."""
     both = (planted[:, 1:] & planted[:, :-1])[..., None]
     moved = (error.diff(dim=1) * FRAME_RATE)[..., [0, 2]] * both
     together = moved.sum(-2, keepdim=True) / both.sum(-2, keepdim=True).clamp(min=1) * both
@@ -125,8 +126,8 @@ def train_part(
     beside: list[np.ndarray] | None = None,
     before: dict[str, Tensor] | None = None,
 ) -> ResidualVqVae:
-    """`motions` are `[T, channels]`, `beside` what `with_feet` gives; with `before` it goes on from a published model's
-    weights, whose codes keep their meaning. Resumes from what is in the folder."""
+    """`motions` are `[T, channels]`, `beside` the outputs of `with_feet`; with `before` it continues from a published
+    model's weights, whose codes keep their meaning. Resumes from a checkpoint in the folder."""
     torch.manual_seed(plan.seed)
     device = best()
     channels = motions[0].shape[1]
@@ -171,7 +172,7 @@ def train_part(
 
 
 def warm_steps(plan: ResidualPlan) -> int:
-    """The first steps train without codes, so that the codebooks start among latents that mean something."""
+    """The first steps train without codes, so that codebooks are initialised from meaningful latents."""
     return plan.steps // 20
 
 
@@ -184,7 +185,7 @@ def start_codebooks(
     *,
     again: bool = False,
 ) -> None:
-    """Every level from the k-means of what the levels before it leave; `again` from its own table."""
+    """Initialises every level by k-means of the residuals of the levels before it; `again` from its own table."""
     device = model.mean.device
     crops = np.concatenate([_crops(motions, plan.batch, plan.frames, chance) for _ in range(_START_BATCHES)])
     left = model.latents(torch.from_numpy(crops).to(device)).flatten(0, 1)
@@ -197,7 +198,8 @@ def start_codebooks(
             hits = torch.bincount(chosen, minlength=count)
             sums = torch.zeros_like(table).index_add_(0, chosen, left)
             table[hits > 0] = sums[hits > 0] / hits[hits > 0, None]
-        # As if the running means had seen these alone. What a published table has and these rows have not is kept.
+        # As if the running means had seen only these. Entries of a published table that are absent in these rows are
+        # kept.
         hits = torch.bincount(level.nearest(left), minlength=count).clamp(min=_START_BATCHES if again else 0)
         level.count.copy_(hits.float() / _START_BATCHES)
         level.total.copy_(table * level.count[:, None])
@@ -205,7 +207,7 @@ def start_codebooks(
 
 
 def used_levels(plan: ResidualPlan, levels: int, chance: np.random.Generator) -> np.ndarray:
-    """How many levels each example of a batch uses `[batch]`: all, or for a share of them the first few."""
+    """Number of levels used by each example of a batch `[batch]`: all, or for a share of them the first few."""
     fewer = chance.integers(1, levels + 1, plan.batch)
     return np.where(chance.random(plan.batch) < plan.dropout, fewer, levels)
 
@@ -221,7 +223,7 @@ def loss_of(
     phase: int,
     beside: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, float]]:
-    """The objective of one batch `[b, t, channels]`; with `coded` the codebooks follow what they are asked to say."""
+    """The objective of one batch `[b, t, channels]`; with `coded` the codebooks follow their targets."""
     z = model.latents(x)
     used = torch.from_numpy(used_levels(plan, len(model.levels), chance)).to(x.device)
     sparse = torch.from_numpy(chance.random(len(x)) < plan.sparse).to(x.device)
@@ -235,7 +237,7 @@ def loss_of(
     through = z + (spoken - z).detach()
     mixed = _between(through, plan.stride, phase)
     loss, values = loss_of_part(model.decode(torch.where(sparse[:, None, None], mixed, through)), x, beside)
-    # Of each level that is used: what the levels up to it leave.
+    # For each used level: the residual of the levels up to it.
     levels = torch.arange(1, len(model.levels) + 1, device=x.device)
     uses = (used.repeat_interleave(x.shape[1])[:, None] >= levels).float()
     left = (rows[:, None] - vectors.cumsum(1)).pow(2).mean(-1)
@@ -256,8 +258,8 @@ def tokenize(model: ResidualVqVae, motion: np.ndarray) -> np.ndarray:
 
 @torch.no_grad()
 def decoded(model: ResidualVqVae, codes: np.ndarray, levels: int | None = None, stride: int = 1) -> np.ndarray:
-    """Codes `[T, levels]` to motion `[T, channels]`: by the first levels alone, or from every `stride`-th frame's
-    vectors with straight lines between them."""
+    """Codes `[T, levels]` to motion `[T, channels]`: from the first levels only, or from every `stride`-th frame's
+    vectors with linear interpolation."""
     some = torch.from_numpy(codes.astype(np.int64))[None, :, :levels].to(model.mean.device)
     return model.decode(_between(model.vectors(some), stride, 0))[0].cpu().numpy()
 
@@ -266,7 +268,7 @@ def decoded(model: ResidualVqVae, codes: np.ndarray, levels: int | None = None, 
 def encode(
     order: Sequence[Part], models: dict[str, ResidualVqVae], motion: Motion, face: list[str]
 ) -> tuple[dict[str, np.ndarray], chain.Said]:
-    """Codes `[T, levels]` of each part with channels that `models` has, in order, and what they decode to."""
+    """Codes `[T, levels]` of each part with channels in `models`, in order, and their decoded motion."""
     said, codes = chain.Said(motion, face), {}
     for part in order:
         if part.name in models:
@@ -276,7 +278,7 @@ def encode(
 
 
 def plan_of(shared: dict[str, Any], own: dict[str, Any], stride: int, seed: int) -> ResidualPlan:
-    """A part's own numbers laid over those of all."""
+    """A part's own settings merged over the shared ones."""
     known = set(ResidualPlan.__dataclass_fields__) - {"stride", "seed"}
     given = {key: value for key, value in (shared | own).items() if key in known}
     return ResidualPlan(**given, stride=stride, seed=seed)

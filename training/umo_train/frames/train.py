@@ -23,7 +23,7 @@ from umo_train.state import Saved
 
 
 class Interrupted(Exception):
-    """A stage's time is over before its end; its checkpoint is written."""
+    """A stage's time is up before its end; its checkpoint is written."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,17 @@ class FrameStagePlan:
     balance: float = 0.01
     tau: float = 1.0
     targets: tuple[int, ...] = (5, 5, 5, 2, 10)
-    # What a level's codes weigh beside those of the level before, and a part's codes at a keyframe at which its first
-    # code is another than at the keyframe before: without, saying the last keyframe again is half the way.
+    # Weight of a level's codes relative to the previous level, and of a part's codes at a keyframe whose first code
+    # differs from the previous keyframe: without it, repeating the last keyframe is a strong local optimum.
     level_weight: float = 0.7
     change_weight: float = 2.0
-    # What a part's codes weigh beside those of others (1).
+    # Weight of a part's codes relative to others (1).
     part_weights: dict[str, float] = field(default_factory=dict)
-    # Weight of what the encoder itself says of keyframes, each from its audio token, and of how many of a chunk.
+    # Weight of the encoder's own predictions of keyframes, each from its audio token, and number of them per chunk.
     heard: float = 0.0
     heard_keyframes: int = 2
-    # Share of keyframes that are said without the one before them (`depth.before`): what is heard and what came long
-    # before is to be enough, or a stream says one keyframe for ever.
+    # Share of keyframes predicted without the previous one (`depth.before`): audio and older history must suffice, or a
+    # stream can repeat one keyframe for ever.
     unknown: float = 0.1
     dense: bool = False
     warmup: int = 200
@@ -58,17 +58,17 @@ class FrameStagePlan:
     decay: float = 0.05
     save_every: int = 250
     bf16: bool = True
-    # Whether products are those of int8, so that the weights learn to live with it.
+    # Whether products are rounded as in int8, so that the weights adapt to it.
     rounded: bool = False
-    # Weight of the crest factor of what a rounded depth network's products behind gates read: `crest_of_gates`.
+    # Weight of the crest factor of the inputs of a rounded depth network's gated products: `crest_of_gates`.
     crest: float = 0.0
-    # Processes that draw batches ahead of a GPU; none draws them in between.
+    # Processes that prepare batches ahead of a GPU; 0 draws them synchronously.
     readers: int = 0
 
 
 def code_weights(parts: list[Part], plan: FrameStagePlan, codes: Tensor, before: Tensor) -> Tensor:
-    """What every code of a chunk counts, `[b, N, J]`: `codes` `[b, N, J]`, -1 where nothing is asked, `before` `[b, J]`
-    the keyframe before the chunk."""
+    """Weight of every code of a chunk, `[b, N, J]`: `codes` `[b, N, J]`, -1 without a target, `before` `[b, J]` the
+    keyframe before the chunk."""
     last = torch.cat([before[:, None], codes[:, :-1]], 1)
     out, at = [], 0
     for part in parts:
@@ -96,7 +96,7 @@ def entropy(parts: list[Part], logits: dict[str, Tensor], codes: Tensor, weight:
 
 class Outputs(nn.Module):
     """Logits, the encoder's own, the balancing loss and the crest factor in one pass: gradients of several devices are
-    only joined for what a module returns."""
+    only synchronised for a module's outputs."""
 
     def __init__(self, model: FrameModel, *, balanced: bool, crested: bool = False) -> None:
         super().__init__()
@@ -124,14 +124,14 @@ def inputs(batch: FrameBatch, device: torch.device) -> tuple[Tensor, Tensor, Ten
 
 
 def places_of(batch: FrameBatch, device: torch.device) -> Tensor | None:
-    """Where in the ids of a batch its keyframes are heard, if they are."""
+    """Positions in a batch's ids where its keyframes are heard, if there are any."""
     return None if batch.heard is None else torch.from_numpy(batch.heard).to(device)
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A step's task, its batch, of which keyframes the encoder itself is asked, and which are not told the one before
-    them."""
+    """A step's task, its batch, the keyframes that the encoder itself has to predict, and those predicted without the
+    previous one."""
 
     task: str
     batch: FrameBatch
@@ -140,8 +140,8 @@ class Drawn:
 
 
 class Draws(torch.utils.data.Dataset):  # type: ignore[type-arg]
-    """What the steps from `start` on see. Each step and device draws from a stream of its own, so that a resumed run
-    sees what it would have seen, whoever draws it."""
+    """Data of the steps from `start` on. Each step and device has its own random stream, so that a resumed run sees the
+    same data, whichever process draws it."""
 
     def __init__(self, plan: FrameStagePlan, examples: FrameExamples, start: int, process: int) -> None:
         self.plan, self.examples, self.start, self.process = plan, examples, start, process
@@ -170,8 +170,8 @@ def train_stage(
     folder: Path,
     until: float | None = None,
 ) -> FrameModel:
-    """Trains `model` in place from wherever the stage's checkpoint stands, to its end or, with a checkpoint, to the
-    moment `until` of `time.monotonic`."""
+    """Trains `model` in place from the stage's checkpoint to its end or, with a checkpoint, until the time `until` of
+    `time.monotonic`."""
     several = DistributedDataParallelKwargs(find_unused_parameters=True)
     accelerator = Accelerator(kwargs_handlers=[several])
     device = accelerator.device
@@ -208,7 +208,7 @@ def train_stage(
         optimizer.step()
         if log is None:
             continue
-        # Numbers are fetched when they are written: a GPU is not waited for in every step.
+        # Numbers are only fetched when they are written, so that not every step waits for the GPU.
         written = (step + 1) % EVERY == 0 or step + 1 == plan.steps
         log.add(step, {f"loss_{task}": loss.detach()} | (_experts(plain) if written else {}))
         if written:
@@ -219,7 +219,7 @@ def train_stage(
             log.add(step, {f"held_out_{k}": v for k, v in evaluate(plain, held_out, plan).items()})
         if over:
             log.write(step)
-            raise Interrupted(f"stage {plan.name}: its time is over after {step + 1} of {plan.steps} steps")
+            raise Interrupted(f"stage {plan.name}: its time is up after {step + 1} of {plan.steps} steps")
     if log is not None:
         log.write(plan.steps - 1)
     accelerator.wait_for_everyone()
@@ -228,8 +228,8 @@ def train_stage(
 
 @torch.no_grad()
 def evaluate(model: FrameModel, examples: FrameExamples, plan: FrameStagePlan, batches: int = 4) -> dict[str, float]:
-    """On held-out items, teacher forcing: the loss, how many first codes of each part are right, and how many would be
-    by saying the last keyframe again (`copied_`)."""
+    """On held-out items with teacher forcing: the loss, the accuracy of each part's first codes, and that of repeating
+    the last keyframe (`copied_`)."""
     device = next(model.parameters()).device
     sums: dict[str, list[float]] = {}
     for i in range(batches):

@@ -20,7 +20,7 @@ def _layers(count: int, sizes: dict[str, Any]) -> nn.ModuleList:
 
 
 class Interpolation(nn.Module):
-    """Codes of four parts, `codes` where masked, to logits of every frame."""
+    """Codes of four parts, `codes` if masked, to logits of every frame."""
 
     def __init__(self, config: dict[str, Any]) -> None:
         super().__init__()
@@ -40,12 +40,12 @@ class Interpolation(nn.Module):
 
     @torch.no_grad()
     def know(self, codebooks: dict[str, Tensor]) -> None:
-        """Starts as a linear interpolation of code vectors instead of from nothing.
+        """Initialises the network to linear interpolation of code vectors.
 
-        Each part's code vectors `[codes, width]`, along their main directions, have three quarters of a quarter of the
-        width to themselves, in tables and heads. Waves of the frame's number have what is left, with a mark on what is
-        masked. By these the first layer looks at the keyframes around a frame, the nearer the more, and every head
-        finds the code nearest to what it sees. The other layers say little in the beginning.
+        Each part's code vectors `[codes, width]`, along their principal directions, occupy three quarters of a quarter
+        of the width, in tables and heads. The rest holds waves of the frame index and a mark for masked frames. With
+        these the first layer attends to the keyframes around a frame, weighted by distance, and every head finds the
+        code nearest to the result. The other layers initially contribute little.
         """
         d = self.position.weight.shape[1]
         slot = d // len(PARTS)
@@ -80,7 +80,7 @@ class Interpolation(nn.Module):
             head.weight[:, at] = 8 * filled * vectors
             head.bias.copy_(-4 * vectors.square().sum(1))
 
-        # Weights of keyframes fall with the square of the distance, so that two around a frame count as they are near.
+        # Attention weights fall with the squared distance, so that the two keyframes around a frame count by proximity.
         apart = torch.arange(len(self.position.weight))
         wanted = (-2.0 * apart.square() / self.stride**2).clamp(min=-12)
         basis = torch.cat([(apart[:, None] * frequencies).cos(), torch.ones(len(apart), 1)], 1)
@@ -95,7 +95,7 @@ class Interpolation(nn.Module):
                 for row, column in ((head * each + n, sines[n]), (head * each + pairs + n, cosines[n])):
                     q[row, column] = gain * shares[n]
                     k[row, column] = 1.0
-            # Nobody looks at what is masked.
+            # Masked frames are never attended to.
             row = head * each + 2 * pairs
             attention.in_proj_bias[row] = each**0.5
             k[row, mark] = -15 * masked
@@ -109,7 +109,7 @@ class Interpolation(nn.Module):
                 layer.self_attn.out_proj.weight.mul_(0.1)
 
     def forward(self, codes: Tensor, padding: Tensor | None = None) -> Tensor:
-        """`[b, 4, t]` codes and which frames are padding `[b, t]`, to `[b, 4, t, codes]`."""
+        """`[b, 4, t]` codes and padding mask `[b, t]`, to `[b, 4, t, codes]`."""
         frames = torch.arange(codes.shape[-1], device=codes.device)
         masked = codes[:, 0] == self.codes
         kind = torch.where(frames % self.stride == 0, KEYFRAME, LAST_VALID).expand_as(masked)

@@ -1,4 +1,4 @@
-"""Trains the interpolation network: masked cross-entropy and a smooth table of code vectors (paper 3.4)."""
+"""Trains the interpolation network: masked cross-entropy and a smoothness loss on code vectors (paper 3.4)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +20,12 @@ SAVE_EVERY = 250
 
 @dataclass(frozen=True)
 class InterpPlan:
-    """`velocity` and `acceleration` weigh the smoothness terms; `shortest` is the least keyframes of a window.
+    """`velocity` and `acceleration` weight the smoothness terms; `shortest` is the minimum number of keyframes in a
+    window.
 
-    With `near`, what `smoothing` takes from the right code goes to those like it and not to all alike: by the squared
-    distance of their vectors, over `near` times its mean. The likeliest code is then one in the middle of what may be.
+    With `near`, label smoothing distributes `smoothing` over similar codes instead of uniformly: by the squared
+    distance of their vectors, over `near` times its mean. The most likely code then lies in the middle of the plausible
+    ones.
     """
 
     steps: int
@@ -35,7 +37,7 @@ class InterpPlan:
     velocity: float = 1e-3
     acceleration: float = 1e-4
     shortest: int = 2
-    # Share of keyframe codes replaced at random: anchors of the language model are not always the performer's.
+    # Share of keyframe codes replaced at random: the language model's keyframes are not always the performer's.
     noise: float = 0.02
     seed: int = 0
 
@@ -47,8 +49,8 @@ def train(
     folder: Path,
     codebooks: dict[str, Tensor] | None = None,
 ) -> Interpolation:
-    """`codes` are `[4, T]` of every frame; with `codebooks` the network starts from what they are. Resumes from what is
-    in the folder.
+    """`codes` are `[4, T]` of every frame; with `codebooks` the network is initialised from them. Resumes from a
+    checkpoint in the folder.
 
     Raises `ValueError` for a plan with `near` and no `codebooks`.
     """
@@ -89,7 +91,7 @@ def train(
 def _windows(
     plan: InterpPlan, codes: list[np.ndarray], stride: int, chance: np.random.Generator
 ) -> tuple[Tensor, Tensor]:
-    """`[b, 4, t]` codes and `[b, t]` padding: windows of many lengths, each from a keyframe on."""
+    """`[b, 4, t]` codes and `[b, t]` padding: windows of various lengths, each starting at a keyframe."""
     out = np.zeros((plan.batch, len(PARTS), plan.frames), np.int64)
     padding = np.ones((plan.batch, plan.frames), bool)
     for row, pad in zip(out, padding, strict=True):
@@ -102,7 +104,7 @@ def _windows(
 
 
 def likeness(codebooks: dict[str, Tensor], near: float) -> Tensor:
-    """`[4, codes, codes]`: rows that sum to 1, of how alike codes are to each other."""
+    """`[4, codes, codes]`: similarity of codes, with rows that sum to 1."""
     apart = torch.stack([torch.cdist(codebooks[part], codebooks[part]).square() for part in PARTS])
     return torch.softmax(-apart / (near * apart.mean((1, 2), keepdim=True)), -1)
 
@@ -115,8 +117,8 @@ def loss_of(
     chance: np.random.Generator,
     alike: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, float]]:
-    """The objective of one batch. Anchors are every keyframe and the last frame that is not padding; `alike` is
-    `likeness` where the plan has `near`."""
+    """The objective of one batch. Anchors are every keyframe and the last unpadded frame; `alike` is `likeness` if the
+    plan has `near`."""
     batch, _, frames = truth.shape
     device = truth.device
     anchor = (torch.arange(frames, device=device) % model.stride == 0).repeat(batch, 1)
@@ -145,7 +147,9 @@ def loss_of(
 
 
 def _smoothness(model: Interpolation, codes: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean squared first and second differences of the chosen codes' vectors, pairs and triples on padding left out."""
+    """Mean squared first and second differences of the selected codes' vectors, excluding pairs and triples with
+    padding.
+    """
     pairs, triples = valid[:, 1:] & valid[:, :-1], valid[:, 2:] & valid[:, 1:-1] & valid[:, :-2]
     velocity = acceleration = torch.zeros((), device=codes.device)
     for i, part in enumerate(PARTS):
@@ -158,7 +162,7 @@ def _smoothness(model: Interpolation, codes: Tensor, valid: Tensor) -> tuple[Ten
 
 @torch.no_grad()
 def fill(model: Interpolation, codes: np.ndarray) -> np.ndarray:
-    """`[4, T]` codes with `model.codes` where masked, all frames filled."""
+    """`[4, T]` codes with `model.codes` if masked, all frames filled."""
     seen = torch.from_numpy(codes.astype(np.int64))[None]
     best = model(seen).argmax(-1)
     return torch.where(seen == model.codes, best, seen)[0].numpy()

@@ -1,4 +1,4 @@
-"""Examples of every task (paper 3.4): what the encoder reads and what the decoder says, as token ids."""
+"""Examples of every task (paper 3.4): the encoder's input and the decoder's output, as token ids."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,16 +12,16 @@ Config = dict[str, Any]
 
 @dataclass
 class Stream:
-    """One item as codes and units. `codes` are `[4, frames]`, -1 where a part did not move; `units` `[recordings,
-    tokens]`. An item without motion or without speech has none."""
+    """One item as codes and units. `codes` are `[4, frames]`, -1 where a part did not move; `units`
+    `[recordings, tokens]`. Items without motion or speech have none."""
 
     codes: np.ndarray | None
     units: np.ndarray | None
-    # Ids of the transcript, of a prompt, and of more prompts that say as much.
+    # Ids of the transcript, of a prompt, and of alternative prompts.
     text: np.ndarray
     prompt: np.ndarray
     more_prompts: tuple[np.ndarray, ...] = ()
-    # From which to which audio token each id of the transcript is spoken `[ids, 2]`, where that is known.
+    # First and last audio token of each id of the transcript `[ids, 2]`, if known.
     spoken: np.ndarray | None = None
 
     def has(self, what: str) -> bool:
@@ -31,16 +31,16 @@ class Stream:
 
 @dataclass
 class Batch:
-    """`[b, n]` ids and which count; `[b, m]` labels, -100 where nothing is asked."""
+    """`[b, n]` ids and their mask; `[b, m]` labels, -100 without a target."""
 
     ids: np.ndarray
     mask: np.ndarray | None
     labels: np.ndarray
-    # Face codes as ids at the audio tokens of their keyframes, for the encoder to say; -100 elsewhere. `[b, n]`.
+    # Face codes as ids at the audio tokens of their keyframes, as targets of the encoder; -100 elsewhere. `[b, n]`.
     heard: np.ndarray | None = None
 
 
-# What an item must have to be drawn for a task.
+# Data that an item needs for a task.
 NEEDS: dict[str, tuple[str, ...]] = {
     "motion": ("codes",),
     "a2t": ("units", "text"),
@@ -55,9 +55,10 @@ _NOTHING = np.zeros(0, np.int64)
 
 
 class Examples:
-    """Draws batches of a task; every example of a batch has the same shape but for free text."""
+    """Draws batches of a task; all examples of a batch have the same shape except for free text."""
 
-    # Of a stage-2 example: history cut short, codes of it replaced, the face's history hidden.
+    # Shares of stage-2 examples with a shortened history, replaced codes, and hidden face history; share of replaced
+    # codes.
     SHORT, NOISY, HIDDEN, REPLACED = 0.12, 0.3, 0.35, 0.12
 
     def __init__(
@@ -70,7 +71,7 @@ class Examples:
         templates: Config | None = None,
         delay: int | None = None,
     ) -> None:
-        """`templates` are of tasks that only training has; `delay` in tokens is how late units say what they say."""
+        """`templates` are of tasks that only training has; `delay` is the units' delay in tokens."""
         self.config, self.streams, self.silence, self.augment = config, streams, silence, augment
         self.templates: Config = config["templates"] | (templates or {})
         self.vocab: Config = config["vocab"]
@@ -78,15 +79,15 @@ class Examples:
         self.rest = np.array([config["rest"][part] for part in PARTS])
         self.stride, self.prefix = config["keyframe_stride"], config["prefix"]
         rate = config["audio"]["token_rate"]
-        # A keyframe's audio tokens; the config holds only for whole ones.
+        # Audio tokens per keyframe; the config ensures a whole number.
         self.tokens = self.stride * rate // config["frame_rate"]
-        # Which of its audio tokens says most of a keyframe.
+        # Index of its audio token with the most information about a keyframe.
         self.middle = self.tokens // 2 if delay is None else min(delay, self.tokens - 1)
         self.frames_per_token = config["frame_rate"] / rate
         self.pools: dict[tuple[str, ...], tuple[list[Stream], np.ndarray]] = {}
 
     def _pool(self, needs: tuple[str, ...]) -> tuple[list[Stream], np.ndarray]:
-        """The items that have what a task needs, and the chance of each, by its length."""
+        """The items with the data of a task, and their sampling probabilities by length."""
         if needs not in self.pools:
             fit = [stream for stream in self.streams if all(map(stream.has, needs))]
             if not fit:
@@ -99,7 +100,7 @@ class Examples:
         return stream.units.shape[1] * self.frames_per_token if stream.codes is None else stream.codes.shape[1]
 
     def seconds(self, task: str) -> float:
-        """How much there is of what a task draws from: n in the mixture of tasks."""
+        """Amount of data for a task in seconds: n in the mixture of tasks."""
         fit = [stream for stream in self.streams if all(map(stream.has, NEEDS[task]))]
         return sum(map(self._frames, fit)) / self.config["frame_rate"]
 
@@ -108,12 +109,12 @@ class Examples:
         return [streams[i] for i in rng.choice(len(streams), count, p=chance)]
 
     def _prompt(self, stream: Stream, rng: np.random.Generator) -> np.ndarray:
-        """One of several; nothing is drawn where there is no choice."""
+        """A random prompt; no random number is used if there is only one."""
         prompts = (stream.prompt, *stream.more_prompts)
         return prompts[0] if len(prompts) == 1 else prompts[rng.integers(len(prompts))]
 
     def _units(self, stream: Stream, first: int, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Audio ids with markers; before the first token and after the last is silence."""
+        """Audio ids with markers; silence before the first token and after the last."""
         recording = rng.integers(len(stream.units)) if self.augment else 0
         units = _slice(stream.units[recording], first, count, self.silence)
         audio = self.vocab["audio"]
@@ -125,7 +126,7 @@ class Examples:
         return np.concatenate([[name["start"]], ids, [name["end"]]])
 
     def _fill(self, template: str, audio: np.ndarray | None, text: np.ndarray, parts: list[np.ndarray]) -> np.ndarray:
-        """The template's ids with everything in its place."""
+        """The template's ids with all slots filled."""
         places = {"audio": audio, "text": text} | dict(zip(PARTS, parts, strict=True))
         out = [np.asarray([entry]) if isinstance(entry, int) else places[entry] for entry in self.templates[template]]
         return np.concatenate(out)
@@ -146,18 +147,18 @@ class Examples:
         return batch
 
     def said(self, stream: Stream, at: int, target: int) -> np.ndarray:
-        """The codes that the decoder says of the chunk of `target` keyframes from keyframe `at` on, `[4, codes]`; -1
-        beyond the item's end."""
+        """Target codes of the chunk of `target` keyframes from keyframe `at` on, `[4, codes]`; -1 beyond the item's
+        end."""
         return np.stack([_slice(row[:: self.stride], at, target, -1) for row in stream.codes])
 
     def heard_at(self, target: int) -> np.ndarray:
-        """Which of a window's audio tokens says most of each code of a part that the decoder says."""
+        """Index of the window's audio token with the most information about each target code of a part."""
         return (self.prefix + np.arange(target)) * self.tokens + self.middle
 
     def _heard(self, shape: tuple[int, int], faces: np.ndarray, template: str, target: int) -> np.ndarray:
-        """The chunk's face codes where each is heard."""
+        """The chunk's face codes at the tokens where each is heard."""
         out = np.full(shape, -100, np.int64)
-        # Task ids and the start marker come before the first audio token.
+        # Task ids and the start marker precede the first audio token.
         first = self.config["templates"][template].index("audio") + 1
         at = first + self.heard_at(target)
         out[:, at] = np.where(faces < 0, -100, self.first[0] + faces)
@@ -184,7 +185,7 @@ class Examples:
         return self._fill(template, audio, self._prompt(stream, rng) if text else _NOTHING, parts)
 
     def _chunk_labels(self, keys: np.ndarray, at: int, target: int) -> np.ndarray:
-        """All parts; beyond the item's end nothing is asked."""
+        """Labels of all parts; no targets beyond the item's end."""
         out = []
         for part in range(4):
             name = self.vocab[PARTS[part]]
@@ -230,7 +231,7 @@ class Examples:
         return _stack(inputs, labels)
 
     def motion(self, count: int, target: int, rng: np.random.Generator) -> Batch:
-        """Keyframe motion modelling: keyframes hidden at random among those of a window, all asked (pre-training)."""
+        """Masked keyframe modelling: keyframes of a window hidden at random, all of them targets (pre-training)."""
         inputs, labels = [], []
         template = "motion_to_motion" if "motion_to_motion" in self.templates else "text_to_motion"
         for stream in self._streams(count, rng, "motion"):
@@ -244,8 +245,8 @@ class Examples:
         return _stack(inputs, labels)
 
     def speech(self, count: int, seconds: float, rng: np.random.Generator, *, to: str) -> Batch:
-        """Audio to text or text to audio (pre-training): a window where the times of words are known, else an item's
-        beginning, as much of it as there is."""
+        """Audio to text or text to audio (pre-training): a window if word times are known, else the beginning of an
+        item."""
         most = int(seconds * self.config["audio"]["token_rate"])
         inputs, labels = [], []
         for stream in self._streams(count, rng, "a2t"):

@@ -1,4 +1,4 @@
-"""T5 with mixtures of experts, as the model file has it: Hugging Face's names and arithmetic with less memory traffic.
+"""T5 with mixtures of experts in the model file's format: Hugging Face's names and arithmetic with less memory traffic.
 
 Hugging Face's own module spends most of a step on a CPU in small element-wise operations. This one loads its
 checkpoints and computes the same (`tests/test_lm_model.py`).
@@ -15,18 +15,18 @@ from umo_train.lm.moe import FeedForward, MixtureOfExperts
 Config = dict[str, Any]
 
 
-# Of the fresh model's places: audio tokens of a keyframe, and keyframes of history before the first that is predicted.
+# For positions of a fresh model: audio tokens per keyframe, and history keyframes before the first predicted one.
 TOKENS_PER_KEYFRAME, KEYFRAMES_BEFORE = 5, 10
 
 
 def _wave(place: Tensor, index: int) -> Tensor:
-    """Scores by a place in audio tokens: pairs of waves a quarter apart, 24 tokens long, then 96, …"""
+    """Scores by position in audio tokens: pairs of waves a quarter period apart, of 24 tokens length, then 96, …"""
     period = 24.0 * 4.0 ** (index // 2)
     return 1.5 * torch.cos(2 * math.pi * place / period + math.pi / 2 * (index % 2))
 
 
 class _RmsNorm(torch.autograd.Function):
-    """PyTorch's own falls apart into a dozen operations of mixed types, which a CPU takes several times as long for."""
+    """PyTorch's own consists of a dozen operations of mixed types, which take several times as long on a CPU."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, eps: float) -> Tensor:
@@ -79,7 +79,7 @@ class Attention(nn.Module):
         return x.view(b, n, self.heads, -1).transpose(1, 2).reshape(b * self.heads, n, -1)
 
     def forward(self, x: Tensor, keys: Tensor, bias: Tensor) -> Tensor:
-        """`bias` is `[h, n, m]`, or `[b, h, n, m]` where items have masks of their own."""
+        """`bias` is `[h, n, m]`, or `[b, h, n, m]` if items have their own masks."""
         b, n, _ = x.shape
         q, k, v = self._split(self.q(x)), self._split(self.k(keys)), self._split(self.v(keys))
         full = bias.to(q.dtype).expand(b, -1, -1, -1).reshape(b * self.heads, n, -1)
@@ -89,7 +89,7 @@ class Attention(nn.Module):
 
 
 class Sublayer(nn.Module):
-    """What a block's `layer.{i}` holds: a norm and one operation, named as Hugging Face names it."""
+    """Contents of a block's `layer.{i}`: a norm and one operation, with Hugging Face's names."""
 
     def __init__(self, lm: Config, name: str, operation: nn.Module) -> None:
         super().__init__()
@@ -120,7 +120,7 @@ class Block(nn.Module):
 
 
 class Stack(nn.Module):
-    """Encoder or decoder. Its first layer's table of relative positions serves them all."""
+    """Encoder or decoder. Its first layer's table of relative positions is shared by all layers."""
 
     def __init__(self, lm: Config, *, decoder: bool, dense: bool) -> None:
         super().__init__()
@@ -133,9 +133,9 @@ class Stack(nn.Module):
 
     @torch.no_grad()
     def _spread(self) -> None:
-        """Fresh heads that differ in what distance they look at: half of them near, half at waves of distance, in
-        pairs a quarter wave apart. From nearly equal ones, where speech stands in the window takes thousands of steps
-        to learn."""
+        """Initialises heads to attend to different distances: half of them near, half as waves of distance, in pairs a
+        quarter period apart. From nearly equal heads, learning where speech is in the window takes thousands of
+        steps."""
         relative = torch.arange(-self.distance, self.distance + 1)
         table = self.block[0].layer[0].SelfAttention.relative_attention_bias.weight
         bucket = _bucket(relative, self.buckets, self.distance, two_sided=not self.decoder)
@@ -184,15 +184,15 @@ def _bucket(relative: Tensor, buckets: int, distance: int, *, two_sided: bool) -
     return offset + torch.where(relative < exact, relative, logarithmic.clamp(max=buckets - 1))
 
 
-# Widths of a marked model's places: what all tokens share, the mark of the audio's start, that of what the decoder
-# starts with, and from there on one for each head of the encoder and of the decoder.
+# Dimensions of a marked model's positions: the component common to all tokens, the mark of the audio's start, that of
+# the decoder's start, and from there on one per head of the encoder and of the decoder.
 SHARED, BEGINS, STARTS, RESULTS = range(4)
 
 
 @torch.no_grad()
 def mark_heads(stack: Stack, marker: int, score: float, first: int) -> None:
-    """Lets the heads of a stack that have waves of distance see one marker among all tokens, and write a sine of the
-    place, the first of them at width `first`."""
+    """Makes a stack's heads with distance waves attend to one marker among all tokens, and write a sine of the
+    position, the first of them at dimension `first`."""
     attention = stack.block[0].layer[0].SelfAttention
     heads = attention.heads
     width = attention.q.weight.shape[0] // heads
@@ -210,8 +210,8 @@ def mark_heads(stack: Stack, marker: int, score: float, first: int) -> None:
 def fixed_weights(
     places: int, tables: list[Tensor], writers: list[nn.Linear], stacks: tuple[Stack, ...]
 ) -> list[tuple[Tensor, Tensor]]:
-    """Weights of a marked model, and which of their values training leaves alone: what makes places and what would
-    cover them."""
+    """Weights of a marked model, and the values in them that training leaves unchanged: those that produce positions
+    and those that would mask them."""
     masks: dict[Tensor, Tensor] = {}
 
     def mask(weight: Tensor) -> Tensor:
@@ -234,8 +234,8 @@ def fixed_weights(
 
 
 class LanguageModel(nn.Module):
-    """`config["lm"]` over `config["vocab"]`, with fresh weights. `dense` is T5 itself, before upcycling; `marked` tells
-    places from the first step on, which a model that starts from published weights has learned for itself."""
+    """`config["lm"]` over `config["vocab"]`, with fresh weights. `dense` is T5 itself, before upcycling; `marked` knows
+    positions from the first step on, which a model with published weights has already learned."""
 
     def __init__(self, config: Config, *, dense: bool = False, marked: bool = False) -> None:
         super().__init__()
@@ -253,18 +253,19 @@ class LanguageModel(nn.Module):
 
     @property
     def places(self) -> int:
-        """Widths that are kept for places, from the first on: one that all tokens share, one for each kind of marker,
-        and one per head and stack. 0 in models too small for it."""
+        """Number of dimensions reserved for positions, starting with the first: one common to all tokens, one for each
+        kind of marker, and one per head and stack. 0 in models too small for it."""
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
         return 3 + 2 * heads if self.width >= 16 * heads else 0
 
     @torch.no_grad()
     def _mark_places(self) -> None:
-        """Lets a model tell each audio token's place from the audio's start and each code's from its part's.
+        """Lets the model derive each audio token's position from the audio's start, and each code's from its part's
+        start.
 
-        T5 knows distances alone. A head that sees one marker among all tokens, by a weight that its wave of distance
-        makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms. `fixed` says which
-        weights must stay so that it stays.
+        T5 only knows distances. A head that attends to one marker among all tokens, with a weight that depends on its
+        distance wave, writes a sine of the position: a position encoding built from T5's own operations. `fixed` lists
+        the weights that must not change.
         """
         table = self.shared.weight
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
@@ -275,23 +276,25 @@ class LanguageModel(nn.Module):
             table[self.vocab[part]["start"], STARTS] = 8.0
         for linear in self._writers():
             linear.weight[: self.places] = 0.0
-        # A marker's score: about the logarithm of how many tokens it stands among.
+        # A marker's score: about the logarithm of the number of tokens around it.
         mark_heads(self.encoder, BEGINS, 5.3, RESULTS)
         mark_heads(self.decoder, STARTS, 1.0, RESULTS + heads)
 
     def _writers(self) -> list[nn.Linear]:
-        """Every matrix that writes to what the layers pass on."""
+        """Every matrix that writes to the residual stream."""
         names = (".o", ".wo")
         return [m for name, m in self.named_modules() if name.endswith(names) and isinstance(m, nn.Linear)]
 
     def fixed(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights, and which of their values training leaves alone: what makes places and what would cover them."""
+        """Weights, and the values in them that training leaves unchanged: those that produce positions and those that
+        would mask them.
+        """
         if not self.marked:
             return []
         return fixed_weights(self.places, [self.shared.weight], self._writers(), (self.encoder, self.decoder))
 
     def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
-        """`[b, n]` ids, and which of them count, to `[b, n, d]`."""
+        """`[b, n]` ids and their mask to `[b, n, d]`."""
         bias = self.encoder.bias(ids.shape[1], ids.device)
         if mask is not None:
             bias = bias[None].masked_fill(~mask[:, None, None], float("-inf"))
@@ -313,7 +316,7 @@ class LanguageModel(nn.Module):
     def forward(
         self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None, *, states: bool = False
     ) -> Tensor | tuple[Tensor, Tensor]:
-        """Logits `[b, m, vocab]`, teacher forcing; with `states` the encoder's `[b, n, d]` beside them."""
+        """Logits `[b, m, vocab]` with teacher forcing; with `states` also the encoder's `[b, n, d]`."""
         hidden = self.encode(ids, mask)
         logits = self.head(self.decode(hidden, decoder_ids, mask))
         return (logits, hidden) if states else logits

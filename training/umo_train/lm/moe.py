@@ -23,8 +23,8 @@ class FeedForward(nn.Module):
 
 
 class MixtureOfExperts(nn.Module):
-    """Feed-forwards behind a bias-free softmax router; a row goes to its `top_k` likeliest experts, whose weights are
-    their probabilities divided by the sum over the chosen."""
+    """Feed-forwards behind a bias-free softmax router; a row goes to its `top_k` most probable experts, weighted by
+    their probabilities normalised over the chosen."""
 
     PIECE = 256
 
@@ -34,9 +34,10 @@ class MixtureOfExperts(nn.Module):
         nn.init.normal_(self.router.weight, std=d_model**-0.5)
         self.experts = nn.ModuleList([FeedForward(d_model, d_ff) for _ in range(experts)])
         self.top_k = top_k
-        # Whether products are those of int8 (`umo_train/lm/rounded.py`).
+        # Whether products are rounded as in int8 (`umo_train/lm/rounded.py`).
         self.rounded = False
-        # Of the last forward pass: the balancing loss of equation (lmoe), and how often each expert came first.
+        # From the last forward pass: the balancing loss of equation (lmoe), and how often each expert was the first
+        # choice.
         self.balance: Tensor | None = None
         self.first_choices: Tensor | None = None
 
@@ -53,7 +54,7 @@ class MixtureOfExperts(nn.Module):
         flat = index.flatten()
         order = flat.argsort(stable=True)
         counts = flat.bincount(minlength=len(self.experts))
-        # Each expert's rows are filled up to a multiple: a CPU's matmul is made anew for every shape that it meets.
+        # Each expert's rows are padded to a multiple: matmul on a CPU is set up again for every new shape.
         room = (counts + self.PIECE - 1) // self.PIECE * self.PIECE
         shift = room.cumsum(0) - room - (counts.cumsum(0) - counts)
         place = torch.arange(len(order), device=order.device) + shift[flat[order]]
@@ -61,7 +62,7 @@ class MixtureOfExperts(nn.Module):
         source[place] = order // self.top_k
         gathered = rows[source].split(room.tolist())
         sorted_outputs = torch.cat([expert(part) for expert, part in zip(self.experts, gathered, strict=True)])
-        # Back to the order of rows: each row's k outputs stand together.
+        # Back to the order of rows: each row's k outputs are adjacent.
         back = torch.empty_like(order).scatter_(0, order, place)
         outputs = sorted_outputs[back]
         if self.top_k > 1:
@@ -70,8 +71,8 @@ class MixtureOfExperts(nn.Module):
         return outputs.reshape(hidden.shape)
 
     def by_all(self, rows: Tensor, weights: Tensor, index: Tensor) -> Tensor:
-        """Every expert for every row `[n, d]`, and of it what the chosen ones say: a GPU has arithmetic to spare, and
-        waits for nothing where no count of rows decides a shape."""
+        """Computes every expert for every row `[n, d]` and selects the chosen outputs: a GPU has spare arithmetic, and
+        no shape depends on data, so it never waits."""
         share = torch.zeros(len(rows), len(self.experts), dtype=rows.dtype, device=rows.device)
         share = share.scatter(1, index, weights.to(rows.dtype))
         gate, up, out = (
@@ -93,8 +94,8 @@ class MixtureOfExperts(nn.Module):
 
 
 def upcycled(state: dict[str, Tensor], experts: int, seed: int) -> dict[str, Tensor]:
-    """A dense T5's tensors as those of a sparse one (sparse upcycling): every expert an identical copy of the dense
-    feed-forward, so that the output is unchanged whatever the fresh routers say."""
+    """Converts a dense T5's tensors to a sparse one's (sparse upcycling): every expert is a copy of the dense
+    feed-forward, so that the output is unchanged whatever the fresh routers choose."""
     generator = torch.Generator().manual_seed(seed)
     out = {}
     for name, tensor in state.items():

@@ -1,4 +1,6 @@
-"""A decoder that looks where its keyframe is heard: least squares on one batch instead of thousands of steps."""
+"""Initialises the decoder to attend to the audio of its keyframe: least squares on one batch instead of thousands of
+steps.
+"""
 
 import math
 
@@ -10,21 +12,21 @@ from umo_train.lm.examples import Examples
 from umo_train.lm.model import LanguageModel
 from umo_train.skeleton import PARTS
 
-# Waves of place, in audio tokens, and how strongly a place is preferred to others.
+# Waves of position in audio tokens, and the strength of the preference for the matching position.
 PERIODS, PREFERENCE = (24.0, 96.0), 16.0
 RIDGE = 0.0003
 
 
 def _code(place: Tensor) -> Tensor:
-    """Places in audio tokens to unit waves `[..., 4]`."""
+    """Positions in audio tokens to unit waves `[..., 4]`."""
     angles = torch.stack([2 * math.pi * place / period for period in PERIODS], -1)
     return torch.cat([angles.cos(), angles.sin()], -1)
 
 
 @torch.no_grad()
 def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], seed: int) -> None:
-    """Sets the last cross-attention so that a code's query meets the keys of its keyframe's audio, and gives on what it
-    finds there. Queries and keys are fitted to the same waves of place. Training goes on from there.
+    """Sets the last cross-attention so that a code's query matches the keys of its keyframe's audio, and passes on the
+    values found there. Queries and keys are fitted to the same position waves. Training continues from there.
     """
     if not model.marked:
         raise ValueError("a stage with `align` needs a plan with `marked: true` and at least 16 widths a head")
@@ -57,14 +59,14 @@ def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], se
         for row in range(0, inner, width):
             linear.weight[row : row + width] = 0.0
             linear.weight[row : row + fitted.shape[1]] = PREFERENCE**0.5 * fitted.T
-    # What is found there goes to the head as it is: the encoder's own guess becomes the decoder's.
+    # The values pass to the head unchanged: the encoder's own prediction becomes the decoder's.
     attention.v.weight.copy_(torch.eye(*attention.v.weight.shape))
     attention.o.weight.copy_(torch.eye(*attention.o.weight.shape))
     attention.o.weight[: model.places] = 0.0
 
 
 def _fit(rows: Tensor, wanted: Tensor, places: int) -> Tensor:
-    """Ridge regression `[d, 4]` on the widths of places alone, which nothing else writes to."""
+    """Ridge regression `[d, 4]` on the position dimensions only, which nothing else writes to."""
     seen = rows[:, :places]
     square = seen.T @ seen + RIDGE * len(seen) * torch.eye(places)
     out = torch.zeros(rows.shape[1], wanted.shape[1])
@@ -80,7 +82,7 @@ def _states(model: LanguageModel, ids: np.ndarray, labels: np.ndarray) -> tuple[
 
 
 def _before(model: LanguageModel, layer: int, hidden: Tensor, said: Tensor) -> Tensor:
-    """What the cross-attention of a layer sees."""
+    """Input of a layer's cross-attention."""
     x = model.shared(said)
     bias = model.decoder.bias(said.shape[1], x.device)
     heads = model.decoder.block[0].layer[0].SelfAttention.heads

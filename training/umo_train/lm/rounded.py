@@ -1,4 +1,4 @@
-"""Training for int8: products as the engine computes them, with gradients as if nothing were rounded."""
+"""Training for int8: products as computed by the engine, with straight-through gradients."""
 
 from functools import partial
 
@@ -6,14 +6,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-# Largest code of int8 weights and inputs, as the engine rounds them.
+# Largest magnitude of int8 codes of weights and inputs, as in the engine.
 _CODES = 127.0
-# Products that stay in float: what routes, and what `umo model quantize` is told to keep.
+# Products that stay in float: routers, and those excluded from `umo quantize`.
 _KEPT = ("router", "depth.input", "depth.heard")
 
 
 def rounded(x: Tensor) -> Tensor:
-    """Rows (the last dimension) as multiples of a 127th of their largest value; gradients go through unchanged."""
+    """Rounds rows (the last dimension) to multiples of a 127th of their largest value; gradients pass through
+    unchanged.
+    """
     with torch.no_grad():
         wide = x.float()
         scale = (wide.abs().amax(-1, keepdim=True) / _CODES).clamp(min=1e-12)
@@ -31,14 +33,14 @@ def _gated_product(linear: nn.Linear, x: Tensor) -> Tensor:
 
 
 def crest_factor(x: Tensor) -> Tensor:
-    """Mean logarithm of the crest factor (peak over root mean square) of rows, squared: what decides the error of
-    rounding them to int8. 2.3 for normal numbers in rows of 384, 3.9 for GELUs of such times others."""
+    """Mean squared logarithm of the crest factor (peak over root mean square) of rows, which determines the error of
+    rounding them to int8. 2.3 for normal numbers in rows of 384, 3.9 for products of their GELU with normal numbers."""
     squares = x.float().square()
     return (squares.amax(-1).clamp(min=1e-12) / squares.mean(-1).clamp(min=1e-12)).log().mean()
 
 
 def round_products(model: nn.Module) -> None:
-    """From here on `model` computes every product of the language model as an int8 file does."""
+    """Makes `model` compute every product of the language model as an int8 file does."""
     for name, module in model.named_modules():
         if isinstance(module, nn.Linear) and not any(kept in name for kept in _KEPT):
             product = _gated_product if name.endswith(".wo") else _product
@@ -48,7 +50,7 @@ def round_products(model: nn.Module) -> None:
 
 
 def crest_of_gates(model: nn.Module) -> Tensor:
-    """Mean `crest_factor` of what the last pass gave the products behind gates (`wo`): a GELU times a linear part has
-    outliers, which no rotation spreads. Zero where nothing is rounded."""
+    """Mean `crest_factor` of the last inputs of the gated products (`wo`): a GELU times a linear part has outliers,
+    which no rotation can spread. Zero if nothing is rounded."""
     found = [module.crest for module in model.modules() if getattr(module, "crest", None) is not None]
     return torch.stack(found).mean() if found else torch.zeros((), device=next(model.parameters()).device)

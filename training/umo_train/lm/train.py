@@ -33,13 +33,13 @@ class StagePlan:
     rate: float
     batch: int = 64
     balance: float = 0.01
-    # Weight of the encoder's own guess of the face, from each keyframe's audio token through the same head: what is
-    # heard where is learned thousands of steps sooner than through the decoder alone.
+    # Weight of the encoder's own prediction of the face, from each keyframe's audio token through the same head: the
+    # alignment of audio and keyframes is learned thousands of steps sooner than through the decoder alone.
     heard: float = 0.0
-    # Whether the decoder's cross-attention starts out looking where its keyframe is heard.
+    # Whether the decoder's cross-attention is initialised to attend to its keyframe's audio.
     align: bool = False
     tau: float = 0.5
-    # Of stage 1: frames of a window. Of stage 2: keyframes of a chunk, drawn from these.
+    # Stage 1: frames of a window. Stage 2: keyframes of a chunk, drawn from these.
     dense_frames: int = 120
     targets: tuple[int, ...] = (5,)
     dense: bool = False
@@ -50,21 +50,21 @@ class StagePlan:
     decay: float = 0.05
     save_every: int = 250
     bf16: bool = True
-    # Of pre-training: the longest audio of an example.
+    # Pre-training: the longest audio of an example.
     speech_seconds: float = 3.0
-    # Examples of a dense window in a batch; 0 for as many as have a batch's labels.
+    # Dense windows per batch; 0 for as many as give the labels of a usual batch.
     dense_batch: int = 0
-    # Processes that draw batches ahead of a GPU; none draws them in between.
+    # Processes that prepare batches ahead of a GPU; 0 draws them synchronously.
     readers: int = 0
 
 
 class Master(torch.optim.Optimizer):
-    """AdamW on f32 copies of a bf16 model's weights: steps too small for bf16 add up in the copies."""
+    """AdamW on f32 copies of a bf16 model's weights: steps too small for bf16 accumulate in the copies."""
 
     def __init__(self, model: torch.nn.Module, rate: float, betas: tuple[float, float], decay: float) -> None:
         self.model = [p for p in model.parameters() if p.requires_grad]
         self.copies = [p.detach().float().clone().requires_grad_() for p in self.model]
-        # Of a language model: a layer alone has no places to keep.
+        # Only a language model has fixed position weights; a single layer does not.
         found = model.fixed() if hasattr(model, "fixed") else []
         fixed = {id(weight): mask for weight, mask in found}
         self.moved = [~fixed[id(p)] if id(p) in fixed else None for p in self.model]
@@ -85,7 +85,7 @@ class Master(torch.optim.Optimizer):
         torch.nn.utils.clip_grad_norm_(self.copies, 1.0)
         kept = [(c, m, c.clone()) for c, m in zip(self.copies, self.moved, strict=True) if m is not None]
         self.adam.step()
-        # Decay too leaves fixed values alone.
+        # Weight decay must not change fixed values either.
         for copy, moved, before in kept:
             copy.copy_(torch.where(moved, copy, before))
         torch._foreach_copy_(self.model, self.copies)
@@ -109,19 +109,19 @@ def task_chances(tasks: dict[str, float], tau: float) -> dict[str, float]:
 
 
 def mixture(tasks: dict[str, float | str], examples: Examples) -> dict[str, float]:
-    """Counts as given; `available` is the data that there is for a task, in seconds."""
+    """Counts as given; `available` stands for the amount of data for a task, in seconds."""
     return {name: examples.seconds(name) if count == "available" else count for name, count in tasks.items()}
 
 
 def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
-    """How each task's batches are made."""
+    """Batch functions of each task."""
     b = plan.batch
 
     def target(rng: np.random.Generator) -> int:
         return int(rng.choice(plan.targets))
 
     dense = plan.dense_frames
-    # A dense window has many more labels than a chunk: fewer examples make a batch.
+    # A dense window has many more labels than a chunk, so a batch has fewer examples.
     few = plan.dense_batch or max(4, b * 20 // max(4 * dense, 20))
     return {
         "motion": lambda rng: examples.motion(b, examples.prefix, rng),
@@ -136,8 +136,8 @@ def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
 
 
 class Draws(torch.utils.data.Dataset):  # type: ignore[type-arg]
-    """Task and batch of the steps from `start` on. Each step and device draws from a stream of its own, so that a
-    resumed run sees what it would have seen, whoever draws it."""
+    """Task and batch of the steps from `start` on. Each step and device has its own random stream, so that a resumed
+    run sees the same data, whichever process draws it."""
 
     def __init__(self, plan: StagePlan, examples: Examples, start: int, process: int) -> None:
         self.plan, self.examples, self.start, self.process = plan, examples, start, process
@@ -155,7 +155,7 @@ class Draws(torch.utils.data.Dataset):  # type: ignore[type-arg]
 
 
 def drawn_ahead(steps: torch.utils.data.Dataset, readers: int, device: torch.device) -> torch.utils.data.DataLoader:  # type: ignore[type-arg]
-    """What `steps` has of one step after the other, drawn by so many processes ahead of a GPU."""
+    """Loads the steps of `steps` in order, prepared by `readers` processes ahead of a GPU."""
     readers = readers if device.type == "cuda" else 0
     return torch.utils.data.DataLoader(
         steps, batch_size=None, num_workers=readers, prefetch_factor=4 if readers else None
@@ -163,8 +163,8 @@ def drawn_ahead(steps: torch.utils.data.Dataset, readers: int, device: torch.dev
 
 
 class Outputs(torch.nn.Module):
-    """Logits, the encoder's own loss and the balancing loss in one pass: gradients of several devices are only joined
-    for what a module returns."""
+    """Logits, the encoder's own loss and the balancing loss in one pass: gradients of several devices are only
+    synchronised for a module's outputs."""
 
     def __init__(self, model: LanguageModel, *, balanced: bool) -> None:
         super().__init__()
@@ -173,7 +173,7 @@ class Outputs(torch.nn.Module):
     def forward(
         self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None, heard: Tensor | None
     ) -> tuple[Tensor, Tensor | None, Tensor | None]:
-        """`heard` are ids that the encoder is to say, -100 where nothing is asked."""
+        """`heard` are target ids of the encoder, -100 without a target."""
         logits, hidden = self.model(ids, decoder_ids, mask, states=True)
         guess = None
         if heard is not None:
@@ -183,7 +183,7 @@ class Outputs(torch.nn.Module):
 
 
 def _inputs(batch: Batch, device: torch.device, vocab: Config) -> tuple[Tensor, Tensor, Tensor | None, Tensor]:
-    """What the encoder reads, what the decoder has said, which of the first counts, and what it is to say."""
+    """Input of the encoder, input of the decoder, mask of the former, and labels."""
     labels = torch.from_numpy(batch.labels).to(device)
     start = torch.full_like(labels[:, :1], vocab["decoder_start"])
     said = torch.cat([start, labels[:, :-1].clamp(min=0)], 1)
@@ -196,7 +196,7 @@ def _entropy(logits: Tensor, labels: Tensor) -> Tensor:
 
 
 def loss_of(model: LanguageModel, batch: Batch, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """Cross-entropy of the labels asked for, the logits `[b, m, vocab]` and the labels."""
+    """Cross-entropy of the labels, the logits `[b, m, vocab]` and the labels."""
     ids, said, mask, labels = _inputs(batch, device, model.vocab)
     logits = model(ids, said, mask)
     return _entropy(logits, labels), logits, labels
@@ -212,8 +212,8 @@ def rate_at(step: int, plan: StagePlan) -> float:
 def train_stage(
     plan: StagePlan, model: LanguageModel, examples: Examples, held_out: Examples, folder: Path
 ) -> LanguageModel:
-    """Trains `model` in place from wherever the stage's checkpoint stands."""
-    # An expert that no row of a batch goes to has no gradient there.
+    """Trains `model` in place from the stage's checkpoint."""
+    # An expert without rows in a batch has no gradient.
     several = DistributedDataParallelKwargs(find_unused_parameters=True)
     accelerator = Accelerator(kwargs_handlers=[several])
     torch.manual_seed(plan.seed)
@@ -263,7 +263,7 @@ def train_stage(
 
 
 def _experts(model: LanguageModel) -> dict[str, float]:
-    """Per layer, the share of rows whose first choice is the most used expert."""
+    """Share of rows whose first choice is the most used expert, per layer."""
     out = {}
     for i, layer in enumerate(moe.layers(model)):
         if layer.first_choices is not None:
@@ -280,7 +280,7 @@ def _accuracy(logits: Tensor, labels: Tensor) -> float:
 
 @torch.no_grad()
 def evaluate(model: LanguageModel, examples: Examples, plan: StagePlan, batches: int = 4) -> dict[str, float]:
-    """Accuracy of each part's codes, teacher forcing, on held-out items."""
+    """Accuracy of each part's codes with teacher forcing, on held-out items."""
     device = next(model.parameters()).device
     sums: dict[str, list[float]] = {}
     for i in range(batches):

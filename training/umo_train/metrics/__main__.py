@@ -20,11 +20,11 @@ def _eval(args: argparse.Namespace) -> None:
     held_out = _held_out(args)
     real = item.recordings(args.speech)[: args.recordings] if args.speech else []
     if args.corpus:
-        # What a model was trained on says nothing of it.
+        # Recordings of readers in the training data do not count.
         known = item.readers(args.corpus)
         kept = [one for one in real if one.voice not in known]
         if len(kept) < len(real):
-            print(f"left out, of readers that are in training: {len(real) - len(kept)} recordings")
+            print(f"left out, as their readers are in the training data: {len(real) - len(kept)} recordings")
         real = kept
     captured = item.captured(args.captured) if args.captured else []
     if not held_out and not real:
@@ -97,39 +97,39 @@ def _arguments() -> argparse.ArgumentParser:
         made.add_argument("--seed", type=int, default=0)
         return made
 
-    one = command("eval", _eval, "Every measure of a model: report.json and report.html")
-    one.add_argument("--model", type=Path, help="model file; the one in the program where not given")
-    one.add_argument("--exact", type=Path, help="the same model with float weights, to compare int8 with")
-    one.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
+    one = command("eval", _eval, "Evaluate a model with every measure: report.json and report.html")
+    one.add_argument("--model", type=Path, help="model file (default: the embedded one)")
+    one.add_argument("--exact", type=Path, help="the same model with float weights, for comparison with int8")
+    one.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
     one.add_argument("--items", type=Path, help="folder of evaluation items (.npz)")
-    one.add_argument("--corpus", type=Path, help="the corpus' folder: its held-out splits, with the performer's motion")
-    one.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
-    one.add_argument("--most", type=int, default=1000, help="items of each split")
-    one.add_argument("--varied", type=int, default=3, help="items of each split that are tried with every prompt")
-    one.add_argument("--seeds", type=int, default=2, help="takes of each prompt")
-    one.add_argument("--acted", type=int, default=4, help="takes of each action, where the corpus has any")
-    one.add_argument("--speech", type=Path, help="folder of real recordings")
-    one.add_argument("--recordings", type=int, help="at most so many of them")
-    one.add_argument("--captured", type=Path, help="folder of speech whose mouth was captured (.npz with `opening`)")
     one.add_argument(
-        "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder; the package's where not given"
+        "--corpus", type=Path, help="folder of the corpus, for its held-out splits with the performer's motion"
     )
+    one.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
+    one.add_argument("--most", type=int, default=1000, help="maximum number of items per split")
+    one.add_argument("--varied", type=int, default=3, help="items per split to animate with every prompt")
+    one.add_argument("--seeds", type=int, default=2, help="takes of each prompt")
+    one.add_argument("--acted", type=int, default=4, help="takes of each action, if the corpus has any")
+    one.add_argument("--speech", type=Path, help="folder of real recordings")
+    one.add_argument("--recordings", type=int, help="maximum number of recordings")
+    one.add_argument("--captured", type=Path, help="folder of speech whose mouth was captured (.npz with `opening`)")
+    one.add_argument("--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder (default: the package's)")
     one.add_argument(
-        "--more", default="", help="other arguments of `umo animate` and `umo text`, as one: --more='--horizon 0'"
+        "--more", default="", help="other arguments of `umo animate` and `umo text`, in one word: --more='--horizon 0'"
     )
     one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
 
-    one = command("agreement", _agreement, "Greedy codes of quantised models as of the exact one, as each is stored")
+    one = command("agreement", _agreement, "Compare greedy codes of quantised models with the exact model's")
     one.add_argument("models", nargs="+", type=Path)
-    one.add_argument("--exact", type=Path, required=True, help="the model that they were made from")
-    one.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
+    one.add_argument("--exact", type=Path, required=True, help="the model that they were quantised from")
+    one.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
     one.add_argument("--corpus", type=Path, required=True)
     one.add_argument("--split", nargs="+", default=["test_voice", "test_sentence"])
-    one.add_argument("--most", type=int, default=4, help="items of each split")
-    one.add_argument("--chunks", type=int, default=10, help="of each item")
+    one.add_argument("--most", type=int, default=4, help="maximum number of items per split")
+    one.add_argument("--chunks", type=int, default=10, help="chunks of each item")
 
-    one = command("sheet", _sheet, "One recording as a strip of poses and faces over its waveform")
+    one = command("sheet", _sheet, "Draw one recording as a strip of poses and faces over its waveform")
     one.add_argument("speech", type=Path)
     one.add_argument("--model", type=Path)
     one.add_argument("--umo", type=Path)
@@ -144,7 +144,7 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--epochs", type=int, default=20)
     one.add_argument("-o", "--output", type=Path, required=True)
 
-    one = command("table", _table, "Reports as one Markdown table")
+    one = command("table", _table, "Combine reports into one Markdown table")
     one.add_argument("reports", nargs="+", help="NAME=report.json, or report.json named by its folder")
     one.add_argument("-o", "--output", type=Path)
     return parser

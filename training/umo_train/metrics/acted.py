@@ -1,4 +1,4 @@
-"""Whether somebody who sees the motion knows which action a text asked for."""
+"""Whether the action that a text asked for can be recognised from the motion."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -12,7 +12,7 @@ from umo_train.metrics import program
 from umo_train.metrics.diversity import statistics
 from umo_train.metrics.item import Motion
 
-# Styles of items of actions begin so.
+# Prefix of the styles of action items.
 PREFIX = "action "
 
 
@@ -24,8 +24,8 @@ def known(folder: Path, split: str) -> Iterator[tuple[str, Motion]]:
 
 
 class Judge:
-    """Linear discriminants over windows of 5 s of the body; of several windows of one motion all together say what it
-    is. Faces are left out: an action is what the body does."""
+    """Linear discriminants over 5 s windows of the body; the windows of one motion vote together. Faces are left out:
+    an action is defined by the body."""
 
     def __init__(self, motions: Sequence[tuple[str, Motion]]) -> None:
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
@@ -41,14 +41,14 @@ class Judge:
         return str(self.model.classes_[said.argmax()])
 
     def share(self, motions: Sequence[tuple[str, Motion]]) -> float:
-        """How many are what they are called."""
+        """Share of motions classified as their name."""
         return float(np.mean([self.name(motion) == name for name, motion in motions]))
 
 
 def from_text(
     umo: Path, prompt: str, seconds: float, model: Path | None, seed: int, more: tuple[str, ...] = ()
 ) -> Motion:
-    """What the program makes of a text alone; `more` are further arguments."""
+    """The program's motion for a text alone; `more` are further arguments."""
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:
         made = Path(folder, "motion.npz")
         options = ["--model", model] if model else []
@@ -59,8 +59,8 @@ def from_text(
 def measure(
     umo: Path, model: Path | None, folder: Path, seeds: int, seconds: float = 10.0, more: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """The share of motions from text that are known for what was asked, with the first of an action's prompts, of each
-    action and of all; and that of held-out performances. Empty where the corpus has no actions."""
+    """Share of motions from text that are recognised as the requested action, with the first of an action's prompts,
+    per action and overall; and the share of held-out performances. Empty if the corpus has no actions."""
     learned = list(known(folder, "train"))
     if not learned:
         return {}

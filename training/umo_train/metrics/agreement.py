@@ -1,4 +1,4 @@
-"""Codes in int8 against codes in f32, chunk by chunk on the same history, and which codes are used."""
+"""Codes in int8 compared with codes in f32, chunk by chunk on the same history, and the use of codes."""
 
 import json
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from umo_train.speech.utterance import SAMPLE_RATE
 
 @dataclass(frozen=True)
 class Chunk:
-    """Ids of one run of encoder and decoder: what the encoder reads, and what f32 made of it with its markers."""
+    """Ids of one run of encoder and decoder: the encoder's input, and the f32 output with its markers."""
 
     encoder: np.ndarray
     decoder: np.ndarray
@@ -51,7 +51,9 @@ def encoder_ids(config: dict[str, Any], units: Sequence[int], history: dict[str,
 
 
 def decoder_ids(config: dict[str, Any], codes: dict[str, np.ndarray]) -> np.ndarray:
-    """The decoder's begin and all its output but the last id, so that row `i` of the logits tells id `i + 1`."""
+    """The decoder's input: the start marker and all its output except the last id, so that row `i` of the logits
+    predicts id `i + 1`.
+    """
     out = [config["vocab"]["decoder_start"]]
     for part in PARTS:
         out += _marked(config["vocab"], part, codes[part])
@@ -67,10 +69,10 @@ def units_of(umo: Path, item: Item, config: dict[str, Any], model: Path | None =
 
 
 def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed: int = 0) -> list[Chunk]:
-    """The first chunks of a recording in f32, each with the codes that the ones before gave as its history."""
+    """The first chunks of a recording in f32, each with the previous chunks' codes as its history."""
     config = config_of(umo, model)
     prefix, target, rate = config["prefix"], config["target"], config["audio"]["token_rate"]
-    # Units of a keyframe.
+    # Audio units per keyframe.
     each = rate * config["keyframe_stride"] // config["frame_rate"]
     units = units_of(umo, item, config, model)
     history = {part: np.full(prefix, config["rest"][part]) for part in PARTS}
@@ -87,11 +89,11 @@ def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed
 
 
 def likeliest(config: dict[str, Any], logits: np.ndarray) -> dict[str, np.ndarray]:
-    """The likeliest code of each part at each of its places, from the logits `[rows, vocab]` of a chunk."""
+    """The most probable code of each part at each of its positions, from the logits `[rows, vocab]` of a chunk."""
     target = len(logits) // len(PARTS) - 2
     out = {}
     for number, part in enumerate(PARTS):
-        # The part's marker is an input row of its own, and its row tells the first code.
+        # The part's marker is a separate input row, which predicts the first code.
         first = 1 + number * (target + 2)
         of = config["vocab"][part]
         out[part] = logits[first : first + target, of["first"] : of["first"] + of["codes"]].argmax(1)
@@ -105,10 +107,10 @@ def agreement(
     other: Path | None = None,
     precision: str | None = None,
 ) -> dict[str, float]:
-    """Share of places where f32 of `model` and `precision` of `other` (the same file where not given) find the same
-    code likeliest, by part and in `all`; both are given what f32 drew so far.
+    """Share of positions at which f32 of `model` and `precision` of `other` (by default the same file) agree on the
+    most probable code, by part and in `all`; both get the codes sampled in f32 so far.
 
-    Another file is computed as it stores its weights where no precision is given, the same file in int8."""
+    Another file is computed in its stored precision by default, the same file in int8."""
     precision = precision or ("stored" if other else "int8")
     config = config_of(umo, model)
     same: dict[str, list[np.ndarray]] = {part: [] for part in PARTS}
@@ -124,5 +126,5 @@ def agreement(
 
 
 def code_counts(chunks: Sequence[Chunk], codes: int) -> dict[str, np.ndarray]:
-    """How often each code was drawn `[codes]`, by part."""
+    """Number of times each code was drawn `[codes]`, by part."""
     return {part: np.bincount(np.concatenate([c.codes[part] for c in chunks]), minlength=codes) for part in PARTS}

@@ -1,4 +1,4 @@
-"""The bars that the default model has to clear, read off the measures."""
+"""The bars of the default model, evaluated from the measures."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ Groups = dict[str, Any]
 
 @dataclass(frozen=True)
 class Bar:
-    """`value` is None where it could not be measured, which is not met."""
+    """`value` is None if it could not be measured, which counts as missed."""
 
     name: str
     value: float | None
@@ -25,7 +25,7 @@ class Bar:
 
 
 def _found(read: Callable[[], float | None]) -> float | None:
-    """None where a group or a key is missing, or a share is of nothing."""
+    """None if a group or a key is missing, or a share has no samples."""
     try:
         return read()
     except (KeyError, TypeError, ZeroDivisionError, ValueError):

@@ -1,4 +1,4 @@
-"""Beat constancy (Liu et al. 2022, BEAT): do onsets of the speech meet turning points of the upper body."""
+"""Beat constancy (Liu et al. 2022, BEAT): whether speech onsets coincide with turning points of the upper body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,20 +12,19 @@ from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 # BEAT's, seconds.
 SIGMA_S = 0.3
-# Real speech has 4.6 onsets a second: at BEAT's width everything is near one. Of turning points put exactly on onsets
-# of 23 recordings (VCTK, LibriSpeech), own audio scored 1.05 times shifted audio at 0.3 s and 1.25 to 1.32 times at
-# 0.1 s, at most. With one event a second (accented syllables) it is 2 times at 0.3 s.
+# Real speech has 4.6 onsets a second: with BEAT's width everything is close to one. With turning points placed exactly
+# on the onsets of 23 recordings (VCTK, LibriSpeech), own audio scored at most 1.05 times shifted audio at 0.3 s, and
+# 1.25 to 1.32 times at 0.1 s. With one event a second (accented syllables) it is 2 times at 0.3 s.
 SHARP_SIGMA_S = 0.1
-# A minimum is the least within this many frames on each side, as in BEAT's code.
+# A minimum must be the lowest within this many frames on each side, as in BEAT's code.
 ORDER = 7
-# Shifts of the audio, seconds: none below 0.4, so that a syllable does not fall on its neighbour's gesture, and no
-# multiples of each other, so that a steady rhythm does not meet itself each time.
+# Shifts of the audio, seconds: at least 0.4, so that a syllable does not meet its neighbour's gesture, and not
+# multiples of each other, so that a steady rhythm does not always meet itself.
 SHIFTS_S = (0.43, 0.71, 1.13, 1.57, 2.03, 2.69)
 
 
 def onsets(samples: np.ndarray) -> np.ndarray:
-    """Times of onsets in speech at 16 kHz, seconds: peaks of the spectral flux, moved back to where the energy
-    rises."""
+    """Times of onsets in speech at 16 kHz, seconds: peaks of the spectral flux, moved back to the energy's rise."""
     import librosa
 
     samples = np.asarray(samples, np.float32)
@@ -34,20 +33,20 @@ def onsets(samples: np.ndarray) -> np.ndarray:
 
 
 def stressed(item: Item) -> np.ndarray:
-    """Starts of the vowels of accented words' stressed syllables, seconds: what a stroke should fall on. Of speech
-    without accents, of all stressed syllables."""
+    """Starts of the vowels of accented words' stressed syllables, seconds, where strokes should fall. Without accents,
+    all stressed syllables."""
     most = min(max((phone.stress for phone in item.phones), default=0), 2)
     return np.array([phone.start for phone in item.phones if most and phone.stress >= most])
 
 
 def turning_points(motion: Motion) -> np.ndarray:
-    """Times at which the upper body's mean speed is least, seconds."""
+    """Times of minimal mean speed of the upper body, seconds."""
     return argrelmin(joint_speed(motion), order=ORDER)[0] / FRAME_RATE
 
 
 def constancy(events: np.ndarray, turns: np.ndarray, sigma: float = SIGMA_S) -> float:
-    """Mean over the audio's events of `exp(-d^2 / 2 sigma^2)`, `d` the time to the nearest turning point; 0 without
-    any."""
+    """Mean over the audio's events of `exp(-d^2 / 2 sigma^2)`, with `d` the time to the nearest turning point; 0
+    without any."""
     if len(events) == 0 or len(turns) == 0:
         return 0.0
     nearest = np.abs(np.subtract.outer(events, turns)).min(1)
@@ -69,8 +68,8 @@ class Beat:
 def beat(pairs: Sequence[tuple[np.ndarray, np.ndarray, float]], sigma: float = SIGMA_S) -> Beat:
     """`pairs` are `(events, turning points, seconds)` of each recording; each counts by its number of events.
 
-    Audio is shifted in a ring, so that as much of it meets the motion as before. Recordings of less than twice the
-    least shift have no place to shift to, and are left out.
+    Audio is shifted cyclically, so that the same amount overlaps the motion. Recordings shorter than twice the smallest
+    shift are left out.
     """
     own, shifted, weights = [], [], []
     for events, turns, seconds in pairs:

@@ -1,4 +1,4 @@
-"""How a body talks: how much its head moves, how long its gestures are, how smooth its wrists, how often it rests."""
+"""Body language measures: head motion, length of gestures, smoothness of wrists, rests."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,8 @@ from umo_train.speech.utterance import FRAME_RATE
 WRISTS = (JOINT["left_wrist"], JOINT["right_wrist"])
 # Standard deviation of the smoothing of wrists before their speed is taken, frames.
 SMOOTH = 1.0
-# A wrist that is faster gestures, a slower one is still, m/s; gestures this close to each other are one phrase, frames.
+# Speeds above which a wrist gestures and below which it is still, m/s; gestures closer than this form one phrase,
+# frames.
 GESTURE_M_S, STILL_M_S, JOINED = 0.25, 0.04, 9
 
 
@@ -35,26 +36,26 @@ def wrist_speed(motion: Motion) -> np.ndarray:
 
 
 def phrases(speed: np.ndarray) -> np.ndarray:
-    """Lengths of gesture phrases in seconds `[count]`: times in which a wrist gestures, short rests included."""
+    """Lengths of gesture phrases in seconds `[count]`: times with a gesturing wrist, including short rests."""
     near = uniform_filter1d((speed > GESTURE_M_S).astype(float), JOINED, mode="constant") > 1e-9
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int))).reshape(-1, 2)
     return np.diff(edges)[:, 0] / FRAME_RATE
 
 
 def wrist_jerk(motion: Motion) -> np.ndarray:
-    """Third derivative of the wrists' places relative to the pelvis, of the rougher one, m/s^3 `[T - 3]`."""
+    """Third derivative of the wrists' positions relative to the pelvis, of the rougher one, m/s^3 `[T - 3]`."""
     at = joint_places(motion, walking=False)[:, WRISTS]
     return np.linalg.norm(np.diff(at, 3, axis=0) * FRAME_RATE**3, axis=-1).max(1)
 
 
 def weight_shifts(motion: Motion) -> int:
-    """How often the pelvis turns round on its way from leg to leg, by 2 cm at least."""
+    """Number of weight shifts of the pelvis from leg to leg, by at least 2 cm."""
     aside = gaussian_filter1d(joint_places(motion)[:, 0, 0], 5)
     return sum(len(find_peaks(sign * aside, prominence=0.02)[0]) for sign in (1, -1))
 
 
 def body(motions: Sequence[Motion]) -> dict[str, float | None]:
-    """All of it over several motions."""
+    """All measures over several motions."""
     speeds = [wrist_speed(motion) for motion in motions]
     lengths = np.concatenate([phrases(speed) for speed in speeds])
     jerks = np.concatenate([wrist_jerk(motion) for motion in motions])

@@ -1,4 +1,4 @@
-"""How often each expert comes first, by layer, while a model animates."""
+"""Counts how often each expert is the first choice, by layer, while a model animates."""
 
 import json
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ def language_model(path: Path) -> torch.nn.Module:
 
 @torch.no_grad()
 def first_choices(path: Path, chunks: Sequence[Chunk]) -> dict[str, np.ndarray]:
-    """Counts `[experts]` by layer over all rows of all chunks. A dense model has no layers here."""
+    """Counts `[experts]` by layer over all rows of all chunks. Empty for a dense model."""
     model = language_model(path)
     counts: dict[str, np.ndarray] = {}
     hooks = []
@@ -49,5 +49,5 @@ def first_choices(path: Path, chunks: Sequence[Chunk]) -> dict[str, np.ndarray]:
 
 
 def entropy(counts: dict[str, np.ndarray]) -> float:
-    """Mean over layers of how evenly experts are used, 0..1."""
+    """Mean over layers of the evenness of expert use, 0..1."""
     return use_entropy(np.stack(list(counts.values()))) if counts else 0.0

@@ -1,4 +1,4 @@
-"""Frechet gesture distance: between sets of motion, in the features of an auto-encoder that this package trains."""
+"""Frechet gesture distance between sets of motion, in the feature space of an auto-encoder trained by this package."""
 
 import json
 from collections.abc import Sequence
@@ -14,26 +14,26 @@ from torch import nn
 from umo_train.metrics.item import Motion
 from umo_train.skeleton import JOINTS_OF
 
-# Frames of a window and between windows' starts, as BEAT's evaluation has them (34 of them in its windows).
+# Frames of a window and between window starts, as in BEAT's evaluation (34 of them in its windows).
 WINDOW = 34
 HOP = 5
 BODY = ("upper", "hands", "lower")
-# The auto-encoder that comes with the package, so that distances of different runs can be compared: one that is trained
-# anew moves them by half. Of the performer's motion in the default model's training split (README).
+# The package's auto-encoder, so that distances of different runs are comparable: retraining changes them by half.
+# Trained on the performer's motion in the default model's training split (README).
 JUDGE = Path(__file__).with_name("judge.safetensors")
 WIDTH, FEATURES = 96, 48
 
 
 def channels(motion: Motion, parts: Sequence[str]) -> np.ndarray:
-    """What the auto-encoder sees `[T, C]`: rotations, and of the face its coefficients too. Velocity and contacts are
-    left out, since not every source of motion has them."""
+    """The auto-encoder's input `[T, C]`: rotations, and the face's coefficients. Velocity and contacts are left out,
+    since not every source of motion has them."""
     face = [motion["face"]] if "face" in parts else []
     body = [motion[part][:, : 6 * len(JOINTS_OF[part])] for part in parts if part != "face"]
     return np.concatenate([*face, *body], 1).astype(np.float32)
 
 
 def windows(motions: Sequence[Motion], parts: Sequence[str] = BODY, hop: int = HOP) -> np.ndarray:
-    """Overlapping windows of all motions `[N, WINDOW, C]`; what is shorter than one gives none."""
+    """Overlapping windows of all motions `[N, WINDOW, C]`; shorter motions have none."""
     cut = [
         np.lib.stride_tricks.sliding_window_view(channels(motion, parts), WINDOW, axis=0)[::hop].swapaxes(1, 2)
         for motion in motions
@@ -98,16 +98,16 @@ class AutoEncoder(nn.Module):
 def train_autoencoder(
     motions: Sequence[Motion], seed: int = 0, epochs: int = 20, parts: Sequence[str] = BODY, batch: int = 64
 ) -> AutoEncoder:
-    """Trains on motions; deterministic for a seed on one machine. The loss is the mean square of the error of the
-    normalised channels, and of their differences from frame to frame as a share of those."""
+    """Trains on motions; deterministic for a seed on one machine. The loss is the mean squared error of the normalised
+    channels, and of their frame-to-frame differences relative to the size of these differences."""
     torch.manual_seed(seed)
     data = torch.from_numpy(windows(motions, parts))
     model = AutoEncoder(data.shape[2], parts)
     flat = data.flatten(0, 1)
     model.mean.copy_(flat.mean(0))
-    # Channels that hardly move must not be blown up: a hundredth of a radian is nothing that anyone sees.
+    # Nearly constant channels must not be amplified: a hundredth of a radian is invisible.
     model.scale.copy_(flat.std(0).clamp_min(0.01))
-    # Frames differ little from the next: as much weight for how motion goes as for where it is.
+    # Consecutive frames differ little: weight motion as much as position.
     movement = model.normal(data[:: max(len(data) // 512, 1)]).diff(dim=2).square().mean()
     optimizer = torch.optim.AdamW(model.parameters(), 1e-3, weight_decay=1e-4)
     steps = epochs * -(-len(data) // batch)
@@ -127,9 +127,9 @@ def train_autoencoder(
 def frechet(a: np.ndarray, b: np.ndarray) -> float:
     """Squared Frechet distance of the normal distributions fitted to rows `[N, F]` and `[M, F]`.
 
-    The trace of `sqrt(A B)` is the sum of the roots of the eigenvalues of `sqrt(A) B sqrt(A)`, which is symmetric:
-    unlike a general matrix root this stays real where there are fewer rows than features and the covariances are
-    singular.
+    The trace of `sqrt(A B)` is the sum of the square roots of the eigenvalues of `sqrt(A) B sqrt(A)`, which is
+    symmetric: unlike a general matrix square root this stays real with fewer rows than features, when the covariances
+    are singular.
     """
     if min(len(a), len(b)) < 2:
         raise ValueError("a covariance needs two rows at least")
@@ -143,12 +143,12 @@ def frechet(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def fgd(model: AutoEncoder, motions: Sequence[Motion], reference: Sequence[Motion]) -> float:
-    """Distance of motions to a reference; smaller is nearer."""
+    """Distance of motions from a reference; smaller is closer."""
     return frechet(model.features(motions), model.features(reference))
 
 
 def shuffled(motion: Motion, rng: np.random.Generator, chunk: int = 30) -> dict[str, np.ndarray]:
-    """The same motion with its chunks (a second, the model's chunk) in another order: right poses, wrong course."""
+    """The motion with its chunks (a second, the model's chunk) in another order: correct poses, wrong sequence."""
     count = len(motion["face"])
     pieces = np.array_split(np.arange(count), max(count // chunk, 1))
     order = np.concatenate([pieces[i] for i in rng.permutation(len(pieces))])

@@ -1,4 +1,4 @@
-"""A simple person drawn from motion: a body of capsules by forward kinematics, and a face from ARKit's coefficients."""
+"""A simple figure drawn from motion: a body of capsules by forward kinematics, and a face from ARKit's coefficients."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,17 +9,17 @@ from scipy.spatial.transform import Rotation
 from umo_train.skeleton import JOINT, PARENTS, SHAPE
 
 INK, SKIN, LEFT, RIGHT, LEGS = "#2d3742", "#e9c9ae", "#d9593d", "#2b7a9e", "#5d6b7a"
-# Half-widths in metres of the capsule that ends at a joint.
+# Half-width in metres of the capsule that ends at a joint.
 _WIDTH = {
     "head": 0.05, "knee": 0.078, "ankle": 0.056, "foot": 0.042, "elbow": 0.048, "wrist": 0.038,
 }  # fmt: skip
 _FINGER, _PALM = 0.0125, 0.021
-# Round edges of what is between shoulders and hips.
+# Radius of the edges between shoulders and hips.
 _TRUNK = 0.055
 
 
 def _capsules() -> list[tuple[int, int, float, str]]:
-    """From joint, to joint, half-width and colour of each bone that is drawn."""
+    """Start joint, end joint, half-width and colour of each bone."""
     out = []
     for name, joint in JOINT.items():
         side, _, bone = name.rpartition("_")
@@ -46,19 +46,20 @@ def _blend(colour: str, other: str, share: float) -> tuple[float, ...]:
 def draw_body(
     axes: Axes, places: np.ndarray, facing: np.ndarray, x: float, turn: float, points_per_metre: float
 ) -> None:
-    """Draws joints' `places` `[55, 3]` around `x` of axes in metres, seen from in front and `turn` radians to its left.
+    """Draws joints' `places` `[55, 3]` around `x` of axes in metres, seen from the front and rotated by `turn` radians
+    to its left.
 
-    `facing` is the head's matrix in the world.
+    `facing` is the head's world matrix.
     """
     view = Rotation.from_euler("y", turn).as_matrix()
     at = (places - [places[0, 0], 0, places[0, 2]]) @ view.T
-    # The viewer stands in front, so that the left hand is on the right of the picture.
+    # The viewer is in front, so the left hand is on the right of the picture.
     spots, depth = at[:, :2] + [x, 0], at[:, 2]
     axes.add_patch(Ellipse((x, -0.01), 0.62, 0.07, color="#e7eaee", zorder=0, lw=0))
     _draw_trunk(axes, spots, depth, points_per_metre)
     for start, end, width, colour in CAPSULES:
         near = (depth[start] + depth[end]) / 2
-        # What is farther is paler, as in haze.
+        # Farther parts are paler, as in haze.
         haze = 0.0 if colour == LEGS else float(np.clip(0.12 - 0.6 * near, 0, 0.4))
         shade = _blend(colour, "#ffffff", haze)
         ends = spots[[start, end]].T
@@ -84,7 +85,7 @@ def _draw_trunk(axes: Axes, spots: np.ndarray, depth: np.ndarray, points_per_met
     hips = [waist[1], waist[0], of("right_hip"), of("left_hip")]
     near = 10 + depth[[JOINT["left_shoulder"], JOINT["right_shoulder"], JOINT["spine2"]]].mean()
     line = 2 * _TRUNK * points_per_metre
-    # Hips lie over the thighs without a rim, as trousers do.
+    # Hips overlap the thighs without an edge, like trousers.
     over = 10 + depth[[JOINT["left_hip"], JOINT["right_hip"], JOINT["left_knee"], JOINT["right_knee"]]].max() + 0.02
     for corners, colour, order, rim in ((hips, LEGS, over, 0.0), (chest, INK, max(near, over + 0.01), 1.6)):
         shape = {"facecolor": colour, "joinstyle": "round"}
@@ -97,7 +98,7 @@ def _draw_head(axes: Axes, at: np.ndarray, facing: np.ndarray, x: float) -> None
     middle = at + facing @ [0, 0.085, 0.02]
     tilt = np.degrees(np.arctan2(-(facing @ [0, 1, 0])[0], (facing @ [0, 1, 0])[1]))
     near = 10 + middle[2] + 0.1
-    # A head is deeper than wide: seen from the side it is broader.
+    # A head is deeper than wide: it is broader from the side.
     broad = 0.155 + 0.05 * abs((facing @ [0, 0, 1])[0])
     outline = {"angle": tilt, "edgecolor": "white", "lw": 0.8}
     axes.add_patch(Ellipse((middle[0] + x, middle[1]), broad, 0.235, facecolor=SKIN, zorder=near, **outline))
@@ -112,7 +113,7 @@ def _draw_head(axes: Axes, at: np.ndarray, facing: np.ndarray, x: float) -> None
 
 
 def _curve(points: np.ndarray) -> np.ndarray:
-    """A smooth line through a few points (Catmull-Rom)."""
+    """A smooth curve through a few points (Catmull-Rom)."""
     padded = np.concatenate([2 * points[:1] - points[1:2], points, 2 * points[-1:] - points[-2:-1]])
     t = np.linspace(0, 1, 9)[:-1, None]
     a, b, c, d = (padded[i : len(padded) - 3 + i, None] for i in range(4))
@@ -121,7 +122,7 @@ def _curve(points: np.ndarray) -> np.ndarray:
 
 
 def draw_face(axes: Axes, coefficients: np.ndarray, x: float, size: float = 1.0) -> None:
-    """Draws 52 coefficients as a face about `x` of axes, 2 units high at `size` 1. Its left is on the right."""
+    """Draws 52 coefficients as a face around `x` of axes, 2 units high at `size` 1. Its left is on the right."""
 
     def of(name: str) -> float:
         return float(coefficients[SHAPE[name]])
@@ -150,7 +151,7 @@ def draw_face(axes: Axes, coefficients: np.ndarray, x: float, size: float = 1.0)
 
 
 def _draw_eye(axes: Axes, of, put, side: str, sign: int) -> None:
-    """White, iris and lids; the lids shut with the blink."""
+    """White, iris and lids; the lids close with the blink."""
     blink, wide, squint = of(f"eyeBlink{side}"), of(f"eyeWide{side}"), of(f"eyeSquint{side}")
     opened = max(0.0, 0.13 * (1 - blink) * (1 - 0.35 * squint) + 0.04 * wide)
     t = np.linspace(-1, 1, 15)
@@ -159,7 +160,7 @@ def _draw_eye(axes: Axes, of, put, side: str, sign: int) -> None:
     ring = put(np.concatenate([np.stack([across, top], 1), np.stack([across, under], 1)[::-1]]))
     white = Polygon(ring, facecolor="white", edgecolor="none", zorder=2)
     axes.add_patch(white)
-    # Outwards is to the body's own side; inwards to the nose.
+    # Outward is towards the body's own side; inward to the nose.
     aside = 0.07 * sign * (of(f"eyeLookOut{side}") - of(f"eyeLookIn{side}"))
     up = 0.06 * (of(f"eyeLookUp{side}") - of(f"eyeLookDown{side}"))
     scale = put([[1, 0]])[0, 0] - put([[0, 0]])[0, 0]
@@ -178,7 +179,7 @@ def _draw_eye(axes: Axes, of, put, side: str, sign: int) -> None:
 
 
 def _draw_mouth(axes: Axes, of, put) -> None:
-    """Two lips around a dark gap, as far apart as jaw, closing and lip raising leave them."""
+    """Two lips around a dark gap, opened by jaw, closing and lip raising."""
 
     def both(name: str) -> float:
         return (of(f"{name}Left") + of(f"{name}Right")) / 2
@@ -220,7 +221,7 @@ def _draw_mouth(axes: Axes, of, put) -> None:
     hole = between("inner_top", "inner_under", "#4a1520", 3)
     opened = max(upper, 0) + lower
     if opened > 0.06:
-        # Upper teeth hang in the gap, the tongue lies in it.
+        # The upper teeth hang into the gap, the tongue lies in it.
         teeth = put(np.stack([half * 0.8 * t, lift + arch * max(upper, 0) - 0.055 * arch], 1) + middle)
         patch = Polygon(
             np.concatenate([lines["inner_top"], teeth[::-1]]), facecolor="#f6f2ea", edgecolor="none", zorder=3.1

@@ -1,4 +1,4 @@
-"""Codes in int8 against codes in f32 of models of layout `frames`, chunk by chunk on the same history."""
+"""Codes in int8 compared with codes in f32 for models of layout `frames`, chunk by chunk on the same history."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Codes = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class FrameChunk:
-    """One run: what the encoder reads, and the keyframes that f32 drew, `[N, levels]` of each part."""
+    """One run: the encoder's input, and the keyframes sampled in f32, `[N, levels]` of each part."""
 
     ids: np.ndarray
     history: Codes
@@ -41,8 +41,8 @@ def _named(group: str, codes: Codes) -> Codes:
 
 
 def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed: int = 0) -> list[FrameChunk]:
-    """The first chunks of a recording in f32, each with the codes that the ones before gave as its history; all of the
-    audio behind a chunk is heard."""
+    """The first chunks of a recording in f32, each with the previous chunks' codes as its history, and with full
+    lookahead audio."""
     config, options = config_of(umo, model), (["--model", model] if model else [])
     prefix, target = config["prefix"], config["target"]
     each = config["audio"]["token_rate"] * config["keyframe_stride"] // config["frame_rate"]
@@ -61,7 +61,7 @@ def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed
 
 
 def _heard(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:
-    """The encoder's states where the chunk's keyframes are heard, where the depth network has them."""
+    """The encoder's states where the chunk's keyframes are heard, if the depth network uses them."""
     if "heard" not in config["depth"]:
         return {}
     hidden = stage(umo, "encoder", {"input_ids": chunk.ids} | _named("history", chunk.history), *options)["hidden"]
@@ -75,7 +75,7 @@ def _heard(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: objec
 
 
 def _logits(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:
-    """Those of each part, `[N, levels, codes]`, teacher forcing."""
+    """Logits of each part, `[N, levels, codes]`, with teacher forcing."""
     codes = _named("codes", chunk.codes)
     given = {"input_ids": chunk.ids} | _named("history", chunk.history) | codes
     hidden = stage(umo, "decoder", given, *options)["hidden"]
@@ -92,8 +92,8 @@ def agreement(
     other: Path | None = None,
     precision: str | None = None,
 ) -> dict[str, float]:
-    """As `agreement.agreement`: the share of codes, by part and in `all`, of which f32 of `model` and `precision` of
-    `other` find the same likeliest, both given what f32 drew so far."""
+    """As `agreement.agreement`: the share of codes, by part and in `all`, for which f32 of `model` and `precision` of
+    `other` agree on the most probable one, both given the codes sampled in f32 so far."""
     return compare(umo, chunks, model, other, precision)[0]
 
 
@@ -104,7 +104,9 @@ def compare(
     other: Path | None = None,
     precision: str | None = None,
 ) -> tuple[dict[str, float], float]:
-    """What `agreement` says, and the relative root mean square error of the logits, less the mean of each code's."""
+    """The result of `agreement`, and the relative root mean square error of the logits, after subtracting each code's
+    mean.
+    """
     precision = precision or ("stored" if other else "int8")
     exact, coarse = ([*(["--model", path] if path else []), "--precision"] for path in (model, other or model))
     config = config_of(umo, model)
@@ -122,7 +124,7 @@ def compare(
 
 
 def code_counts(chunks: Sequence[FrameChunk], config: dict[str, Any]) -> Codes:
-    """How often each first code of a part was drawn."""
+    """Number of times each first code of a part was sampled."""
     return {
         part["name"]: np.bincount(
             np.concatenate([chunk.codes[part["name"]][:, 0] for chunk in chunks]).astype(int), minlength=part["codes"]

@@ -1,4 +1,4 @@
-"""An item of an evaluation: speech, its phones, and the motion that the performer gave it."""
+"""An item of an evaluation: speech, its phones, and the performer's motion."""
 
 import json
 import re
@@ -18,10 +18,10 @@ Motion = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Item:
-    """Speech at 16 kHz, -1..1. `phones` is empty and `motion` None where nobody knows them (real recordings).
+    """Speech at 16 kHz, -1..1. `phones` is empty and `motion` None if unknown (real recordings).
 
     `takes` are the performer's other motions for the same speech, by text prompt: several of one prompt differ in their
-    seed. They say how varied the model could be.
+    seed. They show how varied the model could be.
     """
 
     name: str
@@ -30,11 +30,11 @@ class Item:
     phones: tuple[Phone, ...] = ()
     motion: Motion | None = None
     takes: Mapping[str, Sequence[Motion]] = field(default_factory=dict)
-    # What the held-out items are held out by, as "voice" or "sentence".
+    # Criterion by which held-out items were selected, such as "voice" or "sentence".
     split: str = ""
-    # Of `motion`; the model is given it too.
+    # Prompt of `motion`, also given to the model.
     prompt: str = ""
-    # `motion` with another seed: how far the performer is from itself is the noise of a distance to it.
+    # `motion` with another seed: the performer's distance to itself is the noise of a distance.
     again: Motion | None = None
 
     @property
@@ -71,9 +71,9 @@ def save(item: Item, path: Path) -> None:
 
 
 def load(path: Path) -> Item:
-    """Reads what `save` wrote.
+    """Reads the output of `save`.
 
-    Raises `ValueError`, naming the file, where a part has other channels than the skeleton's.
+    Raises `ValueError`, naming the file, if a part's channels differ from the skeleton's.
     """
     with np.load(path) as file:
         arrays = dict(file)
@@ -103,7 +103,7 @@ def load(path: Path) -> Item:
 
 
 def load_folder(folder: Path) -> list[Item]:
-    """All items of a folder that `save` filled, by name."""
+    """All items in a folder of `save` files, by name."""
     paths = sorted(Path(folder).glob("*.npz"))
     if not paths:
         raise FileNotFoundError(f"{folder}: no evaluation items (*.npz)")
@@ -113,8 +113,8 @@ def load_folder(folder: Path) -> list[Item]:
 def from_corpus(folder: Path, split: str, most: int, varied: int, seeds: int) -> list[Item]:
     """The first `most` items of a split of the corpus, with the performer's motion.
 
-    The performer moves anew to the first `varied` of them, in every style and `seeds` times each (a style goes by the
-    first of its prompts, and the neutral one by none), and once to each item in its own style.
+    The performer animates the first `varied` of them again, in every style and `seeds` times each (a style is named by
+    the first of its prompts, and the neutral one by none), and each item once in its own style.
     """
     from umo_train.data import corpus
     from umo_train.performer import perform
@@ -136,20 +136,20 @@ def from_corpus(folder: Path, split: str, most: int, varied: int, seeds: int) ->
 
 
 def speaker_of(path: Path) -> str:
-    """The first word of a file's name: `p225_003.wav`, `198-209-0000.ogg` and `Mark_joy.wav` begin with the speaker."""
+    """The first word of a file's name: `p225_003.wav`, `198-209-0000.ogg` and `Mark_joy.wav` start with the speaker."""
     return path.name.replace("-", "_").replace(".", "_").split("_")[0]
 
 
 def readers(folder: Path) -> set[str]:
-    """Speakers of the corpus' training split, as `speaker_of` names them."""
+    """Speakers of the corpus' training split, as named by `speaker_of`."""
     from umo_train.data import corpus
 
     return {re.split("[-/]", entry.voice)[-1] for entry in corpus.entries(folder, "train")}
 
 
 def captured(folder: Path) -> list[tuple[Item, np.ndarray]]:
-    """Speech whose mouth was captured: of each sound file the item, and how far the mouth is open `[T]` at 30 frames a
-    second in any unit, from the `opening` of the `.npz` beside it."""
+    """Speech with a captured mouth: for each sound file the item, and the mouth's opening `[T]` at 30 frames a second
+    in any unit, from `opening` in the `.npz` beside it."""
     out = []
     for path in sorted(Path(folder).glob("*.npz")):
         sounds = [path.with_suffix(suffix) for suffix in (".wav", ".flac", ".ogg", ".opus")]

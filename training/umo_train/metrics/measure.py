@@ -1,4 +1,4 @@
-"""Every measure of a model, over held-out items and real recordings; each group of measures is one function."""
+"""All measures of a model, over held-out items and real recordings; one function per group of measures."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -13,23 +13,23 @@ from umo_train.metrics.item import Item, Motion
 from umo_train.performer.lips import lip_opening
 from umo_train.skeleton import PARTS
 
-# Whose mean distance is what a model's is compared with.
+# Number of shuffles whose mean distance is the reference.
 SHUFFLES = 16
-# Whose mean distance is the model's: those of takes differ by a half.
+# Number of takes whose mean distance is the model's: single takes differ by a half.
 TAKES = 8
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What is measured: a model in a program."""
+    """The measured model and program."""
 
     umo: Path
-    # The model in the program where not given.
+    # The model embedded in the program by default.
     model: Path | None = None
-    # The same model with float weights, which int8 is compared with; `model` itself where not given.
+    # The same model with float weights, for comparison with int8; `model` itself by default.
     exact: Path | None = None
     seed: int = 0
-    # Other arguments of `umo animate`, as `--horizon 0`.
+    # Other arguments of `umo animate`, such as `--horizon 0`.
     more: tuple[str, ...] = ()
 
     def animate(self, item: Item, seed: int | None = None, prompt: str | None = None) -> dict[str, np.ndarray]:
@@ -40,7 +40,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Made:
-    """An item and what the model made of it."""
+    """An item and the model's motion."""
 
     item: Item
     motion: Motion
@@ -48,7 +48,7 @@ class Made:
 
 @dataclass
 class Measured:
-    """Numbers by group (they go to `report.json`), and what only plots need."""
+    """Numbers by group (for `report.json`), and data for plots only."""
 
     groups: dict[str, Any] = field(default_factory=dict)
     held_out: list[Made] = field(default_factory=list)
@@ -57,7 +57,7 @@ class Measured:
 
 
 def mouth(made: Sequence[Made]) -> dict[str, Any]:
-    """Jaw and lips against the performer's, closures and pauses; beside them what the performer itself reaches."""
+    """Jaw and lips compared with the performer's, closures and pauses; also the performer's own values."""
     out: dict[str, Any] = {}
     for split in sorted({m.item.split for m in made}):
         rows = [m for m in made if m.item.split == split]
@@ -76,7 +76,7 @@ def mouth(made: Sequence[Made]) -> dict[str, Any]:
             pairs = [(o, lips.envelope(m.item.samples, len(o))) for o, m in zip(mouths, rows, strict=True)]
             return max(lips.lag_correlation(pairs).values())
 
-        # What a mouth reaches that closes as often at times that have nothing to do with the phones.
+        # Closures reached by a mouth that closes as often at unrelated times.
         apart = [np.roll(values, len(values) // 2) for values in opening]
         out[split or "all"] = {
             "items": len(rows),
@@ -101,7 +101,7 @@ def mouth(made: Sequence[Made]) -> dict[str, Any]:
 
 
 def real_mouth(made: Sequence[Made]) -> dict[str, Any]:
-    """Mouth against the speech's envelope by speaker, each at its best lag; stillness in the recordings' own
+    """Mouth compared with the speech's envelope by speaker, each at its best lag; stillness in the recordings'
     silences."""
     out: dict[str, Any] = {}
     for speaker in sorted({m.item.voice for m in made}):
@@ -123,8 +123,8 @@ def real_mouth(made: Sequence[Made]) -> dict[str, Any]:
 
 
 def captured_mouth(made: Sequence[Made], captured: Sequence[np.ndarray]) -> dict[str, Any]:
-    """Mouth against captured ones `[T]`, by recording at its best lag; beside it what the loudness of the speech
-    reaches."""
+    """Mouth compared with captured ones `[T]`, by recording at its best lag; also the correlation of the speech's
+    loudness."""
     out: dict[str, Any] = {}
     for m, wanted in zip(made, captured, strict=True):
         frames = min(len(m.motion["face"]), len(wanted))
@@ -138,8 +138,7 @@ def captured_mouth(made: Sequence[Made], captured: Sequence[np.ndarray]) -> dict
 
 
 def beats(made: Sequence[Made]) -> dict[str, Any]:
-    """Beat constancy at BEAT's width and at the sharp one: onsets of all speech, accented syllables where they are
-    known."""
+    """Beat constancy at BEAT's width and at the sharp one: onsets of all speech, accented syllables if known."""
     out: dict[str, Any] = {}
     turns = [beat.turning_points(m.motion) for m in made]
     theirs = [beat.turning_points(m.item.motion) if m.item.motion else None for m in made]
@@ -157,7 +156,7 @@ def beats(made: Sequence[Made]) -> dict[str, Any]:
 
 
 def code_shapes(config: dict[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Of each part that moves how many codes there are, and in layout `frames` how many levels."""
+    """Number of codes of each moving part, and in layout `frames` number of levels."""
     if config.get("layout") != "frames":
         return {part: (config["vq"]["codes"],) for part in PARTS}
     return {part["name"]: (part["codes"], part["levels"]) for part in config["parts"] if part.get("channels")}
@@ -166,11 +165,10 @@ def code_shapes(config: dict[str, Any]) -> dict[str, tuple[int, ...]]:
 def distance(
     subject: Subject, made: Sequence[Made], encoder: fgd.AutoEncoder, seed: int = 0
 ) -> dict[str, float | None]:
-    """FGD to the performer's motion of the same held-out speech, and of what it is compared with.
+    """FGD to the performer's motion for the same held-out speech, with reference values.
 
-    The model's are takes without the layers over its motion, of which the performer has none: the foot layer alone
-    turns ankles further than the performer does, and would be the greater part. `with_layers` is the distance of
-    `made`.
+    The model's takes are without layers, which the performer lacks: the foot layer alone rotates ankles more than the
+    performer does, and would dominate. `with_layers` is the distance of `made`.
     """
     rng = np.random.default_rng(seed)
     reference = [m.item.motion for m in made]
@@ -199,19 +197,19 @@ def distance(
         "most": max(takes),
         "with_layers": to_performer([m.motion for m in made]),
         "random_codes": to_performer(drawn),
-        # One shuffle of sixteen items differs from the next by a third.
+        # Single shuffles of sixteen items differ by a third.
         "shuffled_chunks": float(
             np.mean([to_performer([fgd.shuffled(motion, rng) for motion in reference]) for _ in range(SHUFFLES)])
         ),
-        # The noise of the measure itself: the performer with another seed, where that is known.
+        # Noise of the measure: the performer with another seed, if known.
         "performer_again": to_performer(again) if len(again) > 1 else None,
         "windows": len(target),
     }
 
 
 def variety(subject: Subject, items: Sequence[Item], seeds: int = 2) -> dict[str, Any]:
-    """Diversity across seeds and prompts over items whose other takes are known, beside the performer's; and whether
-    prompts can be told apart."""
+    """Diversity across seeds and prompts over items with other known takes, compared with the performer's; and the
+    separability of prompts."""
     varied = [item for item in items if len(item.takes) > 1]
     if not varied:
         return {}
@@ -241,14 +239,14 @@ def variety(subject: Subject, items: Sequence[Item], seeds: int = 2) -> dict[str
 def smoothness(motions: Sequence[Motion]) -> dict[str, float]:
     return {
         "jerk": float(np.mean([motion.jerk(m) for m in motions])),
-        # By height for all, since what comes from the program has no contacts.
+        # Contacts by height for all, as the program's motion has none.
         "foot_slide": float(np.mean([motion.foot_slide(m, motion.contacts(m)) for m in motions])),
         "speed": float(np.mean([motion.joint_speed(m).mean() for m in motions])),
     }
 
 
 def tokens(subject: Subject, items: Sequence[Item], chunks: int = 80) -> dict[str, Any]:
-    """Agreement of int8 with f32, and the use of codes and experts on the way, over the beginnings of some items."""
+    """Agreement of int8 with f32, and the use of codes and experts, over the beginnings of some items."""
     exact = subject.exact or subject.model
     config = agreement.config_of(subject.umo, exact)
     if config.get("layout") == "frames":
@@ -284,8 +282,8 @@ def measure(
     seeds: int = 2,
     captured: Sequence[tuple[Item, np.ndarray]] = (),
 ) -> Measured:
-    """All groups. `held_out` have motion and phones, `real` neither, `captured` the opening of a mouth; each may be
-    empty, and leaves its groups out."""
+    """All groups. `held_out` have motion and phones, `real` neither, `captured` the opening of a mouth; groups of empty
+    lists are left out."""
     result = Measured()
     result.held_out = [Made(item, subject.animate(item, prompt=item.prompt)) for item in held_out]
     result.real = [Made(item, subject.animate(item)) for item in real]

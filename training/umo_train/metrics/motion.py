@@ -1,4 +1,4 @@
-"""What a body does: where its joints are, how smoothly they go, whether planted feet slide."""
+"""Body measures: joint positions, smoothness, sliding of planted feet."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ from umo_train.metrics.item import Motion
 from umo_train.skeleton import CONTACT, CONTACT_JOINTS, JOINTS_OF, VELOCITY, places, rotations
 from umo_train.speech.utterance import FRAME_RATE
 
-# A joint of a foot that stands flat is this high above the floor (see `skeleton.STANDING_HEIGHT_M`).
+# Height of a standing foot's joint above the floor (see `skeleton.STANDING_HEIGHT_M`).
 FOOT_HEIGHT_M = 0.02
-# An ankle is higher than the ball of its foot, by this in the rest pose.
+# Heights of ankles and balls of the feet in the rest pose.
 _REST_HEIGHT_M = np.array([0.08, 0.02, 0.08, 0.02])
 
 
 def joint_places(motion: Motion, walking: bool = True) -> np.ndarray:
-    """Places of all joints `[T, 55, 3]` in metres.
+    """Positions of all joints `[T, 55, 3]` in metres.
 
-    The pelvis walks by its velocity (frame `i` adds that of frame `i - 1`) and is as high as puts the lowest joint of
-    the feet on the floor; with `walking` false it stays at the origin.
+    The pelvis moves by its velocity (frame `i` adds that of frame `i - 1`), at the height that puts the lowest foot
+    joint on the floor; with `walking` false it stays at the origin.
     """
     local = rotations(motion)
     at = places(local, np.zeros((len(local), 3)))
@@ -35,22 +35,22 @@ def joint_speed(motion: Motion, joints: tuple[int, ...] = JOINTS_OF["upper"]) ->
 
 
 def jerk(motion: Motion, joints: tuple[int, ...] = JOINTS_OF["upper"]) -> float:
-    """Mean size of the third derivative of places relative to the pelvis, m/s^3."""
+    """Mean magnitude of the third derivative of positions relative to the pelvis, m/s^3."""
     at = joint_places(motion, walking=False)[:, joints]
     return float(np.linalg.norm(np.diff(at, 3, axis=0) * FRAME_RATE**3, axis=-1).mean())
 
 
 def contacts(motion: Motion, reach_m: float = 0.02) -> np.ndarray:
-    """Which of the four joints of the feet are on the floor `[T, 4]`, by height alone: speed must not decide, or a foot
-    that slides would not count as planted."""
+    """Which of the four foot joints are on the floor `[T, 4]`, by height alone: with a speed criterion, sliding feet
+    would not count as planted."""
     height = joint_places(motion)[:, CONTACT_JOINTS, 1]
     return height < _REST_HEIGHT_M + reach_m
 
 
 def foot_slide(motion: Motion, planted: np.ndarray | None = None) -> float:
-    """Mean horizontal speed of planted foot joints, m/s; 0 where none is planted.
+    """Mean horizontal speed of planted foot joints, m/s; 0 without any.
 
-    `planted` `[T, 4]` are the contacts; the motion's own channels where not given and there are any, else by height.
+    `planted` `[T, 4]` are the contacts; by default the motion's own channels if there are any, else by height.
     """
     if planted is None:
         planted = np.asarray(motion["lower"][:, CONTACT]) > 0.5
@@ -63,8 +63,8 @@ def foot_slide(motion: Motion, planted: np.ndarray | None = None) -> float:
 
 
 def use_entropy(counts: np.ndarray) -> float:
-    """How evenly codes or experts are used, along the last axis and averaged over the others: entropy over that of even
-    use, 0 (one does everything) to 1. Rows without any use do not count."""
+    """Evenness of the use of codes or experts, along the last axis and averaged over the others: entropy relative to
+    uniform use, 0 (one does everything) to 1. Rows without any use are ignored."""
     counts = np.asarray(counts, np.float64).reshape(-1, np.shape(counts)[-1])
     counts = counts[counts.sum(1) > 0]
     if counts.size == 0 or counts.shape[1] < 2:

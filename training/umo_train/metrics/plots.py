@@ -1,4 +1,4 @@
-"""The report's pictures, each as SVG text to put into a page."""
+"""The report's pictures, each as SVG text to embed in a page."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -29,14 +29,14 @@ def _svg(draw: Callable[[Axes], None], width: float, height: float) -> str:
     axes.xaxis.label.set(size=9, color=INK)
     axes.yaxis.label.set(size=9, color=INK)
     out = io.StringIO()
-    # Neither a date nor random ids: the same numbers give the same page.
+    # Without date and random ids: the same numbers give the same page.
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     text = out.getvalue()
     return text[text.index("<svg") :]
 
 
 def mouth_over_wave(made: Made) -> str:
-    """Waveform, its envelope, and the mouth of the model and, where there is one, of the performer."""
+    """Waveform, its envelope, and the mouth of the model and, if known, of the performer."""
     item, opening = made.item, lip_opening(made.motion["face"])
 
     def draw(axes: Axes) -> None:
@@ -114,7 +114,7 @@ def speed_histogram(model: Sequence[Motion], performer: Sequence[Motion]) -> str
 
 
 def shares(rows: Mapping[str, Sequence[float]]) -> str:
-    """Stacked bars, a row each: which expert comes first."""
+    """Stacked bars, one row each: first choices of experts."""
 
     def draw(axes: Axes) -> None:
         names = list(rows)
@@ -134,7 +134,7 @@ def shares(rows: Mapping[str, Sequence[float]]) -> str:
 
 
 def bars(rows: Mapping[str, float], what: str, mark: float | None = None) -> str:
-    """Horizontal bars with their values, and a mark to compare them with."""
+    """Horizontal bars with their values, and a reference mark."""
 
     def draw(axes: Axes) -> None:
         found = axes.barh(list(rows), list(rows.values()), color=RIGHT, height=0.6)

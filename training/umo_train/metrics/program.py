@@ -1,4 +1,4 @@
-"""What the program `umo` makes of a recording, as channels of the four parts."""
+"""Motion of the program `umo` for a recording, as channels of the four parts."""
 
 import shutil
 import subprocess
@@ -17,7 +17,7 @@ from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 
 def find(path: Path | None = None) -> Path:
-    """The program: the one given, on PATH, or built in this repository."""
+    """The program: the given one, on PATH, or built in this repository."""
     built = Path(__file__).parents[3] / "target/release/umo"
     for candidate in (path, shutil.which("umo"), built):
         if candidate and Path(candidate).is_file():
@@ -28,7 +28,7 @@ def find(path: Path | None = None) -> Path:
 
 
 def run(umo: Path, *arguments: object) -> str:
-    """Runs the program; what it said goes into the error where it fails."""
+    """Runs the program; raises an error with its output if it fails."""
     done = subprocess.run([str(umo), *map(str, arguments)], capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"umo {arguments[0]}: {done.stderr.strip() or done.returncode}")
@@ -38,7 +38,7 @@ def run(umo: Path, *arguments: object) -> str:
 def from_npz(path: Path) -> dict[str, np.ndarray]:
     """An animation's `.npz` as channels of the parts.
 
-    The file has no contacts: they are 0. Velocity is that which leads from frame to frame; its height is left out.
+    The file has no contacts: they are 0. Velocity is derived from consecutive frames; height is left out.
     """
     with np.load(path) as file:
         poses, trans = file["poses"].reshape(-1, JOINTS, 3), file["trans"]
@@ -66,8 +66,7 @@ def animate(
     precision: str | None = None,
     more: Sequence[str] = (),
 ) -> dict[str, np.ndarray]:
-    """Animates an item's speech; the model in the program where none is given. `more` are other arguments of the
-    program."""
+    """Animates an item's speech; by default with the embedded model. `more` are other arguments of the program."""
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:
         speech, made = Path(folder, "speech.wav"), Path(folder, "motion.npz")
         wavfile.write(speech, SAMPLE_RATE, np.asarray(item.samples, np.float32))
@@ -80,7 +79,7 @@ def animate(
 
 
 def stage(umo: Path, name: str, tensors: dict[str, np.ndarray], *options: object) -> dict[str, np.ndarray]:
-    """Runs one stage of a model alone."""
+    """Runs a single stage of a model."""
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:
         given, made = Path(folder, "in.safetensors"), Path(folder, "out.safetensors")
         save_file({key: np.ascontiguousarray(value) for key, value in tensors.items()}, given)
@@ -89,12 +88,12 @@ def stage(umo: Path, name: str, tensors: dict[str, np.ndarray], *options: object
 
 
 def decode(umo: Path, codes: dict[str, np.ndarray], model: Path | None = None) -> dict[str, np.ndarray]:
-    """Motion of codes of each part, `[T]` or in layout `frames` `[T, levels]`, as the model's decoders give it, with
+    """Motion for codes of each part, `[T]` or in layout `frames` `[T, levels]`, from the model's decoders, with
     velocity and contacts."""
     tensors = {f"codes.{part}": np.asarray(values, np.int64) for part, values in codes.items()}
     made = stage(umo, "motion", tensors, *(["--model", model] if model else []))
     motion = {part: made[f"channels.{part}"] for part in PARTS}
-    # The root network's velocity is in the place, not in the lower body's own channels.
+    # The root network's velocity is contained in the position, not in the lower body's own channels.
     walked = np.diff(made["translation"], axis=0, append=made["translation"][-1:]) * FRAME_RATE
     walked[:, 1] = 0
     motion["lower"] = motion["lower"].copy()

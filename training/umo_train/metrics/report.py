@@ -1,4 +1,4 @@
-"""Writes what was measured: `report.json`, and one page `report.html` that holds everything it shows."""
+"""Writes the measurements: `report.json`, and a self-contained page `report.html`."""
 
 import base64
 import html
@@ -118,7 +118,7 @@ def _plots(name: str, measured: Measured) -> list[str]:
 
 
 def write(folder: Path, subject: Subject, measured: Measured, about: dict[str, Any], sheets: int = 3) -> list[Bar]:
-    """Writes both files into a folder, with the contact sheets of the first recordings, and gives the bars."""
+    """Writes both files into a folder, with the contact sheets of the first recordings, and returns the bars."""
     folder.mkdir(parents=True, exist_ok=True)
     bars = judge(measured.groups)
     about = {"model": subject.model.name if subject.model else "the program's own"} | about

@@ -1,4 +1,4 @@
-"""A contact sheet: one recording as a strip of poses and faces over its waveform, to be looked at."""
+"""A contact sheet for visual inspection: one recording as a strip of poses and faces over its waveform."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from umo_train.skeleton import JOINT, PARENTS, rotations
 from umo_train.speech.utterance import FRAME_RATE
 
 WIDTH_IN, MARGIN_IN = 16.0, 0.35
-# Between the middles of two poses; two people with half-open arms do not touch.
+# Distance between two poses' centres; two figures with half-open arms do not touch.
 STEP_M = 1.08
 HEIGHT_M = 1.86
 ROWS_IN = {"front": 2.5, "aside": 2.5, "face": 1.45, "wave": 1.7}
@@ -23,7 +23,7 @@ ASIDE = np.radians(-40)
 
 
 def _head(local: np.ndarray) -> np.ndarray:
-    """The head's matrices in the world, `[T, 3, 3]`."""
+    """World matrices of the head, `[T, 3, 3]`."""
     chain, joint = [], JOINT["head"]
     while joint >= 0:
         chain.append(joint)
@@ -37,7 +37,7 @@ def _head(local: np.ndarray) -> np.ndarray:
 def draw(item: Item, motion: Motion, title: str = "", poses: int = 12, aside: bool = True) -> Figure:
     """Front view, three-quarter view unless `aside` is false, faces, and the waveform with the mouth's opening.
 
-    Poses are equally spaced; each stands over its own time in the waveform.
+    Poses are equally spaced; each stands over its time in the waveform.
     """
     frames = len(motion["face"])
     at, head = joint_places(motion), _head(rotations(motion))
@@ -73,7 +73,7 @@ def draw(item: Item, motion: Motion, title: str = "", poses: int = 12, aside: bo
 
 
 def _wave(axes: matplotlib.axes.Axes, item: Item, motion: Motion, shown: np.ndarray) -> None:
-    """Waveform, its smoothed envelope and the mouth's opening, each to its own scale."""
+    """Waveform, its smoothed envelope and the mouth's opening, each with its own scale."""
     opening = lip_opening(motion["face"])
     sound = envelope(item.samples, len(opening))
     bins = np.array_split(np.asarray(item.samples), min(1600, len(item.samples)))
@@ -83,7 +83,7 @@ def _wave(axes: matplotlib.axes.Axes, item: Item, motion: Motion, shown: np.ndar
     axes.fill_between(time, low, high, color="#cfd6dd", lw=0, zorder=1)
     frames = np.arange(len(opening)) / FRAME_RATE
     axes.plot(frames, sound / max(sound.max(), 1e-6), color=RIGHT, lw=1.3, label="envelope of the speech", zorder=2)
-    # A mouth that hardly moves must not look as if it did.
+    # A nearly still mouth must not look as if it moved.
     axes.plot(frames, opening / max(opening.max(), 0.25), color=LEFT, lw=1.8, label="opening of the mouth", zorder=3)
     for frame in shown:
         axes.axvline(frame / FRAME_RATE, color="#98a3ad", lw=0.7, ls=(0, (2, 3)), zorder=0)

@@ -1,4 +1,4 @@
-"""How fast the program is with a model on this machine, by its own `bench`."""
+"""Speed of the program with a model on this machine, measured by its `bench` command."""
 
 import json
 import subprocess
@@ -8,8 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Speed:
-    """Milliseconds to the first frame and per chunk (medians), frames a second of one avatar, and where it was
-    measured."""
+    """Milliseconds to the first frame and per chunk (medians), frames a second of one avatar, and the machine."""
 
     first_frame_ms: float
     chunk_ms: float
@@ -19,7 +18,7 @@ class Speed:
 
 
 def speed(umo: Path, model: Path | None = None, chunks: int = 40, starts: int = 10) -> Speed:
-    """Runs `umo bench`; the model in the program where none is given."""
+    """Runs `umo bench`; by default with the embedded model."""
     command = [str(umo), "bench", "--json", "--chunks", str(chunks), "--starts", str(starts), "--seconds", "0"]
     command += ["--model", str(model)] if model else []
     said = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

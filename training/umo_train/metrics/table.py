@@ -1,11 +1,11 @@
-"""Several reports as one Markdown table, a row each: ablations, sizes, precisions."""
+"""Several reports as one Markdown table, one row each: ablations, sizes, precisions."""
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-# Heading, the way to the number in `measures`, how it is written, and whether more is better.
+# Heading, path to the number in `measures`, format, and whether more is better.
 COLUMNS: tuple[tuple[str, tuple[str, ...], str, bool], ...] = (
     ("FGD", ("fgd", "model"), ".2f", False),
     ("BC", ("beat", "onsets_beat", "own"), ".3f", True),
@@ -25,7 +25,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], str, bool], ...] = (
 
 
 def _at(group: Any, way: tuple[str, ...]) -> float | None:
-    """A number of a report; `*` is the least over all keys there. None where it is missing."""
+    """A number of a report; `*` takes the minimum over all keys. None if it is missing."""
     if not way:
         return group
     if not isinstance(group, Mapping):
@@ -37,8 +37,7 @@ def _at(group: Any, way: tuple[str, ...]) -> float | None:
 
 
 def table(reports: Mapping[str, Path]) -> str:
-    """Rows by name from `report.json` files. The best of each column is bold; columns that no report has are left
-    out."""
+    """Rows by name from `report.json` files. The best of each column is bold; columns without values are left out."""
     read = {name: json.loads(Path(path).read_text())["measures"] for name, path in reports.items()}
     head, rules, cells = [""], ["---"], [[name] for name in read]
     for heading, way, form, more in COLUMNS:

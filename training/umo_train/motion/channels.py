@@ -1,10 +1,10 @@
-"""How much an error in each channel matters to who looks at it."""
+"""Visual importance of errors in each channel."""
 
 import numpy as np
 
 from umo_train.skeleton import CHANNELS, CONTACT, JOINT, JOINTS_OF, SHAPE, VELOCITY
 
-# Of the face's 52: what speech reading needs, what is seen beside it, and what hardly is.
+# The face's 52 channels by importance: needed for speech reading, visible, and hardly visible.
 _MOUTH = (
     "jawOpen mouthClose mouthFunnel mouthPucker mouthRollLower mouthRollUpper mouthPressLeft mouthPressRight "
     "mouthLowerDownLeft mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight mouthStretchLeft mouthStretchRight "
@@ -18,7 +18,7 @@ _LONG = {"spine1": 2.0, "spine2": 2.0, "spine3": 2.0, "left_shoulder": 2.0, "rig
 def weights(part: str, channels: int) -> np.ndarray:
     """`[channels]`: multipliers of a channel's squared error in units of its own range."""
     out = np.ones(channels, np.float32)
-    # Expression coefficients, of which no one is the mouth's, weigh the same.
+    # Expression coefficients, none of which belongs to the mouth alone, have equal weights.
     if part == "face" and channels == CHANNELS["face"]:
         out[:6] = 2.0
         out[6:] = 0.3
@@ -35,5 +35,5 @@ def weights(part: str, channels: int) -> np.ndarray:
     return out
 
 
-# Smallest standard deviation that a channel is divided by: below it, differences are not seen.
+# Minimum standard deviation for normalising a channel: smaller differences are not visible.
 LEAST_SCALE = {"face": 0.02, "hands": 0.03, "upper": 0.02, "lower": 0.01}

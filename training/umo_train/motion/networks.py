@@ -1,4 +1,4 @@
-"""The motion networks: VQ-VAEs of four parts and the root auto-encoder, as EMAGE and Language of Motion number them."""
+"""The motion networks: VQ-VAEs of four parts and the root auto-encoder, numbered as in EMAGE and Language of Motion."""
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +18,7 @@ class Residual(nn.Module):
 
 
 class Encoder(nn.Module):
-    """`[b, channels, t]` to `[b, width, t]`: each layer a convolution, its activation and a residual block."""
+    """`[b, channels, t]` to `[b, width, t]`: each layer is a convolution, its activation and a residual block."""
 
     def __init__(self, width: int, channels: int, layers: int) -> None:
         super().__init__()
@@ -30,8 +30,8 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """`[b, width, t]` to `[b, channels, t]`: two residual blocks, `layers` convolutions of which the last goes to the
-    output width, and one more at that width."""
+    """`[b, width, t]` to `[b, channels, t]`: two residual blocks, `layers` convolutions of which the last changes to
+    the output width, and one more at that width."""
 
     def __init__(self, width: int, channels: int, layers: int) -> None:
         super().__init__()
@@ -44,9 +44,9 @@ class Decoder(nn.Module):
 
 
 class Codebook(nn.Module):
-    """Nearest of `codes` vectors, moved towards what they are nearest to; codes out of use start anew."""
+    """Nearest of `codes` vectors, updated towards their rows; unused codes are reset."""
 
-    # Of the running means, and the running count per batch below which a code is out of use.
+    # Decay of the running means, and the running count per batch below which a code is unused.
     DECAY, UNUSED = 0.99, 0.1
 
     def __init__(self, codes: int, width: int) -> None:
@@ -63,7 +63,7 @@ class Codebook(nn.Module):
 
     @torch.no_grad()
     def follow(self, rows: Tensor, codes: Tensor) -> None:
-        """One step of the running means, and new places for unused codes among the rows."""
+        """One step of the running means, and new positions for unused codes among the rows."""
         hits = torch.bincount(codes, minlength=len(self.count)).float()
         sums = torch.zeros_like(self.total).index_add_(0, codes, rows)
         self.count.mul_(self.DECAY).add_(hits, alpha=1 - self.DECAY)
@@ -79,7 +79,7 @@ class Codebook(nn.Module):
 
 
 class VqVae(nn.Module):
-    """One part's tokenizer. Channels are normalised inside, which `folded` undoes for the model file."""
+    """One part's tokenizer. Channels are normalised inside; `folded` folds this into the weights for the model file."""
 
     def __init__(self, width: int, channels: int, layers: int, codes: int) -> None:
         super().__init__()
@@ -105,8 +105,8 @@ class VqVae(nn.Module):
         return self.decode(self.quantizer.embedding(codes))
 
     def folded(self) -> dict[str, Tensor]:
-        """Weights that take and give channels as they are. Only the encoder's first and last frames differ: there the
-        zeros beside the motion stand for zeros, in training for the mean."""
+        """Weights for unnormalised channels. Only the encoder's first and last frames differ: there the zero padding
+        stands for zeros, in training for the mean."""
         state = {k: v.clone() for k, v in self.state_dict().items() if k.startswith(("encoder.", "decoder."))}
         first = state["encoder.main.0.weight"] / self.scale[None, :, None]
         state["encoder.main.0.bias"] -= (first * self.mean[None, :, None]).sum((1, 2))
@@ -119,7 +119,7 @@ class VqVae(nn.Module):
 
 
 class RootNetwork(nn.Module):
-    """Lower-body channels without their velocity to the same with velocity x and z, and the height at channel 55."""
+    """Lower-body channels without velocity, to the same with velocity x and z, and the height at channel 55."""
 
     def __init__(self, width: int, channels: int, layers: int) -> None:
         super().__init__()

@@ -20,7 +20,7 @@ SAVE_EVERY = 500
 
 @dataclass(frozen=True)
 class TokenizerPlan:
-    """Of one network. `layers` as in the model file; `stride` is the keyframes'."""
+    """Settings of one network. `layers` as in the model file; `stride` is the keyframes'."""
 
     width: int
     layers: int
@@ -32,14 +32,14 @@ class TokenizerPlan:
     rate: float = 1e-3
     commitment: float = 0.25
     velocity: float = 1.0
-    # Of the error when the codes between keyframes are mixed from their neighbours': codes at keyframes learn to say
-    # what happens around them, since they are all that the language model makes.
+    # Weight of the error with codes between keyframes interpolated from their neighbours: keyframe codes learn to
+    # represent the time around them, since the language model only produces keyframes.
     sparse: float = 0.5
     seed: int = 0
 
 
 def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder: Path) -> VqVae:
-    """`motions` are `[T, channels]`. Resumes from what is in the folder."""
+    """`motions` are `[T, channels]`. Resumes from a checkpoint in the folder."""
     torch.manual_seed(plan.seed)
     device = best()
     channels = motions[0].shape[1]
@@ -73,7 +73,7 @@ def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder
 
 
 def _rate(step: int, steps: int) -> float:
-    """Warm up over 100 steps, then a cosine to a twentieth."""
+    """Linear warm-up over 100 steps, then a cosine to a twentieth."""
     return float(min(1.0, (step + 1) / 100) * (0.05 + 0.95 * 0.5 * (1 + np.cos(np.pi * min(1.0, step / steps)))))
 
 
@@ -91,7 +91,7 @@ def _loss(model: VqVae, plan: TokenizerPlan, x: Tensor, weight: Tensor, step: in
     rows = z.detach().flatten(0, 1)
     codes = model.quantizer.nearest(rows)
     vectors = model.quantizer.embedding(codes).view_as(z)
-    # The first steps train without codes, so that the codebook starts among latents that mean something.
+    # The first steps train without codes, so that the codebook is initialised from meaningful latents.
     warm = plan.steps // 20
     if step >= warm:
         model.quantizer.follow(rows, codes)
@@ -120,7 +120,9 @@ def _errors(model: VqVae, y: Tensor, x: Tensor, weight: Tensor) -> tuple[Tensor,
 
 
 def _between(vectors: Tensor, stride: int, phase: int) -> Tensor:
-    """Every `stride`-th vector from `phase` kept, the others mixed linearly from the kept ones beside them."""
+    """Every `stride`-th vector from `phase` is kept, the others are linearly interpolated from the neighbouring kept
+    ones.
+    """
     frames = torch.arange(vectors.shape[1], device=vectors.device)
     last = phase + (vectors.shape[1] - 1 - phase) // stride * stride
     place = frames.clamp(phase, last) - phase
@@ -144,14 +146,15 @@ def train_root(plan: TokenizerPlan, motions: list[tuple[np.ndarray, np.ndarray]]
     log = Log(folder / "tokenizer_root.csv", start)
     joined = [np.concatenate([lower, height[:, None]], 1) for lower, height in motions]
     target_weight = torch.ones(CHANNELS["lower"], device=device)
-    # Metres and metres per second of the body's own place: errors of a centimetre and of a centimetre per second show.
+    # Metres and metres per second of the whole body's position: errors of a centimetre and of a centimetre per second
+    # are visible.
     target_weight[VELOCITY] = torch.tensor([30.0, 300.0, 30.0], device=device)
     target_weight[CONTACT] = 0.1
     for step in tqdm(range(start, plan.steps), "tokenizer root", initial=start, total=plan.steps):
         crop = torch.from_numpy(_crops(joined, plan.batch, plan.frames, chance)).to(device)
         target = crop[..., :-1].clone()
         target[..., VELOCITY.start + 1] = crop[..., -1]
-        # What it will see are decoded codes: small smooth errors are added.
+        # Its inputs will be decoded codes: add small smooth errors.
         draws = torch.randn(plan.batch, 54, plan.frames, device=device)
         noise = torch.nn.functional.avg_pool1d(draws, 5, 1, 2).transpose(1, 2)
         source = crop[..., :-1].clone()

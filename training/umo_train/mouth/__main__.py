@@ -1,4 +1,4 @@
-"""`python -m umo_train.mouth add MODEL PART -o OUT`: puts a trained mouth into a model file; `measure` measures one."""
+"""`python -m umo_train.mouth add MODEL PART -o OUT` adds a trained mouth to a model file; `measure` measures one."""
 
 import argparse
 import json
@@ -11,11 +11,11 @@ from umo_train.mouth.run import Mouth
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m umo_train.mouth", description=__doc__)
     commands = parser.add_subparsers(required=True, dest="command")
-    add = commands.add_parser("add", help="put the part into a model file; its other tensors keep their bytes")
+    add = commands.add_parser("add", help="add the part to a model file; its other tensors keep their bytes")
     add.add_argument("model", type=Path)
-    add.add_argument("part", type=Path, help="run/mouth.safetensors, or a model that has the part")
+    add.add_argument("part", type=Path, help="run/mouth.safetensors, or a model with the part")
     add.add_argument("-o", "--output", type=Path, required=True)
-    look = commands.add_parser("measure", help="against the performer, over levels and noises, on recordings")
+    look = commands.add_parser("measure", help="compare with the performer, over levels and noises, on recordings")
     look.add_argument("part", type=Path, help="run/mouth.safetensors")
     look.add_argument("--corpus", type=Path, required=True, help="speech and motion of the plan")
     look.add_argument("--speech", type=Path, help="a folder of real recordings")

@@ -1,4 +1,4 @@
-"""What the live mouth learns from: speech of every level, in rooms and over other sounds, and other sounds alone."""
+"""Training data of the live mouth: speech of every level, in rooms and over other sounds, and other sounds alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from umo_train.skeleton import ARKIT
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, Utterance
 from umo_train.speech.variation import leveled, recorded
 
-# A silence from here on is a pause, in seconds.
+# Minimum length of a silence that counts as a pause, seconds.
 PAUSE_S = 0.25
-# Frames beside speech of which nobody says whether a voice is in them.
+# Frames beside speech in which the presence of a voice is uncertain.
 UNSURE = 2
 
 
 @dataclass(frozen=True)
 class Example:
-    """One clip: rows of features, and what each frame is to give."""
+    """One clip: rows of features, and the targets of each frame."""
 
     # [rows, features] f16, not normalised.
     rows: Tensor
@@ -32,7 +32,7 @@ class Example:
     mouth: Tensor
     # [frames] whether a voice speaks.
     voice: Tensor
-    # [frames] how much the mouth counts, and how much the voice.
+    # [frames] weights of the mouth and of the voice.
     mouth_weight: Tensor
     voice_weight: Tensor
 
@@ -49,7 +49,7 @@ def moved(faces: Sequence[np.ndarray]) -> list[str]:
 
 
 def voices(silences: Sequence[tuple[float, float]], frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a voice speaks in each frame, and how much that counts, from the times of silence."""
+    """Whether a voice speaks in each frame, and the weight of that, from the times of silence."""
     t = np.arange(frames) / FRAME_RATE
     spoken = np.ones(frames, bool)
     for start, end in silences:
@@ -57,7 +57,7 @@ def voices(silences: Sequence[tuple[float, float]], frames: int) -> tuple[np.nda
             spoken &= ~((t >= start) & (t < end))
     weight = np.ones(frames)
     for edge in np.flatnonzero(np.diff(spoken.astype(int))) + 1:
-        # The mouth opens ahead of the sound; after it, the tail of a room is no voice.
+        # The mouth opens ahead of the sound; the reverberation after it is not a voice.
         weight[max(edge - UNSURE, 0) : edge + UNSURE] = 0.2
     return spoken, weight
 
@@ -67,13 +67,13 @@ def silences(utterance: Utterance) -> list[tuple[float, float]]:
 
 
 def heard(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Speech as a microphone may give it: a room, other sounds, any level from -62 to 0 dB, 16 bits or none."""
+    """Speech as recorded by a microphone: a room, other sounds, any level from -62 to 0 dB, 16 bits or unquantised."""
     out = recorded(samples, rng) if rng.random() < 0.6 else leveled(samples, 24)
     if rng.random() < 0.4:
         power = np.sqrt(np.mean(np.square(out))) * 10 ** (-rng.uniform(3, 30) / 20)
         out = out + power * draw(len(out), rng)
     if rng.random() < 0.25:
-        # Somebody leans back, or turns up the microphone.
+        # The speaker leans back, or turns up the microphone.
         at = int(rng.integers(len(out)))
         step = 10 ** (rng.uniform(-20, 20) / 20)
         out = np.concatenate([out[:at], out[at:] * step])
@@ -81,7 +81,7 @@ def heard(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def at_level(sound: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """At a level of -62 to -3 dB, clipped and at times rounded as a converter does."""
+    """At a level of -62 to -3 dB, clipped and sometimes quantised like a converter."""
     sound = leveled(sound / (np.abs(sound).max() + 1e-9), rng.uniform(3, 62))
     if rng.random() < 0.5:
         sound = np.round(sound * 32767) / 32767
@@ -89,14 +89,14 @@ def at_level(sound: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def spoken(front: Front, utterance: Utterance, channels: Sequence[int], rng: np.random.Generator) -> Example:
-    """Speech whose phones are known."""
+    """Speech with known phones."""
     face = targets(utterance)[:, channels]
     voice, weight = voices(silences(utterance), len(face))
     return _example(front, heard(utterance.samples, rng), face, voice, np.ones(len(face)), weight)
 
 
 def untold(front: Front, samples: np.ndarray, rest: np.ndarray, rng: np.random.Generator) -> Example:
-    """Speech whose phones are not known: it teaches what a voice is, and the mouth at rest."""
+    """Speech without known phones: it teaches voice detection, and the mouth at rest."""
     frames = len(samples) * FRAME_RATE // SAMPLE_RATE
     voice, weight = voices(quiet_parts(samples), frames)
     return _example(
@@ -105,7 +105,7 @@ def untold(front: Front, samples: np.ndarray, rest: np.ndarray, rng: np.random.G
 
 
 def unspoken(front: Front, seconds: float, rest: np.ndarray, rng: np.random.Generator) -> Example:
-    """A sound that is no speech."""
+    """A sound without speech."""
     sound = at_level(draw(int(seconds * SAMPLE_RATE), rng), rng)
     frames = len(sound) * FRAME_RATE // SAMPLE_RATE
     ones = np.ones(frames)

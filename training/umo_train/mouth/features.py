@@ -1,4 +1,4 @@
-"""What the live mouth's network reads of sound (SPEC 2.10): log-mel rows under level control."""
+"""Input features of the live mouth's network (SPEC 2.10): log-mel rows with level control."""
 
 import math
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 # Natural logarithm of power per decibel.
 DECIBEL = math.log(10.0) / 10.0
-# What a row's values lie between, relative to the level.
+# Range of a row's values relative to the level.
 LOWEST, HIGHEST = -12.0, 6.0
-# Levels of a new stream and the lowest of a voice, dB relative to full scale.
+# Levels of a new stream and the minimum level of a voice, dB relative to full scale.
 START_DB, START_NOISE_DB, LEAST_DB = -55.0, -90.0, -75.0
-# Seconds in which levels follow a sound by 63 %.
+# Time constants of the levels in seconds.
 ATTACK_S, RELEASE_S, FALL_S, RISE_S = 0.015, 1.5, 0.05, 3.0
-# A sound so far above the noise may be a voice; so much further above, it counts in full.
+# A sound this far above the noise may be a voice; with the ramp added, it counts in full.
 STANDS_OUT, STANDS_OUT_RAMP = 6.0 * DECIBEL, 6.0 * DECIBEL
-# Values of a row beside its bands: how far its energy and the noise are above the level.
+# Values of a row besides its bands: its energy and the noise relative to the level.
 LEVEL_FEATURES = 2
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """`config.mouth` without what the network is."""
+    """`config.mouth` without the network's own settings."""
 
     window: int
     fft: int
@@ -39,7 +39,7 @@ class Sizes:
 
 
 class Front:
-    """Samples at 16 kHz to rows, of which frame `f` has `taps`, up to row `f * rows + ahead`."""
+    """Samples at 16 kHz to rows; frame `f` uses `taps` rows, up to row `f * rows + ahead`."""
 
     def __init__(self, sizes: Sizes) -> None:
         self.sizes = sizes
@@ -52,7 +52,7 @@ class Front:
         return self.sizes.bands + LEVEL_FEATURES
 
     def row_count(self, frames: int) -> int:
-        """Rows of so many frames, those before the stream included."""
+        """Number of rows for the given number of frames, including those before the stream."""
         return (frames - 1) * self.sizes.rows + self.sizes.taps
 
     @torch.no_grad()
@@ -97,7 +97,7 @@ class Front:
         return both[0], both[1]
 
     def tensors(self) -> dict[str, Tensor]:
-        """As the model file has them."""
+        """Tensors as in the model file."""
         return {"mouth.window.weight": self.window, "mouth.filters.weight": self.filters}
 
 

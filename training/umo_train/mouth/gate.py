@@ -1,17 +1,17 @@
-"""Whether somebody speaks, with hysteresis, and the mouth that follows it (SPEC 2.10)."""
+"""Voice activity with hysteresis, and the mouth gated by it (SPEC 2.10)."""
 
 import numpy as np
 
-# Probabilities from which somebody speaks, and below which nobody does.
+# Probabilities above which a voice starts, and below which it ends.
 OPENS, SHUTS = 0.6, 0.4
-# Frames in a row below the second until the mouth shuts.
+# Consecutive frames below the second until the mouth shuts.
 HOLD = 6
-# How far the gate opens and shuts in a frame.
+# Opening and closing of the gate per frame.
 OPENING, SHUTTING = 0.5, 0.125
 
 
 def gate(odds: np.ndarray) -> np.ndarray:
-    """Log-odds of a voice to how far the mouth follows the network, 0 to 1, of each frame."""
+    """Log-odds of a voice to the weight of the network's mouth, 0 to 1, for each frame."""
     opened, speaks, without = 0.0, False, 0
     out = np.empty(len(odds))
     for i, probability in enumerate((1.0 / (1.0 + np.exp(-np.asarray(odds, np.float64)))).tolist()):

@@ -21,7 +21,7 @@ from umo_train.plan import Run
 from umo_train.skeleton import ARKIT
 from umo_train.speech.utterance import SAMPLE_RATE, Utterance
 
-# Clips of sounds that are no speech are so long, in seconds.
+# Length of clips without speech, seconds.
 _UNSPOKEN_S = 8.0
 
 
@@ -46,7 +46,7 @@ def make(s: Run) -> None:
 
 
 def _channels(s: Run) -> tuple[list[str], np.ndarray]:
-    """The channels that speech moves, and how they are where nobody speaks."""
+    """Names of the channels moved by speech, and their rest values."""
     items = [item for item, _ in zip(_spoken(s), range(8), strict=False)]
     faces = [made.targets(item.utterance) for item in items]
     names = made.moved(faces)
@@ -110,7 +110,7 @@ def _example(job: tuple[str, Path, tuple[int, ...], Front, list[int], np.ndarray
     rng = np.random.default_rng(seed)
     if kind == "spoken":
         utterance = corpus.read_item(path).utterance
-        # Silence before speech, so that it begins at every moment of the level control.
+        # Silence before speech, so that it starts at every state of the level control.
         before = np.zeros(int(rng.uniform(0.0, 0.5) * SAMPLE_RATE), np.float32)
         return made.spoken(front, _later(utterance, before), channels, rng)
     if kind == "untold":
@@ -119,7 +119,7 @@ def _example(job: tuple[str, Path, tuple[int, ...], Front, list[int], np.ndarray
 
 
 def _later(utterance: Utterance, before: np.ndarray) -> Utterance:
-    """The same after some silence; words, which nobody asks for, are left out."""
+    """The utterance after some silence; words are left out, as they are not needed."""
     seconds = len(before) / SAMPLE_RATE
     phones = [replace(p, start=p.start + seconds, end=p.end + seconds) for p in utterance.phones]
     if phones[0].name == "pau":

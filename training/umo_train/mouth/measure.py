@@ -1,4 +1,4 @@
-"""How well a mouth speaks and keeps silent: against the performer, over levels, noises and real recordings."""
+"""Quality of a mouth in speech and silence: compared with the performer, over levels, noises and real recordings."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,9 +15,9 @@ from umo_train.skeleton import SHAPE
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 from umo_train.speech.variation import leveled
 
-# Channels before the coefficients.
+# Number of channels before the coefficients.
 _JAW = 6
-# A mouth is shut where its lips are no further apart than this and its jaw no further open: 2 mm, and 5 % of its way.
+# A mouth counts as shut up to this distance of the lips and this opening of the jaw: 2 mm, and 5 % of its range.
 SHUT_LIPS, SHUT_JAW = lips.CLOSED, 0.05
 
 
@@ -98,7 +98,7 @@ NOISES: dict[str, Callable[[int, np.random.Generator], np.ndarray]] = {
 
 
 def shut_over(mouth: Mouth, seconds: float = 20.0, levels: Sequence[float] = (-60, -40, -20, -6)) -> dict[str, float]:
-    """Share of frames in which the mouth is shut over each noise, at four levels."""
+    """Share of frames with a shut mouth over each noise, at four levels."""
     out = {}
     for name, make in NOISES.items():
         frames = []
@@ -111,15 +111,15 @@ def shut_over(mouth: Mouth, seconds: float = 20.0, levels: Sequence[float] = (-6
 
 
 def recordings(mouth: Mouth, paths: Sequence[Path]) -> dict[str, dict[str, float]]:
-    """Real speech: correlation of the opening with the loudness at the best of five lags, how far the mouth opens, and
-    whether it is shut in silences."""
+    """Real speech: correlation of the opening with the loudness at the best of five lags, the mouth's opening, and the
+    share shut in silences."""
     out = {}
     for path in paths:
         samples = read(path)
         face, gate = mouth(samples)
         opening = lip_opening(face)
         follows = lips.lag_correlation([(opening, lips.envelope(samples, len(opening)))])
-        # The gate takes its time to shut, and a mouth opens ahead of the sound.
+        # The gate takes time to shut, and a mouth opens ahead of the sound.
         spans = ((int(a * FRAME_RATE) + 8, int(b * FRAME_RATE) - 4) for a, b in lips.quiet_parts(samples))
         quiet = [shut(face)[first:last] for first, last in spans if last > first]
         frames = np.concatenate([*quiet, np.zeros(0, bool)])

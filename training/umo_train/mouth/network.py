@@ -41,7 +41,7 @@ class MouthNetwork(nn.Module):
         return self.head(x).transpose(1, 2)
 
     def tensors(self, dtype: torch.dtype) -> dict[str, Tensor]:
-        """As the model file has them: weights in `dtype`, vectors in f32."""
+        """Tensors as in the model file: weights in `dtype`, vectors in f32."""
         return {
             f"mouth.{name}": tensor.detach().to(dtype if tensor.dim() > 1 else torch.float32).contiguous()
             for name, tensor in self.state_dict().items()

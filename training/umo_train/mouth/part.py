@@ -1,4 +1,4 @@
-"""The mouth as a part of a model file: written by itself, and added to a model."""
+"""The mouth as a part of a model file: written separately, and added to a model."""
 
 import json
 import os
@@ -14,30 +14,30 @@ from torch import Tensor
 
 from umo_train.export import HEADER, checksum, sealed
 
-# Data start at a multiple of this, so that a map of the file is aligned for any type.
+# Data start at a multiple of this, so that a memory map of the file is aligned for any type.
 _ALIGN = 64
 
 
 def write(path: Path, about: dict[str, Any], tensors: dict[str, Tensor]) -> None:
-    """The part alone: its tensors, and `config.mouth` in the metadata."""
+    """Writes the part alone: its tensors, and `config.mouth` in the metadata."""
     part = path.with_suffix(".part")
     save_file(tensors, part, metadata={"mouth": json.dumps(about)})
     part.rename(path)
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """What `write` has written, or the part of a model file that has one. Raises `ValueError` for another file."""
+    """Reads the output of `write`, or the part of a model file that has one. Raises `ValueError` for other files."""
     with safe_open(path, framework="pt") as file:
         about = file.metadata() or {}
         mouth = json.loads(about["mouth"]) if "mouth" in about else json.loads(about.get("config", "{}")).get("mouth")
         if mouth is None:
-            raise ValueError(f"{path}: no live mouth, and no model that has one")
+            raise ValueError(f"{path}: neither a live mouth nor a model with one")
         return mouth, {name: file.get_tensor(name) for name in file.keys() if name.startswith("mouth.")}
 
 
 def add(model: Path, part: Path, out: Path) -> None:
-    """Writes `model` with the part of `part` in place of its own, if it has one. All other tensors keep their bytes
-    and their order."""
+    """Writes `model` with the part of `part`, replacing its own, if it has one. All other tensors keep their bytes and
+    order."""
     about, tensors = read(part)
     with model.open("rb") as file:
         header = json.loads(file.read(int.from_bytes(file.read(8), "little")))

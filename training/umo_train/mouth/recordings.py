@@ -1,9 +1,9 @@
-"""Recorded voices with the times of their phones, found by pocketsphinx, whose English model and dictionary are free.
+"""Recorded voices with phone times, found by pocketsphinx, whose English model and dictionary are free.
 
     python -m umo_train.mouth.recordings FOLDER --out WORK/corpus/recordings
 
-`FOLDER/text.csv` has `name|text`, `FOLDER/NAME.EXTENSION` the sound. Clips with a word that the dictionary lacks, or
-whose text does not fit, are left out.
+`FOLDER/text.csv` has `name|text`, `FOLDER/NAME.EXTENSION` the sound. Clips with words missing in the dictionary, or
+with a text that does not match, are left out.
 """
 
 import argparse

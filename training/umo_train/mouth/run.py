@@ -1,4 +1,4 @@
-"""A trained mouth on whole clips, as the engine computes it on streams."""
+"""Runs a trained mouth on whole clips, as the engine computes it on streams."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from umo_train.skeleton import ARKIT
 
 
 class Mouth:
-    """What `run/mouth.safetensors` holds."""
+    """Contents of `run/mouth.safetensors`."""
 
     def __init__(self, about: dict[str, Any], tensors: dict[str, torch.Tensor]) -> None:
         self.front = Front(sizes_of(about))

@@ -1,4 +1,4 @@
-"""Sounds that are no speech, made from formulas: noise, hum, machines, music, knocks, birds, rubbing."""
+"""Synthetic sounds without speech: noise, hum, machines, music, knocks, birds, rubbing."""
 
 import itertools
 from collections.abc import Callable
@@ -20,7 +20,7 @@ def _time(count: int) -> np.ndarray:
 
 
 def noise(count: int, rng: Rng) -> np.ndarray:
-    """White, pink, brown, or of one band; at times it swells."""
+    """White, pink, brown or band-limited; sometimes it swells."""
     white = rng.standard_normal(count)
     kind = rng.integers(4)
     if kind == 1:
@@ -41,7 +41,7 @@ def noise(count: int, rng: Rng) -> np.ndarray:
 
 
 def _swell(count: int, rng: Rng, hertz: float) -> np.ndarray:
-    """0.1 to 1, changing irregularly so often a second."""
+    """0.1 to 1, changing irregularly at about the given rate."""
     points = max(int(count / SAMPLE_RATE * hertz) + 2, 3)
     return np.interp(np.linspace(0, points - 1, count), np.arange(points), rng.uniform(0.1, 1.0, points))
 
@@ -74,7 +74,7 @@ _SCALE = np.array([0, 2, 4, 5, 7, 9, 11])
 
 
 def _voice(count: int, rng: Rng, key: float, beat: float) -> np.ndarray:
-    """An instrument that plays one to five notes at once, at a rhythm of its own."""
+    """An instrument that plays one to five notes at once, with its own rhythm."""
     notes = int(rng.choice([1, 1, 2, 3, 3, 4, 5]))
     every = beat * float(rng.choice([0.25, 0.5, 1.0, 2.0, 4.0]))
     held = every * float(rng.choice([0.4, 0.9, 1.0, 1.5]))
@@ -153,7 +153,7 @@ def tones(count: int, rng: Rng) -> np.ndarray:
 
 
 def silence(count: int, rng: Rng) -> np.ndarray:
-    """A microphone that nobody speaks to."""
+    """A microphone without a speaker."""
     return 0.001 * noise(count, rng)
 
 
@@ -168,7 +168,7 @@ _KINDS: tuple[tuple[Callable[[int, Rng], np.ndarray], float], ...] = (
 
 
 def draw(count: int, rng: Rng) -> np.ndarray:
-    """One to three of these after each other, with gaps and at levels of their own, or two together; at unit power."""
+    """One to three of these in sequence, with gaps and different levels, or two together; at unit power."""
     kinds, shares = [make for make, _ in _KINDS], [share for _, share in _KINDS]
     out = np.zeros(count)
     pieces = int(rng.integers(1, 4))
@@ -183,5 +183,5 @@ def draw(count: int, rng: Rng) -> np.ndarray:
         if rng.random() < 0.2:
             sound = sound + 10 ** (-rng.uniform(0, 20) / 20) * kinds[other](length, rng)
         out[first + gap : last] = sound * 10 ** (-rng.uniform(0, 25) / 20 * (pieces > 1))
-    # What is under all of it: a microphone.
+    # Microphone noise under everything.
     return _unit(out + 10 ** (-rng.uniform(35, 80) / 20) * _unit(noise(count, rng)) * (np.abs(out).max() + 1e-3))

@@ -1,4 +1,4 @@
-"""Trains the live mouth: channels by least squares, the lips' opening on top, and whether a voice speaks."""
+"""Trains the live mouth: least squares on the channels, an extra term for the lips' opening, and voice detection."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ SAVE_EVERY = 250
 
 @dataclass(frozen=True)
 class MouthPlan:
-    """`frames` of each of `batch` clips a step; the weights are those of the terms beside the channels."""
+    """`frames` of each of `batch` clips per step; the weights apply to the loss terms other than the channels."""
 
     steps: int
     frames: int = 160
@@ -40,7 +40,7 @@ class MouthPlan:
 def train(
     plan: MouthPlan, front: Front, examples: Sequence[Example], names: Sequence[str], rest: np.ndarray, folder: Path
 ) -> MouthNetwork:
-    """Resumes from what is in the folder."""
+    """Resumes from a checkpoint in the folder."""
     torch.manual_seed(plan.seed)
     network = MouthNetwork(front.width, len(names), rows=front.sizes.rows, taps=front.sizes.taps, **plan.network)
     some = torch.cat([example.rows[::7].float() for example in examples])
@@ -81,9 +81,9 @@ def train(
 
 
 def _stretch(example: Example, front: Front, frames: int, chance: np.random.Generator) -> tuple[Tensor, ...]:
-    """Neighbouring frames; a clip that is shorter goes on with its last frame, which does not count."""
+    """Consecutive frames; a shorter clip is padded with its last frame, which has no weight."""
     count = len(example.voice)
-    # What a stream begins with is as important as all that follows.
+    # The start of a stream is as important as the rest.
     first = 0 if chance.random() < 0.2 else int(chance.integers(max(count - frames, 0) + 1))
     length = min(frames, count)
     rows = example.rows[first * front.sizes.rows :][: front.row_count(length)]

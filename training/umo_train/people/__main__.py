@@ -1,9 +1,9 @@
-"""Looks at what is found in people's recordings.
+"""Inspects the phones and accents found in people's recordings.
 
-python -m umo_train.people check                      against voices whose phones and accents are known
-python -m umo_train.people compare FOLDER             one way of finding phones against another, of people
-python -m umo_train.people draw FOLDER -o PICTURE     recordings with their phones and accents
-python -m umo_train.people hours CORPUS               how much of a corpus is people's
+python -m umo_train.people check                      compare with voices whose phones and accents are known
+python -m umo_train.people compare FOLDER             compare methods of finding phones, on people's recordings
+python -m umo_train.people draw FOLDER -o PICTURE     draw recordings with their phones and accents
+python -m umo_train.people hours CORPUS               print the hours of people's recordings in a corpus
 """
 
 import argparse
@@ -16,19 +16,19 @@ from umo_train.people import check
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    known = commands.add_parser("check", help="against voices whose phones and accents are known")
+    known = commands.add_parser("check", help="compare with voices whose phones and accents are known")
     known.add_argument("--voices", nargs="+", default=["flite-slt", "flite-rms", "espeak-en-gb-x-rp", "espeak-de+f2"])
     known.add_argument("--sentences", type=int, default=20)
-    other = commands.add_parser("compare", help="other ways of finding phones against alignment, of people")
+    other = commands.add_parser("compare", help="compare other ways of finding people's phones with alignment")
     other.add_argument("folder", type=Path)
     other.add_argument("--language", default="en")
     other.add_argument("--count", type=int, default=16)
-    look = commands.add_parser("draw", help="recordings with their phones and accents")
+    look = commands.add_parser("draw", help="draw recordings with their phones and accents")
     look.add_argument("folder", type=Path)
     look.add_argument("--language", default="en")
     look.add_argument("--count", type=int, default=3)
     look.add_argument("-o", "--output", type=Path, required=True)
-    share = commands.add_parser("hours", help="how much of a corpus is people's")
+    share = commands.add_parser("hours", help="print the hours of people's recordings in a corpus")
     share.add_argument("corpus", type=Path)
     options = parser.parse_args()
     if options.command == "check":

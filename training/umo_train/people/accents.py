@@ -1,4 +1,4 @@
-"""Which vowels a reader accents: those that stand out by pitch, loudness and length."""
+"""Detects the vowels that a reader accents, by pitch, loudness and length."""
 
 from dataclasses import replace
 
@@ -9,18 +9,18 @@ from umo_train.speech.utterance import SAMPLE_RATE, VOWELS, Utterance
 
 _HOP = 160
 _LOWEST_HZ, _HIGHEST_HZ = 60.0, 420.0
-# Vowels are compared with those so near, in seconds: pitch and loudness fall along a phrase.
+# Vowels are compared with those within this time, seconds: pitch and loudness fall along a phrase.
 _NEAR_S = 1.5
-# Nearer accents than this are one.
+# Accents closer than this are merged.
 _GAP_S = 0.3
-# Standard deviations above its neighbours from which a vowel stands out.
+# Standard deviations above its neighbours from which a vowel counts as accented.
 _LEAST = 0.35
 _WEIGHTS = {"pitch": 0.45, "loudness": 0.3, "length": 0.25}
 
 
 def accented(utterance: Utterance) -> Utterance:
-    """The same with stress 2 on the vowels that stand out, and none on others: what the text or a dictionary said of
-    stress is replaced by what is heard."""
+    """The utterance with stress 2 on the accented vowels, and none on others: detected accents replace the stress from
+    text or dictionary."""
     where = [i for i, phone in enumerate(utterance.phones) if phone.name in VOWELS]
     out = [replace(phone, stress=min(phone.stress, 1)) for phone in utterance.phones]
     if not where:
@@ -37,7 +37,7 @@ def accented(utterance: Utterance) -> Utterance:
 
 
 def _features(utterance: Utterance, where: list[int]) -> list[np.ndarray]:
-    """Of each vowel the highest pitch, the greatest loudness and the length, above its neighbours' median, in standard
+    """Highest pitch, maximum loudness and length of each vowel, relative to its neighbours' median, in standard
     deviations of the utterance."""
     samples = np.pad(np.asarray(utterance.samples, np.float32), (0, 1024))
     pitch = librosa.yin(samples, fmin=_LOWEST_HZ, fmax=_HIGHEST_HZ, sr=SAMPLE_RATE, frame_length=1024, hop_length=_HOP)
@@ -49,7 +49,7 @@ def _features(utterance: Utterance, where: list[int]) -> list[np.ndarray]:
         phone = utterance.phones[i]
         first = min(int(phone.start * SAMPLE_RATE / _HOP), count - 1)
         frames = slice(first, max(first + 1, int(np.ceil(phone.end * SAMPLE_RATE / _HOP))))
-        # The upper quartile: the highest of all is where the pitch was misheard.
+        # The upper quartile: the maximum is prone to pitch errors.
         rows.append((np.quantile(semitones[frames], 0.75), level[frames].max(), np.log(phone.end - phone.start)))
     middles = np.array([(utterance.phones[i].start + utterance.phones[i].end) / 2 for i in where])
     out = []

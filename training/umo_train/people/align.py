@@ -1,9 +1,8 @@
-"""Phones of a recording and their times.
+"""Finds the phones of a recording and their times.
 
-A known text: pocketsphinx, whose acoustic model and dictionary are free (`pip install pocketsphinx`). Words that its
-dictionary lacks, and those of other languages, are pronounced as espeak-ng pronounces them, in the phones of English.
-English without a text: pocketsphinx's likeliest phones. Where neither can be: the text as espeak-ng speaks it, warped
-to the recording.
+With a text: pocketsphinx, whose acoustic model and dictionary are free (`pip install pocketsphinx`). Words missing in
+its dictionary, and those of other languages, are pronounced as by espeak-ng, mapped to English phones. English without
+a text: pocketsphinx's most probable phones. Otherwise: the text spoken by espeak-ng, warped to the recording.
 """
 
 import re
@@ -17,20 +16,20 @@ from umo_train.speech import voices
 from umo_train.speech.utterance import PHONES, SAMPLE_RATE, SILENCE, VOWELS, Phone, Utterance, Word
 
 _FRAME_S = 0.01
-# Silence around what pocketsphinx hears: it misses words that begin or end with the sound.
+# Silence added around pocketsphinx's input: it misses words at the edges of the sound.
 _MARGIN_S = 0.3
-# Names of pocketsphinx that say silence or noise.
+# pocketsphinx's names of silence and noise.
 _NOISES = frozenset({"SIL", "+NSN+", "+SPN+", "<s>", "</s>", "<sil>"})
-# An AH that is shorter is the reduced vowel: the dictionary does not tell them apart.
+# A shorter AH is the reduced vowel: the dictionary does not distinguish them.
 _REDUCED_S = 0.08
 _PUNCTUATION = " ,.;:!?\"'()[]{}*_-\u2013\u2014\u201e\u201c\u201d\u2018\u2019\u00ab\u00bb"
-# Pauses within a recording: so many decibels below its speech, for so long.
+# Pauses within a recording: this many decibels below its speech, for this long.
 _PAUSE_DB, _PAUSE_S = 28.0, 0.15
 
 
 def phones(samples: np.ndarray, text: str | None, language: str) -> Utterance | None:
-    """The utterance with its phones, which cover all of its time, and its words, where they are known; None where the
-    text does not fit the sound. `samples` at 16 kHz, `language` as espeak-ng names it."""
+    """The utterance with its phones, which cover its whole duration, and its words, if known; None if the text does not
+    match the sound. `samples` at 16 kHz, `language` as named by espeak-ng."""
     if text is None:
         return from_sound(samples) if language.startswith("en") else None
     found = from_text(samples, text, language)
@@ -42,18 +41,18 @@ def phones(samples: np.ndarray, text: str | None, language: str) -> Utterance | 
 def from_text(
     samples: np.ndarray, text: str, language: str = "en", *, dictionary: bool | None = None
 ) -> Utterance | None:
-    """By a known text; None where it does not fit. Words are pronounced as the dictionary of English says, where
-    `language` is English and `dictionary` does not say otherwise, or else as espeak-ng does."""
+    """From a known text; None if it does not match. Words are pronounced according to the English dictionary, if
+    `language` is English and `dictionary` is true, else as by espeak-ng."""
     from pocketsphinx import Decoder
 
-    # There is one path to find. Without `bestpath` false, the decoder fails where the text leaves it a choice.
+    # There is only one path to find. Unless `bestpath` is false, the decoder fails if the text is ambiguous.
     decoder = Decoder(lm=None, beam=1e-64, pbeam=1e-64, wbeam=1e-64, bestpath=False, loglevel="FATAL")
     words = [word for token in text.split() if (word := token.strip(_PUNCTUATION))]
     if not words:
         return None
     names = [_known(decoder, word, language, i, dictionary=dictionary is not False) for i, word in enumerate(words)]
     texts = {name: word for name, word in zip(names, words, strict=True) if name is not None}
-    # The first pass finds the words and how they are pronounced, the second their phones.
+    # The first pass finds the words and their pronunciations, the second their phones.
     decoder.set_align_text(" ".join(name for name in names if name is not None))
     try:
         _decode(decoder, samples)
@@ -79,7 +78,7 @@ def from_text(
 
 
 def _known(decoder: Any, word: str, language: str, number: int, *, dictionary: bool) -> str | None:
-    """The name by which the decoder knows a word; None where nothing of it is spoken."""
+    """The decoder's name of a word; None if nothing of it is spoken."""
     name = word.lower().replace("\u2019", "'")
     if dictionary and language.startswith("en") and decoder.lookup_word(name) is not None:
         return name
@@ -96,7 +95,7 @@ def _known(decoder: Any, word: str, language: str, number: int, *, dictionary: b
 
 
 def from_sound(samples: np.ndarray, text: str = "") -> Utterance | None:
-    """By the sound alone: the likeliest phones of English, and no words; None where nobody speaks."""
+    """From the sound alone: the most probable English phones, and no words; None without speech."""
     from pocketsphinx import Decoder, get_model_path
 
     if not samples.any():
@@ -114,7 +113,7 @@ def from_sound(samples: np.ndarray, text: str = "") -> Utterance | None:
 
 
 def from_synthesiser(samples: np.ndarray, text: str, language: str) -> Utterance | None:
-    """By how espeak-ng speaks the text, warped to the recording by likeness; None where there is no sound in one."""
+    """From espeak-ng's speech of the text, warped to the recording by similarity; None if either has no sound."""
     from umo_train.speech import alike
 
     (spoken,) = voices.Espeak(language).speak([voices.Line(text)])
@@ -145,7 +144,7 @@ def _decode(decoder: Any, samples: np.ndarray) -> None:
 
 
 def _phone(name: str, first: int, end: int) -> Phone:
-    """Of pocketsphinx, in frames."""
+    """From pocketsphinx's phone, in frames."""
     ours = SILENCE if name in _NOISES else name.lower()
     if ours == "ah" and (end - first) * _FRAME_S < _REDUCED_S:
         ours = "ax"
@@ -154,7 +153,7 @@ def _phone(name: str, first: int, end: int) -> Phone:
 
 
 def stressed(word: list[Phone]) -> list[Phone]:
-    """The longest vowel of a word carries its stress: the dictionary does not say which does."""
+    """The longest vowel of a word gets its stress, which the dictionary does not mark."""
     vowels = [i for i, phone in enumerate(word) if phone.name in VOWELS - {"ax"}]
     if vowels:
         longest = max(vowels, key=lambda i: word[i].end - word[i].start)
@@ -180,7 +179,7 @@ def covering(found: Sequence[Phone], seconds: float) -> list[Phone]:
 
 
 def _paused(found: list[Phone], samples: np.ndarray) -> list[Phone]:
-    """Phones cut where the reader is silent: what pauses there are is heard, not guessed from a text."""
+    """Cuts phones where the reader is silent: pauses are detected, not guessed from a text."""
     hop = int(_FRAME_S * SAMPLE_RATE)
     count = len(samples) // hop
     power = (samples[: count * hop].astype(np.float64).reshape(count, hop) ** 2).mean(1)

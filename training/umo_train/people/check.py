@@ -1,4 +1,4 @@
-"""How far the phones and accents that are found are from the true ones, of voices that say theirs."""
+"""Accuracy of the detected phones and accents, compared with voices that report theirs."""
 
 import random
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from umo_train.speech.utterance import SILENCE, VOWELS, Phone, Utterance
 
 Method = Callable[[Utterance], Utterance | None]
 _STEP_S = 0.01
-# What mouths show alike.
+# Groups of phones that look the same on the mouth.
 _CLASSES = (
     "p b m", "f v", "th dh", "t d n l k g ng hh", "s z", "sh zh ch jh", "r er", "w uw uh", "y iy ih ey",
     "aa ae ah aw ay", "eh ax", "ao ow oy", SILENCE,
@@ -23,7 +23,7 @@ _CLASS = {name: number for number, names in enumerate(_CLASSES) for name in name
 
 
 def methods(language: str) -> dict[str, Method]:
-    """The ways in which phones are found, by name."""
+    """Methods of finding phones, by name."""
     if language.startswith("en"):
         return {
             "known text": lambda spoken: align.from_text(spoken.samples, spoken.text),
@@ -40,16 +40,16 @@ def methods(language: str) -> dict[str, Method]:
 
 
 def spoken(voice: str, count: int, seed: int = 0) -> list[Utterance]:
-    """Sentences of a voice that says its phones' times."""
+    """Sentences of a voice that reports its phones' times."""
     chance = random.Random(f"{seed} {voice}")
     return list(voices.find(voice).speak([voices.Line(sentence(chance)) for _ in range(count)]))
 
 
 def agreement(truth: Sequence[Utterance], method: Method) -> dict[str, float]:
-    """`found`: the share of utterances in which there are phones at all; of these `frames`: the share of 10 ms with
-    the true phone, `shapes`: with one that a mouth shows alike; `edge` and `edge95`: by how many milliseconds the start
-    of speech sounds is off, median and 95th percentile, where the phone is the true one; `lips`: the share of true p, b
-    and m with one of these within 50 ms."""
+    """`found`: the share of utterances with any phones; of these, `frames`: the share of 10 ms frames with the true
+    phone, `shapes`: with one that looks the same on the mouth; `edge` and `edge95`: start error of speech sounds in
+    milliseconds, median and 95th percentile, for correct phones; `lips`: the share of true p, b and m with one of
+    these within 50 ms."""
     pairs = [(true, method(true)) for true in truth]
     found = [(true, heard) for true, heard in pairs if heard is not None]
     if not found:
@@ -71,8 +71,8 @@ def agreement(truth: Sequence[Utterance], method: Method) -> dict[str, float]:
 
 
 def accents(truth: Sequence[Utterance]) -> dict[str, float]:
-    """Of accents that are heard, against those that the voice was told to make: the shares that are right (`precision`)
-    and that are found (`recall`), and what the same number of accents on vowels by chance would get (`chance`)."""
+    """Detected accents compared with those that the voice was told to make: `precision`, `recall`, and the precision of
+    the same number of accents on random vowels (`chance`)."""
     hits, heard, told, vowels = 0, 0, 0, 0
     for true in truth:
         bare = replace(true, phones=tuple(replace(phone, stress=min(phone.stress, 1)) for phone in true.phones))
@@ -92,7 +92,7 @@ def _frames(utterance: Utterance) -> np.ndarray:
 
 
 def _edges(true: Utterance, heard: Utterance) -> np.ndarray:
-    """How far off each true start is, where the same phone is heard at some time of it."""
+    """Start error of each true phone, if the same phone is detected at some time during it."""
     out = []
     for phone in true.phones:
         near = [other for other in heard.phones if other.end > phone.start and other.start < phone.end]

@@ -1,4 +1,4 @@
-"""The step `people`: recorded people as items of the corpus, beside the synthesisers' speech."""
+"""The step `people`: people's recordings as items of the corpus, in addition to synthetic speech."""
 
 import json
 import random
@@ -20,18 +20,18 @@ from umo_train.performer.style import draw
 from umo_train.speech import variation
 from umo_train.speech.utterance import Utterance
 
-# Items of people have numbers from here on, behind those of `speech`.
+# First item number of people, above those of `speech`.
 FIRST = 50_000
-# Split of the readers that nothing is trained on: of each set, every tenth.
+# Split of held-out readers: every tenth of each set.
 HELD_OUT, _EVERY = "test_people", 10
-# Loudness, decibels below full scale: as all speech of the corpus.
+# Loudness in decibels below full scale, as for all speech of the corpus.
 _LEVEL = 24
 
 
 @dataclass(frozen=True)
 class PeoplePlan:
-    """`sets`: folders below `root` to the language that is read in them, as espeak-ng names it. Recordings of one
-    reader are joined to items of `seconds_per_item`, each performed `takes` times, in styles of their own."""
+    """`sets`: folders below `root` with their language, as named by espeak-ng. Recordings of one reader are joined to
+    items of `seconds_per_item`, each performed `takes` times in different styles."""
 
     root: Path
     sets: dict[str, str]
@@ -52,8 +52,8 @@ class _Job:
 
 
 def make_people(plan: PeoplePlan, folder: Path, workers: int) -> None:
-    """Writes what is missing of the plan's items. Recordings in which no phones are found are left out and counted in
-    `people.json`, with the hours of each set. Deterministic in the plan and the recordings."""
+    """Writes missing items of the plan. Recordings without detected phones are left out and counted in `people.json`,
+    with the hours of each set. Depends only on the plan and the recordings."""
     jobs = list(_jobs(plan, folder))
     done_file = folder / "people.json"
     done: dict[str, Any] = json.loads(done_file.read_text()) if done_file.exists() else {}
@@ -93,7 +93,7 @@ def _groups(its: list[Recording], seconds: float) -> Iterator[tuple[Recording, .
 
 
 def _make(job: _Job) -> int:
-    """Writes an item's takes; in how many of its recordings phones were found."""
+    """Writes an item's takes; returns the number of its recordings with phones."""
     spoken: list[Utterance] = []
     for one in job.recordings:
         samples = variation.leveled(recording.samples(one.path), _LEVEL)
@@ -105,7 +105,7 @@ def _make(job: _Job) -> int:
     for take in range(job.plan.takes if job.split == "train" else 1):
         index = job.first + take
         chance = random.Random(f"{job.plan.seed} people {index}")
-        # Readers pause at their sentences' ends as they do; now and then someone stands and listens.
+        # Readers pause naturally at sentence ends; sometimes add a longer silence for listening.
         gaps = [chance.uniform(0.0, 0.3) if chance.random() < 0.85 else chance.uniform(0.8, 3.0) for _ in spoken]
         utterance = variation.joined(spoken, [*gaps, chance.uniform(0.3, 1.5)])
         style, prompt = draw(chance)
@@ -114,7 +114,7 @@ def _make(job: _Job) -> int:
 
 
 def hours(folder: Path) -> dict[str, float]:
-    """Of the split `train`: by people, by synthesisers, and actions without speech."""
+    """Hours in the split `train`: people's, synthesisers', and actions without speech."""
     out: Counter[str] = Counter(people=0.0, synthesisers=0.0)
     for item in corpus.items(folder, "train"):
         kind = "people" if item.utterance.voice.startswith(corpus.PEOPLE) else "synthesisers"

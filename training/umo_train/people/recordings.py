@@ -1,4 +1,4 @@
-"""Sound files with their readers and, where a file says it, their texts."""
+"""Sound files with their readers and, if available, their texts."""
 
 import csv
 import re
@@ -14,7 +14,7 @@ _LIBRISPEECH = re.compile(r"(\d+)-\d+-\d+")
 
 @dataclass(frozen=True)
 class Recording:
-    """`text` is None where no file says it."""
+    """`text` is None if unknown."""
 
     name: str
     reader: str

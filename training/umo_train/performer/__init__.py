@@ -1,4 +1,4 @@
-"""A procedural performer: motion for speech, made by rules. It is what the default model learns from."""
+"""A procedural performer: rule-based motion for speech, which the default model learns from."""
 
 from umo_train.performer.lips import lip_opening
 from umo_train.performer.perform import perform

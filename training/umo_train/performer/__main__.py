@@ -1,4 +1,4 @@
-"""Numbers of the performer's motion for speech: `python -m umo_train.performer FOLDER` (a corpus' folder)."""
+"""Prints statistics of the performer's motion for speech: `python -m umo_train.performer FOLDER` (a corpus' folder)."""
 
 import argparse
 from pathlib import Path

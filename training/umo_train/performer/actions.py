@@ -1,4 +1,4 @@
-"""Actions that a text asks for, from an animator's clips: somebody stands, does it, and stands again."""
+"""Actions prompted by text, from an animator's clips: stand, perform, stand again."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +12,15 @@ from umo_train.performer.style import Style
 from umo_train.skeleton import CONTACT, JOINT, JOINTS_OF, VELOCITY, places, rotation_6d, rotations
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, Phone, Utterance
 
-# From standing to the clip and back, in seconds.
+# Blend time between standing and the clip, seconds.
 _BLEND_S = 0.45
-# A wrist that is faster gestures, m/s.
+# Speed above which a wrist gestures, m/s.
 _STROKE_M_S = 0.35
 
 
 @dataclass(frozen=True)
 class Action:
-    """`clips` are names of clips that show it, each played once, or for about so many seconds where it is a loop."""
+    """`clips` are names of clips that show it, each played once, or looped for about the given seconds."""
 
     prompts: tuple[str, ...]
     clips: tuple[str, ...]
@@ -49,7 +49,7 @@ ACTIONS = {
 
 
 def read_clips(files: list[Path]) -> dict[str, np.ndarray]:
-    """Rotations `[T, 55, 3, 3]` of all clips that an action names. Raises `ValueError` where one is missing."""
+    """Rotations `[T, 55, 3, 3]` of all clips used by actions. Raises `ValueError` if one is missing."""
     found = {clip.name: clip.local for path in files for clip in clips.read(path)}
     wanted = [name for action in ACTIONS.values() for name in action.clips]
     missing = [name for name in wanted if name not in found]
@@ -61,8 +61,8 @@ def read_clips(files: list[Path]) -> dict[str, np.ndarray]:
 def act(
     action: Action, found: dict[str, np.ndarray], seconds: float, seed: int
 ) -> tuple[Utterance, dict[str, np.ndarray]]:
-    """Silence and the motion of somebody who does it again and again, in between standing as the performer does:
-    channels as `perform` gives them."""
+    """Silence and the motion of repeating an action, with the performer's standing in between: channels as from
+    `perform`."""
     random = np.random.default_rng(seed)
     frames = int(seconds * FRAME_RATE)
     samples = np.zeros(frames * SAMPLE_RATE // FRAME_RATE, np.float32)
@@ -82,7 +82,7 @@ def act(
         share = plateaus(t, at + _BLEND_S, at + length - _BLEND_S, _BLEND_S, _BLEND_S)
         near = np.flatnonzero(share > 0.0)
         shown = played[np.clip(near - int(at * FRAME_RATE), 0, len(played) - 1)]
-        # Jaw and eyes are the performer's.
+        # Jaw and eyes come from the performer.
         kept = [JOINT[name] for name in ("jaw", "left_eye", "right_eye")]
         shown[:, kept] = local[near][:, kept]
         local[near] = clips.blended(local[near], shown, share[near])
@@ -93,7 +93,7 @@ def act(
 
 
 def _take(action: Action, found: dict[str, np.ndarray], random: np.random.Generator) -> np.ndarray:
-    """A clip at a pace of its own, as often as its loop asks, perhaps mirrored."""
+    """A clip at a random pace, looped as configured, possibly mirrored."""
     local = found[str(random.choice(action.clips))]
     pace = random.uniform(0.85, 1.2)
     if action.loop_s:
@@ -104,7 +104,7 @@ def _take(action: Action, found: dict[str, np.ndarray], random: np.random.Genera
 
 
 def _write(motion: dict[str, np.ndarray], local: np.ndarray, acting: np.ndarray) -> None:
-    """Rotations, the root's way and the gestures' phases into the performer's channels."""
+    """Writes rotations, the root's path and the gestures' phases into the performer's channels."""
     for part in ("hands", "upper", "lower"):
         joints = list(JOINTS_OF[part])
         motion[part][:, : 6 * len(joints)] = rotation_6d(local[:, joints]).reshape(len(local), -1)

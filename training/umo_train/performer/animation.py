@@ -1,4 +1,4 @@
-"""Writes a performance as the program's `.jsonl` animation, so that `umo draw` and `umo view` show it."""
+"""Writes a performance as the program's `.jsonl` animation, for `umo draw` and `umo view`."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from umo_train.speech.utterance import FRAME_RATE
 
 
 def write(path: Path, motion: dict[str, np.ndarray]) -> None:
-    """`perform`'s channels to an animation of the 55 joints and 52 coefficients."""
+    """Converts channels of `perform` to an animation of the 55 joints and 52 coefficients."""
     local, face = rotations(motion), motion["face"][:, 6:].astype(np.float64)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         name = side.capitalize()

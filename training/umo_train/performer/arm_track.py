@@ -1,6 +1,6 @@
-"""One arm's course over an utterance: movements in time order, chained into gesture phrases, with holds and retraction.
+"""One arm's motion over an utterance: movements in time order, chained into gesture phrases, with holds and retraction.
 
-Each movement takes its duration and its path from one of the stroke library that goes most nearly the same way.
+Each movement takes its duration and its path from the stroke in the library with the most similar displacement.
 """
 
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ from umo_train.performer.curves import BENDS, path
 from umo_train.performer.intent import HOLD, PREPARE, REST, RETRACT, STROKE
 from umo_train.performer.strokes import Strokes
 
-# A movement may be this much quicker or slower than the captured one.
+# Range of the speed-up or slow-down of a captured movement.
 RETIME = (0.7, 1.3)
-# Captured movements of one person take longer the longer they are, with this power of the way.
+# Captured movements of one person take longer with their length, to this power.
 _POWER = 0.35
-# A hand that has struck rests at least so long before the next preparation, in seconds.
+# Minimum rest of a hand after a stroke before the next preparation, seconds.
 _HOLD_S = 0.02
-# A stroke recoils over this time, by this share of its way, unless the next movement comes sooner.
+# Duration of a stroke's recoil and its share of the stroke's length, unless the next movement comes sooner.
 _RECOIL_S, _RECOIL = 0.45, 0.16
-# As it turns from preparation into the stroke a hand keeps this share of the two movements' mean velocities.
+# Share of the two movements' mean velocities that a hand keeps when turning from preparation into the stroke.
 _THROUGH = 0.65
-# Seconds a movement needs for each metre: peaks stay under 2.2 m/s.
+# Minimum seconds per metre of movement: peaks stay below 2.2 m/s.
 _S_PER_M = 0.85
 _SHORTEST_S, _NO_WAY_M = 0.16, 0.015
 
 
 @dataclass(frozen=True)
 class Way:
-    """A captured movement laid between two states: its own seconds, and its bend `[BENDS, STATE]`."""
+    """A captured movement fitted between two states: its own duration, and its bend `[BENDS, STATE]`."""
 
     seconds: float
     bend: np.ndarray
@@ -37,7 +37,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Made:
-    """A stroke that an arm makes: when it ends, how long it takes, and the captured duration at its length."""
+    """A stroke of an arm: its end, its duration, and the captured duration at its length."""
 
     at: float
     seconds: float
@@ -51,11 +51,11 @@ class ArmTrack:
         self.idle, self.slow, self.library, self.random = idle, slow, library, random
         self.times, self.values = [-3.0], [idle]
         self.rates, self.arcs = [np.zeros(STATE)], [np.zeros((BENDS, STATE))]
-        # What the arm does on the way to each key.
+        # Gesture phase on the way to each key.
         self.phases = [REST]
         self.made: list[Made] = []
         self.raised = False
-        # The newest key is the recoil of the one before it.
+        # Whether the newest key is the recoil of the one before it.
         self._recoils = False
 
     @property
@@ -64,7 +64,7 @@ class ArmTrack:
 
     @property
     def struck(self) -> np.ndarray:
-        """Where the hand was when it struck last, or is."""
+        """Position of the hand at its last stroke, or its current one."""
         return self.values[-2] if self._recoils else self.values[-1]
 
     @property
@@ -73,12 +73,12 @@ class ArmTrack:
 
     @property
     def free(self) -> float:
-        """From when on the arm can do something else."""
+        """Time from which the arm is free."""
         return (self.times[-2] if self._recoils else self.until) + (_HOLD_S if self.raised else 0.0)
 
     @property
     def _waiting(self) -> int:
-        """What an arm does that has nothing to do."""
+        """Phase of an idle arm."""
         return HOLD if self.raised else REST
 
     def _key(
@@ -105,10 +105,10 @@ class ArmTrack:
     def stroke(
         self, at: float, prepared: np.ndarray, struck: np.ndarray, wait: float = 0.0, swing: np.ndarray | None = None
     ) -> bool:
-        """Prepares, strokes so that it ends at `at`, and recoils; whether there was time for it.
+        """Prepares, strokes so that it ends at `at`, and recoils; returns whether there was time for it.
 
-        `wait` is how long the prepared hand waits; where it does not, `swing` is its velocity as it turns into the
-        stroke, m/s.
+        `wait` is how long the prepared hand waits; without a wait, `swing` is its velocity as it turns into the stroke,
+        m/s.
         """
         there = self.way(prepared, struck)
         if self._recoils and at - self.until < (there.seconds + self.way(self.now, prepared).seconds) * 1.2:
@@ -121,7 +121,7 @@ class ArmTrack:
         rather = self.slow * float(self.random.uniform(0.92, 1.08))
         spare = (at - begin) / natural
         if self.raised:
-            # A hand that is up anyway takes its time rather than wait.
+            # A raised hand moves more slowly rather than wait.
             rather = float(np.clip((at - begin - wait - self.random.uniform(0.0, 0.03)) / natural, rather, RETIME[1]))
         factor = min(rather, spare, RETIME[1])
         if factor < RETIME[0]:
@@ -139,7 +139,7 @@ class ArmTrack:
             self._key(at - stroke_s, prepared, HOLD)
         else:
             rate = np.zeros(STATE)
-            # Round the turn without a stop.
+            # Through the turning point without a stop.
             rate[WRIST] = _THROUGH * (
                 (prepared[WRIST] - before[WRIST]) / max(ready_s, 0.2) + (struck[WRIST] - prepared[WRIST]) / stroke_s
             )
@@ -156,14 +156,14 @@ class ArmTrack:
         return True
 
     def drop_recoil(self) -> None:
-        """The hand goes on from where it struck."""
+        """Removes the recoil, so that the hand continues from the stroke's end."""
         if self._recoils:
             for keys in (self.times, self.values, self.rates, self.arcs, self.phases):
                 keys.pop()
             self._recoils = False
 
     def move(self, at: float, to: np.ndarray, phase: int, raised: bool, slower: float = 1.25) -> None:
-        """Goes there unhurried, from `at` or as soon as it can."""
+        """Moves to a state at a relaxed pace, from `at` or as soon as possible."""
         if at < self.until:
             self.drop_recoil()
         self._recoils = False
@@ -173,19 +173,19 @@ class ArmTrack:
         self.raised = raised
 
     def _wait(self, until: float) -> None:
-        """A hand that holds sinks a little; one that goes on at once does not stop."""
+        """A holding hand sinks a little; one that continues at once does not stop."""
         if until - self.until > 0.3 and self.raised:
             self._key(until, self._sunk(0.013), HOLD)
         elif until - self.until > _HOLD_S:
             self._key(until, self.now, self._waiting)
 
     def retract(self, hold_s: float, to: np.ndarray | None = None) -> None:
-        """Holds, then goes back to rest, or to another place to wait in."""
+        """Holds, then returns to rest, or to another waiting position."""
         if self.raised:
             self.move(self.free + hold_s, self.idle if to is None else to, RETRACT, raised=False, slower=1.2)
 
     def _sunk(self, metres: float) -> np.ndarray:
-        """A hand that holds sinks a little."""
+        """State of a holding hand after sinking."""
         out = self.now.copy()
         out[WRIST.start + 1] -= metres
         return out
@@ -195,6 +195,6 @@ class ArmTrack:
         return path(t, *(np.array(keys) for keys in (self.times, self.values, self.rates, self.arcs)))
 
     def phase(self, t: np.ndarray) -> np.ndarray:
-        """The phase of a gesture that the arm is in, `[T]`."""
+        """Gesture phase of the arm, `[T]`."""
         after = np.searchsorted(self.times, t, side="right")
         return np.array([*self.phases, self._waiting])[after]

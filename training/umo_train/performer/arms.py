@@ -1,6 +1,6 @@
-"""Arms: from where a wrist is and how the hand is turned to the joints' rotations.
+"""Arms: from the wrist's position and the hand's orientation to joint rotations.
 
-Both arms are solved as left arms at once; the right one's inputs and results are mirrored in the body's middle plane.
+Both arms are solved as left arms; the right one's inputs and results are mirrored in the sagittal plane.
 """
 
 import numpy as np
@@ -8,32 +8,33 @@ import numpy as np
 from umo_train.performer.rotation import about, frame, two_bones
 from umo_train.skeleton import JOINT, OFFSETS_M
 
-# An arm's state per frame: wrist (outward, up, forward of the middle between the shoulders, m), elbow swivel (outward),
-# forearm twist (palm in 0, down positive), wrist bend to the palm and towards the thumb, then the hand's `fingers`.
+# An arm's state per frame: wrist (outward, up, forward of the midpoint between the shoulders, m), elbow swivel
+# (outward), forearm twist (palm in 0, down positive), wrist bend towards the palm and towards the thumb, then the
+# hand's `fingers`.
 WRIST, SWIVEL, TWIST, BEND, TILT, FINGERS = slice(0, 3), 3, 4, 5, 6, slice(7, 14)
 STATE = 14
 MIRROR = np.array([-1.0, 1.0, 1.0])
 _FLIP = np.outer(MIRROR, MIRROR)
-# From the chest joint to the middle between the shoulders.
+# From the chest joint to the midpoint between the shoulders.
 SHOULDER_CENTRE = np.array([0.0, 0.145, -0.03])
 _COLLAR = OFFSETS_M[JOINT["left_collar"]]
 _SHOULDER, _ELBOW, _HAND = (OFFSETS_M[JOINT["left_" + name]] for name in ("shoulder", "elbow", "wrist"))
 UPPER_M, FORE_M = float(np.linalg.norm(_ELBOW)), float(np.linalg.norm(_HAND))
-# The elbow of a T pose bends forward, about -Y.
+# In the T-pose the elbow bends forward, about -Y.
 _REST_UPPER = frame(_ELBOW, np.array([0.0, -1.0, 0.0]))
 _REST_FORE = frame(_HAND, np.array([0.0, -1.0, 0.0]))
 
 
 def mirrored(rotations: np.ndarray) -> np.ndarray:
-    """The same turn seen in the mirror."""
+    """The rotation mirrored."""
     return rotations * _FLIP
 
 
 def solve(
     states: np.ndarray, chest: np.ndarray, collars: np.ndarray, yaw: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """States `[2, T, STATE]`, the chest's world rotation, both collars' local ones `[2, T, 3, 3]` and the heading that
-    the wrists' places turn with, to local rotations of shoulder, elbow and wrist, each `[2, T, 3, 3]`, left first."""
+    """States `[2, T, STATE]`, the chest's world rotation, both collars' local ones `[2, T, 3, 3]` and the heading of
+    the wrists' frame, to local rotations of shoulder, elbow and wrist, each `[2, T, 3, 3]`, left first."""
     bodies = np.stack([chest, mirrored(chest)])
     collars = np.stack([collars[0], mirrored(collars[1])])
     bones = bodies @ collars
@@ -45,7 +46,7 @@ def solve(
     first, second, hinge = two_bones(reach, (turn @ pole[..., None])[..., 0], UPPER_M, FORE_M)
     upper = frame(first, hinge) @ _REST_UPPER.T
     fore = frame(second, hinge) @ _REST_FORE.T
-    # Half of a forearm's twist shows at the elbow's bone, half at the wrist.
+    # Half of a forearm's twist is applied at the elbow's bone, half at the wrist.
     half = about("x", 0.5 * states[..., TWIST])
     elbow = np.swapaxes(upper, -1, -2) @ fore @ half
     wrist = half @ about("z", -states[..., BEND]) @ about("y", -states[..., TILT])

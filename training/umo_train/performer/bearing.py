@@ -1,4 +1,4 @@
-"""Where head and trunk are turned over an utterance: an attitude for each stretch of speech, and what never rests."""
+"""Orientation of head and trunk over an utterance: an attitude for each stretch of speech, and continuous motion."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 from umo_train.speech.utterance import FRAME_RATE
 
-# A speaker keeps an attitude for about so long before taking the next, in seconds.
+# Duration of an attitude, seconds.
 _ATTITUDE_S = (1.1, 2.6)
 # Standard deviations of an attitude's pitch, yaw and roll, in radians.
 _HEAD = np.array([0.056, 0.078, 0.062])
-# The trunk follows the head by about so much, and so late, in seconds.
+# Share of the head's rotation that the trunk follows, and its delay, seconds.
 _TRUNK, _LAG_S = np.array([0.22, 0.6, 0.3]), (0.12, 0.4)
-# Pauses from here on have looks around of their own, in seconds.
+# Pauses of this length or more contain looks around, seconds.
 _LONG_S = 2.5
 
 
@@ -28,12 +28,12 @@ class Bearing:
 
 
 def liveliness(style: Style) -> float:
-    """How far head and trunk move, about 1 for a neutral talker."""
+    """Amount of motion of head and trunk, about 1 for a neutral speaker."""
     return 0.4 + 0.6 * style.energy + 0.55 * style.gesture_rate
 
 
 def bear(prosody: Prosody, style: Style, random: np.random.Generator) -> Bearing:
-    """The head turns ahead of each stretch of speech; the trunk comes after."""
+    """The head turns ahead of each stretch of speech; the trunk follows."""
     t, size = prosody.t, liveliness(style)
     starts, aims = _attitudes(prosody, random)
     head = overlapping_steps(t, starts, aims * _HEAD * size, random.uniform(0.55, 1.0, len(starts)))
@@ -47,7 +47,7 @@ def bear(prosody: Prosody, style: Style, random: np.random.Generator) -> Bearing
 
 
 def _attitudes(prosody: Prosody, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """When each attitude begins `[n]`, ascending, and what it is `[n, 3]`, of unit variance in speech."""
+    """Start of each attitude `[n]`, ascending, and its value `[n, 3]`, of unit variance in speech."""
     times, aims = [-9.0], [0.4 * random.normal(0.0, 1.0, 3)]
     seconds = len(prosody.t) / FRAME_RATE
     before = 0.0
@@ -59,14 +59,14 @@ def _attitudes(prosody: Prosody, random: np.random.Generator) -> tuple[np.ndarra
             aims.append(_next(aims[-1], random))
         at = max(times[-1], start) + random.uniform(*_ATTITUDE_S)
         while at < end - 0.5:
-            # Where a new stretch begins there is an accent soon: the head is there ahead of it.
+            # A new stretch starts shortly before an accent: the head moves ahead of it.
             after = prosody.accents[prosody.accents > at]
             at = float(after[0]) - random.uniform(0.25, 0.5) if len(after) and after[0] < at + 1.0 else at
             if at > times[-1] + 0.5:
                 times.append(at)
                 aims.append(_next(aims[-1], random))
             at = max(at, times[-1]) + random.uniform(*_ATTITUDE_S)
-        # Back to the listener as the phrase ends, most of the way.
+        # Most of the way back to the listener as the phrase ends.
         back = end + random.uniform(-0.35, 0.3)
         if back > times[-1] + 0.5 and random.random() < 0.7:
             times.append(back)
@@ -77,19 +77,19 @@ def _attitudes(prosody: Prosody, random: np.random.Generator) -> tuple[np.ndarra
 
 
 def _next(now: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Another attitude, mostly to the other side in yaw or roll."""
+    """The next attitude, mostly to the other side in yaw or roll."""
     aim = random.normal(0.0, 1.0, 3)
     side = random.choice((1, 2))
     if random.random() < 0.65 and abs(now[side]) > 0.2:
         aim[side] = -np.copysign(max(abs(aim[side]), 0.6), now[side])
-    # Far down it would look stern.
+    # Looking far down would appear stern.
     return np.clip(aim, -2.0, (0.7, 2.0, 2.0))
 
 
 def _look_around(
     times: list[float], aims: list[np.ndarray], start: float, end: float, random: np.random.Generator
 ) -> None:
-    """Somebody who waits looks about now and then."""
+    """Occasional looks around while waiting."""
     if end - start < _LONG_S:
         return
     at = start + random.uniform(0.8, 1.8)

@@ -1,7 +1,7 @@
-"""Readers of captured and animated motion in its published forms: where both arms are over time.
+"""Readers of published captured and animated motion: trajectories of both arms.
 
-`cmu` reads the arrays that the CMU Graphics Lab's captures are passed on as (`expmap`, `parent`, `offset_mm`, `fps`);
-`gltf` reads glTF 2.0 clips (`.gltf` with its `.bin`, or `.glb`).
+`cmu` reads the distributed arrays of the CMU Graphics Lab's captures (`expmap`, `parent`, `offset_mm`, `fps`); `gltf`
+reads glTF 2.0 clips (`.gltf` with its `.bin`, or `.glb`).
 """
 
 import json
@@ -18,7 +18,7 @@ from umo_train.performer.arms import FORE_M, UPPER_M
 from umo_train.performer.rotation import unit
 
 RATE = 60
-# Names of pelvis, chest, shoulders, elbows and wrists (left first).
+# Joints of pelvis, chest, shoulders, elbows and wrists (left first).
 _CMU = (0, 15, 21, 30, 22, 31, 23, 32)
 _GLTF = (
     ("DEF-hips", "DEF-spine.003", "DEF-upper_arm.L", "DEF-upper_arm.R", "DEF-forearm.L", "DEF-forearm.R",
@@ -29,8 +29,8 @@ _GLTF = (
 
 @dataclass(frozen=True)
 class Arms:
-    """One capture, `RATE` frames a second: wrist and elbow `[2, T, 3]`, left first, each outward, up and forward of the
-    middle between the shoulders in the trunk's frame, in metres on the project's own arms."""
+    """One capture at `RATE` frames a second: wrist and elbow `[2, T, 3]`, left first, each outward, up and forward of
+    the midpoint between the shoulders in the trunk's frame, in metres scaled to the project's own arms."""
 
     name: str
     wrist: np.ndarray
@@ -38,7 +38,7 @@ class Arms:
 
 
 def cmu(path: Path) -> Arms:
-    """Raises `ValueError` where an array is missing or of another shape."""
+    """Raises `ValueError` if an array is missing or has another shape."""
     with np.load(path) as data:
         missing = {"expmap", "parent", "offset_mm", "fps"} - set(data.files)
         if missing:
@@ -48,15 +48,15 @@ def cmu(path: Path) -> Arms:
     joints = len(parents)
     if expmap.ndim != 2 or expmap.shape[1] != 3 + 3 * joints or offsets.shape != (joints, 3) or joints <= max(_CMU):
         raise ValueError(f"{path}: `expmap` {expmap.shape} does not fit {joints} joints of at least {max(_CMU) + 1}")
-    # The data's matrices turn row vectors.
+    # The data's matrices apply to row vectors.
     local = Rotation.from_rotvec(-expmap[:, 3:].reshape(-1, 3)).as_matrix().reshape(-1, joints, 3, 3)
     return _arms(path.stem, _places(local, np.broadcast_to(offsets, local.shape[:-1]), parents)[:, _CMU], rate)
 
 
 @dataclass(frozen=True)
 class Clip:
-    """One animation of a glTF file, `RATE` frames a second: rotations `[T, N, 3, 3]` and places `[T, N, 3]` of its
-    nodes against their parents (-1 is none), and the same at rest `[N, ...]`."""
+    """One animation of a glTF file at `RATE` frames a second: rotations `[T, N, 3, 3]` and positions `[T, N, 3]` of its
+    nodes relative to their parents (-1 for none), and the same at rest `[N, ...]`."""
 
     name: str
     nodes: tuple[str, ...]
@@ -68,7 +68,7 @@ class Clip:
 
 
 def gltf(path: Path) -> list[Arms]:
-    """One of each animation. Raises `ValueError` where the file is no glTF or has no arms that are known."""
+    """One per animation. Raises `ValueError` if the file is not glTF or has no known arms."""
     made = clips(path)
     known = next((row for row in _GLTF if made and set(row) <= set(made[0].nodes)), None)
     if known is None:
@@ -78,7 +78,7 @@ def gltf(path: Path) -> list[Arms]:
 
 
 def clips(path: Path) -> list[Clip]:
-    """All animations of a file. Raises `ValueError` where it is no glTF."""
+    """All animations of a file. Raises `ValueError` if it is not glTF."""
     scene, binary = _gltf(path)
     nodes = scene["nodes"]
     parents = np.full(len(nodes), -1)
@@ -96,14 +96,14 @@ def _gltf(path: Path) -> tuple[dict, bytes]:
         scene = json.loads(data)
         return scene, (path.parent / scene["buffers"][0]["uri"]).read_bytes()
     except (struct.error, ValueError, KeyError, IndexError) as error:
-        raise ValueError(f"{path}: no glTF file: {error}") from error
+        raise ValueError(f"{path}: not a glTF file: {error}") from error
 
 
 def _accessor(scene: dict, binary: bytes, index: int) -> np.ndarray:
     about = scene["accessors"][index]
     view = scene["bufferViews"][about["bufferView"]]
     if about["componentType"] != 5126 or "byteStride" in view:
-        raise ValueError("glTF: only packed 32-bit floats are read")
+        raise ValueError("glTF: only packed 32-bit floats are supported")
     width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[about["type"]]
     start = view.get("byteOffset", 0) + about.get("byteOffset", 0)
     return np.frombuffer(binary, "<f4", about["count"] * width, start).reshape(-1, width).astype(float)
@@ -136,7 +136,7 @@ def _places(local: np.ndarray, offsets: np.ndarray, parents: np.ndarray) -> np.n
 
 
 def world(local: np.ndarray, offsets: np.ndarray, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations `[T, N, 3, 3]` and places `[T, N, 3]` of all joints against the world."""
+    """World rotations `[T, N, 3, 3]` and positions `[T, N, 3]` of all joints."""
     world, at, done = np.empty_like(local), np.zeros(offsets.shape), np.zeros(len(parents), bool)
 
     def place(joint: int) -> None:
@@ -157,7 +157,7 @@ def world(local: np.ndarray, offsets: np.ndarray, parents: np.ndarray) -> tuple[
 
 
 def _arms(name: str, at: np.ndarray, rate: float) -> Arms:
-    """From the places of `_CMU`'s joints `[T, 8, 3]`."""
+    """Computed from the positions of `_CMU`'s joints `[T, 8, 3]`."""
     t = np.arange(0.0, (len(at) - 1) / rate, 1.0 / RATE)
     at = interp1d(np.arange(len(at)) / rate, at, axis=0)(t)
     middle = 0.5 * (at[:, 2] + at[:, 3])

@@ -8,12 +8,13 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from umo_train.performer.arms import WRIST
 from umo_train.skeleton import JOINT, JOINTS_OF, places
 
-# Points of two hands are at least so far apart: two fingers' thickness and a little air, m.
+# Minimum distance of points of two hands: two fingers' thickness and a margin, m.
 APART_M = 0.03
-# The trunk's half width and half depth, with a hand's thickness, m; and how far its middle is ahead of the spine.
+# The trunk's half width and half depth including a hand's thickness, m; and how far its centre is in front of the
+# spine.
 TRUNK_M, AHEAD_M = np.array([0.165, 0.135]), 0.015
 _ROUNDS = 6
-# Nearer than this, two wrists may have hands that touch, m.
+# Distance of wrists below which hands may touch, m.
 _NEAR_M = 0.5
 _WIDEN, _SMOOTH = 13, 3.5
 _WRISTS = (JOINT["left_wrist"], JOINT["right_wrist"])
@@ -22,7 +23,7 @@ _SPINE = (JOINT["pelvis"], JOINT["spine2"], JOINT["neck"])
 
 
 def hand_points(at: np.ndarray) -> np.ndarray:
-    """Joints' places `[T, 55, 3]` to points of both hands `[2, T, n, 3]`: joints, tips, the palms' middles."""
+    """Joint positions `[T, 55, 3]` to points of both hands `[2, T, n, 3]`: joints, tips, centres of the palms."""
     out = []
     for wrist, fingers in zip(_WRISTS, _FINGERS, strict=True):
         bones = at[:, fingers].reshape(len(at), 5, 3, 3)
@@ -33,7 +34,7 @@ def hand_points(at: np.ndarray) -> np.ndarray:
 
 
 def between_hands(points: np.ndarray) -> np.ndarray:
-    """Least distance of two hands' points `[T]`; those far from each other count as `_NEAR_M` apart."""
+    """Minimum distance of two hands' points `[T]`; distant hands count as `_NEAR_M` apart."""
     out = np.full(points.shape[1], _NEAR_M)
     near = np.linalg.norm(points[0, :, 0] - points[1, :, 0], axis=-1) < _NEAR_M
     if near.any():
@@ -43,10 +44,10 @@ def between_hands(points: np.ndarray) -> np.ndarray:
 
 
 def inside_trunk(points: np.ndarray, at: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """How deep the deepest point of each hand is in the trunk, along its depth `[2, T]`, m; 0 outside."""
+    """Penetration of the deepest point of each hand into the trunk, along its depth `[2, T]`, m; 0 outside."""
     spine = at[:, _SPINE]
     heights = np.clip(points[..., 1], spine[:, :1, 1], spine[:, 2:, 1])
-    # The spine's place at each point's height, by its lower and upper half.
+    # Spine position at each point's height, by its lower and upper half.
     share = (heights - spine[:, :1, 1]) / (spine[:, 1:2, 1] - spine[:, :1, 1])
     upper = (heights - spine[:, 1:2, 1]) / (spine[:, 2:, 1] - spine[:, 1:2, 1])
     low = spine[:, :1] + np.clip(share, 0.0, 1.0)[..., None] * (spine[:, 1:2] - spine[:, :1])
@@ -56,15 +57,15 @@ def inside_trunk(points: np.ndarray, at: np.ndarray, yaw: np.ndarray) -> np.ndar
     x, z = c * away[..., 0] - s * away[..., 2], s * away[..., 0] + c * away[..., 2] - AHEAD_M
     across = np.clip(np.abs(x) / TRUNK_M[0], 0.0, 1.0)
     depth = TRUNK_M[1] * np.sqrt(1.0 - across**2)
-    # Hands at the sides, behind the middle, are let be.
+    # Hands at the sides, behind the centre, are ignored.
     inside = np.where(z >= -0.06, depth - z, 0.0)
     level = (points[..., 1] > spine[:, :1, 1] - 0.1) & (points[..., 1] < spine[:, 2:, 1])
     return np.clip(np.where(level, inside, 0.0), 0.0, None).max(axis=-1)
 
 
 def clear(states: np.ndarray, yaw: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Arms' states `[2, T, STATE]` with the wrists moved where hands would meet or enter the trunk. `solve` gives all
-    joints' local rotations `[T, 55, 3, 3]` of given states; `yaw` is the heading that the wrists turn with."""
+    """Arms' states `[2, T, STATE]` with the wrists moved where hands would collide or enter the trunk. `solve` computes
+    all joints' local rotations `[T, 55, 3, 3]` of given states; `yaw` is the heading of the wrists' frame."""
     out = states.copy()
     if not out.shape[1]:
         return out
@@ -77,7 +78,7 @@ def clear(states: np.ndarray, yaw: np.ndarray, solve: Callable[[np.ndarray], np.
         if close.max() <= 0.0 and inside.max() <= 0.0:
             break
         if close.max() > 0.0:
-            # Both give way, out and the higher one ahead.
+            # Both move outwards, and the higher one forward.
             push = _smoothed(np.where(close > 0.0, close + 0.01, 0.0))
             out[..., WRIST.start] += 0.6 * push
             higher = np.tanh((out[0, :, WRIST.start + 1] - out[1, :, WRIST.start + 1]) / 0.03)
@@ -90,5 +91,5 @@ def clear(states: np.ndarray, yaw: np.ndarray, solve: Callable[[np.ndarray], np.
 
 
 def _smoothed(push: np.ndarray) -> np.ndarray:
-    """At least as much as asked for where it is asked for, with slow flanks."""
+    """At least the requested value, with slow flanks."""
     return gaussian_filter1d(maximum_filter1d(push, _WIDEN, mode="nearest"), _SMOOTH, mode="nearest")

@@ -1,4 +1,4 @@
-"""Whole-body clips of other skeletons on the project's own: rotations of all 55 joints and the way of the root."""
+"""Transfers whole-body clips of other skeletons to the project's own: rotations of 55 joints and the root's path."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from umo_train.performer import captures
 from umo_train.skeleton import CONTACT_JOINTS, JOINT, JOINT_NAMES, OFFSETS_M, PARENTS, STANDING_HEIGHT_M, places
 from umo_train.speech.utterance import FRAME_RATE
 
-# How nodes are named that turn as our joints do, of the two conventions that are read; `{s}` is the side.
+# Names of the nodes that correspond to our joints, in the two supported conventions; `{s}` is the side.
 _FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 _UNREAL = {
     "pelvis": "pelvis", "spine1": "spine_01", "spine2": "spine_02", "spine3": "spine_03", "neck": "neck_01",
@@ -24,22 +24,22 @@ _RIGIFY = {
     "elbow": "DEF-forearm.{S}", "wrist": "DEF-hand.{S}", "hip": "DEF-thigh.{S}", "knee": "DEF-shin.{S}",
     "ankle": "DEF-foot.{S}", "foot": "DEF-toe.{S}", "finger": "DEF-f_{f}.0{k}.{S}",
 }  # fmt: skip
-# The joint that a bone leads to, of those whose rest directions differ between skeletons.
+# The joint that a bone leads to, for bones whose rest directions differ between skeletons.
 _LEADS = {"shoulder": "elbow", "elbow": "wrist", "wrist": "middle1", "hip": "knee", "knee": "ankle", "ankle": "foot"}
-# A joint of a foot that stands is this high above the floor: ankle, ball.
+# Height of a standing foot's joints above the floor: ankle, ball.
 _ANKLE_M, _BALL_M = 0.08, 0.02
 
 
 @dataclass(frozen=True)
 class Clip:
-    """Rotations of all joints against their parents `[T, 55, 3, 3]` at 30 frames a second."""
+    """Rotations of all joints relative to their parents `[T, 55, 3, 3]` at 30 frames a second."""
 
     name: str
     local: np.ndarray
 
 
 def read(path: Path) -> list[Clip]:
-    """All animations of a glTF file. Raises `ValueError` where it is none or its joints are not known."""
+    """All animations of a glTF file. Raises `ValueError` if it is not one or its joints are unknown."""
     return [_retargeted(clip, path) for clip in captures.clips(path)]
 
 
@@ -56,14 +56,14 @@ def _retargeted(clip: captures.Clip, path: Path) -> Clip:
         if joint not in node:
             out[:, joint] = out[:, parent]
             continue
-        # Turned in the world as the other skeleton's bone is, from where it points at rest.
+        # Rotated in the world like the other skeleton's bone, starting from its rest direction.
         out[:, joint] = turned[:, node[joint]] @ rest[node[joint]].T @ _between(joint, name, node, at)
         local[:, joint] = out[:, joint] if parent < 0 else np.swapaxes(out[:, parent], -1, -2) @ out[:, joint]
     return Clip(clip.name, local)
 
 
 def _nodes(clip: captures.Clip, path: Path) -> dict[int, int]:
-    """Of each of our joints the other skeleton's node."""
+    """The other skeleton's node for each of our joints."""
     for names in (_UNREAL, _RIGIFY):
         out = {}
         for joint, name in enumerate(JOINT_NAMES):
@@ -87,7 +87,7 @@ def _their_name(name: str, names: dict[str, str]) -> str:
 
 
 def _between(joint: int, name: str, node: dict[int, int], at: np.ndarray) -> np.ndarray:
-    """The turn from our bone's direction at rest to theirs."""
+    """The rotation from our bone's rest direction to theirs."""
     side, _, what = name.partition("_")
     finger = any(what.startswith(f) for f in _FINGERS)
     if finger:
@@ -97,7 +97,7 @@ def _between(joint: int, name: str, node: dict[int, int], at: np.ndarray) -> np.
     else:
         return np.eye(3)
     if child not in node or (finger and what[-1] == "3"):
-        # The last bone of a finger points as the one before it.
+        # The last bone of a finger points like the one before it.
         before = JOINT[name[:-1] + "2"]
         return _between(before, JOINT_NAMES[before], node, at) if finger and before in node else np.eye(3)
     ours, theirs = OFFSETS_M[child], at[node[child]] - at[node[joint]]
@@ -105,7 +105,7 @@ def _between(joint: int, name: str, node: dict[int, int], at: np.ndarray) -> np.
 
 
 def _framed(direction: np.ndarray) -> np.ndarray:
-    """A direction and what is square to it and nearest to the forward axis: bones are not turned about themselves."""
+    """A direction with the perpendicular nearest to the forward axis: no rotation about the bone."""
     along = direction / np.linalg.norm(direction)
     other = np.array([0.0, 0.0, 1.0]) if abs(along[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     other = other - other @ along * along
@@ -126,7 +126,7 @@ def _other(name: str) -> str:
 
 
 def resampled(local: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """At other times, given in frames `[T]`."""
+    """Resampled at times in frames `[T]`."""
     frames = np.clip(frames, 0, len(local) - 1)
     out = np.empty((len(frames), *local.shape[1:]))
     for joint in range(local.shape[1]):
@@ -135,22 +135,22 @@ def resampled(local: np.ndarray, frames: np.ndarray) -> np.ndarray:
 
 
 def blended(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Rotations on the way from `one` to `other`, `share` `[T]` of it."""
+    """Rotations between `one` and `other`, at `share` `[T]` of the way."""
     turn = Rotation.from_matrix((np.swapaxes(one, -1, -2) @ other).reshape(-1, 3, 3)).as_rotvec()
     turn = turn.reshape(*one.shape[:2], 3) * share[:, None, None]
     return one @ Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().reshape(one.shape)
 
 
 def standing(local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the pelvis is `[T, 3]` when the lower foot stands on the floor and feet that stand stay where they are, and
-    the contact of `CONTACT_JOINTS` `[T, 4]`."""
+    """Position of the pelvis `[T, 3]` for which the lower foot is on the floor and standing feet stay in place, and the
+    contact of `CONTACT_JOINTS` `[T, 4]`."""
     at = places(local, np.zeros((len(local), 3)))
     ankles, balls = at[:, [JOINT["left_ankle"], JOINT["right_ankle"]]], at[:, [JOINT["left_foot"], JOINT["right_foot"]]]
     lowest = np.minimum(ankles[..., 1] - _ANKLE_M, balls[..., 1] - _BALL_M)
     place = np.zeros((len(local), 3))
     place[:, 1] = np.minimum(gaussian_filter1d(-lowest.min(1), 1.0), STANDING_HEIGHT_M)
     moved = np.diff(np.stack([ankles, balls], 2).mean(2)[..., [0, 2]], axis=0)
-    # Who stands lower bears; of two on the floor, who moves less against the other's way.
+    # The lower foot bears the weight; of two on the floor, the one that moves less against the other.
     weight = np.exp(-(lowest - lowest.min(1, keepdims=True)) / 0.008)[1:]
     weight /= weight.sum(1, keepdims=True)
     way = -(moved * weight[..., None]).sum(1)

@@ -9,12 +9,12 @@ def ease(s: np.ndarray) -> np.ndarray:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-# Shapes that a way between two keys may be bent by.
+# Number of shapes that can bend the path between two keys.
 BENDS = 4
 
 
 def bends(s: np.ndarray) -> np.ndarray:
-    """`[..., BENDS]`: 0 with two derivatives at s = 0 and 1; the first is a bump of height 1, the others turn about."""
+    """`[..., BENDS]`: 0 with two derivatives at s = 0 and 1; the first is a bump of height 1, the others oscillate."""
     s = np.asarray(s, float)
     bump = 64.0 * (s * (1.0 - s)) ** 3
     return bump[..., None] * np.cos(np.pi * s[..., None] * np.arange(BENDS))
@@ -39,8 +39,8 @@ def plateaus(t: np.ndarray, start: np.ndarray, end: np.ndarray, rise: float, fal
 def path(
     t: np.ndarray, times: np.ndarray, values: np.ndarray, rates: np.ndarray, arcs: np.ndarray | None = None
 ) -> np.ndarray:
-    """Through the rows of `values` at `times` (ascending), at each with the velocity in `rates` and no acceleration:
-    minimum jerk where it is at rest. `arcs` `[n, BENDS, C]` bend the way to each row."""
+    """Through the rows of `values` at `times` (ascending), at each with the velocity in `rates` and zero acceleration:
+    minimum jerk where it is at rest. `arcs` `[n, BENDS, C]` bend the path to each row."""
     at = np.clip(np.searchsorted(times, t, side="right") - 1, 0, max(len(times) - 2, 0))
     after = np.minimum(at + 1, len(times) - 1)
     span = np.maximum(times[after] - times[at], 1e-6)
@@ -74,8 +74,8 @@ def hold_steps(t: np.ndarray, times: np.ndarray, values: np.ndarray, seconds: np
 
 
 def overlapping_steps(t: np.ndarray, times: np.ndarray, values: np.ndarray, seconds: np.ndarray | float) -> np.ndarray:
-    """Like `hold_steps` where each row is reached before the next begins; where not, both ways go on together, without
-    a jump."""
+    """Like `hold_steps` if each row is reached before the next starts; otherwise both transitions overlap without a
+    jump."""
     moved = np.diff(values, axis=0)
     shares = ease((t[:, None] - times[None, 1:]) / np.broadcast_to(seconds, times.shape)[None, 1:])
     return values[0] + shares @ moved

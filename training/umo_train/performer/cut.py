@@ -2,7 +2,7 @@
 
     python -m umo_train.performer.cut --cmu FOLDER --clips FILE... [-o FILE]
 
-`LICENSE-captures.txt` says where both may be had. The performer itself needs the written file alone.
+`LICENSE-captures.txt` names the sources of both. The performer itself only needs the written file.
 """
 
 import argparse
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from umo_train.performer import captures, strokes
 
-# Clips in which somebody who stands moves the arms; the others fight, dance, run or sit.
+# Clips with a standing person moving the arms; the others fight, dance, run or sit.
 CLIPS = ("Bow", "Confused", "Consume Item", "Fixing_Kneeling", "Interact", "Reject", "Throw Object", "Victory")
 
 

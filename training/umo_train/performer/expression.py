@@ -9,7 +9,9 @@ from umo_train.skeleton import SHAPE
 
 
 def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Generator) -> None:
-    """Adds mood and accents to the speaking mouth. A mouth's mood changes as a phrase starts, so pauses stay still."""
+    """Adds mood and accents to the speaking mouth. The mouth's mood changes at the start of a phrase, so pauses stay
+    still.
+    """
     t = prosody.t
     strength = 0.55 + 0.6 * style.energy
     mood = 2.0 * style.mood - 1.0
@@ -51,12 +53,12 @@ def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gene
 
 
 def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> None:
-    """What no mouth does alike twice: left and right apart, sideways shifts, breath and swallowing in pauses. Laid over
-    the speaking mouth; lips that touch keep touching."""
+    """Adds irregularity: left and right differ, sideways shifts, breath and swallowing in pauses. Layered over the
+    speaking mouth; touching lips stay in contact."""
     t = prosody.t
     talking = plateaus(t, prosody.phrases[:, 0], prosody.phrases[:, 1], 0.15, 0.25) if len(prosody.phrases) else 0.0 * t
     slow, quick = drift(random, t, 0.08, 0.5, 6), drift(random, t, 0.8, 2.2, 3)
-    # One side leads by so much, which side changes slowly; each channel has a share of its own.
+    # One side leads slightly, and which one changes slowly; each channel has its own share.
     bias, habit = 0.02 * slow[:, 0], random.normal(0.0, 0.02)
     for name in SHAPE:
         if not name.endswith("Left") or name in ("mouthLeft", "jawLeft") or name.startswith("eye"):
@@ -70,7 +72,7 @@ def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> 
         out[:, SHAPE[name + "Left"]] += np.clip(value, 0.0, None)
         out[:, SHAPE[name + "Right"]] += np.clip(-value, 0.0, None)
     sealed = np.clip(out[:, SHAPE["mouthPressLeft"]] / 0.34, 0.0, 1.0)
-    # Air behind closed lips, a nose that goes along with the upper lip, corners that draw in.
+    # Air behind closed lips, a nose that follows the upper lip, corners that draw in.
     out[:, SHAPE["cheekPuff"]] += 0.07 * sealed * talking * np.clip(1.0 + 0.5 * slow[:, 5], 0.2, None)
     out[:, SHAPE["jawForward"]] += talking * np.clip(0.02 + 0.02 * slow[:, 3] + 0.01 * quick[:, 0], 0.0, None)
     dimple = np.clip(0.03 + 0.04 * slow[:, 4] + 0.02 * quick[:, 2], 0.0, None)
@@ -81,14 +83,14 @@ def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> 
 
 
 def _pauses(out: np.ndarray, t: np.ndarray, silent: np.ndarray, random: np.random.Generator) -> None:
-    """Closed lips that are not frozen: the jaw moves behind them, they press, roll and swallow now and then."""
+    """Keeps closed lips alive: the jaw moves behind them, and sometimes they press, roll and swallow."""
     wander = drift(random, t, 0.4, 1.4, 4)
     jaw = silent * np.clip(0.018 + 0.012 * wander[:, 0], 0.0, None)
     times = np.cumsum(random.uniform(3.0, 9.0, len(t) // 90 + 2))
     swallow = bumps(t, times, 0.3, 0.45).max(axis=1) * silent
     jaw += 0.035 * swallow
     out[:, SHAPE["jawOpen"]] += jaw
-    # Lips stay as near as they were.
+    # Keep the distance of the lips.
     out[:, SHAPE["mouthClose"]] += jaw
     out[:, SHAPE["mouthShrugLower"]] += silent * (np.clip(0.015 + 0.012 * wander[:, 1], 0.0, None) + 0.12 * swallow)
     for side, own in (("Left", wander[:, 2]), ("Right", wander[:, 3])):

@@ -8,9 +8,9 @@ from umo_train.performer.style import Style
 from umo_train.skeleton import SHAPE
 from umo_train.speech.utterance import FRAME_RATE
 
-# eyeLook* of 1 is this far, in radians.
+# Rotation for an eyeLook* of 1, in radians.
 FULL_LOOK = 0.52
-# In pauses from here on eyes wander, in seconds.
+# In pauses of at least this length, the eyes wander, seconds.
 _WAIT_S = 1.2
 
 
@@ -32,7 +32,7 @@ def blink(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> Non
 
 
 def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, random: np.random.Generator) -> None:
-    """Gaze: held on the listener while the head (`[T, 3]` pitch, yaw, roll) moves, away when a phrase starts."""
+    """Gaze: fixed on the listener while the head (`[T, 3]` pitch, yaw, roll) moves, away when a phrase starts."""
     times, aims = [-1.0], [np.zeros(2)]
     _wait(times, aims, prosody, style, random)
     away = 0.45 + 0.4 * (0.5 - style.openness)
@@ -49,7 +49,7 @@ def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, rand
             at += random.uniform(0.5, 1.0) if not near else random.uniform(1.0, 2.6)
     order = np.argsort(times, kind="stable")
     gaze = hold_steps(prosody.t, np.array(times)[order], np.array(aims)[order], 0.07)
-    # Shy eyes rest lower than the listener's, and sad ones.
+    # Shy and sad eyes look lower than the listener's.
     gaze[:, 1] -= 0.16 * max(0.0, 0.3 - style.openness) + (0.08 if style.feeling == "sadness" else 0.0)
     yaw = gaze[:, 0] - head[:, 1] + 0.004 * drift(random, prosody.t, 0.3, 1.2, 1)[:, 0]
     down = -gaze[:, 1] - head[:, 0]
@@ -67,7 +67,9 @@ def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, rand
 def _wait(
     times: list[float], aims: list[np.ndarray], prosody: Prosody, style: Style, random: np.random.Generator
 ) -> None:
-    """Who waits looks from one eye of the other to the other, at the mouth, now and then elsewhere; a listener less."""
+    """While waiting, the gaze alternates between the other's eyes and mouth, and sometimes goes elsewhere; less for a
+    listener.
+    """
     edges = np.concatenate([[0.0], prosody.phrases.ravel(), [len(prosody.t) / FRAME_RATE]]).reshape(-1, 2)
     elsewhere = 0.12 if style.listens else 0.3
     for before, after in edges[edges[:, 1] - edges[:, 0] > _WAIT_S]:

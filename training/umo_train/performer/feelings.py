@@ -1,4 +1,4 @@
-"""Emotions that face and posture show: the amounts are those of the library's moods (SPEC 2.11.2)."""
+"""Emotions in face and posture: the amounts equal the library's moods (SPEC 2.11.2)."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,15 @@ from umo_train.performer.curves import drift, overlapping_steps
 from umo_train.performer.prosody import Prosody
 from umo_train.skeleton import SHAPE
 
-# Strength while nobody speaks, as a share of that in speech, and how long a change takes, in seconds.
+# Strength in silence relative to speech, and duration of a change, seconds.
 _SILENT, _CHANGE_S = 0.8, 0.6
 
 
 @dataclass(frozen=True)
 class Feeling:
-    """`face`: of each shape (both sides where there are two) more than 0 adds to it, less than 0 takes that share away.
-    Turns in radians: pitch of the spine; pitch, yaw and roll of neck with head; lift and pull of both collars."""
+    """`face`: for each shape (both sides if there are two), a positive value is added, a negative one removes that
+    share. Rotations in radians: pitch of the spine; pitch, yaw and roll of neck with head; lift and pull of both
+    collars."""
 
     face: dict[str, float]
     spine: float = 0.0
@@ -59,7 +60,7 @@ _LIPS = ("mouthClose", "mouthPucker", "mouthFunnel")
 
 
 def strength(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
-    """How strongly an emotion shows, `[T]`, about 1: another in each phrase, less where nobody speaks."""
+    """Strength of an emotion, `[T]`, about 1: varies by phrase, weaker in silence."""
     t, phrases = prosody.t, prosody.phrases
     times, values = [-9.0], [_SILENT * random.uniform(0.8, 1.05)]
     for start, end in phrases:
@@ -70,13 +71,13 @@ def strength(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
 
 
 def show(out: np.ndarray, feeling: Feeling, level: np.ndarray) -> None:
-    """Lays the emotion over a face `[T, 52]`; a mouth that is open or rounded has less of it."""
+    """Adds the emotion to a face `[T, 52]`, weaker for an open or rounded mouth."""
     lips = np.max([out[:, SHAPE[name]] for name in _LIPS], axis=0)
     speaks = (1.0 - 0.7 * np.minimum(out[:, SHAPE["jawOpen"]], 1.0)) * (1.0 - 0.7 * np.minimum(lips, 1.0))
-    # Lips that are pressed together for p, b and m are not drawn apart.
+    # Lips pressed together for p, b and m are not pulled apart.
     speaks *= 1.0 - np.clip((out[:, SHAPE["mouthPressLeft"]] - 0.06) / 0.2, 0.0, 1.0)
     for name, amount in feeling.face.items():
-        # The two sides of a face are never alike.
+        # The two sides of a face always differ.
         for side in ("Left", "Right") if name + "Left" in SHAPE else ("",):
             column = SHAPE[name + side]
             room = 1.0 - out[:, column] if amount > 0.0 else out[:, column]

@@ -5,8 +5,8 @@ import numpy as np
 from umo_train.performer.arms import mirrored
 from umo_train.performer.rotation import about, euler
 
-# Curl of index, middle, pinky, ring and thumb (0 straight, 1 closed), how far the fingers spread, and how far the thumb
-# stands against the palm.
+# Curl of index, middle, pinky, ring and thumb (0 straight, 1 closed), spread of the fingers, and opposition of the
+# thumb.
 SHAPES = {
     "relaxed": (0.26, 0.32, 0.42, 0.38, 0.25, 0.1, 0.35),
     "open": (0.06, 0.08, 0.12, 0.1, 0.05, 0.75, 0.0),
@@ -18,7 +18,7 @@ SHAPES = {
     "three": (0.04, 0.05, 0.95, 0.1, 0.65, 0.5, 0.8),
 }
 WIDTH = 7
-# Of a full curl, at each of a finger's three joints, in radians.
+# Angles of a full curl at each of a finger's three joints, in radians.
 _CURL = np.radians((72.0, 95.0, 60.0))
 _SPREAD = np.radians((9.0, 1.0, -13.0, -5.0))
 

@@ -1,4 +1,4 @@
-"""Gestures of both arms: phrases of chained strokes, each timed so that it ends on a stressed vowel."""
+"""Gestures of both arms: phrases of chained strokes, each timed to end on a stressed vowel."""
 
 from dataclasses import dataclass, replace
 
@@ -15,27 +15,27 @@ from umo_train.performer.strokes import Strokes
 from umo_train.performer.style import Style
 from umo_train.speech.utterance import FRAME_RATE
 
-# What wrists can do, in radians.
+# Range of the wrists, in radians.
 LIMITS = {TWIST: (-1.5, 1.5), BEND: (-1.0, 1.1), TILT: (-0.35, 0.4)}
-# Where gesturing hands stay: outward, up and forward of the middle between the shoulders, m.
+# Space of gesturing hands: outward, up and forward of the midpoint between the shoulders, m.
 _LOW, _HIGH = np.array([0.07, -0.40, 0.19]), np.array([0.37, -0.05, 0.41])
-# Where hands are that have nothing to do.
+# Positions of idle hands.
 RESTS = ("hanging", "clasped", "loose", "across", "hip")
 _COUNTING = ("point", "two", "three")
-# A pause from here on ends a gesture phrase, in seconds.
+# A pause of at least this length ends a gesture phrase, seconds.
 _PAUSE_S = 1.1
-# With more time than this before the next stroke a raised hand moves on, in seconds.
+# With more time than this before the next stroke, a raised hand moves elsewhere, seconds.
 _ROAM_S = 1.0
-# Between phrases that are nearer than this the hands stay up, in seconds.
+# Between phrases closer than this the hands stay up, seconds.
 _STAY_S = 0.9
-# Hand and fingers come after the wrist by about so much, in seconds.
+# Delay of hand and fingers behind the wrist, seconds.
 _TRAIL_S = 0.05
 
 
 @dataclass(frozen=True)
 class Gestures:
-    """The arms' states `[2, T, STATE]`, left first, how far the shoulders are shrugged `[T]`, the phases of both arms'
-    gestures `[2, T]`, and the strokes that each arm makes."""
+    """The arms' states `[2, T, STATE]`, left first, the shrug of the shoulders `[T]`, the phases of both arms' gestures
+    `[2, T]`, and the strokes of each arm."""
 
     states: np.ndarray
     shrug: np.ndarray
@@ -45,8 +45,8 @@ class Gestures:
 
 @dataclass(frozen=True)
 class Phrase:
-    """A gesture phrase: accents from `first` to before `last`, the leading hand, how much the other takes part (0..1),
-    a hand's shape, twist and place that it keeps to, and its size."""
+    """A gesture phrase: accents from `first` to before `last`, the leading hand, the other hand's participation (0..1),
+    the hand shape, twist and position of the phrase, and its size."""
 
     first: int
     last: int
@@ -61,7 +61,7 @@ class Phrase:
 def state(
     wrist: tuple[float, float, float], swivel=0.0, twist=0.3, bend=0.1, tilt=0.0, shape: str = "relaxed"
 ) -> np.ndarray:
-    """One arm's state from readable values."""
+    """One arm's state from named values."""
     out = np.empty(STATE)
     out[WRIST], out[SWIVEL], out[TWIST], out[BEND], out[TILT] = wrist, swivel, twist, bend, tilt
     out[FINGERS] = SHAPES[shape]
@@ -75,11 +75,11 @@ def rest(kind: str, style: Style, random: np.random.Generator) -> list[np.ndarra
     one, other = random.permutation(2)
     out = [hang.copy(), hang.copy()]
     if kind == "clasped":
-        # Before the belly: one hand lies in the other.
+        # In front of the belly: one hand lies in the other.
         out[one] = state((0.115, -0.3, 0.25), swivel=0.15, twist=0.35, bend=0.25)
         out[other] = state((0.105, -0.33, 0.205), swivel=0.15, twist=0.1, bend=0.3)
     elif kind == "loose":
-        # Fingertips towards each other, apart.
+        # Fingertips pointing at each other, apart.
         out = [state((0.165, -0.32, 0.235), swivel=0.2, twist=-0.15, bend=0.15) for _ in range(2)]
         out[one][WRIST] += (0.01, -0.03, -0.02)
     elif kind == "across":
@@ -97,14 +97,14 @@ def rest(kind: str, style: Style, random: np.random.Generator) -> list[np.ndarra
 
 
 def choose_rest(style: Style, random: np.random.Generator) -> str:
-    """A rest that suits the style: the shy hold on to themselves, the open stand openly."""
+    """A rest that suits the style: shy people hold on to themselves, open ones stand openly."""
     o = style.openness
     shares = np.array([0.9 + 1.6 * o, 1.0 - 0.6 * o, 0.9, 0.6, 0.35 * o])
     return str(random.choice(RESTS, p=shares / shares.sum()))
 
 
 def _poses(kind: str, style: Style, size: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Where a hand is before and after the stroke of a gesture."""
+    """Position of a hand before and after the stroke of a gesture."""
     o, side = style.openness, random.normal(0.0, 0.025)
     high = 0.03 * random.normal() + 0.05 * (style.energy - 0.5)
     out = 0.05 * random.normal() + 0.13 * (o - 0.4)
@@ -151,7 +151,7 @@ def _poses(kind: str, style: Style, size: float, random: np.random.Generator) ->
         start = state((0.24 + out, -0.35, 0.2), twist=-0.4, bend=0.1)
     else:
         raise KeyError(kind)
-    # Not before the face.
+    # Not in front of the face.
     for pose in (start, end):
         pose[WRIST.start + 1] = min(pose[WRIST.start + 1], -0.05)
     return start, end
@@ -176,7 +176,7 @@ def _kind(style: Style, random: np.random.Generator) -> str:
 
 
 def plan(prosody: Prosody, style: Style, random: np.random.Generator) -> list[Phrase]:
-    """Gesture phrases of some 2 to 6 s, with rests between them that are the shorter the more somebody gestures."""
+    """Gesture phrases of about 2 to 6 s, with shorter rests for more frequent gestures."""
     accents, rate = prosody.accents, style.gesture_rate
     usual = int(random.random() < 0.7)
     both = 0.45 + 0.25 * style.openness + 0.15 * style.energy + 0.3 * rate
@@ -191,7 +191,7 @@ def plan(prosody: Prosody, style: Style, random: np.random.Generator) -> list[Ph
         while last < len(accents) and accents[last] < accents[index] + seconds and not _paused(prosody, last):
             last += 1
         while last < min(index + 3, len(accents)) and accents[last] < accents[last - 1] + 1.6:
-            # One stroke alone is no phrase.
+            # A single stroke is not a phrase.
             last += 1
         leading = usual if random.random() < 0.75 else 1 - usual
         other = 0.0 if random.random() > both else float(random.uniform(0.5, 0.95))
@@ -225,7 +225,7 @@ def _shape(style: Style, random: np.random.Generator) -> str:
 
 
 def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> Gestures:
-    """Goes through the phrases: at each accent a stroke, a smaller beat, or a hold."""
+    """Performs the phrases: at each accent a stroke, a smaller beat, or a hold."""
     t, energy = prosody.t, style.energy
     library = strokes.library()
     idle = rest(choose_rest(style, random), style, random)
@@ -237,7 +237,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
         following = prosody.accents[phrases[number + 1].first] if number + 1 < len(phrases) else np.inf
         if following - prosody.accents[phrase.last - 1] > 2.0 and random.random() < 0.5:
             idle = rest(choose_rest(style, random), style, random)
-        # Both go down together, nearly.
+        # Both go down at nearly the same time.
         down = max((track.free for track in tracks if track.raised), default=0.0)
         down += min(float(random.choice(library.hold)), 0.6) if random.random() < 0.5 else 0.0
         for hand, track in enumerate(tracks):
@@ -247,7 +247,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
                 continue
             low = idle[hand]
             if gap < 2.0 + 4.0 * max(style.gesture_rate - 0.5, 0.0) and random.random() < style.gesture_rate:
-                # Soon needed again: it only sinks to where it waits.
+                # Needed again soon: it only sinks to its waiting position.
                 low = _waiting_place(phrase.place, random)
             track.retract(max(down - track.free, 0.0) + random.uniform(0.0, 0.08), low)
     for hand, track in enumerate(tracks):
@@ -272,7 +272,7 @@ def _perform(
     phrase: Phrase, prosody: Prosody, style: Style, tracks: list[ArmTrack], shrugs: list[float],
     random: np.random.Generator,
 ) -> None:  # fmt: skip
-    """One phrase: strokes of the leading hand, in some of which the other joins."""
+    """One phrase: strokes of the leading hand, some of them joined by the other."""
     follows = 0.8 + 0.2 * style.gesture_rate
     kind, counted = "", 0
     for number in range(phrase.first, phrase.last):
@@ -298,7 +298,7 @@ def _perform(
             start[FINGERS] = end[FINGERS] = SHAPES[_COUNTING[counted - 1]]
         done = _strike(tracks[lead], at, start, end, size, random)
         if not done:
-            # No time for the way there: a smaller one where the hand is.
+            # No time to get there: a smaller stroke at the hand's position.
             start, end = _again(tracks[lead].struck, 0.55 * size, random)
             done = tracks[lead].raised and _strike(tracks[lead], at, start, end, size, random)
         if done and kind == "shrug":
@@ -309,16 +309,16 @@ def _perform(
             continue
         second = tracks[1 - lead]
         if second.raised and random.random() < 0.9:
-            # It goes along a little.
+            # It moves along a little.
             _strike(second, at, *_again(second.struck, 0.5 * size, random), size, random)
         _roam(second, at + 0.3, phrase, random)
         if done and tracks[1 - lead].raised and at - tracks[1 - lead].until > 0.7 and random.random() < 0.3:
-            # A hand that has no part goes down.
+            # An uninvolved hand goes down.
             tracks[1 - lead].retract(0.1)
 
 
 def _roam(track: ArmTrack, until: float, phrase: Phrase, random: np.random.Generator) -> None:
-    """Where there is much time before the next stroke, a hand that is up goes somewhere else meanwhile."""
+    """With much time before the next stroke, a raised hand moves elsewhere meanwhile."""
     while track.raised and until - track.free > _ROAM_S:
         to = track.struck.copy()
         way = random.normal(0.0, 1.0, 3) * np.array([0.1, 0.08, 0.06])
@@ -331,8 +331,8 @@ def _roam(track: ArmTrack, until: float, phrase: Phrase, random: np.random.Gener
 def _pair(
     kind: str, phrase: Phrase, style: Style, size: float, track: ArmTrack, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Where a hand is before and after a stroke, and of a captured one the other arm's movement in the library, or
-    -1."""
+    """Position of a hand before and after a stroke, and for a captured one the index of the other arm's movement in the
+    library, or -1."""
     if kind == "again" and track.raised:
         return *_again(track.struck, size, random), -1
     if kind in ("captured", "again"):
@@ -351,17 +351,17 @@ def _raised(library: Strokes) -> np.ndarray:
 
 
 def _drawn_in(library: Strokes, phrase: Phrase, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends of all movements, drawn in to where speakers gesture."""
+    """Starts and ends of all movements, moved into the space of gestures."""
     scale, middle = 0.52 + 0.22 * size, library.end[_raised(library)].mean(axis=0)
     return phrase.place + scale * (library.start - middle), phrase.place + scale * (library.end - middle)
 
 
 def _near(phrase: Phrase, size: float, track: ArmTrack, random: np.random.Generator) -> int:
-    """A movement of the library that begins near the hand."""
+    """A movement of the library that starts near the hand."""
     start, end = _drawn_in(track.library, phrase, size)
     here = track.struck[WRIST] if track.raised else phrase.place + np.array([0.0, 0.06, -0.02])
     far = np.linalg.norm(_inside(start) - here, axis=1) + 0.25 * np.linalg.norm(_inside(end) - phrase.place, axis=1)
-    # Strokes mostly go down, out or ahead.
+    # Strokes mostly go down, outward or forward.
     far += np.where(end[:, 1] - start[:, 1] > 0.06, 0.06, 0.0) + np.where(_raised(track.library), 0.0, 9.0)
     return int(random.choice(np.argpartition(far, 12)[:12]))
 
@@ -381,7 +381,7 @@ def _captured(
 
 
 def _inside(place: np.ndarray) -> np.ndarray:
-    """Drawn into the space of gestures, smoothly near its bounds."""
+    """Moved into the space of gestures, smoothly near its bounds."""
     middle, half = 0.5 * (_LOW + _HIGH), 0.5 * (_HIGH - _LOW)
     away = (place - middle) / half
     return middle + half * np.where(
@@ -394,7 +394,7 @@ def _strike(
 ) -> bool:
     wait = random.uniform(0.08, 0.2) if random.random() < 0.08 else 0.0
     if track.raised:
-        # The more time, the further the hand draws back.
+        # With more time, the hand draws back further.
         more = float(np.clip((at - track.free) / 0.6, 1.0, 1.5 + 0.8 * size))
         start[WRIST] = _inside(end[WRIST] + more * (start[WRIST] - end[WRIST]))
     swing = np.array([random.normal(0.0, 0.12), random.normal(0.0, 0.06), random.uniform(0.1, 0.32)]) * size
@@ -405,7 +405,7 @@ def _join(
     track: ArmTrack, at: float, start: np.ndarray, end: np.ndarray, partner: int, phrase: Phrase, size: float,
     random: np.random.Generator,
 ) -> None:  # fmt: skip
-    """The other hand: alike where a gesture takes both, else with a way of its own, and never the mirror image."""
+    """The other hand: similar for two-handed gestures, else with its own path, and never the mirror image."""
     if partner >= 0 and random.random() < 0.6:
         own = replace(phrase, twist=phrase.twist + random.normal(0.0, 0.3))
         start, end = _captured(partner, own, 0.8 * size, track, random)
@@ -422,7 +422,7 @@ def _join(
 
 
 def _again(now: np.ndarray, size: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A smaller stroke where the hand is."""
+    """A smaller stroke at the hand's position."""
     up, down = now.copy(), now.copy()
     up[WRIST] += np.array([0.015, 0.16, -0.04]) * size + random.normal(0.0, 0.012, 3)
     up[WRIST.start + 1] = min(up[WRIST.start + 1], -0.04)
@@ -437,7 +437,7 @@ def _shrug(t: np.ndarray, times: list[float], energy: float) -> np.ndarray:
 
 
 def _alive(tracks: list[ArmTrack], t: np.ndarray, energy: float, random: np.random.Generator) -> np.ndarray:
-    """The tracks' states with what nobody can keep still, and hands that trail behind their arms."""
+    """The tracks' states with tremor, and hands trailing behind their arms."""
     out = np.stack([track.curve(t) for track in tracks])
     late = np.stack([track.curve(t - _TRAIL_S) for track in tracks])
     for channels in (BEND, TILT, FINGERS):
@@ -445,10 +445,10 @@ def _alive(tracks: list[ArmTrack], t: np.ndarray, energy: float, random: np.rand
     lively = 0.6 + 0.8 * energy
     slow = drift(random, t, 0.08, 0.3, 6).T.reshape(2, 3, len(t)).swapaxes(1, 2)
     quick = drift(random, t, 0.35, 0.9, 6).T.reshape(2, 3, len(t)).swapaxes(1, 2)
-    # Held up, a hand is less still than hanging.
+    # A raised hand is less still than a hanging one.
     up = np.clip((out[..., 1:2] + 0.4) / 0.16, 0.0, 1.0)
     out[..., WRIST] += (0.006 * slow + (0.003 + 0.004 * up) * quick) * lively
-    # The higher, the further ahead: elbows do not fold up.
+    # The higher, the further forward: elbows do not fold up.
     short = 0.13 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]
     out[..., 2] += up[..., 0] * 0.5 * (short + np.sqrt(short**2 + 0.06**2))
     out[..., SWIVEL] += 0.05 * lively * drift(random, t, 0.1, 0.5, 2).T

@@ -1,4 +1,4 @@
-"""What the arms are about to do, as one code a frame: the phase of a gesture, and whose it is."""
+"""The arms' intent as one code per frame: the phase of a gesture, and its arm."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ PHASES = ("rest", "prepare", "stroke", "hold", "retract")
 SIDES = ("left", "right", "both")
 # Rest, and the other phases of the left arm, the right arm and both.
 CODES = 1 + (len(PHASES) - 1) * len(SIDES)
-# Of two arms in different phases, the one in the phase that stands first here.
+# Priority of phases if the arms are in different ones.
 _FIRST = np.argsort([STROKE, PREPARE, HOLD, RETRACT, REST])
 
 
 def code(phase: int, side: str) -> int:
-    """0 is rest, whoever rests."""
+    """0 is rest for either side."""
     return 0 if phase == REST else 1 + (phase - 1) * len(SIDES) + SIDES.index(side)
 
 

@@ -1,4 +1,4 @@
-"""Lower body: sway, weight shifts and small steps; legs solved so that planted feet stay where they are."""
+"""Lower body: sway, weight shifts and small steps; legs are solved so that planted feet stay in place."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _THIGH, _SHIN = OFFSETS_M[JOINT["left_knee"]], OFFSETS_M[JOINT["left_ankle"]]
 _THIGH_M, _SHIN_M = float(np.linalg.norm(_THIGH)), float(np.linalg.norm(_SHIN))
 _SIDES = np.array([1.0, -1.0])
 _ANKLE_M = 0.08
-# Below the height of straight legs.
+# Distance below the height of straight legs.
 _EASE_M = 0.007
 # A leg reaches its foot exactly up to this share of its length, so the pelvis stays within it.
 _SOFT = 0.997
@@ -23,7 +23,7 @@ _SOFT = 0.997
 
 @dataclass(frozen=True)
 class Stance:
-    """Where pelvis and feet are at each frame."""
+    """Poses of pelvis and feet at each frame."""
 
     place: np.ndarray  # [T, 3] of the pelvis, y its height
     hips: np.ndarray  # [T, 3] pitch, yaw, roll of the pelvis
@@ -34,8 +34,8 @@ class Stance:
 
 
 def stance(prosody: Prosody, style: Style, trunk: np.ndarray, random: np.random.Generator) -> Stance:
-    """Stands on both feet, the weight now on one, now on the other; sometimes a foot is set anew. The pelvis goes along
-    with how the trunk is turned (pitch, yaw and roll `[T, 3]`)."""
+    """Stands on both feet with shifting weight; sometimes a foot is repositioned. The pelvis follows the rotation of
+    the trunk (pitch, yaw and roll `[T, 3]`)."""
     t = prosody.t
     seconds = len(t) / 30.0
     energy, openness = style.energy, style.openness
@@ -64,32 +64,32 @@ def stance(prosody: Prosody, style: Style, trunk: np.ndarray, random: np.random.
     place[:, 0] = middle[:, 0] + 0.5 * apart * weight * (0.6 + 0.4 * energy) + 0.005 * wander[:, 0]
     place[:, 2] = middle[:, 2] + 0.03 + 0.006 * wander[:, 1]
     hips = np.zeros((len(t), 3))
-    # The side that bears is higher.
+    # The weight-bearing side is higher.
     hips[:, 2] = 0.1 * weight
     hips[:, 1] = -0.08 * weight + 0.02 * wander[:, 2] + 0.65 * trunk[:, 1] + 0.5 * heading.mean(axis=0)
     hips[:, 0] = 0.015 * wander[:, 0] + 0.2 * trunk[:, 0]
     bob = _bob(prosody, style, random)
     straight = STANDING_HEIGHT_M - _EASE_M - 0.008 * energy - bob
-    # A smooth least of the two.
+    # A smooth minimum of the two.
     blend = 0.002
     place[:, 1] = -blend * np.logaddexp(-straight / blend, -_reachable(place, hips, ankles) / blend)
     return Stance(place, hips, ankles, heading, tread, contact)
 
 
 def _bob(prosody: Prosody, style: Style, random: np.random.Generator) -> np.ndarray:
-    """Knees that give at accents, in metres: only the lively do it."""
+    """Bending of the knees at accents, in metres: only for lively styles."""
     accents = prosody.accents
     size = 0.016 * max(0.0, style.energy - 0.3) * random.random(len(accents)) * prosody.weights
     return bumps(prosody.t, accents, 0.22, 0.4) @ size
 
 
 def _reachable(place: np.ndarray, hips: np.ndarray, ankles: np.ndarray) -> np.ndarray:
-    """The greatest pelvis height at which both ankles are within the legs' reach."""
+    """The greatest pelvis height for which both ankles are within the legs' reach."""
     sockets = (euler(hips)[None] @ _HIPS[:, None, :, None])[..., 0]
     flat = (place + sockets - ankles)[..., [0, 2]]
     reach = _SOFT * 0.999 * (_THIGH_M + _SHIN_M)
     limit = ankles[..., 1] - sockets[..., 1] + np.sqrt(reach**2 - np.einsum("...i,...i->...", flat, flat))
-    # A lifted foot does not carry.
+    # A lifted foot does not bear weight.
     return limit.min(axis=0)
 
 
@@ -97,7 +97,7 @@ def _step(
     t: np.ndarray, times: list[float], weights: list[float], home: np.ndarray, ankles: np.ndarray, heading: np.ndarray,
     contact: np.ndarray, tread: np.ndarray, energy: float, random: np.random.Generator,
 ) -> None:  # fmt: skip
-    """While the weight (`weights` from `times` on) rests on one foot, the other may be set elsewhere near its home:
+    """While the weight (`weights` from `times` on) rests on one foot, the other may be repositioned near its home:
     written into `ankles`, `heading`, `contact` and `tread`."""
     at, turned = home.copy(), heading[:, 0].copy() if len(t) else np.zeros(2)
     straight = turned.copy()

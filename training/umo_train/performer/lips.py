@@ -1,4 +1,4 @@
-"""How far the lips are apart, from the ARKit channels: one measure for the performer, its tests and the metrics."""
+"""Distance of the lips from the ARKit channels: a common measure for the performer, its tests and the metrics."""
 
 import numpy as np
 

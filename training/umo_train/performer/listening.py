@@ -1,4 +1,4 @@
-"""Somebody who listens: the voice is another's, and head, brows and mouth answer it."""
+"""Listening: the voice is the interlocutor's, and head, brows and mouth respond to it."""
 
 from dataclasses import dataclass, replace
 
@@ -9,16 +9,16 @@ from umo_train.performer.prosody import Prosody
 from umo_train.skeleton import SHAPE
 from umo_train.speech.utterance import SILENCE, Phone, Utterance
 
-# Answers are so far apart, in seconds; they come as a phrase ends or right after a strong accent.
+# Minimum interval of responses in seconds; they come at the end of a phrase or right after a strong accent.
 _APART_S = 1.6
 _AFTER_END, _AFTER_ACCENT = 0.6, 0.1
-# A nod's rhythm, in seconds, and its depth, in radians.
+# Period of a nod in seconds, and its depth in radians.
 _NOD_S, _DEPTH = (0.36, 0.5), (0.06, 0.13)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """When it begins, how many nods it is, and whether it is said with the face too: raised brows or a smile."""
+    """Start, number of nods, and whether the face takes part: raised brows or a smile."""
 
     at: float
     nods: int
@@ -26,7 +26,7 @@ class Answer:
 
 
 def unspoken(utterance: Utterance) -> Utterance:
-    """The same time without a word."""
+    """An utterance of the same duration without words."""
     samples = np.zeros_like(utterance.samples)
     return replace(utterance, samples=samples, phones=(Phone(SILENCE, 0.0, utterance.seconds),), words=())
 
@@ -54,7 +54,7 @@ def nods(given: list[Answer], t: np.ndarray, random: np.random.Generator) -> np.
 
 
 def attend(out: np.ndarray, given: list[Answer], t: np.ndarray) -> None:
-    """The face `[T, 52]` of somebody who follows, and its answers."""
+    """The face `[T, 52]` of an attentive listener, with its responses."""
     for answer in given:
         rise = bumps(t, np.array([answer.at + 0.3]), 0.4, 0.9)[:, 0]
         if answer.face == "brows":

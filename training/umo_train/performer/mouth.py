@@ -1,8 +1,8 @@
 """The speaking mouth: phones to ARKit mouth channels with coarticulation.
 
-Each phone's dominance is its time span blurred by a Gaussian (a smooth rise and fall over some 100 ms) times its
+Each phone's dominance is its time span blurred by a Gaussian (a smooth rise and fall over about 100 ms) times its
 strength; a channel is the mean of the phones' targets weighted by dominance (Cohen and Massaro 1993). Contacts, which a
-mean cannot promise, and silence are laid over it.
+mean cannot guarantee, and silence are layered over it.
 """
 
 import numpy as np
@@ -16,20 +16,21 @@ from umo_train.skeleton import ARKIT
 from umo_train.skeleton import SHAPE as ARKIT_INDEX
 from umo_train.speech.utterance import FRAME_RATE, SILENCE, VOWELS, Utterance
 
-# Dominance is blurred at this many points per frame.
+# Dominance is computed at this many points per frame.
 _FINE = 4
 # Standard deviations of the blur in seconds: rounding starts earlier and lasts longer than the rest.
 _BLUR_S = ((JAW, 0.04), (ROUND, 0.052), (SHAPE, 0.04))
-# Lips meet for at least two frames wherever the frames fall: half of their time together, how long they travel, and how
-# briefly where a short vowel is beside them.
+# Lips meet for at least two frames at any frame alignment: half of their contact time, travel time, and the shorter
+# travel next to a short vowel.
 _CONTACT_S, _TRAVEL_S, _HASTE_S = 0.034, 0.095, 0.065
 _STRESS_GAIN = (0.88, 1.0, 1.15)
-# Vowels are this far below the speech level; so much of a difference goes most of the way to the bounds of the opening.
+# Vowels are this far below the speech level; a difference of this size goes most of the way to the bounds of the
+# opening.
 _TYPICAL_DB, _DB = 3.0, 4.0
-# People's jaws move less than phones' targets and their lips more: of the captured face, the jaw's deviation is 0.13 of
-# its range with the lips' own shapes beside it.
+# People's jaws move less than phones' targets and their lips more: in captured faces, the jaw's deviation is 0.13 of
+# its range with the lips' own shapes in addition.
 _JAW, _LOWER, _UPPER, _SHRUG = 0.72, 1.5, 1.3, 2.0
-# Where a pause's lips begin to part before speech and are together after it, in seconds.
+# Times before speech at which the lips start to part after a pause, and after speech until they are together, seconds.
 _ANTICIPATE_S, _RELAX_S = 0.1, 0.13
 
 
@@ -102,7 +103,7 @@ def _coarticulate(utterance: Utterance) -> np.ndarray:
 
 
 def _opening_gain(prosody: Prosody) -> np.ndarray:
-    """0.55 .. 1.45 by how loud the phrase and the syllable are."""
+    """0.55 .. 1.45 depending on the loudness of phrase and syllable."""
     db = 0.4 * prosody.slow_db + 0.6 * prosody.syllabic_db + _TYPICAL_DB
     return 1.0 + 0.45 * np.tanh(db / _DB)
 
@@ -116,7 +117,7 @@ def _contacts(utterance: Utterance, t: np.ndarray, names: str, centre: float) ->
             continue
         length = phone.end - phone.start
         middle, half = phone.start + centre * length, max(0.3 * length, _CONTACT_S)
-        # Neighbours get their chance: a vowel is free at its middle, another sound at its far end.
+        # Leave room for neighbours: a vowel is free at its middle, another sound at its far end.
         before, after = phones[max(k - 1, 0)], phones[min(k + 1, len(phones) - 1)]
         since = before.start + (0.5 * (before.end - before.start) if before.name in VOWELS else 0.0)
         until = after.end - (0.5 * (after.end - after.start) if after.name in VOWELS else 0.0)
@@ -127,7 +128,7 @@ def _contacts(utterance: Utterance, t: np.ndarray, names: str, centre: float) ->
 
 
 def _silences(utterance: Utterance, prosody: Prosody) -> np.ndarray:
-    """1 where the mouth rests."""
+    """1 where the mouth is at rest."""
     out = np.zeros(len(prosody.t))
     t = prosody.t
     for phone in utterance.phones:

@@ -1,4 +1,4 @@
-"""The procedural performer: from speech with its phones to the motion of face, hands, upper and lower body."""
+"""The procedural performer: from speech with its phones to motion of face, hands, upper and lower body."""
 
 import numpy as np
 
@@ -23,19 +23,18 @@ from umo_train.performer.style import Style
 from umo_train.skeleton import CHANNELS, CONTACT, JOINT, JOINTS_OF, SHAPE, VELOCITY, rotation_6d
 from umo_train.speech.utterance import FRAME_RATE, Utterance
 
-# The jaw's turn at jawOpen = 1, in radians.
+# Jaw rotation at jawOpen = 1, in radians.
 JAW_OPEN = 0.35
 
 
 def perform(utterance: Utterance, style: Style, seed: int, accents: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Channels of each part `[T, C]`, under "height" the pelvis' height `[T]` and under "intent" what the arms are
-    about, as `intent` codes it `[T]`; the same for the same arguments. `accents` in seconds are heard in place of those
-    that the phones say."""
+    """Channels of each part `[T, C]`, the pelvis' height `[T]` under "height", and the arms' intent as codes of
+    `intent` `[T]` under "intent"; deterministic. `accents` in seconds replace those of the phones."""
     heard = listen(utterance, accents)
     if style.listens:
         utterance = listening.unspoken(utterance)
     prosody = listen(utterance) if style.listens else heard
-    # Streams of their own, so that a change to one part leaves the others' choices alone.
+    # Separate random streams, so that a change to one part leaves the others unchanged.
     choices = np.random.default_rng(seed).spawn(9)
     answers = listening.answers(heard, choices[8]) if style.listens else []
     feeling, felt = None, np.ones(utterance.frames)
@@ -69,7 +68,7 @@ def perform(utterance: Utterance, style: Style, seed: int, accents: np.ndarray |
         width = 6 * len(JOINTS_OF[part])
         motion[part][:, :width] = rotation_6d(matrices).reshape(utterance.frames, width)
     motion["face"][:, 6:] = shapes
-    # Frame i + 1 is where frame i's velocity leads.
+    # Frame i + 1 is at frame i plus its velocity.
     motion["lower"][:, VELOCITY] = FRAME_RATE * np.diff(stance.place, axis=0, append=stance.place[-1:])
     motion["lower"][:, CONTACT] = np.repeat(stance.contact, 2, axis=0).T
     motion["height"] = stance.place[:, 1].astype(np.float32)

@@ -12,7 +12,7 @@ from umo_train.performer.gestures import Gestures
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 
-# The head's own turn stays within these: pitch, yaw and roll in radians.
+# Limits of the head's own rotation: pitch, yaw and roll in radians.
 _NECK_LIMIT = np.array([0.42, 0.6, 0.36])
 
 
@@ -24,14 +24,14 @@ class Posture:
     spine: tuple[np.ndarray, np.ndarray, np.ndarray]
     neck: np.ndarray
     head: np.ndarray
-    # Of the left and right collar: lift, and pull forward.
+    # Left and right collar: lift, and pull forward.
     collars: np.ndarray
     # Breath, -1 out .. 1 in.
     breath: np.ndarray
 
     @property
     def gaze(self) -> np.ndarray:
-        """The head's whole turn against the world, summed (angles are small)."""
+        """The head's total rotation in the world, summed (angles are small)."""
         return self.pelvis + sum(self.spine) + self.neck + self.head
 
 
@@ -39,8 +39,8 @@ def stand(
     prosody: Prosody, style: Style, hips: np.ndarray, bearing: Bearing, gestures: Gestures, nods: np.ndarray,
     felt: np.ndarray, random: np.random.Generator,
 ) -> Posture:  # fmt: skip
-    """`hips` is the pelvis' own rotation, from the legs; the trunk goes along with the arms a little. `nods` `[T]` come
-    beside those at accents, and `felt` `[T]` is how strongly the style's emotion shows."""
+    """`hips` is the pelvis' own rotation, from the legs; the trunk follows the arms a little. `nods` `[T]` are added to
+    those at accents, and `felt` `[T]` is the strength of the style's emotion."""
     t = prosody.t
     energy, openness, lively = style.energy, style.openness, liveliness(style)
     breath = _breath(t, random, energy)
@@ -54,10 +54,10 @@ def stand(
     wrists = gestures.states[..., WRIST]
     trunk = bearing.trunk + sway
     trunk[:, 0] += 0.15 * slump + 0.13 * (energy - 0.4) + 0.06 * (wrists[..., 2].mean(axis=0) - 0.05)
-    # The side whose hand reaches comes forward.
+    # The side of the reaching hand comes forward.
     trunk[:, 1] += 0.28 * (wrists[1, :, 2] - wrists[0, :, 2])
     trunk[:, 2] -= 0.10 * (wrists[1, :, 1] - wrists[0, :, 1])
-    # Hips that drop to one side are righted by the spine.
+    # The spine compensates for hips that drop to one side.
     bend = trunk - hips * np.array([0.5, 0.75, 0.85])
     spine = [share * bend for share in (0.3, 0.34, 0.36)]
     spine[0][:, 0] += 0.02 * slump + 0.05 * nod
@@ -66,13 +66,13 @@ def stand(
     for k, share in ((1, 0.45), (2, 0.55)):
         spine[k][:, 0] += share * feeling.spine * felt
 
-    # What the trunk does not do of it, neck and head do.
+    # Neck and head do the part of the rotation that the trunk does not.
     own = bearing.head + turn
     own[:, 0] += nod + 0.02 * slump
-    # Stern brows lower the head, a shy one hangs.
+    # A stern style lowers the head, a shy one lets it hang.
     own[:, 0] += 0.10 * max(0.0, 0.35 - style.mood) + 0.8 * max(0.0, 0.25 - openness) * style.mood
     own[:, 2] += 0.13 * gestures.shrug * random.choice((-1.0, 1.0))
-    # The emotion's bend of the spine is not righted by the neck: its head has a turn of its own.
+    # The neck does not compensate for the emotion's bend of the spine: its head has its own rotation.
     bent = np.array([feeling.spine, 0.0, 0.0]) * felt[:, None]
     own -= (hips + sum(spine) - bent) * np.array([0.8, 0.55, 0.75])
     own += np.array(feeling.head) * felt[:, None]
@@ -87,7 +87,7 @@ def _collars(
     wrists: np.ndarray, shrug: np.ndarray, breath: np.ndarray, style: Style, lively: float, t: np.ndarray,
     random: np.random.Generator,
 ) -> np.ndarray:  # fmt: skip
-    """A raised or reaching arm takes its shoulder blade along; shoulders breathe and never stand quite still."""
+    """A raised or reaching arm moves its shoulder blade; shoulders breathe and are never quite still."""
     out = np.zeros((2, len(t), 2))
     out[..., 0] = 0.02 * breath + 0.3 * max(0.0, 0.2 - style.openness)
     out[..., 1] = 0.10 * (0.5 - style.openness)
@@ -99,20 +99,20 @@ def _collars(
 
 
 def _ramp(x: np.ndarray, soft: float) -> np.ndarray:
-    """0 below 0 and `x` above it, round in between."""
+    """0 below 0 and `x` above, smooth in between."""
     return 0.5 * (x + np.sqrt(x * x + soft * soft)) - 0.5 * soft
 
 
 def _breath(t: np.ndarray, random: np.random.Generator, energy: float) -> np.ndarray:
     rate = random.uniform(0.2, 0.27) + 0.04 * energy
     phase = 2.0 * np.pi * (rate * t + random.random()) + 0.3 * drift(random, t, 0.03, 0.08, 1)[:, 0]
-    # In is quicker than out.
+    # Inhaling is faster than exhaling.
     return np.sin(phase + 0.35 * np.sin(phase))
 
 
 def _rhythm(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
-    """`[T, 6]` of unit variance in speech: the body goes from accent to accent and turns there, and comes back to rest
-    after the phrase. The first three columns move at every accent, the others at some."""
+    """`[T, 6]` of unit variance in speech: the body moves from accent to accent, and returns to rest after the phrase.
+    The first three columns move at every accent, the others at some."""
     times, values = [-1.0], [np.zeros(6)]
     for start, end in prosody.phrases:
         inside = prosody.accents[(prosody.accents >= start) & (prosody.accents <= end)]
@@ -126,7 +126,7 @@ def _rhythm(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
             if at - times[-1] < 0.25:
                 continue
             aim = random.uniform(0.8, 1.6, 6) * random.choice((-1.0, 1.0), 6)
-            # Away from where it is, so that it does move.
+            # Away from the current value, so that it does move.
             aim[:3] = -np.copysign(aim[:3], values[-1][:3] + 1e-9 * aim[:3])
             aim[3:] = np.where(random.random(3) < 0.55, aim[3:] * random.uniform(0.2, 1.0), values[-1][3:])
             times.append(at)

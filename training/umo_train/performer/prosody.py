@@ -1,4 +1,4 @@
-"""What the performer hears: phrases, accents and loudness of an utterance."""
+"""The performer's analysis of speech: phrases, accents and loudness of an utterance."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,13 @@ from scipy.ndimage import gaussian_filter1d
 
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, VOWELS, Utterance
 
-# A silence from here on parts phrases and closes the mouth, in seconds.
+# A silence of at least this length separates phrases and closes the mouth, seconds.
 PAUSE_S = 0.2
-# Loudness is measured so often, in Hz.
+# Rate of the loudness measurement, Hz.
 _RATE = 100
-# Nearer accents than this are one accent.
+# Accents closer than this are merged.
 _ACCENT_GAP_S = 0.3
-# A given accent is that of the nearest vowel, if it is so near.
+# A given accent belongs to the nearest vowel within this time.
 _ACCENT_NEAR_S = 0.12
 
 
@@ -22,9 +22,9 @@ class Prosody:
     """Times in seconds; arrays of one row per phrase, accent or frame."""
 
     t: np.ndarray
-    # Start and end of each phrase `[n, 2]`, parted by pauses.
+    # Start and end of each phrase `[n, 2]`, separated by pauses.
     phrases: np.ndarray
-    # Onset of the stressed vowel, and how prominent it is (about 1).
+    # Onset of the stressed vowel, and its prominence (about 1).
     accents: np.ndarray
     weights: np.ndarray
     # Onsets of all vowels.
@@ -35,7 +35,7 @@ class Prosody:
 
 
 def listen(utterance: Utterance, accents: np.ndarray | None = None) -> Prosody:
-    """All of the above; with `accents`, vowels near to these times in seconds are accented, whatever phones say."""
+    """Analyses an utterance; with `accents`, vowels near these times (seconds) replace the accents of the phones."""
     t = np.arange(utterance.frames) / FRAME_RATE
     phrases = _phrases(utterance)
     slow, syllabic = _loudness(utterance, phrases, t)
@@ -47,7 +47,7 @@ def listen(utterance: Utterance, accents: np.ndarray | None = None) -> Prosody:
 
 
 def _nearest(starts: np.ndarray, accents: np.ndarray) -> np.ndarray:
-    """Which of the vowels that start then `[n]` are the nearest of an accent and near enough."""
+    """Which of the vowels starting at these times `[n]` are nearest to an accent and close enough."""
     chosen = np.zeros(len(starts), bool)
     if len(starts):
         away = np.abs(starts[:, None] - accents)
@@ -80,7 +80,7 @@ def _loudness(utterance: Utterance, phrases: np.ndarray, t: np.ndarray) -> tuple
     spoken = np.zeros(count, bool)
     for start, end in phrases:
         spoken[int(start * _RATE) : int(np.ceil(end * _RATE))] = True
-    # The speech level ignores the gaps within speech, as a level meter's gate does.
+    # The speech level ignores gaps within speech, like a level meter's gate.
     level = power[spoken] if spoken.any() else power
     level = np.mean(level[level >= 0.05 * level.mean()]) + 1e-9
     db = np.clip(10.0 * np.log10(power / level + 1e-4), -25.0, 15.0)
@@ -91,8 +91,8 @@ def _loudness(utterance: Utterance, phrases: np.ndarray, t: np.ndarray) -> tuple
 def _accents(
     vowels: list, onsets: np.ndarray, db: np.ndarray, given: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Accented vowels, of those `given` where they are; where a voice marks none, the vowels that stand out by stress,
-    length and loudness."""
+    """Accented vowels, from `given` if available; if a voice marks none, the vowels prominent in stress, length and
+    loudness."""
     if not vowels:
         return np.zeros(0), np.zeros(0)
     stress = np.array([v.stress for v in vowels])

@@ -1,4 +1,4 @@
-"""Numbers of a performance's motion quality, to lay beside those of people."""
+"""Statistics of a performance's motion quality, for comparison with people's."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from umo_train.performer.prosody import Prosody
 from umo_train.skeleton import CONTACT, CONTACT_JOINTS, JOINT, JOINTS_OF, PARENTS, SHAPE, VELOCITY, places, rotations
 from umo_train.speech.utterance import FRAME_RATE
 
-# Shifts in seconds against which the alignment to accents is compared.
+# Time shifts in seconds for the reference value of accent alignment.
 _SHIFTS_S = (0.43, 0.71, 1.13, 1.57, 2.03, 2.69)
 _BEAT_SIGMA_S = 0.1
-# Wrists below this speed are still, above `_MOVING` they gesture, in m/s.
+# Speed below which wrists are still, and above which (`_MOVING`) they gesture, in m/s.
 _STILL, _MOVING = 0.04, 0.25
 _GROUPS = {
     "pelvis": ("pelvis",),
@@ -31,14 +31,14 @@ _GROUPS = {
 
 @dataclass(frozen=True)
 class Take:
-    """Motion with what its speaker said."""
+    """Motion with its speaker's utterance."""
 
     motion: dict[str, np.ndarray]
     prosody: Prosody
 
 
 def world_places(motion: dict[str, np.ndarray]) -> np.ndarray:
-    """Places of all joints in the world `[T, 55, 3]`, m."""
+    """World positions of all joints `[T, 55, 3]`, m."""
     at = np.zeros((len(motion["height"]), 3))
     at[1:] = np.cumsum(motion["lower"][:-1, VELOCITY].astype(np.float64), axis=0) / FRAME_RATE
     at[:, 1] = motion["height"]
@@ -46,7 +46,7 @@ def world_places(motion: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def world_rotation(local: np.ndarray, joint: int) -> np.ndarray:
-    """A joint's rotation in the world `[T, 3, 3]`."""
+    """World rotation of a joint `[T, 3, 3]`."""
     out = local[:, joint]
     while (joint := PARENTS[joint]) >= 0:
         out = local[:, joint] @ out
@@ -68,7 +68,7 @@ def wrist_paths(motion: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def jerk(at: np.ndarray) -> np.ndarray:
-    """Size of the third derivative of places `[T, ..., 3]`, m/s^3."""
+    """Magnitude of the third derivative of positions `[T, ..., 3]`, m/s^3."""
     return np.linalg.norm(np.diff(at, n=3, axis=0), axis=-1) * FRAME_RATE**3
 
 
@@ -78,7 +78,7 @@ def runs(flags: np.ndarray) -> np.ndarray:
 
 
 def alignment(events: np.ndarray, turns: np.ndarray, seconds: float) -> float | None:
-    """How near turning points lie to events, over the same for shifted events; None where there are none."""
+    """Proximity of turning points to events, relative to shifted events; None without any."""
     if not len(events) or not len(turns):
         return None
 
@@ -90,7 +90,7 @@ def alignment(events: np.ndarray, turns: np.ndarray, seconds: float) -> float | 
 
 
 def measure(takes: Sequence[Take]) -> dict[str, float]:
-    """The numbers over all takes: means of each take's, or percentiles of all frames together."""
+    """The numbers over all takes: means of each take's, or percentiles over all frames."""
     rows = [_body(take) | _face(take) for take in takes]
     out = {name: float(np.mean([row[name] for row in rows if row[name] is not None])) for name in rows[0]}
     return out | _pooled(takes)
@@ -132,7 +132,7 @@ def _stroke_peaks(speed: np.ndarray) -> np.ndarray:
 
 
 def _spread(local: np.ndarray) -> float:
-    """Root mean square of the turn from the mean, degrees."""
+    """Root mean square of the deviation from the mean rotation, degrees."""
     turned = Rotation.from_matrix(local)
     return float(np.degrees(np.sqrt(np.mean((turned.mean().inv() * turned).magnitude() ** 2))))
 
@@ -185,7 +185,7 @@ def _pooled(takes: Sequence[Take]) -> dict[str, float]:
         planted = take.motion["lower"][:, CONTACT] > 0.5
         moved = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * FRAME_RATE * 100.0
         slide.append(moved[planted[1:] & planted[:-1]])
-    # Who only listens makes none.
+    # A mere listener makes none.
     lengths, fastest = np.concatenate(phrases), np.concatenate(peaks)
     out = {"gesture phrase, median s": float(np.median(lengths)) if len(lengths) else 0.0}
     for share in (5, 50, 95):

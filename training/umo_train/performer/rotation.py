@@ -4,7 +4,7 @@ import numpy as np
 
 
 def about(axis: str, angle: np.ndarray) -> np.ndarray:
-    """Turns by `angle` [...] about a coordinate axis: `[..., 3, 3]`."""
+    """Rotations by `angle` [...] about a coordinate axis: `[..., 3, 3]`."""
     angle = np.asarray(angle, float)
     c, s = np.cos(angle), np.sin(angle)
     first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
@@ -27,7 +27,7 @@ def unit(v: np.ndarray) -> np.ndarray:
 
 
 def frame(along: np.ndarray, hinge: np.ndarray) -> np.ndarray:
-    """Matrices whose columns are `along`, `hinge` made square to it, and their cross product."""
+    """Matrices with the columns `along`, `hinge` made orthogonal to it, and their cross product."""
     along = unit(along)
     hinge = unit(hinge - np.einsum("...i,...i->...", hinge, along)[..., None] * along)
     return np.stack([along, hinge, np.cross(along, hinge)], -1)
@@ -36,9 +36,9 @@ def frame(along: np.ndarray, hinge: np.ndarray) -> np.ndarray:
 def two_bones(
     reach: np.ndarray, pole: np.ndarray, upper: float, lower: float, soft: float = 0.97
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions of both bones and their hinge for an end at `reach` [..., 3], the middle joint towards `pole`.
+    """Directions of both bones and their hinge for an end at `reach` [..., 3], with the middle joint towards `pole`.
 
-    A reach beyond `soft` of the chain's length is shortened smoothly to stay just under it.
+    A reach beyond `soft` of the chain's length is smoothly shortened to stay just below it.
     """
     length = np.sqrt(np.einsum("...i,...i->...", reach, reach))
     aim = reach / length[..., None]

@@ -1,7 +1,7 @@
-"""A library of arm movements cut from captures: where each leads, how long it takes, and how its path bends.
+"""A library of arm movements cut from captures: their displacement, duration, and path.
 
-A movement is a minimum-jerk way from start to end plus a deviation: `BENDS` smooth shapes over its time, which vanish
-with their first two derivatives at both ends. So it joins any start and end, and keeps its own path and timing.
+A movement is a minimum-jerk path from start to end plus a deviation: `BENDS` smooth shapes over its time, which vanish
+with their first two derivatives at both ends. So it can connect any start and end, and keeps its own path and timing.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ from umo_train.performer.curves import BENDS, bends, ease
 from umo_train.performer.rotation import unit
 
 FILE = "strokes.npz"
-# A movement is faster than this at its peak, and ends where it is this much slower, in m/s and as a share.
+# Minimum peak speed of a movement in m/s, and share of the peak speed at which it ends.
 _PEAK, _CALM = 0.35, 0.35
 _SECONDS, _METRES = (0.2, 1.3), (0.06, 1.0)
-# Arms held out as when a capture begins are no gesture.
+# Arms held out at the start of a capture are not gestures.
 _FARTHEST_M = 0.58
-# No person's arm is so fast: the capture lost it.
+# Faster than any person's arm: a capture error.
 _FASTEST = 7.0
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """Of each movement, for a left arm: its sources' names and which it is from, its time in seconds `[n]`, start and
-    end `[n, 3]` (outward, up, forward of the middle between the shoulders, m), deviation `[n, BENDS, 3]`, how long the
-    arm then holds `[n]`, and the other arm's simultaneous movement or -1 `[n]`."""
+    """For each movement, as a left arm: source names and index, duration in seconds `[n]`, start and end `[n, 3]`
+    (outward, up, forward of the midpoint between the shoulders, m), deviation `[n, BENDS, 3]`, hold time afterwards
+    `[n]`, and index of the other arm's simultaneous movement or -1 `[n]`."""
 
     sources: np.ndarray
     source: np.ndarray
@@ -44,7 +44,7 @@ class Strokes:
         return len(self.seconds)
 
     def near(self, start: np.ndarray, end: np.ndarray, random: np.random.Generator, among: int = 6) -> int:
-        """One of the movements that go most nearly that way, from most nearly there."""
+        """One of the movements with the most similar displacement and start."""
         ways = self.end - self.start
         way = end - start
         length = float(np.linalg.norm(way)) + 1e-6
@@ -55,13 +55,13 @@ class Strokes:
         return int(random.choice(np.argpartition(far, among)[:among]))
 
     def bent(self, index: int, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """The movement's deviation on the way from `start` to `end` `[BENDS, 3]`: turned and scaled with its way."""
+        """The movement's deviation on the path from `start` to `end` `[BENDS, 3]`: rotated and scaled with it."""
         old, new = self.end[index] - self.start[index], end - start
         ratio = float(np.linalg.norm(new) / np.linalg.norm(old))
         a, b = unit(old), unit(new + 1e-9)
         axis, cosine = np.cross(a, b), float(a @ b)
         if cosine < -0.9:
-            # Turned round, left and right of a way are not the captured ones any more.
+            # If the direction is reversed, left and right of the path would be swapped.
             return np.zeros((BENDS, 3))
         cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
         turn = np.eye(3) + cross + cross @ cross / (1.0 + cosine)
@@ -70,7 +70,7 @@ class Strokes:
 
 @cache
 def library() -> Strokes:
-    """The library that comes with the package."""
+    """The package's library."""
     with resources.as_file(resources.files("umo_train.performer") / FILE) as path:
         return read(path)
 
@@ -119,7 +119,7 @@ def _spans(wrist: np.ndarray) -> list[tuple[int, int]]:
         before, after = calm[calm < peak], calm[calm > peak]
         if not len(before) or not len(after):
             continue
-        # To the least speed beyond, where that is near.
+        # Extend to the minimum speed beyond, if it is near.
         a, b = int(before[-1]), int(after[0])
         a -= int(np.argmin(speed[max(a - 6, 0) : a + 1][::-1]))
         b += int(np.argmin(speed[b : b + 7]))
@@ -133,7 +133,7 @@ def _spans(wrist: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _bend(path: np.ndarray) -> np.ndarray:
-    """The deviation that fits best `[BENDS, 3]`."""
+    """The best fitting deviation `[BENDS, 3]`."""
     s = np.linspace(0.0, 1.0, len(path))
     straight = path[0] + ease(s)[:, None] * (path[-1] - path[0])
     basis = bends(s)

@@ -1,4 +1,4 @@
-"""How somebody talks, as numbers and as a text prompt."""
+"""A way of talking, as numbers and as a text prompt."""
 
 import random
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Style:
-    """Each 0..1: size and speed of movement, gestures per accent, how wide arms and posture open, and the face's mood
-    (0 stern, 0.5 neutral, 1 smiling). `feeling` is an emotion of `feelings.FEELINGS`. Who listens does not speak: the
-    voice is somebody else's."""
+    """Each 0..1: size and speed of movement, gestures per accent, openness of arms and posture, and the face's mood (0
+    stern, 0.5 neutral, 1 smiling). `feeling` is an emotion of `feelings.FEELINGS`. A listening style does not speak:
+    the voice is the interlocutor's."""
 
     energy: float = 0.5
     gesture_rate: float = 0.5
@@ -49,7 +49,7 @@ PROMPTS = {
     "afraid": ("afraid", "scared", "full of fear"),
     "listening": ("listening", "listening to somebody", "a person listens"),
 }
-# How people talk who were told nothing: examples of these alone go without a prompt.
+# Styles without instruction: only examples of these are used without a prompt.
 UNTOLD = ("neutral", "explaining")
 _SHARES = {"neutral": 4.0, "explaining": 3.0, "listening": 1.2}
 

@@ -1,4 +1,4 @@
-"""Mouth shapes of the phones: what each aims at, and how strongly it holds against its neighbours."""
+"""Mouth shapes of the phones: the targets of each, and their dominance over neighbours."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
-/* Speaks with flite and tells the times: reads lines `voice TAB stretch TAB f0 mean (0: the voice's) TAB wav TAB text`,
-   writes to each wav, and prints per line its segments `phone TAB end TAB stress TAB accented TAB word number TAB word`
-   and an empty line. */
+/* Speaks with flite and prints the times: reads lines
+   `voice TAB stretch TAB f0 mean (0: the voice's) TAB wav TAB text`, writes each wav, and prints per line its
+   segments `phone TAB end TAB stress TAB accented TAB word number TAB word` and an empty line. */
 #include <flite/flite.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -38,7 +38,7 @@ static void print_segments(cst_utterance *utterance) {
             stress = strcmp(ffeature_string(syllable, "stress"), "1") == 0;
             accented = strcmp(ffeature_string(syllable, "accented"), "1") == 0;
         }
-        /* Each relation has items of its own over shared contents. */
+        /* Each relation has its own items over shared contents. */
         const cst_item *same = word ? item_as(word, "Word") : NULL;
         if (same != NULL && same != word_before) words++;
         if (same != NULL) word_before = same;

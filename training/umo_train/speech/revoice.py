@@ -1,4 +1,4 @@
-"""Several voices for one motion (paper 3.4): its words spoken by others, at the times at which they were spoken."""
+"""Several voices for one motion (paper 3.4): other voices speak its words at the original times."""
 
 import re
 import shlex
@@ -22,23 +22,23 @@ from umo_train.speech.variation import leveled
 from umo_train.speech.voices import Line, Voice, VoiceError
 from umo_train.speech.warp import warped
 
-# Words closer than this are spoken in one breath, by seconds.
+# Words closer than this are spoken together, seconds.
 _BREATH = 0.25
-# Between words this far apart nothing is heard.
+# Words further apart than this are separated by silence.
 _PAUSE = 0.06
 _FADE = 0.012
-# Of a phrase, what is heard before its first word and after its last.
+# Length of a phrase's sound before its first word and after its last.
 _BEFORE, _AFTER = 0.02, 0.05
-# Anchors are at least this far apart, so that time never stands still.
+# Minimum distance of anchors, so that time never stands still.
 _STEP = 0.004
 _LEVEL = 24
 
 
 @dataclass(frozen=True)
 class CommandVoice:
-    """Any program that writes speech to a file: `{text}` and `{wav}` stand for the text and the file in `command`, and
-    `{words}`, if it is there, for a file to which the program writes `start end word` in seconds, a line for each
-    word. Without these times the words are found by likeness to the recording."""
+    """Any program that writes speech to a file: in `command`, `{text}` and `{wav}` stand for the text and the file, and
+    the optional `{words}` for a file to which the program writes `start end word` in seconds, one line per word.
+    Without these times the words are located by similarity to the recording."""
 
     name: str
     command: str
@@ -60,13 +60,13 @@ class CommandVoice:
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False)
         except FileNotFoundError as error:
-            raise VoiceError(f"{self.name}: there is no program {command[0]}") from error
+            raise VoiceError(f"{self.name}: program {command[0]} not found") from error
         if done.returncode:
             raise VoiceError(f"{self.name}: {command[0]} failed with {done.returncode}: {done.stderr.strip()[-500:]}")
 
 
 def _filled(part: str, places: dict[str, str]) -> str:
-    """At once, so that a text with braces stays as it is."""
+    """All at once, so that braces in the text are kept."""
     return re.sub(r"\{(text|wav|words)\}", lambda found: places[found[0]], part)
 
 
@@ -78,12 +78,12 @@ def _read_words(path: Path) -> tuple[Word, ...]:
 
 
 def find(voice: str | dict[str, Any]) -> Voice:
-    """Of a plan: the name of a voice of `voices.find`, or a name and a command."""
+    """A voice of a plan: the name of a voice of `voices.find`, or a name and a command."""
     return voices.find(voice) if isinstance(voice, str) else CommandVoice(voice["name"], voice["command"])
 
 
 def revoiced(original: Utterance, voice: Voice) -> np.ndarray:
-    """The words of `original` as `voice` speaks them, each at its time: as many samples as the original has."""
+    """The words of `original` spoken by `voice` at the original times: as many samples as the original has."""
     out = np.zeros(len(original.samples), np.float32)
     phrases = list(_phrases(original.words))
     lines = [Line(" ".join(word.text for word in phrase)) for phrase in phrases]
@@ -110,7 +110,7 @@ def _phrases(words: Sequence[Word]) -> Iterator[list[Word]]:
 
 
 def _anchors(original: Utterance, phrase: list[Word], spoken: Utterance) -> tuple[np.ndarray, np.ndarray]:
-    """Times in `spoken` and the times of the original at which the same is said."""
+    """Corresponding times in `spoken` and in the original."""
     pairs = _by_words(original.phones, phrase, spoken) if spoken.words else []
     if len(pairs) < 2:
         from umo_train.speech import alike
@@ -124,7 +124,7 @@ def _anchors(original: Utterance, phrase: list[Word], spoken: Utterance) -> tupl
 
 
 def _by_words(phones: Sequence[Phone], phrase: list[Word], spoken: Utterance) -> list[tuple[float, float]]:
-    """Starts and ends of equal words, of stretches of words that differ, and of equal phones in equal words."""
+    """Starts and ends of equal words, of stretches of differing words, and of equal phones in equal words."""
     names = [[_plain(word.text) for word in words] for words in (spoken.words, phrase)]
     out = []
     for kind, i, j, k, m in SequenceMatcher(None, *names, autojunk=False).get_opcodes():
@@ -138,7 +138,7 @@ def _by_words(phones: Sequence[Phone], phrase: list[Word], spoken: Utterance) ->
 
 
 def _by_phones(theirs: list[Phone], ours: list[Phone]) -> list[tuple[float, float]]:
-    """Starts of equal phones that follow equal phones: where one sound turns into the other in both."""
+    """Starts of equal phones after equal phones: common transitions."""
     names = [[phone.name for phone in phones] for phones in (theirs, ours)]
     blocks = SequenceMatcher(None, *names, autojunk=False).get_matching_blocks()
     return [(theirs[i + n].start, ours[j + n].start) for i, j, size in blocks for n in range(1, size)]
@@ -164,7 +164,7 @@ def _loudness(phrase: list[Word], first: int, last: int) -> np.ndarray:
 
 
 def revoice_corpus(folder: Path, speakers: Sequence[Voice], workers: int) -> None:
-    """Every training item with known words in each voice, `voices/NAME.npz`: further rows of its audio tokens."""
+    """Every training item with known words in each voice, `voices/NAME.npz`: additional rows of its audio tokens."""
     jobs = [(folder, path, speakers) for path in corpus.paths(folder, "speech") if not _target(folder, path).exists()]
     with ProcessPoolExecutor(workers) as pool:
         list(tqdm(pool.map(_revoice_item, jobs), "voices", len(jobs), unit="item"))

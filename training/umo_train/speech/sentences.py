@@ -1,4 +1,4 @@
-"""Sentences of our own: a small grammar over word lists chosen for the phones that they hold, and invented words."""
+"""Sentences of our own: a small grammar over word lists chosen for their phones, and invented words."""
 
 import random
 
@@ -88,7 +88,7 @@ def sentence(random_: random.Random) -> str:
 
 
 def _invented(random_: random.Random) -> str:
-    """A word of one or two syllables that is in no list: contexts of phones that real sentences rarely have."""
+    """A word of one or two syllables that is in no list: phone contexts that are rare in real sentences."""
     onsets, nuclei, codas = _ONSETS.split(), _NUCLEI.split(), _CODAS.split()
     pick = random_.choice
     word = pick(onsets) + pick(nuclei) + pick(codas)

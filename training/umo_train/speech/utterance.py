@@ -1,4 +1,4 @@
-"""Speech with the times of its phones and words: what voices give and the performer reads."""
+"""Speech with phone and word times: output of voices, input of the performer."""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +19,7 @@ class Phone:
     name: str
     start: float
     end: float
-    # Of a vowel: 0 unstressed, 1 the stressed syllable of its word, 2 that of an accented word. Others: 0.
+    # For vowels: 0 unstressed, 1 the stressed syllable of its word, 2 that of an accented word. Others: 0.
     stress: int = 0
 
 
@@ -34,7 +34,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Utterance:
-    """Samples at 16 kHz, -1..1, with phones that cover all of their time (silences included) and words."""
+    """Samples at 16 kHz, -1..1, with phones that cover the whole duration (silences included) and words."""
 
     voice: str
     text: str
@@ -48,5 +48,5 @@ class Utterance:
 
     @property
     def frames(self) -> int:
-        """Frames of motion that belong to it: `floor(seconds * 30)`."""
+        """Number of frames of its motion: `floor(seconds * 30)`."""
         return len(self.samples) * FRAME_RATE // SAMPLE_RATE

@@ -1,4 +1,4 @@
-"""Speech made different: other speakers by resampling, and what microphones, rooms and distances do to it."""
+"""Varies speech: other speakers by resampling, and the effects of microphones, rooms and distances."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from umo_train.speech.utterance import SAMPLE_RATE, Phone, Utterance, Word
 
 
 def faster(utterance: Utterance, factor: float) -> Utterance:
-    """Plays `factor` times as fast: pitch and formants rise together, as of a smaller speaker; times follow."""
+    """Plays `factor` times as fast: pitch and formants rise together, as of a smaller speaker; times are scaled."""
     up, down = round(100 / factor), 100
     samples = resample_poly(utterance.samples, up, down).astype(np.float32)
     scale = len(samples) / len(utterance.samples)
@@ -22,7 +22,7 @@ def faster(utterance: Utterance, factor: float) -> Utterance:
 
 
 def joined(utterances: list[Utterance], gaps: list[float]) -> Utterance:
-    """One utterance of several, with `gaps[i]` seconds of silence before the i-th, and one more at the end."""
+    """Joins several utterances, with `gaps[i]` seconds of silence before the i-th, and one more at the end."""
     samples, phones, words = [], [], []
     at = 0
     for utterance, gap in zip((*utterances, None), gaps, strict=True):
@@ -48,15 +48,15 @@ def joined(utterances: list[Utterance], gaps: list[float]) -> Utterance:
 
 
 def leveled(samples: np.ndarray, decibels: float) -> np.ndarray:
-    """At `decibels` below full scale, root mean square over what is not silence."""
+    """At `decibels` below full scale, root mean square over the non-silent parts."""
     loud = samples[np.abs(samples) > 1e-3]
     rms = np.sqrt(np.mean(loud**2)) if len(loud) else 1.0
     return (samples * (10 ** (-decibels / 20) / rms)).astype(np.float32)
 
 
 def recorded(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """As one of many microphones in one of many rooms hears it: gain, band limits, a spectral tilt, reverberation and
-    noise, each with its own chance. Times stay."""
+    """As recorded by a random microphone in a random room: gain, band limits, a spectral tilt, reverberation and noise,
+    each with its own probability. Times are unchanged."""
     out = samples
     if rng.random() < 0.5:
         out = _in_room(out, rng)
@@ -86,7 +86,7 @@ def _in_room(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _noise(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Unit noise between white and brown, as fans, streets and preamplifiers make."""
+    """Unit noise between white and brown, as from fans, streets and preamplifiers."""
     white = rng.standard_normal(count)
     if rng.random() < 0.5:
         return white

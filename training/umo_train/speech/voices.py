@@ -1,4 +1,4 @@
-"""Voices that say when each phone and word is: flite, festival and espeak-ng behind one interface."""
+"""Voices that report the times of phones and words: flite, festival and espeak-ng behind one interface."""
 
 import ctypes
 import ctypes.util
@@ -29,7 +29,7 @@ class Line:
 
 
 class Voice(Protocol):
-    """A speaker. Lines come together because starting a program costs more than a sentence."""
+    """A speaker. Lines are batched because starting a program costs more than a sentence."""
 
     name: str
 
@@ -37,18 +37,18 @@ class Voice(Protocol):
 
 
 class VoiceError(RuntimeError):
-    """A program of a voice is missing or failed; says which and how to install it."""
+    """A program of a voice is missing or failed; the message says which and how to install it."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A phone as a program names it, with what it says of its syllable and word."""
+    """A phone as named by a program, with its syllable's and word's properties."""
 
     name: str
     end: float
     stressed: bool
     accented: bool
-    # Number of the word in the sentence from 1, 0 for none.
+    # Index of the word in the sentence from 1, 0 for none.
     word: int
     text: str
 
@@ -58,7 +58,7 @@ _RADIO = {"axr": "er", "dx": "d", "el": "l", "em": "m", "en": "n", "hv": "hh", "
 
 
 def _utterance(voice: str, line: Line, samples: np.ndarray, segments: Sequence[Segment]) -> Utterance:
-    """Phones that cover the samples' time exactly, and the words that they make."""
+    """Phones that cover the samples' duration exactly, and their words."""
     seconds = len(samples) / SAMPLE_RATE
     phones: list[Phone] = []
     words: list[Word] = []
@@ -112,9 +112,9 @@ def _segments(block: str) -> list[Segment]:
 
 
 class Flite:
-    """flite's voices. Built once from `flite_times.c`: the program alone does not tell stress and words."""
+    """flite's voices. Built once from `flite_times.c`: the program alone does not report stress and words."""
 
-    # kal16's times run long: its labels are of the voice at another speed.
+    # kal16's times are too long: its labels are of the voice at another speed.
     PITCH_HZ: ClassVar = {"rms": 95.0, "slt": 172.0, "awb": 130.0, "kal": 95.0}
 
     def __init__(self, speaker: str) -> None:
@@ -141,7 +141,7 @@ def _flite_times() -> Path:
         program.parent.mkdir(parents=True, exist_ok=True)
         libraries = [f"-lflite_cmu_us_{voice}" for voice in ("rms", "slt", "awb", "kal", "kal16")]
         libraries += ["-lflite_usenglish", "-lflite_cmulex", "-lflite", "-lm"]
-        # By renaming: several processes build it at once, and one that runs is not written to.
+        # Rename atomically: several processes build it at once, and a running program must not be overwritten.
         part = program.with_suffix(f".{os.getpid()}")
         _run(["gcc", "-O2", "-o", str(part), str(path), *libraries], "", "gcc and flite1-dev")
         part.replace(program)
@@ -169,7 +169,7 @@ class Festival:
                 yield _utterance(self.name, line, samples, _segments(block))
 
 
-# espeak-ng's mnemonics for English. A diphthong with r is its vowel and "er".
+# espeak-ng's mnemonics for English. A diphthong with r becomes its vowel and "er".
 _ESPEAK = {
     "@": "ax", "3": "er", "3:": "er", "@L": "l", "@2": "ax", "@5": "ax", "a": "ae", "aa": "ae", "a#": "ax", "A:": "aa",
     "A": "aa", "A@": "aa", "A#": "aa", "E": "eh", "E2": "eh", "e@": "eh", "e:": "ey", "e": "eh", "eI": "ey", "I": "ih",
@@ -182,7 +182,7 @@ _ESPEAK = {
     "r-": "r", "R": "r", "R2": "r", "w": "w", "w#": "w", "j": "y", "x": "k", "C": "hh", "?": "t", "m-": "m",
 }  # fmt: skip
 
-# What stands for the sounds that English lacks, and for those that its mnemonics name otherwise.
+# Substitutes for sounds that English lacks, and for those with other mnemonics.
 _ESPEAK_GERMAN = _ESPEAK | {
     "a": "aa", "3": "ax", "E:": "eh", "y:": "uw", "y": "uh", "Y:": "er", "W": "er", "W~": "er", "OY": "oy", "UR": "uh",
     "ts": "s", "pF": "f", "O~": "ao", "A~": "aa", "EI": "ey",
@@ -190,11 +190,11 @@ _ESPEAK_GERMAN = _ESPEAK | {
 
 
 class Espeak:
-    """espeak-ng through its C library, the only way in which it tells times."""
+    """espeak-ng through its C library, the only way to get times."""
 
     _WORD, _PHONEME, _LIST_END = 1, 7, 0
     _library: ctypes.CDLL | None = None
-    # What its phone events are late by, found by moving them against the samples' energy: the same for every voice.
+    # Delay of its phone events, measured by shifting them against the samples' energy: the same for every voice.
     LATE_S = 0.04
 
     class _Event(ctypes.Structure):
@@ -262,7 +262,7 @@ class Espeak:
         return _utterance(self.name, line, samples, self._segments(line, events, len(raw) / self._rate))
 
     def _segments(self, line: Line, events: Sequence[tuple[int, int, int, int, str]], seconds: float) -> list[Segment]:
-        """Events say where each phone starts, the text's transcription which vowels are stressed."""
+        """Events give the start of each phone, the text's transcription the stressed vowels."""
         rows: list[tuple[float, str, int, str]] = []
         word, text = 0, ""
         for kind, sample, position, length, name in events:
@@ -273,13 +273,13 @@ class Espeak:
                 rows.append((max(sample / self._rate - self.LATE_S, 0.0), self._phone(name), word, text))
         stresses = self._stresses(line.text)
         vowels = [row for row in rows if row[1] in VOWELS]
-        # Where the two disagree in number, no vowel is known to be stressed.
+        # If their numbers disagree, no vowel is marked as stressed.
         marked = iter(stresses if len(stresses) == len(vowels) else [False] * len(vowels))
         ends = [row[0] for row in rows[1:]] + [seconds]
         segments = []
         for (_, phone, word, text), end in zip(rows, ends, strict=True):
             stressed = phone in VOWELS and next(marked)
-            # Function words carry a mark too, accents fall on longer ones.
+            # Function words carry a mark too; accents fall on longer ones.
             accented = stressed and len(text) > 3
             segments.append(Segment(phone, end, stressed, accented, 0 if phone == SILENCE else word, text))
         if rows and rows[0][0] > 0:
@@ -287,13 +287,13 @@ class Espeak:
         return segments
 
     def _phone(self, name: str) -> str:
-        """A mnemonic as one of `PHONES`: by the longest known beginning."""
+        """A mnemonic as one of `PHONES`: by the longest known prefix."""
         known = _ESPEAK_GERMAN if self.voice.startswith("de") else _ESPEAK
         bare = name.lstrip("',%=_:;|!*")
         return known.get(bare) or known.get(bare[:2]) or known.get(bare[:1]) or SILENCE
 
     def _stresses(self, text: str) -> list[bool]:
-        """Of each vowel of the transcription, whether it carries primary stress."""
+        """Whether each vowel of the transcription carries primary stress."""
         transcribe = self._load().espeak_TextToPhonemes
         transcribe.restype = ctypes.c_char_p
         rest = ctypes.c_char_p(text.encode())

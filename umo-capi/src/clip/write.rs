@@ -91,7 +91,7 @@ impl Content {
             // SAFETY: guaranteed by the caller (see # Safety).
             UMO_FORMAT_GLB => Format::Glb(unsafe { figure(&given)? }),
             UMO_FORMAT_VRMA => Format::Vrma,
-            _ => return Err(Failure::argument(format_args!("format {format} is none of UMO_FORMAT_…"))),
+            _ => return Err(Failure::argument(format_args!("format {format} is not one of UMO_FORMAT_…"))),
         };
         // SAFETY: guaranteed by the caller (see # Safety).
         let clip = memory::catch(|| unsafe { read(&given) })??;

@@ -61,7 +61,7 @@ pub unsafe extern "C" fn umo_model_get_info(model: *const UmoModel, info: *mut U
 pub unsafe extern "C" fn umo_model_get_text(model: *const UmoModel, which: u32, text: *mut *const c_char) -> UmoStatus {
     guard(|| {
         let model = get(model)?;
-        let unknown = || Failure::argument(format_args!("text {which} is none of UMO_MODEL_…"));
+        let unknown = || Failure::argument(format_args!("text {which} is not one of UMO_MODEL_…"));
         let found = (which as usize).checked_sub(1).and_then(|index| model.texts.get(index)).ok_or_else(unknown)?;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(text, "text", found.as_ptr()) }

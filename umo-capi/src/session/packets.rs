@@ -81,7 +81,7 @@ pub unsafe extern "C" fn umo_session_pull_packets(
         wanted(count, "count")?;
         let least = handle.session.packet_size();
         if size < least {
-            let what = format_args!("a packet may take {least} bytes, {size} were given");
+            let what = format_args!("a packet may need {least} bytes, {size} were given");
             return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
         }
         // SAFETY: guaranteed by the caller (see # Safety).

@@ -186,7 +186,7 @@ pub unsafe extern "C" fn umo_session_play_gesture(
         let options = unsafe { gesture::options(options)? };
         match handle.session.play_gesture(name, &options) {
             Err(SessionError::UnknownGesture) => Err(Failure::argument(format_args!(
-                "no gesture has the name `{name}`: umo_engine_get_gesture_name lists those that there are"
+                "unknown gesture `{name}`: umo_engine_get_gesture_name lists the names"
             ))),
             other => Ok(other?),
         }

@@ -57,7 +57,7 @@ pub unsafe extern "C" fn umo_session_save(
 /// the session was made with. `size` is the length that `umo_session_save` wrote.
 ///
 /// Threads: one at a time; not during a push, a pull or a setter. Never allocates, never waits for a chunk.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (not a state of such a session:
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (not a state of a session with this configuration:
 /// `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`, or a chunk of this
 /// session is being computed: restore again later, or into a session to which no audio was pushed),
 /// `FAILED`, `CLOSED`, `PANIC`.

@@ -302,16 +302,19 @@ pub enum Finding {
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Opposite => f.write_str("its channels cancel each other: some are turned over"),
-            Self::Centre { channel } => write!(f, "of its channels only the centre, number {}, is heard", channel + 1),
+            Self::Opposite => f.write_str("its channels cancel each other: some have inverted polarity"),
+            Self::Centre { channel } => write!(f, "only its centre channel, number {}, is used", channel + 1),
             Self::Integers { peak } => {
-                write!(f, "its samples are floats up to {peak:.0}: heard as 16-bit integers, whose full scale is 32768")
+                write!(
+                    f,
+                    "its samples are floats up to {peak:.0}: scaled as 16-bit integers, whose full scale is 32768"
+                )
             }
             Self::Level { level, is_heard: true } => {
-                write!(f, "its speech is at {level:.0} dB of full scale: heard at {NOMINAL:.0} dB")
+                write!(f, "its speech is at {level:.0} dB of full scale: adjusted to {NOMINAL:.0} dB")
             }
             Self::Level { level, is_heard: false } => {
-                write!(f, "it is quiet, {level:.0} dB of full scale, without speech that stands out: taken as it is")
+                write!(f, "it is quiet, {level:.0} dB of full scale, without distinct speech: level left unchanged")
             }
         }
     }
@@ -395,7 +398,7 @@ mod tests {
             let other: Vec<f32> = speech.iter().map(|x| x * scale).collect();
             let found = gains(&other, [1.0], None);
             assert_eq!(found.channels(), [gain], "{:?}", found.findings);
-            assert!(found.findings[0].to_string().ends_with("heard at -26 dB"));
+            assert!(found.findings[0].to_string().ends_with("adjusted to -26 dB"));
         }
         let integers: Vec<f32> = speech.iter().map(|x| x * 32768.0).collect();
         let found = gains(&integers, [1.0], None);
@@ -411,6 +414,6 @@ mod tests {
         let hiss: Vec<f32> = (0..2 * RATE).map(|i| noise(i) * 1e-3).collect();
         let found = gains(&hiss, [1.0], None);
         assert_eq!(found.channels(), [1.0]);
-        assert!(found.findings[0].to_string().contains("taken as it is"), "{:?}", found.findings);
+        assert!(found.findings[0].to_string().contains("left unchanged"), "{:?}", found.findings);
     }
 }

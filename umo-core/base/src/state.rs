@@ -68,7 +68,7 @@ pub enum StateError {
 impl fmt::Display for StateError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Foreign => write!(f, "these bytes are no state of a session"),
+            Self::Foreign => write!(f, "not a session state"),
             Self::Version { got, want } => {
                 write!(
                     f,
@@ -77,11 +77,11 @@ impl fmt::Display for StateError {
             }
             Self::Length { got, want } => write!(f, "expected a state of {want} bytes, got {got}"),
             Self::Checksum => write!(f, "the state was changed after it was saved: its checksum is wrong"),
-            Self::Model => write!(f, "the state is of another model, or of this one at another precision"),
+            Self::Model => write!(f, "the state is of another model, or of this model at another precision"),
             Self::Config { what, got, want } => {
-                write!(f, "the state is of a session with another {what}: {got}, where this one has {want}")
+                write!(f, "the state's session has another {what}: {got}; this one has {want}")
             }
-            Self::Field(what) => write!(f, "the state's {what} is what no session writes"),
+            Self::Field(what) => write!(f, "the state's {what} is invalid"),
         }
     }
 }
@@ -257,7 +257,7 @@ impl<'a> StatePass<'a> {
     }
 
     /// A field with a count of at most `most`.
-    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    #[expect(clippy::cast_possible_truncation, reason = "a session's counts fit its memory's words")]
     pub fn length(&mut self, what: &'static str, field: &mut usize, most: u64) -> Result<u64, StateError> {
         let value = self.limited(what, *field as u64, most)?;
         if self.loads() {

@@ -93,7 +93,7 @@ pub struct Placement<'a> {
 }
 
 /// Splits two values at the same position.
-#[expect(clippy::type_complexity, reason = "a pair of pairs, and a type of its own would say no more")]
+#[expect(clippy::type_complexity, reason = "a pair of pairs; a named type would add nothing")]
 pub fn zip_split<A, B>(
     cut: impl Fn(A, usize) -> (A, A),
     and: impl Fn(B, usize) -> (B, B),

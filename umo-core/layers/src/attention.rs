@@ -53,14 +53,14 @@ pub(super) struct Heard {
 }
 
 /// Seconds that speaking continues after the avatar's last sound.
-const OWN_HANG: f32 = 0.6;
+const OWN_HOLD_SECONDS: f32 = 0.6;
 
 /// Seconds that listening continues after the interlocutor's last sound.
-const OTHER_HANG: f32 = 2.0;
+const OTHER_HOLD_SECONDS: f32 = 2.0;
 
 /// Time constant of each of the two low-passes over the weights, seconds: 95 % of a change takes
 /// 0.5 s.
-const BLEND: f32 = 0.105;
+const WEIGHT_FILTER_SECONDS: f32 = 0.105;
 
 /// Current weights.
 #[derive(Debug)]
@@ -90,15 +90,15 @@ impl State {
         let own = self.own.hear(tick.cue.level, tick.seconds);
         let other = self.other.hear(tick.other_level, tick.seconds);
         let wanted = match tick.controls.attention {
-            Attention::Auto if self.own.silent < OWN_HANG => 3,
-            Attention::Auto if self.other.silent < OTHER_HANG => 1,
+            Attention::Auto if self.own.silent < OWN_HOLD_SECONDS => 3,
+            Attention::Auto if self.other.silent < OTHER_HOLD_SECONDS => 1,
             Attention::Auto | Attention::Idle => 0,
             Attention::Listening => 1,
             Attention::Thinking => 2,
             Attention::Speaking => 3,
         };
         // The first tick has no previous weights.
-        let share = if self.is_started { step(tick.seconds, BLEND) } else { 1.0 };
+        let share = if self.is_started { step(tick.seconds, WEIGHT_FILTER_SECONDS) } else { 1.0 };
         self.is_started = true;
         for (state, (halfway, weight)) in self.halfway.iter_mut().zip(&mut self.weights).enumerate() {
             let goal = if state == wanted { 1.0 } else { 0.0 };
@@ -122,35 +122,35 @@ impl State {
 }
 
 /// Level of digital silence, dBFS.
-const SILENCE: f32 = -100.0;
+const SILENCE_DBFS: f32 = -100.0;
 
 /// Least level of a voice, dBFS: a quiet voice is at -60.
-const QUIETEST: f32 = -80.0;
+const MIN_VOICE_DBFS: f32 = -80.0;
 
 /// Least distance of a voice above the noise, and largest below its loud level, dB.
-const ABOVE_NOISE: f32 = 8.0;
-const BELOW_LOUD: f32 = 26.0;
+const MIN_DB_ABOVE_NOISE: f32 = 8.0;
+const MAX_DB_BELOW_LOUD: f32 = 26.0;
 
 /// Time constants, seconds: of the noise level when rising, of the loud level when falling, and of the
 /// running mean that accents are measured against.
-const NOISE_RISE: f32 = 6.0;
-const LOUD_FALL: f32 = 12.0;
-const MEAN: f32 = 0.35;
+const NOISE_RISE_SECONDS: f32 = 6.0;
+const LOUD_FALL_SECONDS: f32 = 12.0;
+const ACCENT_MEAN_SECONDS: f32 = 0.35;
 
 /// An accent: dB above the running mean, largest distance below the loud level in dB, and least seconds
 /// between two.
-const ACCENT: f32 = 5.0;
-const ACCENT_BELOW_LOUD: f32 = 14.0;
-const ACCENT_GAP: f32 = 0.3;
+const MIN_ACCENT_DB: f32 = 5.0;
+const MAX_ACCENT_DB_BELOW_LOUD: f32 = 14.0;
+const MIN_ACCENT_GAP_SECONDS: f32 = 0.3;
 
 /// Least pause before a new phrase, least silence that ends a phrase, and least sound of a phrase that
 /// has an end, seconds.
-const PAUSE: f32 = 0.4;
-const END: f32 = 0.2;
-const PHRASE: f32 = 0.5;
+const MIN_PAUSE_SECONDS: f32 = 0.4;
+const PHRASE_END_SECONDS: f32 = 0.2;
+const MIN_PHRASE_SECONDS: f32 = 0.5;
 
 /// Cap of the time counters, seconds.
-const LONG: f32 = 1e3;
+const COUNTER_CAP_SECONDS: f32 = 1e3;
 
 /// Voice activity from the level, relative to the noise and to the voice's own loud level, so that quiet
 /// voices are detected too.
@@ -172,13 +172,13 @@ struct Voice {
 impl Voice {
     fn new() -> Self {
         Self {
-            noise: QUIETEST,
-            loud: QUIETEST,
-            mean: SILENCE,
-            before: SILENCE,
-            silent: LONG,
+            noise: MIN_VOICE_DBFS,
+            loud: MIN_VOICE_DBFS,
+            mean: SILENCE_DBFS,
+            before: SILENCE_DBFS,
+            silent: COUNTER_CAP_SECONDS,
             voiced: 0.0,
-            accent: LONG,
+            accent: COUNTER_CAP_SECONDS,
         }
     }
 
@@ -186,38 +186,40 @@ impl Voice {
     fn hear(&mut self, level: f32, seconds: f32) -> Heard {
         // `max` ignores NaN.
         let level = (20.0 * level.max(1e-5).log10()).min(0.0);
-        let noise_time = if level > self.noise { NOISE_RISE } else { 0.1 };
+        let noise_time = if level > self.noise { NOISE_RISE_SECONDS } else { 0.1 };
         self.noise += step(seconds, noise_time) * (level - self.noise);
-        let loud_time = if level > self.loud { 0.05 } else { LOUD_FALL };
-        self.loud += step(seconds, loud_time) * (level.max(QUIETEST) - self.loud);
-        let is_on = level > QUIETEST && level > self.noise + ABOVE_NOISE && level > self.loud - BELOW_LOUD;
+        let loud_time = if level > self.loud { 0.05 } else { LOUD_FALL_SECONDS };
+        self.loud += step(seconds, loud_time) * (level.max(MIN_VOICE_DBFS) - self.loud);
+        let is_on =
+            level > MIN_VOICE_DBFS && level > self.noise + MIN_DB_ABOVE_NOISE && level > self.loud - MAX_DB_BELOW_LOUD;
         let mut heard = Heard { is_on, ..Heard::default() };
         let pause = self.silent;
         if is_on {
-            if pause >= PAUSE {
+            if pause >= MIN_PAUSE_SECONDS {
                 heard.begins = true;
                 self.voiced = 0.0;
             }
             self.silent = 0.0;
-            self.voiced = (self.voiced + seconds).min(LONG);
+            self.voiced = (self.voiced + seconds).min(COUNTER_CAP_SECONDS);
         } else {
-            self.silent = (self.silent + seconds).min(LONG);
-            heard.ends = pause < END && self.silent >= END && self.voiced >= PHRASE;
+            self.silent = (self.silent + seconds).min(COUNTER_CAP_SECONDS);
+            heard.ends =
+                pause < PHRASE_END_SECONDS && self.silent >= PHRASE_END_SECONDS && self.voiced >= MIN_PHRASE_SECONDS;
         }
-        self.accent = (self.accent + seconds).min(LONG);
+        self.accent = (self.accent + seconds).min(COUNTER_CAP_SECONDS);
         let rise = level - self.mean;
         if is_on
-            && rise > ACCENT
+            && rise > MIN_ACCENT_DB
             && level > self.before
-            && level > self.loud - ACCENT_BELOW_LOUD
-            && self.accent >= ACCENT_GAP
+            && level > self.loud - MAX_ACCENT_DB_BELOW_LOUD
+            && self.accent >= MIN_ACCENT_GAP_SECONDS
         {
-            heard.accent = (rise / (4.0 * ACCENT)).clamp(0.25, 1.0);
+            heard.accent = (rise / (4.0 * MIN_ACCENT_DB)).clamp(0.25, 1.0);
             self.accent = 0.0;
         }
         // In silence the mean falls no further than the threshold at which a voice is detected.
-        let floor = self.loud - BELOW_LOUD;
-        self.mean += step(seconds, MEAN) * (level.max(floor) - self.mean);
+        let floor = self.loud - MAX_DB_BELOW_LOUD;
+        self.mean += step(seconds, ACCENT_MEAN_SECONDS) * (level.max(floor) - self.mean);
         self.before = level;
         heard
     }

@@ -15,47 +15,47 @@ use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse};
 
 /// Time constant with which the root returns to its home, seconds.
-const HOME_TIME: f32 = 10.0;
+const HOME_RETURN_SECONDS: f32 = 10.0;
 /// Distance from home up to which the root moves freely, and limit of the damped excess, metres.
-const FREE: f32 = 0.06;
-const BEYOND: f32 = 0.06;
+const FREE_HOME_DISTANCE: f32 = 0.06;
+const MAX_EXCESS_DISTANCE: f32 = 0.06;
 /// Root speed above which the avatar walks and its home moves along, m/s.
-const WALK: f32 = 0.25;
+const WALKING_SPEED: f32 = 0.25;
 /// Displacement in one tick above which the root was placed elsewhere, metres.
-const JUMP: f32 = 0.15;
+const PLACED_DISTANCE: f32 = 0.15;
 
 /// Height over the ground (metres) and speed (m/s). Without the model's contact, a foot below both values
-/// of `STANDS` is planted, and one at or above either value of `LIFTED` is lifted.
-const STANDS: [f32; 2] = [0.03, 0.3];
-const LIFTED: [f32; 2] = [0.045, 0.5];
+/// of `PLANTED_BELOW` is planted, and one at or above either value of `LIFTED_FROM` is lifted.
+const PLANTED_BELOW: [f32; 2] = [0.03, 0.3];
+const LIFTED_FROM: [f32; 2] = [0.045, 0.5];
 /// Contact value from which the model reports a planted foot.
-const CONTACT: f32 = 0.5;
+const CONTACT_THRESHOLD: f32 = 0.5;
 
 /// Distance (metres) and angle (radians) from the wanted foot placement that trigger a step.
 const STEP_DISTANCE: f32 = 0.07;
 const STEP_ANGLE: f32 = 0.45;
 /// Factor on both thresholds, and time limit in seconds, for the second foot to follow the first.
-const FOLLOW: f32 = 0.5;
-const FOLLOW_TIME: f32 = 1.0;
+const SECOND_FOOT_FACTOR: f32 = 0.5;
+const SECOND_FOOT_SECONDS: f32 = 1.0;
 /// Duration of a step and least standing time between steps, seconds; height of a step, metres.
-const STEP_TIME: f32 = 0.4;
-const STAND_TIME: f32 = 0.25;
+const STEP_SECONDS: f32 = 0.4;
+const MIN_STANDING_SECONDS: f32 = 0.25;
 const STEP_HEIGHT: f32 = 0.04;
 /// Downward pitch of the foot in a step, radians; shift of the pelvis towards the carrying foot,
 /// metres.
-const HANG: f32 = 0.2;
-const LEAN: f32 = 0.015;
+const STEP_PITCH: f32 = 0.2;
+const STEP_PELVIS_SHIFT: f32 = 0.015;
 
 /// Seconds of the transition between two modes of a foot.
-const EASE_TIME: f32 = 0.2;
+const MODE_CHANGE_SECONDS: f32 = 0.2;
 /// Time constant of the averaged foot placement that the animation wants, seconds.
-const WANT_TIME: f32 = 0.25;
+const WANTED_PLACEMENT_SECONDS: f32 = 0.25;
 
 /// Extension of a leg, as a share of its length, above which the pelvis is lowered; largest drop in
 /// metres; and frequency of its spring, radians a second.
-const EXTENDED: f32 = 0.993;
-const MOST_DROP: f32 = 0.025;
-const DROP_RATE: f32 = 10.0;
+const EXTENSION_LIMIT: f32 = 0.993;
+const MAX_PELVIS_DROP: f32 = 0.025;
+const PELVIS_SPRING_RATE: f32 = 10.0;
 
 /// Mode of a foot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -178,25 +178,29 @@ impl Feet {
         let wanted = [pose.translation[0], pose.translation[2]];
         let moved = difference(wanted, self.last);
         self.last = wanted;
-        if size(moved) > JUMP {
+        if size(moved) > PLACED_DISTANCE {
             self.mean = sum(self.mean, moved);
         } else {
             let share = step(seconds, 0.5);
             for axis in 0..2 {
                 self.speed[axis] += share * (moved[axis] / seconds - self.speed[axis]);
             }
-            let walks = ease((size(self.speed) - WALK) / WALK);
+            let walks = ease((size(self.speed) - WALKING_SPEED) / WALKING_SPEED);
             let with = moved.map(|v| walks * v);
             (self.home, self.mean) = (sum(self.home, with), sum(self.mean, with));
         }
-        let share = step(seconds, HOME_TIME);
+        let share = step(seconds, HOME_RETURN_SECONDS);
         for axis in 0..2 {
             self.mean[axis] += share * (wanted[axis] - self.mean[axis]);
         }
         let away = difference(wanted, self.mean);
         let distance = size(away);
-        let scale = match distance > FREE {
-            true => (FREE + BEYOND * ((distance - FREE) / BEYOND).tanh()) / distance,
+        let scale = match distance > FREE_HOME_DISTANCE {
+            true => {
+                (FREE_HOME_DISTANCE
+                    + MAX_EXCESS_DISTANCE * ((distance - FREE_HOME_DISTANCE) / MAX_EXCESS_DISTANCE).tanh())
+                    / distance
+            }
             false => 1.0,
         };
         let shown = sum(self.home, away.map(|v| scale * v));
@@ -205,7 +209,7 @@ impl Feet {
 
     /// Starts a step of a foot that stands too far from its wanted placement, if both feet are planted.
     fn choose_step(&mut self) {
-        let stands = |foot: &Foot| foot.mode == Mode::Planted && foot.since >= STAND_TIME;
+        let stands = |foot: &Foot| foot.mode == Mode::Planted && foot.since >= MIN_STANDING_SECONDS;
         if !self.feet.iter().all(stands) {
             return;
         }
@@ -213,8 +217,8 @@ impl Feet {
             let [foot, other] = [&self.feet[side], &self.feet[1 - side]];
             let distance = size(difference(foot.want, foot.place)) / STEP_DISTANCE;
             let angle = wrapped(foot.want_yaw - foot.yaw).abs() / STEP_ANGLE;
-            let follows = other.since < FOLLOW_TIME && other.since < foot.since;
-            distance.max(angle) / if follows { FOLLOW } else { 1.0 }
+            let follows = other.since < SECOND_FOOT_SECONDS && other.since < foot.since;
+            distance.max(angle) / if follows { SECOND_FOOT_FACTOR } else { 1.0 }
         };
         let needs = [need(0), need(1)];
         let side = usize::from(needs[1] > needs[0]);
@@ -232,7 +236,7 @@ impl Feet {
             foot.advance(&posed[side], self.ground, seconds);
             if foot.mode == Mode::Step {
                 let to = difference(carries, foot.place);
-                let amount = LEAN * bump(foot.since / STEP_TIME) / size(to).max(0.05);
+                let amount = STEP_PELVIS_SHIFT * bump(foot.since / STEP_SECONDS) / size(to).max(0.05);
                 lean = sum(lean, to.map(|v| amount * v));
             }
         }
@@ -248,15 +252,15 @@ impl Feet {
                 continue;
             }
             let to = sub(leg.posed(pose, place).hip, leg.ankle_over(foot.ball, foot.turned));
-            let reach = EXTENDED * leg.length();
+            let reach = EXTENSION_LIMIT * leg.length();
             let height = (reach * reach - to[0] * to[0] - to[2] * to[2]).max(0.0).sqrt();
             needed = needed.max(to[1] - height);
         }
-        let goal = needed.clamp(0.0, MOST_DROP);
+        let goal = needed.clamp(0.0, MAX_PELVIS_DROP);
         if is_new {
             self.drop.at = goal;
         }
-        self.drop.follow(goal, DROP_RATE, seconds);
+        self.drop.follow(goal, PELVIS_SPRING_RATE, seconds);
         pose.translation[1] -= self.drop.at;
     }
 
@@ -304,7 +308,7 @@ impl Foot {
             off_turned: IDENTITY,
             flat: 1.0,
             // Both feet may step at once.
-            since: FOLLOW_TIME,
+            since: SECOND_FOOT_SECONDS,
             ..Self::default()
         };
     }
@@ -315,7 +319,7 @@ impl Foot {
         let speed = size(difference(place, self.last)) / seconds;
         self.speed += step(seconds, 0.1) * (speed - self.speed);
         self.last = place;
-        let share = step(seconds, WANT_TIME);
+        let share = step(seconds, WANTED_PLACEMENT_SECONDS);
         for axis in 0..2 {
             self.want[axis] += share * (place[axis] - self.want[axis]);
         }
@@ -326,8 +330,10 @@ impl Foot {
     fn follow_contact(&mut self, posed: &Posed, ground: f32, contact: f32) {
         let is_under = |[height, speed]: [f32; 2]| posed.ball[1] - ground < height && self.speed < speed;
         match self.mode {
-            Mode::Planted if contact < CONTACT && !is_under(LIFTED) => self.change(Mode::Free),
-            Mode::Free if self.since > EASE_TIME && (contact > CONTACT || is_under(STANDS)) => {
+            Mode::Planted if contact < CONTACT_THRESHOLD && !is_under(LIFTED_FROM) => self.change(Mode::Free),
+            Mode::Free
+                if self.since > MODE_CHANGE_SECONDS && (contact > CONTACT_THRESHOLD || is_under(PLANTED_BELOW)) =>
+            {
                 self.place = [self.ball[0], self.ball[2]];
                 self.yaw = yaw_of(self.turned);
                 self.change(Mode::Planted);
@@ -347,7 +353,7 @@ impl Foot {
     fn advance(&mut self, posed: &Posed, ground: f32, seconds: f32) {
         let is_changed = self.since == 0.0;
         self.since += seconds;
-        if self.mode == Mode::Step && self.since >= STEP_TIME {
+        if self.mode == Mode::Step && self.since >= STEP_SECONDS {
             (self.place, self.yaw) = (self.goal, self.goal_yaw);
             (self.mode, self.since) = (Mode::Planted, seconds);
             (self.off, self.off_turned) = ([0.0; 3], IDENTITY);
@@ -361,7 +367,7 @@ impl Foot {
                 (self.off[0], self.off[2]) = (0.0, 0.0);
             }
         }
-        let left = 1.0 - ease(self.since / EASE_TIME);
+        let left = 1.0 - ease(self.since / MODE_CHANGE_SECONDS);
         self.ball = add(ball, self.off.map(|v| left * v));
         self.ball[1] = self.ball[1].max(ground);
         let axis = self.off_turned.map(|v| left * v);
@@ -376,7 +382,7 @@ impl Foot {
             Mode::Planted => ([self.place[0], ground, self.place[1]], turn([0.0, self.yaw, 0.0])),
             Mode::Free => ([posed.ball[0], posed.ball[1].max(ground), posed.ball[2]], posed.foot()),
             Mode::Step => {
-                let t = self.since / STEP_TIME;
+                let t = self.since / STEP_SECONDS;
                 if t < 0.6 {
                     (self.goal, self.goal_yaw) = (self.want, self.want_yaw);
                 }
@@ -385,7 +391,7 @@ impl Foot {
                 let yaw = self.yaw + share * wrapped(self.goal_yaw - self.yaw);
                 let ball =
                     [self.place[0] + share * way[0], ground + STEP_HEIGHT * bump(t), self.place[1] + share * way[1]];
-                (ball, after(turn([0.0, yaw, 0.0]), turn([HANG * bump(t), 0.0, 0.0])))
+                (ball, after(turn([0.0, yaw, 0.0]), turn([STEP_PITCH * bump(t), 0.0, 0.0])))
             }
         }
     }

@@ -4,43 +4,43 @@ use super::{LAYERS, LifeConfig};
 use umo_core_base::state::{StateError, StatePass};
 
 /// Seconds of the linear ramp from 0 to 1, before averaging.
-const RAMP: f32 = 0.3;
+const RAMP_SECONDS: f32 = 0.3;
 /// Ticks over which the ramp is averaged, so that it starts and ends softly. A power of two, so that the
 /// mean of equal gains is exact.
-const MEAN: usize = 4;
+const MEAN_TICKS: usize = 4;
 
 /// Current gains.
 #[derive(Debug)]
 pub(super) struct Gains {
     /// Gains of the last ticks, oldest first, each moving to its target at a limited rate.
-    recent: [[f32; LAYERS]; MEAN],
+    recent: [[f32; LAYERS]; MEAN_TICKS],
     /// Whether a tick has run.
     is_started: bool,
 }
 
 impl Gains {
     pub(crate) fn new() -> Self {
-        Self { recent: [[0.0; LAYERS]; MEAN], is_started: false }
+        Self { recent: [[0.0; LAYERS]; MEAN_TICKS], is_started: false }
     }
 
     /// Whether every gain is 0 and stays 0.
     pub(super) fn are_off(&self, set: &LifeConfig) -> bool {
-        set.is_off() && (!self.is_started || self.recent == [[0.0; LAYERS]; MEAN])
+        set.is_off() && (!self.is_started || self.recent == [[0.0; LAYERS]; MEAN_TICKS])
     }
 
     /// Advances by one tick and returns its gains; the first tick starts at the targets.
     pub fn advance(&mut self, set: &LifeConfig, seconds: f32) -> [f32; LAYERS] {
         if !std::mem::replace(&mut self.is_started, true) {
-            self.recent = [set.gains; MEAN];
+            self.recent = [set.gains; MEAN_TICKS];
         }
-        let most = seconds / RAMP;
-        let mut next = self.recent[MEAN - 1];
+        let most = seconds / RAMP_SECONDS;
+        let mut next = self.recent[MEAN_TICKS - 1];
         for (gain, set) in next.iter_mut().zip(set.gains) {
             // The target is reached exactly, despite rounding.
             *gain = if (set - *gain).abs() < 1.001 * most { set } else { *gain + most.copysign(set - *gain) };
         }
         self.recent.rotate_left(1);
-        self.recent[MEAN - 1] = next;
+        self.recent[MEAN_TICKS - 1] = next;
         let [a, b, c, d] = &self.recent;
         std::array::from_fn(|layer| 0.25 * ((a[layer] + b[layer]) + (c[layer] + d[layer])))
     }

@@ -18,89 +18,89 @@ use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::inverse;
 
 /// Turn of an ARKit eye at 1.0, radians: sideways, and up or down (`motion::pose`).
-const SHAPE_TURN: Angles = [30.0 * DEGREE, 25.0 * DEGREE];
+const EYE_SHAPE_ANGLE: Angles = [30.0 * DEGREE, 25.0 * DEGREE];
 
 /// Eye angle up to which the turn is not damped, and its limit: sideways, and up or down.
-const FREE: Angles = [19.0 * DEGREE, 14.0 * DEGREE];
-const MOST: Angles = [25.0 * DEGREE, 18.0 * DEGREE];
+const UNDAMPED_EYE_ANGLE: Angles = [19.0 * DEGREE, 14.0 * DEGREE];
+const MAX_EYE_ANGLE: Angles = [25.0 * DEGREE, 18.0 * DEGREE];
 
 /// Eye angle beyond which the eyes drift back to it, and the time constant of that, seconds.
-const COMFORT: Angles = [13.0 * DEGREE, 10.0 * DEGREE];
-const RECENTRE: f32 = 1.5;
+const COMFORTABLE_EYE_ANGLE: Angles = [13.0 * DEGREE, 10.0 * DEGREE];
+const RECENTRE_SECONDS: f32 = 1.5;
 
 /// Distance of the assumed listener without a look-at target, metres, and the time constant with which
 /// the listener's position follows the body's position and heading, seconds.
-const DISTANCE: f32 = 1.5;
-const FOLLOW: f32 = 3.0;
+const LISTENER_DISTANCE: f32 = 1.5;
+const LISTENER_FOLLOW_SECONDS: f32 = 3.0;
 
 /// Half the distance between the eyes, and the nearest point of convergence, metres.
-const HALF_EYES: f32 = 0.032;
-const NEAREST: f32 = 0.25;
+const HALF_EYE_DISTANCE: f32 = 0.032;
+const MIN_CONVERGENCE_DISTANCE: f32 = 0.25;
 
 /// Time constant of the convergence, seconds: eyes change distance more slowly than direction.
-const CONVERGE: f32 = 0.08;
+const CONVERGENCE_SECONDS: f32 = 0.08;
 
 /// Duration of a saccade: seconds, and seconds per radian (main sequence: 2.2 ms a degree).
-const SACCADE: f32 = 0.021;
-const SACCADE_PER: f32 = 0.0022 / DEGREE;
+const SACCADE_SECONDS: f32 = 0.021;
+const SACCADE_SECONDS_PER_RADIAN: f32 = 0.0022 / DEGREE;
 
 /// A change of the goal above this in a tick starts a saccade; a smaller one is pursued smoothly.
-const JUMP: f32 = 1.2 * DEGREE;
+const SACCADE_THRESHOLD: f32 = 1.2 * DEGREE;
 
 /// Share of the head in a look away from the listener, for the part beyond this angle.
-const HEAD_SHARE: f32 = 0.45;
-const HEAD_BEYOND: f32 = 4.0 * DEGREE;
+const AVERTED_HEAD_SHARE: f32 = 0.45;
+const AVERTED_HEAD_FROM: f32 = 4.0 * DEGREE;
 
 /// Trunk in a look-at: share of the angle beyond the first value, and limit.
-const TRUNK_BEYOND: f32 = 27.0 * DEGREE;
-const TRUNK_SHARE: f32 = 0.6;
-const TRUNK_MOST: Angles = [38.0 * DEGREE, 12.0 * DEGREE];
+const LOOK_AT_TRUNK_FROM: f32 = 27.0 * DEGREE;
+const LOOK_AT_TRUNK_SHARE: f32 = 0.6;
+const MAX_TRUNK_ANGLE: Angles = [38.0 * DEGREE, 12.0 * DEGREE];
 
 /// Head in a look-at: share of the angle, less the trunk's turn, and limit.
-const LOOK_SHARE: f32 = 0.85;
-const LOOK_MOST: Angles = [52.0 * DEGREE, 28.0 * DEGREE];
+const LOOK_AT_HEAD_SHARE: f32 = 0.85;
+const MAX_HEAD_ANGLE: Angles = [52.0 * DEGREE, 28.0 * DEGREE];
 
 /// Spring frequencies of head and trunk, radians a second: 95 % in 0.35 and 0.75 s.
-const HEAD_RATE: f32 = 13.5;
-const TRUNK_RATE: f32 = 6.5;
+const HEAD_SPRING_RATE: f32 = 13.5;
+const TRUNK_SPRING_RATE: f32 = 6.5;
 
 /// Slow turn of the head towards a sustained eye direction: time constant in seconds, share and limit.
-const FACE_TIME: f32 = 2.0;
-const FACE_SHARE: f32 = 0.7;
+const FACE_TURN_SECONDS: f32 = 2.0;
+const FACE_TURN_SHARE: f32 = 0.7;
 /// Factor on that share for a mood with its own head posture.
-const FACE_IN_MOOD: f32 = 0.35;
-const FACE_MOST: Angles = [15.0 * DEGREE, 15.0 * DEGREE];
+const FACE_TURN_MOOD_FACTOR: f32 = 0.35;
+const MAX_FACE_TURN: Angles = [15.0 * DEGREE, 15.0 * DEGREE];
 
 /// Share of the neck in the head's turn.
 const NECK_SHARE: f32 = 0.4;
 
 /// Drift during a fixation: standard deviation, and direction changes per second.
-const DRIFT: f32 = 0.12 * DEGREE;
-const DRIFT_RATE: f64 = 2.5;
+const EYE_DRIFT: f32 = 0.12 * DEGREE;
+const EYE_DRIFT_RATE: f64 = 2.5;
 
 /// Seconds of a blink: lids closing, closed, opening, and delay of the right lid.
-const CLOSING: f32 = 0.085;
-const CLOSED: f32 = 0.03;
-const OPENING: f32 = 0.165;
-const LATER: f32 = 0.006;
+const LID_CLOSING_SECONDS: f32 = 0.085;
+const LID_CLOSED_SECONDS: f32 = 0.03;
+const LID_OPENING_SECONDS: f32 = 0.165;
+const RIGHT_LID_DELAY_SECONDS: f32 = 0.006;
 
 /// Interval between spontaneous blinks, seconds: median, standard deviation of its logarithm, and limits;
-/// `BROUGHT_LEAST` is the least interval before a blink that a gaze shift or phrase end triggers.
-const BLINK_MEDIAN: f32 = 3.6;
-const BLINK_SPREAD: f32 = 0.4;
-const BLINK_LEAST: f32 = 1.1;
-const BROUGHT_LEAST: f32 = 1.8;
-const BLINK_MOST: f32 = 7.5;
+/// `TRIGGERED_BLINK_MIN_SECONDS` is the least interval before a blink that a gaze shift or phrase end triggers.
+const BLINK_MEDIAN_SECONDS: f32 = 3.6;
+const BLINK_LOG_DEVIATION: f32 = 0.4;
+const BLINK_MIN_SECONDS: f32 = 1.1;
+const TRIGGERED_BLINK_MIN_SECONDS: f32 = 1.8;
+const BLINK_MAX_SECONDS: f32 = 7.5;
 
 /// Probability of a blink on a large gaze shift and at the end of a phrase; shares of half blinks and of
 /// blinks that another follows at once.
-const WITH_SHIFT: f32 = 0.12;
-const AT_END: f32 = 0.4;
-const HALF: f32 = 0.12;
-const DOUBLE: f32 = 0.06;
+const SHIFT_BLINK_PROBABILITY: f32 = 0.12;
+const PHRASE_END_BLINK_PROBABILITY: f32 = 0.4;
+const HALF_BLINK_SHARE: f32 = 0.12;
+const DOUBLE_BLINK_SHARE: f32 = 0.06;
 
 /// Gaze shift that may trigger a blink.
-const LARGE_SHIFT: f32 = 9.0 * DEGREE;
+const BLINK_SHIFT_ANGLE: f32 = 9.0 * DEGREE;
 
 /// Lid motion with the gaze at a shape's 1.0: lowered with it, and wide open with it.
 const LID_DOWN: f32 = 0.32;
@@ -226,20 +226,21 @@ impl Gaze {
         let shift = self.saccade.advance(goal, tick.seconds, is_new);
 
         // Direction in the head's frame.
-        let drift = smooth(tick.seed, DRIFTS, tick.time(), DRIFT_RATE);
-        let looks: Angles = std::array::from_fn(|axis| self.saccade.at(axis) + DRIFT / 0.4 * drift[axis]);
+        let drift = smooth(tick.seed, DRIFTS, tick.time(), EYE_DRIFT_RATE);
+        let looks: Angles = std::array::from_fn(|axis| self.saccade.at(axis) + EYE_DRIFT / 0.4 * drift[axis]);
         let inside = angles(turn_vector(inverse(head), vector(looks)));
-        let share = step(tick.seconds, FACE_TIME);
-        let back = step(tick.seconds, RECENTRE);
+        let share = step(tick.seconds, FACE_TURN_SECONDS);
+        let back = step(tick.seconds, RECENTRE_SECONDS);
         for (axis, &angle) in inside.iter().enumerate() {
             let without = angle + tick.gain * self.faced(tick, axis);
             self.aside[axis] += share * (without - self.aside[axis]);
-            let outside = (1.0 - strength) * (angle - angle.clamp(-COMFORT[axis], COMFORT[axis]));
+            let outside =
+                (1.0 - strength) * (angle - angle.clamp(-COMFORTABLE_EYE_ANGLE[axis], COMFORTABLE_EYE_ANGLE[axis]));
             self.recentred[axis] += back * (outside - self.recentred[axis]);
         }
         let inside: Angles = std::array::from_fn(|axis| inside[axis] - self.recentred[axis]);
-        let convergence = (HALF_EYES / distance.max(NEAREST)).atan();
-        let share = if is_new { 1.0 } else { step(tick.seconds, CONVERGE) };
+        let convergence = (HALF_EYE_DISTANCE / distance.max(MIN_CONVERGENCE_DISTANCE)).atan();
+        let share = if is_new { 1.0 } else { step(tick.seconds, CONVERGENCE_SECONDS) };
         self.convergence += share * (convergence - self.convergence);
         self.blink(tick, shift);
         self.show(frame, tick, inside);
@@ -260,7 +261,7 @@ impl Gaze {
     /// Lets the listener's position follow the body slowly.
     fn follow(&mut self, pose: &Pose, tick: &Tick, is_new: bool) {
         let ahead = turn_vector(pose.rotations[0], [0.0, 0.0, 1.0]);
-        let share = if is_new { 1.0 } else { step(tick.seconds, FOLLOW) };
+        let share = if is_new { 1.0 } else { step(tick.seconds, LISTENER_FOLLOW_SECONDS) };
         let now = [pose.translation[0], pose.translation[2], ahead[0], ahead[2]];
         for (value, now) in self.stand.iter_mut().zip(now) {
             *value += share * (now - *value);
@@ -275,7 +276,11 @@ impl Gaze {
     /// Position of the listener's eyes, metres.
     fn listener(&self, rig: &Rig) -> [f32; 3] {
         let heading = self.heading();
-        [self.stand[0] + DISTANCE * heading.sin(), rig.eye_height, self.stand[1] + DISTANCE * heading.cos()]
+        [
+            self.stand[0] + LISTENER_DISTANCE * heading.sin(),
+            rig.eye_height,
+            self.stand[1] + LISTENER_DISTANCE * heading.cos(),
+        ]
     }
 
     /// Chooses the next fixation if it is due.
@@ -354,30 +359,30 @@ impl Gaze {
     fn faced(&self, tick: &Tick, axis: usize) -> f32 {
         let is_held = !matches!(tick.controls.mood, Mood::Neutral | Mood::Joy);
         let strength = if is_held { tick.controls.mood_strength.clamp(0.0, 1.0) } else { 0.0 };
-        let share = FACE_SHARE * (1.0 - (1.0 - FACE_IN_MOOD) * strength);
-        (share * self.aside[axis]).clamp(-FACE_MOST[axis], FACE_MOST[axis])
+        let share = FACE_TURN_SHARE * (1.0 - (1.0 - FACE_TURN_MOOD_FACTOR) * strength);
+        (share * self.aside[axis]).clamp(-MAX_FACE_TURN[axis], MAX_FACE_TURN[axis])
     }
 
     /// Turns trunk and head towards the target, after the eyes.
     fn turn(&mut self, pose: &mut Pose, tick: &Tick, place: [f32; 3], strength: f32) {
         let offset = self.fixation.offset;
         let beyond = |angle: f32, from: f32| angle - angle.clamp(-from, from);
-        let away = |axis: usize| HEAD_SHARE * beyond(offset[axis], HEAD_BEYOND) + self.faced(tick, axis);
+        let away = |axis: usize| AVERTED_HEAD_SHARE * beyond(offset[axis], AVERTED_HEAD_FROM) + self.faced(tick, axis);
         let mut head: Angles = std::array::from_fn(away);
         let mut trunk = [0.0; 2];
         if strength > 0.0 {
             let (sought, _) = direction(tick.rig.head(pose).0, place);
             let from_body = [wrapped(sought[0] - self.heading()), sought[1]];
             for axis in 0..2 {
-                let turn = TRUNK_SHARE * beyond(from_body[axis], TRUNK_BEYOND);
-                trunk[axis] = strength * turn.clamp(-TRUNK_MOST[axis], TRUNK_MOST[axis]);
-                let rest = strength * LOOK_SHARE * from_body[axis] - trunk[axis];
-                head[axis] = (1.0 - strength) * head[axis] + rest.clamp(-LOOK_MOST[axis], LOOK_MOST[axis]);
+                let turn = LOOK_AT_TRUNK_SHARE * beyond(from_body[axis], LOOK_AT_TRUNK_FROM);
+                trunk[axis] = strength * turn.clamp(-MAX_TRUNK_ANGLE[axis], MAX_TRUNK_ANGLE[axis]);
+                let rest = strength * LOOK_AT_HEAD_SHARE * from_body[axis] - trunk[axis];
+                head[axis] = (1.0 - strength) * head[axis] + rest.clamp(-MAX_HEAD_ANGLE[axis], MAX_HEAD_ANGLE[axis]);
             }
         }
         for axis in 0..2 {
-            self.head[axis].follow(head[axis], HEAD_RATE, tick.seconds);
-            self.trunk[axis].follow(trunk[axis], TRUNK_RATE, tick.seconds);
+            self.head[axis].follow(head[axis], HEAD_SPRING_RATE, tick.seconds);
+            self.trunk[axis].follow(trunk[axis], TRUNK_SPRING_RATE, tick.seconds);
         }
         let turned = |joint: &mut _, springs: &[Spring; 2], share: f32| {
             let share = share * tick.gain;
@@ -396,27 +401,27 @@ impl Gaze {
     fn blink(&mut self, tick: &Tick, shift: f32) {
         let blink = &mut self.blink;
         blink.left -= tick.seconds;
-        blink.passed = (blink.passed + tick.seconds).min(LONG);
-        let is_free = blink.passed > BROUGHT_LEAST;
+        blink.passed = (blink.passed + tick.seconds).min(COUNTER_CAP_SECONDS);
+        let is_free = blink.passed > TRIGGERED_BLINK_MIN_SECONDS;
         let is_due = blink.left <= 0.0;
         let brought = match () {
             () if !is_free => false,
-            () if tick.weights.own.ends => self.draw(tick, BLINK) < AT_END,
-            () if shift > LARGE_SHIFT => self.draw(tick, BLINK) < WITH_SHIFT,
+            () if tick.weights.own.ends => self.draw(tick, BLINK) < PHRASE_END_BLINK_PROBABILITY,
+            () if shift > BLINK_SHIFT_ANGLE => self.draw(tick, BLINK) < SHIFT_BLINK_PROBABILITY,
             () => false,
         };
         if !(is_due || brought) {
             return;
         }
         let [kind, depth] = std::array::from_fn(|_| self.draw(tick, BLINK));
-        let interval = BLINK_MEDIAN * (BLINK_SPREAD * self.draw_normal(tick, BLINK)).exp();
+        let interval = BLINK_MEDIAN_SECONDS * (BLINK_LOG_DEVIATION * self.draw_normal(tick, BLINK)).exp();
         // Thinking, listening and idle avatars blink slightly less.
         let calm = 1.0 + 0.2 * tick.weights.listening + 0.2 * tick.weights.thinking + 0.1 * tick.weights.idle;
-        let interval = (interval * calm).clamp(BLINK_LEAST, BLINK_MOST);
-        let is_half = kind < HALF;
+        let interval = (interval * calm).clamp(BLINK_MIN_SECONDS, BLINK_MAX_SECONDS);
+        let is_half = kind < HALF_BLINK_SHARE;
         self.blink.depth = if is_half { 0.4 + 0.18 * depth } else { 0.93 + 0.07 * depth };
         self.blink.passed = 0.0;
-        self.blink.left = if kind > 1.0 - DOUBLE { 0.42 } else { interval };
+        self.blink.left = if kind > 1.0 - DOUBLE_BLINK_SHARE { 0.42 } else { interval };
     }
 
     /// Sets the eyes' joints, and the shapes of gaze and lids if the face has them.
@@ -427,14 +432,15 @@ impl Gaze {
             let yaw = limited(inside[0] - eye.side * self.convergence, 0);
             let (mut turned, mut share) = ([yaw, pitch], gain);
             if eye.of_decoders()[1..].iter().all(|&shape| rig.shapes[shape].is_some()) {
-                let (out, down) = (eye.side * yaw / SHAPE_TURN[0], pitch / SHAPE_TURN[1]);
+                let (out, down) = (eye.side * yaw / EYE_SHAPE_ANGLE[0], pitch / EYE_SHAPE_ANGLE[1]);
                 let wanted = [down, -out, out, -down];
                 let shown: [f32; 4] = std::array::from_fn(|i| {
                     self.replace(frame, tick, side, i + 1, wanted[i].max(0.0));
                     rig.shape(&frame.face, eye.of_decoders()[i + 1])
                 });
                 // The joint matches the shapes.
-                turned = [eye.side * SHAPE_TURN[0] * (shown[2] - shown[1]), SHAPE_TURN[1] * (shown[0] - shown[3])];
+                turned =
+                    [eye.side * EYE_SHAPE_ANGLE[0] * (shown[2] - shown[1]), EYE_SHAPE_ANGLE[1] * (shown[0] - shown[3])];
                 share = 1.0;
             }
             let turned = unit(after(turn([0.0, turned[0], 0.0]), turn([turned[1], 0.0, 0.0])));
@@ -457,7 +463,7 @@ impl Gaze {
     fn show_lids(&self, frame: &mut OwnedFrame, tick: &Tick, eye: &Shapes, side: usize) {
         let (rig, gain) = (tick.rig, tick.gain);
         let (down, up) = (rig.shape(&frame.face, eye.down), rig.shape(&frame.face, eye.up));
-        let closed = self.blink.closed(if eye.side > 0.0 { 0.0 } else { LATER });
+        let closed = self.blink.closed(if eye.side > 0.0 { 0.0 } else { RIGHT_LID_DELAY_SECONDS });
         let lowered = LID_DOWN * down;
         self.replace(frame, tick, side, 0, lowered + (1.0 - lowered) * closed);
         let wide = rig.shape(&frame.face, eye.wide);
@@ -488,7 +494,7 @@ impl Gaze {
 const MAX_DRAWS: u64 = 1 << 60;
 
 /// Cap of the time counters, seconds.
-const LONG: f32 = 1e3;
+const COUNTER_CAP_SECONDS: f32 = 1e3;
 
 /// Attention state that a fixation is chosen for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -562,15 +568,15 @@ impl Saccade {
     fn advance(&mut self, goal: Angles, seconds: f32, is_new: bool) -> f32 {
         let jump: Angles = [wrapped(goal[0] - self.goal[0]), goal[1] - self.goal[1]];
         let size = length(jump);
-        let begins = size > JUMP && !is_new;
+        let begins = size > SACCADE_THRESHOLD && !is_new;
         if begins {
             let rest = self.rest();
             self.from = std::array::from_fn(|axis| rest[axis] - jump[axis]);
-            self.lasts = SACCADE + SACCADE_PER * length(self.from);
+            self.lasts = SACCADE_SECONDS + SACCADE_SECONDS_PER_RADIAN * length(self.from);
             self.passed = 0.0;
         }
         self.goal = goal;
-        self.passed = (self.passed + seconds).min(LONG);
+        self.passed = (self.passed + seconds).min(COUNTER_CAP_SECONDS);
         if begins { size } else { 0.0 }
     }
 
@@ -605,7 +611,7 @@ struct Blink {
 
 impl Default for Blink {
     fn default() -> Self {
-        Self { passed: LONG, left: 0.0, depth: 0.0 }
+        Self { passed: COUNTER_CAP_SECONDS, left: 0.0, depth: 0.0 }
     }
 }
 
@@ -614,11 +620,11 @@ impl Blink {
     fn closed(&self, later: f32) -> f32 {
         let at = self.passed - later;
         let share = match at {
-            _ if at < CLOSING => ease(at / CLOSING),
-            _ if at < CLOSING + CLOSED => 1.0,
+            _ if at < LID_CLOSING_SECONDS => ease(at / LID_CLOSING_SECONDS),
+            _ if at < LID_CLOSING_SECONDS + LID_CLOSED_SECONDS => 1.0,
             // Lids open fast at first and slow down.
             _ => {
-                let left = (1.0 - (at - CLOSING - CLOSED) / OPENING).max(0.0);
+                let left = (1.0 - (at - LID_CLOSING_SECONDS - LID_CLOSED_SECONDS) / LID_OPENING_SECONDS).max(0.0);
                 left * left * (3.0 - 2.0 * left) * (0.6 + 0.4 * left)
             }
         };
@@ -680,7 +686,7 @@ fn length(angles: Angles) -> f32 {
 
 /// Limits an eye's angle smoothly.
 fn limited(angle: f32, axis: usize) -> f32 {
-    let (free, room) = (FREE[axis], MOST[axis] - FREE[axis]);
+    let (free, room) = (UNDAMPED_EYE_ANGLE[axis], MAX_EYE_ANGLE[axis] - UNDAMPED_EYE_ANGLE[axis]);
     let beyond = angle.abs() - free;
     if beyond <= 0.0 { angle } else { (free + room * (beyond / room).tanh()).copysign(angle) }
 }

@@ -39,20 +39,20 @@ pub use set::{GestureParts, Gestures, MAX_GESTURES};
 /// Upper bound on the gestures that wait to be played.
 pub const MAX_PENDING_GESTURES: usize = 8;
 /// Upper bound on the gestures shown at once, including those that fade out.
-const SLOTS: usize = 8;
+const MAX_SHOWN: usize = 8;
 /// Shortest fade-out after an interrupt, seconds.
-const SHORTEST_RELEASE: f32 = 0.3;
+const MIN_RELEASE_SECONDS: f32 = 0.3;
 /// Default target of a pointing arm: ahead, slightly to the side.
-const POINTED: Vec3 = [0.9, 0.15, 3.0];
+const DEFAULT_POINTING_TARGET: Vec3 = [0.9, 0.15, 3.0];
 /// Lag of an arm's joints behind its shoulder, seconds.
-const LAG_OF_ELBOW: f32 = 0.03;
-const LAG_OF_WRIST: f32 = 0.07;
+const ELBOW_LAG_SECONDS: f32 = 0.03;
+const WRIST_LAG_SECONDS: f32 = 0.07;
 /// Lag of the second arm (the left, unless mirrored) if both move, seconds.
-const LAG_OF_OTHER: f32 = 0.035;
+const SECOND_ARM_LAG_SECONDS: f32 = 0.035;
 /// Largest absolute coordinate of a target, metres.
 const MAX_DISTANCE: f32 = 10_000.0;
 /// Share of the neck in a turn of the head.
-const NECK: f32 = 0.42;
+const NECK_SHARE: f32 = 0.42;
 
 const SPINE: [usize; 3] = [3, 6, 9];
 const CHEST: usize = 9;
@@ -296,7 +296,7 @@ pub(super) struct Player {
     pending: [Request; MAX_PENDING_GESTURES],
     waiting: usize,
     /// In the order in which they began.
-    playing: [Playing; SLOTS],
+    playing: [Playing; MAX_SHOWN],
     shown: usize,
 }
 
@@ -309,7 +309,7 @@ impl Player {
             begun: 0,
             pending: [Request::NONE; MAX_PENDING_GESTURES],
             waiting: 0,
-            playing: [Playing::NONE; SLOTS],
+            playing: [Playing::NONE; MAX_SHOWN],
             shown: 0,
         }
     }
@@ -330,11 +330,11 @@ impl Player {
         self.drop_before(epoch, requests);
     }
 
-    /// Fades out the playing gestures over `ticks`, at least `SHORTEST_RELEASE`, and drops requests of
+    /// Fades out the playing gestures over `ticks`, at least `MIN_RELEASE_SECONDS`, and drops requests of
     /// earlier epochs.
     pub(super) fn interrupt(&mut self, epoch: u32, ticks: u64, frame_rate: f32, requests: &Requests) {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few frames")]
-        let ticks = ticks.max((SHORTEST_RELEASE * frame_rate) as u64);
+        let ticks = ticks.max((MIN_RELEASE_SECONDS * frame_rate) as u64);
         self.playing[..self.shown].iter_mut().for_each(|playing| release(playing, ticks));
         self.drop_before(epoch, requests);
     }
@@ -422,7 +422,7 @@ impl Player {
                 Some(stroke) => frame.index + before >= stroke,
                 None => !parts.meets(busy),
             };
-            if !is_due || self.shown == SLOTS {
+            if !is_due || self.shown == MAX_SHOWN {
                 if request.at.is_none() {
                     // Later requests for the same parts wait for it.
                     busy = busy.union(parts);
@@ -497,7 +497,7 @@ impl Player {
         pass.number("gestures", &mut self.taken, MAX_REQUESTS)?;
         pass.number("gestures", &mut self.begun, MAX_REQUESTS)?;
         pass.length("gestures that wait", &mut self.waiting, MAX_PENDING_GESTURES as u64)?;
-        pass.length("gestures that play", &mut self.shown, SLOTS as u64)?;
+        pass.length("gestures that play", &mut self.shown, MAX_SHOWN as u64)?;
         self.pending.iter_mut().try_for_each(|request| request.state(pass))?;
         self.playing.iter_mut().try_for_each(|playing| playing.state(pass))
     }
@@ -572,7 +572,7 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
     match motion.arms {
         Arms::None => {}
         Arms::Pointing => {
-            let place = aim.as_ref().map_or(POINTED, |aim| aim.place);
+            let place = aim.as_ref().map_or(DEFAULT_POINTING_TARGET, |aim| aim.place);
             let arm = first.pointing(rig, in_chest(rig, &frame.pose, place), &hand::POINT);
             blend(&mut frame.pose, first, &arm, motion, share, [seconds; 2]);
         }
@@ -610,8 +610,8 @@ impl Turns {
         for joint in SPINE {
             turn(&mut pose.rotations[joint], self.trunk, 1.0 / 3.0);
         }
-        turn(&mut pose.rotations[NECK_JOINT], self.head, NECK);
-        turn(&mut pose.rotations[HEAD_JOINT], self.head, 1.0 - NECK);
+        turn(&mut pose.rotations[NECK_JOINT], self.head, NECK_SHARE);
+        turn(&mut pose.rotations[HEAD_JOINT], self.head, 1.0 - NECK_SHARE);
         if self.hips != 0.0 {
             self.bend_hips(pose, rig);
         }
@@ -650,7 +650,10 @@ impl Aim {
         let side = if playing.is_mirrored { 1.0 } else { -1.0 };
         let chest_height = 0.35;
         let place = playing.request.target.unwrap_or_else(|| {
-            let ahead = rotate(pose.rotations[0], [side * POINTED[0], POINTED[1], POINTED[2]]);
+            let ahead = rotate(
+                pose.rotations[0],
+                [side * DEFAULT_POINTING_TARGET[0], DEFAULT_POINTING_TARGET[1], DEFAULT_POINTING_TARGET[2]],
+            );
             let root = rig.offsets[0];
             std::array::from_fn(|i| pose.translation[i] + root[i] + ahead[i] + if i == 1 { chest_height } else { 0.0 })
         });
@@ -674,7 +677,7 @@ fn in_chest(rig: &Rig, pose: &Pose, place: Vec3) -> Vec3 {
 
 /// Moves an arm along a gesture's keys.
 fn move_arm(frame: &mut OwnedFrame, rig: &Rig, arm: Arm, motion: &Motion, seconds: f32, share: f32, is_apart: bool) {
-    let late = seconds - if is_apart { LAG_OF_OTHER } else { 0.0 };
+    let late = seconds - if is_apart { SECOND_ARM_LAG_SECONDS } else { 0.0 };
     let t = late - motion.preparation;
     let keys = motion.keys;
     let flat = |key: &table::Key| {
@@ -717,8 +720,8 @@ fn blend(pose: &mut Pose, arm: Arm, to: &ArmPose, motion: &Motion, share: f32, c
     };
     turn(arm.collar, to.collar, 0.0);
     turn(arm.shoulder, to.shoulder, 0.0);
-    turn(arm.elbow, to.elbow, LAG_OF_ELBOW);
-    turn(arm.wrist, to.wrist, LAG_OF_WRIST);
+    turn(arm.elbow, to.elbow, ELBOW_LAG_SECONDS);
+    turn(arm.wrist, to.wrist, WRIST_LAG_SECONDS);
     for (finger, q) in to.fingers.iter().enumerate() {
         turn(arm.first_finger + finger, *q, 0.0);
     }

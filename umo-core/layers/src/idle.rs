@@ -25,11 +25,11 @@ const WRISTS: [usize; 2] = [20, 21];
 const SIDES: [f32; 2] = [1.0, -1.0];
 
 /// Breaths per second, and relative variation of the rate.
-const BREATHS: f32 = 14.0 / 60.0;
-const BREATH_CHANGE: f32 = 0.3;
+const BREATHS_PER_SECOND: f32 = 14.0 / 60.0;
+const BREATH_RATE_VARIATION: f32 = 0.3;
 
 /// Share of a breath that is inhalation.
-const INHALE: f32 = 0.42;
+const INHALATION_SHARE: f32 = 0.42;
 
 /// Direction changes per second of the sway, the arms' drift and the fingers.
 const SWAY_RATE: f64 = 0.35;
@@ -38,7 +38,7 @@ const FINGER_RATE: f64 = 0.6;
 const WRIST_RATE: f64 = 0.7;
 
 /// Standard deviation of the noise.
-const SIGMA: f32 = 0.4;
+const NOISE_DEVIATION: f32 = 0.4;
 
 /// Standard deviation of the pelvis' sway, metres: sideways and forward.
 const SWAY: [f32; 2] = [0.004, 0.004];
@@ -47,51 +47,51 @@ const SWAY: [f32; 2] = [0.004, 0.004];
 const TRUNK_SWAY: [f32; 3] = [0.35, 0.5, 0.3];
 
 /// Ranges of the interval between weight shifts (seconds), duration (seconds) and distance (metres).
-const SHIFT_EVERY: [f32; 2] = [6.0, 15.0];
-const SHIFT_LASTS: [f32; 2] = [1.3, 2.2];
-const SHIFT_WAY: [f32; 2] = [0.013, 0.026];
+const SHIFT_INTERVAL_SECONDS: [f32; 2] = [6.0, 15.0];
+const SHIFT_DURATION_SECONDS: [f32; 2] = [1.3, 2.2];
+const SHIFT_DISTANCE: [f32; 2] = [0.013, 0.026];
 
 /// Pelvis rotation per metre of a shift, degrees: roll and yaw.
-const SHIFT_ROLL: f32 = 70.0;
-const SHIFT_YAW: f32 = 60.0;
+const SHIFT_ROLL_PER_METRE: f32 = 70.0;
+const SHIFT_YAW_PER_METRE: f32 = 60.0;
 
 /// Share of the pelvis' rotation that the trunk compensates.
-const COUNTER: f32 = 0.85;
+const TRUNK_COMPENSATION: f32 = 0.85;
 
 /// Cycles per second of an arm's drift, relative variation of the rate, and amplitudes in degrees.
-const DRIFT: f32 = 0.36;
-const DRIFT_CHANGE: f32 = 0.35;
+const ARM_DRIFT_RATE: f32 = 0.36;
+const ARM_DRIFT_RATE_VARIATION: f32 = 0.35;
 /// Delay of the forearm behind the upper arm, cycles.
-const ELBOW_LATER: f32 = 0.08;
-const SWING: f32 = 2.3;
-const FLEX: f32 = 4.3;
-const SPREAD: f32 = 1.5;
-const TWIST: f32 = 3.0;
+const FOREARM_LAG_CYCLES: f32 = 0.08;
+const ARM_SWING_DEGREES: f32 = 2.3;
+const ELBOW_FLEX_DEGREES: f32 = 4.3;
+const ARM_SPREAD_DEGREES: f32 = 1.5;
+const ARM_TWIST_DEGREES: f32 = 3.0;
 
 /// Wrist speeds in the model's motion, m/s: below the first the drift is full, above the second least.
-const STILL: f32 = 0.15;
-const LIVELY: f32 = 0.6;
+const STILL_WRIST_SPEED: f32 = 0.15;
+const LIVELY_WRIST_SPEED: f32 = 0.6;
 
 /// Share of the drift, and of the finger motion, that remains while the arm is lively.
-const LEAST_DRIFT: f32 = 0.5;
-const LEAST_FINGERS: f32 = 0.35;
+const MIN_DRIFT_SHARE: f32 = 0.5;
+const MIN_FINGER_SHARE: f32 = 0.35;
 
 /// Approximate distances from shoulder and elbow to the wrist, metres.
 const SHOULDER_LEVER: f32 = 0.4;
 const ELBOW_LEVER: f32 = 0.25;
 
 /// Time constants of the measured speed when rising and falling, seconds.
-const RISE: f32 = 0.2;
-const FALL: f32 = 0.35;
+const SPEED_RISE_SECONDS: f32 = 0.2;
+const SPEED_FALL_SECONDS: f32 = 0.35;
 
 /// Amplitudes of the wrist's drift and of a finger's curl and spread, degrees.
-const WRIST: f32 = 3.5;
-const HAND_CURL: f32 = 3.0;
-const CURL: f32 = 3.5;
-const FINGER_SPREAD: f32 = 1.2;
+const WRIST_DRIFT_DEGREES: f32 = 3.5;
+const HAND_CURL_DEGREES: f32 = 3.0;
+const FINGER_CURL_DEGREES: f32 = 3.5;
+const FINGER_SPREAD_DEGREES: f32 = 1.2;
 
 /// Relative curl of each joint of a finger.
-const PHALANGES: [f32; 3] = [0.9, 1.1, 0.6];
+const PHALANX_CURL: [f32; 3] = [0.9, 1.1, 0.6];
 
 const BREATH: Stream = Stream(200);
 const SWAYS: Stream = Stream(201);
@@ -138,7 +138,7 @@ impl Idle {
         let pace = smooth(tick.seed, PACE, tick.time(), ARM_RATE);
         self.breathe(&mut frame.pose, tick, pace[2]);
         self.stand(&mut frame.pose, tick);
-        self.drift = advanced(self.drift, DRIFT * (1.0 + DRIFT_CHANGE * pace[0]) * tick.seconds);
+        self.drift = advanced(self.drift, ARM_DRIFT_RATE * (1.0 + ARM_DRIFT_RATE_VARIATION * pace[0]) * tick.seconds);
         for (side, lively) in lively.into_iter().enumerate() {
             self.move_arm(&mut frame.pose, tick, side, pace[1], lively);
             move_hand(&mut frame.pose, tick, side, lively);
@@ -147,9 +147,13 @@ impl Idle {
 
     /// Raises and lowers chest and shoulders.
     fn breathe(&mut self, pose: &mut Pose, tick: &Tick, pace: f32) {
-        self.breath = advanced(self.breath, BREATHS * (1.0 + BREATH_CHANGE * pace) * tick.seconds);
+        self.breath = advanced(self.breath, BREATHS_PER_SECOND * (1.0 + BREATH_RATE_VARIATION * pace) * tick.seconds);
         let at = self.breath;
-        let air = if at < INHALE { ease(at / INHALE) } else { ease((1.0 - at) / (1.0 - INHALE)) };
+        let air = if at < INHALATION_SHARE {
+            ease(at / INHALATION_SHARE)
+        } else {
+            ease((1.0 - at) / (1.0 - INHALATION_SHARE))
+        };
         let deep = tick.gain * (air - 0.5) * DEGREE;
         let rotations = &mut pose.rotations;
         turn_in_parent(&mut rotations[SPINE[1]], [-0.7 * deep, 0.0, 0.0]);
@@ -169,8 +173,8 @@ impl Idle {
         let trunk = smooth(tick.seed, TRUNK, tick.time(), SWAY_RATE);
         let shifted = self.shift.advance(tick);
         let gain = tick.gain;
-        let aside = gain * (shifted + SWAY[0] / SIGMA * sway[0]);
-        let ahead = gain * SWAY[1] / SIGMA * sway[1];
+        let aside = gain * (shifted + SWAY[0] / NOISE_DEVIATION * sway[0]);
+        let ahead = gain * SWAY[1] / NOISE_DEVIATION * sway[1];
         // Sideways and forward relative to the pelvis' heading.
         let [x, _, z] = turn_vector(pose.rotations[PELVIS], [0.0, 0.0, 1.0]);
         let flat = length_of_two(x, z).max(1e-3);
@@ -178,8 +182,8 @@ impl Idle {
         pose.translation[0] += aside * cos + ahead * sin;
         pose.translation[2] += ahead * cos - aside * sin;
         // The hip of the supporting leg is higher and slightly behind.
-        let roll = SHIFT_ROLL * gain * shifted * DEGREE;
-        let yaw = SHIFT_YAW * gain * shifted * DEGREE;
+        let roll = SHIFT_ROLL_PER_METRE * gain * shifted * DEGREE;
+        let yaw = SHIFT_YAW_PER_METRE * gain * shifted * DEGREE;
         let rotations = &mut pose.rotations;
         turn_in_own(&mut rotations[PELVIS], [0.0, yaw, roll]);
         // Legs stay over the feet, and soles flat on the floor.
@@ -190,8 +194,8 @@ impl Idle {
             turn_in_parent(&mut rotations[ankle], [-lean[0], 0.0, -lean[2]]);
         }
         for (number, joint) in SPINE.into_iter().enumerate() {
-            let back = COUNTER * [0.5, 0.3, 0.2][number];
-            let wave = gain * DEGREE / SIGMA;
+            let back = TRUNK_COMPENSATION * [0.5, 0.3, 0.2][number];
+            let wave = gain * DEGREE / NOISE_DEVIATION;
             // Each joint uses other lanes of the noise, so that the joints do not move in unison.
             let turn: [f32; 3] = std::array::from_fn(|axis| wave * TRUNK_SWAY[axis] * trunk[(axis + number) % 4]);
             turn_in_parent(&mut rotations[joint], [turn[0], turn[1] - back * yaw, turn[2] - back * roll]);
@@ -203,17 +207,17 @@ impl Idle {
         // The arms are a quarter of a cycle apart: one reverses while the other is fastest.
         let phase = self.drift + 0.25 * side as f32 * (1.0 + 0.4 * pace);
         let (sin, cos) = (phase * std::f32::consts::TAU).sin_cos();
-        let late = ((phase - ELBOW_LATER) * std::f32::consts::TAU).sin();
+        let late = ((phase - FOREARM_LAG_CYCLES) * std::f32::consts::TAU).sin();
         let noise = smooth(tick.seed, ARMS[side], tick.time(), ARM_RATE);
-        let amount = tick.gain * (1.0 - (1.0 - LEAST_DRIFT) * lively) * DEGREE;
+        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * DEGREE;
         let sign = SIDES[side];
         let rotations = &mut pose.rotations;
         // Forward and back, and outward only, never into the body.
-        let swing = amount * (SWING * sin * (1.0 + 0.6 * noise[0]) + 2.0 * noise[1]);
-        let spread = amount * (SPREAD * (1.2 + cos) + 1.2 * (noise[2] + 0.4));
+        let swing = amount * (ARM_SWING_DEGREES * sin * (1.0 + 0.6 * noise[0]) + 2.0 * noise[1]);
+        let spread = amount * (ARM_SPREAD_DEGREES * (1.2 + cos) + 1.2 * (noise[2] + 0.4));
         turn_in_parent(&mut rotations[SHOULDERS[side]], [-swing, 0.0, sign * spread]);
-        turn_in_own(&mut rotations[SHOULDERS[side]], [sign * amount * TWIST * noise[3], 0.0, 0.0]);
-        let flex = amount * (FLEX * late * (1.0 + 0.5 * noise[1]) + 5.0 * (noise[0] + 0.6));
+        turn_in_own(&mut rotations[SHOULDERS[side]], [sign * amount * ARM_TWIST_DEGREES * noise[3], 0.0, 0.0]);
+        let flex = amount * (ELBOW_FLEX_DEGREES * late * (1.0 + 0.5 * noise[1]) + 5.0 * (noise[0] + 0.6));
         turn_in_parent(&mut rotations[ELBOWS[side]], [0.0, -sign * flex, 0.0]);
     }
 
@@ -229,11 +233,12 @@ impl Idle {
 
 /// Moves wrist and fingers.
 fn move_hand(pose: &mut Pose, tick: &Tick, side: usize, lively: f32) {
-    let amount = tick.gain * (1.0 - (1.0 - LEAST_FINGERS) * lively) * DEGREE / SIGMA;
+    let amount = tick.gain * (1.0 - (1.0 - MIN_FINGER_SHARE) * lively) * DEGREE / NOISE_DEVIATION;
     let sign = SIDES[side];
     let hand = smooth(tick.seed, HANDS[side], tick.time(), WRIST_RATE);
     let rotations = &mut pose.rotations;
-    let wrist = [0.6 * WRIST * hand[2], 0.5 * WRIST * hand[1], WRIST * hand[0]];
+    let wrist =
+        [0.6 * WRIST_DRIFT_DEGREES * hand[2], 0.5 * WRIST_DRIFT_DEGREES * hand[1], WRIST_DRIFT_DEGREES * hand[0]];
     turn_in_own(&mut rotations[WRISTS[side]], wrist.map(|angle| amount * angle));
     let [near, far] = FINGERS[side].map(|stream| smooth(tick.seed, stream, tick.time(), FINGER_RATE));
     // Index, middle, little and ring finger, thumb: neighbours move together.
@@ -241,9 +246,9 @@ fn move_hand(pose: &mut Pose, tick: &Tick, side: usize, lively: f32) {
     let spreads = [far[1], 0.3 * far[2], -far[1], -0.5 * far[1], 0.8 * far[3]];
     let first = FIRST_FINGER + 15 * side;
     for (finger, (curl, spread)) in curls.into_iter().zip(spreads).enumerate() {
-        let bend = amount * (CURL * curl + HAND_CURL * hand[3]);
-        for (phalanx, share) in PHALANGES.into_iter().enumerate() {
-            let aside = if phalanx == 0 { amount * FINGER_SPREAD * spread } else { 0.0 };
+        let bend = amount * (FINGER_CURL_DEGREES * curl + HAND_CURL_DEGREES * hand[3]);
+        for (phalanx, share) in PHALANX_CURL.into_iter().enumerate() {
+            let aside = if phalanx == 0 { amount * FINGER_SPREAD_DEGREES * spread } else { 0.0 };
             let joint = &mut rotations[first + 3 * finger + phalanx];
             turn_in_own(joint, [0.0, sign * aside, -sign * share * bend]);
         }
@@ -280,9 +285,9 @@ impl Arm {
         let [shoulder, elbow] = [0, 1].map(|joint| angle_between(self.before[joint], now[joint]));
         let speed = (SHOULDER_LEVER * shoulder + ELBOW_LEVER * elbow) / seconds;
         self.before = now;
-        let time = if speed > self.speed { RISE } else { FALL };
+        let time = if speed > self.speed { SPEED_RISE_SECONDS } else { SPEED_FALL_SECONDS };
         self.speed += step(seconds, time) * (speed - self.speed);
-        ease((self.speed - STILL) / (LIVELY - STILL))
+        ease((self.speed - STILL_WRIST_SPEED) / (LIVELY_WRIST_SPEED - STILL_WRIST_SPEED))
     }
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
@@ -317,10 +322,10 @@ impl Shift {
             self.from = self.to;
             // To the other side; sometimes a short shift.
             let side = if self.from > 0.0 || self.from == 0.0 && way < 0.5 { -1.0 } else { 1.0 };
-            let size = between(SHIFT_WAY, way);
+            let size = between(SHIFT_DISTANCE, way);
             self.to = side * if rests < 0.2 { 0.3 * size } else { size };
-            (self.passed, self.lasts) = (0.0, between(SHIFT_LASTS, lasts));
-            self.left = self.lasts + between(SHIFT_EVERY, when) - SHIFT_LASTS[0];
+            (self.passed, self.lasts) = (0.0, between(SHIFT_DURATION_SECONDS, lasts));
+            self.left = self.lasts + between(SHIFT_INTERVAL_SECONDS, when) - SHIFT_DURATION_SECONDS[0];
         }
         self.from + (self.to - self.from) * smoother(self.passed / self.lasts.max(0.1))
     }

@@ -8,18 +8,18 @@ use umo_core_pose::rotation::{IDENTITY, Quat, inverse};
 const JOINTS_OF_LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];
 
 /// Plausible bone lengths of a leg, metres.
-const BONE: std::ops::RangeInclusive<f32> = 0.05..=2.0;
+const BONE_LENGTHS: std::ops::RangeInclusive<f32> = 0.05..=2.0;
 /// Plausible distances from the ankle forward to the ball of the foot, metres.
-const SOLE: std::ops::RangeInclusive<f32> = 0.02..=0.5;
+const SOLE_LENGTHS: std::ops::RangeInclusive<f32> = 0.02..=0.5;
 
 /// Largest extension as a share of the straight leg's length: the knee never snaps.
-const STRAIGHT: f32 = 0.998;
+const MAX_EXTENSION: f32 = 0.998;
 
 /// Forward bias of the knee, metres: defines the bending plane of a straight leg.
-const FORWARD: f32 = 0.03;
+const KNEE_FORWARD_BIAS: f32 = 0.03;
 
 /// Largest rise of the heel, radians.
-const MOST_RISE: f32 = 0.7;
+const MAX_HEEL_RISE: f32 = 0.7;
 
 /// The bones of one leg.
 #[derive(Clone, Copy, Debug)]
@@ -63,7 +63,7 @@ impl Leg {
         }
         let [hip, knee, ankle, ball] = joints.map(|joint| rig.offsets[joint]);
         let (thigh, shin) = (length(knee), length(ankle));
-        let is_leg = BONE.contains(&thigh) && BONE.contains(&shin) && SOLE.contains(&ball[2]);
+        let is_leg = BONE_LENGTHS.contains(&thigh) && BONE_LENGTHS.contains(&shin) && SOLE_LENGTHS.contains(&ball[2]);
         let is_down = knee[1] < -0.7 * thigh && ankle[1] < -0.7 * shin && ball[1] < 0.0;
         (is_leg && is_down).then_some(Self { joints, hip, knee, ankle, ball, thigh, shin })
     }
@@ -94,7 +94,7 @@ impl Leg {
     /// Returns the angle in radians by which the heel must rise over the ball, about the foot's x axis, for
     /// the leg to reach the ankle; 0 if it reaches with a flat foot.
     pub(super) fn heel_rise(&self, hip: [f32; 3], ball: [f32; 3], foot: Quat) -> f32 {
-        let most = STRAIGHT * self.length();
+        let most = MAX_EXTENSION * self.length();
         // In the foot's frame the ankle moves on a circle about the ball.
         let to = turn_vector(inverse(foot), sub(hip, ball));
         let from = self.ball.map(|v| -v);
@@ -106,7 +106,7 @@ impl Leg {
         let cos = (radius * radius + distance * distance - wanted) / (2.0 * radius * distance).max(1e-9);
         let between = cos.clamp(-1.0, 1.0).acos();
         let rise = to[2].atan2(to[1]) - between - from[2].atan2(from[1]);
-        rise.clamp(0.0, MOST_RISE)
+        rise.clamp(0.0, MAX_HEEL_RISE)
     }
 
     /// Turns hip, knee and ankle so that the ankle reaches `ankle`, or as near as the leg extends, with the
@@ -114,13 +114,13 @@ impl Leg {
     pub(super) fn reach(&self, pose: &mut Pose, posed: &Posed, ankle: [f32; 3], foot: Quat) {
         let to = sub(ankle, posed.hip);
         let least = (self.thigh - self.shin).abs() + 0.05 * self.length();
-        let distance = length(to).clamp(least, STRAIGHT * self.length());
+        let distance = length(to).clamp(least, MAX_EXTENSION * self.length());
         let Some(along) = direction(to) else { return };
         let x = (self.thigh.powi(2) - self.shin.powi(2) + distance * distance) / (2.0 * distance);
         let y = (self.thigh * self.thigh - x * x).max(0.0).sqrt();
         let thigh = sub(posed.knee, posed.hip);
         let leg = direction(sub(posed.ankle, posed.hip)).unwrap_or(along);
-        let forward = turn_vector(posed.turned[0], [0.0, 0.0, FORWARD]);
+        let forward = turn_vector(posed.turned[0], [0.0, 0.0, KNEE_FORWARD_BIAS]);
         let pole = without(add(without(thigh, leg), forward), along);
         let Some(pole) = direction(pole) else { return };
         let knee: [f32; 3] = std::array::from_fn(|i| posed.hip[i] + x * along[i] + y * pole[i]);
@@ -225,12 +225,12 @@ mod tests {
             let ball = [-0.1, 0.02 - 0.005 * f32::from(raised), 0.09];
             let foot = turn([0.0, -10.0 * DEGREE, 0.0]);
             let rise = leg.heel_rise(hip, ball, foot);
-            assert!(rise >= last && rise < MOST_RISE, "{rise} after {last}");
+            assert!(rise >= last && rise < MAX_HEEL_RISE, "{rise} after {last}");
             last = rise;
             let ankle = leg.ankle_over(ball, after(foot, turn([rise, 0.0, 0.0])));
             let reach = length(sub(ankle, hip));
-            assert!(reach <= STRAIGHT * leg.length() + 1e-5, "{reach} m");
-            assert!(rise == 0.0 || reach > 0.99 * leg.length(), "no more than is needed");
+            assert!(reach <= MAX_EXTENSION * leg.length() + 1e-5, "{reach} m");
+            assert!(rise == 0.0 || reach > 0.99 * leg.length(), "no more than needed");
         }
         assert!(last > 0.1, "{last}");
     }

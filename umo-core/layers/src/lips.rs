@@ -1,7 +1,7 @@
 //! Lip shapes of sounds whose times the host knows: p, b and m close the lips, f and v bring the lower
 //! lip to the teeth, w and rounded vowels push the lips forward.
 //!
-//! A hint states when a sound is heard. The lips start to move [`BLEND`] before it begins, hold its
+//! A hint states when a sound is heard. The lips start to move [`BLEND_SECONDS`] before it begins, hold its
 //! shape while it lasts, and take as long to leave it. A sound between two frames shows in full at the
 //! nearest frame. Nothing else of the mouth changes.
 
@@ -20,7 +20,7 @@ pub const MAX_PENDING_HINTS: usize = 64;
 pub const MAX_HINT_SECONDS: f64 = 2.0;
 
 /// Time to reach a shape and to leave it, seconds.
-const BLEND: f64 = 0.06;
+const BLEND_SECONDS: f64 = 0.06;
 
 /// Last sample that a hint may name: beyond any stream, and far enough from overflow.
 const MAX_SAMPLE: u64 = 1 << 60;
@@ -202,7 +202,7 @@ impl Lips {
             return;
         }
         let half_frame = 0.5 * f64::from(seconds) * heard.rate as f64;
-        let blend = BLEND * heard.rate as f64;
+        let blend = BLEND_SECONDS * heard.rate as f64;
         let (mut weights, at) = ([0.0_f32; LipShape::ALL.len()], heard.sample);
         for hint in &self.waiting[..self.count] {
             let away = hint.start.saturating_sub(at).max(at.saturating_sub(hint.end)) as f64;

@@ -49,12 +49,12 @@ const MOODS: usize = Mood::ALL.len() - 1;
 
 /// Time constant of each of the two low-passes over a mood's strength, seconds: 95 % of a change takes
 /// 1 s.
-const BLEND: f32 = 0.21;
+const STRENGTH_FILTER_SECONDS: f32 = 0.21;
 
 /// Value up to which a frown shape is left unchanged, and upper bound of the compressed value, if no
 /// mood frowns.
 const FROWN_KNEE: f32 = 0.04;
-const FROWN_MOST: f32 = 0.1;
+const MAX_FROWN: f32 = 0.1;
 
 const FROWN: [usize; 8] = [
     arkit("browDownLeft"),
@@ -299,7 +299,7 @@ impl Expression {
         let speaks = (1.0 - 0.7 * open.min(1.0)) * (1.0 - 0.7 * lips.min(1.0));
         for (mood, &strength) in self.strengths.iter().enumerate() {
             let strength = strength * tick.gain;
-            if strength < LEAST {
+            if strength < MIN_STRENGTH {
                 continue;
             }
             for part in FACES[mood] {
@@ -319,7 +319,11 @@ impl Expression {
     fn advance(&mut self, tick: &Tick) {
         let wanted = tick.controls.mood as usize;
         let strength = tick.controls.mood_strength.clamp(0.0, 1.0);
-        let share = if std::mem::replace(&mut self.is_started, true) { step(tick.seconds, BLEND) } else { 1.0 };
+        let share = if std::mem::replace(&mut self.is_started, true) {
+            step(tick.seconds, STRENGTH_FILTER_SECONDS)
+        } else {
+            1.0
+        };
         for (mood, (halfway, now)) in self.halfway.iter_mut().zip(&mut self.strengths).enumerate() {
             let goal = if mood + 1 == wanted { strength } else { 0.0 };
             *halfway += share * (goal - *halfway);
@@ -351,12 +355,12 @@ impl Expression {
 }
 
 /// Strength below which a mood has no effect.
-const LEAST: f32 = 1e-3;
+const MIN_STRENGTH: f32 = 1e-3;
 
 /// Compresses a frown value: unchanged up to the knee, then smoothly reduced, always below
-/// [`FROWN_MOST`]. Both bounds are raised by `more`.
+/// [`MAX_FROWN`]. Both bounds are raised by `more`.
 fn calmed(value: f32, more: f32) -> f32 {
-    let (knee, room) = (FROWN_KNEE + more, FROWN_MOST - FROWN_KNEE);
+    let (knee, room) = (FROWN_KNEE + more, MAX_FROWN - FROWN_KNEE);
     let beyond = value - knee;
     if beyond <= 0.0 { value } else { knee + room * (1.0 - (-beyond / room).exp()) }
 }

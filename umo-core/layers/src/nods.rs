@@ -8,44 +8,44 @@ use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::rotation::{IDENTITY, Quat};
 
 /// Number of pulses that may overlap.
-const PULSES: usize = 4;
+const MAX_PULSES: usize = 4;
 
 /// Standard deviation of the sway, degrees: pitch, yaw, roll.
 const SWAY: [f32; 3] = [2.4, 2.5, 1.6];
 
 /// Direction changes per second of the slow and the fast part of the sway, and their shares.
-const RATES: [f64; 2] = [0.55, 1.25];
-const SHARES: [f32; 2] = [0.88, 0.48];
+const SWAY_RATES: [f64; 2] = [0.55, 1.25];
+const SWAY_SHARES: [f32; 2] = [0.88, 0.48];
 
 /// Sway at rest, while listening, thinking and speaking.
-const STATES: [f32; 4] = [0.8, 0.7, 0.7, 1.0];
+const SWAY_BY_ATTENTION: [f32; 4] = [0.8, 0.7, 0.7, 1.0];
 
 /// Speeds of the model's head, degrees a second: below the first it is nearly still, above the second
 /// it needs no added motion.
-const STILL: f32 = 8.0;
-const LIVELY: f32 = 30.0;
+const STILL_HEAD_SPEED: f32 = 8.0;
+const LIVELY_HEAD_SPEED: f32 = 30.0;
 
 /// Time constant of the measured speed, seconds.
-const MEASURE: f32 = 0.8;
+const SPEED_AVERAGE_SECONDS: f32 = 0.8;
 
 /// Share of the sway and of the nods that remains while the head is lively.
-const LEAST_SWAY: f32 = 0.35;
-const LEAST_NOD: f32 = 0.15;
+const MIN_SWAY_SHARE: f32 = 0.35;
+const MIN_NOD_SHARE: f32 = 0.15;
 
 /// Share of accents that bring a nod, and least seconds between two accents with a response.
-const ON_ACCENT: f32 = 0.7;
-const ACCENT_GAP: f32 = 0.45;
+const ACCENT_NOD_PROBABILITY: f32 = 0.7;
+const MIN_ACCENT_GAP_SECONDS: f32 = 0.45;
 
 /// Share of accents that raise the brows.
-const FLASH: f32 = 0.35;
+const BROW_FLASH_PROBABILITY: f32 = 0.35;
 
 /// Least seconds between two responses of a listener, and upper bound of the random extra.
-const ANSWER_GAP: f32 = 2.0;
-const ANSWER_MORE: f32 = 2.0;
+const MIN_ANSWER_GAP_SECONDS: f32 = 2.0;
+const EXTRA_ANSWER_GAP_SECONDS: f32 = 2.0;
 
 /// Seconds until a listener responds without a pause in the other's speech, and bound of the extra.
-const ANSWER_LATEST: f32 = 5.0;
-const ANSWER_LATEST_MORE: f32 = 4.0;
+const ANSWER_TIMEOUT_SECONDS: f32 = 5.0;
+const EXTRA_ANSWER_TIMEOUT_SECONDS: f32 = 4.0;
 
 const DRAWS: Stream = Stream(300);
 const SLOW: Stream = Stream(301);
@@ -62,7 +62,7 @@ pub(super) struct Nods {
     before: [Quat; 2],
     is_started: bool,
     speed: f32,
-    pulses: [Pulse; PULSES],
+    pulses: [Pulse; MAX_PULSES],
     /// Index of the pulse to replace next.
     next: u64,
     /// Seconds since the last response to an accent; seconds until a listener may respond; and seconds
@@ -79,11 +79,11 @@ impl Nods {
             before: [IDENTITY; 2],
             is_started: false,
             speed: 0.0,
-            pulses: [Pulse::default(); PULSES],
+            pulses: [Pulse::default(); MAX_PULSES],
             next: 0,
-            since_accent: ACCENT_GAP,
+            since_accent: MIN_ACCENT_GAP_SECONDS,
             answer: 0.0,
-            latest: ANSWER_LATEST,
+            latest: ANSWER_TIMEOUT_SECONDS,
         }
     }
 
@@ -95,13 +95,14 @@ impl Nods {
 
         let weights = &tick.weights;
         let states = [weights.idle, weights.listening, weights.thinking, weights.speaking];
-        let state: f32 = states.iter().zip(STATES).map(|(weight, share)| weight * share).sum();
-        let amount = state * (1.0 - (1.0 - LEAST_SWAY) * lively) / 0.4;
-        let [slow, fast] =
-            [(SLOW, RATES[0]), (FAST, RATES[1])].map(|(stream, rate)| smooth(tick.seed, stream, tick.time(), rate));
+        let state: f32 = states.iter().zip(SWAY_BY_ATTENTION).map(|(weight, share)| weight * share).sum();
+        let amount = state * (1.0 - (1.0 - MIN_SWAY_SHARE) * lively) / 0.4;
+        let [slow, fast] = [(SLOW, SWAY_RATES[0]), (FAST, SWAY_RATES[1])]
+            .map(|(stream, rate)| smooth(tick.seed, stream, tick.time(), rate));
         // Pitch, yaw, roll in degrees.
-        let mut turn: [f32; 3] =
-            std::array::from_fn(|axis| amount * SWAY[axis] * (SHARES[0] * slow[axis] + SHARES[1] * fast[axis]));
+        let mut turn: [f32; 3] = std::array::from_fn(|axis| {
+            amount * SWAY[axis] * (SWAY_SHARES[0] * slow[axis] + SWAY_SHARES[1] * fast[axis])
+        });
         let mut brows = 0.0;
         for pulse in &mut self.pulses {
             let at = pulse.advance(tick.seconds);
@@ -136,27 +137,27 @@ impl Nods {
         if std::mem::replace(&mut self.is_started, true) {
             let angle: f32 = now.iter().zip(&self.before).map(|(&now, &before)| angle_between(before, now)).sum();
             let speed = angle / DEGREE / tick.seconds;
-            self.speed += step(tick.seconds, MEASURE) * (speed.min(500.0) - self.speed);
+            self.speed += step(tick.seconds, SPEED_AVERAGE_SECONDS) * (speed.min(500.0) - self.speed);
         }
         self.before = now;
-        ease((self.speed - STILL) / (LIVELY - STILL))
+        ease((self.speed - STILL_HEAD_SPEED) / (LIVELY_HEAD_SPEED - STILL_HEAD_SPEED))
     }
 
     /// Nods and raises the brows on accents of the avatar's speech.
     fn speak(&mut self, tick: &Tick, lively: f32) {
-        self.since_accent = (self.since_accent + tick.seconds).min(LONG);
+        self.since_accent = (self.since_accent + tick.seconds).min(COUNTER_CAP_SECONDS);
         let accent = tick.weights.own.accent;
-        if accent <= 0.0 || tick.weights.speaking < 0.3 || self.since_accent < ACCENT_GAP {
+        if accent <= 0.0 || tick.weights.speaking < 0.3 || self.since_accent < MIN_ACCENT_GAP_SECONDS {
             return;
         }
         let [nods, flashes, size, side, lasts] = std::array::from_fn(|_| self.draw(tick));
-        let is_nod = nods < ON_ACCENT;
-        let is_flash = flashes < FLASH;
+        let is_nod = nods < ACCENT_NOD_PROBABILITY;
+        let is_flash = flashes < BROW_FLASH_PROBABILITY;
         if !is_nod && !is_flash {
             return;
         }
         self.since_accent = 0.0;
-        let still = 1.0 - (1.0 - LEAST_NOD) * lively;
+        let still = 1.0 - (1.0 - MIN_NOD_SHARE) * lively;
         let down = if is_nod { still * (1.0 + 2.4 * accent * (0.4 + 0.6 * size)) } else { 0.0 };
         self.begin(Pulse {
             passed: 0.0,
@@ -171,7 +172,7 @@ impl Nods {
     fn listen(&mut self, tick: &Tick) {
         self.answer = (self.answer - tick.seconds).max(0.0);
         if tick.weights.listening < 0.5 {
-            self.latest = ANSWER_LATEST;
+            self.latest = ANSWER_TIMEOUT_SECONDS;
             return;
         }
         self.latest -= tick.seconds;
@@ -180,8 +181,8 @@ impl Nods {
             return;
         }
         let [kind, size, twice, gap, latest] = std::array::from_fn(|_| self.draw(tick));
-        self.answer = ANSWER_GAP + ANSWER_MORE * gap;
-        self.latest = ANSWER_LATEST + ANSWER_LATEST_MORE * latest;
+        self.answer = MIN_ANSWER_GAP_SECONDS + EXTRA_ANSWER_GAP_SECONDS * gap;
+        self.latest = ANSWER_TIMEOUT_SECONDS + EXTRA_ANSWER_TIMEOUT_SECONDS * latest;
         let is_nod = kind < 0.75;
         let rise = if kind > 0.55 { 0.15 + 0.2 * size } else { 0.0 };
         let down = if is_nod { 2.2 + 2.3 * size } else { -0.8 };
@@ -196,8 +197,8 @@ impl Nods {
     }
 
     fn begin(&mut self, pulse: Pulse) {
-        self.pulses[usize::try_from(self.next).unwrap_or_default() % PULSES] = pulse;
-        self.next = (self.next + 1) % PULSES as u64;
+        self.pulses[usize::try_from(self.next).unwrap_or_default() % MAX_PULSES] = pulse;
+        self.next = (self.next + 1) % MAX_PULSES as u64;
     }
 
     /// Saves or loads the layer between two ticks.
@@ -205,7 +206,7 @@ impl Nods {
         pass.number("draws of the nods", &mut self.draws, 1 << 60)?;
         pass.rotations(&mut self.before)?;
         pass.switch("nods", &mut self.is_started)?;
-        pass.number("nods", &mut self.next, PULSES as u64 - 1)?;
+        pass.number("nods", &mut self.next, MAX_PULSES as u64 - 1)?;
         for pulse in &mut self.pulses {
             pulse.state(pass)?;
         }
@@ -217,7 +218,7 @@ impl Nods {
 }
 
 /// Cap of the time counters, seconds.
-const LONG: f32 = 1e3;
+const COUNTER_CAP_SECONDS: f32 = 1e3;
 
 /// A nod, a brow raise or both.
 #[derive(Clone, Copy, Debug)]
@@ -233,14 +234,14 @@ struct Pulse {
 
 impl Default for Pulse {
     fn default() -> Self {
-        Self { passed: LONG, lasts: 0.3, turn: [0.0; 3], rise: 0.0 }
+        Self { passed: COUNTER_CAP_SECONDS, lasts: 0.3, turn: [0.0; 3], rise: 0.0 }
     }
 }
 
 impl Pulse {
     /// Advances by one tick and returns the current share of the turn.
     fn advance(&mut self, seconds: f32) -> f32 {
-        self.passed = (self.passed + seconds).min(LONG);
+        self.passed = (self.passed + seconds).min(COUNTER_CAP_SECONDS);
         bump(self.passed / self.lasts)
     }
 
@@ -252,7 +253,7 @@ impl Pulse {
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.moderate(&mut self.turn)?;
         pass.moderate(std::slice::from_mut(&mut self.passed))?;
-        pass.within(&mut self.lasts, 0.1..=LONG)?;
+        pass.within(&mut self.lasts, 0.1..=COUNTER_CAP_SECONDS)?;
         pass.share(&mut self.rise)
     }
 }

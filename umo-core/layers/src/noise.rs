@@ -7,7 +7,7 @@ use umo_core_base::random::philox;
 pub(super) struct Stream(pub(super) u32);
 
 /// Returns a number in `0..1` that depends only on the arguments.
-#[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
+#[expect(clippy::cast_possible_truncation, reason = "taking halves of 64-bit words is intended")]
 pub(super) fn uniform(seed: u64, stream: Stream, counter: u64) -> f32 {
     // The last word is 0 in the sampler's draws, and 1 here.
     let words = [counter as u32, (counter >> 32) as u32, stream.0, 1];
@@ -16,7 +16,7 @@ pub(super) fn uniform(seed: u64, stream: Stream, counter: u64) -> f32 {
 }
 
 /// Returns four numbers in `0..1`, as [`uniform`].
-#[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
+#[expect(clippy::cast_possible_truncation, reason = "taking halves of 64-bit words is intended")]
 fn uniforms(seed: u64, stream: Stream, counter: u64) -> [f32; 4] {
     let words = [counter as u32, (counter >> 32) as u32, stream.0, 1];
     philox(words, [seed as u32, (seed >> 32) as u32]).map(|bits| (bits >> 8) as f32 / (1 << 24) as f32)

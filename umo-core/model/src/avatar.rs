@@ -314,7 +314,7 @@ impl Avatar {
     /// Describes all state that the last chunk leaves for the next; returns the samples of audio consumed so far.
     /// Units are omitted, because each chunk writes them before it reads them, and so are whole-recording units,
     /// which sessions never have.
-    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    #[expect(clippy::cast_possible_truncation, reason = "a session's counts fit its memory's words")]
     pub fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<u64, StateError> {
         let config = &model.config;
         let chunk = pass.number("chunks", &mut self.chunk, MAX_CHUNKS)?;
@@ -446,7 +446,7 @@ impl Avatar {
     }
 
     /// Number of frames whose codes are known after this number of chunks: up to the last keyframe.
-    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    #[expect(clippy::cast_possible_truncation, reason = "a session's counts fit its memory's words")]
     pub fn known_frames(&self, config: &Config, chunks: u64) -> usize {
         let frames = chunks as usize * self.target * config.keyframe_stride;
         if chunks == 0 { 0 } else { frames + 1 - config.keyframe_stride }

@@ -116,7 +116,7 @@ impl ModelFile {
             return Ok(true);
         }
         Err(LoadError::File(format!(
-            "it is damaged: its checksum is {}, where {} was written; copy or download it again",
+            "it is damaged: its checksum is {}, expected {}; copy or download it again",
             checksum::text(found),
             checksum::text(*said)
         )))
@@ -318,7 +318,7 @@ fn config_text(metadata: &Metadata) -> Result<&str, LoadError> {
     match entry("format") {
         Some("umo") => {}
         Some(other) => return Err(LoadError::File(format!("metadata `format`: expected \"umo\", got {other:?}"))),
-        None => return Err(LoadError::File("metadata `format` is missing: this is no umo model".to_owned())),
+        None => return Err(LoadError::File("not a umo model: metadata `format` is missing".to_owned())),
     }
     match entry("version") {
         Some(FORMAT_VERSION) => {}

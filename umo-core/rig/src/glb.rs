@@ -64,9 +64,9 @@ impl<'a> Glb<'a> {
     /// # Errors
     /// The violation of the format.
     pub fn split(bytes: &'a [u8]) -> Result<Self, String> {
-        let (magic, rest) = bytes.split_first_chunk::<4>().ok_or("it is no glb file")?;
+        let (magic, rest) = bytes.split_first_chunk::<4>().ok_or("not a glb file")?;
         if magic != MAGIC {
-            return Err("it is no glb file".to_owned());
+            return Err("not a glb file".to_owned());
         }
         let (version, rest) = word(rest)?;
         if version != 2 {

@@ -209,9 +209,9 @@ impl Animation {
     /// first chunk.
     pub fn retime(&mut self, model: &Model) -> Result<(), StepError> {
         let said = model.config().audio.accents.filter(|_| self.avatar.has_audio());
-        let said = said.ok_or(StepError::Missing("audio units that say accents (`audio.accents` of its config)"))?;
+        let said = said.ok_or(StepError::Missing("audio units with accents (`audio.accents` of its config)"))?;
         if self.avatar.chunk > 0 {
-            return Err(StepError::Order("retiming can only be asked for before the first chunk"));
+            return Err(StepError::Order("retiming can only be enabled before the first chunk"));
         }
         self.track.retiming = Some(Retiming { said, units: Vec::new(), frames: Vec::new() });
         Ok(())
@@ -244,7 +244,7 @@ impl Animation {
     ) -> Result<Option<usize>, StepError> {
         let Self { avatar, track, said, stepped, .. } = self;
         if track.retiming.is_some() {
-            return Err(StepError::Order("packets cannot say a motion that is retimed"));
+            return Err(StepError::Order("packets cannot carry a retimed motion"));
         }
         said.write(avatar, model.config(), layout, *stepped, (stream, history), &track.levels, out)
     }

@@ -42,8 +42,8 @@ pub enum PacketError {
 impl fmt::Display for PacketError {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            Self::Malformed(what) => write!(f, "no packet: {what}"),
-            Self::Other(what) => write!(f, "packet of another {what}: make both sides with the same"),
+            Self::Malformed(what) => write!(f, "not a packet: {what}"),
+            Self::Other(what) => write!(f, "packet of another {what}: create both sides with the same one"),
             Self::Full => write!(f, "the queue is full: take frames, then push the packet again"),
             Self::Step(error) => error.fmt(f),
         }
@@ -212,10 +212,10 @@ impl PacketLayout {
         }
         let root = [f32::from_le_bytes(field(head, 16)), f32::from_le_bytes(field(head, 20))];
         if !root.iter().all(|v| v.abs() <= MAX_PLACE) {
-            return Err(PacketError::Malformed("its root is nowhere on earth"));
+            return Err(PacketError::Malformed("its root is out of range"));
         }
         if head[4..8] == [0xFF; 4] {
-            return Err(PacketError::Malformed("nothing can follow its sequence number"));
+            return Err(PacketError::Malformed("its sequence number is the last one, but it does not end the stream"));
         }
         if keyframes == 0 && !is_last {
             return Err(PacketError::Malformed("it has no keyframes and does not end the stream"));

@@ -1,4 +1,4 @@
-// Writes meshopt.json: streams of the npm package `meshoptimizer`, and what its decoder makes of them.
+// Writes meshopt.json: streams of the npm package `meshoptimizer`, and its decoder's output for them.
 //
 //     npm install meshoptimizer && node meshopt.mjs > meshopt.json
 
@@ -28,7 +28,7 @@ for (let at = 0; at < vertices.length; at++) {
 add('ATTRIBUTES', 300, 12, vertices);
 add('ATTRIBUTES', 5, 64, vertices.slice(0, 320));
 
-// A grid, a strip that turns about, and triangles anywhere.
+// A grid, a zigzag strip, and random triangles.
 const corners = [];
 for (let y = 0; y < 9; y++) {
     for (let x = 0; x < 9; x++) {

@@ -59,7 +59,7 @@ impl Mul<usize> for Floor {
 }
 
 impl Floor {
-    /// Work for `times` as many rows, which share what is read.
+    /// Work for `times` as many rows; bytes are read once for all of them.
     #[must_use]
     pub fn rows(self, times: usize) -> Self {
         Self { macs: self.macs * times, float_macs: self.float_macs * times, ..self }

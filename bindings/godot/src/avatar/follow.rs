@@ -1,5 +1,4 @@
-//! From a player's sound to the motion that is shown: which line is spoken, which time of it is
-//! heard, how it ends.
+//! From a player's sound to the motion shown: the current line, its playback position, and its end.
 
 use godot::classes::{AudioServer, MeshInstance3D, Node, Skeleton3D};
 use godot::prelude::*;
@@ -9,19 +8,19 @@ use crate::rig::{Face, Rig};
 use crate::source::Source;
 use crate::umo::{Hint, Session, Shown};
 
-/// A player's position that jumps further than this many seconds was moved by somebody.
+/// A jump of the player's position by more than this many seconds counts as a seek.
 const JUMP: f64 = 0.5;
-/// A player that stops further than this many seconds from its end was stopped by somebody.
+/// A player that stops more than this many seconds before its end was stopped from outside.
 const EARLY: f64 = 0.3;
-/// Milliseconds in which the avatar then comes to rest.
+/// Milliseconds in which the avatar then eases to rest.
 const STOP_EASE_MS: u32 = 300;
-/// Mixes are never this many seconds apart while sound comes.
+/// Upper bound of the seconds between two mixes while the output runs.
 const STALLED: f64 = 0.1;
-/// How far the clock runs beyond the newest frame, seconds, so that umo knows that more is wanted.
+/// Lead of the clock over the newest frame in seconds, so that umo knows that more motion is needed.
 const AHEAD: f64 = 0.1;
 
 impl Line {
-    /// Whether it is what a player plays that was at its `position` within `most` seconds.
+    /// Whether this line continues with the stream at `position`, at most `most` seconds after its last known position.
     fn goes_on(&self, stream: &Variant, position: f64, most: f64) -> bool {
         let moved = position - self.position;
         let jumped = moved < -JUMP / 2.0 || moved > JUMP + most;
@@ -30,7 +29,7 @@ impl Line {
 }
 
 impl UmoAvatar3D {
-    /// Hears what the player plays and sets the clock: the motion's time of what is heard now.
+    /// Feeds the player's sound to the session and sets the clock to the motion time of the sound heard now.
     pub(super) fn follow(&mut self, player: Option<Gd<Node>>, delta: f64) -> Result<(), String> {
         let Some(player) = player else {
             self.end_line(true)?;
@@ -57,8 +56,7 @@ impl UmoAvatar3D {
         line.position = position;
         line.source.feed(session)?;
         let server = AudioServer::singleton();
-        // What was mixed is heard after the output's latency; an output that stalls does not play
-        // on.
+        // Mixed sound is heard after the output's latency; a stalled output does not advance.
         let since = server.get_time_since_last_mix().min(STALLED) - server.get_output_latency();
         match &line.source {
             Source::Wav(_) => self.time = self.time.max(line.base + position - line.start + since * pitch),
@@ -99,8 +97,7 @@ impl UmoAvatar3D {
         Ok(())
     }
 
-    /// Whether the line is what the player plays now: in a call of a script the player may have
-    /// begun another one since the last frame.
+    /// Whether the line is what the player plays now: a script may have started another one since the last frame.
     pub(super) fn is_heard(&self) -> bool {
         let player = self.base().get_node_or_null(&self.audio_player);
         let (Some(player), Some(line)) = (player, &self.line) else { return false };
@@ -109,7 +106,7 @@ impl UmoAvatar3D {
             && line.goes_on(&player.get("stream"), position, JUMP)
     }
 
-    /// Gives the session a hint of the line, seconds of it. False where 64 wait.
+    /// Passes a hint for the line, in seconds of it, to the session. False if 64 are waiting.
     pub(super) fn hint_line(&self, hint: Hint) -> bool {
         let Some(line) = &self.line else { return false };
         let Some(first) = line.first else {
@@ -117,12 +114,12 @@ impl UmoAvatar3D {
             return false;
         };
         let hint = hint.after(first - line.start);
-        // Before where the player began it.
+        // A hint before the place where the player began is dropped.
         hint.start < 0.0 || self.tell(|session| session.hint_lips(hint)).unwrap_or(false)
     }
 
-    /// Starts a new stream where something was heard before, behind all times that were shown; its
-    /// first frame's time.
+    /// Starts a new stream, after all times shown so far if the session has received audio. Returns the time of its
+    /// first frame.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "about a second at most")]
     pub(super) fn next_base(&mut self) -> Result<f64, String> {
         let Some(session) = &self.session else { return Ok(0.0) };
@@ -131,14 +128,13 @@ impl UmoAvatar3D {
         }
         let rate = f64::from(session.model.info.frame_rate);
         let last = self.shown.index as f64 / rate;
-        // The ease's frames come before the stream's: as many as the clock ran beyond the last
-        // frame.
+        // The frames of the ease come before the stream's: one for each frame that the clock ran past the last one.
         let ease_ms = ((self.time - last).clamp(0.0, 10.0) * 1000.0).ceil();
         session.interrupt(ease_ms as u32)?;
         Ok((self.shown.index as f64 + 1.0 + (ease_ms * rate / 1000.0).ceil()) / rate)
     }
 
-    /// The player has stopped, at its end or, by somebody, before; or it is gone.
+    /// Handles a player that stopped, at its end or earlier, or that is gone.
     pub(super) fn end_line(&mut self, is_gone: bool) -> Result<(), String> {
         let (Some(line), Some(session)) = (self.line.take(), &self.session) else { return Ok(()) };
         match line.source {
@@ -148,8 +144,7 @@ impl UmoAvatar3D {
         }
     }
 
-    /// While nothing plays the clock runs on: over the rest of the motion, and as far as the pose
-    /// of rest needs.
+    /// Advances the clock while nothing plays: through the remaining motion, and until the rest pose is reached.
     pub(super) fn run_on(&mut self, delta: f64) {
         let Some(session) = &self.session else { return };
         let rest = if self.idle == IDLE_REST { session.rest_seconds } else { 0.0 };
@@ -167,14 +162,14 @@ impl UmoAvatar3D {
         self.gaze()?;
         let Some(session) = &self.session else { return Ok(()) };
         let shown = session.sample(self.time, &mut self.frame)?;
-        // Samples go on with the last pose where the session has failed.
+        // After the session has failed, sampling keeps returning the last pose.
         session.is_done()?;
         self.saw(self.time, shown);
         self.apply();
         Ok(())
     }
 
-    /// Looks at the target, where there is one.
+    /// Looks at the target, if there is one.
     pub(super) fn gaze(&mut self) -> Result<(), String> {
         let Some(session) = &self.session else { return Ok(()) };
         let target = if self.gaze_target.is_empty() { None } else { self.base().get_node_or_null(&self.gaze_target) };
@@ -192,7 +187,7 @@ impl UmoAvatar3D {
         Ok(())
     }
 
-    /// Puts the frame on skeleton and meshes, those of them that are there.
+    /// Applies the frame to the skeleton and meshes that exist.
     pub(super) fn apply(&mut self) {
         let Some(model) = self.shared.clone() else { return };
         let node = |path: &NodePath| if path.is_empty() { None } else { self.base().get_node_or_null(path) };
@@ -209,7 +204,7 @@ impl UmoAvatar3D {
                     )
                 });
                 self.rig = Some(rig);
-                // Once, however often the same bones are looked at.
+                // Each problem is reported once.
                 if problem.is_some() && problem != self.told_of_bones {
                     self.complain(problem.as_deref().unwrap_or_default());
                 }
@@ -234,7 +229,7 @@ impl UmoAvatar3D {
     }
 }
 
-/// A player's method: the three kinds of players have the same ones and no class in common.
+/// Calls a method of a player: the three kinds of players have the same methods but no common class.
 fn call(player: &Gd<Node>, method: &str) -> Variant {
     if player.has_method(method) { player.clone().call(method, &[]) } else { Variant::nil() }
 }

@@ -3,15 +3,15 @@
 | | |
 |---|---|
 | `animate(samples, rate)` | a whole recording to a `Motion` of numpy arrays |
-| `stream(chunks, rate)` | frames as they come from audio as it comes |
+| `stream(chunks, rate)` | frames as they are computed from arriving audio |
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
-| `Session.pull_packets`, `Decoder` | an avatar that is computed in one place and seen in others |
-| `self_test()` | whether this machine computes rightly, and how fast: a report to publish |
-| `umo.serve`, `umo.agents`, `umo.ray` | a client of `umo serve`; avatars of voice agents; recordings over a Ray cluster |
-| `Error`, `Status` | what went wrong, in umo's own words |
+| `Session.pull_packets`, `Decoder` | an avatar computed in one place and shown in others |
+| `self_test()` | checks this machine's results and speed: a report to publish |
+| `umo.serve`, `umo.agents`, `umo.ray` | a client of `umo serve`; avatars of voice agents; recordings on a Ray cluster |
+| `Error`, `Status` | errors, with umo's messages |
 """
 
-# Before all else: `_library` looks for it.
+# Set first: `_library` needs it.
 _DISTRIBUTION = "umo-avatar"
 
 from ._animate import animate, stream

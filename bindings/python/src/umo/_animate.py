@@ -20,10 +20,10 @@ from ._session import Session, audio
 
 
 def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:
-    """What a polled engine makes of audio, as it comes."""
+    """Yields a polled engine's frames for audio as it arrives."""
 
     def ready() -> Iterator[Motion]:
-        # A session computes no further than its queue goes: what is pulled makes room.
+        # A session computes until its queue is full: pulling makes room.
         while True:
             session.engine.poll()
             motion = session.pull()
@@ -41,12 +41,12 @@ def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:
 
 
 def _settings(engine: Engine, given: Mapping[str, Any]) -> dict[str, Any]:
-    """A session's arguments for a recording: it hears as far ahead as the model can, unless they say otherwise."""
+    """A session's arguments for a recording: maximum lookahead unless they say otherwise."""
     return {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **given}
 
 
 def _heard(recording: npt.NDArray[Any], rate: int) -> npt.NDArray[Any]:
-    """A whole recording with the gains at which its speech is heard; a plain one as it is."""
+    """The recording, with channel gains applied if its speech level needs correction."""
     floats = recording.astype(np.float32) / np.float32(32768) if recording.dtype == np.int16 else recording
     channels = recording.shape[1] if recording.ndim == 2 else 1
     gains = np.empty(channels, np.float32)
@@ -55,7 +55,7 @@ def _heard(recording: npt.NDArray[Any], rate: int) -> npt.NDArray[Any]:
     if (gains == 1).all():
         return recording
     each = ", ".join(f"{gain:g}" for gain in gains)
-    message = f"the recording's speech is not at a usual level, or in one channel of several: channels are heard by {each}"
+    message = f"the recording's speech is not at a usual level, or in one channel of several: channels are scaled by {each}"
     warnings.warn(message, stacklevel=4)
     return floats * (gains if recording.ndim == 2 else gains[0])
 
@@ -73,7 +73,7 @@ def _ready(session: Session, prompt: Optional[str], mood: Optional[str], paramet
 
 
 def _run_all(sessions: Iterator[tuple[Session, npt.NDArray[Any]]], jobs: int) -> Iterator[tuple[Session, list[Motion]]]:
-    """Every recording's motion as it is done, `jobs` of them computed together by one polled engine."""
+    """Yields each recording's motion when it is done; `jobs` of them are computed together by one polled engine."""
     active: list[tuple[Session, npt.NDArray[Any], list[Motion]]] = []
     while True:
         while len(active) < jobs and (following := next(sessions, None)) is not None:
@@ -98,12 +98,12 @@ def _run_all(sessions: Iterator[tuple[Session, npt.NDArray[Any]]], jobs: int) ->
 
 
 def _each(name: str, value: Any, count: int) -> list[Any]:
-    """What each of several recordings has: one for all, or as many as there are."""
+    """One value per recording: the given one for all, or a list of as many."""
     if value is None or isinstance(value, (str, int, np.integer)):
         return [value] * count
     values = list(value)
     if len(values) != count:
-        raise ValueError(f"{len(values)} values of {name}: expected one, or {count}, as there are recordings")
+        raise ValueError(f"{len(values)} values of {name}: expected one, or {count}, one per recording")
     return values
 
 
@@ -151,17 +151,19 @@ def animate(
     jobs: int = 8,
     **settings: Any,
 ) -> Union[Motion, list[Motion]]:
-    """Animates a recording: [samples] or [samples, channels], floats of full scale 1 or int16, `rate` samples per second.
+    """Animates a recording: [samples] or [samples, channels], floats of full scale 1 or int16, `rate` samples per
+    second.
 
-    A list of arrays is as many recordings: `jobs` of them are computed together, so that the model is read once for all, and
-    each has the bits that it has alone. `rate`, `seed`, `prompt` and `mood` are then one for all, or one of each.
+    A list of arrays stands for several recordings: `jobs` of them are computed together, so that the model is read once
+    for all, with the same bits as computed alone. `rate`, `seed`, `prompt` and `mood` are then one for all, or one per
+    recording.
 
-    Speech far from its usual level, channels that cancel each other, and speech in the centre of five channels and more
-    are brought to where the mouth follows, with a warning.
+    Speech far from its usual level, channels that cancel each other, and speech in the centre of five or more channels
+    are corrected, with a warning.
 
-    The frames are those of `umo animate`, bit for bit. `parameters` are those of `Session`, as `{"gain_face": 0.5}`;
-    `mood` is one of `Session.set_mood`; `settings` are the session's other arguments, as `target`. It hears as far ahead as the
-    model can, unless they say `horizon`.
+    The frames equal those of `umo animate` bit for bit. `parameters` are named as in `Session`, such as
+    `{"gain_face": 0.5}`; `mood` is one of `Session.set_mood`; `settings` are other arguments of the session, such as
+    `target`. The lookahead is the model's maximum unless `horizon` is given.
     """
     if isinstance(samples, (list, tuple)) and samples and all(isinstance(each, np.ndarray) and each.ndim for each in samples):
         return _animate_all(samples, rate, model, axes, (seed, prompt, mood), parameters, threads, jobs, settings)
@@ -221,13 +223,14 @@ def stream(
     threads: Optional[int] = None,
     **settings: Any,
 ) -> Iterator[Frame]:
-    """Frames as they come from audio as it comes, computed in the thread that iterates.
+    """Yields frames as they are computed from arriving audio, on the thread that iterates.
 
-    They are those of `animate`, however the audio is cut: each comes as soon as its audio is there, and that of the horizon behind it.
-    With `horizon=0` they come earlier, and are those of `animate(horizon=0)`.
+    They equal the frames of `animate`, however the audio is cut: each is available once its audio and the
+    horizon after it have arrived. With `horizon=0` they are available earlier, and equal the frames of
+    `animate(horizon=0)`.
 
-    `chunks` gives arrays as `animate` takes them, of any length. For a live avatar whose audio and picture have threads of
-    their own, use `Session`.
+    `chunks` yields arrays as for `animate`, of any length. For a live avatar with separate threads for audio and
+    rendering, use `Session`.
     """
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
         with Session(engine, rate, channels, axes=axes, seed=seed, **_settings(engine, settings)) as session:

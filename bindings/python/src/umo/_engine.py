@@ -1,4 +1,4 @@
-"""Engines: who computes."""
+"""Engines, which compute sessions."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ class Engine(_generated.EngineArguments, _library.Handle):
 
     @property
     def model(self) -> Model:
-        """What it computes with."""
+        """The model that it computes."""
         return self._model
 
     def session(self, rate: Optional[int] = None, channels: int = 1, **settings: Any) -> Session:
-        """A session of this engine: the arguments are those of `Session`."""
+        """Creates a session of this engine, with the arguments of `Session`."""
         return Session(self, rate, channels, **settings)
 
     @property
     def gestures(self) -> tuple[str, ...]:
-        """Names of the gestures that its sessions know: the built-in ones, then those that were added."""
+        """Names of the gestures available to its sessions: the built-in ones, then the added ones."""
         names: list[str] = []
         name = ctypes.c_char_p()
         while (status := lib.umo_engine_get_gesture_name(self._handle, len(names), byref(name))) == _generated.Status.OK:
@@ -62,10 +62,10 @@ class Engine(_generated.EngineArguments, _library.Handle):
         parts: Sequence[str] = tuple(_generated.GESTURE_PARTS),
         axes: str = "gltf",
     ) -> None:
-        """Adds a gesture for sessions that are made from now on; one of the same name is replaced.
+        """Adds a gesture for sessions created from now on, replacing any gesture of the same name.
 
-        `rotations` are [frames, 55, 4] as `Motion.rotations`, `rate` of them a second; `stroke` is its time in them, seconds. `parts`
-        are those that it moves: `"head"`, `"trunk"`, `"left_arm"`, `"right_arm"`.
+        `rotations` are [frames, 55, 4] as in `Motion.rotations`, at `rate` frames a second; `stroke` is the time of the
+        stroke in them, seconds. `parts` are the parts that it moves: `"head"`, `"trunk"`, `"left_arm"`, `"right_arm"`.
         """
         values = np.ascontiguousarray(rotations, np.float32)
         if values.ndim != 3 or values.shape[1:] != (_generated.JOINT_COUNT, 4):
@@ -89,10 +89,10 @@ class Engine(_generated.EngineArguments, _library.Handle):
         stroke: Optional[float] = None,
         parts: Sequence[str] = tuple(_generated.GESTURE_PARTS),
     ) -> None:
-        """The same of the animation in a `.glb`, `.gltf` or `.vrm` file of any character with a human's bones: a path, or its
-        bytes (of a `.gltf` with its data inside).
+        """As `add_gesture`, from the animation in a `.glb`, `.gltf` or `.vrm` file of any humanoid character: a path,
+        or its bytes (of a `.gltf` with embedded data).
 
-        `animation` is its name in the file; None is the first. Without a `stroke` it is in the middle.
+        `animation` is its name in the file; None is the first. The default `stroke` is the middle.
         """
         if "\0" in name or (animation is not None and "\0" in animation):
             raise ValueError("a name has no zero bytes")
@@ -104,7 +104,7 @@ class Engine(_generated.EngineArguments, _library.Handle):
         else:
             path = os.fspath(file)
             if "\0" in path:
-                raise ValueError("a path has no zero bytes")
+                raise ValueError("a path must not contain zero bytes")
             status = lib.umo_engine_add_gesture_file(self._handle, name.encode(), path.encode(), clip, bits, at)
             if status == _generated.Status.IO:
                 detail = lib.umo_last_error().decode()
@@ -113,13 +113,16 @@ class Engine(_generated.EngineArguments, _library.Handle):
         _library.check(status)
 
     def set_late_limit(self, seconds: Optional[float]) -> None:
-        """Holds bodies, in turn, while chunks begin so many seconds late; `None`, as an engine begins, holds none."""
+        """Holds bodies still, in turn, while chunks start more than `seconds` late; `None`, the initial value, turns
+        this off.
+        """
         _library.check(lib.umo_engine_set_late_limit(self._handle, -1.0 if seconds is None else seconds))
 
     def poll(self, budget: Optional[float] = None) -> bool:
-        """Computes in this thread until nothing is due, or the next layer would not fit `budget` seconds; one at least.
+        """Computes on this thread until nothing is due, or until the next layer would exceed `budget` seconds; at least
+        one.
 
-        Whether there is more to do. For engines that were made `polled`.
+        Returns whether there is more to do. For engines created with `polled`.
         """
         more = ctypes.c_uint32()
         microseconds = 0xFFFF_FFFF if budget is None else min(max(round(budget * 1e6), 0), 0xFFFF_FFFF)

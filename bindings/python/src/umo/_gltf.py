@@ -1,4 +1,4 @@
-"""`.glb` and `.vrma`: the library writes them, as `umo animate` does."""
+"""`.glb` and `.vrma`, written by the library as in `umo animate`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FIGURES = _figures()
 
 
 def glb(motion: Motion, figure: Optional[str]) -> bytes:
-    """glTF 2.0: the skeleton with a figure and its face, or, with None, the bones alone."""
+    """glTF 2.0: the skeleton with a figure and its face, or, with None, bones only."""
     return _written(motion, "glb", figure)
 
 
@@ -38,7 +38,7 @@ def vrma(motion: Motion) -> bytes:
 
 def _written(motion: Motion, format: str, figure: Optional[str]) -> bytes:
     if motion.skeleton is None:
-        raise ValueError(f"{format} needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
+        raise ValueError(f"{format} needs a skeleton, which only a Motion from umo has; save .npz or .csv")
     parents, offsets = (np.ascontiguousarray(values, kind) for values, kind in zip(motion.skeleton, (np.int32, np.float32)))
     if parents.shape != (JOINT_COUNT,) or offsets.shape != (JOINT_COUNT, 3):
         raise ValueError(f"a skeleton is parents [55] and offsets [55, 3], not {parents.shape} and {offsets.shape}")
@@ -75,7 +75,7 @@ def _written(motion: Motion, format: str, figure: Optional[str]) -> bytes:
 
 
 def _packed(motion: Motion) -> Any:
-    """The frames without gaps; a slice's may lie far apart."""
+    """Packs the frames tightly: a slice may have gaps."""
     kinds = [("translation", "f4", 3), ("rotations", "f4", (JOINT_COUNT, 4)), ("face", "f4", (len(motion.names),))]
     frames = np.empty(len(motion), kinds)
     for name, _, _ in kinds:
@@ -88,7 +88,7 @@ def _output(clip: Any, format: int) -> bytes:
     errors: list[MemoryError] = []
 
     def write(_: Any, start: int, size: int) -> int:
-        # ctypes prints an exception and goes on: it is kept, and raised when the call has returned.
+        # ctypes would print an exception and continue: keep it, and raise it after the call.
         try:
             parts.append(ctypes.string_at(start, size))
         except MemoryError as error:

@@ -1,6 +1,6 @@
 """The shared library beside this file, and its functions for ctypes. Its constants and structures are in `_generated`.
 
-ctypes gives the interpreter's lock away in every call, so other Python threads run meanwhile.
+ctypes releases the interpreter lock in every call, so other Python threads run meanwhile.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_BATCH = 64
 
 
 class Error(RuntimeError):
-    """A call of umo that failed: its text is umo's own, `status` says what kind it is."""
+    """A failed call: its text comes from umo, and `status` is the kind of error."""
 
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
@@ -39,7 +39,7 @@ class Error(RuntimeError):
 
 _U32, _SIZE, _TEXT, _HANDLE = c_uint32, c_size_t, c_char_p, c_void_p
 _OUT = POINTER(c_void_p)
-# What each function takes. Those that are not in _RESULTS return a status.
+# Arguments of each function. Functions not in _RESULTS return a status.
 _ARGUMENTS: dict[str, list[Any]] = {
     "umo_abi_version": [],
     "umo_version": [],
@@ -121,8 +121,8 @@ _RESULTS = {
 
 
 def _refuse_stranger() -> None:
-    """PyPI's `umo` is another project, whose package has the same folder: installed after this one, its files replace some of
-    these, and uninstalled, it takes them away."""
+    """Fails if another package has overwritten this one: PyPI's `umo` is another project with the same folder name.
+    Installed after this one, its files replace some of these; uninstalled, it removes them."""
     package = sys.modules[__name__.rpartition(".")[0]]
     if not hasattr(package, "_DISTRIBUTION"):
         found = getattr(package, "__file__", None) or "a folder without __init__.py"
@@ -145,18 +145,18 @@ lib: Any = _open()
 
 
 def error(status: int, detail: str = "") -> Error:
-    """A failure's exception: the detail, or what the status says where there is none."""
+    """The exception for a failure: the detail, or the status's description if there is none."""
     return Error(status, detail or lib.umo_status_message(status).decode())
 
 
 def check(status: int) -> None:
-    """Raises where a call that names no session failed."""
+    """Raises if a call without a session failed."""
     if status != Status.OK:
         raise error(status, lib.umo_last_error().decode())
 
 
 def check_session(handle: int, status: int) -> None:
-    """Raises where a call on a session failed."""
+    """Raises if a call on a session failed."""
     if status == Status.OK:
         return
     text = ctypes.create_string_buffer(ERROR_SIZE)
@@ -165,28 +165,28 @@ def check_session(handle: int, status: int) -> None:
 
 
 def filled(kind: Any, fill: Callable[[Any], int]) -> Any:
-    """A structure that a call writes once `struct_size` is set."""
+    """A structure written by a call, with `struct_size` set before."""
     structure = kind(struct_size=ctypes.sizeof(kind))
     check(fill(byref(structure)))
     return structure
 
 
 def suggestion(name: str, among: Iterable[str]) -> str:
-    """A question with the nearest of some names, or all of them where none is near."""
+    """Suggests the nearest of some names, or lists all if none is near."""
     among = sorted(among)
     near = difflib.get_close_matches(name, among, 1)
     if near:
         return f"did you mean {near[0]!r}?"
-    return f"expected one of {', '.join(among)}" if among else "it has none that can be set"
+    return f"expected one of {', '.join(among)}" if among else "it has no attributes that can be set"
 
 
 class Strict:
-    """Refuses attributes that its class does not declare: a misspelt setting would be lost otherwise.
+    """Refuses attributes that its class does not declare, as a misspelt setting would be lost silently.
 
-    Declared are properties that can be set, and annotated names; names that start with `_` are free.
+    Declared are settable properties and annotated names; names that start with `_` are free.
     """
 
-    # Unseen by type checkers, which would allow any name otherwise.
+    # Hidden from type checkers, which would allow any name otherwise.
     if not TYPE_CHECKING:
 
         def __setattr__(self, name, value):
@@ -199,7 +199,7 @@ class Strict:
 
 @functools.lru_cache(maxsize=None)
 def settable(kind: type) -> frozenset[str]:
-    """Names of attributes that may be set from outside. A subclass elsewhere has its own, annotated or with a value."""
+    """Names of attributes that can be set from outside. A subclass adds its own, annotated or with a value."""
     names: set[str] = set()
     for base in kind.__mro__:
         names |= set(getattr(base, "__annotations__", ()))
@@ -211,14 +211,14 @@ def settable(kind: type) -> frozenset[str]:
 
 
 def chosen(what: str, among: dict[str, int], name: str) -> int:
-    """The number of a name."""
+    """The value of a name."""
     if name not in among:
         raise ValueError(f"{what} {name!r}: {suggestion(name, among)}")
     return among[name]
 
 
 def fitting(name: str, value: int, kind: Any) -> int:
-    """A number that its C type can hold: ctypes would cut any other."""
+    """Checks that a number fits its C type: ctypes would truncate it."""
     bits = 8 * ctypes.sizeof(kind)
     if not 0 <= value < 1 << bits:
         raise ValueError(f"{name} {value}: expected a whole number of {bits} bits, not negative")
@@ -226,7 +226,7 @@ def fitting(name: str, value: int, kind: Any) -> int:
 
 
 def set_fields(config: Any, **values: Any) -> None:
-    """Sets what is not None."""
+    """Sets the values that are not None."""
     kinds = dict(config._fields_)
     for name, value in values.items():
         if isinstance(value, int):
@@ -246,7 +246,7 @@ def set_values(config: Any, **values: Any) -> None:
 
 
 def _free(free: Callable[[int], int], handle: int) -> None:
-    # Another thread's call on it ends soon.
+    # Another thread is in a call on it, which ends soon.
     while free(handle) == Status.BUSY:
         time.sleep(0.0005)
 
@@ -255,14 +255,14 @@ Self = TypeVar("Self", bound="Handle")
 
 
 class Handle(Strict):
-    """An object of the library, freed when it is closed, left (`with`), forgotten, or when Python ends."""
+    """An object of the library, freed when it is closed, at the end of `with`, when garbage-collected, or at exit."""
 
     def __init__(self, handle: int, free: Callable[[int], int]) -> None:
         self._handle = handle
         self._finalizer = weakref.finalize(self, _free, free, handle)
 
     def close(self) -> None:
-        """Frees it. Whatever is called on it later says that the handle was freed."""
+        """Frees it. Later calls on it fail with an error that says so."""
         self._finalizer()
 
     def __enter__(self: Self) -> Self:

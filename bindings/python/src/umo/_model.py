@@ -18,12 +18,12 @@ from ._library import lib
 
 
 class Model(_library.Handle):
-    """A loaded model: immutable, to be shared by any number of engines and threads.
+    """A loaded model: immutable, shared by any number of engines and threads.
 
-    `source` is a path, the bytes of a model file, or None for the model that comes with the package; a path without a file
-    is `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`,
-    `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"`, `"amx"`, `"neon"`, `"neon_dotprod"` or `"neon_i8mm"`. Where
-    users must be told something about the model, that is a warning.
+    `source` is a path, the bytes of a model file, or None for the model that comes with the package; a missing file
+    raises `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` limits the instruction
+    set: `"best"`, `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"`, `"amx"`, `"neon"`,
+    `"neon_dotprod"` or `"neon_i8mm"`. A notice that users of the model must see is raised as a warning.
     """
 
     def __init__(
@@ -83,22 +83,22 @@ class Model(_library.Handle):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the face channels, as `jawOpen`."""
+        """Names of the face channels, such as `jawOpen`."""
         return self._channels
 
     @property
     def is_arkit(self) -> bool:
-        """Whether face channels are the 52 ARKit blendshapes, 0 to 1, else SMPL-X expression coefficients."""
+        """Whether the face channels are the 52 ARKit blendshapes, 0 to 1; otherwise SMPL-X expression coefficients."""
         return bool(self._info.is_arkit)
 
     @property
     def has_text(self) -> bool:
-        """Whether texts can be prompts."""
+        """Whether text prompts are supported."""
         return bool(self._info.has_text)
 
     @property
     def has_mouth(self) -> bool:
-        """Whether it has a mouth network, so that a session's voice may be `"live"`."""
+        """Whether it has a mouth network, which the voice `"live"` needs."""
         return bool(self._info.has_mouth)
 
     @property
@@ -108,12 +108,12 @@ class Model(_library.Handle):
 
     @property
     def sample_rate(self) -> int:
-        """Samples per second that the model hears; sessions take any rate and resample."""
+        """Sample rate of the model; sessions take any rate and resample."""
         return int(self._info.sample_rate)
 
     @property
     def latency_frames(self) -> int:
-        """Frames of future speech that a frame needs at most, by default."""
+        """Maximum number of frames of future speech that a frame needs by default."""
         return int(self._info.latency_frames)
 
     @property
@@ -123,7 +123,7 @@ class Model(_library.Handle):
 
     @property
     def max_target(self) -> int:
-        """Most keyframes per chunk."""
+        """Maximum number of keyframes per chunk."""
         return int(self._info.max_target)
 
     @property
@@ -133,7 +133,7 @@ class Model(_library.Handle):
 
     @property
     def max_horizon(self) -> int:
-        """Most keyframes of speech that a session can hear ahead; 0 with models that cannot."""
+        """Maximum number of keyframes of future speech that a session can use; 0 if unsupported."""
         return int(self._info.max_horizon)
 
     @property
@@ -143,12 +143,12 @@ class Model(_library.Handle):
 
     @property
     def max_prompt(self) -> int:
-        """Most ids of a prompt."""
+        """Maximum number of token ids of a prompt."""
         return int(self._info.max_prompt)
 
     @property
     def file_size(self) -> int:
-        """Bytes of the model file."""
+        """Size of the model file in bytes."""
         return int(self._info.file_size)
 
     def skeleton(self, axes: str = "gltf") -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
@@ -166,7 +166,7 @@ class Model(_library.Handle):
         return parents, offsets
 
     def encode_text(self, text: str) -> npt.NDArray[np.uint32]:
-        """The ids of a prompt, for `Session.set_prompt`."""
+        """Token ids of a prompt, for `Session.set_prompt`."""
         ids, count, bytes_ = np.empty(self.max_prompt, np.uint32), ctypes.c_size_t(), text.encode()
         pointer = ids.ctypes.data_as(ctypes.POINTER(ctypes.c_uint32))
         _library.check(lib.umo_model_encode_text(self._handle, bytes_, len(bytes_), pointer, ids.size, byref(count)))
@@ -174,7 +174,7 @@ class Model(_library.Handle):
 
 
 def _check_readable(path: str) -> None:
-    """Raises Python's own exception where a file is missing, is a directory, or may not be read."""
+    """Raises Python's own exception if a file is missing, is a directory, or cannot be read."""
     os.stat(path)
     for wrong, number in ((os.path.isdir(path), errno.EISDIR), (not os.access(path, os.R_OK), errno.EACCES)):
         if wrong:
@@ -182,12 +182,12 @@ def _check_readable(path: str) -> None:
 
 
 class SelfTest(NamedTuple):
-    """What `self_test` found; printed, it is the report."""
+    """Result of `self_test`; printed, it is the report."""
 
     passed: bool
-    """Whether nothing is wrong."""
+    """Whether all checks passed."""
     report: str
-    """Text to publish: it names no path, host or user."""
+    """Text that is safe to publish: it contains no path, host or user name."""
 
     def __str__(self) -> str:
         return self.report

@@ -17,7 +17,7 @@ from ._library import lib
 from ._names import JOINTS, VISEMES
 
 Floats = npt.NDArray[np.float32]
-# Each joint's parent [55], and where it is in its parent's frame at rest [55, 3].
+# Parent of each joint [55], and rest position in the parent's frame [55, 3].
 Skeleton = tuple[npt.NDArray[np.int32], Floats]
 
 
@@ -26,34 +26,34 @@ class Frame:
     """One pose."""
 
     index: int
-    """Number of the frame since the start or the last reset."""
+    """Index of the frame since the start or the last reset."""
     sample: int
-    """Sample of each channel of the pushed audio that it belongs to."""
+    """Sample (per channel) of the pushed audio that the frame belongs to."""
     time: float
     """Seconds: `index` over the frame rate."""
     translation: Floats
-    """[3]: where the root is."""
+    """[3]: position of the root."""
     rotations: Floats
-    """[55, 4]: each joint of `umo.JOINTS` in its parent's frame, unit quaternions x y z w."""
+    """[55, 4]: rotation of each joint of `umo.JOINTS` in its parent's frame, unit quaternions x y z w."""
     face: Floats
-    """[C]: the channels of `Model.channels`."""
+    """[C]: values of `Model.channels`."""
     visemes: Optional[Floats]
-    """[15]: how much the mouth is each of `umo.VISEMES`; None where the model has no ARKit channels."""
+    """[15]: weight of each of `umo.VISEMES`; None if the model has no ARKit channels."""
 
 
 class Motion(_library.Strict):
-    """Frames in a row: arrays over one block of memory, not copied."""
+    """Consecutive frames: arrays that are views of one block of memory."""
 
     frames: npt.NDArray[Any]
     """The structured array: fields index, sample, translation, rotations, face and, with ARKit channels, visemes."""
     rate: int
     """Frames per second."""
     names: tuple[str, ...]
-    """The face channels."""
+    """Names of the face channels."""
     axes: str
-    """Whose axes and units: `"gltf"`, `"unreal"` or `"unity"`."""
+    """Axes and units: `"gltf"`, `"unreal"` or `"unity"`."""
     skeleton: Optional[Skeleton]
-    """`Model.skeleton` in those axes; None of a motion that was made without one."""
+    """`Model.skeleton` in those axes; None if the motion was created without one."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class Motion(_library.Strict):
 
     @property
     def index(self) -> npt.NDArray[np.uint64]:
-        """[T]: numbers of the frames since the start or the last reset."""
+        """[T]: indices of the frames since the start or the last reset."""
         return self.frames["index"]
 
     @property
@@ -87,26 +87,26 @@ class Motion(_library.Strict):
 
     @property
     def translation(self) -> Floats:
-        """[T, 3]: where the root is."""
+        """[T, 3]: positions of the root."""
         return self.frames["translation"]
 
     @property
     def rotations(self) -> Floats:
-        """[T, 55, 4]: each joint of `umo.JOINTS` in its parent's frame, unit quaternions x y z w."""
+        """[T, 55, 4]: rotation of each joint of `umo.JOINTS` in its parent's frame, unit quaternions x y z w."""
         return self.frames["rotations"]
 
     @property
     def face(self) -> Floats:
-        """[T, C]: the channels `names`."""
+        """[T, C]: values of the channels `names`."""
         return self.frames["face"]
 
     @property
     def visemes(self) -> Optional[Floats]:
-        """[T, 15]: how much the mouth is each of `umo.VISEMES`; None where the model has no ARKit channels."""
+        """[T, 15]: weight of each of `umo.VISEMES`; None if the model has no ARKit channels."""
         return self.frames["visemes"] if "visemes" in (self.frames.dtype.names or ()) else None
 
     def channel(self, name: str) -> Floats:
-        """[T]: one face channel, as `jawOpen`."""
+        """[T]: one face channel, such as `jawOpen`."""
         if name not in self.names:
             raise KeyError(f"{name}: the model's channels are {', '.join(self.names)}")
         return self.face[:, self.names.index(name)]
@@ -118,13 +118,13 @@ class Motion(_library.Strict):
         return self.rotations[:, JOINTS.index(name)]
 
     def save(self, path: Union[str, os.PathLike[str]], *, figure: Optional[str] = FIGURES[0]) -> None:
-        """Writes the frames as `umo animate` does; the suffix chooses the format, and the first frame is at second 0.
+        """Writes the frames like `umo animate`; the suffix selects the format, and the first frame is at second 0.
 
-        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.bvh` is the skeleton; `.glb` is the skeleton with `figure`, one
-        of `umo.FIGURES`, and its face, or, with None, the bones alone; `.vrma` is for VRM avatars; `.csv` is the face and the
-        head's angles, as Live Link Face records them, of ARKit channels; `.jsonl` is everything, one frame a line. The file
-        appears whole or not at all. `ValueError` says what cannot be written: another suffix or figure, no frames, other axes
-        than glTF's.
+        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.bvh` is the skeleton; `.glb` is the skeleton with
+        `figure`, one of `umo.FIGURES`, and its face, or, with None, bones only; `.vrma` is for VRM avatars; `.csv` is
+        the face (ARKit channels) and the head's angles, as recorded by Live Link Face; `.jsonl` is everything, one
+        frame per line. A failed write leaves no partial file. Raises `ValueError` for an unknown suffix or figure, an
+        empty motion, or axes other than glTF's.
         """
         _save.save(self, path, figure)
 
@@ -157,7 +157,7 @@ class Motion(_library.Strict):
 
 
 class Layout:
-    """How the library writes frames, and the same for numpy."""
+    """Layout in which the library writes frames, and the same for numpy."""
 
     def __init__(self, model: Any, axes: str) -> None:
         layout = _generated.FrameLayout()
@@ -187,14 +187,15 @@ class Layout:
         )
 
     def empty(self, count: int) -> npt.NDArray[Any]:
-        """Room for frames; zeros, so that the bytes between values are always the same."""
+        """Memory for frames, zeroed so that padding bytes are always the same."""
         return np.zeros(count, self.dtype)
 
     def motion(self, frames: npt.NDArray[Any]) -> Motion:
         return Motion(frames, self.rate, self.names, axes=self.axes, skeleton=self.skeleton)
 
     def joined(self, parts: list[Motion]) -> Motion:
-        """One motion of several. Copied into room of this layout: numpy's own concatenation would close the gaps."""
+        """Joins several motions into one. Copied into this layout: numpy's own concatenation would remove the padding.
+        """
         frames, start = self.empty(sum(map(len, parts))), 0
         for part in parts:
             frames[start : start + len(part)] = part.frames

@@ -1,4 +1,4 @@
-"""Motions to files: those that `umo animate` writes, value for value."""
+"""Writes motions to the files that `umo animate` writes, value for value."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Doubles = npt.NDArray[np.float64]
 
-# What SMPL-X tools expect: shape coefficients of the neutral body, and expression coefficients per frame.
+# As SMPL-X tools expect: shape coefficients of the neutral body, and expression coefficients per frame.
 BETAS, EXPRESSIONS = 300, 100
 
 # After the shapes, the angles of the Live Link Face app.
@@ -34,22 +34,22 @@ ANGLES = (
 
 
 def save(motion: Motion, path: Union[str, os.PathLike[str]], figure: Optional[str]) -> None:
-    """Writes a motion in the format that the path's suffix names."""
+    """Writes a motion in the format of the path's suffix."""
     path = Path(path)
     content = encoded(motion, path, figure)
-    # Beside its place and then renamed: a failed run leaves what was there before.
+    # Write to a temporary file and rename: a failed run leaves the existing file.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(content)
         os.replace(part, path)
     except OSError as error:
         part.unlink(missing_ok=True)
-        # Of the path that the caller knows.
+        # With the path that the caller knows.
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def writer(path: Union[str, os.PathLike[str]]) -> Callable[[Motion, Optional[str]], bytes]:
-    """What writes the format that a path's suffix names, with the figure where the format holds one."""
+    """The writer for the format of a path's suffix, passing on the figure if the format has one."""
     suffix = Path(path).suffix
     if suffix.lower() not in WRITERS:
         wrong = f"suffix `{suffix}` is unknown" if suffix else "it has no suffix"
@@ -59,12 +59,12 @@ def writer(path: Union[str, os.PathLike[str]]) -> Callable[[Motion, Optional[str
 
 
 def encoded(motion: Motion, path: Union[str, os.PathLike[str]], figure: Optional[str] = FIGURES[0]) -> bytes:
-    """A file's content in the format that the path's suffix names."""
+    """Contents of a file in the format of the path's suffix."""
     write = writer(path)
     if figure is not None and figure not in FIGURES:
         raise ValueError(f"figure {figure!r}: {suggestion(figure, FIGURES)}")
     if motion.axes != "gltf":
-        raise ValueError(f"cannot save `{path}`: files have glTF's axes, this motion {motion.axes}'s; make it with axes='gltf'")
+        raise ValueError(f"cannot save `{path}`: files use glTF's axes, this motion {motion.axes}'s; create it with axes='gltf'")
     if not len(motion):
         raise ValueError(f"cannot save `{path}`: the motion has no frames")
     if not all(np.isfinite(values).all() for values in (motion.rotations, motion.translation, motion.face)):
@@ -73,7 +73,7 @@ def encoded(motion: Motion, path: Union[str, os.PathLike[str]], figure: Optional
 
 
 def shape_columns(names: tuple[str, ...]) -> list[int]:
-    """For each of `SHAPES`, its place among the face channels; `ValueError` names one that is missing."""
+    """Column of each of `SHAPES` among the face channels; raises `ValueError` for a missing one."""
     places = {name.lower(): place for place, name in enumerate(names)}
     for shape in SHAPES:
         if shape.lower() not in places:
@@ -128,13 +128,13 @@ def timecode(frame: int, rate: float) -> str:
 
 
 def jsonl(motion: Motion) -> bytes:
-    """Everything, every number as computed."""
+    """Everything, every value as computed."""
     return b"".join(line.encode() + b"\n" for line in json_lines(motion))
 
 
 def json_lines(motion: Motion) -> Iterator[str]:
     if motion.skeleton is None:
-        raise ValueError("jsonl needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
+        raise ValueError("jsonl needs a skeleton, which only a Motion from umo has; save .npz or .csv")
     parents, offsets = motion.skeleton
     names = {"kind": "arkit" if is_arkit(motion.names) else "smplx_expression", "names": motion.names}
     units = {
@@ -159,7 +159,7 @@ def json_lines(motion: Motion) -> Iterator[str]:
 def bvh(motion: Motion) -> bytes:
     """The skeleton's motion, in centimetres and degrees; a joint's matrix is Z X Y."""
     if motion.skeleton is None:
-        raise ValueError("bvh needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
+        raise ValueError("bvh needs a skeleton, which only a Motion from umo has; save .npz or .csv")
     parents, offsets = motion.skeleton
     lines, order = ["HIERARCHY"], []
 
@@ -197,7 +197,7 @@ def bvh(motion: Motion) -> bytes:
 
 
 def continued(angles: Doubles, before: Doubles) -> Doubles:
-    """Of the angles [J, 3] that mean the same rotations, those nearest to the frame before."""
+    """Among the angles [J, 3] of the same rotations, those nearest to the previous frame."""
     other = np.stack([angles[:, 0] + 180.0, 180.0 - angles[:, 1], angles[:, 2] + 180.0], 1)
 
     def near(candidate: Doubles) -> tuple[Doubles, Doubles]:
@@ -215,28 +215,30 @@ def compact(value: Any) -> str:
 
 
 def numbers(values: npt.NDArray[np.float32]) -> str:
-    """A JSON list, nested as the array is, of the shortest decimals that read as the same floats."""
+    """A JSON list, nested like the array, of the shortest decimals that read back as the same floats."""
     if values.ndim > 1:
         return f"[{','.join(map(numbers, values))}]"
     return f"[{','.join(map(number, values))}]"
 
 
 def number(value: np.float32) -> str:
-    """One number as the program `umo` writes it: with an exponent below 1e-6 and from 1e13 on."""
+    """A number as the program `umo` writes it: with an exponent below 1e-6 and from 1e13 up."""
     if value == 0 or 1e-6 <= abs(value) < 1e13:
         return np.format_float_positional(value, unique=True, trim="0")
     return np.format_float_scientific(value, unique=True, trim="-", exp_digits=1)
 
 
 def normalized(rotations: npt.NDArray[np.float32]) -> tuple[Doubles, ...]:
-    """x, y, z, w of quaternions [..., 4]. Sums are in one order, so that every digit is that of the program `umo`."""
+    """Components x, y, z, w of quaternions [..., 4]. Sums have a fixed order, so that every digit equals the program
+    `umo`'s.
+    """
     x, y, z, w = np.moveaxis(rotations.astype(np.float64), -1, 0)
     length = np.sqrt(x * x + y * y + z * z + w * w)
     return x / length, y / length, z / length, w / length
 
 
 def arctan2(y: Doubles, x: Doubles) -> Doubles:
-    """The C library's: numpy's own may differ in the last digit."""
+    """The C library's atan2: numpy's own may differ in the last digit."""
     return np.asarray(np.frompyfunc(math.atan2, 2, 1)(y, x), np.float64)
 
 
@@ -244,7 +246,7 @@ def axis_angles(rotations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Rotation vectors [..., 3]: the axis times the angle in radians, at most pi."""
     x, y, z, w = normalized(rotations)
     sine, sign = np.sqrt(x * x + y * y + z * z), np.copysign(1.0, w)
-    # Near no rotation the angle is twice the vector part; the quotient would be 0 / 0.
+    # For small rotations the angle is twice the vector part; the quotient would be 0 / 0.
     small = sine < 1e-12
     scale = np.where(small, 2.0 * sign, 2.0 * arctan2(sine, np.abs(w)) * sign / np.where(small, 1.0, sine))
     return np.stack([x * scale, y * scale, z * scale], -1).astype(np.float32)
@@ -262,7 +264,7 @@ def matrices(rotations: npt.NDArray[np.float32]) -> Doubles:
 
 
 def product(a: Doubles, b: Doubles) -> Doubles:
-    """First `b`, then `a`."""
+    """Product that applies `b` first, then `a`."""
     columns = [a[:, :, k, None] * b[:, None, k, :] for k in range(3)]
     return columns[0] + columns[1] + columns[2]  # type: ignore[no-any-return, unused-ignore]
 
@@ -271,7 +273,7 @@ def euler_yxz(m: Doubles) -> Doubles:
     """Angles [T, 3] in radians, with `m = Y(y) * X(x) * Z(z)`: yaw, pitch, roll."""
     cosine = np.hypot(m[:, 1, 1], m[:, 1, 0])
     pitch = arctan2(-m[:, 1, 2], cosine)
-    # Where the middle angle is a right one, the other two turn about one axis.
+    # If the middle angle is a right angle, the other two rotate about the same axis (gimbal lock).
     locked = cosine < 1e-9
     yaw = np.where(locked, arctan2(-m[:, 2, 0], m[:, 0, 0]), arctan2(m[:, 0, 2], m[:, 2, 2]))
     roll = np.where(locked, 0.0, arctan2(m[:, 1, 0], m[:, 1, 1]))
@@ -289,7 +291,7 @@ def euler_zxy(m: Doubles) -> Doubles:
 
 
 def _bare(write: Callable[[Motion], bytes]) -> Callable[[Motion, Optional[str]], bytes]:
-    """Of a format that holds no figure."""
+    """Wraps the writer of a format without a figure."""
     return lambda motion, _: write(motion)
 
 

@@ -22,26 +22,26 @@ Number = TypeVar("Number", int, float)
 
 
 class Sampled(NamedTuple):
-    """A pose at a time of the host's own, and which times there were to choose from."""
+    """A pose at a time chosen by the host, and the range of available times."""
 
     frame: Frame
     is_ahead: bool
-    """Whether the time asked for was later than the newest frame."""
+    """Whether the requested time was later than the newest frame."""
     oldest: float
-    """Seconds of the oldest frame that is still there."""
+    """Time of the oldest kept frame, seconds."""
     newest: float
-    """Seconds of the newest frame that is ready."""
+    """Time of the newest ready frame, seconds."""
 
 
 class Parameter(Generic[Number]):
-    """A setting that may change while a session runs: `session.gain_face = 0.5`, `Session.gain_face.maximum`."""
+    """A setting that can change while a session runs: `session.gain_face = 0.5`, `Session.gain_face.maximum`."""
 
     def __init__(self, name: str, doc: str) -> None:
         self.name, self.__doc__ = name, doc
         self.id = _generated.PARAMETERS[name]
         info = next(info for info in _parameters() if info.id == self.id)
         self.minimum: float = info.minimum
-        """Least value."""
+        """Minimum value."""
         self.maximum: float = info.maximum
         """Largest value."""
         self.is_whole: bool = bool(info.flags & _generated.PARAMETER_WHOLE)
@@ -63,7 +63,7 @@ class Parameter(Generic[Number]):
 
 
 def _parameters() -> list[Any]:
-    """What the library says of every parameter."""
+    """The library's description of every parameter."""
     found: list[Any] = []
     while True:
         info = _generated.ParameterInfo(struct_size=ctypes.sizeof(_generated.ParameterInfo))
@@ -75,36 +75,37 @@ def _parameters() -> list[Any]:
 
 
 class Session(_library.Handle):
-    """One avatar. One thread pushes, one pulls or samples, any sets: all at once, if you like.
+    """One avatar. One thread may push, one pull or sample, and any set parameters, all concurrently.
 
-    `rate` and `channels` are those of the audio; `axes` of the frames: `"gltf"` (and Godot), `"unreal"` or `"unity"`. `target`
-    is how many keyframes are predicted per chunk, `lookahead` how many frames are held back for smoother seams; `idle_after`
-    and `ease` are seconds; `queue` is how many frames may wait to be pulled. `template` is one of the model's templates:
-    `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as the sound is heard and the body follows, for models
-    that have a mouth network (`Model.has_mouth`); `"delayed"` keeps them in step. `smoothing` is the low-pass of the body's motion,
-    standard deviation in frames, 0 to 1.5; `guidance` how strongly the prompt steers, 1 to 3, and `horizon` how many keyframes of
-    speech it hears ahead, with models that can. With `packets` chunks are given to `pull_packets` for `Decoder`s elsewhere,
-    `"beside_frames"` or `"only"`; each says `packet_history` keyframes again. What is None is the model's default.
+    `rate` and `channels` describe the audio, `axes` the frames: `"gltf"` (and Godot), `"unreal"` or
+    `"unity"`. `target` is the number of keyframes per chunk, `lookahead` the number of frames held back for smoother
+    seams; `idle_after` and `ease` are seconds; `queue` is the maximum number of frames waiting to be pulled. `template`
+    is one of the model's templates: `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as the
+    sound is heard and the body follows, for models with a mouth network (`Model.has_mouth`); `"delayed"` keeps them in
+    sync. `smoothing` is the low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; `guidance`
+    the strength of the prompt, 1 to 3, and `horizon` the number of keyframes of future speech, for models that support
+    them. With `packets` (`"beside_frames"` or `"only"`) chunks are output to `pull_packets` for remote `Decoder`s; each
+    packet repeats `packet_history` keyframes. None stands for the model's default.
     """
 
-    temperature = Parameter[float]("temperature", "How freely codes are drawn: 0 takes the likeliest always.")
-    top_k = Parameter[int]("top_k", "Only this many of the likeliest codes are drawn from; 0 is all.")
-    top_p = Parameter[float]("top_p", "Only the likeliest codes that together reach this probability are drawn from.")
-    idle = Parameter[int]("idle", "What is shown while no audio comes: one of `Idle`.")
-    attention = Parameter[int]("attention", "What the avatar attends to: one of `Attention`.")
+    temperature = Parameter[float]("temperature", "Sampling temperature: 0 always takes the most probable code.")
+    top_k = Parameter[int]("top_k", "Number of most probable codes to sample from; 0 is all.")
+    top_p = Parameter[float]("top_p", "Cumulative probability of the most probable codes to sample from.")
+    idle = Parameter[int]("idle", "Behaviour while no audio arrives: one of `Idle`.")
+    attention = Parameter[int]("attention", "Focus of attention: one of `Attention`.")
     output_delay = Parameter[float](
-        "output_delay", "The output device's own delay, seconds: `sample` shows the pose of so much earlier. Some 0.2 by Bluetooth."
+        "output_delay", "Latency of the output device in seconds, which `sample` compensates. About 0.2 for Bluetooth."
     )
-    gain_face = Parameter[float]("gain_face", "How much the face moves: 0 at rest, 1 as computed, 2 exaggerated.")
-    gain_hands = Parameter[float]("gain_hands", "How much the fingers move.")
-    gain_upper = Parameter[float]("gain_upper", "How much spine, neck, head and arms move.")
-    gain_lower = Parameter[float]("gain_lower", "How much pelvis and legs move, and the body through the world.")
+    gain_face = Parameter[float]("gain_face", "Amount of face motion: 0 at rest, 1 as computed, 2 exaggerated.")
+    gain_hands = Parameter[float]("gain_hands", "Amount of finger motion.")
+    gain_upper = Parameter[float]("gain_upper", "Amount of motion of spine, neck, head and arms.")
+    gain_lower = Parameter[float]("gain_lower", "Amount of motion of pelvis and legs, and of the body through the world.")
     layer_gaze = Parameter[float]("layer_gaze", "Strength of blinks, gaze and lids over the model's motion, 0 to 1.")
     layer_idle = Parameter[float]("layer_idle", "Strength of breath, sway, weight shifts and fingers.")
     layer_asymmetry = Parameter[float]("layer_asymmetry", "Strength of the differences between the face's left and right.")
     layer_nods = Parameter[float]("layer_nods", "Strength of nods on accents, and while listening.")
     layer_mood = Parameter[float]("layer_mood", "Strength of the mood's face and posture.")
-    layer_feet = Parameter[float]("layer_feet", "Strength of planted feet, steps, and the root's way back.")
+    layer_feet = Parameter[float]("layer_feet", "Strength of planted feet, steps, and the root's return.")
 
     def __init__(
         self,
@@ -146,28 +147,28 @@ class Session(_library.Handle):
 
     @classmethod
     def parameters(cls) -> dict[str, Parameter[Any]]:
-        """Every parameter by its name, with its range."""
+        """All parameters by name, with their ranges."""
         return {name: value for name, value in vars(Session).items() if isinstance(value, Parameter)}
 
     @property
     def engine(self) -> Engine:
-        """Who computes it."""
+        """The engine that computes it."""
         return self._engine
 
     @property
     def rate(self) -> int:
-        """Samples per second of the audio that is pushed."""
+        """Sample rate of the pushed audio."""
         return self._rate
 
     @property
     def channels(self) -> int:
-        """Channels of the audio that is pushed."""
+        """Channels of the pushed audio."""
         return self._channels
 
     def push(self, samples: npt.ArrayLike) -> int:
-        """Takes audio to speak: [samples] interleaved or [samples, channels]; floats of full scale 1, or int16.
+        """Pushes audio to speak: [samples] interleaved or [samples, channels]; floats of full scale 1, or int16.
 
-        How many rows of `samples` there was room for: push `samples[taken:]` again later.
+        Returns the number of rows of `samples` taken: push `samples[taken:]` again later.
         """
         array = audio(samples)
         if array.ndim == 2 and array.shape[1] != self._channels:
@@ -179,7 +180,7 @@ class Session(_library.Handle):
         return taken.value // array.shape[1] if array.ndim == 2 else taken.value
 
     def push_other(self, samples: npt.ArrayLike) -> None:
-        """Takes audio of who speaks to the avatar, in the session's rate and channels, so that it listens.
+        """Pushes the interlocutor's audio, at the session's rate and channels, so that the avatar listens.
 
         [samples] interleaved or [samples, channels]; floats of full scale 1, or int16.
         """
@@ -189,34 +190,36 @@ class Session(_library.Handle):
         self._check(lib.umo_session_push_other_audio(self._handle, array.ctypes.data, array.size))
 
     def finish(self) -> None:
-        """No more audio: the tail is completed, and floor(seconds * 30) frames come out in all."""
+        """Ends the audio: the rest is computed, and floor(seconds * 30) frames result in all."""
         self._check(lib.umo_session_finish(self._handle))
 
     def interrupt(self, ease: float = 0.2) -> None:
-        """Drops everything that is not shown yet and eases to rest within `ease` seconds. What is pushed then follows."""
+        """Drops everything not shown yet and eases to rest within `ease` seconds. Audio pushed afterwards follows."""
         ms = _library.fitting("ease", round(ease * 1e3), ctypes.c_uint32)
         self._check(lib.umo_session_interrupt(self._handle, ms))
 
     def reset(self) -> None:
-        """Back to the start: what follows is what a new session gives."""
+        """Returns to the initial state, as a new session."""
         self._check(lib.umo_session_reset(self._handle))
 
     @property
     def ready(self) -> int:
-        """How many frames `pull` would give."""
+        """Number of frames that `pull` would return."""
         count = ctypes.c_size_t()
         self._check(lib.umo_session_ready_frames(self._handle, byref(count)))
         return count.value
 
     @property
     def is_done(self) -> bool:
-        """Whether `finish` was called and every frame was handed out."""
+        """Whether `finish` was called and all frames were pulled."""
         done = ctypes.c_uint32()
         self._check(lib.umo_session_is_done(self._handle, byref(done)))
         return done.value != 0
 
     def save(self) -> bytes:
-        """Everything that the session is, to be restored in this or another process; `umo.Error` while another thread is in a call."""
+        """The complete state, to be restored in this or another process; raises `umo.Error` while another thread is in
+        a call.
+        """
         size = ctypes.c_size_t()
         self._check(lib.umo_session_state_size(self._handle, byref(size)))
         state = ctypes.create_string_buffer(size.value)
@@ -224,12 +227,12 @@ class Session(_library.Handle):
         return state.raw[: size.value]
 
     def restore(self, state: bytes) -> None:
-        """Makes the session what it was when `state` was saved, by it or by one of the same model and configuration."""
+        """Restores a state saved by this session or by one of the same model and configuration."""
         self._check(lib.umo_session_restore(self._handle, bytes(state), len(state)))
 
     def pull(self, most: Optional[int] = None) -> Motion:
-        """The frames that are ready, in order, each once, `most` of them at most. Does not wait: there may be none."""
-        # Room for one where none is ready: the call then says why none will come.
+        """Pulls up to `most` ready frames, in order, each once. Does not wait: the result may be empty."""
+        # Space for at least one frame: the call then reports why none will arrive.
         frames = self._layout.empty(max(self.ready, 1) if most is None else most)
         count = ctypes.c_size_t()
         layout, data = byref(self._layout.raw), frames.ctypes.data
@@ -237,7 +240,9 @@ class Session(_library.Handle):
         return self._layout.motion(frames[: count.value])
 
     def pull_packets(self) -> list[bytes]:
-        """The packets that are ready, in order, each once, of a session made with `packets`: to be sent to `Decoder`s as they are."""
+        """Pulls the ready packets of a session created with `packets`, in order, each once, to be sent to `Decoder`s
+        unchanged.
+        """
         size, count, lengths = ctypes.c_size_t(), ctypes.c_size_t(), (ctypes.c_size_t * 16)()
         self._check(lib.umo_session_packet_size(self._handle, byref(size)))
         room = ctypes.create_string_buffer(max(len(lengths) * size.value, 1))
@@ -252,7 +257,7 @@ class Session(_library.Handle):
                 return packets
 
     def set_clock(self, seconds: float) -> None:
-        """What time it is for the host, from any moment on: what moves while no frames come goes by it from then on."""
+        """Sets the host's time, from any origin: layers and easing follow it while no frames arrive."""
         self._check(lib.umo_session_set_clock(self._handle, seconds))
 
     def sample(self, seconds: float) -> Sampled:
@@ -263,7 +268,7 @@ class Session(_library.Handle):
         return Sampled(self._layout.motion(frames)[0], bool(sampled.is_ahead), sampled.oldest, sampled.newest)
 
     def set_prompt(self, prompt: Union[str, npt.ArrayLike]) -> None:
-        """What the avatar is told, from the next chunk on: a text, or ids of `Model.encode_text`. Nothing ends it."""
+        """Sets the prompt from the next chunk on: a text, or ids of `Model.encode_text`. An empty prompt removes it."""
         if isinstance(prompt, str):
             text = prompt.encode()
             self._check(lib.umo_session_set_prompt(self._handle, text, len(text)))
@@ -273,11 +278,11 @@ class Session(_library.Handle):
             self._check(lib.umo_session_set_prompt_ids(self._handle, pointer, ids.size))
 
     def set_seed(self, seed: int) -> None:
-        """The seed of draws from the next chunk on."""
+        """Sets the random seed from the next chunk on."""
         self._check(lib.umo_session_set_seed(self._handle, _library.fitting("seed", seed, ctypes.c_uint64)))
 
     def look_at(self, point: npt.ArrayLike, strength: float = 1.0) -> None:
-        """Looks at a point in the avatar's space, in the session's axes and units; a strength of 0 ends it."""
+        """Looks at a point in the avatar's space, in the session's axes and units; a strength of 0 stops it."""
         place = np.ascontiguousarray(point, np.float32)
         if place.shape != (3,):
             raise ValueError(f"a point of shape {place.shape}: expected 3 coordinates")
@@ -290,10 +295,10 @@ class Session(_library.Handle):
         self._check(lib.umo_session_set_mood(self._handle, number, strength))
 
     def hint_lips(self, shape: str, start: float, duration: float) -> None:
-        """Says that a sound is heard that one sees on the lips: `closed` for p, b and m, `teeth` for f and v, `round` for w.
+        """Schedules a visible lip shape for a sound: `closed` for p, b and m, `teeth` for f and v, `round` for w.
 
-        `start` and `duration` are seconds of the audio that was pushed since the session began or was reset. `umo.lips` makes hints
-        of the times that synthesisers give.
+        `start` and `duration` are seconds of the audio pushed since the session was created or reset. `umo.lips`
+        derives hints from the timings of synthesisers.
         """
         number = _library.chosen("shape", _generated.LIPS, shape)
         self._check(lib.umo_session_hint_lips(self._handle, number, start, duration))
@@ -308,10 +313,10 @@ class Session(_library.Handle):
         side: str = "auto",
         target: Optional[npt.ArrayLike] = None,
     ) -> None:
-        """Plays a gesture over what the model does: one of `Engine.gestures`.
+        """Plays a gesture over the model's motion: one of `Engine.gestures`.
 
-        `at` is the time of the motion at which its stroke falls, seconds; None is as soon as possible. `side` is `"auto"`, `"left"`,
-        `"right"` or `"both"`; `target` is the place to point at, in the session's axes and units.
+        `at` is the motion time of its stroke in seconds; None is as soon as possible. `side` is `"auto"`, `"left"`,
+        `"right"` or `"both"`; `target` is the point to point at, in the session's axes and units.
         """
         options = _generated.GestureOptions()
         _library.check(lib.umo_gesture_options_init(options, ctypes.sizeof(options)))
@@ -324,7 +329,7 @@ class Session(_library.Handle):
                 raise ValueError(f"a target of shape {place.shape}: expected 3 coordinates")
             options.has_target, options.target = 1, tuple(float(value) for value in place)
         if "\0" in name:
-            raise ValueError("a gesture's name has no zero bytes")
+            raise ValueError("a gesture's name must not contain zero bytes")
         self._check(lib.umo_session_play_gesture(self._handle, name.encode(), options))
 
     def latency(self) -> Latency:
@@ -341,7 +346,7 @@ class Session(_library.Handle):
 
 
 def audio(samples: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Samples as the library takes them: float32 or int16, without gaps."""
+    """Converts samples for the library: contiguous float32 or int16."""
     array = np.asarray(samples)
     if array.dtype != np.int16:
         if array.dtype.kind != "f":
@@ -357,17 +362,19 @@ def audio(samples: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def channels_first(array: npt.NDArray[Any]) -> str:
-    """What to do with audio of shape [channels, samples]."""
-    # The mean of int16 samples would be floats that are not of full scale 1.
+    """Advice for audio of shape [channels, samples]."""
+    # The mean of int16 samples would be floats not of full scale 1.
     mono = "audio.mean(axis=0).astype(np.int16)" if array.dtype == np.int16 else "audio.mean(axis=0)"
     return f"If channels come first in it, pass audio.T for all of them or {mono} for mono"
 
 
 class Decoder(Session):
-    """An avatar whose frames come of packets, where it is seen: `push_packet` takes the place of `push`, all else is a session's.
+    """An avatar that is animated by received packets: `push_packet` replaces `push`; everything else is as in a
+    session.
 
-    It needs no engine. The model is the sender's file at the same precision; `target`, `lookahead` and `smoothing` are the sender's.
-    `patience` is how many packets may come before one that is missing counts as lost, 0 to 4.
+    It needs no engine. The model must be the sender's file at the same precision; `target`, `lookahead` and `smoothing`
+    must match the sender's. `patience` is the number of later packets that may arrive before a missing one counts as
+    lost, 0 to 4.
     """
 
     def __init__(
@@ -397,18 +404,18 @@ class Decoder(Session):
 
     @property
     def model(self) -> Model:
-        """What it decodes with."""
+        """The model that it decodes with."""
         return self._model
 
     @property
     def engine(self) -> Engine:
-        """A decoder has none: this raises."""
+        """Raises: a decoder has no engine."""
         raise AttributeError("a decoder has no engine: it computes where packets are pushed")
 
     def push_packet(self, packet: bytes) -> None:
-        """Takes a packet of `Session.pull_packets`, in any order and any number of times.
+        """Pushes a packet of `Session.pull_packets`. Packets may arrive reordered or duplicated.
 
-        What is no packet for this decoder is `umo.Error` with `Status.PACKET` and changes nothing; with `Status.BUSY` the queue is
+        An invalid packet raises `umo.Error` with `Status.PACKET` and changes nothing; with `Status.BUSY` the queue is
         full: pull or sample, then push it again.
         """
         self._check(lib.umo_decoder_push_packet(self._handle, bytes(packet), len(packet)))

@@ -1,9 +1,9 @@
-"""Hints for `Session.hint_lips` of the times that synthesisers give: characters, words, or visemes.
+"""Hints for `Session.hint_lips` from the timings of synthesisers: characters, words, or visemes.
 
-Only what the spelling makes all but certain becomes a hint: p, b and m close the lips, f, v and ph bring the lower one to the
-teeth. English and German are spelled so; letters that are not spoken there (lamb, debt, psalm, pneumonia) are left out, and so are
-words in capitals (FBI) and with digits (5pm), whose letters are read otherwise. A word's own times say where its first sound begins,
-and nothing of those within it.
+Only sounds that the spelling makes all but certain become hints: p, b and m close the lips; f, v and ph bring the lower
+lip to the teeth. This holds for English and German spelling; silent letters (lamb, debt, psalm, pneumonia) are left
+out, and so are words in capitals (FBI) or with digits (5pm), whose letters are read differently. A word's times locate
+its first sound only, not the sounds within it.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ _AZURE = {21: "closed", 18: "teeth", 7: "round"}
 
 
 class Hint(NamedTuple):
-    """A sound that one sees on the lips: arguments of `Session.hint_lips`."""
+    """A sound that is visible on the lips: arguments of `Session.hint_lips`."""
 
     shape: str
     start: float
     duration: float
 
     def after(self, seconds: float) -> Hint:
-        """The same sound where its speech begins at a time of the audio that was pushed."""
+        """The same hint for speech that starts at `seconds` of the pushed audio."""
         return Hint(self.shape, self.start + seconds, self.duration)
 
 
 def _sounds(word: str) -> list[tuple[str, int, int]]:
-    """The shape of each certain sound of a word in lower case, its first letter and the one after its last."""
+    """Shape, first letter and end of each certain sound of a word in lower case."""
     found: list[tuple[str, int, int]] = []
     at = 0
     while at < len(word):
@@ -57,9 +57,9 @@ def _sounds(word: str) -> list[tuple[str, int, int]]:
 
 
 def of_characters(characters: Sequence[str], starts: Sequence[float], ends: Sequence[float]) -> list[Hint]:
-    """Hints of a text whose characters have times, seconds, as ElevenLabs gives them."""
+    """Hints from a text with character times in seconds, as from ElevenLabs."""
     if not len(characters) == len(starts) == len(ends):
-        raise ValueError(f"{len(characters)} characters, {len(starts)} starts and {len(ends)} ends: expected as many of each")
+        raise ValueError(f"{len(characters)} characters, {len(starts)} starts and {len(ends)} ends: expected the same number of each")
     if any(len(character) != 1 for character in characters):
         raise ValueError("characters must be strings of one character each")
     hints, first = [], 0
@@ -78,7 +78,7 @@ def of_characters(characters: Sequence[str], starts: Sequence[float], ends: Sequ
 
 
 def of_word(word: str, start: float, end: Optional[float] = None) -> Optional[Hint]:
-    """A hint of the sound that a word begins with, where it is certain; `start` and `end` are the word's, seconds."""
+    """Hint for the first sound of a word, if it is certain; `start` and `end` are the word's, seconds."""
     read = word.strip().lstrip(_BEFORE_WORDS)
     letters = "".join(character for character in read if character.isalpha())
     if not read[:1].isalpha() or letters.isupper() or any(character.isspace() or character.isdigit() for character in read):
@@ -90,11 +90,11 @@ def of_word(word: str, start: float, end: Optional[float] = None) -> Optional[Hi
 
 
 class Transcript:
-    """Hints of a transcript that comes in pieces with times, each a word or a single character, as LiveKit's `TimedString`.
+    """Hints from a transcript in timed pieces, each a word or a single character, such as LiveKit's `TimedString`.
 
-    Characters of a word may come in several calls: its hints are there when it ends. A piece of several words has none: a sentence
-    begins with some silence. Times must go on from piece to piece. Where they begin anew, it is not known at which audio, so all that
-    follows has no hints.
+    Characters of a word may arrive in several calls: its hints are returned when it ends. A piece of several words has
+    none, as a sentence starts with some silence. Times must be continuous from piece to piece. If they restart, their
+    position in the audio is unknown, so no further hints are returned.
     """
 
     def __init__(self) -> None:
@@ -103,7 +103,7 @@ class Transcript:
         self._is_lost = False
 
     def push(self, text: str, start: float, end: float) -> list[Hint]:
-        """The hints that a piece completes."""
+        """The hints completed by a piece."""
         if self._is_lost or start < self._last - _RESTART:
             self._is_lost = True
             return []
@@ -115,7 +115,7 @@ class Transcript:
         return hints if hint is None else [*hints, hint]
 
     def finish(self) -> list[Hint]:
-        """Those of a word whose characters were not followed by any other."""
+        """Hints of a last word that no other character followed."""
         if not self._characters:
             return []
         characters, starts, ends = zip(*self._characters)
@@ -124,7 +124,7 @@ class Transcript:
 
 
 def of_azure(visemes: Iterable[tuple[float, int]]) -> list[Hint]:
-    """Hints of Azure's visemes, each the time in seconds and the id; a viseme ends where the next one begins."""
+    """Hints from Azure's visemes, each a time in seconds and an id; a viseme ends where the next one starts."""
     known = list(visemes)
     following = [*(time for time, _ in known[1:]), None]
     return [

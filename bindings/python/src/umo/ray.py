@@ -1,10 +1,10 @@
-"""Recordings over the machines of a Ray cluster. Needs the extra `umo-avatar[ray]`.
+"""Animates recordings on the machines of a Ray cluster. Needs the extra `umo-avatar[ray]`.
 
     results = umo.ray.animate(["s3://lines/a.wav", {"file": "s3://lines/b.flac", "mood": "joy"}], "s3://motion", format=".bvh")
     for row in results.iter_rows(): ...
 
-Files are of any system that fsspec knows. An output appears whole or not at all, and a second run keeps what is done: it goes by
-the contents of recording, settings and model, not by dates.
+Paths may be on any file system that fsspec supports. Outputs are written atomically, and a second run keeps finished ones:
+it compares the contents of recording, settings and model, not dates.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ._model import Model
 from ._motion import Motion
 
 FIELDS = {"file": str, "output": str, "seed": int, "prompt": str, "mood": str}
-"""What a line may say, but for the file all optional."""
+"""Fields of a line, all optional except the file."""
 
 
 def animate(
@@ -46,17 +46,17 @@ def animate(
     again: bool = False,
     **settings: Any,
 ) -> ray.data.Dataset:
-    """Animates recordings on the cluster that `ray.init` named: a dataset with a row for each line, computed as it is read.
+    """Animates recordings on the cluster that `ray.init` connected to: a dataset with a row per line, computed lazily.
 
-    A line is a path, or a mapping of `file` and, where wanted, `output` (its path below the folder `output`; its suffix is the
-    format), `seed`, `prompt` and `mood`. Without one, the output is the file's name with the suffix `format`. Each of `actors`
-    holds the model, computes `jobs` lines together, and has `cpus`; `model` is a path that all of them can read. `again` makes
-    what is done, too. `settings` are those of `umo.animate`;
-    what a line says goes before.
+    A line is a path, or a mapping with `file` and optionally `output` (its path below the folder `output`; its suffix
+    selects the format), `seed`, `prompt` and `mood`. The default output is the file's name with the suffix `format`.
+    Each of `actors` holds the model, computes `jobs` lines together, and uses `cpus`; `model` is a path that all of
+    them can read. `again` recomputes finished lines. `settings` are arguments of `umo.animate`; a line's fields take
+    precedence.
 
-    A row has `file`, `output`, `status` (`"done"`, `"kept"` or `"failed"`), `error`, `frames`, `seconds`, `sha256` of the output, and
-    `key`, which stands for all that the output depends on. Beside each output lies `.NAME.umo.json` with both hashes. A worker that
-    dies is replaced, and does its lines again.
+    A row has `file`, `output`, `status` (`"done"`, `"kept"` or `"failed"`), `error`, `frames`, `seconds`, `sha256` of
+    the output, and `key`, a hash of everything that the output depends on. A file `.NAME.umo.json` beside each output
+    holds both hashes. A worker that dies is replaced, and its lines are computed again.
     """
     for name, value in (("actors", actors), ("cpus", cpus), ("jobs", jobs)):
         if value < 1:
@@ -73,7 +73,7 @@ def animate(
         seen[place] = line["file"]
     if not work:
         raise ValueError("no lines: expected at least one recording")
-    # As text: columns of numpy have no place for what is left out. A block is what a dead worker loses.
+    # As text: numpy columns cannot hold missing fields. A block is what a dead worker loses.
     rows = [{"line": json.dumps(line)} for line in work]
     return ray.data.from_items(rows, override_num_blocks=-(-len(rows) // jobs)).map_batches(
         Animator,
@@ -112,7 +112,7 @@ def _canonical(path: str) -> str:
 
 
 class Animator:
-    """What an actor runs: the model, and batches of lines."""
+    """Runs in an actor: the model, and batches of lines."""
 
     def __init__(
         self, model: Optional[str] = None, threads: int = 1, jobs: int = 8, again: bool = False, settings: Mapping[str, Any] = {}
@@ -126,7 +126,7 @@ class Animator:
         self._same = [version, self._model.isa, _hash(content), json.dumps(self._settings, sort_keys=True, default=str)]
 
     def __call__(self, batch: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
-        """A batch of lines, as JSON in the column `line`, to its rows."""
+        """Processes a batch of lines, as JSON in the column `line`, to its rows."""
         rows = [_row(json.loads(str(text))) for text in batch["line"]]
         wanted: list[tuple[dict[str, Any], npt.NDArray[Any], int]] = []
         for row in rows:
@@ -149,7 +149,7 @@ class Animator:
         return {name: np.array([row[name] for row in rows]) for name in columns}
 
     def _motions(self, wanted: list[tuple[dict[str, Any], npt.NDArray[Any], int]]) -> list[Union[Motion, Exception]]:
-        """Computed together; one by one where that fails, so that a bad line takes no other with it."""
+        """Computed together; one by one if that fails, so that a bad line affects no other."""
         if not wanted:
             return []
         try:
@@ -209,7 +209,7 @@ def _beside(place: str, name: str) -> str:
 
 
 def _kept(row: dict[str, Any]) -> bool:
-    """Whether the output is there as the line would make it; then the row says so."""
+    """Whether the output already matches the line; the row is then filled in."""
     system, place = fsspec.core.url_to_fs(row["output"])
     try:
         note = json.loads(system.cat_file(_beside(place, ".{}.umo.json")))
@@ -227,13 +227,13 @@ def _write(row: dict[str, Any], motion: Motion) -> None:
     system, place = fsspec.core.url_to_fs(row["output"])
     system.makedirs(posixpath.dirname(place), exist_ok=True)
     note = {name: row[name] for name in ("file", "key", "sha256", "frames", "seconds")}
-    # The note comes last: without it, or with another's, the line is made again.
+    # The note comes last: without it, or with another key, the line is computed again.
     _put(system, place, content)
     _put(system, _beside(place, ".{}.umo.json"), json.dumps(note).encode())
 
 
 def _put(system: Any, place: str, content: bytes) -> None:
-    """Whole or not at all. Systems without a rename put objects whole anyway."""
+    """Writes atomically. Object stores without a rename do so anyway."""
     part = _beside(place, ".{}." + uuid.uuid4().hex + ".part")
     try:
         system.pipe_file(part, content)

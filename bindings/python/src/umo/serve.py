@@ -1,4 +1,4 @@
-"""A client of `umo serve`: speech goes to a server, frames or packets come back. Needs the extra `umo-avatar[serve]`.
+"""A client of `umo serve`: sends speech to a server and receives frames or packets. Needs the extra `umo-avatar[serve]`.
 
     async with umo.serve.connect("ws://127.0.0.1:8765/v1/session", rate=16000) as avatar:
         await avatar.push(samples)
@@ -22,16 +22,16 @@ from websockets.exceptions import ConnectionClosed
 from ._motion import Frame
 
 PIECE = 32768
-"""Bytes of a message with audio or a state, at most."""
+"""Maximum size in bytes of a message with audio or a state."""
 MOST = 65536
-"""Bytes of a message of the server, at most."""
+"""Maximum size in bytes of a server message."""
 
 
 class ServeError(Exception):
-    """The server gives no session, or ends it."""
+    """The server refused a session or ended it."""
 
     code: str
-    """A word: `"full"`, `"unauthorized"`, `"bad_request"` …; `"closed"` where the connection broke."""
+    """Error code: `"full"`, `"unauthorized"`, `"bad_request"` …; `"closed"` if the connection broke."""
 
     def __init__(self, code: str, reason: str) -> None:
         super().__init__(reason)
@@ -42,16 +42,16 @@ class Saved(NamedTuple):
     """A session's state."""
 
     state: bytes
-    """For `connect(…, state=…)`, at this server or another of the same model."""
+    """For `connect(…, state=…)`, on this server or another with the same model."""
     samples: int
-    """Samples of this connection that the state knows of: push those after them to whoever restores it."""
+    """Samples of this connection that the state includes: push the samples after them to the restored session."""
 
 
 class Moved(ServeError):
-    """The server stops and hands the session over."""
+    """The server is stopping and hands the session over."""
 
     saved: Saved
-    """The session, to go on elsewhere."""
+    """The session, to be continued elsewhere."""
 
     def __init__(self, saved: Saved) -> None:
         super().__init__("draining", "the server stops: restore the state elsewhere")
@@ -59,14 +59,14 @@ class Moved(ServeError):
 
 
 class Avatar:
-    """A session of a server. Iterating gives its frames, or its packets as bytes, until the speech is done."""
+    """A session on a server. Iterating yields its frames, or its packets as bytes, until the speech is done."""
 
     ready: dict[str, Any]
-    """What the server says of the session: model, face, latency_samples …"""
+    """The server's description of the session: model, face, latency_samples …"""
     done: Optional[dict[str, Any]]
-    """What the server said at the end of the last speech."""
+    """The server's message at the end of the last speech."""
     saved: Optional[Saved]
-    """The state that came last, of `save`."""
+    """The last state received, from `save`."""
 
     def __init__(self, socket: ClientConnection, ready: dict[str, Any]) -> None:
         self._socket = socket
@@ -88,35 +88,35 @@ class Avatar:
             await self._socket.send(data[start : start + PIECE])
 
     async def push_opus(self, packet: bytes) -> None:
-        """Sends one packet of Opus, as RTP carries it, where the hello has `audio="opus"`."""
+        """Sends one Opus packet, as carried by RTP. The hello must have `audio="opus"`."""
         await self._socket.send(bytes(packet))
 
     async def lost(self, packets: int = 1) -> None:
-        """So many packets of Opus before the next one did not come: the server conceals them."""
+        """Reports that packets before the next one were lost: the server conceals them."""
         await self._say(type="lost", packets=packets)
 
     async def finish(self) -> None:
-        """The speech is over: its last frames come, and iterating ends."""
+        """Ends the speech: its last frames arrive, and iteration ends."""
         await self._say(type="finish")
 
     async def interrupt(self, ease: float = 0.2) -> None:
-        """Drops what was not sent yet and eases to rest in so many seconds; what is pushed from now on is a new speech."""
+        """Drops unsent frames and eases to rest over `ease` seconds; audio pushed afterwards starts a new speech."""
         await self._say(type="interrupt", ease=ease)
 
     async def set_mood(self, mood: str, strength: float = 1.0) -> None:
-        """Another mood: `"joy"`, `"sad"`, `"angry"`, `"surprised"`, `"disgusted"`, `"afraid"` or `"neutral"`."""
+        """Sets the mood: `"joy"`, `"sad"`, `"angry"`, `"surprised"`, `"disgusted"`, `"afraid"` or `"neutral"`."""
         await self._say(type="mood", mood=mood, strength=strength)
 
     async def play_gesture(self, name: str, **options: Any) -> None:
-        """A gesture over the motion; options are `at`, `speed`, `strength`, `side` and `target`."""
+        """Plays a gesture over the motion; options are `at`, `speed`, `strength`, `side` and `target`."""
         await self._say(type="gesture", name=name, **options)
 
     async def look_at(self, point: npt.ArrayLike, strength: float = 1.0) -> None:
-        """Eyes, head and trunk turn to a point, metres."""
+        """Turns eyes, head and trunk to a point, in metres."""
         await self._say(type="look_at", point=np.asarray(point, float).tolist(), strength=strength)
 
     async def save(self) -> None:
-        """Asks for the session's state, which is in `saved` once iterating has come to it."""
+        """Requests the session's state, which is stored in `saved` when iteration reaches it."""
         await self._say(type="save")
 
     async def _say(self, **message: Any) -> None:

@@ -5,7 +5,7 @@ using System.Collections.Generic;
 
 namespace Umo
 {
-    /// <summary>Computes sessions of one model, on threads of its own or in <see cref="Poll"/>.</summary>
+    /// <summary>Computes the sessions of one model, on its own threads or in <see cref="Poll"/>.</summary>
     public sealed unsafe class Engine : IDisposable
     {
         private readonly EngineHandle handle;
@@ -29,7 +29,7 @@ namespace Umo
             handle = new EngineHandle(raw);
         }
 
-        /// <summary>How engines are made if nothing else is said.</summary>
+        /// <summary>Default settings for a new engine.</summary>
         public static EngineConfig Defaults
         {
             get
@@ -40,12 +40,15 @@ namespace Umo
             }
         }
 
-        /// <summary>What it was made with: disposing one leaves the other alone.</summary>
+        /// <summary>The model it was created with. Disposing either does not affect the other.</summary>
         public Model Model { get; }
 
         internal IntPtr Raw { get { return handle.Raw; } }
 
-        /// <summary>Holds bodies, in turn, while chunks begin so many seconds late; a negative number holds none, as an engine begins.</summary>
+        /// <summary>
+        /// Holds bodies still, in turn, while chunks start more than this many seconds late; a negative number turns
+        /// this off, which is the default.
+        /// </summary>
         public Status SetLateLimit(double seconds)
         {
             Status status = Native.umo_engine_set_late_limit(Raw, seconds);
@@ -53,7 +56,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Computes on this thread for so many microseconds, where the engine is polled. Allocates nothing.</summary>
+        /// <summary>Computes on this thread for at most this many microseconds, if the engine is polled. Does not allocate.</summary>
         public Status Poll(uint budget, out bool more)
         {
             uint value = 0;
@@ -63,7 +66,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Names of the gestures that sessions know which are made now: the built-in ones, then those that were added.</summary>
+        /// <summary>Names of the gestures available to sessions created now: the built-in ones, then the added ones.</summary>
         public string[] GestureNames()
         {
             List<string> names = new List<string>();
@@ -75,17 +78,17 @@ namespace Umo
             return names.ToArray();
         }
 
-        /// <summary>Adds a gesture for sessions that are made from now on; one of the same name is replaced.</summary>
-        /// <param name="rotations">Of every joint in every frame, x y z w, relative to parents; at rest the arms are held out.</param>
+        /// <summary>Adds a gesture for sessions created from now on, replacing any gesture of the same name.</summary>
+        /// <param name="rotations">Rotation of every joint in every frame: x y z w, relative to the parent; the rest pose is a T-pose.</param>
         /// <param name="rate">Frames a second.</param>
         /// <param name="stroke">Seconds from the first frame to the stroke.</param>
-        /// <param name="parts">What it moves.</param>
+        /// <param name="parts">Parts that it moves.</param>
         public void AddGesture(string name, float[] rotations, float rate, float stroke, Gesture parts, Axes axes)
         {
             if (name == null) throw new ArgumentNullException(nameof(name));
             if (rotations == null) throw new ArgumentNullException(nameof(rotations));
             int width = 4 * Native.JointCount;
-            if (rotations.Length % width != 0) throw new ArgumentException("rotations are no whole frames of " + width + " numbers", nameof(rotations));
+            if (rotations.Length % width != 0) throw new ArgumentException("rotations must be whole frames of " + width + " numbers", nameof(rotations));
             GestureClip clip;
             UmoException.Check(Native.umo_gesture_clip_init(&clip, (UIntPtr)sizeof(GestureClip)));
             clip.Axes = axes;
@@ -102,10 +105,10 @@ namespace Umo
             GC.KeepAlive(this);
         }
 
-        /// <summary>Every part that a gesture can move.</summary>
+        /// <summary>All parts that a gesture can move.</summary>
         public const Gesture AllParts = Gesture.Head | Gesture.Trunk | Gesture.LeftArm | Gesture.RightArm;
 
-        /// <summary>The same of the animation in a .glb or .vrm file of any character with a human's bones.</summary>
+        /// <summary>As AddGesture, from the animation in a .glb or .vrm file of any humanoid character.</summary>
         /// <param name="animation">Its name in the file; null for the first.</param>
         /// <param name="stroke">Seconds from its start to the stroke; negative: its middle.</param>
         public void AddGestureFile(string name, string path, string animation = null, Gesture parts = AllParts, float stroke = -1)
@@ -119,7 +122,7 @@ namespace Umo
             GC.KeepAlive(this);
         }
 
-        /// <summary>The same of a file's bytes.</summary>
+        /// <summary>As AddGestureFile, from the bytes of a file.</summary>
         public void AddGestureFile(string name, byte[] data, string animation = null, Gesture parts = AllParts, float stroke = -1)
         {
             if (name == null) throw new ArgumentNullException(nameof(name));

@@ -4,10 +4,10 @@ using System;
 
 namespace Umo
 {
-    /// <summary>Room for frames without gaps, in the axes that are wanted. One thread at a time.</summary>
+    /// <summary>Buffer for tightly packed frames in the requested axes. One thread at a time.</summary>
     public sealed unsafe class Frames
     {
-        /// <summary>The frames as they lie in memory, aligned for every value.</summary>
+        /// <summary>Memory of the frames, aligned for every value.</summary>
         public readonly ulong[] Words;
 
         public Frames(Model model, int capacity, Axes axes)
@@ -22,35 +22,35 @@ namespace Umo
 
         public FrameLayout Layout { get; }
         public int Capacity { get; }
-        /// <summary>Face channels of a frame.</summary>
+        /// <summary>Number of face channels.</summary>
         public int Channels { get; }
-        /// <summary>Whether frames have visemes: those of models with ARKit's channels do.</summary>
+        /// <summary>Whether frames contain visemes. Models with ARKit channels have them.</summary>
         public bool HasVisemes { get { return Layout.Visemes != Native.Absent; } }
-        /// <summary>Bytes.</summary>
+        /// <summary>Size in bytes.</summary>
         public long Size { get { return Words.LongLength * sizeof(ulong); } }
 
-        /// <summary>The frame's number since the start or the last reset.</summary>
+        /// <summary>Index of the frame since the start or the last reset.</summary>
         public ulong Index(int frame) { return Word(frame, Layout.Index); }
 
-        /// <summary>The sample of each channel of the pushed audio that it belongs to.</summary>
+        /// <summary>Sample (per channel) of the pushed audio that the frame belongs to.</summary>
         public ulong Sample(int frame) { return Word(frame, Layout.Sample); }
 
-        /// <summary>Where the root is: x y z.</summary>
+        /// <summary>Position of the root: x y z.</summary>
         public void Translation(int frame, float[] into) { Copy(frame, Layout.Translation, 3, into); }
 
-        /// <summary>Rotations of all joints, relative to their parents: x y z w each.</summary>
+        /// <summary>Rotations of all joints relative to their parents, x y z w each.</summary>
         public void Rotations(int frame, float[] into) { Copy(frame, Layout.Rotations, 4 * Native.JointCount, into); }
 
         /// <summary>The face channels.</summary>
         public void Face(int frame, float[] into) { Copy(frame, Layout.Channels, Channels, into); }
 
-        /// <summary>The visemes; nothing where there are none.</summary>
+        /// <summary>The visemes; empty if the frames have none.</summary>
         public void Visemes(int frame, float[] into)
         {
             if (HasVisemes) Copy(frame, Layout.Visemes, Native.VisemeCount, into);
         }
 
-        /// <summary>Writes the first <paramref name="count"/> frames as a file, whole or not at all.</summary>
+        /// <summary>Writes the first <paramref name="count"/> frames as a file. A failed write leaves no partial file.</summary>
         /// <param name="model">The one that made them.</param>
         /// <param name="figure">Who wears the motion in a .glb: one of <see cref="Model.FigureNames"/>; null: the bones alone.</param>
         public void WriteFile(Model model, int count, FileFormat format, string path, string figure = "alex")

@@ -7,12 +7,12 @@ using System.Threading;
 namespace Umo
 {
     /// <summary>
-    /// Frees a handle of the library once, by Dispose or by the collector. The library itself tells a freed handle from a
-    /// good one and frees nothing that another thread is in, so calls need no counting of their own.
+    /// Frees a library handle exactly once, by Dispose or by the garbage collector. The library detects freed handles
+    /// and does not free an object while another thread is in a call on it, so calls need no reference counting.
     /// </summary>
     internal abstract class Handle : SafeHandle
     {
-        /// Times that a free is tried again while another thread is in a call, a millisecond apart.
+        /// Number of attempts to free while another thread is in a call, one millisecond apart.
         private const int Tries = 2000;
 
         protected Handle(IntPtr raw) : base(IntPtr.Zero, true)

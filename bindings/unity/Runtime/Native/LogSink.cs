@@ -6,12 +6,13 @@ using System.Runtime.InteropServices;
 namespace Umo
 {
     /// <summary>
-    /// Where a model's and an engine's messages go: put <see cref="Pointer"/> into a configuration's Log. It is never freed,
-    /// since engines and sessions keep it. Not for hosts that unload code while an engine lives, as Unity's editor does.
+    /// Receives messages of a model or an engine: set <see cref="Pointer"/> as the Log of a configuration. It is never
+    /// freed, because engines and sessions keep it. Not for hosts that unload code while an engine is alive, such as
+    /// the Unity editor.
     /// </summary>
     public sealed unsafe class LogSink
     {
-        // Ahead-of-time compilers need to know what C calls; they look for an attribute of this name.
+        // Ahead-of-time compilers must know which methods C calls; they look for an attribute of this name.
         [AttributeUsage(AttributeTargets.Method)]
         private sealed class MonoPInvokeCallbackAttribute : Attribute
         {
@@ -45,7 +46,7 @@ namespace Umo
             }
             catch (Exception)
             {
-                // Nothing may be thrown through C.
+                // Exceptions must not propagate into C.
             }
         }
     }

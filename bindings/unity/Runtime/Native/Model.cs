@@ -6,7 +6,10 @@ using System.Text;
 
 namespace Umo
 {
-    /// <summary>A loaded model: immutable, for any number of engines. Its calls throw, and are for any thread but the audio thread.</summary>
+    /// <summary>
+    /// A loaded model: immutable, shared by any number of engines. Calls throw on failure and may come from any thread
+    /// except the audio thread.
+    /// </summary>
     public sealed unsafe class Model : IDisposable
     {
         private readonly ModelHandle handle;
@@ -20,7 +23,7 @@ namespace Umo
             Info = info;
         }
 
-        /// <summary>How models are loaded if nothing else is said.</summary>
+        /// <summary>Default settings for loading a model.</summary>
         public static ModelConfig Defaults
         {
             get
@@ -45,7 +48,7 @@ namespace Umo
             return new Model(raw);
         }
 
-        /// <summary>From a file's bytes, which are not needed afterwards.</summary>
+        /// <summary>Loads from the bytes of a file. The bytes are not needed afterwards.</summary>
         public static Model Load(byte[] file, ModelConfig? config = null)
         {
             if (file == null) throw new ArgumentNullException(nameof(file));
@@ -61,7 +64,7 @@ namespace Umo
 
         internal IntPtr Raw { get { return handle.Raw; } }
 
-        /// <summary>What it has.</summary>
+        /// <summary>Properties of the model.</summary>
         public ModelInfo Info { get; }
 
         public string Text(ModelText which)
@@ -75,10 +78,10 @@ namespace Umo
 
         public string Name { get { return Text(ModelText.Name); } }
         public string License { get { return Text(ModelText.License); } }
-        /// <summary>What users must be told about it; empty where there is nothing.</summary>
+        /// <summary>Notice that users of the model must be shown; may be empty.</summary>
         public string Notice { get { return Text(ModelText.Notice); } }
 
-        /// <summary>Names of the face channels, as jawOpen.</summary>
+        /// <summary>Names of the face channels, such as jawOpen.</summary>
         public string[] ChannelNames()
         {
             string[] names = new string[Info.Channels];
@@ -92,7 +95,7 @@ namespace Umo
             return names;
         }
 
-        /// <summary>Names of the joints of every model, as left_elbow.</summary>
+        /// <summary>Names of the joints, the same for every model, such as left_elbow.</summary>
         public static string[] JointNames()
         {
             Native.Require();
@@ -101,7 +104,7 @@ namespace Umo
             return names;
         }
 
-        /// <summary>Names of the visemes of the Oculus set, as PP.</summary>
+        /// <summary>Names of the visemes of the Oculus set, such as PP.</summary>
         public static string[] VisemeNames()
         {
             Native.Require();
@@ -110,7 +113,7 @@ namespace Umo
             return names;
         }
 
-        /// <summary>Names of the figures that <see cref="Frames.WriteFile"/> knows, the default first.</summary>
+        /// <summary>Names of the figures for <see cref="Frames.WriteFile"/>, the default first.</summary>
         public static string[] FigureNames()
         {
             Native.Require();
@@ -119,7 +122,7 @@ namespace Umo
             return names.ToArray();
         }
 
-        /// <summary>Each joint's parent, -1 for the first, and its place in its parent's frame at rest, x y z.</summary>
+        /// <summary>Parent of each joint (-1 for the first) and its rest position in the parent's frame, x y z.</summary>
         public void Skeleton(Axes axes, out int[] parents, out float[] offsets)
         {
             int[] p = new int[Native.JointCount];
@@ -134,7 +137,7 @@ namespace Umo
             offsets = o;
         }
 
-        /// <summary>The ids of a prompt, for <see cref="Session.SetPromptIds"/>.</summary>
+        /// <summary>Token ids of a prompt, for <see cref="Session.SetPromptIds"/>.</summary>
         public uint[] EncodeText(string text)
         {
             byte[] bytes = Native.Bytes(text);
@@ -150,8 +153,10 @@ namespace Umo
             return ids;
         }
 
-        /// <summary>Tests this machine, for about 10 seconds or less: kernels, the model's motion, its speed. Whether nothing is wrong, and a
-        /// text to publish, which names no path, host or user.</summary>
+        /// <summary>
+        /// Tests this machine in at most about 10 seconds: kernels, the model's motion, its speed. Returns whether all
+        /// checks passed; the report is safe to publish, as it contains no path, host or user name.
+        /// </summary>
         public bool SelfTest(out string report)
         {
             byte[] text = new byte[Native.SelfTestSize];
@@ -165,7 +170,7 @@ namespace Umo
             return passed == 1;
         }
 
-        /// <summary>The layout of frames without gaps.</summary>
+        /// <summary>Layout of tightly packed frames.</summary>
         public FrameLayout Layout(Axes axes)
         {
             FrameLayout layout;
@@ -175,7 +180,10 @@ namespace Umo
             return layout;
         }
 
-        /// <summary>How many frames of a layout of one's own fit into so many bytes; throws where it cannot be used.</summary>
+        /// <summary>
+        /// Number of frames of a custom layout that fit into a buffer of the given size; throws if the layout is
+        /// invalid.
+        /// </summary>
         public int CheckLayout(FrameLayout layout, long size)
         {
             UIntPtr frames;

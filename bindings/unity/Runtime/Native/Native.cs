@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// Every function of umo.h, as C has it. umo.h says which thread may call which, and what each pointer must be.
+// Every function of umo.h with its C signature. See umo.h for threads and pointer requirements.
 
 using System;
 using System.Collections.Generic;
@@ -12,7 +12,7 @@ namespace Umo
     /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/> and <see cref="Session"/> are safe to use.</summary>
     public static unsafe partial class Native
     {
-        // Where all native code is linked into one program, there is no library to look for.
+        // On these platforms native code is linked statically, so there is no library to load.
 #if (UNITY_IOS || UNITY_TVOS || UNITY_VISIONOS || UNITY_WEBGL) && !UNITY_EDITOR
         public const string Library = "__Internal";
 #else
@@ -99,7 +99,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_push_packet(IntPtr decoder, void* packet, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_stats(IntPtr decoder, Received* stats);
 
-        /// <summary>Throws where libumo cannot be loaded, and says where it was looked for.</summary>
+        /// <summary>Throws if libumo cannot be loaded, listing the places searched.</summary>
         internal static void Require()
         {
             try
@@ -118,20 +118,20 @@ namespace Umo
             string name = isWindows ? "umo.dll" : isMac ? "libumo.dylib" : "libumo.so";
             string variable = isWindows ? "PATH" : isMac ? "DYLD_LIBRARY_PATH" : "LD_LIBRARY_PATH";
             List<string> folders = new List<string> { AppDomain.CurrentDomain.BaseDirectory };
-            // .NET names the folders of packages here; Mono and Unity name none.
+            // .NET lists package folders here; Mono and Unity do not.
             string ofPackages = AppDomain.CurrentDomain.GetData("NATIVE_DLL_SEARCH_DIRECTORIES") as string ?? "";
             folders.AddRange(ofPackages.Split(new[] { Path.PathSeparator }, StringSplitOptions.RemoveEmptyEntries));
             string present = folders.Find(folder => File.Exists(Path.Combine(folder, name)));
             if (present != null)
             {
-                return name + " is in " + present + ", but cannot be loaded: it is for another processor or system, or lacks a library that it needs";
+                return name + " is in " + present + ", but cannot be loaded: it is for another processor or system, or a dependency is missing";
             }
             return name + " was not found in " + string.Join(", ", folders) + ", in the folders of " + variable + " ("
-                + (Environment.GetEnvironmentVariable(variable) ?? "not set") + ") and the system's: put it beside the program, or its folder into "
+                + (Environment.GetEnvironmentVariable(variable) ?? "not set") + ") and the system's: put it beside the program, or add its folder to "
                 + variable;
         }
 
-        /// <summary>A text of the library's as a string; null for zero.</summary>
+        /// <summary>Converts a library text to a string; null for a null pointer.</summary>
         public static string Text(IntPtr text)
         {
             if (text == IntPtr.Zero) return null;
@@ -141,7 +141,7 @@ namespace Umo
             return Encoding.UTF8.GetString(bytes, length);
         }
 
-        /// <summary>UTF-8 that ends with a zero byte.</summary>
+        /// <summary>UTF-8 with a terminating zero byte.</summary>
         internal static byte[] Bytes(string text)
         {
             byte[] bytes = new byte[Encoding.UTF8.GetByteCount(text) + 1];

@@ -6,8 +6,9 @@ using System.Text;
 namespace Umo
 {
     /// <summary>
-    /// One avatar. Only the constructor throws; every other call returns a status and, but for SetPrompt, PlayGesture and LastError,
-    /// allocates nothing. Calls on a session that was disposed, on whatever thread, return <see cref="Status.InvalidHandle"/>.
+    /// One avatar. Only the constructor throws; every other call returns a status and does not allocate, except
+    /// SetPrompt, PlayGesture and LastError. After Dispose, calls from any thread return
+    /// <see cref="Status.InvalidHandle"/>.
     /// </summary>
     public sealed unsafe class Session : IDisposable
     {
@@ -23,7 +24,7 @@ namespace Umo
                 if (template != null) used.TemplateName = (IntPtr)name;
                 UmoException.Check(Native.umo_session_new(engine.Raw, &used, &raw));
             }
-            // An engine that the collector frees would end its sessions.
+            // Keep the engine alive: collecting it would end its sessions.
             Engine = engine;
             handle = new SessionHandle(raw);
         }
@@ -34,8 +35,8 @@ namespace Umo
         }
 
         /// <summary>
-        /// An avatar whose frames come of packets, where it is seen: PushPacket takes the place of PushAudio, all else is a session's. It
-        /// needs no engine. Model, Target, Lookahead and Smoothing are the sender's.
+        /// An avatar that is animated by received packets: call PushPacket instead of PushAudio; everything else is as
+        /// in a session. It needs no engine. Model, Target, Lookahead and Smoothing must match the sender's.
         /// </summary>
         public static Session Decoder(Model model, SessionConfig? config = null)
         {
@@ -47,10 +48,10 @@ namespace Umo
             return new Session(raw);
         }
 
-        /// <summary>What computes it; null for a decoder.</summary>
+        /// <summary>The engine that computes it; null for a decoder.</summary>
         public Engine Engine { get; }
 
-        /// <summary>Bytes of the longest packet of a session that was made with Packets; else 0.</summary>
+        /// <summary>Maximum packet size in bytes if the session was created with Packets; else 0.</summary>
         public int PacketSize
         {
             get
@@ -62,7 +63,7 @@ namespace Umo
             }
         }
 
-        /// <summary>Takes the next packet into bytes, of PacketSize at least, to be sent to decoders as it is; its length, or 0 where none is ready.</summary>
+        /// <summary>Pulls the next packet into bytes (at least PacketSize), to be sent to decoders unchanged. The length is 0 if no packet is ready.</summary>
         public Status PullPacket(byte[] bytes, out int length)
         {
             length = 0;
@@ -80,7 +81,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Takes a packet, in any order and any number of times, of a decoder's sender.</summary>
+        /// <summary>Takes a packet from the decoder's sender. Packets may arrive reordered or duplicated.</summary>
         public Status PushPacket(byte[] packet, int length)
         {
             if (packet == null) return Status.NullPointer;
@@ -95,7 +96,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>What came of a decoder's packets.</summary>
+        /// <summary>Statistics of a decoder's packets.</summary>
         public Status GetReceived(out Received stats)
         {
             Received found = new Received { StructSize = (uint)sizeof(Received) };
@@ -105,7 +106,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>The model's own defaults: mono audio at the model's rate.</summary>
+        /// <summary>Default settings of the model: mono audio at the model's rate.</summary>
         public static SessionConfig Defaults(Model model)
         {
             SessionConfig config;
@@ -114,7 +115,10 @@ namespace Umo
             return config;
         }
 
-        /// <summary>Takes interleaved samples, full scale 1: a whole number of channels. What was not taken is to be pushed again.</summary>
+        /// <summary>
+        /// Takes interleaved samples, full scale 1, in a whole number of sample frames. Push the samples that were not
+        /// taken again later.
+        /// </summary>
         public Status PushAudio(float[] samples, int start, int count, out int taken)
         {
             taken = 0;
@@ -122,7 +126,7 @@ namespace Umo
             if (start < 0 || count < 0 || start > samples.Length - count) return Status.InvalidArgument;
             UIntPtr got;
             Status status;
-            // An array without elements has no address.
+            // An empty array has no address.
             float none = 0;
             fixed (float* first = samples)
             {
@@ -133,7 +137,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>The same for 16-bit samples.</summary>
+        /// <summary>As above, for 16-bit samples.</summary>
         public Status PushAudio(short[] samples, int start, int count, out int taken)
         {
             taken = 0;
@@ -151,7 +155,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Takes interleaved samples, full scale 1, of who speaks to the avatar, so that it listens.</summary>
+        /// <summary>Feeds the audio of the person who speaks to the avatar, so that it listens: interleaved samples, full scale 1.</summary>
         public Status PushOtherAudio(float[] samples, int start, int count)
         {
             if (samples == null) return Status.NullPointer;
@@ -166,7 +170,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>No more audio: the tail is completed.</summary>
+        /// <summary>Ends the audio: the remaining frames are computed.</summary>
         public Status Finish()
         {
             Status status = Native.umo_session_finish(handle.Raw);
@@ -174,7 +178,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Drops what is not shown yet and eases to rest.</summary>
+        /// <summary>Drops frames that were not shown yet and eases to rest.</summary>
         public Status Interrupt(uint easeMs)
         {
             Status status = Native.umo_session_interrupt(handle.Raw, easeMs);
@@ -182,7 +186,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Back to the start.</summary>
+        /// <summary>Returns to the initial state.</summary>
         public Status Reset()
         {
             Status status = Native.umo_session_reset(handle.Raw);
@@ -190,7 +194,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Takes frames that are ready, each once, as many as there is room for.</summary>
+        /// <summary>Pulls ready frames, each once, up to the capacity of the buffer.</summary>
         public Status PullFrames(Frames frames, out int count)
         {
             count = 0;
@@ -207,7 +211,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>How many frames PullFrames would give.</summary>
+        /// <summary>Number of frames that PullFrames would return.</summary>
         public Status ReadyFrames(out int count)
         {
             UIntPtr got;
@@ -217,7 +221,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Whether <see cref="Finish"/> was called and every frame was handed out; Failed or Closed where the rest will never come.</summary>
+        /// <summary>Whether <see cref="Finish"/> was called and all frames were pulled; Failed or Closed if the rest will never arrive.</summary>
         public Status IsDone(out bool done)
         {
             uint got;
@@ -227,7 +231,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>What time it is for the host, in seconds: what moves while no frames come goes by it from then on.</summary>
+        /// <summary>Sets the host's time in seconds. Layers and easing then follow it while no frames arrive.</summary>
         public Status SetClock(double seconds)
         {
             Status status = Native.umo_session_set_clock(handle.Raw, seconds);
@@ -235,7 +239,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>The pose at a time of the motion, into the first of <paramref name="frame"/>.</summary>
+        /// <summary>The pose at a motion time, written to the first frame of <paramref name="frame"/>.</summary>
         public Status SamplePose(double seconds, Frames frame, out Sampled sampled)
         {
             sampled = default(Sampled);
@@ -253,7 +257,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>What the avatar is told, from the next chunk on; an empty text ends it. Allocates.</summary>
+        /// <summary>Sets the prompt from the next chunk on; an empty text removes it. Allocates.</summary>
         public Status SetPrompt(string text)
         {
             if (text == null) return Status.NullPointer;
@@ -267,7 +271,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>The same as ids, as <see cref="Model.EncodeText"/> gives them.</summary>
+        /// <summary>As SetPrompt, with token ids from <see cref="Model.EncodeText"/>.</summary>
         public Status SetPromptIds(uint[] ids)
         {
             if (ids == null) return Status.NullPointer;
@@ -288,7 +292,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Looks at a point in the avatar's space from the next frame on; a strength of 0 ends it.</summary>
+        /// <summary>Looks at a point in the avatar's space from the next frame on; a strength of 0 stops it.</summary>
         public Status LookAt(Axes axes, float x, float y, float z, float strength)
         {
             float* point = stackalloc float[3];
@@ -300,7 +304,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>The mood of face and posture from the next frame on; a strength of 0 to 1.</summary>
+        /// <summary>Sets the mood of face and posture from the next frame on, with a strength of 0 to 1.</summary>
         public Status SetMood(Mood mood, float strength)
         {
             Status status = Native.umo_session_set_mood(handle.Raw, mood, strength);
@@ -309,8 +313,8 @@ namespace Umo
         }
 
         /// <summary>
-        /// The lips have a sound's shape while it is heard, where a synthesiser says when that is: seconds of the audio that was
-        /// pushed. Busy while 64 wait.
+        /// Schedules a lip shape for a sound, as timed by a speech synthesiser, in seconds of the pushed audio. Returns
+        /// Busy if 64 hints are queued.
         /// </summary>
         public Status HintLips(LipShape shape, double start, double duration)
         {
@@ -319,7 +323,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>How a gesture is played if nothing else is said: as soon as possible, at its own speed, whole.</summary>
+        /// <summary>Default gesture options: as soon as possible, normal speed, full strength.</summary>
         public static GestureOptions GestureDefaults
         {
             get
@@ -330,7 +334,7 @@ namespace Umo
             }
         }
 
-        /// <summary>Plays a gesture over what the model does: one of <see cref="Engine.GestureNames"/>. Allocates a name.</summary>
+        /// <summary>Plays a gesture over the model's motion: one of <see cref="Engine.GestureNames"/>. Allocates for the name.</summary>
         public Status PlayGesture(string name, GestureOptions? options = null)
         {
             if (name == null) return Status.NullPointer;
@@ -360,7 +364,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>How far motion is behind speech.</summary>
+        /// <summary>Latency of the motion behind the speech.</summary>
         public Status GetLatency(out Latency latency)
         {
             Latency found = default(Latency);
@@ -371,7 +375,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>What the session went through so far.</summary>
+        /// <summary>Statistics since the session was created.</summary>
         public Status GetStats(out Stats stats)
         {
             Stats found = default(Stats);
@@ -382,7 +386,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Most bytes that a state of the session can have.</summary>
+        /// <summary>Maximum size of a saved state in bytes.</summary>
         public Status StateSize(out int size)
         {
             UIntPtr got;
@@ -392,7 +396,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Everything that the session is, as bytes that another session, elsewhere, can be restored from.</summary>
+        /// <summary>Saves the complete state of the session, which another session, even on another machine, can restore.</summary>
         public Status Save(byte[] state, out int written)
         {
             written = 0;
@@ -409,7 +413,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Becomes what the session was that was saved: the same calls then give the same frames, bit for bit.</summary>
+        /// <summary>Restores a saved state: the same calls then give bit-identical frames.</summary>
         public Status Restore(byte[] state, int size)
         {
             if (state == null) return Status.NullPointer;
@@ -424,7 +428,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>The detail of the last call that failed, from whatever thread; empty where there is none. Allocates.</summary>
+        /// <summary>Detail of the last failed call from any thread; may be empty. Allocates.</summary>
         public string LastError()
         {
             byte* buffer = stackalloc byte[Native.ErrorSize];
@@ -434,7 +438,7 @@ namespace Umo
             return status == Status.Ok ? Encoding.UTF8.GetString(buffer, (int)length) : "";
         }
 
-        /// <summary>Frees it, when the calls of other threads that are in it have returned.</summary>
+        /// <summary>Frees the session after calls of other threads have returned.</summary>
         public void Dispose() { handle.Dispose(); }
     }
 

@@ -4,7 +4,7 @@ using System;
 
 namespace Umo
 {
-    /// <summary>A call that sets something up failed. Calls of the audio and the game thread return a status instead.</summary>
+    /// <summary>A failed set-up call. Calls of the audio and the game thread return a status instead.</summary>
     public sealed class UmoException : Exception
     {
         public Status Status { get; }
@@ -15,14 +15,14 @@ namespace Umo
             Status = status;
         }
 
-        /// <summary>What a status means, and what to do about it.</summary>
+        /// <summary>Description of a status and how to react to it.</summary>
         public static string Describe(Status status)
         {
-            // A player of a browser may have no library to ask yet.
+            // In WebGL players the library may not be loaded yet.
             return Native.Text(Native.umo_status_message(status)) ?? status.ToString();
         }
 
-        /// <summary>Throws where the last call on this thread, one that names no session, failed.</summary>
+        /// <summary>Throws if the last call on this thread that has no session argument failed.</summary>
         internal static void Check(Status status)
         {
             if (status != Status.Ok) throw new UmoException(status, Native.Text(Native.umo_last_error()));

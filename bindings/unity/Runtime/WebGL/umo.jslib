@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// The functions of umo.h in Unity's WebGL players: each calls the function of the same name in umo.wasm, a module with a memory of
-// its own, and copies what its pointers point at there and back. Emscripten prints each function here by itself, so that they share
-// only `umoModule`. ES5, which is all that the linkers of Unity 2021 read.
+// The functions of umo.h in Unity's WebGL players: each calls the function of the same name in umo.wasm, a module with
+// its own memory, and copies pointer arguments to it and results back. Emscripten emits each function here separately,
+// so they share only `umoModule`. ES5, as the linker of Unity 2021 requires.
 
 var UmoLibrary = {
   $umoModule: {
-    // 0: nothing was asked for, 1: loading, 2: ready, 3: failed.
+    // 0: not requested, 1: loading, 2: ready, 3: failed.
     state: 0,
     exports: null,
-    // Why loading failed, a call trapped or a call could not be made; what umo_last_error says then.
+    // Reason why loading failed, a call trapped or a call could not be made; returned by umo_last_error.
     error: "",
     trapped: false,
-    // Memory of the module for what arguments point at.
+    // Memory of the module for pointer arguments.
     scratch: 0,
     scratchSize: 65536,
-    // Texts of the module in Unity's memory, by what they say; the last error's has a place of its own.
+    // Copies of the module's texts in Unity's memory, by content; the last error has a separate buffer.
     texts: {},
     errorText: 0,
 
@@ -44,12 +44,12 @@ var UmoLibrary = {
       umo_session_save: "v b1*2 v o4", umo_session_restore: "v i1*2 v", umo_session_packet_size: "v o4",
       umo_session_pull_packets: "v b1*2 v b4*4 v o4", umo_decoder_new: "v S o4", umo_decoder_push_packet: "v i1*2 v",
       umo_decoder_stats: "v R", umo_recording_gains: "i4*1 v v v b4*3",
-      // Of a module without the writer of glTF, which says so.
+      // In a module without the glTF writer, these return an error that says so.
       umo_figure_name: "v>T", umo_clip_init: "Z v v", umo_clip_write: "S v S", umo_clip_write_file: "S v s",
     },
 
-    // Pointers in structures, by the function's argument: 0 where they have to be zero here, "s" for texts, a function of the structure
-    // for the bytes of what is read, "t" for texts that are written.
+    // Pointers in structures, by the function's argument: 0 if they must be zero here, "s" for texts, a function of the
+    // structure for the size of an input buffer, "t" for output texts.
     pointers: {
       umo_model_load: { 2: { 16: 0 } },
       umo_model_load_memory: { 3: { 16: 0 } },
@@ -66,7 +66,7 @@ var UmoLibrary = {
       return status;
     },
 
-    // Calls an export. A trap ends the module: it has no way to go on.
+    // Calls an export. A trap ends the module: it cannot continue.
     run: function (name, values) {
       try {
         return umoModule.exports[name].apply(null, values);
@@ -77,14 +77,14 @@ var UmoLibrary = {
       }
     },
 
-    // Bytes of a text without its end.
+    // Length of a text in bytes without the terminator.
     length: function (memory, at) {
       var end = at;
       while (memory[end] !== 0) end++;
       return end - at;
     },
 
-    // Address in Unity's memory of a text at an address of the module's; zero for zero.
+    // Address in Unity's memory of a text of the module; zero for zero.
     text: function (at) {
       if (at === 0) return 0;
       var memory = new Uint8Array(umoModule.exports.memory.buffer);
@@ -103,7 +103,7 @@ var UmoLibrary = {
       return umoModule.texts[known];
     },
 
-    // Address of the text of the last error, which is written over.
+    // Address of the last error's text, which is overwritten by the next error.
     lastError: function (bytes) {
       if (umoModule.errorText === 0) umoModule.errorText = _malloc(513);
       bytes = bytes.slice(0, 512);
@@ -118,7 +118,7 @@ var UmoLibrary = {
       return bytes;
     },
 
-    // Arguments as the specification counts them: where Emscripten has no 64-bit integers, it gives them as two halves.
+    // Arguments in the order of the signature: without 64-bit integers Emscripten passes them as two halves.
     values: function (kinds, given) {
       var values = [];
       for (var i = 0, at = 0; i < kinds.length; i++) {
@@ -133,7 +133,7 @@ var UmoLibrary = {
       return values;
     },
 
-    // Bytes that argument `i` points at.
+    // Size in bytes of the buffer that argument `i` points to.
     size: function (kind, values, i) {
       var address = values[i];
       if (kind === "s") return umoModule.length(HEAPU8, address) + 1;
@@ -144,7 +144,7 @@ var UmoLibrary = {
       return Number(parts[0]) * (parts.length > 1 ? values[parts[1]] >>> 0 : 1);
     },
 
-    // Copies `size` bytes from Unity's memory to `to` of the module's.
+    // Copies `size` bytes from Unity's memory to address `to` of the module.
     copy: function (from, to, size) {
       new Uint8Array(umoModule.exports.memory.buffer, to, size).set(HEAPU8.subarray(from, from + size));
     },
@@ -166,7 +166,7 @@ var UmoLibrary = {
     },
 
     marshal: function (name, kinds, gives, values, inside) {
-      // What is needed at once, each on 16 bytes: sizes of what arguments point at, and of what is in structures.
+      // Memory needed at once, in 16-byte steps: buffers of pointer arguments, and those of pointers in structures.
       var total = 0, places = [], i, offset, fields, address, size;
       function reserve(from, size) {
         var place = { from: from, at: total, size: size };
@@ -192,7 +192,7 @@ var UmoLibrary = {
       var base = umoModule.scratch, own = total > umoModule.scratchSize;
       if (own) {
         base = umoModule.run("umo_web_allocate", [total]);
-        if (base === 0) return umoModule.fail(-9, "out of memory: no " + total + " bytes for the arguments of " + name);
+        if (base === 0) return umoModule.fail(-9, "out of memory: cannot allocate " + total + " bytes for the arguments of " + name);
       }
       var handed = values.slice();
       for (i = 0; i < kinds.length; i++) {
@@ -219,7 +219,7 @@ var UmoLibrary = {
       return umoModule.lastError(memory.slice(result, result + umoModule.length(memory, result)));
     },
 
-    // Copies what was written back to Unity's memory.
+    // Copies output buffers back to Unity's memory.
     back: function (place, at, kind) {
       HEAPU8.set(new Uint8Array(umoModule.exports.memory.buffer, at, place.size), place.from);
       if (kind === "t") HEAPU32[place.from >> 2] = umoModule.text(HEAPU32[place.from >> 2]);
@@ -230,7 +230,7 @@ var UmoLibrary = {
     },
   },
 
-  // Fetches umo.wasm. Once it is asked for, it is loaded for all.
+  // Fetches umo.wasm, once for all callers.
   umo_web_load: function (url) {
     if (umoModule.state === 1 || umoModule.state === 2) return;
     umoModule.state = 1;

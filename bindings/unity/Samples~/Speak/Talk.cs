@@ -4,7 +4,7 @@ using UnityEngine;
 
 namespace Umo.Unity.Samples
 {
-    /// <summary>Buttons: says a clip, is interrupted, says what the microphone hears.</summary>
+    /// <summary>Buttons to speak a clip, interrupt it, and use the microphone.</summary>
     [RequireComponent(typeof(UmoAvatar))]
     public sealed class Talk : MonoBehaviour
     {

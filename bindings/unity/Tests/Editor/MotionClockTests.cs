@@ -9,7 +9,7 @@ namespace Umo.Unity.Tests
     {
         private const int Rate = 48000;
 
-        /// Blocks of 1,024 samples, heard `lag` later, and the game's frames.
+        /// Plays blocks of 1,024 samples, heard `lag` later, with the game's frames.
         private static void Play(MotionClock clock, double from, double to, double frame, Action<double> each, double lag = 0)
         {
             for (double time = from; time < to; time += frame)
@@ -64,7 +64,7 @@ namespace Umo.Unity.Tests
         {
             MotionClock clock = new MotionClock(Rate);
             Play(clock, 0, 2, 1 / 60.0, time => { }, 0.5);
-            // Frame 45 is shown, at 1.5 s; 300 ms are 9 frames: the next speech starts with frame 55.
+            // Frame 45 is shown at 1.5 s; 300 ms are 9 frames, so the next speech starts with frame 55.
             long pushed = 2 * Rate;
             clock.Interrupt(45, true, 300, pushed);
             double start = clock.Time;
@@ -74,7 +74,7 @@ namespace Umo.Unity.Tests
                 Assert.AreEqual(Math.Min(start + i / 60.0, 55 / 30.0), clock.Time, 1e-9, "in the ease");
             }
             Assert.IsTrue(clock.NextSample <= pushed + 1, "no silence is needed");
-            // What is pushed from now on is heard half a second later, and that is when its first frame is shown.
+            // Samples pushed from now on are heard half a second later, when their first frame is shown.
             for (int i = 1; i <= 60; i++) clock.Advance(1 / 60.0, pushed + i * 800 - 0.5 * Rate);
             Assert.AreEqual(55 / 30.0 + 0.5, clock.Time, 0.03);
         }
@@ -84,7 +84,7 @@ namespace Umo.Unity.Tests
         {
             MotionClock clock = new MotionClock(Rate);
             clock.Interrupt(0, false, 0, 0);
-            // Frame 60 belongs to the second 1, not 2: the stream was dropped and went on.
+            // Frame 60 belongs to second 1, not 2: the stream was dropped and restarted.
             clock.Follow(60, Rate);
             clock.Advance(1 / 60.0, 3 * Rate);
             Assert.AreEqual(4, clock.Time, 1e-9);

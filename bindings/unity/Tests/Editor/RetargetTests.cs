@@ -6,7 +6,7 @@ using NUnit.Framework;
 
 namespace Umo.Unity.Tests
 {
-    /// <summary>Poses that were worked out by hand, in Unity's axes: right +X, up +Y, forwards +Z, left-handed.</summary>
+    /// <summary>Hand-computed poses in Unity's axes: right +X, up +Y, forward +Z, left-handed.</summary>
     public sealed class RetargetTests
     {
         private const float Half = 0.70710678f;
@@ -14,7 +14,7 @@ namespace Umo.Unity.Tests
 
         private static readonly int[] Parents = MakeParents();
 
-        /// SMPL-X's tree.
+        /// The SMPL-X joint tree.
         private static int[] MakeParents()
         {
             List<int> parents = new List<int> { -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15 };
@@ -30,7 +30,7 @@ namespace Umo.Unity.Tests
             return parents.ToArray();
         }
 
-        /// The model stands in a T: arms along X, legs down, fingers on along the arms.
+        /// The model stands in a T-pose: arms along X, legs down, fingers along the arms.
         private static float[] Offsets()
         {
             float[] offsets = new float[3 * 55];
@@ -82,7 +82,7 @@ namespace Umo.Unity.Tests
             Assert.AreEqual(0, (wanted - got).Length, 1e-5, what + " " + got.X + " " + got.Y + " " + got.Z);
         }
 
-        /// Where a bone's end is seen from its start, once it is turned: what was at rest, turned from rest to now.
+        /// Direction of a bone from start to end after rotation: its rest direction, rotated from rest to now.
         private static Vec Points(Bone bone, Vec atRest, Quat now)
         {
             Quat back = new Quat(-bone.Rotation.X, -bone.Rotation.Y, -bone.Rotation.Z, bone.Rotation.W);
@@ -101,7 +101,7 @@ namespace Umo.Unity.Tests
         {
             Bone[] bones = { At(Pelvis, 0, 1, 0), At(Head, 0, 1.6f, 0) };
             float[] pose = AtRest();
-            // The head a quarter to its left: in a left-handed frame that is -90 degrees about what points up.
+            // Head turned a quarter to its left: in a left-handed frame, -90 degrees about up.
             Turn(pose, Head, 0, -Half, 0, Half);
             Quat[] found = Solve(bones, pose);
             Near(new Vec(0, 0, 1), found[0] * new Vec(0, 0, 1), "the hips look ahead");
@@ -113,7 +113,7 @@ namespace Umo.Unity.Tests
         {
             Bone[] bones = { At(Pelvis, 0, 1, 0), At(Head, 0, 1.6f, 0) };
             float[] pose = AtRest();
-            // An eighth to the left in the back and one in the neck, where the figure has no bones.
+            // An eighth of a turn to the left in the back and in the neck each, where the figure has no bones.
             float s = (float)Math.Sin(Math.PI / 8), c = (float)Math.Cos(Math.PI / 8);
             Turn(pose, Spine3, 0, -s, 0, c);
             Turn(pose, 12, 0, -s, 0, c);
@@ -125,26 +125,28 @@ namespace Umo.Unity.Tests
         {
             Bone[] bones = { At(Pelvis, 0, 1, 0), At(Head, 0, 1.6f, 0) };
             float[] pose = AtRest();
-            // The hips look left, and the head, seen from there, looks up: +90 degrees about the ear-to-ear axis would be down.
+            // The hips look left, and the head, relative to them, looks up: +90 degrees about the ear-to-ear axis would
+            // be down.
             Turn(pose, Pelvis, 0, -Half, 0, Half);
             Turn(pose, Head, -Half, 0, 0, Half);
             Quat[] found = Solve(bones, pose);
             Near(new Vec(-1, 0, 0), found[0] * new Vec(0, 0, 1), "the hips look left");
             Near(new Vec(0, 1, 0), found[1] * new Vec(0, 0, 1), "the face looks up");
-            // The crown leans back, away from where the hips look: to the right.
+            // The crown leans back, away from where the hips look, to the right.
             Near(new Vec(1, 0, 0), found[1] * new Vec(0, 1, 0), "the crown points right");
         }
 
         [Test]
         public void bones_keep_the_axes_that_their_tool_gave_them()
         {
-            // The bone's own X runs along the arm, to the left: half a turn about up.
+            // The bone's own X axis runs along the arm to the left: half a turn about up.
             Quat along = new Quat(0, 1, 0, 0);
             Bone[] bones = { At(LeftShoulder, -0.2f, 1.4f, 0, along), At(LeftElbow, -0.5f, 1.4f, 0, along), At(LeftWrist, -0.8f, 1.4f, 0, along) };
             float[] pose = AtRest();
             Quat[] found = Solve(bones, pose);
             Near(new Vec(-1, 0, 0), found[0] * new Vec(1, 0, 0), "the upper arm's X at rest");
-            // The elbow bends the forearm to the front: left (-X) goes to ahead (+Z), +90 degrees about up in a left-handed frame.
+            // The elbow bends the forearm forward: left (-X) becomes forward (+Z), +90 degrees about up in a
+            // left-handed frame.
             Turn(pose, LeftElbow, 0, Half, 0, Half);
             found = Solve(bones, pose);
             Near(new Vec(-1, 0, 0), found[0] * new Vec(1, 0, 0), "the upper arm's X");
@@ -154,14 +156,14 @@ namespace Umo.Unity.Tests
         [Test]
         public void a_figure_that_rests_in_an_A_stands_in_a_T_when_the_model_does()
         {
-            // Left arm 45 degrees down; the hand has no bones of its own and goes with it.
+            // Left arm 45 degrees down; the hand has no bones and follows it.
             float d = 0.3f * Half;
             Bone[] bones = { At(LeftShoulder, -0.2f, 1.4f, 0), At(LeftElbow, -0.2f - d, 1.4f - d, 0), At(LeftWrist, -0.2f - 2 * d, 1.4f - 2 * d, 0) };
             Vec arm = new Vec(-Half, -Half, 0);
             Quat[] found = Solve(bones, AtRest());
             for (int i = 0; i < 3; i++) Near(new Vec(-1, 0, 0), Points(bones[i], arm, found[i]), "bone " + i);
-            // The model drops its arm by a quarter: the figure's hangs down, wherever it rested. Left (-X) goes down (-Y): +90
-            // degrees about Z.
+            // The model lowers its arm by a quarter turn: the figure's arm hangs down whatever its rest pose. Left (-X)
+            // becomes down (-Y): +90 degrees about Z.
             float[] pose = AtRest();
             Turn(pose, LeftShoulder, 0, 0, Half, Half);
             found = Solve(bones, pose);
@@ -171,7 +173,7 @@ namespace Umo.Unity.Tests
         [Test]
         public void a_bent_elbow_at_rest_is_straightened_too()
         {
-            // Upper arm in the T, forearm to the front.
+            // Upper arm in the T-pose, forearm forward.
             Bone[] bones = { At(LeftShoulder, -0.2f, 1.4f, 0), At(LeftElbow, -0.5f, 1.4f, 0), At(LeftWrist, -0.5f, 1.4f, 0.3f) };
             Quat[] found = Solve(bones, AtRest());
             Near(new Vec(-1, 0, 0), Points(bones[0], new Vec(-1, 0, 0), found[0]), "upper arm");
@@ -181,7 +183,7 @@ namespace Umo.Unity.Tests
         [Test]
         public void fingers_point_where_the_model_points()
         {
-            // The index finger rests 45 degrees to the front of a straight hand.
+            // The index finger rests 45 degrees forward of a straight hand.
             Bone[] bones =
             {
                 At(LeftElbow, -0.5f, 1.4f, 0), At(LeftWrist, -0.8f, 1.4f, 0), At(LeftMiddle1, -0.9f, 1.4f, 0),
@@ -194,7 +196,7 @@ namespace Umo.Unity.Tests
         [Test]
         public void hips_stand_as_high_as_the_figure_is()
         {
-            // Legs of 1 m make the model's hips 1 m high; the figure's are at half of that.
+            // Legs of 1 m put the model's hips at 1 m; the figure's hips are at half of that.
             Retarget small = new Retarget(Parents, Offsets(), new[] { At(Pelvis, 0.02f, 0.5f, -0.03f) });
             Assert.AreEqual(0.5, small.Scale, 1e-6);
             Near(new Vec(0.02f, 0.5f, -0.03f), small.Hips(new float[] { 0, 1, 0 }), "at rest");

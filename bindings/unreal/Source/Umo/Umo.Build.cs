@@ -8,7 +8,7 @@ public class Umo : ModuleRules
     {
         PCHUsage = PCHUsageMode.UseExplicitOrSharedPCHs;
         CppStandard = CppStandardVersion.Cpp20;
-        // The files in Private/Core know nothing of the engine and stand alone.
+        // The files in Private/Core do not use the engine and compile separately.
         bUseUnity = false;
 
         PublicDependencyModuleNames.AddRange(new string[] {

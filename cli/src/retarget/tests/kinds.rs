@@ -320,7 +320,7 @@ fn inspecting_a_character_says_what_is_there_and_what_is_missing() {
     };
     let text = report(std::fs::read(path("character.glb")).unwrap());
     for wanted in [
-        "licence    the file says none",
+        "licence    not given in the file",
         "height     1.",
         "rest pose  T-pose, upper arms",
         "by Mixamo names, for",
@@ -341,7 +341,7 @@ fn inspecting_a_character_says_what_is_there_and_what_is_missing() {
     assert!(text.contains("licence    2026 somebody, CC BY 4.0"), "{text}");
     assert!(
         text.contains(
-            "note       names of bones are read without what all have around them: `Hero_Hips.001` as `hips`"
+            "note       bone names are read without their common prefix and suffix: `Hero_Hips.001` as `hips`"
         ),
         "{text}"
     );

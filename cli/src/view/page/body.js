@@ -1,16 +1,16 @@
-// Who wears the motion, without the drawing: where the joints are at a time, how tall it is, where it stands.
+// The body that shows the motion, independent of drawing: joint positions at a time, height, and the floor.
 
 import { Gltf } from "umo/gltf.js";
 import { clamp, cross, mix, multiply, normalize, slerp, subtract, transform } from "umo/math.js";
 import { place, restPlaces } from "umo/motion.js";
 
-/** Frames a second of the curves of a character that brings its own animation. */
+/** Frames per second of the curves of a character with its own animation. */
 const RATE = 30;
-/** A character of another size is shown as tall as this, metres: some are made in centimetres. */
+/** Display height in metres for characters of another size: some are made in centimetres. */
 const TALL = 1.7;
 const [LEAST, MOST] = [0.6, 3];
 
-/** Demands of a file that the page cannot meet; the program refuses such a file before. */
+/** glTF extensions that the page does not support; the program already refuses such files. */
 const UNREAD = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"];
 
 const LEGS = [
@@ -18,7 +18,7 @@ const LEGS = [
   ["right_ankle", "right_foot"],
 ];
 
-/** What the picture must know of a body: its extent at rest, and its feet. */
+/** Measurements of a body that the camera needs: its extent at rest, and its feet. */
 class Body {
   constructor(scene) {
     this.scene = scene;
@@ -28,11 +28,11 @@ class Body {
     return this.scene.joints.indexOf(name);
   }
 
-  /** Sets the measures from where the joints and the surface are at rest. */
+  /** Sets the measurements from the rest positions of joints and surface. */
   measure(places, [low, high]) {
     const head = places[this.joint("head")];
     this.height = high - low;
-    /** From the head's joint to the crown; hats and horns are not looked at, but where there is a head alone. */
+    /** From the head joint to the crown, ignoring hats and horns unless the body is a head alone. */
     const most = this.nodes && this.nodes[this.joint("pelvis")] === null ? 1 : 0.24;
     this.crown = clamp(high - head[1], 0.06 * this.height, most * this.height);
     this.soles = LEGS.map((names) => Math.min(...names.map((name) => places[this.joint(name)][1])) - low);
@@ -54,7 +54,7 @@ class Body {
   }
 }
 
-/** The figure: joints at fixed distances, turned by the motion. */
+/** The figure: joints at fixed distances, rotated by the motion. */
 export class FigureBody extends Body {
   constructor(scene, motion) {
     super(scene);
@@ -78,7 +78,7 @@ function extent(positions) {
   return [low, high];
 }
 
-/** One's own character: a glTF file whose first animation is the motion. */
+/** A custom character: a glTF file whose first animation is the motion. */
 export class CharacterBody extends Body {
   constructor(scene, character, rest) {
     super(scene);
@@ -91,24 +91,24 @@ export class CharacterBody extends Body {
     this.nodes = character.nodes;
     this.parts = parts(this.gltf);
     const streamed = character.follower?.description.held.length ?? character.streamed;
-    /** The channels whose values come with a stream's frames. */
+    /** The channels whose values arrive with a stream's frames. */
     this.streamed = streamed === null ? [] : this.gltf.channels.slice(streamed);
     character.worn = this.streamed.reduce((sum, { width }) => sum + width, 0);
     this.face();
     const world = this.gltf.world(this.gltf.rest);
     const [low, high] = this.surface(world);
-    /** Where all joints are of a face that has no bones: about where a head's is. */
+    /** Joint positions for a face without bones: about where a head would be. */
     this.middle = [0, mix(low, high, 0.35), 0];
     this.measure(this.placed({ own: this.gltf.rest, world, weights: new Map() }).places, this.surface(world));
   }
 
-  /** Turns the character to the front, and brings one in another unit to the size of a person. */
+  /** Turns the character to face the camera, and scales it to the size of a person. */
   face() {
     const { gltf } = this;
     const world = gltf.world(gltf.rest);
     const node = (name) => this.nodes[this.joint(name)];
     const at = (name) => world[node(name)].slice(12, 15);
-    // A head has eyes at least; a face alone looks as the format has it.
+    // A head has at least eyes; a face alone faces as the format defines.
     const pairs = ["shoulder", "hip", "eye_smplhf", "eye"].map((part) => [`left_${part}`, `right_${part}`]);
     const pair = pairs.find((names) => names.every((name) => this.joint(name) >= 0 && node(name) !== null));
     const ahead = pair ? normalize(cross(subtract(at(pair[0]), at(pair[1])), [0, 1, 0])) : [0, 0, 1];
@@ -124,7 +124,7 @@ export class CharacterBody extends Body {
     gltf.base = [c * size, 0, -s * size, 0, 0, size, 0, 0, s * size, 0, c * size, 0, 0, 0, 0, 1];
   }
 
-  /** Lowest and highest of the surface in the world. */
+  /** Lowest and highest points of the surface in world space. */
   surface(world) {
     let [low, high] = [Infinity, -Infinity];
     for (const part of this.parts) {
@@ -139,7 +139,7 @@ export class CharacterBody extends Body {
     return [low, high];
   }
 
-  /** The 55 joints: where there is no bone, the one above. */
+  /** The 55 joints; a joint without a bone uses the one above. */
   placed({ own, world, weights }) {
     const { parents } = this.scene;
     const places = [];
@@ -154,7 +154,7 @@ export class CharacterBody extends Body {
     this.motion = motion;
   }
 
-  /** The nodes at a time: the file's animation, or what a stream's frames say in its place. */
+  /** The nodes at a time, from the file's animation or a stream's frames. */
   state(seconds) {
     if (!this.motion) return this.gltf.at(seconds);
     if (this.motion.count === 0) return this.gltf.at(0);
@@ -178,7 +178,7 @@ export class CharacterBody extends Body {
     return this.placed(this.gltf.at(0)).places;
   }
 
-  /** The file's own animation as frames of the 55 joints, for the curves. Fills in the scene. */
+  /** Converts the file's animation to frames of the 55 joints, for the curves. Fills in the scene. */
   becomeMotion() {
     const { gltf, scene } = this;
     const faces = gltf.channels.filter(({ path }) => path === "weights").sort((a, b) => b.width - a.width);
@@ -196,7 +196,7 @@ export class CharacterBody extends Body {
   }
 }
 
-/** The channels of a character that was dropped, which stands as `rest`: those of the bind pose, then those that come with frames. */
+/** Channels of a dropped character standing as `rest`: those of the bind pose, then those that arrive with frames. */
 function channelsOf(follower, rest) {
   const { held, driven, hips, tracks } = follower.description;
   const values = follower.values({ ...rest, rotations: rest.rotations.flat() }).slice();
@@ -211,14 +211,14 @@ function channelsOf(follower, rest) {
   ];
 }
 
-/** Names of the shapes of a node's mesh; their numbers where they have none. */
+/** Names of the shapes of a node's mesh, or their indices if unnamed. */
 export function shapeNames(gltf, node, count) {
   const mesh = gltf.list("meshes")[gltf.list("nodes")[node].mesh];
   const names = mesh?.extras?.targetNames ?? mesh?.primitives.find((one) => one.extras?.targetNames)?.extras.targetNames;
   return Array.from({ length: count }, (_, i) => names?.[i] ?? `shape ${i + 1}`);
 }
 
-/** The surfaces that are shown: triangles, and what moves them. */
+/** The visible surfaces: triangles, and the joints and shapes that deform them. */
 function parts(gltf) {
   const found = [];
   for (const node of gltf.order) {
@@ -264,7 +264,7 @@ function colorsOf(read, count) {
   return colors;
 }
 
-/** Shares whose sum is 1; all on the first joint where there are none. */
+/** Skin weights normalised to sum 1; all on the first joint if there are none. */
 function weightsOf(read, count) {
   const weights = new Float32Array(4 * count);
   for (let i = 0; i < count; i++) {
@@ -276,7 +276,7 @@ function weightsOf(read, count) {
   return weights;
 }
 
-/** The vertices that a shape moves, and how far. */
+/** The vertices that a shape moves, and their displacements. */
 function shapeOf(gltf, { POSITION, NORMAL }) {
   const moved = POSITION === undefined ? new Float32Array(0) : gltf.floats(POSITION).values;
   const turned = NORMAL === undefined ? null : gltf.floats(NORMAL).values;
@@ -286,7 +286,7 @@ function shapeOf(gltf, { POSITION, NORMAL }) {
   return { vertices, positions: pick(moved), normals: turned ? pick(turned) : null };
 }
 
-/** Normals of a surface that brings none. */
+/** Normals for a surface without any. */
 function normalsOf(positions, triangles) {
   const normals = new Float32Array(positions.length);
   const point = (vertex) => positions.subarray(3 * vertex, 3 * vertex + 3);

@@ -1,4 +1,4 @@
-// The skeleton over the figure: a line from each joint to its parent, a dot on each joint.
+// The skeleton drawn over the figure: a line from each joint to its parent, a dot on each joint.
 
 import { attribute, program } from "umo/gl.js";
 

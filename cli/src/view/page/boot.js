@@ -1,4 +1,4 @@
-// Modules cannot import each other from a file on disk: each becomes an address of its own, and a map of the names.
+// Modules of a local file cannot import each other: give each a blob URL, and map their names.
 const imports = {};
 for (const { dataset, textContent } of document.querySelectorAll('script[type="text/umo-module"]')) {
   const source = `${textContent}\n//# sourceURL=umo/${dataset.name}`;
@@ -10,7 +10,7 @@ map.textContent = JSON.stringify({ imports });
 document.head.append(map);
 import("umo/main.js").catch((error) => {
   const notice = document.querySelector("#notice");
-  notice.textContent = `This page does not start: ${error.message}`;
+  notice.textContent = `This page cannot start: ${error.message}`;
   notice.dataset.kind = "error";
   throw error;
 });

@@ -1,15 +1,15 @@
-// Where the picture is taken from: presets that follow a part of the body, and orbits around it.
+// The camera: presets that follow a part of the body, and orbits around it.
 
 import { add, clamp, lookAt, mix, multiply, perspective, scale, subtract, transform } from "umo/math.js";
 
 const FOV = (26 * Math.PI) / 180;
-/** How fast the camera comes to where it is sent, and follows the body, per second. */
+/** Rate at which the camera approaches its target and follows the body, per second. */
 const EASE = 6;
 const FOLLOW = 2.5;
-/** What is left of the picture where buttons lie over it, at least. */
+/** Minimum share of the picture that stays free of overlaid buttons. */
 const LEAST_FREE = 0.4;
 
-/** What each preset looks at, and half of the width and height that it must show, metres. */
+/** Target of each preset, and half of the width and height that it must show, metres. */
 function presets(body) {
   const { height, crown } = body;
   const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => body.joint(name));
@@ -36,7 +36,7 @@ export class Camera {
     this.target = null;
   }
 
-  /** Follows another body, from the next picture on. */
+  /** Switches to another body from the next frame on. */
   show(body) {
     this.presets = presets(body);
     this.target = null;
@@ -63,7 +63,7 @@ export class Camera {
     this.goal.y = clamp(this.goal.y + 2 * dy * this.goal.zoom, -2, 2);
   }
 
-  /** Comes nearer to where it should be; says whether it is still on its way. `seconds` of 0 goes there at once. */
+  /** Moves towards the target; returns whether it is still moving. `seconds` of 0 jumps there at once. */
   step(seconds, places, ground) {
     const wanted = this.presets[this.name].at(places, ground);
     const jump = this.still || seconds === 0 || !this.target;
@@ -83,7 +83,7 @@ export class Camera {
     return moving;
   }
 
-  /** Matrices for a picture of this shape, of which `insets` are the shares at its top and bottom that something lies over. */
+  /** Matrices for a picture of this aspect ratio; `insets` are the shares covered at its top and bottom. */
   look(aspect, { top = 0, bottom = 0 } = {}) {
     const free = Math.max(1 - top - bottom, LEAST_FREE);
     const { yaw, pitch, zoom, x, y, wide, high } = this.now;
@@ -96,21 +96,21 @@ export class Camera {
     const eye = add(middle, scale(back, distance));
     const near = Math.max(0.02, 0.05 * distance);
     const lens = perspective(FOV, aspect, near, distance + 12);
-    // What is looked at comes to the middle of what is free.
+    // Centre the target in the uncovered part.
     lens[9] = -(bottom - top);
     const view = multiply(lens, lookAt(eye, middle, [0, 1, 0]));
     this.view = view;
     return { view, eye, axes: { right, up, back } };
   }
 
-  /** Where a point of the world is in a picture of `width` and `height`. */
+  /** Projects a world point into a picture of `width` and `height`. */
   project(point, width, height) {
     const [x, y, , w] = transform(this.view, point);
     return [(0.5 + (0.5 * x) / w) * width, (0.5 - (0.5 * y) / w) * height];
   }
 }
 
-/** Mouse, touch and wheel on the picture. Calls `changed` after each. */
+/** Mouse, touch and wheel input on the picture. Calls `changed` after each. */
 export function steer(canvas, camera, changed) {
   const fingers = new Map();
   let span = 0;

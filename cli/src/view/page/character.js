@@ -1,4 +1,4 @@
-// One's own character as it is drawn: its surfaces with their bones, shapes, colours and textures.
+// Draws a custom character: its surfaces with bones, shapes, colours and textures.
 
 import { shapeNames } from "umo/body.js";
 import { attribute, program } from "umo/gl.js";
@@ -13,7 +13,7 @@ layout(location = 4) in vec4 weights;
 layout(location = 5) in float damp;
 layout(location = 6) in vec2 spot;
 layout(location = 7) in vec2 bumpSpot;
-// A row for each joint: three rows of its matrix.
+// Three rows of the matrix per joint, one texture row per joint.
 uniform highp sampler2D bones;
 uniform mat4 view;
 uniform mat4 light;
@@ -77,22 +77,22 @@ void main() {
   if (isBumpy) n = bumped(n, bumpUv);
   float rough = isFinished ? roughness * texture(finish, uv).g : roughness;
   vec3 light = lit(color.rgb, n, wet, rough);
-  // What asks for no light gets some all the same: it stands beside a shadow.
+  // Unlit materials still get some shading, as they stand beside a shadow.
   if (isPlain) light = mix(color.rgb, light, 0.35);
   float alpha = cutoff >= 0.0 ? 1.0 : color.a;
   result = vec4(shown(light + glow) * alpha, alpha);
 }`;
 
-/** How materials are drawn. */
+/** Alpha modes of materials. */
 const [SOLID, CUT, CLEAR] = ["OPAQUE", "MASK", "BLEND"];
 
-/** Decodes the pictures of a file, and hands them to its body. */
+/** Decodes the images of a file and passes them to its body. */
 export async function readTextures(body) {
   const { gltf } = body;
   const decode = async ({ bufferView, mimeType }) => {
     if (bufferView === undefined) return null;
     const blob = new Blob([gltf.viewBytes(bufferView)], { type: mimeType });
-    // A picture that the browser does not know leaves the plain colour.
+    // An image that the browser cannot decode leaves the plain colour.
     return createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" }).catch(() => null);
   };
   body.images = await Promise.all(gltf.list("images").map(decode));
@@ -129,7 +129,7 @@ export class Character {
     const transformed = map?.extensions?.KHR_texture_transform;
     const { normalTexture: bump } = material;
     const bumpTransformed = bump?.extensions?.KHR_texture_transform;
-    // Places on a picture, of the set that it names.
+    // Texture coordinates, from the set that the texture names.
     const spots = (texture, moved) => part.uv[moved?.texCoord ?? texture?.texCoord ?? 0] ?? new Float32Array(2 * part.count);
     attribute(gl, 6, spots(map, transformed), 2);
     attribute(gl, 7, spots(bump, bumpTransformed), 2);
@@ -158,7 +158,7 @@ export class Character {
     });
   }
 
-  /** A texture of the file, once; a white one without a picture. */
+  /** A texture of the file, created once; white if there is no image. */
   texture(index, isColor) {
     const { gl, body } = this;
     const key = `${index} ${isColor}`;
@@ -180,7 +180,7 @@ export class Character {
     return made;
   }
 
-  /** Takes over a pose: bones and shapes. */
+  /** Applies a pose: bones and shapes. */
   follow({ placed }) {
     const { gl } = this;
     this.placed = placed;
@@ -194,7 +194,7 @@ export class Character {
     }
   }
 
-  /** The weights of a surface's shapes: the animation's, or those at rest. */
+  /** Weights of a surface's shapes: the animation's, or those at rest. */
   shapeWeights({ node, shapes }) {
     const { gltf } = this.body;
     const { mesh, weights } = gltf.list("nodes")[node];
@@ -225,7 +225,7 @@ export class Character {
     gl.bufferSubData(gl.ARRAY_BUFFER, 0, normals);
   }
 
-  /** The weight of every shape that is not 0, by name. */
+  /** Non-zero shape weights by name. */
   weights() {
     const found = {};
     for (const part of this.body.parts.filter(({ shapes }) => shapes.length > 0)) {
@@ -250,7 +250,7 @@ export class Character {
     this.drawAll((surface) => surface.mode !== CLEAR);
   }
 
-  /** What lets light through, over what does not. */
+  /** Draws transparent surfaces over opaque ones. */
   drawClear() {
     const { gl } = this;
     gl.enable(gl.BLEND);
@@ -306,14 +306,14 @@ export class Character {
   }
 }
 
-/** 255 for every vertex that an eye's bone moves. */
+/** 255 for every vertex that an eye bone moves. */
 function damp({ joints, weights, bones, count }, body) {
   const eyes = ["left_eye", "right_eye"].map((name) => body.nodes[body.joint(name)]).filter((node) => node !== null);
   const isEye = (i) => eyes.includes(bones[joints[4 * i]]) && weights[4 * i] > 0.5;
   return Uint8Array.from({ length: count }, (_, i) => (isEye(i) ? 255 : 0));
 }
 
-/** Where on the texture a place of the surface is, as a matrix. */
+/** Texture coordinate transform as a matrix. */
 function across({ offset: [x, y] = [0, 0], scale: [s, t] = [1, 1], rotation = 0 } = {}) {
   const [cos, sin] = [Math.cos(rotation), Math.sin(rotation)];
   return [s * cos, -s * sin, 0, t * sin, t * cos, 0, x, y, 1];

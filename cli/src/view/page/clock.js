@@ -1,4 +1,4 @@
-// What time it is in the motion: the audio's time where there is audio, so that sound and picture cannot part.
+// Current motion time: that of the audio if there is any, so that sound and picture stay in sync.
 
 import { wav } from "umo/scene.js";
 
@@ -34,11 +34,11 @@ export class Clock {
     this.since = { at: this.at, now: performance.now() };
   }
 
-  /** Starts; refused by browsers where nobody has touched the page yet. */
+  /** Starts playback; browsers refuse it before the user has interacted with the page. */
   async play() {
     if (this.playing) return;
     if (this.at >= this.seconds - 1e-3) this.seek(0);
-    // A length that is not known yet is no number, and no reason to be silent.
+    // An unknown duration is NaN, which must not mute the audio.
     if (this.audio && !(this.at >= this.audio.duration)) {
       this.audio.currentTime = this.at;
       this.audio.playbackRate = this.rate;

@@ -1,4 +1,4 @@
-// A recording or a character that is dropped onto the page.
+// Recordings and characters dropped onto the page.
 
 const CHARACTERS = ["glb", "vrm"];
 const RECORDINGS = ["wav", "flac", "mp3", "ogg", "oga", "opus", "m4a", "mp4", "aac", "webm"];
@@ -9,7 +9,7 @@ const kindOf = ({ name, type }) => {
   return RECORDINGS.includes(extension) || /^(audio|video)\//.test(type) ? "recording" : null;
 };
 
-/** Listens for files. `take` has a function for each kind that the page can show; `say` tells what became of a file, or that nothing did. */
+/** Listens for files. `take` has a function per supported kind; `say` reports the result. */
 export function listenForFiles(target, take, say) {
   const drop = async (file) => {
     const kind = kindOf(file);
@@ -31,18 +31,18 @@ export function listenForFiles(target, take, say) {
   target.addEventListener("drop", (event) => {
     event.preventDefault();
     delete target.dataset.dropping;
-    // One of each kind at most: the last.
+    // At most one of each kind: the last.
     for (const file of event.dataTransfer.files) drop(file);
   });
 }
 
-/** A finished take computes nothing: what to do in its place. */
+/** Handlers of a page with a finished take, which computes nothing. */
 export const finished = {
   character: ({ name }) => Promise.reject(new Error(`this page holds one take, whose character is fixed: \`umo view RECORDING --onto ${name}\` makes one with this character, and a page of \`umo live\` or \`umo view --web\` takes it as it is dropped`)),
   recording: ({ name }) => Promise.reject(new Error(`this page holds one take and no model: \`umo view ${name}\` makes a page of this recording, and one of \`umo live\` or \`umo view --web\` takes it as it is dropped`)),
 };
 
-/** A recording's samples, mixed to one channel, in 16 bits as the page has them. */
+/** Decodes a recording to mono 16-bit samples, as the page stores them. */
 export async function decoded(file) {
   const context = new OfflineAudioContext(1, 1, 48000);
   const buffer = await context.decodeAudioData(await file.arrayBuffer()).catch(() => {

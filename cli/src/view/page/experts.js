@@ -1,4 +1,4 @@
-// The panel of experts: where the tokens of the present chunk went, kind by kind.
+// The panel of experts: routing of the current chunk's tokens by kind.
 
 import { expertColor } from "umo/lanes.js";
 
@@ -20,7 +20,7 @@ export class Experts {
     this.shown = -1;
   }
 
-  /** Shows the chunk that made a frame. */
+  /** Shows the chunk that produced a frame. */
   show(frame) {
     const { record } = this;
     const chunk = record.chunkOf(frame);

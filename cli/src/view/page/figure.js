@@ -1,4 +1,4 @@
-// The avatar: a mesh that follows the joints, with a face that follows its channels.
+// The avatar: a mesh that follows the joints, and a face that follows its channels.
 
 import { attribute, program } from "umo/gl.js";
 import { LIGHT, RELIEF, setLight } from "umo/light.js";
@@ -10,7 +10,7 @@ layout(location = 1) in vec3 normal;
 layout(location = 2) in vec4 color;
 layout(location = 3) in uvec4 joints;
 layout(location = 4) in vec4 weights;
-// Three rows for each joint, helper joints last.
+// Three rows per joint, helper joints last.
 uniform vec4 bones[JOINTS * 3];
 uniform mat4 view;
 uniform mat4 light;
@@ -122,7 +122,7 @@ export class Figure {
     this.shown = "";
   }
 
-  /** A map that repeats; from afar it is as smooth as the surface without it. */
+  /** A repeating relief map; mipmaps fade it out with distance. */
   relief(image) {
     const { gl } = this;
     const texture = gl.createTexture();
@@ -140,20 +140,20 @@ export class Figure {
     return Uint8Array.from({ length: joints.length / 4 }, (_, i) => (isEye(i) ? 255 : 0));
   }
 
-  /** Takes over a pose, and where it puts the joints. */
+  /** Applies a pose and its joint positions. */
   follow({ pose, placed }) {
     this.setFace(pose.face);
     skin(withHelpers(this.scene, pose, placed), this.rest, this.bones);
   }
 
-  /** The weight of every morph target that is not 0, by name. */
+  /** Non-zero morph target weights by name. */
   weights(face) {
     const weights = {};
     for (const { name, channel } of this.morphs) if (face[channel]) weights[name] = face[channel];
     return weights;
   }
 
-  /** Takes over the face values of a pose. */
+  /** Applies the face values of a pose. */
   setFace(face) {
     const key = this.morphs.map(({ channel }) => face[channel] ?? 0).join();
     if (key === this.shown) return;
@@ -215,7 +215,7 @@ export class Figure {
   }
 }
 
-/** The morph targets whose names are channels of the motion. */
+/** The morph targets named after channels of the motion. */
 function morphsOf(scene) {
   const channels = new Map(scene.face.names.map((name, channel) => [name, channel]));
   const known = scene.mesh.morphs.filter(({ name }) => channels.has(name));

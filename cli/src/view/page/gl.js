@@ -1,6 +1,6 @@
-// The few things of WebGL2 that every part of the picture needs.
+// WebGL2 helpers shared by all parts of the picture.
 
-/** A program with its uniforms' places by name. */
+/** Compiles a program and looks up its uniform locations by name. */
 export function program(gl, vertex, fragment) {
   const made = gl.createProgram();
   for (const [kind, source] of [
@@ -28,7 +28,7 @@ export function program(gl, vertex, fragment) {
   return { made, uniforms };
 }
 
-/** A buffer of numbers for attribute `place` of the bound vertex array. */
+/** Creates a buffer for attribute `place` of the bound vertex array. */
 export function attribute(gl, place, values, size, { integer = false, normalized = false, usage = gl.STATIC_DRAW, divisor = 0 } = {}) {
   const buffer = gl.createBuffer();
   gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -46,7 +46,7 @@ export function attribute(gl, place, values, size, { integer = false, normalized
   return buffer;
 }
 
-/** A texture of depths that can be compared while it is read, and what draws into it. */
+/** A depth texture with comparison sampling, and its framebuffer. */
 export function depthMap(gl, size) {
   const texture = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, texture);

@@ -1,10 +1,10 @@
-// A glTF file: its numbers, its nodes, and where its first animation puts them.
+// A glTF file: its accessors, its nodes, and their transforms in its first animation.
 
 import { multiply, slerp } from "umo/math.js";
 
 const WIDTHS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4, MAT2: 4, MAT3: 9, MAT4: 16 };
 const TYPES = { 5120: Int8Array, 5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
-/** What a whole number of this type stands for, where it stands for a share. */
+/** Value range of normalised integers by component type. */
 const LARGEST = new Map([
   [Int8Array, 127],
   [Uint8Array, 255],
@@ -15,7 +15,7 @@ const LARGEST = new Map([
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 
 export class Gltf {
-  /** Reads a .glb file, whose chunks were checked when the page was made. */
+  /** Reads a .glb file, whose chunks were checked when the page was generated. */
   constructor(bytes) {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
     const length = view.getUint32(12, true);
@@ -30,14 +30,14 @@ export class Gltf {
     return this.json[name] ?? [];
   }
 
-  /** Bytes of a part of the buffer. */
+  /** Bytes of a buffer view. */
   viewBytes(index) {
     const { buffer, byteOffset = 0, byteLength } = this.json.bufferViews[index];
     if (buffer !== 0) throw new Error("the character's numbers are in another file");
     return this.bin.subarray(byteOffset, byteOffset + byteLength);
   }
 
-  /** `count` values of `width` numbers from a place in a part of the buffer. */
+  /** Reads `count` values of `width` components from an offset in a buffer view. */
   packed(viewIndex, offset, Type, count, width) {
     const bytes = this.viewBytes(viewIndex);
     const size = width * Type.BYTES_PER_ELEMENT;
@@ -48,7 +48,7 @@ export class Gltf {
     return new Type(out.buffer);
   }
 
-  /** The numbers of an accessor, as they are stored. */
+  /** Components of an accessor as stored. */
   stored(index) {
     const { bufferView, byteOffset = 0, componentType, count, type, sparse } = this.json.accessors[index];
     const [Type, width] = [TYPES[componentType], WIDTHS[type]];
@@ -62,7 +62,7 @@ export class Gltf {
     return values;
   }
 
-  /** The numbers of an accessor as floats, and how many make one value. */
+  /** Components of an accessor as floats, and the number of components per value. */
   floats(index) {
     const { normalized, type } = this.json.accessors[index];
     const stored = this.stored(index);
@@ -84,7 +84,7 @@ export class Gltf {
     }));
     const scene = this.list("scenes")[this.json.scene ?? 0];
     const roots = scene?.nodes ?? nodes.map((_, i) => i).filter((i) => this.parents[i] < 0);
-    /** Nodes that are shown, parents first. */
+    /** Nodes of the scene, parents first. */
     this.order = [];
     const waiting = [...roots];
     const seen = new Set();
@@ -95,7 +95,7 @@ export class Gltf {
       this.order.push(node);
       waiting.push(...(nodes[node].children ?? []));
     }
-    /** What every root hangs on. */
+    /** Transform of the root nodes' parent. */
     this.base = IDENTITY;
   }
 
@@ -116,7 +116,8 @@ export class Gltf {
     }
   }
 
-  /** The nodes at a time: their own values, the matrices that take them to the world, and weights of shapes. `others` are values of channels in place of the animation's. */
+  /** The nodes at a time: local values, world matrices, and shape weights. `others` replace the animation's values
+   * of some channels. */
   at(seconds, others = new Map()) {
     const own = this.rest.map((rest) => ({ ...rest }));
     const weights = new Map();
@@ -138,7 +139,7 @@ export class Gltf {
   }
 }
 
-/** Translation after rotation after scale. */
+/** Matrix from translation, rotation and scale, applied in reverse order. */
 export function matrix({ translation: [a, b, c], rotation: [x, y, z, w], scale: [s, t, u] }) {
   return [
     s * (1 - 2 * (y * y + z * z)), s * 2 * (x * y + w * z), s * 2 * (x * z - w * y), 0,
@@ -148,7 +149,7 @@ export function matrix({ translation: [a, b, c], rotation: [x, y, z, w], scale: 
   ];
 }
 
-/** How many of the times are not after `seconds`. */
+/** Number of times that are not after `seconds`. */
 function passed(times, seconds) {
   let [low, high] = [0, times.length];
   while (low < high) {
@@ -159,7 +160,7 @@ function passed(times, seconds) {
   return low;
 }
 
-/** A channel's value at a time. */
+/** Value of a channel at a time. */
 export function sample({ path, times, values, width, interpolation }, seconds) {
   const spline = interpolation === "CUBICSPLINE";
   const part = (key, which) => {

@@ -1,4 +1,4 @@
-// The floor: a pool of light that fades away, with the avatar's soft shadow and the dark under its feet.
+// The floor: a pool of light that fades out, with the avatar's soft shadow and contact shadows under its feet.
 
 import { attribute, program } from "umo/gl.js";
 
@@ -35,7 +35,7 @@ const int TAPS = 20;
 float noise() {
   return fract(52.98 * fract(dot(gl_FragCoord.xy, vec2(0.0671, 0.00584))));
 }
-/** How dark it is under a foot: what is near it sees no sky. */
+/** Ambient occlusion under a foot. */
 float under(vec2 heel, vec2 ball, float height) {
   vec2 along = ball - heel;
   float t = clamp(dot(world - heel, along) / max(dot(along, along), 1e-6), 0.0, 1.0);
@@ -47,7 +47,7 @@ void main() {
   vec3 at = 0.5 * shade.xyz / shade.w + 0.5;
   float turn = 6.28 * noise();
   float lit = 0.0;
-  // A spiral of samples, turned from pixel to pixel.
+  // A spiral of samples, rotated per pixel.
   for (int i = 0; i < TAPS; i++) {
     float r = sqrt((float(i) + 0.5) / float(TAPS)) * 0.02;
     float a = turn + 2.399963 * float(i);
@@ -58,7 +58,7 @@ void main() {
   float fade = exp(-5.0 * far * far) * (1.0 - smoothstep(0.6, 1.0, far));
   float dark = 1.0 - (1.0 - under(heels[0], balls[0], heights[0])) * (1.0 - under(heels[1], balls[1], heights[1]));
   vec3 color = tint * (1.0 - darkness * (1.0 - lit)) * (1.0 - contact * dark);
-  // Neighbouring greys would show as rings.
+  // Dithering: neighbouring greys would show as rings.
   color += (noise() - 0.5) / 255.0;
   result = vec4(color, 1.0) * fade;
 }`;

@@ -1,4 +1,5 @@
-// `window.umo`, for tests and the curious: what is shown, in numbers. Times in seconds, places in metres, weights 0 to 1.
+// `window.umo`, for tests and debugging: the page's state in numbers. Times in seconds, positions in metres, weights 0
+// to 1.
 
 export function inspector({ scene, motion, clock, camera, picture, live, last, actions }) {
   const view = document.querySelector("#view");
@@ -18,26 +19,26 @@ export function inspector({ scene, motion, clock, camera, picture, live, last, a
     get playing() {
       return clock.playing;
     },
-    /** How many pictures were drawn, and the time of the last. */
+    /** Number of frames drawn, and the time of the last one. */
     get drawn() {
       const { drawn, time } = last();
       return { count: drawn, time };
     },
-    /** The last picture's joints. */
+    /** Joints of the last drawn frame. */
     joints() {
       const { pose, placed } = last();
       return scene.joints.map((name, i) => ({ name, place: placed.places[i], rotation: pose.rotations[i] }));
     },
-    /** The last picture's morph targets that are not at 0. */
+    /** Non-zero morph targets of the last drawn frame. */
     weights: () => picture.figure.weights(last().pose.face),
-    /** Where a joint is in the last picture, CSS pixels from the picture's upper left corner. */
+    /** Position of a joint in the last drawn frame, in CSS pixels from the upper left corner. */
     onScreen(name) {
       const joint = last().placed.places[scene.joints.indexOf(name)];
       return camera.project(joint, view.clientWidth, view.clientHeight);
     },
-    /** The values of one frame as they came: rotations, root, face. */
+    /** Raw values of one frame: rotations, root, face. */
     frame: (index) => Array.from(motion.frame(index)),
-    /** play, pause, seek (draws at once, camera and all), camera, details, skeleton, theme. */
+    /** play, pause, seek (draws at once, including the camera), camera, details, skeleton, theme. */
     ...actions,
   };
 }

@@ -1,4 +1,4 @@
-// The lanes of the timeline, each drawn into its place. `t` is the timeline.
+// Lanes of the timeline and their drawing. `t` is the timeline.
 
 import { clamp } from "umo/math.js";
 import { drawTrack } from "umo/tracks.js";
@@ -12,7 +12,7 @@ const EXPERTS = 10;
 const TRACK = 40;
 const GAP = 7;
 
-/** The lanes from top to bottom: what, its name, where. */
+/** The lanes from top to bottom: kind, name, position. */
 export function layOut({ scene, record, tracks }) {
   const lanes = [];
   let top = RULER;
@@ -36,7 +36,7 @@ export function layOut({ scene, record, tracks }) {
   return { lanes, height: top + 6 };
 }
 
-/** Every other chunk's ground, behind all that it made. */
+/** Background of every other chunk, behind everything it produced. */
 export function drawChunkGround(t, lanes, height, color) {
   const first = lanes.find(({ kind }) => kind === "chunks");
   if (!first) return;
@@ -48,7 +48,7 @@ export function drawChunkGround(t, lanes, height, color) {
   }
 }
 
-/** Where a chunk begins and ends. */
+/** Start and end of a chunk. */
 function ends(t, { first, frames }) {
   const { rate } = t.motion;
   const half = 0.5 / rate;
@@ -86,13 +86,13 @@ function speech(t, { top, height }, color) {
   }
 }
 
-/** Frames in view, the first and one after the last. */
+/** Visible frames: the first, and one after the last. */
 function shown(t) {
   const { rate, end, first } = t.motion;
   return [Math.max(first, Math.floor(t.from * rate)), Math.min(end, Math.ceil((t.from + t.window) * rate) + 1)];
 }
 
-/** Keyframes as tall bars, filled frames as short ones between them; the shade is the code, level 0 on top. */
+/** Keyframes as tall bars, interpolated frames as short ones between them; the shade shows the code, level 0 on top. */
 function frames(t, { top, height, part }, color) {
   const { context, motion, record } = t;
   const [from, to] = shown(t);
@@ -141,10 +141,10 @@ function track(t, { top, height, track }, color) {
   drawTrack(t.context, track, { frames, x, top, height, color });
 }
 
-/** What draws each kind of lane. */
+/** Drawing function of each kind of lane. */
 export const DRAW = { speech, chunks, frames, experts, track };
 
-/** The colour of an expert; beyond the named ones, hues around the circle. */
+/** Colour of an expert; beyond the named colours, hues around the circle. */
 export function expertColor(color, expert) {
   return expert < 4 ? color(`--expert-${expert}`) : `hsl(${(expert * 137) % 360} 45% 60%)`;
 }

@@ -1,8 +1,9 @@
-// Light: a lamp with a shadow, a fill and a rim that go with the camera, sky and floor; and how surfaces answer it.
+// Lighting: a lamp with a shadow, a fill and a rim light that move with the camera, sky and floor; and the shading of
+// surfaces.
 
 import { normalize } from "umo/math.js";
 
-/** Where the lamp is, from the avatar. */
+/** Direction from the avatar to the lamp. */
 export const TO_LAMP = normalize([0.74, 0.82, 0.56]);
 
 export const LIGHTING = {
@@ -30,7 +31,7 @@ export const LIGHTING = {
   },
 };
 
-/** What of a vertex the light needs: `place` and `facing` in the world, `shade` in the lamp's picture. */
+/** Vertex outputs for lighting: `place` and `facing` in world space, `shade` in the lamp's shadow map. */
 export const LIGHT = `
 in vec3 place;
 in vec3 facing;
@@ -57,12 +58,12 @@ float open() {
   }
   return 0.25 * sum;
 }
-/** Light of a surface that shows \`paint\` and faces \`n\`; \`wet\` is 1 for an eye, \`rough\` for chalk. */
+/** Shades a surface of colour \`paint\` and normal \`n\`; \`wet\` is 1 for an eye, \`rough\` for chalk. */
 vec3 lit(vec3 paint, vec3 n, float wet, float rough) {
   vec3 v = normalize(eye - place);
   float up = 0.5 + 0.5 * n.y;
   float towards = dot(n, toLamp);
-  // Light bleeds around the edge of the lit side, red furthest, as it does in skin and wool.
+  // Light bleeds around the terminator, red furthest, as in skin and wool.
   vec3 bleed = vec3(0.36, 0.26, 0.22);
   vec3 key = clamp((towards + bleed) / (1.0 + bleed), 0.0, 1.0);
   float clear = mix(1.0, open(), smoothstep(-0.1, 0.25, towards));
@@ -75,27 +76,27 @@ vec3 lit(vec3 paint, vec3 n, float wet, float rough) {
   float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), mix(14.0, 150.0, smoothness));
   gloss *= mix(0.015, 0.42, smoothness) * smoothstep(0.0, 0.25, towards) * clear;
   color += lamp * gloss;
-  // A window in the eye: it stays where the camera sees it, whatever the eye looks at.
+  // Catch light of the eye: fixed relative to the camera, wherever the eye looks.
   float window = smoothstep(0.962, 0.982, dot(reflect(-v, n), toCatch));
   color += wet * (1.2 * window + 0.1 * edge);
   return color / (1.0 + 0.2 * color);
 }
-/** What the screen shows of it. */
+/** Tone mapping. */
 vec3 shown(vec3 color) {
   return pow(color, vec3(1.0 / 2.2));
 }
 `;
 
 /**
- * A normal map's relief, `bumps` times as steep as it says. Which way it lies follows from `place`. `threads` are how many
- * stand side by side on the map, to the right and down, 0 where that is not known: threads of less than three pixels would
- * show as waves that are not there, so they fade away before.
+ * Normal mapping, `bumps` times as steep as the map. Orientation follows from `place`. `threads` is the number of
+ * threads across the map, to the right and down, 0 if unknown: threads narrower than three pixels would cause moiré, so
+ * they fade out before.
  */
 export const RELIEF = `
 uniform float bumps;
 uniform vec2 threads;
 uniform sampler2D bump;
-/** The normal that the map has at \`uv\` in place of the surface's own. */
+/** Normal from the map at \`uv\` in place of the surface's own. */
 vec3 bumped(vec3 n, vec2 uv) {
   vec3 dx = dFdx(place), dy = dFdy(place);
   vec2 ux = dFdx(uv), uy = dFdy(uv);
@@ -111,7 +112,7 @@ vec3 bumped(vec3 n, vec2 uv) {
 }
 `;
 
-/** Hands the light to a program. */
+/** Sets the lighting uniforms of a program. */
 export function setLight(gl, u, { eye, light, lighting, turned, shadow }) {
   gl.uniformMatrix4fv(u.light, false, light);
   gl.uniform3fv(u.eye, eye);
@@ -125,7 +126,7 @@ export function setLight(gl, u, { eye, light, lighting, turned, shadow }) {
   gl.uniform1i(u.shadow, 0);
 }
 
-/** The lights that go with the camera, whose axes these are. */
+/** Lights that move with the camera, given its axes. */
 export function turnedLights({ right, up, back }) {
   const from = (x, y, z) => normalize([0, 1, 2].map((i) => x * right[i] + y * up[i] + z * back[i]));
   return { toFill: from(-0.8, 0.15, 0.6), toRim: from(-0.55, 0.45, -0.7), toCatch: from(0.25, 0.29, 0.92) };

@@ -1,15 +1,16 @@
-// The stream from the program on this machine, or from the engine in this page: frames as the engine makes them, sound a little later so that both agree.
+// The stream from the program on this machine, or from the engine in this page: frames are shown as they are computed,
+// and sound is delayed to match.
 
 import { LocalStream } from "umo/local.js";
 import { microphone } from "umo/microphone.js";
 import { wav } from "umo/scene.js";
 
-/** What is added to what the engine must wait for: the network of one machine, and a slow moment, seconds. */
+/** Added to the engine's latency: local network and hiccups, seconds. */
 const MARGIN = 0.12;
-/** The same for a mouth that waits for no computing: a piece of the microphone's, and a look for frames. */
+/** As above for a live mouth, which waits for no computing: one block of the microphone and one poll for frames. */
 const LIVE_MARGIN = 0.04;
 
-/** Length of a piece of the microphone's sound, and a little more, seconds. */
+/** Length of a microphone block with a small reserve, seconds. */
 const PIECE = 0.03;
 /** First byte of a message that holds frames, and bytes before the first frame and before a frame's values. */
 const FRAMES = 1;
@@ -20,18 +21,18 @@ const NEWS = 250;
 /** How often what has been spoken of the page's own recording is sent, milliseconds, and most samples of a message. */
 const SEND = 8;
 const MOST_SAMPLES = 1 << 14;
-/** How far the sound of a recording may be from where it should be, and how often it is moved, seconds. */
+/** Maximum drift of a recording's sound before it is moved, and minimum time between moves, seconds. */
 const DRIFT = 0.25;
 const MOVES_EVERY = 2;
-/** What "now" is of a latency, and how long too much must go on before it is said, seconds. */
+/** Averaging time of the displayed latency, and duration of a problem before it is reported, seconds. */
 const NOW = 1;
 const LASTING = 4;
-/** Messages that come within this time are one, seconds. */
+/** Messages that arrive within this time count as one, seconds. */
 const AT_ONCE = 0.03;
-/** Share of late messages that makes a stream one that the machine cannot keep up with. */
+/** Share of late messages above which the machine counts as too slow. */
 const TOO_LATE = 0.5;
 
-/** Time of a stream: behind what is heard by what the engine, or a live mouth, must wait for. */
+/** Time of a stream: the sound's time minus the latency of the engine, or of a live mouth. */
 export class LiveClock {
   constructor(scene, motion) {
     this.motion = motion;
@@ -39,7 +40,7 @@ export class LiveClock {
     this.playing = false;
     this.rate = 1;
     this.at = 0;
-    /** Seconds of some clock; tests put their own. */
+    /** Seconds of some clock; tests replace it. */
     this.now = () => performance.now() / 1000;
     this.ended = () => {};
   }
@@ -58,17 +59,18 @@ export class LiveClock {
     return this.sound && !this.sound.paused && !this.sound.ended && this.sound.currentTime > 0;
   }
 
-  /** Seconds of sound since the stream began. */
+  /** Seconds of sound since the stream started. */
   get heard() {
     return this.counted ? this.counted() : this.now() - this.start;
   }
 
-  /** Where the picture should be. */
+  /** Motion time that should be shown. */
   get due() {
     return this.heard - this.delay;
   }
 
-  /** Sound begins now; the picture follows, as late as `started` says. `counted` returns the seconds of sound that were sent, if those are counted. */
+  /** Sound starts now; the picture follows with the delay given by `started`. `counted` returns the seconds of sound
+   * that were sent, if they are counted. */
   begin(started, counted = null) {
     this.delay = started.isLive ? started.mouthSeconds + LIVE_MARGIN : started.bodySeconds + MARGIN;
     this.counted = counted;
@@ -81,7 +83,7 @@ export class LiveClock {
     this.playing = false;
   }
 
-  /** What was shown can be looked at again once the stream has ended. */
+  /** After the stream has ended, it can be replayed. */
   seek(seconds) {
     if (!this.playing) this.at = Math.min(Math.max(seconds, 0), this.seconds);
   }
@@ -106,7 +108,7 @@ export class Live {
     this.useRecording();
   }
 
-  /** Takes over the scene's recording. */
+  /** Uses the scene's recording. */
   useRecording() {
     const { samples, audio } = this.scene;
     if (samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(samples, audio.sampleRate)));
@@ -160,7 +162,7 @@ export class Live {
     if (socket && socket.readyState <= WebSocket.OPEN) socket.close();
     this.mouth?.stop();
     this.mouth = null;
-    // What came is shown to its end.
+    // Received frames are shown to the end.
     if (!this.log.done) this.silence();
     this.changed();
   }
@@ -214,8 +216,9 @@ export class Live {
   }
 
   /**
-   * Seconds of the microphone's sound that were sent, and what was spoken since the last piece. A pause of the page or of the
-   * machine is not among them: frames are numbered by the samples that were sent, and a clock that ran on would stay ahead.
+   * Seconds of the microphone's sound that the engine has taken: sent audio without overruns, plus the time since the
+   * last block. Pauses of the page or the machine do not count: frames are numbered by the audio taken, and a clock
+   * that kept running would stay ahead of them for ever.
    */
   spoken() {
     const { samples, now, rate } = this.sent;
@@ -223,7 +226,7 @@ export class Live {
     return samples / rate + since;
   }
 
-  /** Sends what has been spoken of the recording since `start`, of which `sent` samples were sent, until its end. */
+  /** Sends the part of the recording spoken since `start`, of which `sent` samples were already sent, until its end. */
   speak(socket, start, sent) {
     if (this.socket !== socket || socket.readyState !== WebSocket.OPEN) return;
     const { samples, audio } = this.scene;
@@ -235,7 +238,7 @@ export class Live {
     else setTimeout(() => this.speak(socket, start, spoken), SEND);
   }
 
-  /** The recording's sound, as late as the picture. */
+  /** Plays the recording's sound, delayed like the picture. */
   playSound() {
     const { audio, socket } = this;
     if (!audio) return;
@@ -244,7 +247,7 @@ export class Live {
     setTimeout(() => this.socket === socket && audio.play().catch(() => {}), this.clock.delay * 1000);
   }
 
-  /** Moves a recording's sound to where it should be: a page that nobody sees starts it late, a busy machine stops it. */
+  /** Corrects the position of a recording's sound: a hidden page starts it late, a busy machine stops it. */
   catchUp() {
     const { clock, log } = this;
     if (!clock.isSounding || clock.due - clock.sound.currentTime < DRIFT) return;
@@ -254,7 +257,7 @@ export class Live {
     clock.sound.currentTime = clock.due;
   }
 
-  /** A message of frames: a head, then each frame's index, sample and values. */
+  /** Frames: index of the first, then values. */
   take(data) {
     const view = new DataView(data);
     if (view.getUint8(0) !== FRAMES) return;
@@ -270,7 +273,7 @@ export class Live {
     const isLate = first / this.motion.rate < this.clock.time;
     if (isLate) this.log.late += 1;
     const latency = heard - first / this.motion.rate;
-    // What a stall held up comes at once, and counts once.
+    // Messages held up by a stall arrive together and count once.
     if (heard - (this.log.arrivals.at(-1)?.heard ?? -1) < AT_ONCE) this.log.arrivals.pop();
     this.log.arrivals.push({ heard, latency, isLate });
     if (this.log.arrivals.length > 1000) this.log.arrivals.shift();
@@ -279,7 +282,7 @@ export class Live {
     this.changed();
   }
 
-  /** Notes how late the picture that is drawn now is. */
+  /** Records the latency of the frame being drawn. */
   look() {
     const latency = this.lag();
     if (latency === null) return;
@@ -296,12 +299,12 @@ export class Live {
     return clock.heard - Math.min(clock.time, (motion.end - 1) / motion.rate);
   }
 
-  /** The same of the last second: its middle. */
+  /** Median of the last second. */
   behind() {
     return this.recent(this.log.pictures);
   }
 
-  /** Seconds from a sound until the frame for it has come: the middle of the last second. */
+  /** Seconds from a sound to the arrival of its frame: median of the last second. */
   arrival() {
     return this.recent(this.log.arrivals);
   }
@@ -312,7 +315,7 @@ export class Live {
     return median(list.filter(({ heard }) => heard >= since).map(({ latency }) => latency));
   }
 
-  /** What is wrong with the stream, in a sentence; empty where nothing is. */
+  /** A sentence about a problem of the stream, or an empty text. */
   trouble() {
     const { log, clock } = this;
     if (log.error) return `${log.error[0].toUpperCase()}${log.error.slice(1)}.`;
@@ -322,7 +325,7 @@ export class Live {
     if (heard - last > LASTING + clock.delay) return `No frame has come for ${Math.round(heard - last)} s: this machine is too slow, or the program is held up.`;
     const recent = log.arrivals.filter((one) => one.heard > heard - LASTING);
     const late = recent.filter(({ isLate }) => isLate).length;
-    // Not a short one: a stall makes some messages late, and is over.
+    // Must persist: a short stall makes some messages late, then passes.
     const lasts = log.arrivals.length > 0 && heard - log.arrivals[0].heard > LASTING && recent.length >= 4;
     if (!lasts || late < TOO_LATE * recent.length) return "";
     const most = median(recent.map(({ latency }) => latency));

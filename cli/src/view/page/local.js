@@ -1,6 +1,7 @@
-// A stream of the engine in this page, which the page uses as the socket of a program: it has the same messages, but for `stats`.
+// A stream of the engine in this page, with the same interface as the program's socket: the same messages except
+// `status`.
 
-/** How often frames are looked for, milliseconds. */
+/** Polling interval for frames, milliseconds. */
 const LOOK = 8;
 
 /** The engine and its model, loaded once for all streams of the page. */
@@ -11,7 +12,7 @@ async function load({ package: address, model, precision }, onProgress) {
   return { avatar: await Avatar.create({ model, precision, onProgress }), Follower };
 }
 
-/** The engine, and a character's follower where the page shows one. */
+/** The engine, and a character's follower if the page shows one. */
 async function ready(scene, onProgress) {
   loaded ??= load(scene.live.engine, onProgress);
   try {
@@ -20,13 +21,13 @@ async function ready(scene, onProgress) {
     if (character) character.follower ??= new Follower(character.file, avatar.model, character.given ?? {});
     return avatar;
   } catch (error) {
-    // The next stream tries again.
+    // Let the next stream try again.
     loaded = null;
     throw error;
   }
 }
 
-/** A character that is dropped onto the page, as the scene has one. */
+/** A character dropped onto the page, in the format of the scene's. */
 export async function follow(scene, file, onProgress) {
   const character = { file, streamed: null };
   await ready({ ...scene, character }, onProgress);
@@ -66,7 +67,7 @@ export class LocalStream {
     return this.work();
   }
 
-  /** Gives frames as they are computed, until the stream ends. */
+  /** Emits frames as they are computed, until the stream ends. */
   async work() {
     let count = 0;
     while (this.readyState === WebSocket.OPEN) {
@@ -97,9 +98,9 @@ export class LocalStream {
   }
 }
 
-/** Frames as a message has them: a head, then each frame's index, sample and values, and those of a character. */
+/** Frames in message format: the index of the first, then for each its values and the character's. */
 function packed(frames, character) {
-  // Expressions are in the weights of their shapes, too.
+  // Expressions are already included in the weights of their shapes.
   const worn = (frame) => (character ? character.follower.values(frame).slice(0, character.worn) : []);
   const rows = frames.map((frame) => [frame.rotations, frame.translation, frame.face, worn(frame)]);
   const width = rows[0].reduce((sum, part) => sum + part.length, 0);

@@ -1,4 +1,4 @@
-// Puts the page together: what is shown when, and what keys and buttons do.
+// Entry point: wires up the page, its keys and its buttons.
 
 import { CharacterBody, FigureBody } from "umo/body.js";
 import { Camera, steer } from "umo/camera.js";
@@ -55,7 +55,7 @@ let shown = { ...body.at(0), time: 0 };
 let drawn = 0;
 let insets = {};
 
-/** Where the floor is: under the feet as they are in most frames. */
+/** Floor height: under the feet in most frames. */
 function floorOf() {
   if (motion.count === 0) return body.ground(body.still);
   const step = Math.max(1, Math.floor(motion.count / 100));
@@ -65,7 +65,7 @@ function floorOf() {
   return found[Math.floor(found.length / 2)];
 }
 
-/** Shares of the picture's height that lie behind the title and the controls. */
+/** Shares of the picture's height covered by the title and the controls. */
 function findInsets() {
   const view = $("#view").getBoundingClientRect();
   const share = (pixels) => clamp(pixels / Math.max(view.height, 1), 0, 0.5);
@@ -75,7 +75,7 @@ function findInsets() {
   touch();
 }
 
-/** Something has changed: the picture is drawn anew. */
+/** Requests a redraw. */
 function touch() {
   dirty = true;
 }
@@ -89,7 +89,7 @@ async function play() {
   try {
     await clock.play();
   } catch {
-    // A browser that wants a touch first: the button waits for it.
+    // If the browser requires a user gesture, the button waits for it.
   }
   touch();
 }
@@ -102,7 +102,7 @@ function pause() {
 const toggle = () => (clock.playing ? pause() : play());
 const frameNow = () => clamp(Math.round(clock.time * motion.rate), motion.first, Math.max(motion.first, motion.end - 1));
 
-/** To a frame further on, or to the next keyframe. */
+/** Steps by frames, or to the next keyframe. */
 function step(frames) {
   pause();
   seek((frameNow() + frames) / motion.rate);
@@ -123,7 +123,7 @@ function useCamera(name) {
   touch();
 }
 
-/** Shows or hides the panels that say how it was made. */
+/** Shows or hides the panels about how the motion was made. */
 function setDetails(on) {
   document.documentElement.dataset.details = String(on);
   const button = $("#details");
@@ -156,10 +156,10 @@ function otherRate(way) {
   setRate(rates[clamp(rates.indexOf(clock.rate) + way, 0, rates.length - 1)]);
 }
 
-/** Shows another character, in place of the figure or of the one before. */
+/** Replaces the figure or the current character. */
 async function putOn(file) {
   const bytes = new Uint8Array(await file.arrayBuffer());
-  const character = await follow(scene, bytes, ({ loaded, total }) => say(`loads the model: ${total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`}`));
+  const character = await follow(scene, bytes, ({ loaded, total }) => say(`loading the model: ${total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`}`));
   character.body = new CharacterBody(scene, character, motion.rest);
   await readTextures(character.body);
   live.stop();
@@ -188,14 +188,14 @@ async function hear(file) {
   return `speaks ${file.name}`;
 }
 
-/** Gives a character to the program, whose page then shows it. */
+/** Sends a character to the program, whose page then shows it. */
 async function send(file) {
   const answer = await fetch("/character", { method: "POST", body: file });
   if (!answer.ok) throw new Error(await answer.text());
   location.reload();
 }
 
-/** A line of news in the place of the notice. */
+/** Shows a line of news in place of the notice. */
 function say(text, isError = false) {
   const notice = $("#notice");
   scene.notice ??= notice.textContent;
@@ -206,10 +206,10 @@ function say(text, isError = false) {
 
 let video = null;
 
-/** Records a take from its start, or a stream until it ends; once more ends it. */
+/** Records a take from its start, or a stream until it ends; a second call stops it. */
 async function saveVideo() {
   if (video) return endVideo();
-  if (!Video.isPossible) return say("this browser records no video", true);
+  if (!Video.isPossible) return say("this browser cannot record video", true);
   pause();
   if (live && !live.isRunning) live.toggle();
   if (!live) {
@@ -276,7 +276,7 @@ const timeText = (seconds) => {
   return `${Math.floor(tenths / 600)}:${String(Math.floor((tenths % 600) / 10)).padStart(2, "0")}.${tenths % 10}`;
 };
 
-/** Buttons, numbers and lines that go with the time. */
+/** Updates buttons, numbers and lines that depend on the time. */
 function showTime(time) {
   const frame = frameNow();
   const button = $("#play");
@@ -330,7 +330,7 @@ function draw(time, seconds) {
 const panel = live ? livePanel({ scene, motion, live, $ }) : null;
 let counted = 0;
 if (live) {
-  // The timeline of a stream grows; the floor is found once there are feet.
+  // The timeline of a stream grows; the floor is known once there are feet.
   setInterval(() => {
     if (motion.end === counted) return;
     if (counted < 60) floor = floorOf();
@@ -362,7 +362,7 @@ function listen() {
   steer($("#view"), camera, touch);
   const sized = new ResizeObserver(findInsets);
   for (const selector of ["#view", "#transport", "header"]) sized.observe($(selector));
-  // Who comes back to the page sees what is now.
+  // Redraw when the page becomes visible again.
   document.addEventListener("visibilitychange", () => {
     live?.catchUp();
     touch();
@@ -399,5 +399,5 @@ setDetails(false);
 draw(0, 0);
 requestAnimationFrame(loop);
 document.documentElement.dataset.ready = "true";
-// Moving by itself is for those who do not mind; without a touch browsers may refuse, and the button waits.
+// Autoplay unless reduced motion is preferred; browsers may refuse without a user gesture, and the button waits.
 if (!live && !still) play();

@@ -9,7 +9,7 @@ export const normalize = (a) => scale(a, 1 / (Math.hypot(...a) || 1));
 export const mix = (a, b, t) => a + (b - a) * t;
 export const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
-/** First `b`, then `a`. */
+/** Applies `b` first, then `a`. */
 export function product([ax, ay, az, aw], [bx, by, bz, bw]) {
   return [
     aw * bx + ax * bw + ay * bz - az * by,
@@ -19,7 +19,7 @@ export function product([ax, ay, az, aw], [bx, by, bz, bw]) {
   ];
 }
 
-/** The rotation back. */
+/** Inverse rotation. */
 export const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
 
 export function rotate([x, y, z, w], [a, b, c]) {
@@ -27,7 +27,7 @@ export function rotate([x, y, z, w], [a, b, c]) {
   return [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]];
 }
 
-/** The shorter way from `a` to `b`: exactly one of them at 0 and 1. */
+/** Shortest interpolation from `a` to `b`; exact at 0 and 1. */
 export function slerp(a, b, t) {
   if (t <= 0) return a;
   if (t >= 1) return b;
@@ -35,13 +35,13 @@ export function slerp(a, b, t) {
   const sign = cosine < 0 ? -1 : 1;
   cosine = Math.min(cosine * sign, 1);
   const angle = Math.acos(cosine);
-  // Near each other, the arc is a line.
+  // For small angles, the arc is a line.
   const [p, q] = angle < 1e-4 ? [1 - t, t] : [Math.sin((1 - t) * angle) / Math.sin(angle), Math.sin(t * angle) / Math.sin(angle)];
   const mixed = a.map((x, i) => p * x + q * sign * b[i]);
   return mixed.map((x) => x / Math.hypot(...mixed));
 }
 
-/** Axis times angle, in degrees: what a track shows of a joint. */
+/** Rotation vector in degrees, which tracks show for a joint. */
 export function degrees([x, y, z, w]) {
   const sine = Math.hypot(x, y, z);
   const turn = sine < 1e-9 ? 2 : (2 * Math.atan2(sine, Math.abs(w))) / sine;
@@ -64,7 +64,7 @@ export function lookAt(eye, target, up) {
   return [x[0], y[0], z[0], 0, x[1], y[1], z[1], 0, x[2], y[2], z[2], 0, -dot(x, eye), -dot(y, eye), -dot(z, eye), 1];
 }
 
-/** `a * b`: first `b`, then `a`. */
+/** `a * b`: applies `b` first, then `a`. */
 export function multiply(a, b) {
   const c = new Array(16).fill(0);
   for (let column = 0; column < 4; column++) {
@@ -75,7 +75,7 @@ export function multiply(a, b) {
   return c;
 }
 
-/** A point through a matrix: x, y, z, w. */
+/** Transforms a point: x, y, z, w. */
 export function transform(m, [x, y, z]) {
   return [0, 1, 2, 3].map((row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row]);
 }

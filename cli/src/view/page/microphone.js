@@ -1,6 +1,6 @@
-// The browser's microphone: samples as they come, without the browser's own clean-up of them.
+// The browser's microphone: raw samples without the browser's own processing.
 
-/** Runs on the audio thread: gathers samples and hands them over 20 ms at a time. */
+/** Runs on the audio thread: collects samples and posts them in blocks of 20 ms. */
 const WORKLET = `
 registerProcessor("umo-microphone", class extends AudioWorkletProcessor {
   constructor() {
@@ -20,7 +20,7 @@ registerProcessor("umo-microphone", class extends AudioWorkletProcessor {
   }
 });`;
 
-/** Opens the microphone, and gives pieces of samples to `heard` until `stop` is called. */
+/** Opens the microphone and passes blocks of samples to `heard` until `stop` is called. */
 export async function microphone(heard) {
   const stream = await navigator.mediaDevices.getUserMedia({
     audio: { channelCount: 1, echoCancellation: false, noiseSuppression: false, autoGainControl: false },

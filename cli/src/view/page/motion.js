@@ -1,11 +1,12 @@
-// The frames, the pose between two of them, and where that puts the joints.
+// The frames, interpolated poses, and the resulting joint positions.
 
 import { add, dot, inverse, mix, product, rotate, scale, slerp } from "umo/math.js";
 
-/** Frames that are kept of a live stream: ten minutes. */
+/** Maximum number of frames kept of a live stream: ten minutes. */
 const MOST = 18000;
 
-/** Frames in a row, each `joints * 4 + 3 + face + worn` numbers: rotations, the root's place, face values, a character's channels. */
+/** Consecutive frames of `joints * 4 + 3 + face + worn` numbers each: rotations, root position, face values, a
+ * character's channels. */
 export class Motion {
   constructor(scene) {
     this.joints = scene.joints.length;
@@ -17,14 +18,14 @@ export class Motion {
     this.rest = scene.rest ?? { rotations: scene.joints.map(() => [0, 0, 0, 1]), translation: [0, 0, 0], face: [] };
   }
 
-  /** Makes room for the channels of the scene's character, and forgets the frames. */
+  /** Adapts to the channels of the scene's character, and drops all frames. */
   fit(scene) {
     this.worn = scene.character?.worn ?? 0;
     this.width = 4 * this.joints + 3 + this.face + this.worn;
     this.clear();
   }
 
-  /** Frames so far, those included that were dropped. */
+  /** Total number of frames so far, including dropped ones. */
   get end() {
     return this.first + this.count;
   }
@@ -37,7 +38,7 @@ export class Motion {
     this.count = this.first = 0;
   }
 
-  /** Adds whole frames at the end, and drops the oldest where there are too many. */
+  /** Appends whole frames, dropping the oldest beyond the limit. */
   append(frames) {
     const more = frames.length / this.width;
     if (this.count + more > MOST) {
@@ -56,7 +57,7 @@ export class Motion {
     this.count += more;
   }
 
-  /** The numbers of frame `index`, the nearest that is there. */
+  /** Values of frame `index`, or of the nearest one kept. */
   frame(index) {
     const at = Math.min(Math.max(index - this.first, 0), this.count - 1) * this.width;
     return this.values.subarray(at, at + this.width);
@@ -66,7 +67,7 @@ export class Motion {
     return Array.from(this.frame(index).subarray(4 * joint, 4 * joint + 4));
   }
 
-  /** The two frames around a time in seconds, and the share of the second: 0 where the time is a frame's. */
+  /** The two frames around a time in seconds, and the weight of the second: 0 at the exact time of a frame. */
   around(seconds) {
     const at = Math.min(Math.max(seconds * this.rate, this.first), this.end - 1);
     const nearest = Math.round(at);
@@ -75,14 +76,14 @@ export class Motion {
     return { a: this.frame(index), b: this.frame(index + 1), t };
   }
 
-  /** What a character's channels have at a time: the values of the two frames around it, and the share of the second. */
+  /** A character's channels at a time: the values of the two frames around it, and the weight of the second. */
   channels(seconds) {
     const { a, b, t } = this.around(seconds);
     const start = this.width - this.worn;
     return { a: a.subarray(start), b: b.subarray(start), t };
   }
 
-  /** The pose at a time in seconds: exactly a frame's where the time is a frame's. */
+  /** The pose at a time in seconds: exactly a frame's pose at the time of that frame. */
   pose(seconds) {
     if (this.count === 0) return this.rest;
     const { a, b, t } = this.around(seconds);
@@ -98,7 +99,7 @@ export class Motion {
   }
 }
 
-/** Where every joint is, and how it is turned, in the world. */
+/** World positions and rotations of all joints. */
 export function place(scene, pose) {
   const places = [];
   const turned = [];
@@ -115,17 +116,17 @@ export function place(scene, pose) {
   return { places, turned };
 }
 
-/** The turn of a helper joint where its joint's is `turn`, both in the frame of that joint's parent. */
+/** Rotation of a helper joint if its joint has rotation `turn`, both in the frame of that joint's parent. */
 function share({ axis, swing, twist }, turn) {
   const along = dot(turn, axis);
   const size = Math.hypot(along, turn[3]);
-  // Half a turn across the bone has no twist of its own.
+  // Half a turn across the bone has no defined twist.
   const about = size > 1e-6 ? [...scale(axis, along / size), turn[3] / size] : [0, 0, 0, 1];
   const across = product(turn, inverse(about));
   return product(slerp([0, 0, 0, 1], across, swing), slerp([0, 0, 0, 1], about, twist));
 }
 
-/** The joints, and after them the helper joints of the mesh. */
+/** The joints followed by the mesh's helper joints. */
 export function withHelpers({ parents, mesh }, { rotations }, { places, turned }) {
   const turn = (helper) => product(turned[parents[helper.of]], share(helper, rotations[helper.of]));
   return {
@@ -134,7 +135,7 @@ export function withHelpers({ parents, mesh }, { rotations }, { places, turned }
   };
 }
 
-/** Where the joints are when nothing is turned. */
+/** Joint positions in the rest pose. */
 export function restPlaces(scene) {
   const places = [];
   scene.parents.forEach((parent, joint) => {
@@ -143,7 +144,7 @@ export function restPlaces(scene) {
   return places;
 }
 
-/** Three rows of four numbers per joint, which take a vertex from rest to the pose. Writes into `rows`. */
+/** Writes the skinning matrices into `rows`: three rows of four numbers per joint. */
 export function skin({ places, turned }, rest, rows) {
   turned.forEach(([x, y, z, w], joint) => {
     const m = [

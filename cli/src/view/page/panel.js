@@ -1,4 +1,4 @@
-// The panel of a live stream: where the sound comes from, and how far the picture is behind it.
+// The panel of a live stream: the source of the sound, and the latency of the picture.
 
 const milliseconds = (seconds) => (seconds === null || seconds === undefined ? "–" : `${(1000 * seconds).toFixed(seconds < 0.1 ? 1 : 0)} ms`);
 
@@ -31,7 +31,7 @@ export function livePanel({ scene, motion, live, $ }) {
     stop.hidden = !isRunning;
     recording.hidden = isRunning || !hasRecording();
     mouth.hidden = isRunning;
-    // What is in the place of the button that was pressed takes over the focus.
+    // The button that replaces the pressed one takes over the focus.
     if (hasFocus) [stop, recording, mouth].find(({ hidden }) => !hidden).focus();
   };
   let said = -Infinity;
@@ -44,7 +44,7 @@ export function livePanel({ scene, motion, live, $ }) {
       if ($("#trouble").textContent !== sentence) set("#trouble", sentence);
       const state = error ? "stopped" : live.isRunning ? "live" : done ? "ended" : "ready";
       const kind = live.isRunning ? "live" : "quiet";
-      // Digits that change with every picture cannot be read.
+      // Limit updates: digits that change every frame are unreadable.
       if (now - said < 0.25 && $("#state").dataset.kind === kind) return;
       said = now;
       const body = milliseconds(started?.bodySeconds ?? scene.live.algorithmicSeconds);
@@ -55,7 +55,7 @@ export function livePanel({ scene, motion, live, $ }) {
       set("#behind", `${milliseconds(behind)}, most ${milliseconds(worst.picture)}`);
       set("#received", `${received}${late > 0 ? `, ${late} times late` : ""}`);
       const isLoading = live.isRunning && !started && loading;
-      set("#state", isLoading ? `loads the model: ${loading}` : state === "live" && behind !== null ? `live · ${behind.toFixed(2)} s behind the sound` : state);
+      set("#state", isLoading ? `loading the model: ${loading}` : state === "live" && behind !== null ? `live · ${behind.toFixed(2)} s behind the sound` : state);
       $("#state").dataset.kind = kind;
     },
   };

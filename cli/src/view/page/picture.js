@@ -1,4 +1,4 @@
-// The picture: figure or character, floor, shadow and skeleton, drawn when something has changed.
+// The picture: figure or character, floor, shadow and skeleton, redrawn when something has changed.
 
 import { Bones } from "umo/bones.js";
 import { Character } from "umo/character.js";
@@ -9,7 +9,7 @@ import { LIGHTING, TO_LAMP, turnedLights } from "umo/light.js";
 import { add, lookAt, multiply, orthographic, scale } from "umo/math.js";
 
 const SHADOW_SIZE = 1024;
-/** Half of what the lamp's shadow covers, metres. */
+/** Half of the area covered by the lamp's shadow map, metres. */
 const SHADOW_HALF = 1.45;
 
 export class Picture {
@@ -17,7 +17,7 @@ export class Picture {
     this.canvas = canvas;
     this.scene = scene;
     this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "high-performance" });
-    if (!this.gl) throw new Error("this browser draws no WebGL 2");
+    if (!this.gl) throw new Error("this browser does not support WebGL 2");
     this.prepare();
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
@@ -37,7 +37,7 @@ export class Picture {
     this.shadow = depthMap(gl, SHADOW_SIZE);
   }
 
-  /** Fits the drawing to the canvas as it is shown. */
+  /** Resizes the drawing buffer to the displayed canvas. */
   resize() {
     const { canvas } = this;
     const density = Math.min(window.devicePixelRatio || 1, 2);

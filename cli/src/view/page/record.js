@@ -1,4 +1,5 @@
-// How the frames were made: keyframes by the language model, the others by interpolation, and which experts worked.
+// Record of how the frames were made: keyframes by the language model, the others by interpolation, and the experts
+// used.
 
 export class Record {
   constructor(scene) {
@@ -6,11 +7,11 @@ export class Record {
     this.data = scene.record;
     this.parts = scene.record?.parts ?? [];
     const places = this.parts.reduce((sum, { levels }) => sum + levels, 0);
-    /** How many frames have codes. */
+    /** Number of frames with codes. */
     this.coded = places > 0 ? scene.record.codes.length / places : 0;
   }
 
-  /** Whether it is known how frames were made. */
+  /** Whether a record exists. */
   get isKnown() {
     return this.stride > 0;
   }
@@ -19,7 +20,7 @@ export class Record {
     return this.isKnown && frame % this.stride === 0;
   }
 
-  /** The codes of a part in a frame, one of each level; none where they are not known or the frame has vectors instead. */
+  /** Codes of a part in a frame, one per level; empty if unknown or if the frame has vectors instead. */
   codes(part, frame) {
     const at = this.data ? frame / this.data.every : NaN;
     if (!Number.isInteger(at) || at >= this.coded) return [];
@@ -31,12 +32,12 @@ export class Record {
     return this.data?.chunks ?? [];
   }
 
-  /** The chunk that made a frame, or -1. */
+  /** The chunk that produced a frame, or -1. */
   chunkOf(frame) {
     return this.chunks.findIndex(({ first, frames }) => frame >= first && frame < first + frames);
   }
 
-  /** Layers that can be asked for: name, first, and one after the last. */
+  /** Layers that can be queried: name, first, and one after the last. */
   get layers() {
     if (!this.data) return [];
     const { encoderLayers: encoder, decoderLayers: decoder } = this.data;
@@ -53,7 +54,7 @@ export class Record {
     ];
   }
 
-  /** Tokens of one kind that each expert took in a chunk, over some layers. */
+  /** Number of tokens of one kind routed to each expert in a chunk, over some layers. */
   routed(chunk, kind, { from, to }) {
     const { experts, kinds, encoderLayers, decoderLayers, routed } = this.data;
     const layers = encoderLayers + decoderLayers;

@@ -1,8 +1,8 @@
-// What the program put into this page: a description in JSON, and numbers in base64 beside it.
+// Data that the program embedded in this page: a description in JSON, and numbers in base64.
 
 const TYPES = { f32: Float32Array, u32: Uint32Array, u16: Uint16Array, i16: Int16Array, u8: Uint8Array };
 
-/** The numbers of a block, or an empty array of that type where the page has none of this name. */
+/** Values of a block, or an empty array of that type if the page has no such block. */
 export function block(name, type) {
   const text = document.getElementById(`block-${name}`)?.textContent ?? "";
   const packed = atob(text);
@@ -11,7 +11,7 @@ export function block(name, type) {
   return new TYPES[type](bytes.buffer);
 }
 
-/** The description, with its arrays. */
+/** The description with its arrays. */
 export function readScene() {
   const scene = JSON.parse(document.getElementById("scene").textContent);
   const { mesh, record } = scene;
@@ -22,7 +22,7 @@ export function readScene() {
   mesh.joints = block("joints", "u8");
   mesh.weights = block("weights", "u16");
   mesh.indices = block("indices", "u32");
-  /** Right and down on a relief's map; those of vertices that have none are not used. */
+  /** Coordinates on a relief map, to the right and down; unused for vertices without relief. */
   mesh.spots = new Float32Array((2 * mesh.positions.length) / 3);
   mesh.spots.set(block("detail-places", "f32"), 2 * mesh.moving);
   for (const detail of mesh.details) detail.map = block(`detail-${detail.name}`, "u8");
@@ -46,7 +46,7 @@ export function readScene() {
   return scene;
 }
 
-/** A WAV file of 16-bit samples, for the browser's own player. */
+/** A WAV file of 16-bit samples, for the browser's audio element. */
 export function wav(samples, rate) {
   const header = new DataView(new ArrayBuffer(44));
   const text = (at, word) => [...word].forEach((c, i) => header.setUint8(at + i, c.charCodeAt(0)));

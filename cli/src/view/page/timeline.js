@@ -1,12 +1,12 @@
-// The timeline: speech, which frames the language model made and which were filled in, chunks, experts, curves.
+// The timeline: speech, keyframes and interpolated frames, chunks, experts, curves.
 
 import { DRAW, RULER, drawChunkGround, layOut } from "umo/lanes.js";
 import { clamp } from "umo/math.js";
 import { reading } from "umo/tracks.js";
 
-/** Width of a frame that lets keyframes and the others be told apart, CSS pixels. */
+/** Frame width at which keyframes can be distinguished, CSS pixels. */
 const FRAME = 4.6;
-/** Shortest and longest stretch that is shown, seconds. */
+/** Shortest and longest visible stretch, seconds. */
 const SHORTEST = 0.8;
 const LONGEST = 600;
 
@@ -30,10 +30,10 @@ export class Timeline {
     return this.canvas.clientWidth < 520 ? 58 : 92;
   }
 
-  /** Seconds that are shown. */
+  /** Visible time in seconds. */
   get window() {
     const comfortable = (this.canvas.clientWidth - this.gutter) / FRAME / this.motion.rate;
-    // What is a little longer is shown whole.
+    // Recordings that are only slightly longer are shown whole.
     const fitting = this.length < 1.4 * comfortable ? this.length : comfortable;
     return clamp(this.chosen ?? fitting, SHORTEST, Math.max(SHORTEST, Math.min(LONGEST, this.length)));
   }
@@ -72,7 +72,7 @@ export class Timeline {
     return this.from + ((x - this.gutter) / (this.canvas.clientWidth - this.gutter)) * this.window;
   }
 
-  /** Keeps the time in view: the page turns where the time leaves it. Moves the line. */
+  /** Keeps the time in view, turning the page when it leaves, and moves the cursor. */
   follow(time) {
     const { window } = this;
     if (time > this.from + 0.97 * window || time < this.from) {
@@ -139,7 +139,7 @@ export class Timeline {
     }
   }
 
-  /** What is known about a frame, in words. */
+  /** Text about a frame. */
   describe(frame) {
     const { record } = this;
     const words = [`frame ${frame}`];

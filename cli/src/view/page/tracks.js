@@ -1,10 +1,10 @@
-// Curves that can be looked at: the angles of joints, the root's place, the face channels.
+// Available curves: joint angles, root position, face channels.
 
 import { degrees } from "umo/math.js";
 
 const COLORS = ["--x", "--y", "--z"];
 
-/** Every curve of a motion, by groups. A curve gives one or three numbers for a frame. */
+/** All curves of a motion, in groups. A curve gives one or three numbers per frame. */
 export function allTracks(scene, motion) {
   const faceAt = 4 * motion.joints + 3;
   const face = scene.face.names.map((name, i) => ({
@@ -28,10 +28,10 @@ export function allTracks(scene, motion) {
   return [...face, root, ...joints];
 }
 
-/** The curves that are shown at first. */
+/** The curves shown initially. */
 const FIRST = ["jawOpen", "mouthSmileLeft", "expression_0", "head", "right elbow"];
 
-/** The list of curves, with a field that filters it. Calls `changed` with the chosen ones. */
+/** The list of curves with a filter field. Calls `changed` with the selected ones. */
 export function trackList(element, tracks, changed) {
   const filter = element.querySelector("input[type=search]");
   const list = element.querySelector("#track-list");
@@ -63,14 +63,14 @@ export function trackList(element, tracks, changed) {
   changed(tracks.filter((one) => chosen.has(one)));
 }
 
-/** A name that may be broken before each capital. */
+/** Allows line breaks before capitals. */
 function breakable(name) {
   const words = document.createElement("span");
   name.split(/(?=[A-Z])/).forEach((word, i) => words.append(...(i > 0 ? [document.createElement("wbr"), word] : [word])));
   return words;
 }
 
-/** The least range of a curve that fills its lane, so that small trembling looks small. */
+/** Minimum range of a curve, so that small tremors look small. */
 function range(track, frames) {
   let [low, high] = track.unit === "°" ? [-15, 15] : track.unit === "" ? [0, 1] : [Infinity, -Infinity];
   for (const frame of frames) {
@@ -101,10 +101,10 @@ export function drawTrack(context, track, { frames, x, top, height, color }) {
   context.lineWidth = 1;
 }
 
-/** What a curve says about a frame. */
+/** Text of a curve's value in a frame. */
 export function reading(track, frame) {
   const digits = track.unit === "°" ? 0 : 2;
-  // Adding 0 turns a negative zero into a plain one.
+  // Adding 0 turns negative zero into zero.
   const text = (value) => (Number(value.toFixed(digits)) + 0).toFixed(digits);
   return track.values(frame).map(text).join(" / ") + track.unit;
 }

@@ -1,10 +1,10 @@
-// The picture and its sound as a video file, by the browser's own recorder.
+// Picture and sound as a video file, using the browser's recorder.
 
 const TYPES = ["video/mp4;codecs=avc1.42E01F,mp4a.40.2", "video/webm;codecs=vp9,opus", "video/webm;codecs=vp8,opus", "video/webm"];
 const RATE = 30;
 const BITS = 6_000_000;
 
-/** Sound elements that were led through a context: an element can be so only once. */
+/** Audio elements already connected to a context: possible only once per element. */
 const led = new WeakMap();
 let context = null;
 
@@ -18,17 +18,17 @@ function soundOf(element) {
   return led.get(element);
 }
 
-/** Records what a canvas shows from `begin` to `stop`. */
+/** Records a canvas from `begin` to `stop`. */
 export class Video {
   static get isPossible() {
     return typeof MediaRecorder === "function" && TYPES.some((type) => MediaRecorder.isTypeSupported(type));
   }
 
-  /** The sounds: elements that play, and streams with the seconds that each is to be later. */
+  /** Sound sources: audio elements, and streams with a delay in seconds each. */
   constructor(view, { elements = [], streams = [] }) {
     this.view = view;
     this.canvas = document.createElement("canvas");
-    // Codecs want even sizes.
+    // Codecs need even sizes.
     [this.canvas.width, this.canvas.height] = [view.width, view.height].map((x) => x - (x % 2));
     this.painter = this.canvas.getContext("2d", { alpha: false });
     context ??= new AudioContext();
@@ -51,7 +51,7 @@ export class Video {
     this.draw();
   }
 
-  /** Whether it has begun: from the first picture that moves. */
+  /** Whether recording has started, which is at the first moving frame. */
   get hasBegun() {
     return this.recorder.state !== "inactive";
   }
@@ -60,7 +60,7 @@ export class Video {
     this.recorder.start(1000);
   }
 
-  /** Takes the picture that was just drawn; behind it what the page has there. */
+  /** Captures the frame just drawn over the page's background. */
   draw() {
     const { painter, canvas, view } = this;
     painter.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--video").trim();
@@ -68,7 +68,7 @@ export class Video {
     painter.drawImage(view, 0, 0);
   }
 
-  /** Ends it; gives the file, or null where nothing has moved. */
+  /** Stops; returns the file, or null if nothing has moved. */
   async stop() {
     if (this.hasBegun) {
       const ended = new Promise((done) => (this.recorder.onstop = done));
@@ -82,7 +82,7 @@ export class Video {
   }
 }
 
-/** Hands a file to the browser's downloads. */
+/** Passes a file to the browser's downloads. */
 export function save(file) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(file);

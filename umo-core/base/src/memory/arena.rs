@@ -78,7 +78,7 @@ impl fmt::Display for BlockError {
         match self {
             Self::OutOfMemory(missing) => missing.fmt(f),
             Self::Misaligned { alignment } => {
-                write!(f, "the allocator gave memory that is not aligned to {alignment} bytes, as it was asked for")
+                write!(f, "the allocator returned memory that is not aligned to the requested {alignment} bytes")
             }
         }
     }

@@ -74,7 +74,7 @@ fn listeners_look_at_who_speaks_and_thinkers_look_away() {
         let shown = trial.ticks(9000);
         let on = shown.iter().filter(|frame| {
             let (from, _) = trial.rig.head(&frame.pose);
-            let way = add([0.0, eyes, DISTANCE], from.map(|v| -v));
+            let way = add([0.0, eyes, LISTENER_DISTANCE], from.map(|v| -v));
             trial.looks(frame).iter().all(|&look| degrees(look, way) < 4.5)
         });
         on.count() as f32 / shown.len() as f32
@@ -98,11 +98,11 @@ fn eyes_stay_within_their_limits_and_joints_agree_with_shapes() {
         assert_sound(&shown);
         for (joint, eye) in EYES.into_iter().zip([LEFT, RIGHT]) {
             let [yaw, pitch] = angles(turn_vector(shown.pose.rotations[joint], [0.0, 0.0, 1.0]));
-            assert!(yaw.abs() <= MOST[0] + 1e-4 && pitch.abs() <= MOST[1] + 1e-4, "{yaw} {pitch}");
+            assert!(yaw.abs() <= MAX_EYE_ANGLE[0] + 1e-4 && pitch.abs() <= MAX_EYE_ANGLE[1] + 1e-4, "{yaw} {pitch}");
             let value = |shape: usize| shown.face[shape];
             let by_shapes = [
-                eye.side * SHAPE_TURN[0] * (value(eye.outwards) - value(eye.inwards)),
-                SHAPE_TURN[1] * (value(eye.down) - value(eye.up)),
+                eye.side * EYE_SHAPE_ANGLE[0] * (value(eye.outwards) - value(eye.inwards)),
+                EYE_SHAPE_ANGLE[1] * (value(eye.down) - value(eye.up)),
             ];
             assert!((by_shapes[0] - yaw).abs() < 1e-4 && (by_shapes[1] - pitch).abs() < 1e-4);
         }

@@ -11,9 +11,9 @@ use umo_core_pose::rotation::{
 use umo_core_pose::skeleton::FIRST_FINGER;
 
 /// Largest distance of the wrist from the shoulder, as a share of the arm: the elbow stays slightly bent.
-const REACH: f32 = 0.985;
+const MAX_REACH: f32 = 0.985;
 /// Share of the elbow joint in the forearm's twist; the wrist has the rest.
-const TWIST_OF_ELBOW: f32 = 0.6;
+const ELBOW_TWIST_SHARE: f32 = 0.6;
 /// Largest twist of a forearm, radians.
 const MAX_TWIST: f32 = 1.75;
 /// Largest bend of a wrist, radians.
@@ -105,7 +105,7 @@ impl Arm {
         let (a, b) = (length(upper), length(lower));
         let at = self.sided(target.hand).map(|v| v * (a + b));
         let way = unit(at, [0.0, -1.0, 0.0]);
-        let distance = length(at).clamp((a - b).abs() + 0.1 * b, REACH * (a + b)).max(1e-6);
+        let distance = length(at).clamp((a - b).abs() + 0.1 * b, MAX_REACH * (a + b)).max(1e-6);
         // Direction of the elbow, perpendicular to the line from shoulder to hand.
         let pole = unit(aside(self.sided(target.elbow), way), aside([0.0, -0.6, -0.8], way));
         let pole = unit(pole, [0.0, 0.0, -1.0]);
@@ -123,8 +123,8 @@ impl Arm {
         let fingers_at_rest = pointer.unwrap_or_else(|| unit(rig.offsets[self.first_finger + 3], out));
         let hand = turn(fingers_at_rest, [0.0, -1.0, 0.0], self.sided(target.fingers), self.sided(target.palm));
         let (twist, bend) = twist_and_bend(product(inverse(forearm), hand), rest_lower);
-        let forearm = product(forearm, about(rest_lower, TWIST_OF_ELBOW * twist));
-        let wrist = product(about(rest_lower, (1.0 - TWIST_OF_ELBOW) * twist), bend);
+        let forearm = product(forearm, about(rest_lower, ELBOW_TWIST_SHARE * twist));
+        let wrist = product(about(rest_lower, (1.0 - ELBOW_TWIST_SHARE) * twist), bend);
         ArmPose {
             collar,
             shoulder: product(inverse(collar), shoulder),

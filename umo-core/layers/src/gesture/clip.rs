@@ -13,8 +13,8 @@ use umo_core_pose::rotation::{Quat, normalized, slerp};
 use umo_core_pose::skeleton::{FIRST_FINGER, JOINTS};
 
 /// Longest fade-in and fade-out of a clip, seconds.
-const IN: f32 = 0.4;
-const OUT: f32 = 0.55;
+const FADE_IN_SECONDS: f32 = 0.4;
+const FADE_OUT_SECONDS: f32 = 0.55;
 
 /// Gesture of the host's own, made of a clip's frames. See [`Gestures::add`](super::Gestures::add).
 #[derive(Clone)]
@@ -77,7 +77,7 @@ impl Gesture {
             return refuse("stroke", format!("expected 0 to {seconds:.3} s, got {stroke}"));
         }
         if parts == GestureParts::NONE {
-            return refuse("parts", "it moves no part".to_owned());
+            return refuse("parts", "it moves no joint".to_owned());
         }
         let frames = memory::catch(|| memory::collected(frames.iter().map(|frame| frame.map(normalized))))?.into();
         Ok(Self { name: name.to_owned(), rate, frames, stroke, parts })
@@ -131,12 +131,14 @@ impl Gesture {
 
     /// Start of the fade-out after the first frame, seconds.
     pub(super) fn leaves(&self) -> f32 {
-        (self.seconds() - OUT).max(self.stroke).min(self.seconds())
+        (self.seconds() - FADE_OUT_SECONDS).max(self.stroke).min(self.seconds())
     }
 
     /// Weight of the clip `t` seconds after its first frame, 0 to 1.
     pub(super) fn weight(&self, t: f32) -> f32 {
-        let into = IN.min(if self.stroke > 0.1 { self.stroke } else { IN }).min(self.leaves().max(0.1));
+        let into = FADE_IN_SECONDS
+            .min(if self.stroke > 0.1 { self.stroke } else { FADE_IN_SECONDS })
+            .min(self.leaves().max(0.1));
         let out = (self.seconds() - self.leaves()).max(1e-3);
         ease(t / into) * (1.0 - ease((t - self.leaves()) / out))
     }

@@ -196,7 +196,7 @@ fn check_audio(c: &Config) -> Check {
     let tokens = c.keyframe_stride * c.audio.token_rate;
     require(tokens >= c.frame_rate && tokens.is_multiple_of(c.frame_rate), "keyframe_stride", || {
         format!(
-            "{} frames at {} a second are no whole number of audio tokens at {} a second",
+            "{} frames at {} a second are not a whole number of audio tokens at {} a second",
             c.keyframe_stride, c.frame_rate, c.audio.token_rate
         )
     })?;
@@ -300,7 +300,7 @@ fn check_mouth(c: &Config, m: &Mouth) -> Check {
     require(c.face.kind == FaceKind::Arkit, "mouth", || "expected a face of kind arkit".to_owned())?;
     require(!m.channels.is_empty(), "mouth.channels", || "expected at least one name".to_owned())?;
     for (i, name) in m.channels.iter().enumerate() {
-        require(c.face.names.contains(name), "mouth.channels", || format!("`{name}` is none of `face.names`"))?;
+        require(c.face.names.contains(name), "mouth.channels", || format!("`{name}` is not in `face.names`"))?;
         require(!m.channels[..i].contains(name), "mouth.channels", || format!("`{name}` is listed twice"))?;
     }
     Ok(())

@@ -90,7 +90,7 @@ impl Template {
     /// As [`Self::new`].
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
     pub fn new_in(config: &Config, name: &str, arena: &Arena) -> Result<Self, LoadError> {
-        let missing = || LoadError::config(format!("templates.{name}"), "missing: this model cannot do that");
+        let missing = || LoadError::config(format!("templates.{name}"), "missing: this model does not support it");
         let items = config.templates.get(name).ok_or_else(missing)?;
         let slot = |item: &TemplateItem| match item {
             TemplateItem::Id(id) => Slot::Id(*id as u32),

@@ -138,7 +138,7 @@ impl Rank {
 
 /// A uniform number in `0..1` with 53 bits that depends on its arguments alone: Philox 4x32-10 (Salmon et al.
 /// 2011), with the seed as key, and chunk and place as counter.
-#[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
+#[expect(clippy::cast_possible_truncation, reason = "taking halves of 64-bit words is intended")]
 #[expect(clippy::cast_precision_loss, reason = "53 bits fit an f64")]
 fn uniform(seed: u64, chunk: u64, place: [u32; 2]) -> f64 {
     const SCALE: f64 = 1.0 / (1_u64 << 53) as f64;

@@ -78,7 +78,7 @@ pub(super) fn check_header(header: &[u8]) -> Result<bool, LoadError> {
     }
     let said = String::from_utf8_lossy(said);
     Err(LoadError::File(format!(
-        "it is damaged: its header's checksum is {PREFIX}{found}, where {PREFIX}{said} was written; copy or download it again"
+        "it is damaged: its header's checksum is {PREFIX}{found}, expected {PREFIX}{said}; copy or download it again"
     )))
 }
 

@@ -360,7 +360,7 @@ impl Loader<'_> {
             for (lane, scale) in scale.iter_mut().enumerate() {
                 let (tensor, source) = rows.locate(p * PANEL + lane);
                 let stored = tensor.int4_row(source, row);
-                let (multipliers, of_row) = stored.expect("this form is of int4 tensors alone");
+                let (multipliers, of_row) = stored.expect("only int4 tensors have this form");
                 *scale = of_row;
                 pack_row_i4(row, multipliers, lane, panel).expect("checked as the tensor was opened");
             }

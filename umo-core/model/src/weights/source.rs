@@ -1,5 +1,5 @@
 //! Storage of a model's bytes. The memory map is one of the places outside the kernels that contain `unsafe`.
-#![expect(unsafe_code, reason = "a memory map is shared with whoever may change the file")]
+#![expect(unsafe_code, reason = "a memory map is shared with other processes, which may change the file")]
 
 #[cfg(feature = "files")]
 use std::{fs::File, io, path::Path};

@@ -14,7 +14,7 @@ const MAX_NUMBERS: usize = 3600 * 60 * 64;
 /// The accessor is missing, too large or not supported, or has a number that is not finite.
 pub fn floats(document: &Document, bin: &[u8], index: usize, kind: &str) -> Result<Vec<f32>, String> {
     let wrong = |problem: String| format!("accessor {index}: {problem}");
-    let accessor = document.accessors.get(index).ok_or_else(|| wrong("there is none".to_owned()))?;
+    let accessor = document.accessors.get(index).ok_or_else(|| wrong("does not exist".to_owned()))?;
     if accessor.kind != kind {
         return Err(wrong(format!("expected {kind}, got {}", accessor.kind)));
     }
@@ -53,7 +53,7 @@ pub fn floats(document: &Document, bin: &[u8], index: usize, kind: &str) -> Resu
 /// As [`floats`], except that sparse accessors are accepted.
 pub fn numbers(document: &Document, bin: &[u8], index: usize, kinds: &[&str]) -> Result<(Vec<f32>, usize), String> {
     let wrong = |problem: String| format!("accessor {index}: {problem}");
-    let accessor = document.accessors.get(index).ok_or_else(|| wrong("there is none".to_owned()))?;
+    let accessor = document.accessors.get(index).ok_or_else(|| wrong("does not exist".to_owned()))?;
     if !kinds.contains(&accessor.kind.as_str()) {
         return Err(wrong(format!("expected {}, got {}", kinds.join(" or "), accessor.kind)));
     }

@@ -24,7 +24,7 @@ const MEMORY: usize = 160;
 /// The file violates the format, bones were not found, no animation has the name (the error lists them), or the
 /// animation is longer than a gesture can be.
 pub fn read(bytes: &[u8], name: Option<&str>, skeleton: &Skeleton) -> Result<Vec<[Quat; JOINTS]>, String> {
-    let elsewhere = |_: &str| Err("it is in another file, which bytes in memory do not have beside them".to_owned());
+    let elsewhere = |_: &str| Err("it is in another file, which a load from memory cannot reach".to_owned());
     let bytes = &*packed(bytes, &mut { elsewhere })?;
     memory::require(MEMORY.saturating_mul(Glb::split(bytes)?.json.len()).saturating_add(memory::SPARE));
     let character = Character::read(bytes)?;
@@ -106,12 +106,12 @@ fn tracks(document: &Document, animation: &Animation, bin: &[u8]) -> Result<Vec<
             values = memory::collected(values.chunks_exact(3).map(|key| key[1]));
         }
         if times.is_empty() || times.len() != values.len() || !times.windows(2).all(|pair| pair[0] < pair[1]) {
-            return Err(wrong("its times do not rise, or are not one per value"));
+            return Err(wrong("its times do not increase, or are not one per value"));
         }
         tracks.push(Track { node, times, values, holds: sampler.interpolation.as_deref() == Some("STEP") });
     }
     match tracks.is_empty() {
-        true => Err("its animation turns nothing".to_owned()),
+        true => Err("its animation rotates no joint".to_owned()),
         false => Ok(tracks),
     }
 }

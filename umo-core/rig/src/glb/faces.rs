@@ -123,7 +123,7 @@ impl Faces {
                 }
                 // A face of another kind lacks this channel. Nothing moves then, which a note reports at the end.
                 if !mesh.map.link(face, channel, shape, share) && face.kind == FaceKind::Arkit {
-                    return Err(format!("`{channel}` of the mapping is no face channel"));
+                    return Err(format!("the mapping's `{channel}` is not a face channel"));
                 }
             }
             if !found {
@@ -186,10 +186,10 @@ impl Faces {
         let most = of_meshes.chain(of_expressions).max_by_key(Vec::len).unwrap_or_default();
         if !self.opens_mouth(face) {
             let jaw = mapping.bone(JAW).is_some();
-            let by = if jaw { "its mouth moves by the jaw's bone alone" } else { "its mouth cannot move" };
-            notes.push(format!("{by}: no shape that opens it has a name that is known; {SHAPES}"));
+            let by = if jaw { "its mouth moves by the jaw bone only" } else { "its mouth cannot move" };
+            notes.push(format!("{by}: no shape that opens it has a known name; {SHAPES}"));
         } else if !self.drives(face, "jawOpen") && most.len() < VOWELS {
-            notes.push(format!("its mouth moves by {} alone; {SHAPES}", most.join(", ")));
+            notes.push(format!("its mouth moves by {} only; {SHAPES}", most.join(", ")));
         }
         notes
     }

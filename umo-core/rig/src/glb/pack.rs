@@ -267,8 +267,7 @@ fn of_uri(uri: &str, file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> R
         let (_, text) = data.split_once(";base64,").ok_or("its data is not in base64")?;
         let length = BASE64.decode_len(text.len()).map_err(|_| "its base64 has a wrong length")?;
         let mut bytes = memory::filled(0, length);
-        let written =
-            BASE64.decode_mut(text.as_bytes(), &mut bytes).map_err(|_| "its base64 is not as it should be")?;
+        let written = BASE64.decode_mut(text.as_bytes(), &mut bytes).map_err(|_| "its base64 is malformed")?;
         bytes.truncate(written);
         return Ok(bytes);
     }
@@ -302,7 +301,7 @@ fn unescaped(uri: &str) -> Result<String, String> {
         }
         bytes.push(escaped.unwrap_or(byte));
     }
-    String::from_utf8(bytes).map_err(|_| format!("`{}` is no path", shortened(uri)))
+    String::from_utf8(bytes).map_err(|_| format!("`{}` is not a valid path", shortened(uri)))
 }
 
 /// Media type of an image, detected from its first bytes.

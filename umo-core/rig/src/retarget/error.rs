@@ -71,7 +71,7 @@ impl fmt::Display for RetargetError {
             Self::Scale(bone) => {
                 write!(f, "bone `{bone}` is scaled unevenly, mirrored or to nothing, above bones that move")
             }
-            Self::NoJoint(name) => write!(f, "`{name}` is no joint"),
+            Self::NoJoint(name) => write!(f, "`{name}` is not a joint"),
             Self::NoBone { joint, bone, bones } => {
                 write!(f, "no bone `{bone}` for joint `{joint}`; the bones are ")?;
                 list(f, bones)
@@ -83,8 +83,8 @@ impl fmt::Display for RetargetError {
             }
             Self::Twice(bone) => write!(f, "bone `{bone}` was given to two joints"),
             Self::Order { bone, above } => write!(f, "bone `{bone}` does not hang below `{above}`"),
-            Self::Flat => write!(f, "hips and shoulders lie in one line or place: up and left cannot be told"),
-            Self::Source => write!(f, "the source is no skeleton of 55 joints whose parents come first"),
+            Self::Flat => write!(f, "hips and shoulders lie in one line or place: up and left cannot be determined"),
+            Self::Source => write!(f, "the source is not a skeleton of 55 joints with parents first"),
         }
     }
 }

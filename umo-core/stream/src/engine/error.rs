@@ -34,7 +34,7 @@ impl fmt::Display for EngineError {
             Self::Full { sessions } => write!(f, "all {sessions} sessions of the engine are taken: drop one first"),
             Self::Rest(error) => write!(f, "the model's rest codes give no pose: {error}"),
             Self::Memory(missing) => write!(f, "{missing}"),
-            Self::Panicked(defect) => write!(f, "the engine's thread ended by a defect of this library: {defect}"),
+            Self::Panicked(defect) => write!(f, "the engine's thread ended due to a defect of this library: {defect}"),
         }
     }
 }
@@ -89,7 +89,7 @@ impl fmt::Display for PollError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Busy => write!(f, "another thread polls the engine"),
-            Self::OwnThreads => write!(f, "an engine with threads of its own is not polled"),
+            Self::OwnThreads => write!(f, "an engine with worker threads cannot be polled"),
         }
     }
 }

@@ -23,7 +23,7 @@ impl PacketRoom {
 
     /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
     /// keyframes. Returns its length, or `None` if nothing was computed. Never allocates.
-    #[expect(clippy::too_many_arguments, reason = "an avatar, what was computed of it, and where it goes")]
+    #[expect(clippy::too_many_arguments, reason = "an avatar, its results and their destination")]
     pub fn write(
         &mut self,
         avatar: &Avatar,

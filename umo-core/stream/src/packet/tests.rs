@@ -56,7 +56,7 @@ fn what_is_no_packet_is_refused() {
     refused(0, 2, PacketError::Malformed("its version is not 1"));
     refused(0, 0x21, PacketError::Malformed("it has flags that version 1 does not have"));
     refused(2, 0, PacketError::Other("model"));
-    refused(19, 0x7F, PacketError::Malformed("its root is nowhere on earth"));
+    refused(19, 0x7F, PacketError::Malformed("its root is out of range"));
     refused(24, 200, PacketError::Malformed("it has more keyframes than the model's history"));
     refused(24, 2, PacketError::Malformed("its length is not that of its keyframes"));
     refused(27, 0xFF, PacketError::Malformed("a code is out of range"));

@@ -130,9 +130,9 @@ impl fmt::Display for SessionError {
             Self::Closed => write!(f, "the session's engine is gone"),
             Self::State(error) => write!(f, "{error}"),
             Self::Packet(error) => write!(f, "{error}"),
-            Self::UnknownGesture => write!(f, "no gesture has this name: list the names that there are"),
-            Self::HintsFull => write!(f, "64 hints of lips wait already: call again when the time of one has passed"),
-            Self::GesturesFull => write!(f, "eight gestures wait already: call again when one has begun"),
+            Self::UnknownGesture => write!(f, "unknown gesture: list the names"),
+            Self::HintsFull => write!(f, "64 lip hints are already queued: call again when the time of one has passed"),
+            Self::GesturesFull => write!(f, "eight gestures are already queued: call again when one has started"),
         }
     }
 }

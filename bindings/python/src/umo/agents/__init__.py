@@ -1,17 +1,17 @@
-"""Avatars of voice agents: the audio of a synthesiser goes in as it comes, poses come out in step with it.
+"""Avatars of voice agents: a synthesiser's audio goes in as it arrives, poses come out in sync with it.
 
 | module | for |
 |---|---|
-| `umo.agents` | any agent that runs in asyncio: `Avatar`; a language model that moves it: `Tools` |
+| `umo.agents` | any asyncio agent: `Avatar`; control by a language model: `Tools` |
 | `umo.agents.pipecat` | Pipecat: a frame processor (extra `umo-avatar[pipecat]`) |
 | `umo.agents.livekit` | LiveKit agents: an audio output, and a video generator for avatar workers (extra `umo-avatar[livekit]`) |
-| `umo.agents.openai` | events of OpenAI's Realtime API and of what speaks its protocol |
+| `umo.agents.openai` | events of OpenAI's Realtime API and compatible servers |
 
     async with umo.agents.Avatar(rate=24000) as avatar:
-        avatar.push(pcm16)                  # as the synthesiser gives it; never waits
-        avatar.end()                        # the speech is over
+        avatar.push(pcm16)                  # from the synthesiser; never waits
+        avatar.end()                        # the end of the speech
         async for pose in avatar:
-            play(pose.audio)                # the speech, cut at the poses
+            play(pose.audio)                # the speech, cut at pose boundaries
             show(pose.frame)
 """
 

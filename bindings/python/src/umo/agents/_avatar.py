@@ -1,4 +1,4 @@
-"""An avatar in an event loop: what all adapters share."""
+"""An avatar in an event loop, shared by all adapters."""
 
 from __future__ import annotations
 
@@ -22,86 +22,89 @@ from .._session import Session, audio
 from ..lips import Hint
 
 SAMPLE = 2
-"""Bytes of a sample: audio is PCM16."""
+"""Bytes per sample: audio is PCM16."""
 CHECK = 0.004
-"""Seconds between two looks for a frame that is being computed."""
+"""Polling interval for a frame that is being computed, seconds."""
 MOUTHFUL = 0.5
-"""Seconds of audio that the session gets at once: it is resampled in the event loop."""
+"""Maximum audio passed to the session at once, in seconds: it is resampled on the event loop."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A pose, and the audio that is heard while it is shown."""
+    """A pose, and the audio to play while it is shown."""
 
     frame: Frame
-    """The pose itself. Its index and time are those of the session, which go on from speech to speech."""
+    """The pose. Its index and time are the session's, which continue from speech to speech."""
     speech: Optional[int]
-    """The speech's number, from 0; None between speeches."""
+    """Index of the speech, from 0; None between speeches."""
     time: float
     """Seconds from the speech's first sample; 0 between speeches."""
     audio: bytes
     """PCM16 of the speech from this pose to the next one; empty between speeches."""
     is_last: bool
-    """Whether the speech ends with it."""
+    """Whether it is the last pose of the speech."""
     packets: tuple[bytes, ...] = ()
-    """With `packets="beside_frames"`: those for a `umo.Decoder` elsewhere that became ready."""
+    """With `packets="beside_frames"`: newly ready packets for a remote `umo.Decoder`."""
     marks: tuple[Any, ...] = ()
-    """Those of `Avatar.mark` that are reached with the end of `audio`."""
+    """Marks of `Avatar.mark` reached at the end of `audio`."""
 
 
 class Interrupted(NamedTuple):
-    """A speech that was cut."""
+    """A speech that was interrupted."""
 
     speech: int
-    """Its number."""
+    """Index of the speech."""
     seconds: float
-    """How much of it was heard, if its audio was played as it was given out."""
+    """Seconds of it that were heard, if its audio was played as delivered."""
 
 
 @dataclass(eq=False)
 class _Speech:
     number: int
     fed: float
-    """When audio came last."""
+    """Time when audio last arrived."""
     data: bytearray = field(default_factory=bytearray)
-    """What was not given out with poses."""
+    """Audio not yet delivered with poses."""
     pushed: int = 0
-    """Bytes of `data` that the session has."""
+    """Bytes of `data` pushed to the session."""
     is_begun: bool = False
     is_ended: bool = False
     is_finished: bool = False
-    """Whether the session was told that it is ended."""
+    """Whether the session was told that the speech has ended."""
     poses: int = 0
-    """How many were given out."""
+    """Number of poses delivered."""
     given: int = 0
-    """Samples of each channel that were given out."""
+    """Samples per channel delivered."""
     marks: deque[tuple[int, Any]] = field(default_factory=deque)
-    """What is to be told when so many samples were given out."""
+    """Marks, each with the number of delivered samples that triggers it."""
     first: int = 0
-    """Samples of each channel that the session had before it."""
+    """Samples per channel that the session took before this speech."""
     hints: deque[Hint] = field(default_factory=deque)
-    """Those that the session does not have."""
+    """Hints not yet passed to the session."""
 
 
 class Avatar:
-    """What an agent says, as poses: `push` and `end` for each speech, `interrupt` when the user cuts in; iterating gives the poses.
+    """Converts an agent's speech to poses: `push` and `end` for each speech, `interrupt` when the user cuts in;
+    iterating yields the poses.
 
-    All calls are for one event loop, and none of them waits: umo computes in a thread of its own. Audio is PCM16 of `channels` at
-    `rate`. Poses come when they are to be shown, `lead` seconds early at most, and each carries the piece of audio that belongs to
-    it, so that whoever plays both keeps them in step. With a `lead` of None they come as they are computed.
+    All calls belong on one event loop, and none of them waits: umo computes on its own thread. Audio is PCM16 of
+    `channels` at `rate`. Poses are delivered when they are to be shown, at most `lead` seconds early, and each carries
+    the audio that belongs to it, so that playing both keeps them in sync. With a `lead` of None they are delivered as
+    soon as they are computed.
 
-    After each speech the avatar eases to rest within `ease` seconds, and the next speech begins out of rest. With `idle` poses come
-    between speeches, too: it breathes, blinks and looks. A speech that gets no audio for `patience` seconds is ended.
+    After each speech the avatar eases to rest within `ease` seconds, and the next speech starts from rest. With `idle`
+    there are poses between speeches too: it breathes, blinks and looks around. A speech that gets no audio for
+    `patience` seconds is ended.
 
-    `engine` is shared by as many avatars as it has room for; None makes one for this avatar alone, of `model`, whose thread has the
-    `priority` that `umo.Engine` describes. `settings` are those of `umo.Session`, as `seed`, `axes`, `voice` or
-    `packets="beside_frames"`.
+    `engine` can be shared by several avatars, up to its number of sessions; None creates one for this avatar, with
+    `model` and with the thread `priority` described at `umo.Engine`. `settings` are arguments of `umo.Session`, such as
+    `seed`, `axes`, `voice` or `packets="beside_frames"`.
     """
 
     rate: int
-    """Samples per second of the audio."""
+    """Sample rate of the audio."""
     channels: int
-    """Its channels."""
+    """Channels of the audio."""
 
     def __init__(
         self,
@@ -121,15 +124,15 @@ class Avatar:
             if not value >= 0:
                 raise ValueError(f"{name} {value}: expected seconds, not negative")
         if idle and lead is None:
-            raise ValueError("idle poses come at their time: expected a lead")
+            raise ValueError("idle poses are delivered in real time: expected a lead")
         if engine is not None and model is not None:
-            raise ValueError("an engine has its model: expected one of both")
-        # Before the engine is made, which is in another thread.
+            raise ValueError("an engine has its model: give only one of the two")
+        # Checked before the engine is created, which happens on another thread.
         chosen("priority", PRIORITIES, priority)
         if engine is not None and priority != "normal":
-            raise ValueError("an engine has its priority: expected one of both")
+            raise ValueError("an engine has its priority: give only one of the two")
         if settings.get("packets") == "only":
-            raise ValueError("poses are made of frames: expected packets='beside_frames'")
+            raise ValueError("poses need frames: expected packets='beside_frames'")
         self.rate, self.channels = rate, channels
         self._given_engine, self._model, self._priority = engine, model, priority
         self._own_engine: Optional[Engine] = None
@@ -141,25 +144,26 @@ class Avatar:
         self._is_closed = False
         self._count = 0
         self._odd = b""
-        # Samples of each channel that the session took.
+        # Samples per channel taken by the session.
         self._taken = 0
         # Hints of the next speech.
         self._early: deque[Hint] = deque()
-        # Speeches that were not given out whole. The session has the first of them.
+        # Speeches not completely delivered. The session has the first of them.
         self._speeches: deque[_Speech] = deque()
-        # Frames of an ease to rest that the session still has.
+        # Frames of an ease to rest still in the session.
         self._resting = 0
-        # The last frame of the session, and the last one that was given out, which differ while a speech begins.
+        # The session's last frame, and the last one delivered, which differ while a speech begins.
         self._last: Optional[Frame] = None
         self._seen: Optional[Frame] = None
         self._from: Optional[Frame] = None
         self._mixed = 0
-        # When the last pose is to be shown, and how long what was given out is heard.
+        # Time to show the last pose, and end of the delivered audio.
         self._shown: Optional[float] = None
         self._heard: Optional[tuple[_Speech, float]] = None
 
     async def start(self) -> None:
-        """Loads the model and makes the session, in another thread. Audio that comes before waits. `async with` calls it."""
+        """Loads the model and creates the session on another thread. Earlier audio is queued. Called by `async with`.
+        """
         if self._session is None:
             await asyncio.get_running_loop().run_in_executor(None, self._make)
             if self._is_closed:
@@ -176,33 +180,33 @@ class Avatar:
 
     @property
     def session(self) -> Session:
-        """For moods, gestures, gaze, attention and the user's audio (`push_other`). Speech goes through `push`."""
+        """For moods, gestures, gaze, attention and the user's audio (`push_other`). Push speech with `push`."""
         if self._session is None:
             raise RuntimeError("the avatar is not started: use `async with`, or await start()")
         return self._session
 
     @property
     def is_speaking(self) -> bool:
-        """Whether a speech was not given out whole."""
+        """Whether a speech has not been completely delivered."""
         return bool(self._speeches)
 
     @property
     def speeches(self) -> int:
-        """How many speeches were begun, those included that were cut."""
+        """Number of speeches begun, including interrupted ones."""
         return self._count
 
     @property
     def pushed(self) -> float:
-        """Seconds of audio of the speech that is pushed at present; 0 where the next audio begins one."""
+        """Seconds of audio pushed to the current speech; 0 if the next audio starts a speech."""
         if not self._speeches or self._speeches[-1].is_ended:
             return 0.0
         speech = self._speeches[-1]
         return (speech.given + len(speech.data) // self._size) / self.rate
 
     def push(self, samples: Union[bytes, bytearray, memoryview, npt.ArrayLike]) -> None:
-        """Takes audio of the speech: bytes of PCM16, cut anywhere, or an array of int16 or of floats of full scale 1.
+        """Pushes audio of the speech: bytes of PCM16, cut anywhere, or an array of int16 or of floats of full scale 1.
 
-        The first audio after `end` or `interrupt` begins the next speech.
+        The first audio after `end` or `interrupt` starts the next speech.
         """
         if self._is_closed:
             raise RuntimeError("the avatar is closed")
@@ -220,20 +224,21 @@ class Avatar:
         self._changed.set()
 
     def end(self) -> None:
-        """The speech is over: its last poses come without waiting for more audio. Nothing happens where there is none."""
+        """Ends the speech: its last poses are computed without waiting for more audio. No-op without a speech."""
         self._odd = b""
         if self._speeches and not self._speeches[-1].is_ended:
             speech = self._speeches[-1]
             if not speech.poses:
-                # There must be a pose that its audio goes with.
+                # Its audio needs at least one pose.
                 speech.data += bytes(max(self._place(1) * self._size - len(speech.data), 0))
             speech.is_ended = True
             self._changed.set()
 
     def mark(self, mark: Any) -> bool:
-        """Says that something belongs behind the audio that was pushed: the pose that reaches it has it in `marks`. An interrupt drops it.
+        """Attaches a mark to the end of the pushed audio: the pose that reaches it has it in `marks`. An interrupt
+        drops it.
 
-        False where all audio was given out: there is nothing to wait for.
+        Returns False if all audio was already delivered, so that there is nothing to wait for.
         """
         if not self._speeches:
             return False
@@ -242,16 +247,18 @@ class Avatar:
         return True
 
     def hint(self, hint: Hint) -> None:
-        """Says that a sound is heard that one sees on the lips, at a time of the speech that is pushed at present, or else the next one.
+        """Schedules a visible lip shape at a time of the current speech, or else of the next one.
 
-        `umo.lips` makes hints of the times that synthesisers give. One whose pose was given out shows no more.
+        `umo.lips` derives hints from the timings of synthesisers. Hints for poses already delivered have no effect.
         """
         is_open = bool(self._speeches) and not self._speeches[-1].is_ended
         (self._speeches[-1].hints if is_open else self._early).append(hint)
         self._changed.set()
 
     def interrupt(self) -> Optional[Interrupted]:
-        """Barge-in: drops what was not given out, and eases to rest. Says what was cut; None where nothing was to be heard."""
+        """Barge-in: drops everything not yet delivered, and eases to rest. Returns what was interrupted, or None if
+        nothing was.
+        """
         now, cut = time.monotonic(), None
         if self._heard is not None and self._heard[1] > now:
             speech, until = self._heard
@@ -265,17 +272,17 @@ class Avatar:
         if is_begun:
             self._rest(self.session)
         if self._shown is not None:
-            # Whoever plays drops what is early, too.
+            # The player also drops audio delivered early.
             self._shown = min(self._shown, now)
         self._changed.set()
         return cut
 
     async def aclose(self) -> None:
-        """Ends iterating and frees everything but an engine that was given. `async with` calls it."""
+        """Stops iteration and frees everything except an engine that was passed in. Called by `async with`."""
         self._is_closed = True
         self._changed.set()
         parts = [part for part in (self._session, self._own_engine) if part is not None]
-        # An engine's threads are waited for.
+        # Closing waits for the engine's threads.
         await asyncio.get_running_loop().run_in_executor(None, lambda: [part.close() for part in parts])
 
     async def __aenter__(self) -> Avatar:
@@ -300,13 +307,13 @@ class Avatar:
                 pass
 
     def _next(self, session: Session, now: float) -> Union[Pose, float, None]:
-        """The pose that is due, or how many seconds to wait for one; None is until something changes."""
+        """The pose that is due, or the seconds to wait for one; None means until something changes."""
         due = now if self._shown is None else max(self._shown + 1.0 / self._frame_rate, now)
         self._feed(session, now)
         speech = self._speeches[0] if self._speeches else None
         if self._lead is not None and due - now > self._lead:
             return due - now - self._lead
-        # Not by `ready`: the mouth of a live voice computes in the call.
+        # Not checked with `ready`: the mouth of a live voice is computed in the call.
         pose = self._pull(session)
         if pose is None and self._is_idling and due <= now and (speech is None or not speech.poses):
             pose = self._idle(session)
@@ -318,7 +325,7 @@ class Avatar:
         return pose
 
     def _feed(self, session: Session, now: float) -> None:
-        """Gives the session audio of the first speech, as much as it has room for."""
+        """Pushes audio of the first speech to the session, as much as fits."""
         if not self._speeches:
             return
         speech = self._speeches[0]
@@ -338,7 +345,7 @@ class Avatar:
             speech.is_finished = True
 
     def _hint(self, session: Session, speech: _Speech) -> None:
-        """Gives the session the hints of the first speech, as many as it has room for."""
+        """Passes hints of the first speech to the session, as many as fit."""
         while speech.hints:
             shape, start, duration = speech.hints[0].after(speech.first / self.rate)
             try:
@@ -350,7 +357,7 @@ class Avatar:
             speech.hints.popleft()
 
     def _pull(self, session: Session) -> Optional[Pose]:
-        """The next frame with what belongs to it, if there is one."""
+        """The next frame with its audio and marks, if there is one."""
         pulled = session.pull(1)
         if not len(pulled):
             return None
@@ -358,10 +365,10 @@ class Avatar:
         if self._resting:
             self._resting -= 1
             return Pose(self._mix(frame), None, 0.0, b"", False, packets)
-        # Nothing else has frames: an interrupt drops them.
+        # Only a speech has frames: an interrupt drops them.
         speech = self._speeches[0]
         if not speech.poses:
-            # The session begins out of rest; where it idled, the first poses come out of the one before.
+            # The session starts from rest; if it idled, blend from the last idle pose.
             self._from, self._mixed = (self._seen if self._is_idling else None), 0
         is_last = speech.is_finished and session.is_done
         count = len(speech.data) // self._size
@@ -383,7 +390,7 @@ class Avatar:
         return pose
 
     def _mix(self, frame: Frame) -> Frame:
-        """The frame, still between the pose before the speech and its own within `ease` seconds; the face is its own."""
+        """The frame, blended within `ease` seconds from the pose before the speech; the face is not blended."""
         self._last = self._seen = frame
         count = round(self._ease * self._frame_rate)
         if self._from is not None and self._mixed < count:
@@ -398,13 +405,14 @@ class Avatar:
         return self._seen
 
     def _idle(self, session: Session) -> Pose:
-        """The last pose, alive."""
+        """The last pose with idle motion."""
         self._seen = session.sample(0.0 if self._last is None else self._last.time).frame
         self._from = None
         return Pose(self._seen, None, 0.0, b"", False, self._sent(session))
 
     def _rest(self, session: Session) -> None:
-        """Ends what the session has of a speech. The frames of its ease are there at once; then comes the next speech."""
+        """Ends the session's part of a speech. The frames of its ease are ready at once; then the next speech follows.
+        """
         session.interrupt(self._ease)
         self._resting = session.ready
 
@@ -420,7 +428,7 @@ class Avatar:
         return 30 if self._session is None else self._session.engine.model.frame_rate
 
     def _place(self, frame: int) -> int:
-        """Sample with which a frame of a speech begins."""
+        """First sample of a frame of a speech."""
         return -(-frame * self.rate // self._frame_rate)
 
 

@@ -1,4 +1,4 @@
-"""Gestures, moods and looks as tools that a language model calls."""
+"""Gestures, moods and looks as tools for a language model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .._session import Session
 from ._avatar import Avatar
 
 MOST_SECONDS = 600.0
-"""Longest time of a mood that ends by itself."""
+"""Maximum duration of a mood with a time limit."""
 
 _LOOKS = {attention.name.lower(): attention for attention in Attention}
 _STYLES: dict[str, Callable[[str, str, dict[str, Any]], dict[str, Any]]] = {
@@ -34,10 +34,11 @@ _STYLES: dict[str, Callable[[str, str, dict[str, Any]], dict[str, Any]]] = {
 
 
 class Tools:
-    """Lets a language model move an avatar: `definitions` are for the model's request, `call` carries out what the model asks for.
+    """Lets a language model move an avatar: `definitions` go into the model's request, `call` executes the model's tool
+    calls.
 
-    The names of gestures, moods and looks are those of the library at the time of the call: gestures that were added to the engine
-    are among them. `places` are points that it may look and point at, by name, in the session's axes and units.
+    The names of gestures, moods and looks are the library's at the time of the call, including gestures added to the
+    engine. `places` are points to look and point at, by name, in the session's axes and units.
     """
 
     def __init__(self, avatar: Union[Avatar, Session], places: Mapping[str, npt.ArrayLike] = {}) -> None:
@@ -54,12 +55,13 @@ class Tools:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the tools, for hosts that have tools of their own beside them."""
+        """Names of the tools, for hosts with additional tools."""
         return tuple(self._calls)
 
     def definitions(self, style: str = "openai") -> list[dict[str, Any]]:
-        """The tools as JSON: `"openai"` for Chat Completions and servers that speak its protocol, `"responses"` for OpenAI's
-        Responses and Realtime, `"anthropic"` for Anthropic's Messages. Any other protocol takes the JSON Schemas out of these.
+        """The tools as JSON: `"openai"` for Chat Completions and compatible servers, `"responses"` for OpenAI's
+        Responses and Realtime, `"anthropic"` for Anthropic's Messages. For other protocols, take the JSON Schemas
+        out of these.
         """
         if style not in _STYLES:
             raise ValueError(f"style {style!r}: expected one of {', '.join(_STYLES)}")
@@ -102,8 +104,8 @@ class Tools:
         ]
 
     def call(self, name: str, arguments: Union[str, Mapping[str, Any]]) -> str:
-        """Carries out a call: `arguments` are a mapping, or JSON text as some services give them. What it returns is the result to
-        send to the model: `done`, or what was wrong with the call, so that the model can do it better.
+        """Executes a call: `arguments` are a mapping, or JSON text as some services send. Returns the result for the
+        model: `done`, or what was wrong with the call, so that the model can correct it.
 
         Raises `LookupError` for a tool that is not among `names`. Never waits.
         """
@@ -123,7 +125,7 @@ class Tools:
         return self._avatar if isinstance(self._avatar, Session) else self._avatar.session
 
     def _checked(self, name: str, given: dict[str, Any]) -> dict[str, Any]:
-        """The arguments, of the types and within the ranges that the tool's definition says."""
+        """The arguments, checked against the types and ranges of the tool's definition."""
         definition = next(found for found in self.definitions("anthropic") if found["name"] == name)["input_schema"]
         for argument in definition["required"]:
             if argument not in given:

@@ -2,8 +2,8 @@
 
 | class | for |
 |---|---|
-| `AvatarOutput` | an agent that speaks in the room itself: a tap before `session.output.audio`, which gives the poses |
-| `AvatarVideo` | an avatar worker that sends pictures: the `VideoGenerator` of LiveKit's `AvatarRunner` |
+| `AvatarOutput` | an agent that speaks in the room itself: a tap before `session.output.audio`, which yields the poses |
+| `AvatarVideo` | an avatar worker that sends video: the `VideoGenerator` of LiveKit's `AvatarRunner` |
 
     output = umo.agents.livekit.AvatarOutput(session.output.audio, on_pose=send)
     await output.start()
@@ -30,13 +30,13 @@ from ._avatar import Avatar, Pose
 
 
 class AvatarOutput(AudioOutput):
-    """An audio output that gives poses, and passes the audio on to `next_in_chain` in step with them.
+    """An audio output that yields poses, and passes the audio on to `next_in_chain` in sync with them.
 
-    `on_pose` is called with each `Pose`, before its audio is passed on; it may be a coroutine function. All else are arguments of
-    `umo.agents.Avatar`. The rate is the next output's, 24,000 where that takes any.
+    `on_pose` is called with each `Pose` before its audio is passed on; it may be a coroutine function. The other
+    arguments are passed to `umo.agents.Avatar`. The rate is the next output's, or 24,000 if that accepts any.
 
-    With `hints`, the aligned transcript that comes with the synthesiser's audio shapes the lips (`umo.lips.Transcript`). Use it where
-    the synthesiser's times are right within 40 ms.
+    With `hints`, the aligned transcript of the synthesiser's audio shapes the lips (`umo.lips.Transcript`). Use it if
+    the synthesiser's times are accurate to 40 ms.
     """
 
     def __init__(
@@ -49,8 +49,8 @@ class AvatarOutput(AudioOutput):
     ) -> None:
         rate = settings.pop("rate", None) or next_in_chain.sample_rate or 24000
         if next_in_chain.sample_rate not in (None, rate):
-            raise ValueError(f"rate {rate}: the next output wants {next_in_chain.sample_rate}")
-        # Segments end where the agent says so, never by themselves.
+            raise ValueError(f"rate {rate}: the next output needs {next_in_chain.sample_rate}")
+        # The agent ends segments explicitly, so there is no timeout.
         self._avatar = Avatar(rate, patience=math.inf, **settings)
         super().__init__(
             label="umo",
@@ -64,7 +64,7 @@ class AvatarOutput(AudioOutput):
         self._resumed = asyncio.Event()
         self._resumed.set()
         self._cuts = 0
-        # Segments that the agent began, and those of which the next output has some.
+        # Segments begun by the agent, and segments that have reached the next output.
         self._captured = 0
         self._passed = 0
         self._is_capturing = False
@@ -73,17 +73,17 @@ class AvatarOutput(AudioOutput):
 
     @property
     def avatar(self) -> Avatar:
-        """The avatar: its session is for moods, gestures and gaze."""
+        """The avatar: use its session for moods, gestures and gaze."""
         return self._avatar
 
     async def start(self) -> None:
-        """Loads the model, in another thread. `async with` calls it."""
+        """Loads the model on another thread. Called by `async with`."""
         if self._task is None:
             await self._avatar.start()
             self._task = asyncio.create_task(self._pass_on())
 
     async def aclose(self) -> None:
-        """Stops and frees the avatar. `async with` calls it."""
+        """Stops and frees the avatar. Called by `async with`."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -103,7 +103,7 @@ class AvatarOutput(AudioOutput):
         """Takes the agent's audio."""
         _check(frame, self._avatar)
         if self._task is not None and self._task.done():
-            # Without it, nothing would be heard any more.
+            # Raise the task's error, as nothing would be heard any more.
             self._task.result()
         await super().capture_frame(frame)
         self._captured += not self._is_capturing
@@ -130,22 +130,22 @@ class AvatarOutput(AudioOutput):
         next_in_chain = self.next_in_chain
         assert next_in_chain is not None
         if self._is_open:
-            # Outputs tell the end of segments that were flushed, as an agent does before it clears them.
+            # Outputs report the end of flushed segments, and an agent flushes before it clears.
             self._is_open = False
             next_in_chain.flush()
         next_in_chain.clear_buffer()
-        # The next output says so itself of segments that it knows.
+        # The next output reports the segments that it knows.
         unheard, self._passed = self._captured - self._passed, self._captured
         for _ in range(unheard):
             self.on_playback_finished(playback_position=0.0, interrupted=True)
 
     def pause(self) -> None:
-        """Holds audio and poses."""
+        """Pauses audio and poses."""
         super().pause()
         self._resumed.clear()
 
     def resume(self) -> None:
-        """Goes on."""
+        """Resumes."""
         super().resume()
         self._resumed.set()
 
@@ -172,10 +172,11 @@ class AvatarOutput(AudioOutput):
 
 
 class AvatarVideo(VideoGenerator):
-    """Pictures and audio for LiveKit's `AvatarRunner`: `AvatarRunner(room, audio_recv=…, video_gen=AvatarVideo(render), options=…)`.
+    """Video and audio for LiveKit's `AvatarRunner`:
+    `AvatarRunner(room, audio_recv=…, video_gen=AvatarVideo(render), options=…)`.
 
-    `render` makes a picture of a `Pose`; it is called in another thread. `rate` is that of the audio that comes. All else are arguments
-    of `umo.agents.Avatar`. `options.video_fps` must be 30.
+    `render` makes a picture of a `Pose`; it is called on another thread. `rate` is that of the incoming audio. The
+    other arguments are passed to `umo.agents.Avatar`. `options.video_fps` must be 30.
     """
 
     def __init__(self, render: Callable[[Pose], rtc.VideoFrame], *, rate: int = 24000, idle: bool = True, **settings: Any) -> None:
@@ -185,7 +186,7 @@ class AvatarVideo(VideoGenerator):
 
     @property
     def avatar(self) -> Avatar:
-        """The avatar: its session is for moods, gestures and gaze."""
+        """The avatar: use its session for moods, gestures and gaze."""
         return self._avatar
 
     async def push_audio(self, frame: Union[rtc.AudioFrame, AudioSegmentEnd]) -> None:
@@ -218,7 +219,9 @@ class AvatarVideo(VideoGenerator):
 
 
 class _Hints:
-    """Gives an avatar the hints of the transcript that comes with audio, whose times count from the segment's first sample."""
+    """Passes an avatar the hints of the transcript that accompanies audio, with times relative to the segment's first
+    sample.
+    """
 
     def __init__(self, avatar: Avatar) -> None:
         self._avatar = avatar
@@ -226,7 +229,7 @@ class _Hints:
 
     def take(self, frame: rtc.AudioFrame) -> None:
         for piece in frame.userdata.get(USERDATA_TIMED_TRANSCRIPT, []):
-            # One without an end is a sentence of an adapter, which guesses.
+            # A piece without an end is a whole sentence with a time estimated by an adapter.
             if isinstance(piece, TimedString) and is_given(piece.start_time) and is_given(piece.end_time):
                 for hint in self._transcript.push(piece, piece.start_time, piece.end_time):
                     self._avatar.hint(hint)

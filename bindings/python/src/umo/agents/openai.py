@@ -1,17 +1,17 @@
-"""Audio of OpenAI's Realtime API, and of servers that speak its protocol, to an `Avatar`.
+"""Feeds an `Avatar` with audio of OpenAI's Realtime API and compatible servers.
 
     async with umo.agents.Avatar(rate=24000) as avatar:
         speech = umo.agents.openai.RealtimeAudio(avatar)
 
         async def listen():
-            async for event in connection:              # of the package `openai`, or dicts of your own WebSocket
+            async for event in connection:              # from the package `openai`, or dicts from a WebSocket
                 for answer in speech.take(event):
                     await connection.send(answer)
 
         asyncio.create_task(listen())
         async for pose in avatar: ...
 
-It needs no package: an event is a dict, JSON text, or an object of the package `openai`.
+No package is required: an event is a dict, JSON text, or an object of the package `openai`.
 """
 
 from __future__ import annotations
@@ -22,31 +22,36 @@ from typing import Any, Optional, Union
 
 from ._avatar import Avatar, Interrupted
 
-# The names of the beta API, and of the one that is generally available.
+# Event names of the beta API, and of the released one.
 _DELTA = ("response.audio.delta", "response.output_audio.delta")
 _DONE = ("response.audio.done", "response.output_audio.done")
 
 MOST = 64
-"""Speeches that are remembered until they are heard."""
+"""Number of speeches remembered until they are heard."""
 
 
 class RealtimeAudio:
-    """Follows a connection's events: audio deltas are pushed, their end ends the speech, and a user who begins to speak cuts it.
+    """Follows a connection's events: audio deltas are pushed, their end ends the speech, and a user who starts to speak
+    interrupts it.
 
-    The audio must be `pcm16` (`audio/pcm`, 24,000 samples a second). With `cuts` False only `interrupt` and cancelled responses cut.
+    The audio must be `pcm16` (`audio/pcm`, 24,000 samples a second). With `cuts` False, only `interrupt` and cancelled
+    responses interrupt it.
     """
 
     def __init__(self, avatar: Avatar, *, cuts: bool = True) -> None:
         self._avatar = avatar
         self._cuts = cuts
-        # What each speech of the avatar is for the server: item and part. Those that were cut still get audio for a while.
+        # Item and part on the server of each of the avatar's speeches. Interrupted ones still receive audio for a
+        # while.
         self._speeches: dict[int, tuple[str, int]] = {}
         self._dropped: set[tuple[str, int]] = set()
         self._current: Optional[tuple[str, int]] = None
         self._responses: dict[str, set[tuple[str, int]]] = {}
 
     def take(self, event: Any) -> list[dict[str, Any]]:
-        """Takes an event of the server, of any type. What it gives is to be sent to the server: truncations of what was cut."""
+        """Handles an event of the server, of any type. Returns events to send to the server: truncations of what was
+        interrupted.
+        """
         fields = _fields(event)
         kind = fields.get("type")
         if kind in _DELTA:
@@ -59,18 +64,18 @@ class RealtimeAudio:
         elif kind == "input_audio_buffer.speech_started" and self._cuts:
             return self.interrupt()
         elif kind == "output_audio_buffer.cleared":
-            # The server has cut it by itself.
+            # The server has truncated it already.
             self.interrupt()
         return []
 
     def interrupt(self) -> list[dict[str, Any]]:
-        """The user cuts in: what was not spoken is dropped. Gives `conversation.item.truncate` for the server, which believes that
-        all was heard otherwise; nothing where nothing was cut."""
+        """Interrupts the speech: drops everything not spoken yet. Returns a `conversation.item.truncate` event for the
+        server, which otherwise assumes that everything was heard, or nothing if nothing was interrupted."""
         cut = self._avatar.interrupt()
         place = None
         if cut is not None:
             place = self._speeches.get(cut.speech)
-            # Neither what was waiting is to be heard, nor what still comes of either.
+            # Queued audio must not be heard, nor audio of these items that still arrives.
             self._dropped.update(each for number, each in self._speeches.items() if number >= cut.speech)
         self._speeches.clear()
         self._current = None
@@ -101,7 +106,7 @@ class RealtimeAudio:
     def _response_done(self, response: dict[str, Any]) -> None:
         places = self._responses.pop(str(response.get("id")), set())
         if response.get("status") in ("cancelled", "failed", "incomplete") and self._current in places:
-            # No `done` of its audio needs to come. What came of it is spoken, unless the user has cut it.
+            # The `done` event of its audio may be missing. Received audio is spoken unless the user interrupted it.
             self._end()
         self._dropped -= places
 

@@ -3,7 +3,7 @@
     avatar = umo.agents.pipecat.AvatarProcessor(idle=True)
     pipeline = Pipeline([transport.input(), stt, user, llm, tts, avatar, sender, transport.output(), assistant])
 
-The synthesiser's audio goes on with a `PoseFrame` before each piece, so that a transport or a processor behind gets both in step.
+The synthesiser's audio is passed on with a `PoseFrame` before each piece, so that later processors get both in sync.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from ._avatar import Avatar, Pose
 
 @dataclass
 class PoseFrame(DataFrame):
-    """A pose of the avatar. Its audio follows as a `TTSAudioRawFrame`, and is in the pose, too.
+    """A pose of the avatar. Its audio follows as a `TTSAudioRawFrame`, and is also in the pose.
 
-    An output transport passes it on when the audio before it was played; an interruption drops it, as it drops audio.
+    An output transport passes it on once the audio before it was played; an interruption drops it, like audio.
     """
 
     pose: Pose
@@ -43,12 +43,13 @@ class PoseFrame(DataFrame):
 
 
 class AvatarProcessor(FrameProcessor):
-    """Makes poses of the synthesiser's audio. Frames that come behind audio stay behind it.
+    """Converts the synthesiser's audio to poses. Frames that follow audio stay behind it.
 
-    `rate` is the synthesiser's, None the pipeline's; `name` is the processor's. All else are arguments of `umo.agents.Avatar`.
+    `rate` is the synthesiser's, or None for the pipeline's; `name` is the processor's. The other arguments are passed to
+    `umo.agents.Avatar`.
 
-    With `hints`, the times of words shape the lips at their first sounds (`umo.lips.of_word`). The processor must then be the next one
-    behind the synthesiser. Use it where the synthesiser's times are right within 40 ms.
+    With `hints`, the times of words shape the lips at their first sounds (`umo.lips.of_word`). The processor must then
+    directly follow the synthesiser. Use it if the synthesiser's times are accurate to 40 ms.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class AvatarProcessor(FrameProcessor):
         self._settings = settings
         self._avatar: Optional[Avatar] = None
         self._held: deque[Frame] = deque()
-        # One frame of the audio of each speech, for what else it says.
+        # One audio frame of each speech, as a template for its other fields.
         self._kinds: dict[int, TTSAudioRawFrame] = {}
         self._cuts = 0
         self._is_over = False
@@ -68,7 +69,7 @@ class AvatarProcessor(FrameProcessor):
 
     @property
     def avatar(self) -> Avatar:
-        """The avatar, once the pipeline is set up: its session is for moods, gestures and gaze."""
+        """The avatar, once the pipeline is set up: use its session for moods, gestures and gaze."""
         if self._avatar is None:
             raise RuntimeError("the pipeline is not set up: there is no avatar yet")
         return self._avatar
@@ -93,7 +94,7 @@ class AvatarProcessor(FrameProcessor):
         direction: FrameDirection = FrameDirection.DOWNSTREAM,
         callback: Any = None,
     ) -> None:
-        # Called by the synthesiser as it sends the frame, so its clock and this one are read at the same time.
+        # Called by the synthesiser as it sends the frame, so both clocks are read at the same time.
         if self._words is not None and self._avatar is not None and direction == FrameDirection.DOWNSTREAM:
             self._words.note(frame, self.get_clock().get_time())
         await super().queue_frame(frame, direction, callback)
@@ -109,7 +110,7 @@ class AvatarProcessor(FrameProcessor):
             if (frame.sample_rate, frame.num_channels) != (avatar.rate, avatar.channels):
                 got = f"{frame.num_channels} channels at {frame.sample_rate} Hz"
                 expected = f"{avatar.channels} at {avatar.rate} Hz: give AvatarProcessor the rate and channels of the synthesiser"
-                await self.push_error(f"audio of {got}, but the avatar hears {expected}")
+                await self.push_error(f"audio of {got}, but the avatar takes {expected}")
                 await self._follow(frame)
                 return
             if self._words is not None:
@@ -129,7 +130,7 @@ class AvatarProcessor(FrameProcessor):
             await self._follow(frame)
 
     async def _follow(self, frame: Frame) -> None:
-        """Passes a frame on behind the audio that came before it."""
+        """Passes a frame on after the audio that precedes it."""
         if self.avatar.mark(frame):
             self._held.append(frame)
         else:
@@ -172,31 +173,32 @@ class AvatarProcessor(FrameProcessor):
             frames.append(self._held.popleft())
         cuts = self._cuts
         for frame in frames:
-            # The user may cut in while one is passed on. What must arrive does.
+            # The user may cut in while a frame is passed on. Uninterruptible frames still go through.
             if cuts == self._cuts or not frame.interruptible:
                 self._is_over |= isinstance(frame, EndFrame)
                 await self.push_frame(frame)
 
 
 class _Words:
-    """Seconds of a speech at which words begin.
+    """Start times of words in a speech, in seconds.
 
-    Pipecat gives words a time of the pipeline's clock: the seconds that the synthesiser told, after the time when it sent the first
-    audio of their context, or the word before, if that is later. That time is noted as frames arrive, and taken off again.
+    Pipecat stamps words with the pipeline's clock: the seconds reported by the synthesiser, counted from the time when
+    it sent the first audio of their context, or the previous word's time if that is later. That origin is recorded as
+    frames arrive, and subtracted again.
     """
 
     def __init__(self) -> None:
-        # Nanoseconds of the clock from which the words of each context count.
+        # Clock origin in nanoseconds of the words of each context.
         self._bases: dict[str, int] = {}
-        # Seconds of the speech at which each context begins.
+        # Start of each context in the speech, seconds.
         self._starts: dict[str, float] = {}
-        # Seconds of their context of words that wait to be processed, by the frame's id.
+        # Times in their context of words waiting to be processed, seconds, by frame id.
         self._timed: dict[int, float] = {}
         self._last = 0
         self._last_kept = 0
 
     def note(self, frame: Frame, now: int) -> None:
-        """Sees a frame as it arrives."""
+        """Records a frame as it arrives."""
         if isinstance(frame, InterruptionFrame):
             self._last = self._last_kept
             self._bases.clear()
@@ -206,7 +208,7 @@ class _Words:
             if isinstance(frame, TTSAudioRawFrame) or frame.pts is not None:
                 base = self._bases.setdefault(frame.context_id, max(self._last, now))
             if isinstance(frame, TTSTextFrame) and frame.pts is not None:
-                # Text that the synthesiser did not time has the time of the word before.
+                # Text without a time of its own has the previous word's time.
                 if frame.pts > self._last:
                     self._timed[frame.id] = max(frame.pts - base, 0) / 1e9
                 self._last = frame.pts
@@ -214,23 +216,23 @@ class _Words:
                     self._last_kept = frame.pts
 
     def begin(self, context: Optional[str], pushed: float) -> None:
-        """Audio of a context comes behind `pushed` seconds of the speech."""
+        """Audio of a context starts after `pushed` seconds of the speech."""
         if context is not None:
             self._starts.setdefault(context, pushed)
 
     def take(self, frame: TTSTextFrame, pushed: float) -> Optional[float]:
-        """Where in the speech a word begins; None where that is not known."""
+        """Start of a word in the speech; None if unknown."""
         seconds = self._timed.pop(frame.id, None)
         if seconds is None or frame.context_id is None:
             return None
         return self._starts.setdefault(frame.context_id, pushed) + seconds
 
     def end(self, context: Optional[str]) -> None:
-        """A context is over: it may begin anew."""
+        """Ends a context, which may start again."""
         if context is not None:
             self._starts.pop(context, None)
 
     def drop(self) -> None:
-        """What was not processed will not be."""
+        """Forgets words that were not processed."""
         self._starts.clear()
         self._timed.clear()

@@ -3,7 +3,7 @@
 using System.IO;
 using UnrealBuildTool;
 
-// The library itself, its headers and the default model: fetch-native puts them into the plugin.
+// The library with its headers and the default model, which fetch-native copies into the plugin.
 public class UmoLibrary : ModuleRules
 {
     public UmoLibrary(ReadOnlyTargetRules Target) : base(Target)
@@ -12,7 +12,7 @@ public class UmoLibrary : ModuleRules
 
         PublicSystemIncludePaths.Add("$(PluginDir)/Source/ThirdParty/UmoLibrary/include");
 
-        // umo_model_load needs a file of its own: it must not go into a pak.
+        // umo_model_load needs a separate file, so the model must not be packed into a pak.
         RuntimeDependencies.Add("$(PluginDir)/Models/umo-people.safetensors", StagedFileType.NonUFS);
 
         if (Target.Platform == UnrealTargetPlatform.Win64)
@@ -28,7 +28,7 @@ public class UmoLibrary : ModuleRules
             string Library = "$(PluginDir)/Binaries/ThirdParty/UmoLibrary/" + Target.Platform + "/";
             PublicAdditionalLibraries.Add(Library + "libumo.so");
             PublicDelayLoadDLLs.Add(Library + "libumo.so");
-            // What is loaded is called by its soname.
+            // The loader looks for the soname.
             RuntimeDependencies.Add(Library + "libumo.so.0");
         }
         else if (Target.Platform == UnrealTargetPlatform.Mac)
@@ -40,13 +40,13 @@ public class UmoLibrary : ModuleRules
         }
         else if (Target.Platform == UnrealTargetPlatform.Android)
         {
-            // The other half, which puts it into the application, is what the file says that is named here.
+            // The other half: the named file says how to add it to the application.
             PublicAdditionalLibraries.Add("$(PluginDir)/Binaries/ThirdParty/UmoLibrary/Android/arm64-v8a/libumo.so");
             AdditionalPropertiesForReceipt.Add("AndroidPlugin", Path.Combine(ModuleDirectory, "UmoLibrary_UPL.xml"));
         }
         else
         {
-            throw new BuildException("umo: there is no library for " + Target.Platform);
+            throw new BuildException("umo: no library for " + Target.Platform);
         }
 
         string Header = Path.Combine(ModuleDirectory, "include", "umo.h");

@@ -44,7 +44,7 @@ void FAnimNode_UmoPose::PreUpdate(const UAnimInstance* InAnimInstance)
 	}
 	if (const UUmoComponent* Found = Component.Get())
 	{
-		// The arrays keep their size: nothing is allocated after the first time.
+		// The arrays keep their capacity: no allocation after the first time.
 		Frame = Found->GetFrame();
 	}
 	else
@@ -121,7 +121,7 @@ void FAnimNode_UmoPose::ApplyBody(FPoseContext& Output, float Weight)
 	const FBoneContainer& Bones = Output.Pose.GetBoneContainer();
 	for (const umo_unreal::Driven& Driven : Retarget->driven())
 	{
-		// A level of detail may do without it.
+		// Bones may be absent at this level of detail.
 		const FCompactPoseBoneIndex Index = Bones.MakeCompactPoseIndex(FMeshPoseBoneIndex(Driven.bone));
 		if (!Index.IsValid())
 		{

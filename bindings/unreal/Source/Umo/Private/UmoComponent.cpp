@@ -20,7 +20,7 @@
 #include "UmoSubsystem.h"
 #include "UmoVoiceComponent.h"
 
-/** Hears a submix for an avatar, which may be closed at any time. */
+/** Receives a submix's audio for an avatar, which may be closed at any time. */
 class FUmoSubmixListener : public ISubmixBufferListener
 {
 public:
@@ -34,7 +34,7 @@ public:
 		}
 	}
 
-	/** A submix that falls asleep when it is silent would keep the speech that is still to be heard. */
+	/** Keeps the submix awake: one that sleeps in silence would hold back delayed speech. */
 	virtual bool IsRenderingAudio() const override { return true; }
 
 	virtual const FString& GetListenerName() const override
@@ -49,7 +49,7 @@ private:
 
 namespace
 {
-/** Thirty seconds: a long answer of a speech synthesiser at once. */
+/** Thirty seconds: room for a long answer from a speech synthesiser. */
 constexpr int32 SecondsOfSpeech = 30;
 
 ILiveLinkClient* FindLiveLink()
@@ -88,7 +88,7 @@ UUmoComponent::UUmoComponent()
 void UUmoComponent::BeginPlay()
 {
 	Super::BeginPlay();
-	// The pose is made before the meshes take it.
+	// The pose must be ready before the meshes use it.
 	TInlineComponentArray<USkeletalMeshComponent*> Meshes(GetOwner());
 	for (USkeletalMeshComponent* Mesh : Meshes)
 	{
@@ -107,7 +107,7 @@ void UUmoComponent::BeginPlay()
 	}
 	else
 	{
-		Fail(TEXT("there is no audio device, which a dedicated server has not"));
+		Fail(TEXT("no audio device (is this a dedicated server?)"));
 	}
 }
 
@@ -181,7 +181,7 @@ void UUmoComponent::Open(int32 SampleRate)
 	}
 	if (!StartListening())
 	{
-		Fail(TEXT("nothing to hear: choose a submix, or add a Umo Voice to the actor"));
+		Fail(TEXT("no speech input: choose a submix, or add a Umo Voice to the actor"));
 		return;
 	}
 	OpenLiveLink();
@@ -249,7 +249,7 @@ void UUmoComponent::Close()
 	}
 	if (Avatar)
 	{
-		// The audio thread may hold it for a buffer more; it is not heard any more.
+		// The audio thread may still use it for one buffer, without effect.
 		Avatar->close();
 		Avatar.reset();
 	}
@@ -272,14 +272,14 @@ void UUmoComponent::TickComponent(float DeltaTime, ELevelTick TickType, FActorCo
 	}
 	if (const uint32 Rate = Avatar->other_rate())
 	{
-		// The audio device has changed: a session is of one rate.
+		// The audio device has changed: a session has one sample rate.
 		Close();
 		Open(static_cast<int32>(Rate));
 		return;
 	}
-	// Sound does not go by the game's time, which may be slowed.
+	// Sound does not follow the game's time, which may be slowed.
 	const double Now = FPlatformTime::Seconds();
-	// What moves while nothing is said does: so does a film that is rendered picture by picture.
+	// Motion without speech does follow it, also in a film rendered frame by frame.
 	Avatar->show(Now - LastTick, Now, DeltaTime);
 	LastTick = Now;
 	const umo_unreal::Pose& Pose = Avatar->pose();
@@ -303,7 +303,7 @@ void UUmoComponent::Interrupt(float EaseSeconds)
 	{
 		if (UUmoVoiceComponent* Speaker = Voice.Get())
 		{
-			// What was pushed and not played goes with its ring.
+			// Speech that was pushed but not played is dropped with its ring.
 			Speech = std::make_shared<umo_unreal::Ring>(static_cast<std::size_t>(Speaker->SpeechRate) * SecondsOfSpeech);
 			Speaker->SpeakFor(Avatar, Speech);
 		}
@@ -348,7 +348,8 @@ bool UUmoComponent::SetLayer(EUmoLayer Layer, float Strength)
 
 std::array<float, 3> UUmoComponent::InAvatarSpace(const FVector& WorldPoint) const
 {
-	// The actor looks along its X; its meshes may be turned in it, and stand on the floor where its origin need not.
+	// The actor faces its X axis; its meshes may be rotated, and stand on the floor, which need not be at the actor's
+	// origin.
 	const AActor* Owner = GetOwner();
 	FVector Origin = Owner->GetActorLocation();
 	if (const USkeletalMeshComponent* Mesh = Owner->FindComponentByClass<USkeletalMeshComponent>())

@@ -12,13 +12,13 @@ namespace umo_unreal
 struct SourceSkeleton;
 }
 
-/** One Live Link subject of the animation role: the library's 55 joints and its face curves. The game thread. */
+/** One Live Link subject of the animation role with the library's 55 joints and face curves. For the game thread. */
 class FUmoLiveLinkSource : public ILiveLinkSource
 {
 public:
 	explicit FUmoLiveLinkSource(FName InSubject) : Subject(InSubject) {}
 
-	/** Says which bones and curves there are, once the client has it. */
+	/** Describes the bones and curves once the client is connected. */
 	void Describe(const umo_unreal::SourceSkeleton& Skeleton, const TArray<FName>& CurveNames);
 	void Push(const FUmoFrame& Frame, double Now);
 

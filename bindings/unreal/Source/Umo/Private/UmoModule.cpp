@@ -17,7 +17,7 @@ FUmoModule& FUmoModule::Get()
 void FUmoModule::StartupModule()
 {
 #if PLATFORM_WINDOWS
-	// Delay-loaded: Windows does not look into the plugin's folder, so that it must be there before the first call.
+	// Delay-loaded: Windows does not search the plugin's folder, so the library must be loaded before the first call.
 	const FString BaseDir = IPluginManager::Get().FindPlugin(TEXT("Umo"))->GetBaseDir();
 	const FString File = FPaths::Combine(BaseDir, TEXT("Binaries/ThirdParty/UmoLibrary/Win64/umo.dll"));
 	Library = FPlatformProcess::GetDllHandle(*File);

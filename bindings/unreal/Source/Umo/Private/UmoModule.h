@@ -7,13 +7,13 @@
 
 DECLARE_LOG_CATEGORY_EXTERN(LogUmo, Log, All);
 
-/** Loads the library where the system does not find it by itself. */
+/** Loads the library if the system cannot find it. */
 class FUmoModule : public IModuleInterface
 {
 public:
 	static FUmoModule& Get();
 
-	/** Why the library cannot be used; empty where it can. */
+	/** Reason why the library cannot be used; else empty. */
 	const FString& GetProblem() const { return Problem; }
 
 	virtual void StartupModule() override;

@@ -17,7 +17,7 @@ void UUmoSubsystem::Initialize(FSubsystemCollectionBase& Collection)
 
 void UUmoSubsystem::Deinitialize()
 {
-	// The library goes with the module, after this.
+	// The library is unloaded with the module, after this.
 	Hosts.reset();
 	Super::Deinitialize();
 }
@@ -48,7 +48,7 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 	Configure(Config);
 	std::string Problem;
 #if PLATFORM_ANDROID
-	// It lies in the application's archive, which the engine reads.
+	// The file is packed in the application's archive, which the engine can read.
 	TArray<uint8> Content;
 	const std::string Name = TCHAR_TO_UTF8(*File);
 	if (!Hosts->has(Name) && !FFileHelper::LoadFileToArray(Content, *File))

@@ -12,7 +12,7 @@ UUmoVoiceComponent::UUmoVoiceComponent(const FObjectInitializer& ObjectInitializ
 	: Super(ObjectInitializer)
 {
 	NumChannels = 1;
-	// UUmoComponent starts it when there is somebody to speak for.
+	// UUmoComponent starts it once there is an avatar to speak for.
 	bAutoActivate = false;
 }
 
@@ -35,7 +35,7 @@ int32 UUmoVoiceComponent::OnGenerateAudio(float* OutAudio, int32 NumSamples)
 	FScopeTryLock Guard(&Lock);
 	if (Guard.IsLocked() && Avatar)
 	{
-		// Silence where nothing is pushed: the avatar listens on.
+		// Silence if nothing was pushed: the avatar keeps listening.
 		const auto Count = static_cast<std::size_t>(NumSamples);
 		Speech->read(OutAudio, Count);
 		Avatar->hear(OutAudio, Count, 1, static_cast<uint32>(SpeechRate), FPlatformTime::Seconds());

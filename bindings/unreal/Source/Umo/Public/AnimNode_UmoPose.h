@@ -16,7 +16,8 @@ namespace umo_unreal
 class Retarget;
 }
 
-/** The pose of the actor's Umo component on this skeleton, over the source pose: bones that it does not move keep that. */
+/** Applies the pose of the actor's Umo component to this skeleton, over the source pose. Bones that it does not
+ * drive keep the source pose. */
 USTRUCT(BlueprintInternalUseOnly)
 struct UMO_API FAnimNode_UmoPose : public FAnimNode_Base
 {
@@ -25,23 +26,23 @@ struct UMO_API FAnimNode_UmoPose : public FAnimNode_Base
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = Links)
 	FPoseLink SourcePose;
 
-	/** How much of it, 0 to 1. */
+	/** Weight of the pose, 0 to 1. */
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = Settings, meta = (PinShownByDefault, ClampMin = "0", ClampMax = "1"))
 	float Alpha = 1.0f;
 
-	/** Whether bones are turned. Off on a face mesh that follows the body's. */
+	/** Whether bones are rotated. Turn off on a face mesh that follows the body. */
 	UPROPERTY(EditAnywhere, Category = Settings)
 	bool bBody = true;
 
-	/** Whether curves are set: the 52 of ARKit, by their names. */
+	/** Whether curves are set: the 52 ARKit curves, by name. */
 	UPROPERTY(EditAnywhere, Category = Settings)
 	bool bCurves = true;
 
-	/** Whether the body walks about, or stays over its place. */
+	/** Whether the body walks about or stays in place. */
 	UPROPERTY(EditAnywhere, Category = Settings)
 	bool bMoves = false;
 
-	/** Joint to bone, where the skeleton's names are not the mannequin's; None leaves a joint out. */
+	/** Bone for each joint, if the skeleton's names are not the mannequin's; None leaves a joint out. */
 	UPROPERTY(EditAnywhere, Category = Settings)
 	TMap<FName, FName> BoneOverrides;
 
@@ -58,10 +59,10 @@ private:
 	void ApplyBody(FPoseContext& Output, float Weight);
 
 	TWeakObjectPtr<const UUmoComponent> Component;
-	/** A copy: the component goes on while animation threads evaluate. */
+	/** A copy, because the component ticks while animation threads evaluate. */
 	FUmoFrame Frame;
-	/** Made anew when the bones or the avatar change; null where that failed. */
+	/** Rebuilt when the bones or the avatar change; null if that failed. */
 	std::shared_ptr<umo_unreal::Retarget> Retarget;
-	/** What it was made for. */
+	/** Skeleton that it was built for. */
 	std::shared_ptr<const umo_unreal::SourceSkeleton> RetargetedFrom;
 };

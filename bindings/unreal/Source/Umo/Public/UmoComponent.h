@@ -23,35 +23,35 @@ class Ring;
 struct SourceSkeleton;
 }
 
-/** What the avatar does while no audio comes: the library's UMO_IDLE_ numbers. */
+/** Behaviour while no audio arrives: values of UMO_IDLE_. */
 UENUM(BlueprintType)
 enum class EUmoIdle : uint8
 {
-	/** It holds its pose. */
+	/** Holds its pose. */
 	Hold = 0,
-	/** It eases to the pose of rest. */
+	/** Eases to the rest pose. */
 	Rest = 1,
-	/** It moves as it does when it listens. */
+	/** Moves as while listening. */
 	Live = 2,
 };
 
-/** What the avatar attends to: the library's UMO_ATTENTION_ numbers. */
+/** Focus of the avatar's attention: values of UMO_ATTENTION_. */
 UENUM(BlueprintType)
 enum class EUmoAttention : uint8
 {
-	/** It speaks while its speech is heard, listens while PushOtherAudio's is, else idles. */
+	/** Speaking while its speech is heard, listening while PushOtherAudio's is, else idle. */
 	Auto = 0,
 	/** Nothing in particular. */
 	Idle = 1,
-	/** Who speaks to it. */
+	/** The person who speaks to it. */
 	Listening = 2,
-	/** An answer: it looks away. */
+	/** Thinking about an answer: looks away. */
 	Thinking = 3,
-	/** What it says. */
+	/** Its own speech. */
 	Speaking = 4,
 };
 
-/** The mood of face and posture: the library's UMO_MOOD_ numbers. */
+/** Mood of face and posture: values of UMO_MOOD_. */
 UENUM(BlueprintType)
 enum class EUmoMood : uint8
 {
@@ -64,7 +64,7 @@ enum class EUmoMood : uint8
 	Afraid = 6,
 };
 
-/** Layers over the model's motion whose strength can be set: the order of the library's UMO_PARAMETER_LAYER_ numbers. */
+/** Layers over the model's motion with adjustable strength, in the order of UMO_PARAMETER_LAYER_. */
 UENUM(BlueprintType)
 enum class EUmoLayer : uint8
 {
@@ -72,17 +72,17 @@ enum class EUmoLayer : uint8
 	Gaze = 0,
 	/** Breath, sway, weight shifts and fingers. */
 	Idle = 1,
-	/** The face's left and right a little apart. */
+	/** Slight differences between the left and right of the face. */
 	Asymmetry = 2,
 	/** Nods on accents, and while listening. */
 	Nods = 3,
-	/** The mood's face and posture. */
+	/** Face and posture of the mood. */
 	Mood = 4,
-	/** Planted feet, steps, and the way back home. */
+	/** Planted feet, steps, and returning to the start position. */
 	Feet = 5,
 };
 
-/** A shape of the lips that one sees with a sound: the library's UMO_LIPS_ numbers. */
+/** Visible lip shape of a sound: values of UMO_LIPS_. */
 UENUM(BlueprintType)
 enum class EUmoLips : uint8
 {
@@ -94,18 +94,18 @@ enum class EUmoLips : uint8
 	Round = 2,
 };
 
-/** Which hand does a gesture: the library's UMO_SIDE_ numbers. */
+/** Hand that performs a gesture: values of UMO_SIDE_. */
 UENUM(BlueprintType)
 enum class EUmoSide : uint8
 {
-	/** The right hand; for a point to point at, the hand that is nearer to it. */
+	/** The right hand; for pointing, the hand nearer to the target. */
 	Auto = 0,
 	Left = 1,
 	Right = 2,
 	Both = 3,
 };
 
-/** Parts whose movement can be scaled. */
+/** Body parts with scalable movement. */
 UENUM(BlueprintType)
 enum class EUmoPart : uint8
 {
@@ -115,25 +115,25 @@ enum class EUmoPart : uint8
 	Lower,
 };
 
-/** A gesture of your own: the animation of any character with a human's bones, out of a .glb or .vrm file. */
+/** A custom gesture: the animation of any humanoid character from a .glb or .vrm file. */
 USTRUCT(BlueprintType)
 struct UMO_API FUmoGestureFile
 {
 	GENERATED_BODY()
 
-	/** What PlayGesture calls it. */
+	/** Name for PlayGesture. */
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
 	FString Name;
 
-	/** Relative to Content. */
+	/** Path relative to Content. */
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo", meta = (FilePathFilter = "glb"))
 	FFilePath File;
 
-	/** Which of the file's animations; empty for the first. */
+	/** Name of the animation in the file; empty for the first. */
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
 	FString Animation;
 
-	/** Seconds from its start to the stroke; -1 is its middle. */
+	/** Seconds from its start to the stroke; -1 for its middle. */
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo", meta = (ClampMin = "-1"))
 	float Stroke = -1.0f;
 
@@ -149,11 +149,11 @@ struct UMO_API FUmoGestureFile
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
 	bool bRightArm = true;
 
-	/** As the library has them. */
+	/** As the library's flags. */
 	uint32 Parts() const;
 };
 
-/** A pose on its way to the animation threads. */
+/** A pose for the animation threads. */
 struct FUmoFrame
 {
 	/** 55 quaternions x y z w, relative to parents. */
@@ -170,8 +170,8 @@ struct FUmoFrame
 DECLARE_DYNAMIC_MULTICAST_DELEGATE_OneParam(FUmoFailed, const FString&, Reason);
 
 /**
- * A character that speaks. Its speech is what plays through a submix, or what PushAudio is given where the actor has a Umo
- * Voice. The pose is taken by the animation node "Umo Pose" and, where a subject is named, by Live Link.
+ * A speaking character. Its speech is what plays through a submix, or what PushAudio receives if the actor has a Umo
+ * Voice. The pose is used by the animation node "Umo Pose" and, if a subject is named, by Live Link.
  */
 UCLASS(ClassGroup = (Umo), meta = (BlueprintSpawnableComponent))
 class UMO_API UUmoComponent : public UActorComponent
@@ -181,39 +181,39 @@ class UMO_API UUmoComponent : public UActorComponent
 public:
 	UUmoComponent();
 
-	/** The submix that the character's speech, and nothing else, plays through. Not needed with a Umo Voice. */
+	/** Submix that carries this character's speech and nothing else. Not needed with a Umo Voice. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	TObjectPtr<USoundSubmix> Submix;
 
-	/** Model file, relative to Content; empty for the one of the plugin. */
+	/** Model file, relative to Content; empty for the plugin's model. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (FilePathFilter = "safetensors"))
 	FFilePath Model;
 
-	/** Keyframes per chunk: fewer answer sooner at more work per frame. 0 is the model's default. */
+	/** Keyframes per chunk: fewer reduce latency and cost more work per frame. 0 for the model's default. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "0"))
 	int32 Target = 1;
 
-	/** Frames held back for smoother seams, that much later; -1 is the model's default. */
+	/** Frames held back for smoother seams; adds that much latency. -1 for the model's default. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "-1"))
 	int32 Lookahead = -1;
 
-	/** Low-pass of the body's motion, standard deviation in frames: 0 is the model's own motion, -1 the default. */
+	/** Low-pass filter of the body's motion, standard deviation in frames: 0 turns it off, -1 for the default. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "-1", ClampMax = "1.5"))
 	float Smoothing = -1.0f;
 
-	/** How strongly the prompt steers, for models that can be guided. */
+	/** Guidance strength of the prompt, for models that support it. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "1", ClampMax = "3"))
 	float Guidance = 1.0f;
 
-	/** Keyframes of speech that it hears ahead, that much later, for models that were made to. */
+	/** Keyframes of future speech to use, for models that support it; adds that much latency. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "0"))
 	int32 Horizon = 0;
 
-	/** Gestures of your own, for PlayGesture. */
+	/** Custom gestures for PlayGesture. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	TArray<FUmoGestureFile> Gestures;
 
-	/** While no audio comes. A silent submix is audio. */
+	/** Behaviour while no audio arrives. A silent submix counts as audio. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	EUmoIdle Idle = EUmoIdle::Live;
 
@@ -238,7 +238,7 @@ public:
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "0", ClampMax = "1"))
 	float MoodStrength = 1.0f;
 
-	/** What the avatar is told: a mood, a style. */
+	/** Prompt: a mood, a style. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	FString Prompt;
 
@@ -246,51 +246,51 @@ public:
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	int64 Seed = 0;
 
-	/** Speech is heard when its motion is there. Off, as for a microphone, it is heard at once. */
+	/** Delay speech until its motion is ready. Off, as for a microphone, it is heard at once. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing")
 	bool bDelaySpeech = true;
 
 	/**
-	 * Where speech is not delayed, the mouth moves with the sound and the body follows: for models with a mouth network. Off,
-	 * mouth and body come after the sound by GetDelay.
+	 * Without delayed speech, the mouth moves with the sound and the body follows, if the model has a mouth network. Off,
+	 * mouth and body lag the sound by GetDelay.
 	 */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (EditCondition = "!bDelaySpeech"))
 	bool bLiveVoice = true;
 
-	/** Seconds for computing, on top of the future speech that frames need. */
+	/** Time reserved for computing in seconds, in addition to the future speech that frames need. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (ClampMin = "0", ClampMax = "5"))
 	float Margin = 0.2f;
 
-	/** Seconds from the mixer to the loudspeaker: more for Bluetooth, some 0.2. */
+	/** Seconds from the mixer to the loudspeaker: about 0.2 for Bluetooth. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (ClampMin = "0", ClampMax = "1"))
 	float OutputLatency = 0.04f;
 
 	/**
-	 * MouthClose is given as the model has it. Off, it is 0 and JawOpen less by as much: for MetaHumans, whose Face_AnimBP adds an
-	 * animation of its own for MouthClose.
+	 * Output MouthClose as the model computes it. Off, it is 0 and subtracted from JawOpen: for MetaHumans, whose
+	 * Face_AnimBP adds its own animation for MouthClose.
 	 */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	bool bMouthClose = true;
 
-	/** Name of the Live Link subject, None for none. */
+	/** Name of the Live Link subject, None to disable. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	FName LiveLinkSubject;
 
-	/** The model cannot be opened, or the avatar has stopped for good. */
+	/** Called when the model cannot be opened or the avatar has stopped for good. */
 	UPROPERTY(BlueprintAssignable, Category = "Umo")
 	FUmoFailed OnFailed;
 
-	/** Somebody interrupts the avatar: what it has not said yet is dropped, and it eases to rest. */
+	/** Interrupts the avatar: drops speech that was not heard yet and eases to rest. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	void Interrupt(float EaseSeconds = 0.3f);
 
-	/** From the next chunk on; empty ends it. False where the model takes no texts. */
+	/** Sets the prompt from the next chunk on; empty removes it. False if the model takes no text. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetPrompt(const FString& Text);
 
 	/**
-	 * Speech for the Umo Voice: mono, full scale 1, at its rate; any amount at a time, on the game thread. Returns how many
-	 * samples there was room for, thirty seconds' worth in all.
+	 * Speech for the Umo Voice: mono, full scale 1, at its rate; any amount, on the game thread. Returns the number of
+	 * samples that fitted into the buffer of thirty seconds.
 	 */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	int32 PushAudio(const TArray<float>& Samples);
@@ -312,26 +312,26 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetLayer(EUmoLayer Layer, float Strength);
 
-	/** Looks at a point of the world, eyes first; a strength of 0 ends it. May be called every tick. */
+	/** Looks at a point of the world, eyes first; a strength of 0 stops it. May be called every tick. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool LookAt(const FVector& WorldPoint, float Strength = 1.0f);
 
 	/**
-	 * The lips have a sound's shape while it is heard, where a synthesiser says when that is: Start is a time of GetGivenSeconds,
-	 * which to read as the speech begins to play. Exact within a buffer of the audio device. False while 64 wait.
+	 * Schedules a lip shape for a sound, as timed by a speech synthesiser. Start is on the clock of GetGivenSeconds, to be
+	 * read when the speech starts to play. Accurate to one buffer of the audio device. False if 64 are queued.
 	 */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool HintLips(EUmoLips Shape, float Start, float Duration = 0.08f);
 
-	/** Seconds of audio, silence of the submix included, that the avatar was given up to now. */
+	/** Seconds of audio that the avatar has received so far, including silence of the submix. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetGivenSeconds() const;
 
-	/** Plays a gesture over what the avatar does, as soon as possible: one of GetGestureNames, as wave, nod or thumbs_up. */
+	/** Plays a gesture over the motion as soon as possible: one of GetGestureNames, such as wave, nod or thumbs_up. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool PlayGesture(const FString& Gesture, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f);
 
-	/** The same for gestures that point, at a point of the world. */
+	/** Plays a pointing gesture at a point of the world. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f);
 
@@ -339,7 +339,7 @@ public:
 	TArray<FString> GetGestureNames() const;
 
 	/**
-	 * Audio of who speaks to the avatar, so that it listens: mono, full scale 1, at the rate of its own speech; on the game
+	 * The interlocutor's audio, so that the avatar listens: mono, full scale 1, at the rate of its own speech; on the game
 	 * thread. Only its loudness counts.
 	 */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
@@ -349,15 +349,15 @@ public:
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	bool IsLive() const;
 
-	/** Seconds from speech that comes in to its motion, and where bDelaySpeech is on to its sound. */
+	/** Seconds from incoming speech to its motion, and to its sound if bDelaySpeech is on. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetDelay() const;
 
-	/** Why the last call that returned false did. */
+	/** Reason why the last call returned false. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	FString GetLastError() const;
 
-	/** The pose of this tick. The game thread. */
+	/** The pose of this tick. For the game thread. */
 	const FUmoFrame& GetFrame() const { return Frame; }
 
 	virtual void BeginPlay() override;

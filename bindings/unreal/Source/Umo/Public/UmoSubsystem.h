@@ -27,7 +27,7 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	void FreeUnusedModels();
 
-	/** The host of a model file, null where that fails; an empty path is the model that ships with the plugin. */
+	/** The host of a model file, null on failure; an empty path opens the plugin's model. */
 	std::shared_ptr<umo_unreal::Host> Open(const FString& ModelFile, FString& OutProblem);
 
 	virtual void Initialize(FSubsystemCollectionBase& Collection) override;

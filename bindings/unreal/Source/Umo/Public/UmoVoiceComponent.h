@@ -16,8 +16,8 @@ class Ring;
 }
 
 /**
- * Plays the speech that UUmoComponent::PushAudio is given, from where it stands: attach it to the head. It is heard when its
- * motion is there.
+ * Plays the speech given to UUmoComponent::PushAudio from its own location, so attach it to the head. The speech is
+ * heard when its motion is ready.
  */
 UCLASS(ClassGroup = (Umo), meta = (BlueprintSpawnableComponent))
 class UMO_API UUmoVoiceComponent : public USynthComponent
@@ -27,11 +27,11 @@ class UMO_API UUmoVoiceComponent : public USynthComponent
 public:
 	UUmoVoiceComponent(const FObjectInitializer& ObjectInitializer);
 
-	/** Samples per second of the speech that is pushed. The mixer resamples what is heard. */
+	/** Sample rate of the pushed speech. The mixer resamples it for output. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "8000", ClampMax = "192000"))
 	int32 SpeechRate = 24000;
 
-	/** The game thread, while it is not playing: whom it speaks for. */
+	/** Game thread, while it is not playing: sets the avatar that it speaks for. */
 	void SpeakFor(std::shared_ptr<umo_unreal::Avatar> InAvatar, std::shared_ptr<umo_unreal::Ring> InSpeech);
 
 protected:
@@ -39,7 +39,7 @@ protected:
 	virtual int32 OnGenerateAudio(float* OutAudio, int32 NumSamples) override;
 
 private:
-	/** Changed under the lock alone, which the audio thread only tries. */
+	/** Changed only under the lock; the audio thread only tries to lock it. */
 	FCriticalSection Lock;
 	std::shared_ptr<umo_unreal::Avatar> Avatar;
 	std::shared_ptr<umo_unreal::Ring> Speech;

@@ -9,7 +9,7 @@
 
 #include "AnimGraphNode_UmoPose.generated.h"
 
-/** "Umo Pose" in the animation graph. */
+/** The node "Umo Pose" in the animation graph. */
 UCLASS(MinimalAPI)
 class UAnimGraphNode_UmoPose : public UAnimGraphNode_Base
 {

@@ -1,7 +1,7 @@
-//! `exp`, `sin` and their like as WebAssembly has them, by the names of the C library: loaded before it (`LD_PRELOAD`), they are
-//! what a native program calls.
+//! `exp`, `sin` and similar functions as implemented for WebAssembly, under the C library's names. Loaded before the C
+//! library (`LD_PRELOAD`), they replace its functions in a native program.
 
-/// Functions of one library that call those of the other: `name(arguments) -> type`.
+/// Defines C functions that call those of the other library: `name(arguments) -> type`.
 macro_rules! functions {
     ($($name:ident($($x:ident),+) -> $float:ty;)*) => {$(
         #[unsafe(no_mangle)]
@@ -49,22 +49,24 @@ functions! {
 }
 
 /// # Safety
-/// `sin` and `cos` are writable, as of the C library's function.
+///
+/// `sin` and `cos` are writable, as for the C library's function.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn sincosf(x: f32, sin: *mut f32, cos: *mut f32) {
     let (s, c) = libm::sincosf(x);
-    // SAFETY: writable, by the clause above.
+    // SAFETY: writable, as required above.
     unsafe { sin.write(s) };
     // SAFETY: likewise.
     unsafe { cos.write(c) };
 }
 
 /// # Safety
-/// `sin` and `cos` are writable, as of the C library's function.
+///
+/// `sin` and `cos` are writable, as for the C library's function.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn sincos(x: f64, sin: *mut f64, cos: *mut f64) {
     let (s, c) = libm::sincos(x);
-    // SAFETY: writable, by the clause above.
+    // SAFETY: writable, as required above.
     unsafe { sin.write(s) };
     // SAFETY: likewise.
     unsafe { cos.write(c) };

@@ -91,7 +91,7 @@ impl Table {
         const CUT: &str = "its table of characters is cut short";
         let (len, rest) = bytes.split_first_chunk().ok_or(CUT)?;
         let (units, texts) = rest.split_at_checked(u32::from_le_bytes(*len) as usize).ok_or(CUT)?;
-        let texts = str::from_utf8(texts).map_err(|_| "its table of characters is no UTF-8")?;
+        let texts = str::from_utf8(texts).map_err(|_| "its table of characters is not UTF-8")?;
         let units = units.as_chunks().0.iter().map(|unit| u32::from_le_bytes(*unit)).collect();
         Ok(Self { units, texts: texts.into() })
     }

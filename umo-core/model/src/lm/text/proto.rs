@@ -107,7 +107,7 @@ fn parse_piece(bytes: &[u8]) -> Parsed<Piece<'_>> {
     let mut piece = Piece { text: "", score: 0.0, kind: Kind::Normal };
     for_each_field(bytes, |field, value| {
         match (field, value) {
-            (1, Value::Bytes(text)) => piece.text = str::from_utf8(text).map_err(|_| "a piece is no UTF-8")?,
+            (1, Value::Bytes(text)) => piece.text = str::from_utf8(text).map_err(|_| "a piece is not UTF-8")?,
             (2, Value::Float(score)) => piece.score = score,
             (3, Value::Number(kind)) => piece.kind = kind_of(kind)?,
             _ => {}
@@ -115,7 +115,7 @@ fn parse_piece(bytes: &[u8]) -> Parsed<Piece<'_>> {
         Ok(())
     })?;
     if !piece.score.is_finite() {
-        return Err("a piece's score is no finite number");
+        return Err("a piece's score is not a finite number");
     }
     Ok(piece)
 }

@@ -97,7 +97,7 @@ fn a_buffer_that_cannot_be_had_is_named() {
         assert!(problem.contains(wanted), "{uri}: {problem}");
         assert_eq!(files.len(), usize::from(asked), "{uri}");
     }
-    assert!(packed(b"RIFF", &mut nothing).unwrap_err().contains("no glb file"));
+    assert!(packed(b"RIFF", &mut nothing).unwrap_err().contains("not a glb file"));
     assert!(packed(b"{ \"buffers\": 3 }", &mut nothing).unwrap_err().contains("buffers"));
 }
 

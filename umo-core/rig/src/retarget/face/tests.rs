@@ -149,7 +149,7 @@ fn vowels_and_blinks_of_vrm_are_made_of_the_channels() {
     assert_eq!(weights(&map, 6, &[("mouthFunnel", 0.7), ("jawOpen", 1.0)]), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
     assert_eq!(with(&[("jawOpen", 0.7)]), [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
     assert!(with(&[("jawOpen", 0.175)])[1] > 0.7);
-    assert_eq!(with(&[]), [0.0; 6], "a smile is no vowel");
+    assert_eq!(with(&[]), [0.0; 6], "a smile is not a vowel");
     assert_eq!(weights(&map, 6, &[("jawOpen", 0.7), ("mouthClose", 0.7)]), [0.0; 6]);
     assert_eq!(weights(&map, 6, &[("eyeBlinkLeft", 1.0)])[5], 0.5);
     let sides = FaceMap::new(&arkit(), &["blink", "blinkLeft", "Blink_R", "aa", "ou"]);

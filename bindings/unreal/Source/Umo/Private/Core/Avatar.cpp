@@ -9,14 +9,14 @@ namespace umo_unreal {
 
 namespace {
 
-/// A submix has at most 7.1's.
+/// A submix has at most the 8 channels of 7.1.
 constexpr std::size_t most_channels = 8;
-/// Frames that are mixed at a time: 2 KiB of the audio thread's stack.
+/// Frames mixed at a time: 2 KiB of the audio thread's stack.
 constexpr std::size_t block_frames = 512;
 
 std::string detail_of(umo_status status) { return explain(status, umo_last_error()); }
 
-/// Statuses after which a session is good for nothing more.
+/// Statuses after which a session cannot be used any more.
 bool is_final(umo_status status) {
     return status == UMO_STATUS_FAILED || status == UMO_STATUS_CLOSED || status == UMO_STATUS_PANIC;
 }
@@ -87,12 +87,12 @@ std::shared_ptr<Avatar> Avatar::make(std::shared_ptr<Host> host, const Settings 
     }
     const umo_latency latency = session->latency();
     const double rate = settings.sample_rate;
-    // The mouth waits for no computing; what the output takes is added where the sound is heard.
+    // The live mouth does not wait for computing; the output's latency is added when the sound is heard.
     const double delay = is_live ? std::max(static_cast<double>(latency.mouth_samples) / rate - settings.output_latency, 0.0)
                                  : static_cast<double>(latency.algorithmic_samples) / rate + settings.margin;
     auto avatar = std::make_shared<Avatar>(std::move(host), std::move(*session), settings, is_live, delay);
     avatar->ease_seconds_ = config.ease_ms / 1000.0;
-    // Before there is any audio, the pose is that of rest.
+    // Before there is any audio, show the rest pose.
     const auto rest = avatar->session_.sample(0, avatar->frame_);
     if (!rest) {
         problem = explain(rest.status, avatar->session_.last_error());
@@ -129,7 +129,7 @@ void Avatar::hear(float *samples, std::size_t frames, std::size_t channels, std:
             mixed[i] = sum / static_cast<float>(channels);
         }
         std::size_t taken = 0;
-        // What there is no room for is lost and counted by the library: the engine is ten seconds behind.
+        // The library drops and counts samples that do not fit: the engine is ten seconds behind.
         if (note(umo_session_push_audio(heard_, mixed, count, &taken)) == UMO_STATUS_OK) given += taken;
     }
     audio_.advance(given, now);
@@ -142,11 +142,11 @@ umo_status Avatar::show(double step, double now, double game_step) {
     if (told != UMO_STATUS_OK) return note(told);
     const AudioClock::Reading reading = audio_.read(now);
     const double heard = reading.seconds - delay_seconds_ - settings_.output_latency;
-    // While no audio comes, idle modes want to be asked for what is not there.
+    // Without audio, idle modes must be sampled beyond the newest frame.
     const bool rests = reading.is_quiet && idle_ == UMO_IDLE_REST;
     const double time = motion_.next(step, heard, reading.is_quiet, frame_seconds_ + (rests ? ease_seconds_ : 0));
     const auto found = session_.sample(time, frame_);
-    // A session that failed gives its last pose, and says so elsewhere.
+    // A failed session returns its last pose; the failure is reported elsewhere.
     if (!found) return note(found.status);
     keep(frame_[0]);
     motion_.found(pose_.index, static_cast<double>(frame_[0].sample()) / settings_.sample_rate, found->newest);
@@ -210,7 +210,7 @@ void Avatar::close() {
     host_.reset();
 }
 
-/// Remembers that the session is lost.
+/// Records whether the session is lost.
 umo_status Avatar::note(umo_status status) noexcept {
     if (is_final(status)) failed_.store(status, std::memory_order_relaxed);
     return status;

@@ -1,4 +1,5 @@
-// One speaking character: a session of the library, the audio on its way to it, and the pose that belongs to what is heard.
+// One speaking character: a library session, the audio on its way to it, and the pose that belongs to the sound being
+// heard.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once
@@ -18,7 +19,7 @@
 
 namespace umo_unreal {
 
-/// A model and the engine that computes with it, shared by all characters of a process.
+/// A model and its engine, shared by all characters of a process.
 struct Host {
     umo::model model;
     umo::engine engine;
@@ -34,7 +35,7 @@ public:
     /// the file holds where the system cannot open it by its path.
     std::shared_ptr<Host> open(const std::string &path, const umo_engine_config &config, std::string &problem,
                                const void *content = nullptr, std::size_t size = 0);
-    /// Lets go of those that no character uses.
+    /// Closes hosts that no character uses.
     void close_unused();
     bool has(const std::string &path) const;
     std::size_t count() const { return hosts_.size(); }
@@ -43,7 +44,7 @@ private:
     std::vector<std::pair<std::string, std::shared_ptr<Host>>> hosts_;
 };
 
-/// What a character is made with.
+/// Settings of a character.
 struct Settings {
     std::uint32_t sample_rate = 48000;
     /// Keyframes per chunk, 0 for the model's default.
@@ -53,25 +54,25 @@ struct Settings {
     /// `UMO_IDLE_…`
     std::uint32_t idle = UMO_IDLE_LIVE;
     std::uint64_t seed = 0;
-    /// Standard deviation of the body's low-pass, frames; below 0 for the default.
+    /// Low-pass filter of the body's motion, standard deviation in frames; below 0 for the default.
     float smoothing = -1;
-    /// How strongly the prompt steers, 1 to 3.
+    /// Guidance strength of the prompt, 1 to 3.
     float guidance = 1;
-    /// Keyframes of speech that it hears ahead.
+    /// Keyframes of future speech to use.
     std::uint32_t horizon = 0;
-    /// Seconds for computing, on top of the audio that frames need.
+    /// Time reserved for computing in seconds, in addition to the audio that frames need.
     double margin = 0.2;
     /// Seconds from a buffer's callback to the loudspeaker.
     double output_latency = 0.04;
-    /// Whether speech is heard only when its motion is there.
+    /// Whether speech is delayed until its motion is ready.
     bool delays_speech = true;
-    /// Whether the mouth moves with speech that is not delayed, where the model has a mouth network: the body follows.
+    /// Whether the mouth moves with undelayed speech, if the model has a mouth network; the body follows later.
     bool has_live_voice = true;
-    /// Whether `mouthClose` is given. Without it the shape is 0, and `jawOpen` less by as much.
+    /// Whether `mouthClose` is output. If not, it is 0 and subtracted from `jawOpen`.
     bool has_mouth_close = true;
 };
 
-/// A frame, as the animation threads get it.
+/// A frame for the animation threads.
 struct Pose {
     std::uint64_t index = 0;
     float translation[3] = {};
@@ -79,76 +80,76 @@ struct Pose {
     std::vector<float> channels;
 };
 
-/// What a status of the library came to, for people.
+/// Describes a status of the library to the user.
 std::string explain(umo_status status, const std::string &detail);
 
 class Avatar {
 public:
-    /// Null where that fails: `problem` says why.
+    /// Null on failure: `problem` says why.
     static std::shared_ptr<Avatar> make(std::shared_ptr<Host> host, const Settings &settings, std::string &problem);
 
-    /// The audio thread: `frames` of interleaved speech. They are given to the library, and changed to those that are to be
-    /// heard now. Never allocates, never waits. `now` is the clock that `show` is asked with.
+    /// Audio thread: takes `frames` of interleaved speech, passes them to the library, and replaces them with the
+    /// speech to be heard now. Never allocates or waits. `now` is on the same clock as for `show`.
     void hear(float *samples, std::size_t frames, std::size_t channels, std::uint32_t rate, double now) noexcept;
 
-    /// The game thread: the pose at `now`, `step` seconds after the last. What moves while nothing is said is `game_step` seconds
-    /// later, the game's time: a film is rendered slower than it is shown, and a game may pause. Never allocates, never waits.
+    /// Game thread: the pose at `now`, `step` seconds after the last. Motion without speech advances by `game_step`,
+    /// the game's time: a film renders slower than it plays, and a game can pause. Never allocates or waits.
     umo_status show(double step, double now, double game_step);
     umo_status show(double step, double now) { return show(step, now, step); }
     const Pose &pose() const { return pose_; }
 
-    /// The game thread. Speech that is not shown yet is neither shown nor heard.
+    /// Game thread. Drops speech and motion that were not shown yet.
     umo_status interrupt(std::uint32_t ease_ms);
-    /// The game thread.
+    /// Game thread.
     umo_status set_prompt(const std::string &text) { return session_.set_prompt(text); }
     umo_status set(std::uint32_t parameter, double value);
     umo_status set_idle(std::uint32_t idle);
-    /// The game thread. A point in the avatar's space: centimetres, X ahead, Y to its right, Z up from the floor.
+    /// Game thread. A point in the avatar's space: centimetres, X forward, Y to its right, Z up from the floor.
     umo_status look_at(const std::array<float, 3> &point, float strength);
-    /// The game thread. `UMO_MOOD_…`
+    /// Game thread. `UMO_MOOD_…`
     umo_status set_mood(std::uint32_t mood, float strength) { return note(session_.set_mood(mood, strength)); }
-    /// The game thread: a sound that one sees on the lips, `UMO_LIPS_…`, in seconds of the audio that was given to `hear`. `BUSY`
-    /// while 64 wait.
+    /// Game thread: schedules a lip shape `UMO_LIPS_…` for a sound, in seconds of the audio given to `hear`. `BUSY` if
+    /// 64 are queued.
     umo_status hint_lips(std::uint32_t shape, double start, double duration) {
         return note(session_.hint_lips(shape, start, duration));
     }
-    /// Seconds of audio that were given to `hear`, up to `now`.
+    /// Seconds of audio given to `hear` up to `now`.
     double given(double now) const noexcept { return audio_.read(now).seconds; }
-    /// The game thread: a gesture by its name. `target` is a point as that of `look_at`, null for none.
+    /// Game thread: plays a gesture by name. `target` is a point as for `look_at`, null for none.
     umo_status play_gesture(const std::string &name, std::uint32_t side, float strength, const std::array<float, 3> *target);
-    /// A gesture of the host's own, for avatars of the same model that are made from now on: see `umo_engine_add_gesture_file`.
+    /// Adds a custom gesture for avatars of the same model created from now on: see `umo_engine_add_gesture_file`.
     umo_status add_gesture(const std::string &name, const std::string &path, const std::string &animation, std::uint32_t parts,
                            float stroke) {
         return host_->engine.add_gesture_file(name.c_str(), path.c_str(), animation.empty() ? nullptr : animation.c_str(), parts,
                                               stroke);
     }
     std::vector<std::string> gesture_names() const { return host_->engine.gesture_names(); }
-    /// One thread, any: who speaks to the avatar, mono, at the settings' rate. Never allocates, never waits.
+    /// Any one thread: the interlocutor's audio, mono, at the settings' rate. Never allocates or waits.
     umo_status push_other_audio(const float *samples, std::size_t count) noexcept {
         return note(umo_session_push_other_audio(heard_, samples, count));
     }
-    /// The game thread: frees the session and lets go of the host, whatever the audio thread does, so that nothing is left that
-    /// the audio thread could not free. It gives no more frames.
+    /// Game thread: frees the session and releases the host whatever the audio thread is doing, so that the audio
+    /// thread never has to free anything. No more frames follow.
     void close();
 
-    /// Why it gives no more frames, once; empty while it does, and when asked again.
+    /// Reason why no more frames arrive, returned once; otherwise empty.
     std::string failure();
     /// The detail of the last failed call.
     std::string last_error() const { return session_.last_error(); }
-    /// Samples per second of audio that came at another rate than the settings', 0 where none did.
+    /// Sample rate of audio that did not match the settings' rate; 0 if all did.
     std::uint32_t other_rate() const { return other_rate_.load(std::memory_order_relaxed); }
     /// Whether the mouth moves with the sound.
     bool is_live() const { return is_live_; }
-    /// Seconds from a sound's callback to the loudspeaker and to the motion, the output's latency left out. With the live
-    /// voice, to the mouth's motion alone.
+    /// Seconds from a sound's callback to the loudspeaker and the motion, without the output's latency. With the live
+    /// voice, to the mouth's motion only.
     double delay() const { return delay_seconds_; }
-    /// The second of the audio that the pose belongs to, and that is heard.
+    /// Second of the audio that the pose belongs to and that is being heard.
     double shown() const { return motion_.shown(); }
-    /// The time of the motion that is shown.
+    /// Motion time being shown.
     double time() const { return motion_.time(); }
     double heard(double now) const { return audio_.read(now).seconds - delay_seconds_ - settings_.output_latency; }
     umo_stats stats() const { return session_.stats(); }
-    /// The skeleton with this session's place of rest.
+    /// The skeleton with this session's rest position.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
     Avatar(std::shared_ptr<Host> host, umo::session session, const Settings &settings, bool is_live, double delay_seconds);
@@ -160,7 +161,7 @@ private:
 
     std::shared_ptr<Host> host_;
     umo::session session_;
-    /// The same handle, for the audio thread: it stays when the session is freed, and is an error then.
+    /// The same handle for the audio thread: it remains after the session is freed, and calls then return an error.
     umo_session *const heard_;
     Settings settings_;
     SourceSkeleton skeleton_;

@@ -10,8 +10,8 @@ namespace {
 
 static_assert(joint_count == UMO_JOINT_COUNT, "a bone for every joint");
 
-/// In the library's order of joints. Of the five spine bones those are moved that stand where the joints do: the first, the
-/// one in the middle, and the one that carries neck and collars.
+/// In the library's joint order. Of five spine bones, the first, the middle one, and the one that carries neck and
+/// collars are driven, since they lie where the joints do.
 constexpr const char *five_spine_bones[joint_count] = {
     "pelvis",      "thigh_l",     "thigh_r",     "spine_01",    "calf_l",      "calf_r",      "spine_03",
     "foot_l",      "foot_r",      "spine_05",    "ball_l",      "ball_r",      "neck_01",     "clavicle_l",
@@ -63,7 +63,7 @@ bool map_bones(const std::vector<Bone> &bones, const std::vector<Override> &over
         std::size_t joint = 0;
         while (joint < joint_count && !same_name(umo_joint_name(static_cast<std::uint32_t>(joint)), given.joint)) ++joint;
         if (joint == joint_count) {
-            problem = "bone override: there is no joint `" + given.joint + "`";
+            problem = "bone override: unknown joint `" + given.joint + "`";
             return false;
         }
         map[joint] = find_bone(bones, given.bone);

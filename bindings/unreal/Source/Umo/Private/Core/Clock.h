@@ -1,4 +1,4 @@
-// Which pose belongs to what is heard now.
+// The pose that belongs to the sound being heard.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once
@@ -8,15 +8,15 @@
 
 namespace umo_unreal {
 
-/// How much audio the library was given, as the audio thread says it buffer by buffer and the game thread reads it between
-/// them. One thread writes.
+/// Amount of audio given to the library: the audio thread reports it buffer by buffer, and the game thread interpolates
+/// between buffers. One writer thread.
 class AudioClock {
 public:
     explicit AudioClock(double rate) : rate_(rate) {}
 
-    /// The audio thread: `frames` more were given at `now` seconds.
+    /// Audio thread: `frames` more were given at `now` seconds.
     void advance(std::uint64_t frames, double now) noexcept {
-        // A reader that sees an odd number, or two different ones, reads again.
+        // A sequence lock: a reader that sees an odd or changed number retries.
         ++turn_;
         start_ = start_ + last_;
         last_ = frames;
@@ -25,9 +25,9 @@ public:
     }
 
     struct Reading {
-        /// Seconds of audio: the last buffer is played from when it was given.
+        /// Seconds of audio: the last buffer plays from the time it was given.
         double seconds = 0;
-        /// No buffer has come for some time.
+        /// No buffer has arrived for some time.
         bool is_quiet = true;
     };
 
@@ -57,14 +57,14 @@ private:
     std::atomic<double> time_{0};
 };
 
-/// The time of the motion to show, so that it is that of the audio that is heard. It never runs back: it waits where it is
-/// ahead, runs a little faster or slower where they are near, and skips where it is far behind. One thread.
+/// Motion time to show, so that it matches the audio being heard. It never runs back: it waits if ahead, runs slightly
+/// faster or slower if close, and skips if far behind. For one thread.
 class MotionClock {
 public:
     explicit MotionClock(double frame_rate) : frame_(1 / frame_rate) {}
 
-    /// The time to sample, `step` seconds after the last. `heard` is the second of the audio that is heard now, which says
-    /// nothing where `is_quiet`; `reach` is how far beyond the newest frame the time may run: idle modes need that.
+    /// The time to sample, `step` seconds after the last. `heard` is the second of the audio being heard, ignored if
+    /// `is_quiet`; `reach` is how far the time may run beyond the newest frame, which idle modes need.
     double next(double step, double heard, bool is_quiet, double reach) noexcept {
         const double late = heard - shown_;
         double run = step;
@@ -78,11 +78,11 @@ public:
         return time_ = wanted;
     }
 
-    /// What was found at that time: the frame's number, the second of audio that it is stamped with, and the time of the
-    /// newest frame.
+    /// Reports the frame found at that time: its index, the second of audio that it is stamped with, and the time of
+    /// the newest frame.
     void found(std::uint64_t index, double stamp, double newest) noexcept {
-        // Frames that belong to no audio, an ease after an interrupt or silence of the engine's own, have the stamp of the
-        // frame before: they are shown at their own pace.
+        // Frames without audio (an ease after an interrupt, or silence inserted by the engine) repeat the stamp of the
+        // frame before: they play at their own pace.
         if (index != index_) is_stamped_ = stamp != stamp_;
         index_ = index;
         stamp_ = stamp;
@@ -91,11 +91,11 @@ public:
     }
 
     double time() const noexcept { return time_; }
-    /// The second of the audio that the pose belongs to.
+    /// Second of the audio that the pose belongs to.
     double shown() const noexcept { return shown_; }
 
 private:
-    /// A quarter of a second: lips that far from the sound are better moved at once.
+    /// A quarter of a second: lips that far from the sound had better jump at once.
     static constexpr double far_off = 0.25;
 
     double frame_;

@@ -1,4 +1,4 @@
-// Speech that is heard as late as its motion is ready, and samples on their way to the audio thread.
+// Delays speech until its motion is ready, and transfers samples to the audio thread.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once
@@ -11,14 +11,14 @@
 
 namespace umo_unreal {
 
-/// Interleaved samples come out a fixed number of frames later. One thread; allocates only when it is made.
+/// Outputs interleaved samples a fixed number of frames later. For one thread; allocates only in the constructor.
 class Delay {
 public:
     Delay() = default;
     Delay(std::size_t frames, std::size_t most_channels) : frames_(frames), samples_(frames * most_channels, 0.0F) {}
 
-    /// Changes `samples` to those of `frames` ago. A change of `channels` starts from silence; more than were reckoned with
-    /// leave the samples as they are.
+    /// Replaces `samples` with those of `frames` ago. A change of `channels` restarts from silence; with more channels
+    /// than expected the samples stay unchanged.
     void run(float *samples, std::size_t count, std::size_t channels) noexcept {
         const std::size_t wanted = frames_ * channels;
         if (wanted == 0 || wanted > samples_.size()) return;
@@ -44,12 +44,12 @@ private:
     std::vector<float> samples_;
 };
 
-/// Samples from one thread to another, without waiting. Allocates only when it is made.
+/// Lock-free queue of samples between two threads. Allocates only in the constructor.
 class Ring {
 public:
     explicit Ring(std::size_t capacity) : samples_(capacity + 1) {}
 
-    /// Takes as many of `count` samples as there is room for. One thread at a time.
+    /// Writes up to `count` samples and returns how many fitted. One writer.
     std::size_t write(const float *samples, std::size_t count) noexcept {
         const std::size_t size = samples_.size();
         const std::size_t from = read_.load(std::memory_order_acquire);
@@ -63,7 +63,7 @@ public:
         return count;
     }
 
-    /// Gives at most `count` samples. One thread at a time, beside a write.
+    /// Reads at most `count` samples. One reader, concurrent with the writer.
     std::size_t read(float *samples, std::size_t count) noexcept {
         const std::size_t size = samples_.size();
         const std::size_t to = write_.load(std::memory_order_acquire);

@@ -9,7 +9,7 @@ namespace {
 constexpr std::size_t left_hip = 1, right_hip = 2, left_knee = 4, left_ankle = 7;
 constexpr std::size_t left_wrist = 20, right_wrist = 21, first_finger = 25, fingers = 30;
 
-/// The joint that a limb's bone points to, -1 for joints that keep the character's posture, -2 for finger tips, which
+/// Joint that a limb's bone points to; -1 for joints that keep the character's posture, -2 for finger tips, which
 /// follow the bone before.
 int tip_of(std::size_t joint) {
     switch (joint) {
@@ -50,7 +50,7 @@ bool Retarget::build(const std::vector<Bone> &bones, const SourceSkeleton &sourc
     for (std::size_t i = 0; i < bones.size(); ++i) {
         const int parent = bones[i].parent;
         if (parent >= static_cast<int>(i)) {
-            problem = "bone `" + bones[i].name + "` stands before its parent";
+            problem = "bone `" + bones[i].name + "` is listed before its parent";
             return false;
         }
         const Quat from = parent < 0 ? Quat{} : turns[static_cast<std::size_t>(parent)];
@@ -60,7 +60,7 @@ bool Retarget::build(const std::vector<Bone> &bones, const SourceSkeleton &sourc
     }
     const auto place = [&](std::size_t joint) { return places[static_cast<std::size_t>(map[joint])]; };
 
-    // The library looks along +X with its right hand towards +Y; meshes mostly along +Y. The hips say which.
+    // The library faces +X with its right hand towards +Y; meshes mostly face +Y. The hips determine which.
     const Vec3 right = place(right_hip) - place(left_hip);
     const double yaw = std::atan2(right.y, right.x) - std::acos(0.0);
     facing_ = {0, 0, std::sin(yaw / 2), std::cos(yaw / 2)};
@@ -92,19 +92,19 @@ bool Retarget::build(const std::vector<Bone> &bones, const SourceSkeleton &sourc
     return true;
 }
 
-/// Turns each limb's bone to where the T has it, the limb's inner bones first.
+/// Rotates each limb's bone to its direction in the T-pose, the limb's inner bones first.
 void Retarget::correct(const std::vector<Vec3> &places, const std::vector<Quat> &turns, const BoneMap &map) {
     Quat corrections[joint_count];
     for (std::size_t joint = 0; joint < joint_count; ++joint) {
         const int tip = tip_of(joint);
         if (tip != -1) {
-            // Parents have smaller numbers; those outside the limbs are not corrected.
+            // Parents have lower indices; joints outside the limbs are not corrected.
             corrections[joint] = corrections[source_.parents[joint]];
         }
         if (tip >= 0 && map[joint] >= 0 && map[static_cast<std::size_t>(tip)] >= 0) {
             const Vec3 bone = places[static_cast<std::size_t>(map[static_cast<std::size_t>(tip)])] -
                               places[static_cast<std::size_t>(map[joint])];
-            // Every tip is a child of its joint, so that its offset is the limb.
+            // Every tip is a child of its joint, so its offset is the limb.
             const Vec3 limb = rotate(facing_, source_offset(source_, static_cast<std::size_t>(tip)));
             corrections[joint] = arc(rotate(corrections[joint], bone), limb) * corrections[joint];
         }

@@ -1,4 +1,4 @@
-// The library's pose on a character's own bones: other axes per bone, another pose of rest, other proportions.
+// Transfers the library's pose to a character's bones, which have other axes, another rest pose and other proportions.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once
@@ -11,12 +11,12 @@
 
 namespace umo_unreal {
 
-/// The library's skeleton in a T, in Unreal's axes: `umo_model_get_skeleton`.
+/// The library's skeleton in a T-pose, in Unreal's axes: `umo_model_get_skeleton`.
 struct SourceSkeleton {
     std::int32_t parents[joint_count] = {};
     /// Centimetres, in the parent's frame.
     float offsets[3 * joint_count] = {};
-    /// Where the root is when the body rests, centimetres.
+    /// Rest position of the root, centimetres.
     float rest_translation[3] = {};
 };
 
@@ -26,24 +26,25 @@ struct Driven {
     Quat rotation;
 };
 
-/// Made once for a skeleton, then applied to every pose without allocating.
+/// Built once per skeleton, then applied to each pose without allocating.
 ///
-/// The library's joints are all aligned with the body in its T. A bone that points elsewhere at rest, as arms do in the
-/// mannequin's A, is first turned to where the T has it by the shortest turn, limb by limb from the body outwards; the
-/// joint's turn comes on top. Spine, neck, collars, head and feet keep the character's own posture.
+/// In the library's T-pose all joints are aligned with the body. A bone with another direction at rest, such as the
+/// arms in the mannequin's A-pose, is first rotated to its T-pose direction by the shortest rotation, limb by limb from
+/// the body outwards; the joint's rotation is applied on top. Spine, neck, collars, head and feet keep the character's
+/// own posture.
 class Retarget {
 public:
-    /// False where the skeleton cannot be driven: `problem` says why, and nothing is driven.
+    /// False if the skeleton cannot be driven: `problem` says why, and nothing is driven.
     bool build(const std::vector<Bone> &bones, const SourceSkeleton &source, const std::vector<Override> &overrides,
                std::string &problem);
 
-    /// `rotations` are the frame's 55 quaternions x y z w, `translation` its place of the root in centimetres. Where
-    /// `moves` is false the body stays over its place and only goes up and down.
+    /// `rotations` are the frame's 55 quaternions x y z w, `translation` its root position in centimetres. If `moves`
+    /// is false the body stays in place and only moves up and down.
     void apply(const float *rotations, const float *translation, bool moves);
 
-    /// The bones that `apply` turned, by rising index.
+    /// The bones that `apply` rotated, by rising index.
     const std::vector<Driven> &driven() const { return driven_; }
-    /// Index of the pelvis bone, -1 before a `build` that worked, and where it is in its parent.
+    /// Index of the pelvis bone (-1 before a successful `build`) and its position in its parent.
     int pelvis() const { return pelvis_; }
     Vec3 pelvis_translation() const { return pelvis_translation_; }
 
@@ -52,8 +53,8 @@ private:
         int parent = -1;
         int joint = -1;
         Quat rest;       // local
-        Quat aligned;    // of the whole bone in the T, in the component's frame
-        Quat turned;     // scratch: of the whole bone in this pose
+        Quat aligned;    // component-space rotation in the T-pose
+        Quat turned;     // scratch: component-space rotation in this pose
         int result = -1; // in driven_
     };
 

@@ -1,4 +1,4 @@
-// Places and rotations as the library gives them in Unreal's axes. No engine type: the tests need none.
+// Positions and rotations in Unreal's axes. No engine types, so that tests do not need the engine.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #pragma once
@@ -20,7 +20,7 @@ inline Vec3 cross(Vec3 a, Vec3 b) {
 }
 inline double length(Vec3 v) { return std::sqrt(dot(v, v)); }
 
-/// A unit quaternion, multiplied as FQuat is: `a * b` turns by `b` first.
+/// A unit quaternion, multiplied like FQuat: `a * b` applies `b` first.
 struct Quat {
     double x = 0, y = 0, z = 0, w = 1;
 };
@@ -40,13 +40,13 @@ inline Vec3 rotate(Quat q, Vec3 v) {
     return v + q.w * t + cross(axis, t);
 }
 
-/// The shortest turn that takes the direction of `from` to that of `to`; none where either has no direction.
+/// The shortest rotation from the direction of `from` to that of `to`; the identity if either has zero length.
 inline Quat arc(Vec3 from, Vec3 to) {
     const double lengths = length(from) * length(to);
     if (lengths < 1e-9) return {};
     const double cosine = dot(from, to) / lengths;
     if (cosine < -1.0 + 1e-9) {
-        // Half a turn about any axis across: the one across that is farthest from `from`.
+        // Half a turn about a perpendicular axis, chosen far from `from`.
         const Vec3 other = std::fabs(from.x) < 0.6 * length(from) ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
         const Vec3 axis = cross(from, other);
         const double n = length(axis);
