@@ -59,6 +59,7 @@ impl Wearer {
     ///
     /// # Errors
     /// See [`read`](Self::read).
+    #[cfg(feature = "serve")]
     pub(crate) fn dropped(file: Vec<u8>) -> Result<Self, Failure> {
         Self::of(Path::new("the character"), file, Given::default())
     }

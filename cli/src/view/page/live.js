@@ -196,10 +196,12 @@ export class Live {
         break;
       case "stats":
         this.log.stats = message;
+        if (this.log.done) this.stop();
         break;
       case "done":
+        // The last statistics are those of the whole stream.
         this.log.done = true;
-        this.stop();
+        this.socket.send(JSON.stringify({ type: "stats" }));
         break;
       case "error":
         this.fail(message.reason);
