@@ -56,11 +56,11 @@ export const STATUSES = Object.freeze({
   PANIC: -15,
   /** This model, processor or engine cannot do that. */
   UNSUPPORTED: -16,
-  /** The bytes are not a state of such a session. Nothing was changed. */
+  /** The bytes are not a state of a session with this configuration. Nothing was changed. */
   STATE: -17,
   /** A worker thread could not be created or pinned. */
   THREAD: -18,
-  /** The bytes are not a packet for such a decoder. Nothing was changed. */
+  /** The bytes are not a packet for this decoder. Nothing was changed. */
   PACKET: -19,
 });
 /** Axes, handedness and unit of length. */

@@ -6,7 +6,6 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use umo_core::SessionConfig;
 use umo_core_rig::glb::Follower;
 use umo_serve::Config;
 

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 
 use umo_core::{AvatarConfig, Config, Engine, EngineConfig, Model, SessionConfig, Threads};
-use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Follower;
 use umo_figure::Figure;
 

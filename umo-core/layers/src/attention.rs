@@ -86,7 +86,7 @@ impl State {
     }
 
     /// Advances by one tick and returns its weights.
-    pub fn advance(&mut self, tick: &Tick) -> Weights {
+    pub(crate) fn advance(&mut self, tick: &Tick) -> Weights {
         let own = self.own.hear(tick.cue.level, tick.seconds);
         let other = self.other.hear(tick.other_level, tick.seconds);
         let wanted = match tick.controls.attention {

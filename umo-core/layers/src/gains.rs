@@ -29,7 +29,7 @@ impl Gains {
     }
 
     /// Advances by one tick and returns its gains; the first tick starts at the targets.
-    pub fn advance(&mut self, set: &LifeConfig, seconds: f32) -> [f32; LAYERS] {
+    pub(crate) fn advance(&mut self, set: &LifeConfig, seconds: f32) -> [f32; LAYERS] {
         if !std::mem::replace(&mut self.is_started, true) {
             self.recent = [set.gains; MEAN_TICKS];
         }

@@ -325,7 +325,7 @@ impl Player {
     }
 
     /// Starts a new stream at once: drops the gestures that play, and requests of earlier epochs.
-    pub fn reset(&mut self, epoch: u32, requests: &Requests) {
+    pub(crate) fn reset(&mut self, epoch: u32, requests: &Requests) {
         self.shown = 0;
         self.drop_before(epoch, requests);
     }

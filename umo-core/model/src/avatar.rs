@@ -16,7 +16,6 @@ use crate::motion::Smoothing;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{Fingerprint, StateError, StatePass};
-use umo_core_pose::part::PerPart;
 
 /// Upper bound on a stream's chunks: 6,900 years at five a second.
 const MAX_CHUNKS: u64 = 1 << 40;

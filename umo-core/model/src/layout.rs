@@ -32,14 +32,18 @@ pub use window::Window;
 /// Networks of a model.
 #[derive(Debug)]
 pub enum Networks {
+    /// Codes of four parts, frame by frame.
     Parts(parts::Networks),
+    /// Codes of keyframes, and vectors of the frames between.
     Frames(frames::Networks),
 }
 
 /// Frames of a stream's window, and the motion that is decoded from them.
 #[derive(Debug)]
 pub enum Run {
+    /// Of layout `parts`.
     Parts(parts::Run),
+    /// Of layout `frames`.
     Frames(frames::Run),
 }
 
@@ -67,6 +71,7 @@ pub struct Shape {
     pub target: usize,
     /// Frames held back.
     pub lookahead: usize,
+    /// Low-pass filter of the body's motion.
     pub smoothing: Smoothing,
 }
 

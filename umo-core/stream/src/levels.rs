@@ -30,7 +30,7 @@ pub(crate) struct Levels {
 
 impl Levels {
     /// Creates the levels of an avatar at the start of its stream, in memory of `arena`.
-    pub fn new_in(avatar: &Avatar, config: &Config, arena: &Arena) -> Self {
+    pub(crate) fn new_in(avatar: &Avatar, config: &Config, arena: &Arena) -> Self {
         // The frames of a chunk, the frames held back before it, and the horizon.
         let frames = 2 * avatar.chunk_frames(config) + 2 * config.keyframe_stride + avatar.horizon_frames(config);
         Self {
@@ -43,7 +43,7 @@ impl Levels {
     }
 
     /// Returns to the start of a stream.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.frames.fill(0.0);
         (self.heard, self.sum) = (0, 0.0);
     }

@@ -217,11 +217,11 @@ pub(crate) const STATUS_CLOSED: i32 = -14;
 pub(crate) const STATUS_PANIC: i32 = -15;
 /// This model, processor or engine cannot do that.
 pub(crate) const STATUS_UNSUPPORTED: i32 = -16;
-/// The bytes are not a state of such a session. Nothing was changed.
+/// The bytes are not a state of a session with this configuration. Nothing was changed.
 pub(crate) const STATUS_STATE: i32 = -17;
 /// A worker thread could not be created or pinned.
 pub(crate) const STATUS_THREAD: i32 = -18;
-/// The bytes are not a packet for such a decoder. Nothing was changed.
+/// The bytes are not a packet for this decoder. Nothing was changed.
 pub(crate) const STATUS_PACKET: i32 = -19;
 
 /// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` calls `submit` once

@@ -68,11 +68,11 @@ class Status(enum.IntEnum):
     UNSUPPORTED = -16
     """This model, processor or engine cannot do that."""
     STATE = -17
-    """The bytes are not a state of such a session. Nothing was changed."""
+    """The bytes are not a state of a session with this configuration. Nothing was changed."""
     THREAD = -18
     """A worker thread could not be created or pinned."""
     PACKET = -19
-    """The bytes are not a packet for such a decoder. Nothing was changed."""
+    """The bytes are not a packet for this decoder. Nothing was changed."""
 
 
 # Axes, handedness and unit of length.

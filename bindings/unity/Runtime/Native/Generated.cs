@@ -68,11 +68,11 @@ namespace Umo
         Panic = -15,
         /// <summary>This model, processor or engine cannot do that.</summary>
         Unsupported = -16,
-        /// <summary>The bytes are not a state of such a session. Nothing was changed.</summary>
+        /// <summary>The bytes are not a state of a session with this configuration. Nothing was changed.</summary>
         State = -17,
         /// <summary>A worker thread could not be created or pinned.</summary>
         Thread = -18,
-        /// <summary>The bytes are not a packet for such a decoder. Nothing was changed.</summary>
+        /// <summary>The bytes are not a packet for this decoder. Nothing was changed.</summary>
         Packet = -19,
     }
 

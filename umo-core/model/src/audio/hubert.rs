@@ -254,7 +254,7 @@ impl Hubert {
     }
 
     /// Allocates scratch for the convolutions of `samples` samples and a window of `window` features.
-    pub fn scratch(&self, samples: usize, window: usize) -> Scratch {
+    pub(super) fn scratch(&self, samples: usize, window: usize) -> Scratch {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
         let (mut rows, mut dim) = (samples, 1);
@@ -372,7 +372,7 @@ impl Hubert {
     }
 
     /// Writes the feature of the given samples of silence to every row of `features`.
-    pub fn fill(
+    pub(super) fn fill(
         &self,
         cx: Compute,
         statistics: &Statistics,

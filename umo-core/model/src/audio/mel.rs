@@ -130,7 +130,7 @@ impl Mel {
     }
 
     /// Allocates scratch for `frames` frames per call.
-    pub fn scratch(&self, frames: usize) -> Scratch {
+    pub(super) fn scratch(&self, frames: usize) -> Scratch {
         let frames = frames.max(1);
         Scratch {
             spectrum: self.spectrum.scratch(&Arena::system()),
@@ -174,7 +174,7 @@ impl Mel {
     }
 
     /// Writes the feature of silence after silence to every row of `features`, after [`Mel::begin`].
-    pub fn fill(&self, scratch: &Scratch, features: &mut [f32]) {
+    pub(super) fn fill(&self, scratch: &Scratch, features: &mut [f32]) {
         features.chunks_exact_mut(self.sizes.width()).for_each(|row| row.copy_from_slice(&scratch.silence));
     }
 

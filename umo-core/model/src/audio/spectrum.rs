@@ -108,7 +108,7 @@ impl Spectrum {
         })
     }
 
-    pub fn scratch(&self, arena: &Arena) -> SpectrumScratch {
+    pub(crate) fn scratch(&self, arena: &Arena) -> SpectrumScratch {
         self.transform.scratch(arena)
     }
 

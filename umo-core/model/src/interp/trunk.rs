@@ -102,7 +102,7 @@ impl Trunk {
         self.max_frames
     }
 
-    pub fn scratch(&self, frames: usize) -> TrunkScratch {
+    pub(super) fn scratch(&self, frames: usize) -> TrunkScratch {
         let rows = frames * self.parts;
         let room = |rows: usize| filled(0.0, rows * self.dim).into_boxed_slice();
         let ffn = self.temporal.iter().chain(&self.part).map(Layer::ffn_dim).max().unwrap_or(0);

@@ -91,7 +91,7 @@ impl Networks {
 
 /// Vectors of a window's frames, and the motion that is decoded from them.
 #[derive(Debug)]
-pub(crate) struct Run {
+pub struct Run {
     interp: Arc<VectorInterp>,
     pub(super) frames: Frames,
     pub(super) motion: MotionStream<f32>,

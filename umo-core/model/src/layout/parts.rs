@@ -52,7 +52,7 @@ impl Networks {
 
 /// Codes of a window's frames, and the motion that is decoded from them.
 #[derive(Debug)]
-pub(crate) struct Run {
+pub struct Run {
     interp: Arc<Interp>,
     pub(super) frames: Frames,
     pub(super) motion: MotionStream<u16>,

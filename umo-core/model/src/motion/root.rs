@@ -94,7 +94,7 @@ pub(super) struct Travel {
 impl Travel {
     /// Advances by one frame of `seconds`, at the velocity along x and z that the network computed for the
     /// previous frame.
-    pub fn advance(&mut self, [x, z]: [f32; 2], seconds: f64) {
+    pub(super) fn advance(&mut self, [x, z]: [f32; 2], seconds: f64) {
         self.x += f64::from(finite(x)) * seconds;
         self.z += f64::from(finite(z)) * seconds;
     }
@@ -107,7 +107,7 @@ impl Travel {
 
     /// Position of the root at `height`.
     #[expect(clippy::cast_possible_truncation, reason = "a place in metres is given as f32")]
-    pub fn place(&self, height: f32) -> [f32; 3] {
+    pub(super) fn place(&self, height: f32) -> [f32; 3] {
         [self.x as f32, finite(height), self.z as f32]
     }
 }

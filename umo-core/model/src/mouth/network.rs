@@ -90,7 +90,7 @@ impl Network {
         History(arena.collect(self.blocks.iter().map(frames)))
     }
 
-    pub fn scratch(&self, arena: &Arena) -> NetworkScratch {
+    pub(super) fn scratch(&self, arena: &Arena) -> NetworkScratch {
         NetworkScratch {
             x: arena.filled(0.0, self.width()),
             taps: arena.filled(0.0, self.kernel * self.width()),

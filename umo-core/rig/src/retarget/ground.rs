@@ -73,7 +73,7 @@ impl Ground {
     }
 
     /// Position of the hips for a source pelvis at `pelvis`: its displacement from the rest pose, scaled.
-    pub fn place(&self, axes: Quat, pelvis: [f32; 3]) -> Option<[f32; 3]> {
+    pub(super) fn place(&self, axes: Quat, pelvis: [f32; 3]) -> Option<[f32; 3]> {
         let moved = rotate(axes, less(pelvis, [0.0, self.standing, 0.0]));
         self.hips.map(|hips| std::array::from_fn(|i| hips[i] + self.scale * moved[i]))
     }

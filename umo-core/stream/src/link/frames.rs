@@ -48,7 +48,7 @@ pub(crate) struct FrameRing {
 
 impl FrameRing {
     /// Creates an empty ring for `capacity` frames, in memory of `arena`.
-    pub fn new_in(capacity: usize, face_values: usize, arena: &Arena) -> Self {
+    pub(crate) fn new_in(capacity: usize, face_values: usize, arena: &Arena) -> Self {
         let width = FACE + face_values;
         Self { words: Ring::new_in(capacity * width, arena), width }
     }

@@ -70,7 +70,7 @@ impl Epoch {
     }
 
     /// The next epoch, after a reset.
-    pub fn reset(self) -> Self {
+    pub(crate) fn reset(self) -> Self {
         Self { number: self.number.wrapping_add(1), resets: self.resets.wrapping_add(1), ease: 0 }
     }
 
@@ -134,7 +134,7 @@ pub(crate) enum Input {
 impl Link {
     /// Creates a link at the start of its first epoch, in memory of `arena`. It has room for
     /// `samples` samples, and for `kept` that the engine has taken.
-    pub fn new_in(
+    pub(crate) fn new_in(
         (samples, kept): (usize, usize),
         has_voice: bool,
         frames: FrameRing,

@@ -30,7 +30,7 @@ pub(crate) struct Ring {
 
 impl Ring {
     /// Creates an empty ring for `capacity` words, in memory of `arena`.
-    pub fn new_in(capacity: usize, arena: &Arena) -> Self {
+    pub(crate) fn new_in(capacity: usize, arena: &Arena) -> Self {
         assert!(capacity > 0, "a ring has room for at least one word");
         let words = arena.collect((0..capacity).map(|_| AtomicU32::new(0)));
         Self { words, written: AtomicU64::new(0), read: AtomicU64::new(0) }

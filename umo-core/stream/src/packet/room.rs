@@ -24,7 +24,7 @@ impl PacketRoom {
     /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
     /// keyframes. Returns its length, or `None` if nothing was computed. Never allocates.
     #[expect(clippy::too_many_arguments, reason = "an avatar, its results and their destination")]
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         avatar: &Avatar,
         config: &Config,

@@ -35,7 +35,7 @@ impl Ease {
     }
 
     /// Advances by a frame; returns the share of the frames that are done, or `None` after the end.
-    pub fn advance(&mut self) -> Option<f32> {
+    pub(super) fn advance(&mut self) -> Option<f32> {
         if self.done >= self.frames {
             return None;
         }
@@ -61,7 +61,7 @@ impl ToRest {
         Self(Ease::new(from))
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         self.0.from.copy(start.last);
         self.0.begin(start.ease);
     }
@@ -103,7 +103,7 @@ impl Arrival {
         Self { ease: Ease::new(from), longest }
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         self.ease.begin(start.ease.min(self.longest));
     }
 

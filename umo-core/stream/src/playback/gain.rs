@@ -52,7 +52,7 @@ impl Gained {
         Ok(())
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         self.started &= !start.is_reset;
     }
 

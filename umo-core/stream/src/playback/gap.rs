@@ -41,7 +41,7 @@ impl Gap {
         Self { ease: Ease::new(from), length, seconds, begins: false, shown, ahead: 0.0 }
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         self.ease.begin(0);
         self.begins = start.is_shown;
         if start.is_reset {

@@ -99,7 +99,7 @@ impl IdleBlend {
         }
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         self.seam.at = None;
         if start.is_reset {
             self.still.since = None;

@@ -23,7 +23,7 @@ impl Layers {
         Self { life, controls, rate }
     }
 
-    pub fn reset(&mut self, start: &Start, host: &Host) {
+    pub(crate) fn reset(&mut self, start: &Start, host: &Host) {
         self.follow(host);
         if start.is_reset {
             self.life.reset(start.epoch.number, &self.controls);

@@ -46,7 +46,7 @@ impl Window {
     }
 
     /// Drops the next frame, and after a reset the one shown; returns whether there was a next one.
-    pub fn reset(&mut self, is_reset: bool, rest: &OwnedFrame) -> bool {
+    pub(crate) fn reset(&mut self, is_reset: bool, rest: &OwnedFrame) -> bool {
         if is_reset {
             self.last.frame.copy(rest);
             self.last.raw.copy(rest);
@@ -85,7 +85,7 @@ impl Sample {
         Self { frame, time: 0.0, frame_rate: frame_rate as f64 }
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         if start.is_reset {
             self.frame.copy(start.rest);
             self.time = 0.0;
@@ -107,7 +107,7 @@ impl Sample {
     }
 
     /// Moves the time forward to `seconds`, and returns it; it never goes back.
-    pub fn advance(&mut self, seconds: f64) -> f64 {
+    pub(crate) fn advance(&mut self, seconds: f64) -> f64 {
         self.time = self.time.max(seconds);
         self.time
     }

@@ -37,7 +37,7 @@ impl Source {
         Self { epoch: Epoch::default(), voice, base: 0, origin: [0.0; 2], chunk_frames, rates }
     }
 
-    pub fn reset(&mut self, start: &Start) {
+    pub(crate) fn reset(&mut self, start: &Start) {
         self.epoch = start.epoch;
         self.base = start.base;
         let [x, _, z] = start.last.pose.translation;

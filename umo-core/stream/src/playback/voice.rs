@@ -73,7 +73,7 @@ pub(crate) struct LiveVoice {
 
 impl LiveVoice {
     /// `None` if the model has no mouth network.
-    pub fn new_in(model: Arc<Model>, delay: u64, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
+    pub(crate) fn new_in(model: Arc<Model>, delay: u64, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
         let mouth = model.mouth()?;
         let channels = mouth.channels().len();
         let jaw_open = model.config().face.names.iter().position(|name| name == "jawOpen");

@@ -18,7 +18,7 @@ pub(crate) struct Delays {
 }
 
 impl Delays {
-    pub fn new_in(arena: &Arena) -> Self {
+    pub(crate) fn new_in(arena: &Arena) -> Self {
         let buckets = (0..STEPS * DOUBLINGS).map(|_| AtomicU64::new(0));
         Self { buckets: arena.collect(buckets), largest: AtomicU64::new(0) }
     }

@@ -56,7 +56,7 @@ pub(super) struct HeldMouth {
 
 impl HeldMouth {
     /// `None` if the model has no mouth network.
-    pub fn new_in(model: &Arc<Model>, avatar: &Avatar, face_values: usize, arena: &Arena) -> Option<Self> {
+    pub(super) fn new_in(model: &Arc<Model>, avatar: &Avatar, face_values: usize, arena: &Arena) -> Option<Self> {
         let (mouth, config) = (model.mouth()?, model.config());
         let channels = mouth.channels().len();
         let chunk = avatar.target * config.keyframe_stride + avatar.horizon_frames(config);
@@ -80,7 +80,7 @@ impl HeldMouth {
     }
 
     /// Returns to the start of a stream.
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         (self.listens, self.awaited, self.start, self.known, self.weight) = (false, None, 0, 0, 0.0);
         self.held.fill(false);
     }

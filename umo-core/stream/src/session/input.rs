@@ -36,7 +36,13 @@ pub(crate) struct Input {
 
 impl Input {
     /// `resampler` converts from the session's rate to the model's.
-    pub fn new_in(resampler: Resampler, sample_rate: usize, channels: usize, config: &Config, arena: &Arena) -> Self {
+    pub(super) fn new_in(
+        resampler: Resampler,
+        sample_rate: usize,
+        channels: usize,
+        config: &Config,
+        arena: &Arena,
+    ) -> Self {
         Self {
             reserve: resampler.most_left(),
             resampler,

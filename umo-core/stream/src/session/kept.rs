@@ -98,7 +98,7 @@ pub(crate) struct Kept {
 impl Kept {
     /// Allocates room for the state of an avatar whose buffers, with its levels' buffers, have
     /// `bytes` bytes.
-    pub fn new_in(bytes: usize, arena: &Arena) -> Self {
+    pub(super) fn new_in(bytes: usize, arena: &Arena) -> Self {
         Self {
             bytes: arena.filled(0, if bytes > 0 { StatePass::START + bytes + FIELDS } else { 0 }),
             identity: 0,

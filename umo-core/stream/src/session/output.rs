@@ -33,7 +33,7 @@ pub(crate) struct Output {
 }
 
 impl Output {
-    pub fn new_in(init: &SessionInit, session: &SessionConfig, voice: Option<Boxed<LiveVoice>>) -> Self {
+    pub(super) fn new_in(init: &SessionInit, session: &SessionConfig, voice: Option<Boxed<LiveVoice>>) -> Self {
         let &SessionInit { rest, chunk_frames, is_decoder, arena, .. } = init;
         let (config, avatar) = (init.model.config(), &session.avatar);
         let (rates, frame_rate) = ((session.sample_rate, config.frame_rate), config.frame_rate);

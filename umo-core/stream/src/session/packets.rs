@@ -46,7 +46,7 @@ pub(crate) struct PacketQueue {
 
 impl PacketQueue {
     /// Creates a queue for the chunks in `frames` frames, `length` frames each.
-    pub fn new_in(config: PacketConfig, model: &Model, (frames, length): (usize, usize), arena: &Arena) -> Self {
+    pub(crate) fn new_in(config: PacketConfig, model: &Model, (frames, length): (usize, usize), arena: &Arena) -> Self {
         let most = PacketLayout::new(model).most_bytes();
         let width = HEAD + most.div_ceil(4);
         let capacity = frames.div_ceil(length).max(LEAST);
@@ -156,7 +156,7 @@ impl PacketWriter {
     }
 
     /// Queues the packet of the chunk that was just computed.
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         queue: &PacketQueue,
         (avatar, model): (&Avatar, &Model),

@@ -227,7 +227,7 @@ impl Schedule {
 }
 
 impl Member {
-    pub fn new_in(
+    pub(crate) fn new_in(
         avatar: Avatar,
         shared: Counted<Shared>,
         model: &Arc<Model>,

@@ -155,7 +155,7 @@ pub(super) struct Filter {
 
 impl Filter {
     /// Creates a filter at the start of a stream, in memory of `arena`.
-    pub fn new_in(plan: Arc<FilterPlan>, arena: &Arena) -> Self {
+    pub(super) fn new_in(plan: Arc<FilterPlan>, arena: &Arena) -> Self {
         let (rate_in, rate_out) = plan.rates;
         let samples = arena.filled(0.0, 4 * plan.half);
         Self { units: reduced(rate_in, rate_out), samples, filled: plan.half - 1, next: 0, phase: 0, plan }
@@ -229,7 +229,7 @@ impl Filter {
         self.push(&SILENCE[..PIECE.min(self.plan.half)], out);
     }
 
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         self.filled = self.plan.half - 1;
         self.samples[..self.filled].fill(0.0);
         (self.next, self.phase) = (0, 0);
