@@ -21,7 +21,7 @@ use umo::session::stream::{umo_session_push_audio, umo_session_reset, umo_sessio
 use umo::session::{UmoSession, UmoSessionConfig, umo_session_config_init, umo_session_new};
 use umo::status::UMO_STATUS_OK;
 use umo_core::{
-    Clock, Engine, EngineConfig, Layer, LifeConfig, Model, ModelFile, Precision, Resampler, Session, SessionConfig,
+    Clock, Engine, EngineConfig, Layer, LayerGains, Model, ModelFile, Precision, Resampler, Session, SessionConfig,
     Threads,
 };
 use umo_core_model::mouth::{Mouth, MouthStream};
@@ -103,10 +103,10 @@ fn layers(c: &mut Criterion) {
     let clock = Clock::Manual(Arc::clone(&nanos));
     let config = EngineConfig { threads: Threads::Host(0), clock, ..EngineConfig::default() };
     let engine = Engine::new(model, &config).expect("one thread is enough");
-    let one = |layer| (format!("{} alone", Layer::name(layer)), LifeConfig::OFF.with(layer, 1.0));
-    for (name, life) in [("all".to_owned(), LifeConfig::ON)].into_iter().chain(Layer::ALL.map(one)) {
+    let one = |layer| (format!("{} alone", Layer::name(layer)), LayerGains::OFF.with(layer, 1.0));
+    for (name, gains) in [("all".to_owned(), LayerGains::ON)].into_iter().chain(Layer::ALL.map(one)) {
         let mut config = SessionConfig::new(engine.model().config());
-        config.layers = life;
+        config.layers = gains;
         let session = engine.session(&config).expect("there is a place");
         c.bench_function(&format!("layers/{name}, and a pose between two ticks"), |b| {
             b.iter(|| {

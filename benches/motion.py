@@ -3,7 +3,7 @@
 
     benches/motion.py target/release/umo SPEECH... [-- OPTIONS OF umo animate]
 
-Runs `umo animate` on the recordings with three seeds: with `--smoothing 0 --life 0`, with the defaults, and with the
+Runs `umo animate` on the recordings with three seeds: with `--smoothing 0 --layers 0`, with the defaults, and with the
 prompt `explaining`; and on 60 s of silence. Prints mean, minimum and maximum of each number over all takes, beside the
 bar. Needs numpy and scipy.
 """
@@ -155,7 +155,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         quiet = [str(silence(Path(folder) / "silence.wav"))]
         columns = {
-            "model alone": (recordings, ["--smoothing", "0", "--life", "0"]),
+            "model alone": (recordings, ["--smoothing", "0", "--layers", "0"]),
             "default": (recordings, []),
             "default, `explaining`": (recordings, ["--prompt", "explaining"]),
             "default, silence": (quiet, []),

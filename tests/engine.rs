@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
 use umo_core::{
-    Animation, AvatarConfig, Clock, Compute, Engine, EngineConfig, EngineError, Frame, Idle, Lender, LifeConfig, Model,
+    Animation, AvatarConfig, Clock, Compute, Engine, EngineConfig, EngineError, Frame, Idle, SubmitJobs, LayerGains, Model,
     ModelFile, Poll, PollError, Pose, Precision, Session, SessionConfig, SessionError, Team, Threads,
 };
 use umo_core_model::audio::resample;
@@ -87,7 +87,7 @@ fn config(model: &Model, target: usize, lookahead: usize, seed: u64) -> SessionC
 
 /// The session without layers, which continue during an interrupt and without audio.
 fn without_layers(mut session: SessionConfig) -> SessionConfig {
-    session.layers = LifeConfig::OFF;
+    session.layers = LayerGains::OFF;
     session
 }
 

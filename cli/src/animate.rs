@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use umo_core::{
-    Animation, AvatarConfig, Compute, Config, Layer, LifeConfig, Model, ModelFile, Precision, Sampler, SessionConfig,
+    Animation, AvatarConfig, Compute, Config, Layer, LayerGains, Model, ModelFile, Precision, Sampler, SessionConfig,
     StepError, Team,
 };
 use umo_core_model::lm::depth::is_guidable;
@@ -21,18 +21,18 @@ use crate::{gestures, model, progress, start_pose};
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     let speech = Speech::open(&args.speech, args.repair)?;
     let job = Job::new(&args.output)?;
-    let maker = &job.maker;
-    let frames = speech.frames(maker.model.config().frame_rate)?;
-    let mut animation = maker.animation("audio_to_motion", args.prompt.as_deref())?;
+    let generator = &job.generator;
+    let frames = speech.frames(generator.model.config().frame_rate)?;
+    let mut animation = generator.animation("audio_to_motion", args.prompt.as_deref())?;
     if args.whole_file_units {
-        let samples = speech.mono(maker.model.config().audio.sample_rate)?;
-        let (units, silence) = maker.model.tokenizer().whole_file(maker.compute(), &samples)?;
+        let samples = speech.mono(generator.model.config().audio.sample_rate)?;
+        let (units, silence) = generator.model.tokenizer().whole_file(generator.compute(), &samples)?;
         animation.avatar_mut().use_whole_file_units(units, silence);
     }
     if args.retime {
-        animation.retime(&maker.model)?;
+        animation.retime(&generator.model)?;
     }
-    maker.hear(&mut animation, &speech)?;
+    generator.hear(&mut animation, &speech)?;
     let done = job.finish(&mut animation, frames);
     if let Some((compared, differed)) = animation.avatar().unit_disagreement() {
         let share = 100.0 * differed as f64 / compared.max(1) as f64;
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
 }
 
 /// A loaded model and the threads that run it.
-pub(crate) struct Maker<'a> {
+pub(crate) struct Generator<'a> {
     args: &'a GenerateArgs,
     precision: Precision,
     file: ModelFile,
@@ -53,7 +53,7 @@ pub(crate) struct Maker<'a> {
     team: Team,
 }
 
-impl<'a> Maker<'a> {
+impl<'a> Generator<'a> {
     /// Loads the model of `file`.
     pub(crate) fn new(args: &'a GenerateArgs, compute: &args::Compute, file: ModelFile) -> Result<Self, Failure> {
         let (isa, precision) = (model::isa(compute)?, compute.precision(Precision::Stored));
@@ -172,9 +172,9 @@ pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> Av
 }
 
 /// Returns the initial gain of each layer.
-pub(crate) fn layers(args: &GenerateArgs) -> LifeConfig {
-    let mut gains = LifeConfig::ON;
-    for &(layer, gain) in &args.life {
+pub(crate) fn layers(args: &GenerateArgs) -> LayerGains {
+    let mut gains = LayerGains::ON;
+    for &(layer, gain) in &args.layers {
         for &layer in layer.as_ref().map_or(&Layer::ALL[..], std::slice::from_ref) {
             gains = gains.with(layer, gain);
         }
@@ -185,7 +185,7 @@ pub(crate) fn layers(args: &GenerateArgs) -> LifeConfig {
 /// A loaded model and its open outputs.
 pub(crate) struct Job<'a> {
     args: &'a Output,
-    pub(crate) maker: Maker<'a>,
+    pub(crate) generator: Generator<'a>,
     outputs: Vec<export::Output>,
 }
 
@@ -201,14 +201,14 @@ impl<'a> Job<'a> {
         }
         let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         let outputs = outputs.collect::<Result<_, _>>()?;
-        Ok(Self { args, maker: Maker::new(&args.generate, &args.compute, file)?, outputs })
+        Ok(Self { args, generator: Generator::new(&args.generate, &args.compute, file)?, outputs })
     }
 
     /// Runs the animation to its end and writes every output.
     pub(crate) fn finish(self, animation: &mut Animation, frames: usize) -> Result<(), Failure> {
-        let config = self.maker.model.config();
+        let config = self.generator.model.config();
         let start = Instant::now();
-        let clip = self.maker.clip(animation, frames, |_| ())?;
+        let clip = self.generator.clip(animation, frames, |_| ())?;
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
         for output in self.outputs {
             output.write(&clip, self.args.figure).map_err(Failure::environment)?;
@@ -216,7 +216,7 @@ impl<'a> Job<'a> {
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
         if self.args.timings {
-            print_times(self.maker.load_time, animation, config);
+            print_times(self.generator.load_time, animation, config);
         }
         Ok(())
     }

@@ -21,7 +21,7 @@ use umo_core::{Animation, ModelFile, Team};
 use umo_core_pose::clip::Clip;
 use umo_core_stream::animation::Group;
 
-use crate::animate::{self, Maker};
+use crate::animate::{self, Generator};
 use crate::args::Batch;
 use crate::export::{self, Format};
 use crate::failure::Failure;
@@ -43,9 +43,9 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     for format in lines.iter().flat_map(|line| &line.outputs).map(|path| Format::from_extension(path)) {
         format?.check_face(&file.config().face)?;
     }
-    let maker = Maker::new(&args.generate, &args.compute, file)?;
+    let generator = Generator::new(&args.generate, &args.compute, file)?;
     let mut results = Results::open(args.results_path())?;
-    let settings = settings(args, &maker);
+    let settings = settings(args, &generator);
     let mut bar = progress::lines(lines.len());
     let (mut failed, mut kept, mut frames) = (0, 0, 0);
     std::thread::scope(|scope| -> Result<(), Failure> {
@@ -54,10 +54,10 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         let (made, to_write) = sync_channel(args.jobs);
         let (say, said) = sync_channel(args.jobs);
         let (before, also_say) = (results.known(), say.clone());
-        let (maker, lines, settings) = (&maker, &lines, settings.as_str());
-        scope.spawn(move || read_lines(args, maker, (lines, settings), &before, &read, &also_say));
-        scope.spawn(move || write_lines(args, maker, &to_write, &say));
-        let computing = scope.spawn(move || compute(args, maker, &ready, &made));
+        let (generator, lines, settings) = (&generator, &lines, settings.as_str());
+        scope.spawn(move || read_lines(args, generator, (lines, settings), &before, &read, &also_say));
+        scope.spawn(move || write_lines(args, generator, &to_write, &say));
+        let computing = scope.spawn(move || compute(args, generator, &ready, &made));
         // Ends when the reader, the writer and the group are done.
         for done in said {
             match &done.error {
@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     })?;
     bar.finish();
     results.finish(&lines)?;
-    let (took, rate) = (start.elapsed().as_secs_f64(), maker.model.config().frame_rate);
+    let (took, rate) = (start.elapsed().as_secs_f64(), generator.model.config().frame_rate);
     println!(
         "{}: {} made, {kept} kept, {failed} failed; {frames} frames, {:.1} s of motion in {took:.1} s",
         args.results_path().display(),
@@ -89,13 +89,13 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
 }
 
 /// Returns every setting outside the line that its frames and files depend on.
-fn settings(args: &Batch, maker: &Maker) -> String {
-    let config = maker.avatar();
+fn settings(args: &Batch, generator: &Generator) -> String {
+    let config = generator.avatar();
     format!(
         "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {}",
         env!("CARGO_PKG_VERSION"),
-        maker.model.fingerprint(),
-        maker.model.isa().name(),
+        generator.model.fingerprint(),
+        generator.model.isa().name(),
         config.sampler,
         config.target,
         config.lookahead,
@@ -131,7 +131,7 @@ struct Made {
 /// Prepares every line that is not done.
 fn read_lines(
     args: &Batch,
-    maker: &Maker,
+    generator: &Generator,
     (lines, settings): (&[Line], &str),
     before: &HashMap<String, Done>,
     ready: &SyncSender<Ready>,
@@ -153,7 +153,7 @@ fn read_lines(
             }
             continue;
         }
-        let sent = match prepare(args, maker, line) {
+        let sent = match prepare(args, generator, line) {
             Ok((animation, frames)) => ready.send(Ready { line: line.clone(), key, animation, frames }).is_ok(),
             Err(failure) => wrong(&key, &failure),
         };
@@ -164,19 +164,19 @@ fn read_lines(
 }
 
 /// Returns the animation of a line with its audio attached.
-fn prepare(args: &Batch, maker: &Maker, line: &Line) -> Result<(Animation, usize), Failure> {
+fn prepare(args: &Batch, generator: &Generator, line: &Line) -> Result<(Animation, usize), Failure> {
     let speech = Speech::open(&line.file, args.repair)?;
     let team = Team::new(1).map_err(Failure::environment)?;
     let start_pose = line.start_pose.as_deref().or(args.generate.start_pose.as_deref());
     let (seed, prompt) = (line.seed.unwrap_or(args.generate.seed), line.prompt.as_deref());
-    let mut animation = maker.animation_with(&team, "audio_to_motion", prompt, seed, start_pose)?;
+    let mut animation = generator.animation_with(&team, "audio_to_motion", prompt, seed, start_pose)?;
     if let Some((mood, strength)) = line.mood {
         animation.set_mood(mood, strength).map_err(Failure::input)?;
     }
     if args.retime {
-        animation.retime(&maker.model)?;
+        animation.retime(&generator.model)?;
     }
-    let frames = maker.hear(&mut animation, &speech)?;
+    let frames = generator.hear(&mut animation, &speech)?;
     Ok((animation, frames))
 }
 
@@ -190,8 +190,8 @@ struct Place {
 }
 
 /// Computes lines together, as a full group while enough lines remain.
-fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSender<Made>) -> Result<(), Failure> {
-    let (model, cx) = (&maker.model, maker.compute());
+fn compute(args: &Batch, generator: &Generator, ready: &Receiver<Ready>, made: &SyncSender<Made>) -> Result<(), Failure> {
+    let (model, cx) = (&generator.model, generator.compute());
     let mut group = Group::new(model, args.jobs);
     let mut places: Vec<Place> = Vec::new();
     let mut is_over = false;
@@ -243,8 +243,8 @@ fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSend
 }
 
 /// Writes the files of every computed line.
-fn write_lines(args: &Batch, maker: &Maker, made: &Receiver<Made>, say: &SyncSender<Done>) {
-    let rate = maker.model.config().frame_rate;
+fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: &SyncSender<Done>) {
+    let rate = generator.model.config().frame_rate;
     let mut figure = export::FigureCache::from(args.figure);
     for Made { line, key, clip, took } in made {
         let written = clip.and_then(|clip| {

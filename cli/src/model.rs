@@ -155,7 +155,7 @@ pub(crate) fn engine(args: &EngineArgs, model: Arc<Model>, sessions: usize) -> R
     let config = EngineConfig { max_sessions: sessions + 1, max_batch: config.max_batch.min(sessions), ..config };
     let engine = Engine::new(model, &config).map_err(Failure::input)?;
     if engine.priority() != config.priority {
-        let what = format!("--priority {}: the system refuses it: {}", config.priority, Priority::advice());
+        let what = format!("--priority {}: the system refuses it: {}", config.priority, Priority::remedy());
         return Err(Failure::environment(what));
     }
     Ok(engine)

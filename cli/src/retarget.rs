@@ -129,10 +129,10 @@ fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
         return import::read(input);
     }
     let speech = Speech::open(input, args.repair)?;
-    let maker = animate::Maker::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
-    let mut animation = maker.animation("audio_to_motion", None)?;
-    let frames = maker.hear(&mut animation, &speech)?;
-    maker.clip(&mut animation, frames, |_| ())
+    let generator = animate::Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
+    let mut animation = generator.animation("audio_to_motion", None)?;
+    let frames = generator.hear(&mut animation, &speech)?;
+    generator.clip(&mut animation, frames, |_| ())
 }
 
 fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Retarget, String> {

@@ -20,11 +20,11 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
         return Err(Failure::input(format!("--seconds {}: expected more than 0, at most {MAX_SECONDS}", args.seconds)));
     }
     let job = Job::new(&args.output)?;
-    let config = job.maker.model.config();
+    let config = job.generator.model.config();
     let frames = (args.seconds * config.frame_rate as f64).floor().max(1.0) as usize;
     let gestures = Gestures::new();
-    let mut animation = match action(config, job.maker.model.text().is_some(), &gestures, &args.text)? {
-        Action::Prompt => job.maker.animation(TEXT, Some(&args.text))?,
+    let mut animation = match action(config, job.generator.model.text().is_some(), &gestures, &args.text)? {
+        Action::Prompt => job.generator.animation(TEXT, Some(&args.text))?,
         Action::Gesture(name) => {
             eprintln!("note: the gesture `{name}`; the model has no prompt for it");
             let mut animation = quiet(&job, frames)?;
@@ -65,9 +65,9 @@ fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &st
 
 /// Returns the model's animation of silence.
 fn quiet(job: &Job, frames: usize) -> Result<Animation, Failure> {
-    let config = job.maker.model.config();
+    let config = job.generator.model.config();
     let name = if config.templates.contains_key("audio_to_motion") { "audio_to_motion" } else { TEXT };
-    let mut animation = job.maker.animation(name, None)?;
+    let mut animation = job.generator.animation(name, None)?;
     let rate = config.audio.sample_rate;
     animation.push_audio(&vec![0.0; (frames * rate).div_ceil(config.frame_rate)])?;
     Ok(animation)

@@ -169,13 +169,13 @@ fn channels_are_evened_out_without_a_change_of_the_function() {
     let (before, after) = (place.open("model"), place.quantize("small", &["--weights", "int8"]));
     let specs = layout::specs(before.config(), true);
     let mut factors = 0;
-    for maker in specs
+    for generator in specs
         .iter()
         .filter(|s| s.name.starts_with("lm.") && (s.name.ends_with(EVENED[0]) || s.name.ends_with(EVENED[1])))
     {
-        let taker = maker.name.replace(EVENED[0], EVENED[2]).replace(EVENED[1], EVENED[3]);
-        let ([channels, inputs], [outputs, _]) = ([maker.shape[0], maker.shape[1]], [maker.shape[1], maker.shape[0]]);
-        let (was, is) = (values(&before, &maker.name, &maker.shape), values(&after, &maker.name, &maker.shape));
+        let taker = generator.name.replace(EVENED[0], EVENED[2]).replace(EVENED[1], EVENED[3]);
+        let ([channels, inputs], [outputs, _]) = ([generator.shape[0], generator.shape[1]], [generator.shape[1], generator.shape[0]]);
+        let (was, is) = (values(&before, &generator.name, &generator.shape), values(&after, &generator.name, &generator.shape));
         let shape = [outputs, channels];
         let (was_taken, is_taken) = (values(&before, &taker, &shape), values(&after, &taker, &shape));
         for channel in 0..channels {
@@ -186,7 +186,7 @@ fn channels_are_evened_out_without_a_change_of_the_function() {
             for row in 0..inputs {
                 let at = channel * inputs + row;
                 let (want, step) = (was[at] * factor, range(&is) / 127.0);
-                assert!((want - is[at]).abs() <= 0.501 * step, "{}: {want} became {}", maker.name, is[at]);
+                assert!((want - is[at]).abs() <= 0.501 * step, "{}: {want} became {}", generator.name, is[at]);
             }
             for output in 0..outputs {
                 let row = &is_taken[output * channels..(output + 1) * channels];

@@ -104,7 +104,7 @@ impl Server {
         let wanted = EngineConfig { max_sessions, ..config.engine.clone() };
         let engine = Engine::new(model, &wanted).map_err(ServerError::Engine)?;
         if engine.priority() != wanted.priority {
-            let problem = format!("priority {}: the system refuses it: {}", wanted.priority, Priority::advice());
+            let problem = format!("priority {}: the system refuses it: {}", wanted.priority, Priority::remedy());
             return Err(ServerError::Config(problem));
         }
         let unusable = |error| ServerError::System("cannot listen at this address".to_owned(), error);

@@ -24,7 +24,7 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use umo_core::{
-    Animation, Compute, Isa, JOINT_NAMES, JOINTS, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig,
+    Animation, Compute, Isa, JOINT_NAMES, JOINTS, LayerGains, Model, ModelFile, Precision, Session, SessionConfig,
     Team, Threads,
 };
 use umo_serve::{Config, Server};
@@ -159,7 +159,7 @@ async fn packets_decode_to_the_bits_of_the_library() {
     let packets = client.packets_until_done().await;
 
     let mut config = settings(3);
-    config.layers = LifeConfig::OFF;
+    config.layers = LayerGains::OFF;
     let decoder = Session::decoder(&MODEL, &config).unwrap();
     let mut frames = Vec::new();
     for packet in &packets {

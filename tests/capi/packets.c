@@ -26,7 +26,7 @@ int main(int argc, char **argv) {
 
     umo_session_config config;
     OK(umo_session_config_init(&config, sizeof config, model));
-    CHECK(config.packets == UMO_PACKETS_NONE && config.packet_history == config.target && config.patience == 0);
+    CHECK(config.packets == UMO_PACKETS_NONE && config.packet_history == config.target && config.reorder_window == 0);
     umo_session *sender = NULL, *plain = NULL, *decoder = NULL, *lossy = NULL;
     OK(umo_session_new(engine, &config, &plain));
     config.packets = 3;
@@ -35,13 +35,13 @@ int main(int argc, char **argv) {
     OK(umo_session_new(engine, &config, &sender));
     FAILS(INVALID_ARGUMENT, umo_decoder_new(model, &config, &decoder));
     config.packets = UMO_PACKETS_NONE;
-    config.patience = 5;
+    config.reorder_window = 5;
     FAILS(INVALID_ARGUMENT, umo_decoder_new(model, &config, &decoder));
-    CHECK(strstr(umo_last_error(), "patience"));
+    CHECK(strstr(umo_last_error(), "reorder_window"));
     FAILS(INVALID_HANDLE, umo_decoder_new((umo_model *)engine, NULL, &decoder));
     FAILS(NULL_POINTER, umo_decoder_new(model, NULL, NULL));
     OK(umo_decoder_new(model, NULL, &decoder));
-    config.patience = 1;
+    config.reorder_window = 1;
     OK(umo_decoder_new(model, &config, &lossy));
 
     size_t size = 0, count = 0, taken = 0;

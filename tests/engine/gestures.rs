@@ -1,7 +1,7 @@
 //! Gestures on command: streamed and offline frames are the same, and the effects of a host's calls.
 
 use super::*;
-use umo_core::{Gesture, GestureOptions, GestureParts, JOINTS, LifeConfig, MAX_PENDING_GESTURES, Side};
+use umo_core::{Gesture, GestureOptions, GestureParts, JOINTS, LayerGains, MAX_PENDING_GESTURES, Side};
 
 /// Gestures that these tests play, with their times in no order.
 fn asked() -> Vec<(&'static str, GestureOptions)> {
@@ -35,17 +35,17 @@ fn offline_with(
     frames
 }
 
-fn with_layers(mut config: SessionConfig, life: LifeConfig) -> SessionConfig {
-    config.layers = life;
+fn with_layers(mut config: SessionConfig, gains: LayerGains) -> SessionConfig {
+    config.layers = gains;
     config
 }
 
 #[test]
 fn a_stream_with_gestures_gives_the_frames_of_the_recording_with_them() {
-    for life in [LifeConfig::ON, LifeConfig::OFF] {
+    for gains in [LayerGains::ON, LayerGains::OFF] {
         for which in [1, 3] {
             let engine = hosted(which);
-            let config = with_layers(config(engine.model(), 2, 3, 9), life);
+            let config = with_layers(config(engine.model(), 2, 3, 9), gains);
             let samples = audio(80_000, 1, 1);
             let wanted = offline_with(engine.model(), &config, &samples, &asked());
             let plain = offline_with(engine.model(), &config, &samples, &[]);
@@ -72,7 +72,7 @@ fn a_stream_with_gestures_gives_the_frames_of_the_recording_with_them() {
 #[test]
 fn a_gesture_leaves_nothing_behind() {
     let engine = hosted(3);
-    let config = with_layers(config(engine.model(), 2, 3, 9), LifeConfig::OFF);
+    let config = with_layers(config(engine.model(), 2, 3, 9), LayerGains::OFF);
     let samples = audio(80_000, 1, 1);
     let plain = offline_with(engine.model(), &config, &samples, &[]);
     let waved = offline_with(engine.model(), &config, &samples, &[("wave", GestureOptions::default().at(2.0))]);
@@ -88,7 +88,7 @@ fn a_gesture_leaves_nothing_behind() {
 #[test]
 fn an_interrupt_takes_gestures_away_and_a_reset_forgets_them() {
     let engine = hosted(3);
-    let config = with_layers(config(engine.model(), 2, 3, 9), LifeConfig::OFF);
+    let config = with_layers(config(engine.model(), 2, 3, 9), LayerGains::OFF);
     let samples = audio(40_000, 1, 1);
     let session = engine.session(&config).unwrap();
     let run = |frames: usize| {
@@ -153,9 +153,9 @@ fn requests_that_cannot_be_are_refused() {
 /// Gestures play without any speech.
 #[test]
 fn a_gesture_needs_no_speech() {
-    for life in [LifeConfig::ON, LifeConfig::OFF] {
+    for gains in [LayerGains::ON, LayerGains::OFF] {
         let (engine, nanos) = timed(3);
-        let session = engine.session(&with_layers(config(engine.model(), 2, 0, 4), life)).unwrap();
+        let session = engine.session(&with_layers(config(engine.model(), 2, 0, 4), gains)).unwrap();
         let mut heights = Vec::new();
         session.sample_pose(0.0, |_| ()).unwrap();
         session.play_gesture("wave", &GestureOptions::default()).unwrap();
@@ -165,9 +165,9 @@ fn a_gesture_needs_no_speech() {
             session.sample_pose(f64::from(step) / 30.0, shoulder).unwrap();
         }
         let turned = |a: [f32; 4], b: [f32; 4]| 1.0 - a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs();
-        assert!(turned(heights[45], heights[0]) > 0.02, "{life:?}: the arm is up");
-        assert!(turned(heights[149], heights[0]) < 0.01, "{life:?}: and down again");
-        assert!(heights.windows(2).all(|pair| turned(pair[0], pair[1]) < 0.02), "{life:?}: in small steps");
+        assert!(turned(heights[45], heights[0]) > 0.02, "{gains:?}: the arm is up");
+        assert!(turned(heights[149], heights[0]) < 0.01, "{gains:?}: and down again");
+        assert!(heights.windows(2).all(|pair| turned(pair[0], pair[1]) < 0.02), "{gains:?}: in small steps");
     }
 }
 

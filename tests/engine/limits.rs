@@ -84,16 +84,16 @@ fn an_engine_whose_every_session_fails_idles_and_takes_new_ones() {
 #[test]
 fn a_job_that_the_polling_thread_runs_returns_at_once() {
     let lent = Arc::new((OnceLock::<Weak<Engine>>::new(), AtomicU64::new(0)));
-    let lender = {
+    let jobs = {
         let lent = Arc::clone(&lent);
-        Lender(Arc::new(move |count| {
+        SubmitJobs(Arc::new(move |count| {
             for _ in 0..count {
-                lent.0.get().and_then(Weak::upgrade).unwrap().lend();
+                lent.0.get().and_then(Weak::upgrade).unwrap().run_job();
                 lent.1.fetch_add(1, Ordering::Relaxed);
             }
         }))
     };
-    let config = EngineConfig { threads: Threads::Host(2), lender: Some(lender), ..EngineConfig::default() };
+    let config = EngineConfig { threads: Threads::Host(2), jobs: Some(jobs), ..EngineConfig::default() };
     let engine = Arc::new(Engine::new(Arc::clone(&MODELS[2]), &config).unwrap());
     lent.0.set(Arc::downgrade(&engine)).unwrap();
     let config = without_layers(self::config(engine.model(), 2, 0, 4));
@@ -101,7 +101,7 @@ fn a_job_that_the_polling_thread_runs_returns_at_once() {
     session.push_audio(&samples).unwrap();
     session.finish().unwrap();
     settle(&engine);
-    engine.lend();
+    engine.run_job();
     assert!(lent.1.load(Ordering::Relaxed) > 0);
     let frames: Vec<_> = pull(&session).into_iter().map(|frame| frame.bits).collect();
     assert!(frames == offline(engine.model(), &config, &samples));

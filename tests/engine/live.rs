@@ -1,7 +1,7 @@
 //! The live mouth: each frame has the mouth of its own audio as soon as that is heard, over the
 //! latest body frames of the engine.
 
-use umo_core::{LifeConfig, Voice};
+use umo_core::{LayerGains, Voice};
 use umo_core_model::mouth::MouthStream;
 
 use super::*;
@@ -13,7 +13,7 @@ const JAW: usize = 22;
 /// Without layers, to compare only the mouth and the body.
 fn live(model: &Model, target: usize, lookahead: usize) -> SessionConfig {
     let mut config = SessionConfig { voice: Voice::Live, ..config(model, target, lookahead, 5) };
-    config.layers = LifeConfig::OFF;
+    config.layers = LayerGains::OFF;
     config
 }
 

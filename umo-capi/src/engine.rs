@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use umo_core::{Engine, EngineConfig, Lender, Poll, Priority, Threads};
+use umo_core::{Engine, EngineConfig, SubmitJobs, Poll, Priority, Threads};
 use umo_core_base::memory;
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
-use crate::handle::{self, Held, Table};
+use crate::handle::{self, Guard, Table};
 use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UMO_STATUS_UNSUPPORTED, UmoStatus};
@@ -94,7 +94,7 @@ pub struct UmoEngineConfig {
     /// 32 avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
     /// start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
     /// 0: no chunk waits.
-    pub gather_ms: u32,
+    pub batch_window_ms: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
@@ -117,7 +117,7 @@ pub(crate) struct EngineHandle {
 const MAX_ENGINES: usize = 1024;
 static ENGINES: Table<EngineHandle, MAX_ENGINES> = Table::new(2, "engine");
 
-pub(crate) fn get(engine: *const UmoEngine) -> Result<Held<'static, EngineHandle>, Failure> {
+pub(crate) fn get(engine: *const UmoEngine) -> Result<Guard<'static, EngineHandle>, Failure> {
     if engine.is_null() {
         return Err(Failure::null("engine"));
     }
@@ -167,7 +167,7 @@ impl UmoEngineConfig {
             jobs: std::ptr::null(),
             log: std::ptr::null(),
             priority: UMO_PRIORITY_NORMAL,
-            gather_ms: 0,
+            batch_window_ms: 0,
         }
     }
 
@@ -201,7 +201,7 @@ impl UmoEngineConfig {
             other => return Err(Failure::argument(format_args!("priority {other} is not one of UMO_PRIORITY_…"))),
         };
         // SAFETY: guaranteed by the caller (see # Safety).
-        let lender = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
+        let jobs = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
             (_, None) => None,
             (UMO_ENGINE_POLLED, Some(UmoJobs { submit: None, .. })) => {
                 return Err(Failure::null("config.jobs->submit"));
@@ -209,16 +209,16 @@ impl UmoEngineConfig {
             (UMO_ENGINE_POLLED, Some(jobs)) => {
                 let (jobs, handle) = (Jobs(jobs), Arc::clone(handle));
                 let lend = move |count| (0..count).for_each(|_| jobs.submit(handle.load(Ordering::Relaxed)));
-                Some(Lender(Arc::new(lend)))
+                Some(SubmitJobs(Arc::new(lend)))
             }
             _ => return Err(Failure::argument("jobs need a polled engine: UMO_ENGINE_POLLED")),
         };
         Ok(EngineConfig {
             threads,
-            lender,
+            jobs,
             cores: cores.iter().map(|&core| core as usize).collect(),
             priority,
-            gather: Duration::from_millis(self.gather_ms.into()),
+            batch_window: Duration::from_millis(self.batch_window_ms.into()),
             max_sessions: self.max_sessions as usize,
             max_batch: self.max_batch as usize,
             ..EngineConfig::default()
@@ -249,7 +249,7 @@ unsafe extern "C" fn work(context: *mut c_void) {
     // Errors of the work are reported by the poll.
     guard(|| {
         if let Ok(engine) = ENGINES.get(context.addr()) {
-            engine.engine().lend();
+            engine.engine().run_job();
         }
         Ok(())
     });
@@ -310,7 +310,7 @@ pub unsafe extern "C" fn umo_engine_new(
             Ok::<_, Failure>((handle::boxed(handle)?, known, wanted.priority))
         })??;
         if made.engine.priority() != wanted {
-            let advice = Priority::advice();
+            let advice = Priority::remedy();
             log.say(UMO_LOG_WARNING, format_args!("priority {}: the system refuses it: {advice}", config.priority));
         }
         let name = &made.model.model.config().name;

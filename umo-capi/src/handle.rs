@@ -63,12 +63,12 @@ pub(crate) fn boxed<T>(object: T) -> Result<Boxed<T>, Failure> {
 }
 
 /// Guard of an object that this thread uses, so that it is not freed.
-pub(crate) struct Held<'a, T> {
+pub(crate) struct Guard<'a, T> {
     slot: &'a Slot<T>,
     object: &'a T,
 }
 
-impl<T> Deref for Held<'_, T> {
+impl<T> Deref for Guard<'_, T> {
     type Target = T;
 
     fn deref(&self) -> &T {
@@ -76,7 +76,7 @@ impl<T> Deref for Held<'_, T> {
     }
 }
 
-impl<T> Drop for Held<'_, T> {
+impl<T> Drop for Guard<'_, T> {
     fn drop(&mut self) {
         self.slot.state.fetch_sub(USER, Ordering::Release);
     }
@@ -122,7 +122,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
     }
 
     /// Returns the object of a handle, held until the guard is dropped. Wait-free.
-    pub(crate) fn get(&self, handle: usize) -> Result<Held<'_, T>, Failure> {
+    pub(crate) fn get(&self, handle: usize) -> Result<Guard<'_, T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
         // Calls with a freed handle, or one that is being freed, do not touch the count: they would keep the free
         // waiting.
@@ -138,7 +138,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         let object = slot.object.load(Ordering::Acquire);
         // SAFETY: the slot is live, so `insert` put a box's pointer there, and `remove` does not
         // take it out while we are counted among its users.
-        Ok(Held { slot, object: unsafe { &*object } })
+        Ok(Guard { slot, object: unsafe { &*object } })
     }
 
     /// Whether a slot in this state holds the handle's object and accepts calls.

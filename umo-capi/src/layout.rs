@@ -42,7 +42,7 @@ fn structures_have_the_layout_that_c_has() {
     assert_eq!(offset_of!(UmoSessionConfig, template_name), 48);
     assert_eq!(offset_of!(UmoSessionConfig, smoothing), 64);
     assert_eq!(offset_of!(UmoSessionConfig, horizon), 72);
-    assert_eq!(offset_of!(UmoSessionConfig, patience), 84);
+    assert_eq!(offset_of!(UmoSessionConfig, reorder_window), 84);
     assert_eq!(offset_of!(UmoFrameLayout, visemes), 40);
     assert_eq!(offset_of!(UmoParameterInfo, minimum), 16);
     assert_eq!(offset_of!(UmoClip, channels), 24);

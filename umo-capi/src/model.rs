@@ -14,7 +14,7 @@ use umo_kernels::Isa;
 
 use crate::UMO_ABI_VERSION;
 use crate::ffi::{self, Sized32, guard, put, wanted};
-use crate::handle::{self, Held, Table};
+use crate::handle::{self, Guard, Table};
 use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
 use crate::status::{Failure, UMO_STATUS_VERSION, UmoStatus};
 
@@ -162,7 +162,7 @@ const MAX_MODELS: usize = 1024;
 /// Models, each shared by its handle and its engines.
 pub(crate) static MODELS: Table<Arc<ModelHandle>, MAX_MODELS> = Table::new(1, "model");
 
-pub(crate) fn get(model: *const UmoModel) -> Result<Held<'static, Arc<ModelHandle>>, Failure> {
+pub(crate) fn get(model: *const UmoModel) -> Result<Guard<'static, Arc<ModelHandle>>, Failure> {
     if model.is_null() {
         return Err(Failure::null("model"));
     }

@@ -22,7 +22,7 @@ use umo_core_base::memory::{self, Arena, Boxed, HostMemory};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
-use crate::handle::{Held, MAX_SESSIONS, Table};
+use crate::handle::{Guard, MAX_SESSIONS, Table};
 use crate::log::{Log, UMO_LOG_ERROR};
 use crate::memory::UmoAllocator;
 use crate::model::{self, ModelHandle, UmoModel};
@@ -99,7 +99,7 @@ pub struct UmoSessionConfig {
     /// worth of them, the loss of one packet changes nothing.
     pub packet_history: u32,
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
-    pub patience: u32,
+    pub reorder_window: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, numbers and pointers that may be NULL.
@@ -224,7 +224,7 @@ impl Detail {
     }
 }
 
-fn get(session: *const UmoSession) -> Result<Held<'static, SessionHandle>, UmoStatus> {
+fn get(session: *const UmoSession) -> Result<Guard<'static, SessionHandle>, UmoStatus> {
     if session.is_null() {
         return Err(UMO_STATUS_NULL_POINTER);
     }
@@ -271,7 +271,7 @@ impl UmoSessionConfig {
             ease,
             queue_frames,
             packets: _,
-            patience,
+            reorder_window,
         } = SessionConfig::new(model.model.config());
         let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
         let ms = |time: Duration| u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
@@ -294,7 +294,7 @@ impl UmoSessionConfig {
             horizon: count(avatar.horizon),
             packets: UMO_PACKETS_NONE,
             packet_history: count(PacketConfig::new(avatar.target).history),
-            patience: count(patience),
+            reorder_window: count(reorder_window),
         }
     }
 }
@@ -318,7 +318,7 @@ unsafe fn read_config(
     (wanted.sample_rate, wanted.channels) = (given.sample_rate as usize, given.channels as usize);
     (wanted.avatar.target, wanted.avatar.lookahead) = (given.target as usize, given.lookahead as usize);
     (wanted.avatar.smoothing, wanted.avatar.guidance) = (given.smoothing, given.guidance);
-    (wanted.avatar.horizon, wanted.patience) = (given.horizon as usize, given.patience as usize);
+    (wanted.avatar.horizon, wanted.reorder_window) = (given.horizon as usize, given.reorder_window as usize);
     let mut packets = PacketConfig::new(wanted.avatar.target);
     packets.history = given.packet_history as usize;
     packets.with_frames = given.packets == UMO_PACKETS_BESIDE_FRAMES;

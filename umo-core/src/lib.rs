@@ -66,7 +66,7 @@ pub use umo_core_base::clock::Clock;
 pub use umo_core_base::samples::MAX_AMPLITUDE;
 #[doc(inline)]
 pub use umo_core_layers::{
-    Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LifeConfig, LipShape, MAX_GESTURES,
+    Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LayerGains, LipShape, MAX_GESTURES,
     MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, Mood, Side,
 };
 #[doc(inline)]
@@ -78,7 +78,7 @@ pub use umo_core_model::lm::sampler::Sampler;
 #[doc(inline)]
 pub use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 #[doc(inline)]
-pub use umo_core_stream::engine::{Engine, EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Poll, Priority, Threads};
+pub use umo_core_stream::engine::{Engine, EngineConfig, SubmitJobs, MAX_BATCH, MAX_SESSIONS, Poll, Priority, Threads};
 #[doc(inline)]
 pub use umo_core_stream::session::{
     AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_OUTPUT_DELAY, MAX_RATE, MIN_RATE,

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use umo_core::{Clock, Engine, EngineConfig, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Threads};
+use umo_core::{Clock, Engine, EngineConfig, LayerGains, Model, ModelFile, Precision, Session, SessionConfig, Threads};
 use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;
@@ -56,7 +56,7 @@ impl Crowd {
         let engine = Engine::new(model, &config).unwrap();
         engine.set_late_limit(limit);
         let mut config = SessionConfig::new(engine.model().config());
-        config.layers = LifeConfig::OFF;
+        config.layers = LayerGains::OFF;
         let avatar = |number: usize| {
             let session = engine.session(&config).unwrap();
             Avatar { session, start: 400 * MILLISECOND * number as u64 / MANY as u64, pushed: 0, frames: Vec::new() }

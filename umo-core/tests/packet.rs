@@ -76,12 +76,12 @@ fn send(model: &Model, config: &AvatarConfig, stream: u8, history: usize, late_e
 fn receive<'a>(
     model: &Model,
     config: &AvatarConfig,
-    patience: usize,
+    reorder_window: usize,
     packets: impl IntoIterator<Item = &'a Vec<u8>>,
 ) -> (Vec<Bits>, Received, bool) {
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };
-    let mut decoder = Decoder::new(model, config, patience).unwrap();
+    let mut decoder = Decoder::new(model, config, reorder_window).unwrap();
     let mut frames = Vec::new();
     for packet in packets {
         decoder.push_packet(model, cx, packet, &mut |frame: FrameRef| frames.push(bits(frame))).unwrap();
@@ -237,5 +237,5 @@ fn packets_of_others_are_refused_and_change_nothing() {
         push(packet).unwrap();
     }
     assert!(frames == sent.frames);
-    assert!(Decoder::new(&model, &config, 5).unwrap_err().to_string().contains("patience"));
+    assert!(Decoder::new(&model, &config, 5).unwrap_err().to_string().contains("reorder_window"));
 }

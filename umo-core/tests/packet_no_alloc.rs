@@ -68,7 +68,7 @@ fn sessions(model: &Arc<Model>, name: &str) {
     let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
     let engine = Engine::new(Arc::clone(model), &config).expect("no thread is needed");
     let mut config = SessionConfig::new(model.config());
-    config.patience = 1;
+    config.reorder_window = 1;
     let decoder = Session::decoder(model, &config).expect("sound settings");
     config.packets = Some(PacketConfig { with_frames: false, ..PacketConfig::new(config.avatar.target) });
     let sender = engine.session(&config).expect("sound settings");

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use umo_core::{
-    Engine, EngineConfig, Frame, Isa, LifeConfig, Model, ModelFile, PacketConfig, PacketError, Poll, Precision,
+    Engine, EngineConfig, Frame, Isa, LayerGains, Model, ModelFile, PacketConfig, PacketError, Poll, Precision,
     Session, SessionConfig, SessionError, Threads,
 };
 
@@ -100,9 +100,9 @@ fn packets(session: &Session) -> Vec<Vec<u8>> {
 }
 
 /// Settings of both sides.
-fn settings(model: &Model, life: LifeConfig) -> SessionConfig {
+fn settings(model: &Model, gains: LayerGains) -> SessionConfig {
     let mut config = SessionConfig::new(model.config());
-    config.layers = life;
+    config.layers = gains;
     config
 }
 
@@ -115,7 +115,7 @@ fn sending(config: &SessionConfig, with_frames: bool) -> SessionConfig {
 fn a_decoder_has_the_senders_frames() {
     for path in SMALL.into_iter().chain([PEOPLE]) {
         let model = open(path);
-        let (engine, config) = (engine(&model), settings(&model, LifeConfig::OFF));
+        let (engine, config) = (engine(&model), settings(&model, LayerGains::OFF));
         let sender = engine.session(&sending(&config, true)).unwrap();
         let server = engine.session(&sending(&config, false)).unwrap();
         let plain = engine.session(&config).unwrap();
@@ -164,7 +164,7 @@ fn a_decoder_has_the_senders_frames() {
 #[test]
 fn layers_are_the_receivers_own() {
     let model = open(PEOPLE);
-    let (engine, config) = (engine(&model), settings(&model, LifeConfig::ON));
+    let (engine, config) = (engine(&model), settings(&model, LayerGains::ON));
     let sender = engine.session(&sending(&config, true)).unwrap();
     let decoder = Session::decoder(&model, &config).unwrap();
     sender.push_audio(&speech()[..16_000 * 7]).unwrap();
@@ -195,7 +195,7 @@ fn layers_are_the_receivers_own() {
 #[test]
 fn an_interrupt_of_the_sender_is_eased_to() {
     let model = open(PEOPLE);
-    let (engine, config) = (engine(&model), settings(&model, LifeConfig::OFF));
+    let (engine, config) = (engine(&model), settings(&model, LayerGains::OFF));
     let sender = engine.session(&sending(&config, false)).unwrap();
     let decoder = Session::decoder(&model, &config).unwrap();
     let samples = speech();
@@ -234,7 +234,7 @@ fn an_interrupt_of_the_sender_is_eased_to() {
 #[test]
 fn a_viewer_may_come_in_the_middle() {
     let model = open(PEOPLE);
-    let (engine, config) = (engine(&model), settings(&model, LifeConfig::OFF));
+    let (engine, config) = (engine(&model), settings(&model, LayerGains::OFF));
     let sender = engine.session(&sending(&config, true)).unwrap();
     let decoder = Session::decoder(&model, &config).unwrap();
     sender.push_audio(&speech()[..16_000 * 8]).unwrap();
@@ -269,7 +269,7 @@ fn a_viewer_may_come_in_the_middle() {
 fn what_does_not_fit_is_refused_and_nothing_is_lost() {
     let model = open(SMALL[1]);
     let engine = engine(&model);
-    let config = settings(&model, LifeConfig::OFF);
+    let config = settings(&model, LayerGains::OFF);
     let sender = engine.session(&sending(&config, true)).unwrap();
     let other = engine.session(&config).unwrap();
     let decoder = Session::decoder(&model, &config).unwrap();
@@ -284,8 +284,8 @@ fn what_does_not_fit_is_refused_and_nothing_is_lost() {
     assert_eq!(sender.pull_packets(&mut [0; 8], &mut [0]), Err(short));
     assert_eq!((other.packet_size(), decoder.packet_size()), (0, 0));
     assert!(Session::decoder(&model, &sending(&config, true)).is_err());
-    let patient = SessionConfig { patience: 5, ..config.clone() };
-    assert!(Session::decoder(&model, &patient).unwrap_err().to_string().contains("patience"));
+    let patient = SessionConfig { reorder_window: 5, ..config.clone() };
+    assert!(Session::decoder(&model, &patient).unwrap_err().to_string().contains("reorder_window"));
     // Invalid packets, and a full queue.
     let (mut wanted, mut shown, mut refused) = (Vec::new(), Vec::new(), 0);
     for part in speech().chunks(16_000) {
@@ -313,7 +313,7 @@ fn what_does_not_fit_is_refused_and_nothing_is_lost() {
 fn states_of_senders_have_their_packets() {
     let model = open(SMALL[1]);
     let engine = engine(&model);
-    let config = settings(&model, LifeConfig::ON);
+    let config = settings(&model, LayerGains::ON);
     let (first, second) = (engine.session(&sending(&config, true)), engine.session(&sending(&config, true)));
     let (first, second) = (first.unwrap(), second.unwrap());
     let plain = engine.session(&config).unwrap();
@@ -437,9 +437,9 @@ fn allowed(undisturbed: f32) -> f32 {
 fn over_a_bad_network_nothing_jumps() {
     let model = open(PEOPLE);
     let good = Network { loss: 0.0, doubled: 0.0, delay: 0.0, until: f64::MAX, seed: 1 };
-    let sent = recorded(&model, &settings(&model, LifeConfig::OFF), &speech());
-    for (life, patience) in [(LifeConfig::OFF, 0), (LifeConfig::ON, 1)] {
-        let config = SessionConfig { patience, ..settings(&model, life) };
+    let sent = recorded(&model, &settings(&model, LayerGains::OFF), &speech());
+    for (gains, reorder_window) in [(LayerGains::OFF, 0), (LayerGains::ON, 1)] {
+        let config = SessionConfig { reorder_window, ..settings(&model, gains) };
         let (angle, way) = watch(&model, &config, &sent, good, 0.2).jump();
         for (loss, doubled, delay, behind) in
             [(0.1, 0.1, 0.1, 0.2), (0.2, 0.0, 0.6, 0.3), (0.3, 0.2, 0.9, 0.1), (0.3, 0.0, 0.0, 0.0)]
@@ -460,7 +460,7 @@ fn over_a_bad_network_nothing_jumps() {
 #[test]
 fn after_a_loss_a_chunk_leads_back() {
     let model = open(PEOPLE);
-    let config = settings(&model, LifeConfig::OFF);
+    let config = settings(&model, LayerGains::OFF);
     let sent = recorded(&model, &config, &speech());
     let chunk = (config.avatar.target * model.config().keyframe_stride) as f64 / 30.0;
     let good = Network { loss: 0.0, doubled: 0.0, delay: 0.0, until: 0.0, seed: 1 };

@@ -257,7 +257,7 @@ internal static unsafe class Tests
         Equal(Status.InvalidArgument, error.Status);
         True(error.Message.Contains("priority 3"), error.Message);
         config.Priority = Priority.Low;
-        config.GatherMs = 50;
+        config.BatchWindowMs = 50;
         new Engine(model, config).Dispose();
         Equal(Status.InvalidArgument, Throws<UmoException>(() => NewSession(box => box.Config.SampleRate = 7999)).Status);
         Equal(Status.StructSize, Throws<UmoException>(() => NewSession(box => box.Config.StructSize = 3)).Status);

@@ -53,7 +53,7 @@ def test_packets_alone_are_the_same_and_a_lost_one_changes_nothing(hello, model)
     alone, none = sent(hello, model, packets="only")
     assert alone == packets and not any(map(len, none))
     wanted = np.concatenate([motion.rotations for motion in frames])
-    with plain_decoder(model, patience=1) as decoder:
+    with plain_decoder(model, reorder_window=1) as decoder:
         kept = [packet for number, packet in enumerate(packets) if number % 4 != 2]
         shown = []
         for packet in kept:

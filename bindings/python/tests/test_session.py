@@ -73,11 +73,11 @@ def test_engines_have_priorities(model, hello):
 
 
 def test_sessions_of_an_engine_that_gathers_have_the_same_frames(model, hello):
-    with pytest.raises(ValueError, match="gather_ms -50"):
-        umo.Engine(model, gather=-0.05)
+    with pytest.raises(ValueError, match="batch_window_ms -50"):
+        umo.Engine(model, batch_window=-0.05)
 
-    def frames(gather):
-        with umo.Engine(model, threads=1, gather=gather) as engine:
+    def frames(batch_window):
+        with umo.Engine(model, threads=1, batch_window=batch_window) as engine:
             sessions = [engine.session(hello[1], seed=seed) for seed in range(3)]
             for session in sessions:
                 session.push(hello[0])

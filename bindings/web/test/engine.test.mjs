@@ -105,7 +105,7 @@ test("a decoder has the frames of its sender, whatever is lost once", () => {
     return session;
   };
   const sender = calm(model.session({ packets: "besideFrames" }));
-  const [decoder, other] = [calm(model.decoder({ patience: 1 })), calm(model.decoder())];
+  const [decoder, other] = [calm(model.decoder({ reorderWindow: 1 })), calm(model.decoder())];
   const rotations = (session) => {
     const found = [];
     for (let pose = new Pose(model); session.pull(pose); pose = new Pose(model)) found.push(pose.rotations);

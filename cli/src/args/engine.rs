@@ -36,7 +36,7 @@ pub struct EngineArgs {
     pub batch: usize,
     /// Batching window: longest wait of a chunk for others
     #[arg(long, value_name = "MS", default_value_t = 0, help_heading = TUNING, hide_short_help = true)]
-    pub gather: u32,
+    pub batch_window: u32,
     /// Priority of the threads that compute
     #[arg(long, value_enum, default_value_t = PriorityArg::Normal, help_heading = TUNING, hide_short_help = true)]
     pub priority: PriorityArg,
@@ -48,7 +48,7 @@ impl EngineArgs {
         EngineConfig {
             threads: Threads::Own(threads),
             max_batch: self.batch,
-            gather: Duration::from_millis(self.gather.into()),
+            batch_window: Duration::from_millis(self.batch_window.into()),
             priority: self.priority.into(),
             ..EngineConfig::default()
         }

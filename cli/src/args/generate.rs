@@ -17,7 +17,7 @@ pub struct GenerateArgs {
     ///
     /// Layers are gaze, idle, asymmetry, nods, mood and feet. A number alone is the gain of all.
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
-    pub life: Vec<(Option<Layer>, f32)>,
+    pub layers: Vec<(Option<Layer>, f32)>,
     /// Play a gesture over the motion; may be repeated
     ///
     /// Its name, the time of its stroke in seconds (`wave@2.5`; without a time as soon as possible), then after

@@ -34,15 +34,15 @@ pub(super) fn apply(
         return Ok(());
     }
     let other = |from: &str, to: &str| name.strip_suffix(from).map(|stem| format!("{stem}{to}"));
-    for (maker, taker) in PAIRS {
-        if let Some(taker) = other(maker, taker).filter(|taker| int8(taker)) {
+    for (generator, taker) in PAIRS {
+        if let Some(taker) = other(generator, taker).filter(|taker| int8(taker)) {
             let taken = read(&taker, &[shape[1], shape[0]])?;
             let factors = factors(values, &taken, shape[0]);
             for (row, factor) in values.chunks_exact_mut(shape[1]).zip(factors) {
                 row.iter_mut().for_each(|v| *v *= factor);
             }
-        } else if let Some(maker) = other(taker, maker).filter(|_| int8(name)) {
-            let made = read(&maker, &[shape[1], shape[0]])?;
+        } else if let Some(generator) = other(taker, generator).filter(|_| int8(name)) {
+            let made = read(&generator, &[shape[1], shape[0]])?;
             let factors = factors(&made, values, shape[1]);
             for row in values.chunks_exact_mut(shape[1]) {
                 row.iter_mut().zip(&factors).for_each(|(v, factor)| *v /= factor);

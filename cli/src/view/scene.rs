@@ -10,7 +10,7 @@ use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Glb;
 
 use super::stream::StreamPage;
-use crate::animate::Maker;
+use crate::animate::Generator;
 use crate::args::{Page, Shown};
 use crate::failure::Failure;
 use crate::retarget::{Wearer, Worn, is_character};
@@ -117,18 +117,18 @@ impl Scene {
         let speech = Speech::open(path, args.repair)?;
         check_length(path, speech.seconds())?;
         let wearer = wearer(&args.shown)?;
-        let maker = Maker::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
-        let config = maker.model.config();
-        let mut animation = maker.animation("audio_to_motion", None)?;
+        let generator = Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
+        let config = generator.model.config();
+        let mut animation = generator.animation("audio_to_motion", None)?;
         animation.keep_record(config);
-        let frames = maker.hear(&mut animation, &speech)?;
+        let frames = generator.hear(&mut animation, &speech)?;
         let mut record = Record::new(config);
-        let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
+        let clip = generator.clip(&mut animation, frames, |animation| record.keep(animation))?;
         record.cut(frames);
         let mut scene = Self::worn_by(path, clip, wearer, args.shown.figure)?;
         scene.audio = Some(Audio::new(&speech)?);
         scene.record = Some(record);
-        scene.set_model(config, &maker.avatar());
+        scene.set_model(config, &generator.avatar());
         Ok(scene)
     }
 

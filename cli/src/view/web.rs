@@ -91,7 +91,7 @@ fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {
     if generate.greedy || generate.temperature.is_some() {
         parameters.push((TEMPERATURE, if generate.greedy { 0.0 } else { avatar.sampler.sampling.temperature }));
     }
-    if !generate.life.is_empty() {
+    if !generate.layers.is_empty() {
         let gain = |layer| (FIRST_LAYER + layer as u32, session.layers.gain(layer));
         parameters.extend(umo_core::Layer::ALL.map(gain));
     }

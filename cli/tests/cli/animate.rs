@@ -76,7 +76,7 @@ fn an_earlier_file_is_replaced() {
 fn performed(folder: &Folder, name: &str, more: &[&str]) -> (serde_json::Value, Vec<Frame>) {
     let speech = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/hello.wav");
     let out = folder.at(name);
-    umo(&[&["animate", speech, "--life", "0", "-o", &out][..], more].concat()).success();
+    umo(&[&["animate", speech, "--layers", "0", "-o", &out][..], more].concat()).success();
     let bytes = folder.read(name);
     (heading(&bytes), frames_of(&bytes))
 }
@@ -365,8 +365,8 @@ fn retiming_moves_the_upper_body_alone_and_is_the_same_in_a_batch() {
         folder.read(name)
     };
     // The model's output without layers, which respond to the body's motion.
-    let plain = frames_of(&made("plain.jsonl", &["--life", "0"]));
-    let retimed = frames_of(&made("retimed.jsonl", &["--life", "0", "--retime"]));
+    let plain = frames_of(&made("plain.jsonl", &["--layers", "0"]));
+    let retimed = frames_of(&made("retimed.jsonl", &["--layers", "0", "--retime"]));
     assert_eq!(plain.len(), retimed.len());
     assert!(plain[0].2 == retimed[0].2 && plain.last().unwrap().2 == retimed.last().unwrap().2);
     let mut changed = [false; 55];

@@ -203,7 +203,7 @@ fn a_folder_for_web_servers_has_page_package_and_model() {
         },
         "the same bytes again"
     );
-    let page = written(&["--greedy", "--life", "0.5"]);
+    let page = written(&["--greedy", "--layers", "0.5"]);
     assert!(page.contains(r#""voice":null"#) && page.contains(r#""parameters":[[1,0.0],[32,0.5],"#));
 }
 

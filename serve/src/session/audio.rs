@@ -28,7 +28,7 @@ pub(super) struct Audio {
     skip: usize,
     /// Number of buffered samples at which reading stops.
     room: usize,
-    pace: Option<Pace>,
+    rate_limit: Option<RateLimit>,
     /// Number of samples that the session took, that an interrupt dropped, or that were skipped.
     pub(super) used: u64,
 }
@@ -38,9 +38,9 @@ impl Audio {
     pub(super) fn new((rate, opus): (usize, Option<Packets>), buffer: Duration, ahead: Duration, now: Instant) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day at most, and positive")]
         let room = (buffer.as_secs_f64() * rate as f64) as usize;
-        let pace = (!ahead.is_zero()).then(|| Pace::new(rate, ahead, now));
+        let rate_limit = (!ahead.is_zero()).then(|| RateLimit::new(rate, ahead, now));
         let input = opus.map_or(Input::Pcm { half: None }, |packets| Input::Opus(Box::new(packets)));
-        Self { input, waiting: VecDeque::new(), skip: 0, room, pace, used: 0 }
+        Self { input, waiting: VecDeque::new(), skip: 0, room, rate_limit, used: 0 }
     }
 
     /// Sets the number of leading samples to drop.
@@ -124,14 +124,14 @@ impl Audio {
         mut push: impl FnMut(&[i16]) -> Result<usize, E>,
     ) -> Result<usize, E> {
         let mut all = 0;
-        let mut allowed = self.pace.as_mut().map_or(usize::MAX, |pace| pace.allowed(now));
+        let mut allowed = self.rate_limit.as_mut().map_or(usize::MAX, |rate_limit| rate_limit.allowed(now));
         while allowed > 0 && !self.waiting.is_empty() {
             let samples = self.waiting.as_slices().0;
             let samples = &samples[..samples.len().min(allowed)];
             let (offered, taken) = (samples.len(), push(samples)?);
             self.waiting.drain(..taken);
-            if let Some(pace) = &mut self.pace {
-                pace.spend(taken);
+            if let Some(rate_limit) = &mut self.rate_limit {
+                rate_limit.spend(taken);
             }
             self.used += taken as u64;
             all += taken;
@@ -146,14 +146,14 @@ impl Audio {
 
 /// Rate limit of computing: real time, with an allowance ahead.
 #[derive(Debug)]
-struct Pace {
+struct RateLimit {
     rate: f64,
     most: f64,
     credit: f64,
     at: Instant,
 }
 
-impl Pace {
+impl RateLimit {
     fn new(rate: usize, ahead: Duration, now: Instant) -> Self {
         let most = ahead.as_secs_f64() * rate as f64;
         Self { rate: rate as f64, most, credit: most, at: now }

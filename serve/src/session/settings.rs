@@ -1,6 +1,6 @@
 //! Session settings from a hello.
 
-use umo_core::{AvatarConfig, Layer, LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
+use umo_core::{AvatarConfig, Layer, LayerGains, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
 use umo_core_model::lm::layout::Template;
 
 use crate::protocol::{Hello, Output, VoiceKind};
@@ -25,7 +25,7 @@ pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model)
     avatar.horizon = hello.horizon.unwrap_or(avatar.horizon);
     avatar.sampler.seed = hello.seed.unwrap_or(avatar.sampler.seed);
     if let Some(gain) = hello.layers {
-        settings.layers = Layer::ALL.into_iter().fold(LifeConfig::ON, |gains, layer| gains.with(layer, gain));
+        settings.layers = Layer::ALL.into_iter().fold(LayerGains::ON, |gains, layer| gains.with(layer, gain));
     }
     if let Some(text) = &hello.prompt {
         with_prompt(&mut settings.avatar, text, model)?;

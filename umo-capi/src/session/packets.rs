@@ -98,7 +98,7 @@ pub unsafe extern "C" fn umo_session_pull_packets(
 /// engine. All `umo_session_…` calls work on it except those that take audio, texts or a state, and
 /// `umo_session_interrupt`: these are for the sender. Free it with `umo_session_free`. In `config`, which
 /// may be NULL, `target`, `lookahead` and `smoothing` must equal the sender's, and the model must be the
-/// same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are the decoder's
+/// same file at the same precision; layers, seed, idle mode, ease, queue and `reorder_window` are the decoder's
 /// own. `allocator` must be NULL: its memory comes from the system.
 ///
 /// Threads: any but the audio thread. Allocates everything that the decoder will ever need.
@@ -142,7 +142,7 @@ pub unsafe extern "C" fn umo_decoder_new(
 }
 
 /// Decodes a packet of `size` bytes, and computes the frames that become final. Packets may be lost,
-/// duplicated, late and in any order. A packet that is missing after a later one and `patience` more have
+/// duplicated, late and in any order. A packet that is missing after a later one and `reorder_window` more have
 /// arrived is concealed, and the next packet leads back to the sender's motion. A refused packet changes
 /// nothing.
 ///

@@ -168,7 +168,7 @@ impl Team {
             let shared = Arc::clone(&team.shared);
             let name = format!("umo-{index}");
             let core = cores.get(index - 1).copied();
-            let life = move || {
+            let work = move || {
                 if core.is_some_and(|core| !cores::bind(core)) {
                     shared.unbound.store(true, Ordering::Relaxed);
                 }
@@ -182,7 +182,7 @@ impl Team {
                 });
             };
             memory::require_thread();
-            team.workers.push(thread::start(name, life)?);
+            team.workers.push(thread::start(name, work)?);
         }
         let bound = caller.is_none_or(cores::bind);
         // Starting a thread allocates; once it reports, that is over.

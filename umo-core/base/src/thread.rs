@@ -26,8 +26,8 @@ mod own {
     /// # Errors
     /// The system's error.
     #[cfg(not(any(target_os = "linux", target_os = "android")))]
-    pub fn start(name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
-        std::thread::Builder::new().name(name).spawn(|| in_default(life))
+    pub fn start(name: String, work: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
+        std::thread::Builder::new().name(name).spawn(|| in_default(work))
     }
 
     /// Number of threads that the system runs at once.
@@ -56,7 +56,7 @@ mod posix {
     /// Maximum length of a thread name on Linux, bytes.
     const MAX_NAME: usize = 15;
 
-    type Life = Box<dyn FnOnce() + Send>;
+    type Work = Box<dyn FnOnce() + Send>;
 
     /// Handle of a started thread.
     #[derive(Debug)]
@@ -93,40 +93,40 @@ mod posix {
     ///
     /// # Errors
     /// The system's error.
-    pub fn start(mut name: String, life: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
+    pub fn start(mut name: String, work: impl FnOnce() + Send + 'static) -> io::Result<JoinHandle<()>> {
         name.truncate(MAX_NAME);
         let name = CString::new(name)?;
-        let life: Life = Box::new(move || {
+        let work: Work = Box::new(move || {
             // SAFETY: no preconditions.
             let this = unsafe { libc::pthread_self() };
             // SAFETY: the name is NUL-terminated, and the thread is the current one.
             unsafe { libc::pthread_setname_np(this, name.as_ptr()) };
-            in_default(life);
+            in_default(work);
         });
         let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
         // SAFETY: initializes the attributes.
         done(unsafe { libc::pthread_attr_init(attributes.as_mut_ptr()) })?;
         // SAFETY: they are initialized.
         unsafe { libc::pthread_attr_setstacksize(attributes.as_mut_ptr(), STACK) };
-        let (mut thread, life) = (MaybeUninit::uninit(), Box::into_raw(Box::new(life)));
+        let (mut thread, work) = (MaybeUninit::uninit(), Box::into_raw(Box::new(work)));
         // SAFETY: the attributes are initialized, and `run` accepts this pointer.
-        let error = unsafe { libc::pthread_create(thread.as_mut_ptr(), attributes.as_ptr(), run, life.cast()) };
+        let error = unsafe { libc::pthread_create(thread.as_mut_ptr(), attributes.as_ptr(), run, work.cast()) };
         // SAFETY: they are initialized, and not used again.
         unsafe { libc::pthread_attr_destroy(attributes.as_mut_ptr()) };
         if error != 0 {
             // SAFETY: no thread was started that would take it.
-            drop(unsafe { Box::from_raw(life) });
+            drop(unsafe { Box::from_raw(work) });
         }
         done(error)?;
         // SAFETY: a thread was started, so the handle was written.
         Ok(JoinHandle(unsafe { thread.assume_init() }, PhantomData))
     }
 
-    extern "C" fn run(life: *mut c_void) -> *mut c_void {
+    extern "C" fn run(work: *mut c_void) -> *mut c_void {
         // SAFETY: `start` passes a box's pointer of this type, to this thread only.
-        let life = unsafe { Box::from_raw(life.cast::<Life>()) };
+        let work = unsafe { Box::from_raw(work.cast::<Work>()) };
         // A panic ends the thread, not the process.
-        drop(catch_unwind(AssertUnwindSafe(life)));
+        drop(catch_unwind(AssertUnwindSafe(work)));
         null_mut()
     }
 }

@@ -236,7 +236,7 @@ impl Voice {
 #[cfg(test)]
 mod tests {
     use super::super::trial::{Trial, speech};
-    use super::super::{Controls, Cue, Layer, LifeConfig, Tick};
+    use super::super::{Controls, Cue, Layer, LayerGains, Tick};
     use super::*;
 
     const SECONDS: f32 = 1.0 / 30.0;
@@ -263,7 +263,7 @@ mod tests {
     #[test]
     fn weights_sum_to_1_and_never_jump() {
         let trial = Trial::new(&[Layer::Gaze], 0);
-        let (mut state, mut controls) = (State::new(), Controls::new(LifeConfig::ON));
+        let (mut state, mut controls) = (State::new(), Controls::new(LayerGains::ON));
         let mut before: Option<[f32; 4]> = None;
         let mut largest = 0.0_f32;
         for tick in 0..900 {
@@ -285,7 +285,7 @@ mod tests {
     fn auto_follows_voices_however_quiet() {
         let trial = Trial::new(&[Layer::Gaze], 0);
         for loudness in [1.0, 0.1, 0.01] {
-            let (mut state, controls) = (State::new(), Controls::new(LifeConfig::ON));
+            let (mut state, controls) = (State::new(), Controls::new(LayerGains::ON));
             let mut tell = |ticks: usize, own: f32, other: f32| {
                 let mut weights = Weights::default();
                 for tick in 0..ticks {

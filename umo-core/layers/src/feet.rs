@@ -643,7 +643,7 @@ mod tests {
         assert_eq!(walk(&mut other, 60, at).0, want);
         let mut fresh = Trial::new(&[Layer::Feet], 1);
         assert_ne!(walk(&mut fresh, 60, at).0, want);
-        trial.life.reset(0, &trial.controls);
+        trial.stack.reset(0, &trial.controls);
         let mut new = Trial::new(&[Layer::Feet], 1);
         assert_eq!(walk(&mut trial, 60, sway).0, walk(&mut new, 60, sway).0);
     }

@@ -1,6 +1,6 @@
 //! Gain of each layer at a tick: gains that change at any time without a jump.
 
-use super::{LAYERS, LifeConfig};
+use super::{LAYERS, LayerGains};
 use umo_core_base::state::{StateError, StatePass};
 
 /// Seconds of the linear ramp from 0 to 1, before averaging.
@@ -24,12 +24,12 @@ impl Gains {
     }
 
     /// Whether every gain is 0 and stays 0.
-    pub(super) fn are_off(&self, set: &LifeConfig) -> bool {
+    pub(super) fn are_off(&self, set: &LayerGains) -> bool {
         set.is_off() && (!self.is_started || self.recent == [[0.0; LAYERS]; MEAN_TICKS])
     }
 
     /// Advances by one tick and returns its gains; the first tick starts at the targets.
-    pub(crate) fn advance(&mut self, set: &LifeConfig, seconds: f32) -> [f32; LAYERS] {
+    pub(crate) fn advance(&mut self, set: &LayerGains, seconds: f32) -> [f32; LAYERS] {
         if !std::mem::replace(&mut self.is_started, true) {
             self.recent = [set.gains; MEAN_TICKS];
         }
@@ -172,24 +172,24 @@ mod tests {
 
     #[test]
     fn a_start_has_the_gains_that_are_set_and_a_change_ends_exactly() {
-        let with = |gain| LifeConfig::OFF.with(Layer::Idle, gain);
+        let with = |gain| LayerGains::OFF.with(Layer::Idle, gain);
         let mut gains = Gains::new();
         let idle = Layer::Idle as usize;
-        assert!(gains.are_off(&LifeConfig::OFF) && !gains.are_off(&with(0.3)));
+        assert!(gains.are_off(&LayerGains::OFF) && !gains.are_off(&with(0.3)));
         assert_eq!(gains.advance(&with(0.7), SECONDS)[idle], 0.7);
         let way: Vec<f32> = (0..TICKS).map(|_| gains.advance(&with(0.1), SECONDS)[idle]).collect();
         assert!(way.is_sorted_by(|a, b| a >= b) && way[0] > 0.6 && way[TICKS - 1] == 0.1, "{way:?}");
         // From 0 to 1 in exactly 0.4 s.
         let mut gains = Gains::new();
-        gains.advance(&LifeConfig::OFF, SECONDS);
-        let way: Vec<f32> = (0..TICKS).map(|_| gains.advance(&LifeConfig::ON, SECONDS)[idle]).collect();
+        gains.advance(&LayerGains::OFF, SECONDS);
+        let way: Vec<f32> = (0..TICKS).map(|_| gains.advance(&LayerGains::ON, SECONDS)[idle]).collect();
         assert!(way[0] < 0.05 && way[TICKS - 3] < 1.0 && way[TICKS - 1] == 1.0, "{way:?}");
         // Not off before its last tick.
         (0..TICKS).for_each(|_| {
-            assert!(!gains.are_off(&LifeConfig::OFF));
-            gains.advance(&LifeConfig::OFF, SECONDS);
+            assert!(!gains.are_off(&LayerGains::OFF));
+            gains.advance(&LayerGains::OFF, SECONDS);
         });
-        assert!(gains.are_off(&LifeConfig::OFF));
+        assert!(gains.are_off(&LayerGains::OFF));
     }
 
     #[test]

@@ -393,9 +393,9 @@ mod tests {
         let mut trial = Trial::new(&[Layer::Idle], 9);
         let mut breaths = 0;
         for _ in 0..18_000 {
-            let before = trial.life.idle.breath;
+            let before = trial.stack.idle.breath;
             trial.tick();
-            breaths += usize::from(trial.life.idle.breath < before);
+            breaths += usize::from(trial.stack.idle.breath < before);
         }
         assert!((120..=160).contains(&breaths), "{breaths}");
     }

@@ -93,11 +93,11 @@ impl Layer {
 
 /// Initial gain of each layer, 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LifeConfig {
+pub struct LayerGains {
     gains: [f32; LAYERS],
 }
 
-impl LifeConfig {
+impl LayerGains {
     /// Every layer at full gain.
     pub const ON: Self = Self { gains: [1.0; LAYERS] };
     /// All layers off: the decoders' frames, bit for bit.
@@ -125,7 +125,7 @@ impl LifeConfig {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Controls {
     /// Gain that each layer approaches.
-    pub layers: LifeConfig,
+    pub layers: LayerGains,
     /// Target to look at in the avatar's space, metres.
     pub look_at: [f32; 3],
     /// Strength of the look-at, 0 to 1; 0 without a target.
@@ -153,7 +153,7 @@ pub struct Heard {
 
 impl Controls {
     /// Controls of a host that has set only the layers' gains.
-    pub fn new(layers: LifeConfig) -> Self {
+    pub fn new(layers: LayerGains) -> Self {
         Self {
             layers,
             look_at: [0.0; 3],
@@ -212,7 +212,7 @@ impl Tick<'_> {
 
 /// All layers of one avatar.
 #[derive(Debug)]
-pub struct Life {
+pub struct LayerStack {
     rig: Rig,
     seconds: f32,
     seed: u64,
@@ -229,7 +229,7 @@ pub struct Life {
     feet: feet::Feet,
 }
 
-impl Life {
+impl LayerStack {
     /// Creates the layers at the start of a stream, for a model's skeleton and face.
     pub fn new(
         (skeleton, face): (&Skeleton, &Face),

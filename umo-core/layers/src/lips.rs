@@ -314,13 +314,13 @@ mod tests {
     }
 
     fn hint(trial: &mut Trial, start: f64, duration: f64, shape: LipShape) -> Result<(), RequestError> {
-        let passed = trial.life.passed_hints();
+        let passed = trial.stack.passed_hints();
         trial.controls.hints.push((start, duration), shape, RATE, (0, passed))
     }
 
     fn tick(trial: &mut Trial, heard: Option<Heard>) -> OwnedFrame {
         let mut frame = trial.frame.clone();
-        trial.life.apply(&mut frame, &trial.controls, trial.other, heard);
+        trial.stack.apply(&mut frame, &trial.controls, trial.other, heard);
         frame
     }
 
@@ -346,7 +346,7 @@ mod tests {
             // Two frames to close and two to open: no jump between open and closed.
             let steps = openings.windows(2).map(|pair| (pair[1] - pair[0]).abs());
             assert!(steps.fold(0.0, f32::max) < 0.8 * opening(&trial.rig, &trial.frame.face), "{openings:?}");
-            assert_eq!(trial.life.passed_hints(), 1);
+            assert_eq!(trial.stack.passed_hints(), 1);
         }
     }
 
@@ -378,10 +378,10 @@ mod tests {
         assert_eq!(hint(&mut trial, 0.0, 0.1, LipShape::Closed), Err(RequestError::HintsFull));
         // At 6.5 s two have passed; a third that is added with a past time is late.
         assert_eq!(values(&tick(&mut trial, heard(195))), values(&trial.frame));
-        assert_eq!(trial.life.passed_hints(), 2);
+        assert_eq!(trial.stack.passed_hints(), 2);
         hint(&mut trial, 2.0, 0.1, LipShape::Closed).unwrap();
         assert_eq!(values(&tick(&mut trial, heard(196))), values(&trial.frame));
-        assert_eq!(trial.life.passed_hints(), 3);
+        assert_eq!(trial.stack.passed_hints(), 3);
         for (start, duration) in [(-0.1, 0.1), (f64::NAN, 0.1), (0.0, 2.1), (0.0, -0.1), (0.0, f64::NAN), (1e300, 0.0)]
         {
             let wrong = hint(&mut trial, start, duration, LipShape::Closed);
@@ -394,8 +394,8 @@ mod tests {
         let mut trial = speaking();
         hint(&mut trial, 0.5, 0.1, LipShape::Closed).unwrap();
         assert_eq!(values(&tick(&mut trial, None)), values(&trial.frame));
-        trial.life.interrupt(1, 5, &trial.controls);
-        assert_eq!(trial.life.passed_hints(), 1);
+        trial.stack.interrupt(1, 5, &trial.controls);
+        assert_eq!(trial.stack.passed_hints(), 1);
         assert_eq!(values(&tick(&mut trial, heard(16))), values(&trial.frame));
         // Without ARKit shapes there is nothing to move.
         let config = super::super::trial::face(false);

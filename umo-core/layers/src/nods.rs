@@ -311,14 +311,14 @@ mod tests {
     fn a_listener_answers_at_pauses_and_not_more_often_than_every_2_s() {
         let mut trial = Trial::new(&[Layer::Nods], 2);
         let mut answers = Vec::new();
-        let mut before = trial.life.nods.next;
+        let mut before = trial.stack.nods.next;
         for tick in 0..5400 {
             trial.other = speech(tick);
             trial.tick();
-            if trial.life.nods.next != before {
+            if trial.stack.nods.next != before {
                 answers.push(tick);
             }
-            before = trial.life.nods.next;
+            before = trial.stack.nods.next;
         }
         assert!((30..=85).contains(&answers.len()), "{}", answers.len());
         assert!(answers.windows(2).all(|pair| pair[1] - pair[0] >= 60));
@@ -330,7 +330,7 @@ mod tests {
         for tick in 0..1800 {
             trial.other = speech(2 * tick);
             trial.tick();
-            if std::mem::replace(&mut before, trial.life.nods.next) != trial.life.nods.next {
+            if std::mem::replace(&mut before, trial.stack.nods.next) != trial.stack.nods.next {
                 assert!(last.is_none_or(|last| tick - last >= 60), "{last:?} {tick}");
                 last = Some(tick);
             }
@@ -340,10 +340,10 @@ mod tests {
         let count = |trial: &mut Trial, attention| {
             trial.controls.attention = attention;
             trial.ticks(90);
-            let mut before = trial.life.nods.next;
+            let mut before = trial.stack.nods.next;
             let ticks = (0..1800).filter(|_| {
                 trial.tick();
-                std::mem::replace(&mut before, trial.life.nods.next) != before
+                std::mem::replace(&mut before, trial.stack.nods.next) != before
             });
             ticks.count()
         };

@@ -1,7 +1,7 @@
 //! A person's rig and a run of the layers over a still pose, for the layers' tests.
 
 use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
-use super::{Controls, Cue, Gestures, Layer, Life, LifeConfig, Mood};
+use super::{Controls, Cue, Gestures, Layer, LayerStack, LayerGains, Mood};
 use umo_core_base::state::StatePass;
 use umo_core_pose::face::{Face, FaceKind};
 use umo_core_pose::frame::OwnedFrame;
@@ -58,7 +58,7 @@ pub(super) fn face(is_arkit: bool) -> Face {
 /// The layers, the host's controls and the decoders' input.
 pub(super) struct Trial {
     pub(super) rig: Rig,
-    pub(super) life: Life,
+    pub(super) stack: LayerStack,
     pub(super) controls: Controls,
     /// The decoders' frame.
     pub(super) frame: OwnedFrame,
@@ -73,10 +73,10 @@ impl Trial {
 
     pub(super) fn of(layers: &[Layer], seed: u64, skeleton: &Skeleton, face: &Face, rest: &Pose) -> Self {
         let rig = || Rig::new(skeleton, face, rest);
-        let config = layers.iter().fold(LifeConfig::OFF, |config, &layer| config.with(layer, 1.0));
+        let config = layers.iter().fold(LayerGains::OFF, |config, &layer| config.with(layer, 1.0));
         Self {
             rig: rig(),
-            life: Life::of(rig(), SECONDS, seed, Gestures::default()),
+            stack: LayerStack::of(rig(), SECONDS, seed, Gestures::default()),
             controls: Controls::new(config),
             frame: OwnedFrame::new(*rest, &vec![0.0; face.names.len()]),
             other: 0.0,
@@ -86,7 +86,7 @@ impl Trial {
     /// Runs one tick and returns the frame shown.
     pub(super) fn tick(&mut self) -> OwnedFrame {
         let mut frame = self.frame.clone();
-        self.life.apply(&mut frame, &self.controls, self.other, None);
+        self.stack.apply(&mut frame, &self.controls, self.other, None);
         frame
     }
 
@@ -114,10 +114,10 @@ impl Trial {
     /// Saves the state as bytes.
     pub(crate) fn save(&mut self) -> Vec<u8> {
         let mut size = StatePass::size();
-        self.life.state(&mut size).unwrap();
+        self.stack.state(&mut size).unwrap();
         let mut bytes = vec![0; size.end().unwrap()];
         let mut pass = StatePass::save(&mut bytes, 0, 0);
-        self.life.state(&mut pass).unwrap();
+        self.stack.state(&mut pass).unwrap();
         let length = pass.end().unwrap();
         bytes.truncate(length);
         bytes
@@ -125,10 +125,10 @@ impl Trial {
 
     pub(super) fn load(&mut self, bytes: &[u8]) {
         let mut pass = StatePass::check(bytes, 0).unwrap();
-        self.life.state(&mut pass).unwrap();
+        self.stack.state(&mut pass).unwrap();
         pass.end().unwrap();
         let mut pass = StatePass::load(bytes, 0);
-        self.life.state(&mut pass).unwrap();
+        self.stack.state(&mut pass).unwrap();
         pass.end().unwrap();
     }
 }
@@ -234,7 +234,7 @@ fn a_reset_is_a_start() {
     let mut trial = Trial::new(&Layer::ALL, 5);
     let wanted = dialogue(&mut trial, 0..400);
     let controls = trial.controls;
-    trial.life.reset(0, &controls);
+    trial.stack.reset(0, &controls);
     let got = dialogue(&mut trial, 0..400);
     assert!(wanted.iter().zip(&got).all(|(a, b)| same(a, b)));
 }

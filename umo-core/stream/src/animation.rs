@@ -12,7 +12,7 @@ use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
 use umo_core_layers::gesture::Request;
-use umo_core_layers::{Controls, GestureOptions, Gestures, Life, LifeConfig, LipShape, Mood};
+use umo_core_layers::{Controls, GestureOptions, Gestures, LayerStack, LayerGains, LipShape, Mood};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};
@@ -91,7 +91,7 @@ impl Animation {
     /// # Errors
     /// [`LoadError::Config`] if the template is missing; [`LoadError::Argument`] if a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
-        Self::with_layers(model, config, LifeConfig::OFF, Gestures::new())
+        Self::with_layers(model, config, LayerGains::OFF, Gestures::new())
     }
 
     /// Creates an animation at its start, with layers over the model's frames and these gestures.
@@ -101,7 +101,7 @@ impl Animation {
     pub fn with_layers(
         model: &Model,
         config: &AvatarConfig,
-        gains: LifeConfig,
+        gains: LayerGains,
         gestures: Gestures,
     ) -> Result<Self, LoadError> {
         let avatar = Avatar::new(model, config)?;
@@ -170,8 +170,8 @@ impl Animation {
     /// of range.
     pub fn play_gesture(&mut self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
         let request = Request::new(&self.track.gestures, name, options, self.track.frame_rate, 0)?;
-        let Layers { life, controls, .. } = &mut *self.track.layers;
-        Ok(controls.gestures.push(request, life.begun_gestures())?)
+        let Layers { stack, controls, .. } = &mut *self.track.layers;
+        Ok(controls.gestures.push(request, stack.begun_gestures())?)
     }
 
     /// Schedules a viseme hint, like [`Session::hint_lips`](crate::session::Session::hint_lips).
@@ -181,8 +181,8 @@ impl Animation {
     /// [`MAX_PENDING_HINTS`](umo_core_layers::MAX_PENDING_HINTS) are pending.
     pub fn hint_lips(&mut self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
         let rate = HINT_UNITS * self.track.frame_rate;
-        let Layers { life, controls, .. } = &mut *self.track.layers;
-        Ok(controls.hints.push((start, duration), shape, rate, (0, life.passed_hints()))?)
+        let Layers { stack, controls, .. } = &mut *self.track.layers;
+        Ok(controls.hints.push((start, duration), shape, rate, (0, stack.passed_hints()))?)
     }
 
     /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1, like
@@ -292,13 +292,13 @@ impl Track {
         model: &Model,
         config: &AvatarConfig,
         avatar: &Avatar,
-        (gains, gestures): (LifeConfig, Gestures),
+        (gains, gestures): (LayerGains, Gestures),
     ) -> Result<Self, LoadError> {
         let frame = model.rest().map_err(|error| LoadError::config("rest", error.to_string()))?;
         let Config { skeleton, face, frame_rate, .. } = model.config();
         let frame_rate = *frame_rate;
-        let life = Life::new((skeleton, face), frame_rate, &frame, config.sampler.seed, gestures.clone());
-        let layers = Layers::new(life, Controls::new(gains), HINT_UNITS * frame_rate);
+        let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, gestures.clone());
+        let layers = Layers::new(stack, Controls::new(gains), HINT_UNITS * frame_rate);
         Ok(Self {
             source: None,
             pending: Vec::new(),

@@ -13,7 +13,7 @@
 mod config;
 mod error;
 mod load;
-mod pace;
+mod full_share;
 #[cfg(test)]
 mod tests;
 mod worker;
@@ -27,7 +27,7 @@ use crate::levels::Levels;
 use crate::link::Signal;
 use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
 use load::{LEAD, Load};
-use pace::Pace;
+use full_share::FullShare;
 use umo_core_base::clock::Clock;
 use umo_core_base::defect::{Defect, contain_quietly};
 use umo_core_base::error::LoadError;
@@ -42,7 +42,7 @@ use umo_core_model::model::Model;
 use umo_core_pose::frame::OwnedFrame;
 use worker::Worker;
 
-pub use config::{EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Threads};
+pub use config::{EngineConfig, SubmitJobs, MAX_BATCH, MAX_SESSIONS, Threads};
 pub use error::{EngineError, PollError};
 pub use umo_core_base::team::Priority;
 
@@ -50,7 +50,7 @@ pub use umo_core_base::team::Priority;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Poll {
     /// Nothing is due until more audio comes, frames are pulled, or waiting chunks reach their
-    /// batching delay ([`EngineConfig::gather`]).
+    /// batching delay ([`EngineConfig::batch_window`]).
     Idle,
     /// The budget is used up; more may be due.
     More,
@@ -84,7 +84,7 @@ impl Started {
 struct Inner {
     slots: Arc<Slots>,
     load: Load,
-    pace: Pace,
+    full_share: FullShare,
     started: Started,
     /// The panic that ended one of the engine's threads, and with it the engine.
     defect: OnceLock<Defect>,
@@ -176,7 +176,7 @@ pub struct Engine {
     /// The worker of a polled engine.
     worker: Option<Mutex<Worker>>,
     /// Entry point of the threads that the host lends, if it does.
-    external_workers: Option<(ExternalWorkers, Lender)>,
+    external_workers: Option<(ExternalWorkers, SubmitJobs)>,
     /// Threads of the workers.
     threads: Vec<JoinHandle<()>>,
     /// Requested priority of these threads.
@@ -196,7 +196,7 @@ impl Engine {
         let mut engine = Self::bare(model, config)?;
         if matches!(config.threads, Threads::Host(_)) {
             let worker = Worker::new(&engine.inner, config, LEAD).map_err(EngineError::thread)?;
-            engine.external_workers = config.lender.clone().map(|lender| (worker.external_workers(), lender));
+            engine.external_workers = config.jobs.clone().map(|jobs| (worker.external_workers(), jobs));
             engine.worker = Some(Mutex::new(worker));
             return Ok(engine);
         }
@@ -227,7 +227,7 @@ impl Engine {
         let inner = Arc::new(Inner {
             slots: Arc::new(Slots::new(model, config.max_sessions, load.workers())),
             load,
-            pace: Pace::default(),
+            full_share: FullShare::default(),
             started: Started::default(),
             defect: OnceLock::new(),
             clock: config.clock.clone(),
@@ -320,7 +320,7 @@ impl Engine {
     /// seconds of audio that a session queues. Keep the default if audio is pushed faster than it
     /// is heard.
     pub fn set_late_limit(&self, limit: Option<Duration>) {
-        self.inner.pace.set_limit(limit);
+        self.inner.full_share.set_limit(limit);
     }
 
     /// Computes until nothing is due or the next layer would exceed `budget`, judged by the last
@@ -342,7 +342,7 @@ impl Engine {
         }
         // There is work: the host is asked for threads until the poll ends.
         let team = worker.team();
-        let joining = self.external_workers.as_ref().filter(|_| team.threads() > 1).map(|(_, Lender(lend))| {
+        let joining = self.external_workers.as_ref().filter(|_| team.threads() > 1).map(|(_, SubmitJobs(lend))| {
             let joining = team.admit();
             let before = ASKS.replace(true);
             lend(team.threads() - 1);
@@ -369,8 +369,8 @@ impl Engine {
 
     /// Computes on the calling thread, which the host lends, until the current poll ends. Returns
     /// at once if no poll is running, if the engine takes no threads, or if the calling thread is
-    /// the polling one, inside its [`Lender`]. Never allocates.
-    pub fn lend(&self) {
+    /// the polling one, inside its [`SubmitJobs`]. Never allocates.
+    pub fn run_job(&self) {
         // This thread would wait for the end of its own poll: a deadlock.
         if ASKS.get() {
             return;
@@ -405,7 +405,7 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
     let before = inner.started.count.load(Ordering::Relaxed);
     // The thread creates its worker itself, so that it pins itself to its core.
     let (shared, config) = (Arc::clone(inner), config.clone());
-    let life = move || {
+    let work = move || {
         // The standard library allocates its thread handle, for parking, on first access.
         #[cfg(feature = "threads")]
         drop(std::thread::current());
@@ -426,7 +426,7 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
     };
     memory::require_thread();
     let name = if index == LEAD { "umo-0".to_owned() } else { format!("umo-batch-{index}") };
-    let thread = thread::start(name, life).map_err(EngineError::thread)?;
+    let thread = thread::start(name, work).map_err(EngineError::thread)?;
     if let Err(error) = inner.started.wait(before) {
         // The thread ends by itself; the library must not be unloaded before.
         drop(thread.join());
@@ -445,7 +445,7 @@ fn run(mut worker: Worker, inner: &Inner) {
             None => match contain_quietly(|| worker.turn(inner)) {
                 Ok(true) => continue,
                 Ok(false) => {
-                    inner.signal().sleep(index, worker.gathers());
+                    inner.signal().sleep(index, worker.waits());
                     continue;
                 }
                 Err(defect) => defect,

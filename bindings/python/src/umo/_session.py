@@ -373,7 +373,7 @@ class Decoder(Session):
     session.
 
     It needs no engine. The model must be the sender's file at the same precision; `target`, `lookahead` and `smoothing`
-    must match the sender's. `patience` is the number of later packets that may arrive before a missing one counts as
+    must match the sender's. `reorder_window` is the number of later packets that may arrive before a missing one counts as
     lost, 0 to 4.
     """
 
@@ -386,7 +386,7 @@ class Decoder(Session):
         target: Optional[int] = None,
         lookahead: Optional[int] = None,
         smoothing: Optional[float] = None,
-        patience: Optional[int] = None,
+        reorder_window: Optional[int] = None,
         idle: Optional[Idle] = None,
         idle_after: Optional[float] = None,
         ease: Optional[float] = None,
@@ -395,7 +395,7 @@ class Decoder(Session):
         self._model = model or default_model()
         config, handle = _generated.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), self._model._handle))
-        _library.set_values(config, target=target, lookahead=lookahead, seed=seed, smoothing=smoothing, patience=patience)
+        _library.set_values(config, target=target, lookahead=lookahead, seed=seed, smoothing=smoothing, reorder_window=reorder_window)
         _library.set_values(config, idle=idle, queue_frames=queue, idle_after_ms=idle_after, ease_ms=ease)
         self._layout = Layout(self._model, axes)
         _library.check(lib.umo_decoder_new(self._model._handle, config, byref(handle)))

@@ -24,7 +24,7 @@ impl Priority {
 
     /// Advice for users whose system refuses a priority.
     #[must_use]
-    pub fn advice() -> &'static str {
+    pub fn remedy() -> &'static str {
         system::ADVICE
     }
 }
@@ -145,8 +145,8 @@ mod tests {
     /// Values before and after, and whether the system allowed it; in a new thread, so that no other test is
     /// affected.
     fn of_thread(priority: Priority) -> (i32, i32, bool) {
-        let life = move || (system::current(), priority.set(), system::current());
-        let (before, is_set, after) = std::thread::spawn(life).join().unwrap();
+        let work = move || (system::current(), priority.set(), system::current());
+        let (before, is_set, after) = std::thread::spawn(work).join().unwrap();
         (before, after, is_set)
     }
 

@@ -117,8 +117,8 @@ fn the_gaze_stays_where_it_was_while_the_head_turns() {
     let mut held = 0;
     for start in 0..40_u16 {
         // No new fixation during the turn.
-        trial.life.gaze.fixation.left = 10.0;
-        trial.life.gaze.fixation.offset = [0.0; 2];
+        trial.stack.gaze.fixation.left = 10.0;
+        trial.stack.gaze.fixation.offset = [0.0; 2];
         trial.ticks(10);
         let mut shown = trial.tick();
         let before = trial.looks(&shown)[0];
@@ -219,7 +219,7 @@ fn lids_and_looks_of_a_gesture_stay() {
     for _ in 0..300 {
         let mut frame = trial.frame.clone();
         frame.face[LEFT.blink] = 0.9;
-        trial.life.gaze.read(&frame, &trial.rig);
+        trial.stack.gaze.read(&frame, &trial.rig);
         // A gesture raises the decoders' 0.9 and 0.
         frame.face[LEFT.blink] = 0.95;
         frame.face[LEFT.up] = 0.4;
@@ -235,7 +235,7 @@ fn lids_and_looks_of_a_gesture_stay() {
             rig: &trial.rig,
             gain: 1.0,
         };
-        trial.life.gaze.apply(&mut frame, &tick);
+        trial.stack.gaze.apply(&mut frame, &tick);
         assert!(shape(&frame, "eyeBlinkLeft") >= 0.5 - 1e-4 && shape(&frame, "eyeLookUpLeft") >= 0.4 - 1e-4);
     }
 }

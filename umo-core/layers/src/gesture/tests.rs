@@ -5,7 +5,7 @@
 
 use super::*;
 use crate::attention::Weights;
-use crate::{Controls, LifeConfig, trial};
+use crate::{Controls, LayerGains, trial};
 use umo_core_pose::frame::Cue;
 use umo_core_pose::skeleton::{ARKIT_NAMES, FIRST_FINGER, JOINTS, Skeleton};
 
@@ -65,7 +65,7 @@ struct Stage {
 impl Stage {
     fn with(gestures: Gestures) -> Self {
         let player = Player::new(gestures.clone());
-        Self { rig: rig(), player, controls: Controls::new(LifeConfig::OFF), gestures }
+        Self { rig: rig(), player, controls: Controls::new(LayerGains::OFF), gestures }
     }
 
     fn new() -> Self {

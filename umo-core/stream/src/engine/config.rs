@@ -34,22 +34,22 @@ pub struct EngineConfig {
     /// wait. A chunk does not wait at the start of a stream, once at most half of its duration is
     /// left until it would be late, or if a batch is full or all sessions are due. Zero turns
     /// waiting off.
-    pub gather: Duration,
+    pub batch_window: Duration,
     /// The host's threads, used instead of the engine's own if the host polls.
-    pub lender: Option<Lender>,
+    pub jobs: Option<SubmitJobs>,
     /// The clock for deadlines and delays.
     pub clock: Clock,
 }
 
 /// Asks the host for threads: the polling thread calls it with the number wanted. Each thread that
-/// the host provides calls [`Engine::lend`]. Late or missing threads, and calls by the polling
+/// the host provides calls [`Engine::run_job`]. Late or missing threads, and calls by the polling
 /// thread itself, only cost speed.
 #[derive(Clone)]
-pub struct Lender(pub Arc<dyn Fn(usize) + Send + Sync>);
+pub struct SubmitJobs(pub Arc<dyn Fn(usize) + Send + Sync>);
 
-impl fmt::Debug for Lender {
+impl fmt::Debug for SubmitJobs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Lender")
+        f.write_str("SubmitJobs")
     }
 }
 
@@ -85,8 +85,8 @@ impl Default for EngineConfig {
             priority: Priority::Normal,
             max_sessions: 64,
             max_batch: 8,
-            gather: Duration::ZERO,
-            lender: None,
+            batch_window: Duration::ZERO,
+            jobs: None,
             clock: Clock::system(),
         }
     }

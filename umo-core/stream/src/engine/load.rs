@@ -22,7 +22,7 @@ const CROWD: usize = 4;
 pub(super) struct Load {
     workers: usize,
     /// Batching is on: a worker takes every due session.
-    gathers: bool,
+    waits: bool,
     /// Number of workers with a batch.
     busy: AtomicUsize,
     /// Number of sessions in all batches.
@@ -38,8 +38,8 @@ impl Load {
             Threads::Own(threads) if config.max_sessions >= CROWD && is_cached(model) => threads,
             _ => 1,
         };
-        let gathers = !config.gather.is_zero();
-        Self { workers, gathers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
+        let waits = !config.batch_window.is_zero();
+        Self { workers, waits, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
     }
 
     /// Upper bound on the concurrent batches.
@@ -51,7 +51,7 @@ impl Load {
     pub(super) fn part(&self, worker: usize, due: usize) -> usize {
         let is_crowd = self.workers > 1 && due + self.members.load(Ordering::Relaxed) >= CROWD;
         match worker {
-            _ if is_crowd && self.gathers => due,
+            _ if is_crowd && self.waits => due,
             _ if is_crowd => due.div_ceil(self.workers.saturating_sub(self.busy.load(Ordering::Relaxed)).max(1)),
             LEAD => due,
             _ => 0,
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     fn load(workers: usize) -> Load {
-        Load { workers, gathers: false, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
+        Load { workers, waits: false, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
     }
 
     #[test]

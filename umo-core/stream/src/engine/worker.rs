@@ -32,10 +32,10 @@ pub(super) struct Worker {
     due: Vec<Due>,
     packets: PacketWriter,
     /// Batching window: the longest that due chunks wait for others, nanoseconds.
-    gather: u64,
+    batch_window: u64,
     /// Remaining batching delay of the sessions that the last turn found due; `None` if they do not
     /// wait.
-    gathers: Option<Duration>,
+    waits: Option<Duration>,
     /// Time that the mouth network took for the last chunk.
     heard: Duration,
     /// Stage times of the batch that were already added to the engine's.
@@ -54,7 +54,7 @@ impl Worker {
             (Threads::Own(_), [own, others @ ..]) => (Some(*own), others),
             (_, cores) => (None, cores),
         };
-        let team = match (&config.lender, config.threads) {
+        let team = match (&config.jobs, config.threads) {
             (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
             _ if index != LEAD => {
                 Team::placed(1, Placement { caller: config.cores.get(index).copied(), ..Placement::default() })?
@@ -80,8 +80,8 @@ impl Worker {
             candidates: with_capacity(config.max_sessions),
             due: with_capacity(width),
             packets: PacketWriter::new(inner.model()),
-            gather: u64::try_from(config.gather.as_nanos()).unwrap_or(u64::MAX),
-            gathers: None,
+            batch_window: u64::try_from(config.batch_window.as_nanos()).unwrap_or(u64::MAX),
+            waits: None,
             heard: Duration::ZERO,
             told: StageTimes::default(),
         })
@@ -93,8 +93,8 @@ impl Worker {
     }
 
     /// Remaining batching delay of the chunks that the last turn found due.
-    pub(super) fn gathers(&self) -> Option<Duration> {
-        self.gathers
+    pub(super) fn waits(&self) -> Option<Duration> {
+        self.waits
     }
 
     /// The threads that compute.
@@ -190,16 +190,16 @@ impl Worker {
     fn begin(&mut self, inner: &Inner) -> bool {
         let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
-        self.gathers = None;
+        self.waits = None;
         let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
-        let (gather, mut sessions, mut patience) = (self.gather, 0, u64::MAX);
+        let (window, mut sessions, mut wait) = (self.batch_window, 0, u64::MAX);
         inner.slots.for_each_unlocked(|slot, member| {
             sessions += 1;
             if let Some((due, deadline)) = member.due(model, now) {
                 candidates.push((deadline, slot));
                 latest = latest.max(member.schedule.late());
-                if gather > 0 {
-                    patience = patience.min(member.patience((due, deadline), gather, now));
+                if window > 0 {
+                    wait = wait.min(member.wait((due, deadline), window, now));
                 }
             }
         });
@@ -210,12 +210,12 @@ impl Worker {
             return false;
         }
         let has_room = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
-        if gather > 0 && has_room && patience > 0 {
-            self.gathers = Some(Duration::from_nanos(patience));
+        if window > 0 && has_room && wait > 0 {
+            self.waits = Some(Duration::from_nanos(wait));
             return false;
         }
         self.candidates.sort_unstable();
-        let share = inner.pace.full_share(now, latest);
+        let share = inner.full_share.full_share(now, latest);
         let mut left = self.candidates.len();
         for &(_, slot) in &self.candidates {
             if self.avatars.len() == part {

@@ -68,7 +68,7 @@ pub struct Decoder {
     stride: usize,
     lookahead: usize,
     /// Number of later packets that may arrive before a missing one counts as lost.
-    patience: usize,
+    reorder_window: usize,
     /// Number of the current stream, once one of its packets arrived.
     stream: Option<u8>,
     /// Sequence number of the next packet.
@@ -153,20 +153,20 @@ impl Place {
 
 impl Decoder {
     /// Creates a decoder for packets of avatars with this model and these settings, of which target, lookahead and
-    /// smoothing matter. With `patience` 0 a packet counts as lost when a later one arrives; up to 4 later ones may
+    /// smoothing matter. With `reorder_window` 0 a packet counts as lost when a later one arrives; up to 4 later ones may
     /// arrive before it. Allocates everything it will need.
     ///
     /// # Errors
     /// [`LoadError::Argument`] if a number is out of range; [`LoadError::Memory`] if out of memory.
-    pub fn new(model: &Model, config: &AvatarConfig, patience: usize) -> Result<Self, LoadError> {
-        memory::catch(|| Self::make(model, config, patience))?
+    pub fn new(model: &Model, config: &AvatarConfig, reorder_window: usize) -> Result<Self, LoadError> {
+        memory::catch(|| Self::make(model, config, reorder_window))?
     }
 
-    fn make(model: &Model, config: &AvatarConfig, patience: usize) -> Result<Self, LoadError> {
+    fn make(model: &Model, config: &AvatarConfig, reorder_window: usize) -> Result<Self, LoadError> {
         let c = model.config();
         config.check(c)?;
-        if patience > WAITING {
-            return Err(LoadError::argument("patience", format!("expected 0 to {WAITING}, got {patience}")));
+        if reorder_window > WAITING {
+            return Err(LoadError::argument("reorder_window", format!("expected 0 to {WAITING}, got {reorder_window}")));
         }
         let (stride, lookahead) = (c.keyframe_stride, config.held_back());
         let (max_push, count) = (config.target * stride, c.codes_per_keyframe());
@@ -188,7 +188,7 @@ impl Decoder {
             prefix: c.prefix,
             stride,
             lookahead,
-            patience,
+            reorder_window,
             stream: None,
             next: 0,
             is_over: false,
@@ -225,8 +225,8 @@ impl Decoder {
 
     /// Maximum number of frames that one packet can make final.
     pub(crate) fn most_frames(&self) -> usize {
-        let made_up = (self.patience + 1) * (self.prefix / self.target);
-        (made_up + self.patience + 1) * self.target * self.stride + self.lookahead
+        let made_up = (self.reorder_window + 1) * (self.prefix / self.target);
+        (made_up + self.reorder_window + 1) * self.target * self.stride + self.lookahead
     }
 
     /// Returns to the initial state, for any stream.
@@ -291,7 +291,7 @@ impl Decoder {
                 self.begin();
                 self.stream = Some(head.stream);
                 // Joining in the middle of a stream: earlier packets were not lost.
-                if head.sequence as usize > self.patience {
+                if head.sequence as usize > self.reorder_window {
                     self.jump(&head, None);
                     self.next = head.sequence;
                 }
@@ -303,7 +303,7 @@ impl Decoder {
         }
         let ahead = (head.sequence - self.next) as usize;
         let waiting = self.waiting.iter().filter(|slot| slot.head.is_some()).count();
-        if ahead == 0 || waiting >= self.patience {
+        if ahead == 0 || waiting >= self.reorder_window {
             // Waiting packets may be used too, and gaps between them are filled.
             let made_up = ahead.min((waiting + 1) * (self.prefix / self.target));
             let frames = (made_up + waiting + 1) * self.target * self.stride + self.lookahead;

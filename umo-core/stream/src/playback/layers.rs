@@ -1,9 +1,9 @@
-//! Procedural layers (`life`) over the frames, with the host's requests to them.
+//! Procedural layers (`umo_core_layers`) over the frames, with the host's requests to them.
 
 use std::sync::atomic::Ordering;
 
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, Heard, Life};
+use umo_core_layers::{Controls, Heard, LayerStack};
 use umo_core_pose::frame::OwnedFrame;
 
 use super::Start;
@@ -12,37 +12,37 @@ use super::host::Host;
 /// The layers of one avatar, and the requests in force.
 #[derive(Debug)]
 pub(crate) struct Layers {
-    pub(crate) life: Life,
+    pub(crate) stack: LayerStack,
     pub(crate) controls: Controls,
     /// Rate of the frames' samples, per second.
     rate: usize,
 }
 
 impl Layers {
-    pub(crate) fn new(life: Life, controls: Controls, rate: usize) -> Self {
-        Self { life, controls, rate }
+    pub(crate) fn new(stack: LayerStack, controls: Controls, rate: usize) -> Self {
+        Self { stack, controls, rate }
     }
 
     pub(crate) fn reset(&mut self, start: &Start, host: &Host) {
         self.follow(host);
         if start.is_reset {
-            self.life.reset(start.epoch.number, &self.controls);
+            self.stack.reset(start.epoch.number, &self.controls);
         } else {
-            self.life.interrupt(start.epoch.number, start.ease, &self.controls);
+            self.stack.interrupt(start.epoch.number, start.ease, &self.controls);
         }
         self.publish(host);
     }
 
     /// Whether they leave a frame unchanged.
     pub(crate) fn is_off(&self) -> bool {
-        self.life.is_off(&self.controls)
+        self.stack.is_off(&self.controls)
     }
 
     /// Completes the next frame of the stream with a tick of the layers. `other_level` is the level
     /// of the interlocutor's voice.
     pub(crate) fn apply(&mut self, frame: &mut OwnedFrame, other_level: f32) {
         let heard = Heard { sample: frame.sample, rate: self.rate };
-        self.life.apply(frame, &self.controls, other_level, Some(heard));
+        self.stack.apply(frame, &self.controls, other_level, Some(heard));
     }
 
     /// [`Self::apply`] with the host's newest requests. Publishes the number of those that have
@@ -55,8 +55,8 @@ impl Layers {
 
     /// Applies a tick of the layers to a frame without audio, outside of the stream.
     pub(super) fn apply_to_still(&mut self, host: &Host, frame: &mut OwnedFrame) {
-        self.life.apply(frame, &self.controls, host.other_level(), None);
-        host.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
+        self.stack.apply(frame, &self.controls, host.other_level(), None);
+        host.begun_gestures.store(self.stack.begun_gestures(), Ordering::Release);
     }
 
     /// Takes over the host's requests; if the host is writing them, the next frame does.
@@ -66,13 +66,13 @@ impl Layers {
 
     /// Publishes the numbers of begun gestures and passed hints for the host's setters.
     fn publish(&self, host: &Host) {
-        host.passed_hints.store(self.life.passed_hints(), Ordering::Release);
-        host.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
+        host.passed_hints.store(self.stack.passed_hints(), Ordering::Release);
+        host.begun_gestures.store(self.stack.begun_gestures(), Ordering::Release);
     }
 
     /// Describes the layers; [`Self::controls_state`] follows later in a state.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        self.life.state(pass)
+        self.stack.state(pass)
     }
 
     /// Describes the requests in force.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::playback::{Idle, Voice};
 use umo_core_base::error::LoadError;
-use umo_core_layers::{Gestures, LifeConfig};
+use umo_core_layers::{Gestures, LayerGains};
 use umo_core_model::audio::resample;
 use umo_core_model::avatar::AvatarConfig;
 use umo_core_model::config::Config;
@@ -54,7 +54,7 @@ pub struct SessionConfig {
     /// The avatar.
     pub avatar: AvatarConfig,
     /// Initial gain of each layer over the model's frames.
-    pub layers: LifeConfig,
+    pub layers: LayerGains,
     /// Available gestures.
     pub gestures: Gestures,
     /// Sample rate of the pushed audio, [`MIN_RATE`] to [`MAX_RATE`].
@@ -76,7 +76,7 @@ pub struct SessionConfig {
     pub packets: Option<PacketConfig>,
     /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
     /// may arrive before a missing one counts as lost.
-    pub patience: usize,
+    pub reorder_window: usize,
 }
 
 impl SessionConfig {
@@ -89,7 +89,7 @@ impl SessionConfig {
                 avatar.smoothing = SMOOTHING;
                 avatar
             },
-            layers: LifeConfig::ON,
+            layers: LayerGains::ON,
             gestures: Gestures::new(),
             sample_rate: config.audio.sample_rate,
             channels: 1,
@@ -99,7 +99,7 @@ impl SessionConfig {
             ease: Duration::from_millis(500),
             queue_frames: 4 * config.max_target * config.keyframe_stride,
             packets: None,
-            patience: 0,
+            reorder_window: 0,
         }
     }
 

@@ -12,7 +12,7 @@ use crate::playback::{
 };
 use umo_core_base::memory::Boxed;
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, Life};
+use umo_core_layers::{Controls, LayerStack};
 use umo_core_pose::frame::OwnedFrame;
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
@@ -39,7 +39,7 @@ impl Output {
         let (rates, frame_rate) = ((session.sample_rate, config.frame_rate), config.frame_rate);
         let frame = || rest.clone_in(arena);
         let ease = frames_of(session.ease, frame_rate).into();
-        let life = Life::new(
+        let stack = LayerStack::new(
             (&config.skeleton, &config.face),
             frame_rate,
             rest,
@@ -52,7 +52,7 @@ impl Output {
             // With packets, `gap` eases.
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
-            layers: Layers::new(life, Controls::new(session.layers), session.sample_rate),
+            layers: Layers::new(stack, Controls::new(session.layers), session.sample_rate),
             window: Window::new(frame),
             sample: Sample::new(frame(), frame_rate),
             idle: IdleBlend::new(frame, session.idle_after, session.ease, frame_rate),
@@ -186,7 +186,7 @@ impl Output {
         self.idle.identity(pass)?;
         let packets = shared.packets.as_ref().map_or(0, PacketQueue::identity);
         pass.same("voice, or of packets", u64::from(self.source.is_live()) + 2 * packets)?;
-        self.layers.life.identity(pass)
+        self.layers.stack.identity(pass)
     }
 
     /// Describes the frame side, in the order of the format. Rest is the model's and is not saved.

@@ -74,7 +74,7 @@ impl Session {
     /// everything that shows or changes frames works as in a session with an engine. It needs no
     /// engine and little processor time.
     ///
-    /// Target, lookahead and smoothing of `config` must be the sender's; patience, layers,
+    /// Target, lookahead and smoothing of `config` must be the sender's; reorder_window, layers,
     /// gestures, idle mode, ease and queue are its own. Allocates everything that it will need.
     ///
     /// # Errors
@@ -94,7 +94,7 @@ impl Session {
         }
         // A decoder takes no audio.
         (config.sample_rate, config.channels) = (model.config().audio.sample_rate, 1);
-        let decoder = Decoder::new(model, &config.avatar, config.patience)?;
+        let decoder = Decoder::new(model, &config.avatar, config.reorder_window)?;
         // Room for the frames that wait for the host, and for the frames that one packet adds after
         // losses.
         config.queue_frames = config.queue_frames.saturating_add(decoder.most_frames());

@@ -11,7 +11,7 @@ use umo_kernels::Isa;
 const MILLISECOND: u64 = 1_000_000;
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Batching window of the engine with threads.
-const GATHER: Duration = Duration::from_millis(30);
+const BATCH_WINDOW: Duration = Duration::from_millis(30);
 
 fn model() -> Arc<Model> {
     let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit");
@@ -29,13 +29,13 @@ struct Host {
 }
 
 impl Host {
-    fn new(gather: Duration, max_batch: usize) -> Self {
+    fn new(batch_window: Duration, max_batch: usize) -> Self {
         let nanos = Arc::new(AtomicU64::new(0));
         let config = EngineConfig {
             threads: Threads::Host(0),
             clock: Clock::Manual(Arc::clone(&nanos)),
             max_batch,
-            gather,
+            batch_window,
             ..EngineConfig::default()
         };
         let engine = Engine::new(model(), &config).unwrap();
@@ -168,7 +168,7 @@ fn chunks_whose_audio_was_there_before_wait_too() {
 #[test]
 fn own_threads_compute_what_has_waited() {
     for threads in [1, 2] {
-        let config = EngineConfig { threads: Threads::Own(threads), gather: GATHER, ..EngineConfig::default() };
+        let config = EngineConfig { threads: Threads::Own(threads), batch_window: BATCH_WINDOW, ..EngineConfig::default() };
         let engine = Engine::new(model(), &config).unwrap();
         let sessions: Vec<_> =
             (0..6).map(|_| engine.session(&SessionConfig::new(engine.model().config())).unwrap()).collect();
@@ -195,7 +195,7 @@ fn own_threads_compute_what_has_waited() {
             let (start, before) = (Instant::now(), session.stats().chunks);
             push(session);
             wait(session, before + 1);
-            assert!(start.elapsed() >= GATHER, "it did not wait");
+            assert!(start.elapsed() >= BATCH_WINDOW, "it did not wait");
         }
     }
 }

@@ -18,7 +18,7 @@ const UNLIMITED: u64 = u64::MAX;
 
 /// The share, which all workers of an engine update when they look for work.
 #[derive(Debug)]
-pub(super) struct Pace {
+pub(super) struct FullShare {
     /// Lateness, in nanoseconds, at which bodies begin to be held.
     limit: AtomicU64,
     /// An f32 as its bits.
@@ -27,14 +27,14 @@ pub(super) struct Pace {
     looked: AtomicU64,
 }
 
-impl Default for Pace {
+impl Default for FullShare {
     fn default() -> Self {
         let share = AtomicU32::new(1.0_f32.to_bits());
         Self { limit: AtomicU64::new(UNLIMITED), share, looked: AtomicU64::new(0) }
     }
 }
 
-impl Pace {
+impl FullShare {
     /// Sets the lateness at which bodies begin to be held.
     pub(super) fn set_limit(&self, limit: Option<Duration>) {
         let nanos = limit.map_or(UNLIMITED, |limit| u64::try_from(limit.as_nanos()).unwrap_or(UNLIMITED));
