@@ -220,7 +220,7 @@ pub enum Due {
     /// A chunk can be computed.
     Chunk,
     /// A chunk can be computed without the language model: the body holds its pose.
-    Frozen,
+    Held,
     /// All chunks are done; the frames held back at the end are due.
     Flush,
     /// More audio is needed.

@@ -204,7 +204,7 @@ impl Batch {
     }
 
     /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]). Members with
-    /// [`Due::Flush`] only emit their last frames; the bodies of those with [`Due::Frozen`] hold their pose.
+    /// [`Due::Flush`] only emit their last frames; the bodies of those with [`Due::Held`] hold their pose.
     ///
     /// # Errors
     /// [`StepError`] if a batch is in progress, or there are too many members.
@@ -320,7 +320,7 @@ impl Batch {
 
     /// The next member from `first` on that has a chunk to compute, held or not.
     fn next_chunk(&self, first: usize) -> Option<usize> {
-        (first..self.members).find(|&member| matches!(self.due[member], Due::Chunk | Due::Frozen))
+        (first..self.members).find(|&member| matches!(self.due[member], Due::Chunk | Due::Held))
     }
 
     /// Whether the language model computes a member's chunk now.
@@ -368,7 +368,7 @@ impl Batch {
             }
             avatar.replace_units(&model.config);
         }
-        if self.due[member] == Due::Frozen {
+        if self.due[member] == Due::Held {
             avatar.window.hold();
             return Ok(self.tokenize_from(member + 1));
         }
@@ -593,7 +593,7 @@ impl Batch {
         let start = avatar.window.fresh_start(first);
         let Some(Pushing { mut push, is_end }) = self.pushing.take() else {
             return match self.due[member] {
-                Due::Chunk | Due::Frozen => {
+                Due::Chunk | Due::Held => {
                     let push = run.begin_push(decoder, scratch, start, avatar.lookahead)?.ending_at(total);
                     self.pushing = Some(Pushing { push, is_end: false });
                     Ok(true)

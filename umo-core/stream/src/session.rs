@@ -22,7 +22,7 @@ mod backlog;
 mod config;
 pub(crate) mod delay;
 mod error;
-mod frozen;
+mod held;
 mod input;
 mod kept;
 mod other;

@@ -42,7 +42,7 @@ enum Future {
     /// Further codes, not yet known: the newest one is repeated in their place. A decoder that is cut off
     /// sees zeros instead, which are not valid motion; at the start of a stream with few codes, the root
     /// would then be far below its height.
-    Frozen,
+    Held,
     /// Nothing, as at the end of a whole decode.
     End,
 }
@@ -51,7 +51,7 @@ impl Future {
     /// Number of frames to repeat the newest code for, if a network sees `reach` frames ahead.
     fn frames(self, reach: usize) -> usize {
         match self {
-            Self::Frozen => reach,
+            Self::Held => reach,
             Self::End => 0,
         }
     }
@@ -278,7 +278,7 @@ impl<T: Latent> MotionStream<T> {
         }
         let until = (self.known + frames).saturating_sub(lookahead);
         let part = if frames > 0 { 0 } else { Part::ALL.len() };
-        Ok(Push { frames, until, end: usize::MAX, lookahead, future: Future::Frozen, part, decoder: 0 })
+        Ok(Push { frames, until, end: usize::MAX, lookahead, future: Future::Held, part, decoder: 0 })
     }
 
     /// Runs the next decoder of a push, or emits its frames. Returns whether there is more to do. `latents`

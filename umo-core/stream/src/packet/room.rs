@@ -35,7 +35,7 @@ impl PacketRoom {
         out: &mut [u8],
     ) -> Result<Option<usize>, StepError> {
         let keyframes = match stepped {
-            Due::Chunk | Due::Frozen => avatar.target,
+            Due::Chunk | Due::Held => avatar.target,
             Due::Flush => 0,
             Due::Audio | Due::Nothing => return Ok(None),
         };

@@ -33,7 +33,7 @@ pub(super) struct Begun {
 }
 
 impl Begun {
-    const DUE: [Option<Due>; 4] = [None, Some(Due::Chunk), Some(Due::Frozen), Some(Due::Flush)];
+    const DUE: [Option<Due>; 4] = [None, Some(Due::Chunk), Some(Due::Held), Some(Due::Flush)];
 
     /// Describes it, with upper bounds of its samples and frames.
     pub(super) fn state(&mut self, pass: &mut StatePass, (samples, frames): (usize, usize)) -> Result<(), StateError> {

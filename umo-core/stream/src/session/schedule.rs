@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use super::frozen::{FrozenMouth, next_frames};
+use super::held::{HeldMouth, next_frames};
 use super::kept::{Begun, Times};
 use super::packets::PacketWriter;
 use super::shared::try_lock;
@@ -56,7 +56,7 @@ pub(crate) struct Schedule {
     /// Frames of the current chunk so far.
     frames: u64,
     /// The mouth of chunks whose body is held, if the model has a mouth network.
-    frozen_mouth: Option<FrozenMouth>,
+    held_mouth: Option<HeldMouth>,
     /// Accumulated credit towards a full chunk, while only a share of the chunks is computed in
     /// full.
     credit: Option<f32>,
@@ -99,12 +99,12 @@ impl FrameSink for Members<'_> {
 impl Schedule {
     /// Whether the mouth network is still to hear the chunk's samples.
     pub(crate) fn awaits_mouth(&self) -> bool {
-        self.frozen_mouth.as_ref().is_some_and(FrozenMouth::awaits)
+        self.held_mouth.as_ref().is_some_and(HeldMouth::awaits)
     }
 
     /// Feeds the chunk's samples to the mouth network.
     pub(crate) fn hear_mouth(&mut self, avatar: &mut Avatar) -> Result<(), StepError> {
-        let heard = self.frozen_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()));
+        let heard = self.held_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()));
         #[cfg(test)]
         avatar.meet_plant(umo_core_model::batch::Step::Mouth)?;
         heard
@@ -116,7 +116,7 @@ impl Schedule {
         config: &Config,
         sample_rate: usize,
         levels: Levels,
-        frozen_mouth: Option<FrozenMouth>,
+        held_mouth: Option<HeldMouth>,
     ) -> Self {
         let frames = (avatar.target * config.keyframe_stride) as f64;
         Self {
@@ -133,7 +133,7 @@ impl Schedule {
             silence: Silence::default(),
             levels,
             frames: 0,
-            frozen_mouth,
+            held_mouth,
             credit: None,
         }
     }
@@ -201,7 +201,7 @@ impl Schedule {
         };
         let epoch = self.view.epoch.number;
         if self.shared.has_frames() && self.frames >= self.begun.frames {
-            let with_mouth = self.frozen_mouth.as_mut().and_then(|mouth| mouth.put(&frame));
+            let with_mouth = self.held_mouth.as_mut().and_then(|mouth| mouth.put(&frame));
             let (pose, face) = with_mouth.unwrap_or((frame.pose, frame.face));
             let stamp = Stamp { epoch, index, sample };
             let written = self.shared.link.frames.push(stamp, self.levels.cue(&frame), pose, face);
@@ -238,7 +238,7 @@ impl Member {
         let has_frames = session.packets.as_ref().is_none_or(|packets| packets.with_frames);
         let wants = avatar.has_audio() && has_frames && session.voice == Voice::Delayed;
         let face_values = model.motion().assembly().face_values();
-        let mouth = wants.then(|| FrozenMouth::new_in(model, &avatar, face_values, arena)).flatten();
+        let mouth = wants.then(|| HeldMouth::new_in(model, &avatar, face_values, arena)).flatten();
         let schedule = Schedule::new(&avatar, shared, model.config(), session.sample_rate, levels, mouth);
         Self { schedule, avatar }
     }
@@ -286,7 +286,7 @@ impl Member {
         if pass.loads() {
             schedule.noticed = None;
             // The held mouth's input is not part of a state.
-            if let Some(mouth) = &mut schedule.frozen_mouth {
+            if let Some(mouth) = &mut schedule.held_mouth {
                 mouth.reset();
             }
         }
@@ -311,7 +311,7 @@ impl Member {
             .schedule
             .chunk_frames
             .saturating_sub(usize::try_from(self.schedule.begun.frames).unwrap_or(usize::MAX));
-        let is_due = matches!(due, Due::Chunk | Due::Frozen | Due::Flush) && shared.has_room(frames);
+        let is_due = matches!(due, Due::Chunk | Due::Held | Due::Flush) && shared.has_room(frames);
         is_due.then(|| (due, self.deadline(now)))
     }
 
@@ -323,7 +323,7 @@ impl Member {
             avatar.reset();
             schedule.silence = Silence::default();
             schedule.levels.reset();
-            if let Some(mouth) = &mut schedule.frozen_mouth {
+            if let Some(mouth) = &mut schedule.held_mouth {
                 mouth.reset();
             }
             (schedule.times.arrived, schedule.noticed, schedule.times.release) = (None, None, 0);
@@ -386,7 +386,7 @@ impl Member {
             let is_held = share < 1.0 && due == Due::Chunk && self.schedule.holds(share, slot);
             let room = if due == Due::Flush { 0 } else { self.avatar.chunk_samples() };
             self.schedule.begun = Begun {
-                due: Some(if is_held { Due::Frozen } else { due }),
+                due: Some(if is_held { Due::Held } else { due }),
                 samples: room.min(shared.link.audio.len()) as u64,
                 ..Begun::default()
             };
@@ -405,11 +405,11 @@ impl Member {
     pub(crate) fn begin(&mut self, due: Due, busy: bool, config: &Config) {
         let Self { avatar, schedule } = self;
         schedule.noticed = None;
-        let Schedule { shared, view, silence, levels, frames, begun, frozen_mouth, model_rate, frame_rate, .. } =
+        let Schedule { shared, view, silence, levels, frames, begun, held_mouth, model_rate, frame_rate, .. } =
             schedule;
         *frames = 0;
         let (start, endless) = (avatar.consumed(avatar.chunk), avatar.total.is_none());
-        if due == Due::Frozen {
+        if due == Due::Held {
             shared.stats.held_chunks.fetch_add(1, Ordering::Relaxed);
         }
         let chunk = next_frames(avatar, config);
@@ -419,10 +419,10 @@ impl Member {
         let taken = shared.link.take_audio(view, &mut room[..there]);
         room[taken..].fill(0.0);
         levels.push(room);
-        if let Some(mouth) = frozen_mouth
+        if let Some(mouth) = held_mouth
             && due != Due::Flush
         {
-            mouth.begin(chunk, due == Due::Frozen, busy.then_some(start * *frame_rate / *model_rate));
+            mouth.begin(chunk, due == Due::Held, busy.then_some(start * *frame_rate / *model_rate));
         }
         if taken < room.len() && endless {
             shared.link.silence_given();

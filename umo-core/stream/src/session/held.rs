@@ -29,7 +29,7 @@ const AHEAD: usize = 32;
 
 /// The mouth network's state in one session.
 #[derive(Debug)]
-pub(super) struct FrozenMouth {
+pub(super) struct HeldMouth {
     model: Arc<Model>,
     stream: MouthStream,
     /// Whether the stream has heard the previous chunk.
@@ -54,7 +54,7 @@ pub(super) struct FrozenMouth {
     face: Slice<f32>,
 }
 
-impl FrozenMouth {
+impl HeldMouth {
     /// `None` if the model has no mouth network.
     pub(super) fn new_in(model: &Arc<Model>, avatar: &Avatar, face_values: usize, arena: &Arena) -> Option<Self> {
         let (mouth, config) = (model.mouth()?, model.config());
