@@ -36,7 +36,7 @@ def library(prefix: Path) -> Path:
     """The shared library of an installation."""
     file = prefix / {"win32": "bin/umo.dll", "darwin": "lib/libumo.dylib"}.get(sys.platform, "lib/libumo.so")
     if not file.is_file():
-        raise SetupError(f"{file} is missing: {prefix} is no folder that scripts/build/install made")
+        raise SetupError(f"{file} is missing: {prefix} was not made by scripts/build/install")
     return file
 
 

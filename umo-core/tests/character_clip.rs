@@ -34,7 +34,7 @@ fn a_characters_animation_is_brought_to_the_joints() {
 fn bad_files_are_refused_with_what_is_wrong() {
     let (skeleton, file) = (skeleton(), salute());
     let wrong = |bytes: &[u8], name: Option<&str>| read(bytes, name, &skeleton).unwrap_err();
-    assert_eq!(wrong(b"RIFF", None), "it is no glb file");
+    assert_eq!(wrong(b"RIFF", None), "not a glb file");
     assert_eq!(wrong(&file[..file.len() - 1], None), "the file is cut short");
     let other = wrong(&file, Some("wave"));
     assert!(other.contains("`wave`") && other.contains("salute") && other.contains("turn"), "{other}");

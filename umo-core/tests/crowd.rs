@@ -1,6 +1,6 @@
-//! More avatars than the processor can compute, with a late limit: bodies are frozen in turn, mouths keep moving,
+//! More avatars than the processor can compute, with a late limit: bodies are held in turn, mouths keep moving,
 //! backlogs stay bounded, and all recovers when the load ends. The clock is simulated: a chunk costs a fixed time,
-//! in full or frozen.
+//! in full or held.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -169,7 +169,7 @@ fn over_capacity_bodies_are_held_evenly_mouths_go_on_and_it_ends_with_the_load()
     let late = crowd.late() - late;
     println!("late {late} of {frames} frames, {worst} s behind, held {:?}", crowd.held());
     assert!(late * 10 < frames, "{late} of {frames} frames were late");
-    // Avatars take turns: of 50 chunks, each has a similar number frozen.
+    // Avatars take turns: of 50 chunks, each has a similar number held.
     let held: Vec<u64> = crowd.held().iter().zip(held).map(|(now, before)| now - before).collect();
     let (least, most) = (held.iter().min().unwrap(), held.iter().max().unwrap());
     assert!(*least >= 15 && *most <= 40 && most - least <= 8, "{held:?}");

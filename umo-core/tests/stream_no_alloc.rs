@@ -88,7 +88,7 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
     // On its own threads the engine has more sessions, so that each thread has batches.
     let crowd = if matches!(threads, Threads::Own(_)) { 2 } else { 1 };
     assert_eq!(engine.batches(), crowd);
-    // The session that is pushed too much is late, so that bodies are frozen.
+    // The session that is pushed too much is late, so that bodies are held.
     let holds = matches!(threads, Threads::Host(_));
     engine.set_late_limit(holds.then_some(Duration::ZERO));
     let mut session = SessionConfig::new(model.config());

@@ -69,7 +69,7 @@ export class Library {
   set(at, { fields }, values) {
     for (const [field, value] of Object.entries(values)) {
       const [offset, type, names] = fields[field];
-      if (names && !Object.hasOwn(names, value)) throw new UmoError("INVALID_ARGUMENT", `${field} ${value} is none of ${Object.keys(names)}`);
+      if (names && !Object.hasOwn(names, value)) throw new UmoError("INVALID_ARGUMENT", `${field} ${value}: expected one of ${Object.keys(names)}`);
       const number = names ? names[value] : value;
       this.view[`set${type}`](at + offset, type === "BigUint64" ? BigInt(number) : number, true);
     }

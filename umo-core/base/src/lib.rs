@@ -1,4 +1,4 @@
-//! What every part needs: errors, memory, files, threads, clocks and saved states.
+//! Shared basics: errors, memory, files, threads, clocks and saved states.
 //!
 //! Implementation detail of `umo-core`, which re-exports what users need. No promise of stability.
 #![deny(unsafe_code)]

@@ -196,7 +196,7 @@ pub struct Avatar {
     whole: Option<WholeFile>,
     /// Codes of the window.
     pub window: Window,
-    /// What the chunks of this layout keep.
+    /// State that the layout's chunks keep.
     pub run: Run,
     #[cfg(feature = "faults")]
     #[doc(hidden)]

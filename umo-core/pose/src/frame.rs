@@ -32,7 +32,7 @@ pub struct OwnedFrame {
     pub pose: Pose,
     /// Face values, in the order of the model's names.
     pub face: Slice<f32>,
-    /// What the layers read beside the pose.
+    /// Inputs of the layers besides the pose.
     pub cue: Cue,
 }
 

@@ -236,7 +236,7 @@ def set_fields(config: Any, **values: Any) -> None:
 
 
 def set_values(config: Any, **values: Any) -> None:
-    """Sets what is not None: values that have names by these, times in seconds."""
+    """Sets the values that are not None: named values by their names, times in seconds."""
     for name, value in values.items():
         if isinstance(value, str):
             value = chosen(name, config.choices[name], value)

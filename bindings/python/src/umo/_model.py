@@ -73,7 +73,7 @@ class Model(_library.Handle):
 
     @property
     def notice(self) -> str:
-        """What users must be told about it; empty where there is nothing."""
+        """Notice that users must see; empty if there is none."""
         return self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["notice"])
 
     @property

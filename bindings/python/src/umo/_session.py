@@ -333,13 +333,13 @@ class Session(_library.Handle):
         self._check(lib.umo_session_play_gesture(self._handle, name.encode(), options))
 
     def latency(self) -> Latency:
-        """How far motion is behind speech."""
+        """Delay of motion behind speech."""
         raw = _generated.RawLatency(struct_size=ctypes.sizeof(_generated.RawLatency))
         self._check(lib.umo_session_latency(self._handle, raw))
         return Latency(*(getattr(raw, name) for name in Latency._fields))
 
     def stats(self) -> Stats:
-        """What the session went through so far."""
+        """Counts of the session so far."""
         raw = _generated.RawStats(struct_size=ctypes.sizeof(_generated.RawStats))
         self._check(lib.umo_session_stats(self._handle, raw))
         return Stats(*(getattr(raw, name) for name in Stats._fields))
@@ -422,7 +422,7 @@ class Decoder(Session):
 
     @property
     def received(self) -> Received:
-        """What came of the packets so far."""
+        """Statistics of the packets so far."""
         stats = _generated.RawReceived(struct_size=ctypes.sizeof(_generated.RawReceived))
         self._check(lib.umo_decoder_stats(self._handle, stats))
         return Received(*(int(getattr(stats, name)) for name in Received._fields))

@@ -16,9 +16,9 @@ const PIECE = 0.03;
 const FRAMES = 1;
 const HEAD = 8;
 const NUMBERS = 16;
-/** How often statistics are asked for, milliseconds. */
+/** Interval of requests for statistics, milliseconds. */
 const NEWS = 250;
-/** How often what has been spoken of the page's own recording is sent, milliseconds, and most samples of a message. */
+/** Interval at which the played part of the page's recording is sent, milliseconds, and the maximum samples of a message. */
 const SEND = 8;
 const MOST_SAMPLES = 1 << 14;
 /** Maximum drift of a recording's sound before it is moved, and minimum time between moves, seconds. */
@@ -91,7 +91,7 @@ export class LiveClock {
   setRate() {}
 }
 
-/** What happened, for whoever looks: frames in the order of their coming, messages that came too late. */
+/** Events for debugging: frames in their order of arrival, and messages that came too late. */
 const fresh = () => ({ received: 0, next: 0, inOrder: true, late: 0, arrivals: [], pictures: [], worst: {}, done: false, error: null, stats: null, started: null });
 
 /** Samples as messages have them, 16 bits. */

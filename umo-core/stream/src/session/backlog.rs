@@ -1,4 +1,4 @@
-//! How far a session's frames are behind its audio.
+//! Backlog: time by which a session's frames are behind its audio.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
