@@ -198,9 +198,6 @@ pub struct Avatar {
     pub window: Window,
     /// State that the layout's chunks keep.
     pub run: Run,
-    #[cfg(feature = "faults")]
-    #[doc(hidden)]
-    pub plant: Option<crate::batch::Plant>,
 }
 
 /// Audio units of a whole recording, used instead of the stream's.
@@ -281,8 +278,6 @@ impl Avatar {
             whole: None,
             window: Window::new_in(c, config.target, arena),
             run: model.layout.run_in(c, &model.motion, Shape { target: config.target, lookahead, smoothing }, arena),
-            #[cfg(feature = "faults")]
-            plant: None,
         })
     }
 

@@ -13,8 +13,6 @@
 //! (SPEC 2.13). A guided avatar has two sequences, with and without its text (SPEC 2.16).
 
 mod phase;
-#[cfg(feature = "faults")]
-mod plant;
 mod sharing;
 #[cfg(test)]
 mod tests;
@@ -37,8 +35,6 @@ use crate::model::Model;
 use crate::motion::{FrameRef, MotionScratch, Push};
 use crate::record::{Chunk, Codes};
 use phase::Phase;
-#[cfg(feature = "faults")]
-pub use plant::{Plant, Step};
 use sharing::Sharing;
 use umo_core_base::error::StepError;
 use umo_core_base::memory::filled;
@@ -280,8 +276,6 @@ impl Batch {
         if avatars.len() != self.members {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
-        #[cfg(feature = "faults")]
-        self.meet_plants(avatars)?;
         let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
         let shared = !self.alone && self.sharing.choose(phase.kind(), self.members);
         cx.team.set_alone(!shared);
@@ -326,6 +320,19 @@ impl Batch {
     /// Whether the language model computes a member's chunk now.
     fn is_coded(&self, member: usize) -> bool {
         self.due[member] == Due::Chunk && self.single.is_none_or(|single| single == member)
+    }
+
+    /// Whether the next step computes something of `member`.
+    #[doc(hidden)]
+    pub fn takes_part(&self, member: usize) -> bool {
+        match self.phase {
+            Phase::Idle => false,
+            Phase::Tokenize { member: one } | Phase::Interpolate { member: one } | Phase::DecodeMotion { member: one } => {
+                one == member
+            }
+            Phase::Attend { sequence, .. } => sequence / self.per_member == member,
+            Phase::Encode { .. } | Phase::Decode { .. } | Phase::Draw { .. } => self.is_coded(member),
+        }
     }
 
     /// The first member from `first` on whose chunk the language model computes now.

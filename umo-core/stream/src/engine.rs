@@ -15,6 +15,8 @@ mod error;
 mod load;
 mod full_share;
 #[cfg(test)]
+pub(crate) mod plant;
+#[cfg(test)]
 mod tests;
 mod worker;
 

@@ -130,7 +130,11 @@ impl Worker {
         let Self { team, batch, avatars, schedules, .. } = self;
         batch.set_alone(inner.load.is_shared());
         let cx = Compute { isa: inner.model().isa(), team };
-        let result = contain(|| batch.step(inner.model(), cx, avatars, &mut Members(schedules)));
+        let result = contain(|| {
+            #[cfg(test)]
+            super::plant::meet(batch, schedules)?;
+            batch.step(inner.model(), cx, avatars, &mut Members(schedules))
+        });
         let failure = match result {
             Ok(Ok(_)) => None,
             Ok(Err(error)) => Some(Failure::Step(error)),

@@ -60,6 +60,8 @@ pub(crate) struct Schedule {
     /// Accumulated credit towards a full chunk, while only a share of the chunks is computed in
     /// full.
     credit: Option<f32>,
+    #[cfg(test)]
+    pub(crate) plant: Option<crate::engine::plant::Plant>,
 }
 
 /// Silence that the engine inserted into the stream, at the model's rate.
@@ -106,7 +108,7 @@ impl Schedule {
     pub(crate) fn hear_mouth(&mut self, avatar: &mut Avatar) -> Result<(), StepError> {
         let heard = self.held_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()));
         #[cfg(test)]
-        avatar.meet_plant(umo_core_model::batch::Step::Mouth)?;
+        self.plant.as_mut().map_or(Ok(()), |plant| plant.meet(crate::engine::plant::MOUTH))?;
         heard
     }
 
@@ -135,6 +137,8 @@ impl Schedule {
             frames: 0,
             held_mouth,
             credit: None,
+            #[cfg(test)]
+            plant: None,
         }
     }
 

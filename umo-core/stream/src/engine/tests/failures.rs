@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicU64;
 use super::*;
 use crate::session::PacketConfig;
 use umo_core_base::error::StepError;
-use umo_core_model::batch::{Plant, Step};
+use crate::engine::plant::{MOUTH, Plant, STEPS};
 
 /// More turns than any run takes.
 const MOST_TURNS: usize = 100_000;
@@ -55,7 +55,7 @@ impl Crowd {
         let crowd = Self { engine, worker, sessions };
         if let Some((failing, plant)) = plant {
             let slot = crowd.sessions[failing].slot().unwrap();
-            while slot.with_member(|member, _| member.avatar.plant = Some(plant)).is_none() {}
+            while slot.with_member(|member, _| member.schedule.plant = Some(plant)).is_none() {}
         }
         crowd
     }
@@ -143,7 +143,7 @@ fn chunks_of(late: bool) -> usize {
 /// Runs with a planted failure in one session; checks that the others produce `wanted`.
 fn fails_alone(model: &Arc<Model>, driver: Driver, wanted: &[Outcome], at: usize, plant: Plant) {
     let case = format!("{driver:?}, {} sessions, number {at}: {plant:?}", wanted.len());
-    let (late, done) = (plant.step == Step::Mouth, wanted[0].0);
+    let (late, done) = (plant.step == MOUTH, wanted[0].0);
     let mut crowd = Crowd::new(model, driver, late, wanted.len(), Some((at, plant)));
     crowd.push(chunks_of(late));
     let failure = |session: &Session| session.push_audio(&[]).err();
@@ -173,12 +173,12 @@ fn a_failing_session_ends_alone_in_every_kind_of_step() {
         let drivers = [Driver::Polled, Driver::Turned, Driver::Own].into_iter();
         for ((driver, count), step) in drivers
             .flat_map(|driver| [1, 2, 8].map(|count| (driver, count)))
-            .flat_map(|case| Step::ALL.map(|step| (case, step)))
+            .flat_map(|case| STEPS.map(|step| (case, step)))
         {
             let wanted = match step {
                 // With the engine's own threads, lateness depends on timing.
-                Step::Mouth if driver == Driver::Own => continue,
-                Step::Mouth => late.as_ref(),
+                MOUTH if driver == Driver::Own => continue,
+                MOUTH => late.as_ref(),
                 _ => Some(&in_time),
             };
             let Some(wanted) = wanted else { continue };
