@@ -387,7 +387,7 @@ typedef struct umo_engine_config {
     // 32 avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the
     // start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
     // 0: no chunk waits.
-    uint32_t gather_ms;
+    uint32_t batch_window_ms;
 } umo_engine_config;
 
 // Layout of a frame in the host's memory: offsets in bytes from the frame's start. A value whose offset
@@ -603,7 +603,7 @@ typedef struct umo_session_config {
     // worth of them, the loss of one packet changes nothing.
     uint32_t packet_history;
     // Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
-    uint32_t patience;
+    uint32_t reorder_window;
 } umo_session_config;
 
 // Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
@@ -1729,7 +1729,7 @@ UMO_NOEXCEPT;
 // engine. All `umo_session_…` calls work on it except those that take audio, texts or a state, and
 // `umo_session_interrupt`: these are for the sender. Free it with `umo_session_free`. In `config`, which
 // may be NULL, `target`, `lookahead` and `smoothing` must equal the sender's, and the model must be the
-// same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are the decoder's
+// same file at the same precision; layers, seed, idle mode, ease, queue and `reorder_window` are the decoder's
 // own. `allocator` must be NULL: its memory comes from the system.
 //
 // Threads: any but the audio thread. Allocates everything that the decoder will ever need.
@@ -1746,7 +1746,7 @@ umo_status umo_decoder_new(const struct umo_model *model,
 UMO_NOEXCEPT;
 
 // Decodes a packet of `size` bytes, and computes the frames that become final. Packets may be lost,
-// duplicated, late and in any order. A packet that is missing after a later one and `patience` more have
+// duplicated, late and in any order. A packet that is missing after a later one and `reorder_window` more have
 // arrived is concealed, and the next packet leads back to the sender's motion. A refused packet changes
 // nothing.
 //

@@ -21,8 +21,8 @@ use std::time::{Duration, Instant};
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
 use umo_core::{
-    Animation, AvatarConfig, Clock, Compute, Engine, EngineConfig, EngineError, Frame, Idle, SubmitJobs, LayerGains, Model,
-    ModelFile, Poll, PollError, Pose, Precision, Session, SessionConfig, SessionError, Team, Threads,
+    Animation, AvatarConfig, Clock, Compute, Engine, EngineConfig, EngineError, Frame, Idle, LayerGains, Model,
+    ModelFile, Poll, PollError, Pose, Precision, Session, SessionConfig, SessionError, SubmitJobs, Team, Threads,
 };
 use umo_core_model::audio::resample;
 use umo_kernels::Isa;

@@ -190,7 +190,12 @@ struct Place {
 }
 
 /// Computes lines together, as a full group while enough lines remain.
-fn compute(args: &Batch, generator: &Generator, ready: &Receiver<Ready>, made: &SyncSender<Made>) -> Result<(), Failure> {
+fn compute(
+    args: &Batch,
+    generator: &Generator,
+    ready: &Receiver<Ready>,
+    made: &SyncSender<Made>,
+) -> Result<(), Failure> {
     let (model, cx) = (&generator.model, generator.compute());
     let mut group = Group::new(model, args.jobs);
     let mut places: Vec<Place> = Vec::new();

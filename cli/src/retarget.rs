@@ -129,7 +129,8 @@ fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
         return import::read(input);
     }
     let speech = Speech::open(input, args.repair)?;
-    let generator = animate::Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
+    let generator =
+        animate::Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
     let mut animation = generator.animation("audio_to_motion", None)?;
     let frames = generator.hear(&mut animation, &speech)?;
     generator.clip(&mut animation, frames, |_| ())

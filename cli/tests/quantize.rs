@@ -174,8 +174,10 @@ fn channels_are_evened_out_without_a_change_of_the_function() {
         .filter(|s| s.name.starts_with("lm.") && (s.name.ends_with(EVENED[0]) || s.name.ends_with(EVENED[1])))
     {
         let taker = generator.name.replace(EVENED[0], EVENED[2]).replace(EVENED[1], EVENED[3]);
-        let ([channels, inputs], [outputs, _]) = ([generator.shape[0], generator.shape[1]], [generator.shape[1], generator.shape[0]]);
-        let (was, is) = (values(&before, &generator.name, &generator.shape), values(&after, &generator.name, &generator.shape));
+        let ([channels, inputs], [outputs, _]) =
+            ([generator.shape[0], generator.shape[1]], [generator.shape[1], generator.shape[0]]);
+        let (was, is) =
+            (values(&before, &generator.name, &generator.shape), values(&after, &generator.name, &generator.shape));
         let shape = [outputs, channels];
         let (was_taken, is_taken) = (values(&before, &taker, &shape), values(&after, &taker, &shape));
         for channel in 0..channels {

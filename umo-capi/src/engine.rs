@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use umo_core::{Engine, EngineConfig, SubmitJobs, Poll, Priority, Threads};
+use umo_core::{Engine, EngineConfig, Poll, Priority, SubmitJobs, Threads};
 use umo_core_base::memory;
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};

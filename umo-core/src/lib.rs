@@ -78,7 +78,7 @@ pub use umo_core_model::lm::sampler::Sampler;
 #[doc(inline)]
 pub use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 #[doc(inline)]
-pub use umo_core_stream::engine::{Engine, EngineConfig, SubmitJobs, MAX_BATCH, MAX_SESSIONS, Poll, Priority, Threads};
+pub use umo_core_stream::engine::{Engine, EngineConfig, MAX_BATCH, MAX_SESSIONS, Poll, Priority, SubmitJobs, Threads};
 #[doc(inline)]
 pub use umo_core_stream::session::{
     AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_OUTPUT_DELAY, MAX_RATE, MIN_RATE,

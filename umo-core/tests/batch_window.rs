@@ -168,7 +168,8 @@ fn chunks_whose_audio_was_there_before_wait_too() {
 #[test]
 fn own_threads_compute_what_has_waited() {
     for threads in [1, 2] {
-        let config = EngineConfig { threads: Threads::Own(threads), batch_window: BATCH_WINDOW, ..EngineConfig::default() };
+        let config =
+            EngineConfig { threads: Threads::Own(threads), batch_window: BATCH_WINDOW, ..EngineConfig::default() };
         let engine = Engine::new(model(), &config).unwrap();
         let sessions: Vec<_> =
             (0..6).map(|_| engine.session(&SessionConfig::new(engine.model().config())).unwrap()).collect();

@@ -32,7 +32,7 @@ namespace Umo.Unity
         /// the start of a stream, once at most half of its length is left until it would be late, or if all sessions are
         /// due. 0: no chunk waits.
         /// </summary>
-        public static uint GatherMs { get; set; }
+        public static uint BatchWindowMs { get; set; }
 
         private static void Configure(ref EngineConfig config)
         {
@@ -40,7 +40,7 @@ namespace Umo.Unity
             if (MaxSessions != 0) config.MaxSessions = MaxSessions;
             if (MaxBatch != 0) config.MaxBatch = MaxBatch;
             if (Priority != 0) config.Priority = Priority;
-            if (GatherMs != 0) config.GatherMs = GatherMs;
+            if (BatchWindowMs != 0) config.BatchWindowMs = BatchWindowMs;
         }
     }
 }

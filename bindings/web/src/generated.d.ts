@@ -98,7 +98,7 @@ export interface EngineOptions {
    * take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at the start of a
    * stream, once at most half of its length is left until it would be late, or if all sessions are due. 0: no chunk waits.
    */
-  gatherMs?: number;
+  batchWindowMs?: number;
 }
 
 export interface SessionOptions {
@@ -145,7 +145,7 @@ export interface SessionOptions {
    */
   packetHistory?: number;
   /** Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4. */
-  patience?: number;
+  reorderWindow?: number;
 }
 
 /** Statistics of a decoder's packets. */

@@ -309,9 +309,9 @@ export const ENGINE_CONFIG = {
     jobs: [28, "Pointer"],
     log: [32, "Pointer"],
     priority: [36, "Uint32", PRIORITIES],
-    gatherMs: [40, "Uint32"],
+    batchWindowMs: [40, "Uint32"],
   },
-  options: ["threads", "maxSessions", "maxBatch", "priority", "gatherMs"],
+  options: ["threads", "maxSessions", "maxBatch", "priority", "batchWindowMs"],
 };
 export const FRAME_LAYOUT = {
   size: 48,
@@ -429,9 +429,9 @@ export const SESSION_CONFIG = {
     horizon: [64, "Uint32"],
     packets: [68, "Uint32", PACKETS],
     packetHistory: [72, "Uint32"],
-    patience: [76, "Uint32"],
+    reorderWindow: [76, "Uint32"],
   },
-  options: ["sampleRate", "channels", "target", "lookahead", "idle", "idleAfterMs", "easeMs", "queueFrames", "voice", "seed", "smoothing", "guidance", "horizon", "packets", "packetHistory", "patience"],
+  options: ["sampleRate", "channels", "target", "lookahead", "idle", "idleAfterMs", "easeMs", "queueFrames", "voice", "seed", "smoothing", "guidance", "horizon", "packets", "packetHistory", "reorderWindow"],
 };
 export const SAMPLED = {
   size: 24,

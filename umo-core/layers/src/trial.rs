@@ -1,7 +1,7 @@
 //! A person's rig and a run of the layers over a still pose, for the layers' tests.
 
 use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
-use super::{Controls, Cue, Gestures, Layer, LayerStack, LayerGains, Mood};
+use super::{Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood};
 use umo_core_base::state::StatePass;
 use umo_core_pose::face::{Face, FaceKind};
 use umo_core_pose::frame::OwnedFrame;

@@ -327,9 +327,9 @@ impl Batch {
     pub fn takes_part(&self, member: usize) -> bool {
         match self.phase {
             Phase::Idle => false,
-            Phase::Tokenize { member: one } | Phase::Interpolate { member: one } | Phase::DecodeMotion { member: one } => {
-                one == member
-            }
+            Phase::Tokenize { member: one }
+            | Phase::Interpolate { member: one }
+            | Phase::DecodeMotion { member: one } => one == member,
             Phase::Attend { sequence, .. } => sequence / self.per_member == member,
             Phase::Encode { .. } | Phase::Decode { .. } | Phase::Draw { .. } => self.is_coded(member),
         }

@@ -12,7 +12,7 @@ use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
 use umo_core_layers::gesture::Request;
-use umo_core_layers::{Controls, GestureOptions, Gestures, LayerStack, LayerGains, LipShape, Mood};
+use umo_core_layers::{Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};

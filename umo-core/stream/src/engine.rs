@@ -12,8 +12,8 @@
 
 mod config;
 mod error;
-mod load;
 mod full_share;
+mod load;
 #[cfg(test)]
 pub(crate) mod plant;
 #[cfg(test)]
@@ -28,8 +28,8 @@ use std::time::Duration;
 use crate::levels::Levels;
 use crate::link::Signal;
 use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
-use load::{LEAD, Load};
 use full_share::FullShare;
+use load::{LEAD, Load};
 use umo_core_base::clock::Clock;
 use umo_core_base::defect::{Defect, contain_quietly};
 use umo_core_base::error::LoadError;
@@ -44,7 +44,7 @@ use umo_core_model::model::Model;
 use umo_core_pose::frame::OwnedFrame;
 use worker::Worker;
 
-pub use config::{EngineConfig, SubmitJobs, MAX_BATCH, MAX_SESSIONS, Threads};
+pub use config::{EngineConfig, MAX_BATCH, MAX_SESSIONS, SubmitJobs, Threads};
 pub use error::{EngineError, PollError};
 pub use umo_core_base::team::Priority;
 

@@ -284,7 +284,7 @@ pub(crate) struct EngineConfig {
     /// With 50 ms, 32 avatars take about a fifth less processor time, and frames come later by the wait. A
     /// chunk does not wait at the start of a stream, once at most half of its length is left until it would
     /// be late, or if all sessions are due. 0: no chunk waits.
-    pub(crate) gather_ms: u32,
+    pub(crate) batch_window_ms: u32,
 }
 
 /// Layout of a frame in the host's memory: offsets in bytes from the frame's start. A value whose
@@ -515,7 +515,7 @@ pub(crate) struct SessionConfig {
     /// worth of them, the loss of one packet changes nothing.
     pub(crate) packet_history: u32,
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
-    pub(crate) patience: u32,
+    pub(crate) reorder_window: u32,
 }
 
 /// Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
@@ -661,6 +661,6 @@ impl EngineConfig {
         set("umo/max_sessions", &mut self.max_sessions);
         set("umo/max_batch", &mut self.max_batch);
         set("umo/priority", &mut self.priority);
-        set("umo/gather_ms", &mut self.gather_ms);
+        set("umo/batch_window_ms", &mut self.batch_window_ms);
     }
 }

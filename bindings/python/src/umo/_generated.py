@@ -290,7 +290,7 @@ class EngineConfig(Structure):
         # 32 avatars take about a fifth less processor time, and frames come later by the wait. A chunk does not wait at
         # the start of a stream, once at most half of its length is left until it would be late, or if all sessions are
         # due. 0: no chunk waits.
-        ("gather_ms", c_uint32),
+        ("batch_window_ms", c_uint32),
     ]
     # Names of the values of fields.
     choices = {
@@ -563,7 +563,7 @@ class SessionConfig(Structure):
         # them, the loss of one packet changes nothing.
         ("packet_history", c_uint32),
         # Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
-        ("patience", c_uint32),
+        ("reorder_window", c_uint32),
     ]
     # Names of the values of fields.
     choices = {
@@ -785,7 +785,7 @@ class EngineArguments:
         max_sessions: Optional[int] = None,
         max_batch: Optional[int] = None,
         priority: Optional[str] = None,
-        gather: Optional[float] = None,
+        batch_window: Optional[float] = None,
     ) -> None:
         """Makes an engine. What is None is the library's default.
 
@@ -796,12 +796,12 @@ class EngineArguments:
           often and need more memory.
         - `priority`: Priority of the engine's own threads: one of `"normal"`, `"high"`, `"low"`. If the system
           refuses it, they run at `"normal"`, and `log` gets a warning that says what would permit it.
-        - `gather`: Batching window, seconds: the longest that a due chunk waits for others to be computed with.
-          With 50 ms, 32 avatars take about a fifth less processor time, and frames come later by the wait. A
-          chunk does not wait at the start of a stream, once at most half of its length is left until it would
-          be late, or if all sessions are due. 0: no chunk waits.
+        - `batch_window`: Batching window, seconds: the longest that a due chunk waits for others to be computed
+          with. With 50 ms, 32 avatars take about a fifth less processor time, and frames come later by the
+          wait. A chunk does not wait at the start of a stream, once at most half of its length is left until it
+          would be late, or if all sessions are due. 0: no chunk waits.
         """
-        self._make(model, polled, cores, threads=threads, max_sessions=max_sessions, max_batch=max_batch, priority=priority, gather_ms=gather)
+        self._make(model, polled, cores, threads=threads, max_sessions=max_sessions, max_batch=max_batch, priority=priority, batch_window_ms=batch_window)
 
     def _make(self, model: Optional[Model], polled: bool, cores: Sequence[int], **settings: Any) -> None:
         raise NotImplementedError

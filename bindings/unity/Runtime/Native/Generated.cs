@@ -418,7 +418,7 @@ namespace Umo
         /// the start of a stream, once at most half of its length is left until it would be late, or if all sessions are
         /// due. 0: no chunk waits.
         /// </summary>
-        public uint GatherMs;
+        public uint BatchWindowMs;
     }
 
     /// <summary>
@@ -687,7 +687,7 @@ namespace Umo
         /// </summary>
         public uint PacketHistory;
         /// <summary>Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.</summary>
-        public uint Patience;
+        public uint ReorderWindow;
     }
 
     /// <summary>Range of times available to umo_session_sample_pose. Set StructSize; the call writes the rest.</summary>

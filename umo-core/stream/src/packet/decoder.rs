@@ -166,7 +166,10 @@ impl Decoder {
         let c = model.config();
         config.check(c)?;
         if reorder_window > WAITING {
-            return Err(LoadError::argument("reorder_window", format!("expected 0 to {WAITING}, got {reorder_window}")));
+            return Err(LoadError::argument(
+                "reorder_window",
+                format!("expected 0 to {WAITING}, got {reorder_window}"),
+            ));
         }
         let (stride, lookahead) = (c.keyframe_stride, config.held_back());
         let (max_push, count) = (config.target * stride, c.codes_per_keyframe());

@@ -58,7 +58,7 @@ public:
 	 * stream, once at most half of its length is left until it would be late, or if all sessions are due. 0: no chunk waits.
 	 */
 	UPROPERTY(Config)
-	int32 GatherMs = 0;
+	int32 BatchWindowMs = 0;
 
 	/** Sets fields of a `umo_engine_config`. */
 	template <typename T>
@@ -68,6 +68,6 @@ public:
 		if (MaxSessions > 0) Config.max_sessions = static_cast<uint32>(MaxSessions);
 		if (MaxBatch > 0) Config.max_batch = static_cast<uint32>(MaxBatch);
 		if (Priority > EUmoPriority::Normal) Config.priority = static_cast<uint32>(Priority);
-		if (GatherMs > 0) Config.gather_ms = static_cast<uint32>(GatherMs);
+		if (BatchWindowMs > 0) Config.batch_window_ms = static_cast<uint32>(BatchWindowMs);
 	}
 };

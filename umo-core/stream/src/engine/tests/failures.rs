@@ -3,9 +3,9 @@
 use std::sync::atomic::AtomicU64;
 
 use super::*;
+use crate::engine::plant::{MOUTH, Plant, STEPS};
 use crate::session::PacketConfig;
 use umo_core_base::error::StepError;
-use crate::engine::plant::{MOUTH, Plant, STEPS};
 
 /// More turns than any run takes.
 const MOST_TURNS: usize = 100_000;
