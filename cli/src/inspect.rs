@@ -51,8 +51,8 @@ pub(crate) fn run(args: &Inspect) -> Result<(), Failure> {
     Ok(())
 }
 
-fn summary(c: &Config) {
-    let audio = match (c.audio.kind, &c.audio.hubert, &c.audio.mel) {
+fn audio(c: &Config) -> String {
+    match (c.audio.kind, &c.audio.hubert, &c.audio.mel) {
         (AudioKind::Hubert, Some(h), _) => {
             format!("hubert, {} layers of {}, {} heads", h.num_hidden_layers, h.hidden_size, h.num_attention_heads)
         }
@@ -64,7 +64,10 @@ fn summary(c: &Config) {
             format!("mel, {} bands, {} orders of differences{}", m.bands, m.deltas, layers.unwrap_or_default())
         }
         _ => "none".to_owned(),
-    };
+    }
+}
+
+fn summary(c: &Config) {
     let face = match c.face.kind {
         FaceKind::Arkit => "ARKit blendshapes",
         FaceKind::SmplxExpression => "SMPL-X expression coefficients",
@@ -72,7 +75,7 @@ fn summary(c: &Config) {
     let (lm, i) = (&c.lm, &c.interp);
     println!("name       {}", c.name);
     println!("licence    {}", c.license);
-    println!("audio      {audio}, {} units, {} a second", c.audio.units, c.audio.token_rate);
+    println!("audio      {}, {} units, {} a second", audio(c), c.audio.units, c.audio.token_rate);
     println!(
         "language   {} + {} layers of {}, {} heads of {}, {} experts of {}, top {}, vocabulary {}",
         lm.num_layers,

@@ -214,6 +214,31 @@ pub(super) fn collar(rest: &Rest, look: &Look) -> Part {
     })
 }
 
+/// Triangles of a band of `rows` outlines of `count` vertices; a band that does not close (`rows > around`) has ends.
+fn band_triangles(around: usize, rows: usize, count: usize) -> Vec<u32> {
+    let at =
+        |spoke: usize, k: usize| u32::try_from(spoke % rows * count + k % count).expect("the figure has few vertices");
+    let mut indices = Vec::new();
+    for spoke in 0..around {
+        for k in 0..count {
+            indices.extend([at(spoke, k), at(spoke + 1, k), at(spoke + 1, k + 1)]);
+            indices.extend([at(spoke, k), at(spoke + 1, k + 1), at(spoke, k + 1)]);
+        }
+    }
+    if rows > around {
+        // Bridges outside and inside, whose vertices are paired from both ends.
+        for k in 0..count / 2 - 1 {
+            let (low, high) = (k, k + 1);
+            let (back, front) = (count - 1 - k, count - 2 - k);
+            indices.extend([at(0, low), at(0, high), at(0, front), at(0, low), at(0, front), at(0, back)]);
+            let end = rows - 1;
+            indices.extend([at(end, low), at(end, front), at(end, high)]);
+            indices.extend([at(end, low), at(end, back), at(end, front)]);
+        }
+    }
+    indices
+}
+
 /// A band around the neck at a distance of `wide` metres. At each angle from the front, a closed outline of heights
 /// and distances, which runs upwards on the outside. `gap` is half the angle that is left open at the front.
 fn swept(
@@ -226,7 +251,6 @@ fn swept(
 ) -> Part {
     let (s, neck) = (rest.size, rest.at("neck"));
     let mut part = Part::default();
-    let number = |at: usize| u32::try_from(at).expect("the figure has few vertices");
     let rows = if gap > 0.0 { around + 1 } else { around };
     let mut count = 0;
     let repeat = detail.repeat_m();
@@ -252,24 +276,7 @@ fn swept(
         }
         long.push(along);
     }
-    let at = |spoke: usize, k: usize| number(spoke % rows * count + k % count);
-    for spoke in 0..around {
-        for k in 0..count {
-            part.indices.extend([at(spoke, k), at(spoke + 1, k), at(spoke + 1, k + 1)]);
-            part.indices.extend([at(spoke, k), at(spoke + 1, k + 1), at(spoke, k + 1)]);
-        }
-    }
-    if gap > 0.0 {
-        // Bridges outside and inside, whose vertices are paired from both ends.
-        for k in 0..count / 2 - 1 {
-            let (low, high) = (k, k + 1);
-            let (back, front) = (count - 1 - k, count - 2 - k);
-            part.indices.extend([at(0, low), at(0, high), at(0, front), at(0, low), at(0, front), at(0, back)]);
-            let end = rows - 1;
-            part.indices.extend([at(end, low), at(end, front), at(end, high)]);
-            part.indices.extend([at(end, low), at(end, back), at(end, front)]);
-        }
-    }
+    part.indices = band_triangles(around, rows, count);
     // The outline wraps on the side facing the neck.
     let charts = [false, true].map(|is_last| {
         let (places, long) = (&places, &long);

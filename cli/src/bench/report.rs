@@ -139,6 +139,13 @@ impl fmt::Display for Report {
         if let Some(bytes) = self.memory {
             writeln!(f, "peak memory               {:>9.1} MB", bytes as f64 / 1e6)?;
         }
+        self.write_stages(f)?;
+        self.crowd.as_ref().map_or(Ok(()), |crowd| self.write_crowd(crowd, f))
+    }
+}
+
+impl Report {
+    fn write_stages(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "\nstage                ms a chunk   share      floor   floor / time")?;
         let total: Duration = self.stages.iter().map(|stage| stage.time).sum();
         for Stage { name, time, floor } in &self.stages {
@@ -149,27 +156,27 @@ impl fmt::Display for Report {
         let floor: Duration = self.stages.iter().map(|stage| stage.floor).sum();
         let reached = 100.0 * floor.as_secs_f64() / total.as_secs_f64();
         writeln!(f, "{:<20} {:>10.2} {:>8} {:>9.2} {reached:>12.0} %", "all", ms(total), "", ms(floor))?;
-        writeln!(f, "{}", self.machine)?;
-        if let Some(crowd) = &self.crowd {
-            writeln!(
-                f,
-                "\n{} avatars for {:.0} s in real time: {} frames, {} late, {} chunks with held bodies, {} overruns; chunk p50 {:.1} ms, p99 {:.1} ms, \
+        writeln!(f, "{}", self.machine)
+    }
+
+    fn write_crowd(&self, crowd: &Crowd, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\n{} avatars for {:.0} s in real time: {} frames, {} late, {} chunks with held bodies, {} overruns; chunk p50 {:.1} ms, p99 {:.1} ms, \
                  largest {:.1} ms; busy for {:.0} % of the time, so that {} could speak{}",
-                crowd.sessions,
-                crowd.seconds,
-                crowd.frames,
-                crowd.late,
-                crowd.held,
-                crowd.overruns,
-                ms(crowd.p50),
-                ms(crowd.p99),
-                ms(crowd.max),
-                100.0 * crowd.busy,
-                crowd.at_full_load(),
-                self.crowd_processor
-                    .map_or_else(String::new, |time| format!("; {:.2} s of processor time", time.as_secs_f64()))
-            )?;
-        }
-        Ok(())
+            crowd.sessions,
+            crowd.seconds,
+            crowd.frames,
+            crowd.late,
+            crowd.held,
+            crowd.overruns,
+            ms(crowd.p50),
+            ms(crowd.p99),
+            ms(crowd.max),
+            100.0 * crowd.busy,
+            crowd.at_full_load(),
+            self.crowd_processor
+                .map_or_else(String::new, |time| format!("; {:.2} s of processor time", time.as_secs_f64()))
+        )
     }
 }

@@ -159,10 +159,25 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
     Ok(page.0)
 }
 
-fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
+fn describe_mesh(mesh: &umo_figure::Mesh, order: &Order) -> MeshInfo {
     let morph = |morph: &umo_figure::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
     let helper =
         |one: &umo_figure::Helper| HelperInfo { of: one.of, axis: one.axis, swing: one.swing, twist: one.twist };
+    let detail = |detail: umo_figure::Detail| DetailInfo {
+        name: detail.name(),
+        corners: corners(mesh, detail).count(),
+        threads: detail.threads(),
+    };
+    MeshInfo {
+        moving: order.moving,
+        detailed: order.detailed,
+        details: details(mesh).into_iter().map(detail).collect(),
+        morphs: mesh.morphs.iter().map(morph).collect(),
+        helpers: mesh.helpers.iter().map(helper).collect(),
+    }
+}
+
+fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
     let part = |part: &'a scene::CodedPart| CodedPart { name: &part.name, levels: part.levels, codes: part.codes };
     let record = |record: &'a Record| RecordInfo {
         parts: record.parts.iter().map(part).collect(),
@@ -188,20 +203,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             names: &clip.face.names,
         },
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
-        mesh: MeshInfo {
-            moving: order.moving,
-            detailed: order.detailed,
-            details: details(&scene.mesh)
-                .into_iter()
-                .map(|detail| DetailInfo {
-                    name: detail.name(),
-                    corners: corners(&scene.mesh, detail).count(),
-                    threads: detail.threads(),
-                })
-                .collect(),
-            morphs: scene.mesh.morphs.iter().map(morph).collect(),
-            helpers: scene.mesh.helpers.iter().map(helper).collect(),
-        },
+        mesh: describe_mesh(&scene.mesh, order),
         character: scene.character.as_ref().map(|worn| Character {
             nodes: worn.nodes.to_vec(),
             seconds: worn.seconds,

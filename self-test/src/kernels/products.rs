@@ -220,6 +220,46 @@ pub struct Operands {
     weight: Vec<f32>,
 }
 
+/// Packed weights, their sums of int8 codes, and their values.
+fn weights(case: &Case, noise: &mut Noise, sum: &mut [i32]) -> (Elements, Vec<f32>) {
+    let &Case { kind, n, k, offset, values, .. } = case;
+    match kind {
+        I4 => {
+            let groups = k.div_ceil(GROUP);
+            let codes: Vec<i8> = (0..n * k).map(|_| values.int4_code(noise)).collect();
+            let multipliers: Vec<i8> = (0..n * groups).map(|_| values.multiplier(noise)).collect();
+            let w: Vec<f32> = (0..n * k)
+                .map(|i| f32::from(codes[i]) * f32::from(multipliers[i / k * groups + i % k / GROUP]))
+                .collect();
+            let (mut packed, panel) = (vec![0; packed_len_i4(n, k)], packed_len_i4(1, k));
+            for o in 0..n {
+                let (codes, multipliers) = (&codes[o * k..][..k], &multipliers[o * groups..][..groups]);
+                pack_row_i4(codes, multipliers, o % PANEL, &mut packed[o / PANEL * panel..][..panel]).unwrap();
+            }
+            (Elements::I4(Placed::copy_of(&packed, offset)), w)
+        }
+        I8 => {
+            let codes: Vec<i8> = (0..n * k).map(|_| values.code(noise)).collect();
+            let w: Vec<f32> = codes.iter().map(|&code| code.into()).collect();
+            let mut packed = vec![0; packed_len_i8(n, k)];
+            pack_i8(Mat::new(&codes, n, k).unwrap(), &mut packed, sum).unwrap();
+            (Elements::I8(Placed::copy_of(&packed, offset)), w)
+        }
+        F32 => {
+            let w: Vec<f32> = (0..n * k).map(|_| values.float(noise)).collect();
+            let mut packed = vec![0.0; packed_len(n, k)];
+            pack(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
+            (Elements::F32(Placed::copy_of(&packed, offset)), w)
+        }
+        Kind::Bf16 => {
+            let w: Vec<f32> = (0..n * k).map(|_| Bf16::from_f32(values.float(noise)).to_f32()).collect();
+            let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
+            pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
+            (Elements::Bf16(Placed::copy_of(&packed, offset)), w)
+        }
+    }
+}
+
 impl Operands {
     /// Draws the operands of this case.
     pub fn new(case: &Case) -> Self {
@@ -231,43 +271,8 @@ impl Operands {
             _ => Elements::F32(Placed::new(sources, k, gap, offset, || values.float(noise))),
         };
         let mut sum = [vec![0; n], vec![0; n]];
-        let mut w = vec![];
-        let packed = [1, 0].map(|i| match kind {
-            I4 => {
-                let groups = k.div_ceil(GROUP);
-                let codes: Vec<i8> = (0..n * k).map(|_| values.int4_code(noise)).collect();
-                let multipliers: Vec<i8> = (0..n * groups).map(|_| values.multiplier(noise)).collect();
-                w = (0..n * k)
-                    .map(|i| f32::from(codes[i]) * f32::from(multipliers[i / k * groups + i % k / GROUP]))
-                    .collect();
-                let (mut packed, panel) = (vec![0; packed_len_i4(n, k)], packed_len_i4(1, k));
-                for o in 0..n {
-                    let (codes, multipliers) = (&codes[o * k..][..k], &multipliers[o * groups..][..groups]);
-                    pack_row_i4(codes, multipliers, o % PANEL, &mut packed[o / PANEL * panel..][..panel]).unwrap();
-                }
-                Elements::I4(Placed::copy_of(&packed, offset))
-            }
-            I8 => {
-                let codes: Vec<i8> = (0..n * k).map(|_| values.code(noise)).collect();
-                w = codes.iter().map(|&code| code.into()).collect();
-                let mut packed = vec![0; packed_len_i8(n, k)];
-                pack_i8(Mat::new(&codes, n, k).unwrap(), &mut packed, &mut sum[i]).unwrap();
-                Elements::I8(Placed::copy_of(&packed, offset))
-            }
-            F32 => {
-                w = (0..n * k).map(|_| values.float(noise)).collect();
-                let mut packed = vec![0.0; packed_len(n, k)];
-                pack(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
-                Elements::F32(Placed::copy_of(&packed, offset))
-            }
-            Kind::Bf16 => {
-                w = (0..n * k).map(|_| Bf16::from_f32(values.float(noise)).to_f32()).collect();
-                let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
-                pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
-                Elements::Bf16(Placed::copy_of(&packed, offset))
-            }
-        });
-        let [gate, plain] = packed;
+        let (gate, _) = weights(case, noise, &mut sum[1]);
+        let (plain, w) = weights(case, noise, &mut sum[0]);
         let y_rows = m.max(1) + 2;
         let mut scales =
             |count| (0..count).map(|_| if matches!(kind, I4 | I8) { noise.float(1.0) } else { 1.0 }).collect();

@@ -223,10 +223,22 @@ impl PacketLayout {
         let total = is_last.then(|| u32::from_le_bytes(field(rest, 0)));
         let (heard, packed) = rest[if is_last { TOTAL } else { 0 }..].split_at(keyframes);
         levels[..keyframes].copy_from_slice(heard);
+        self.unpack(packed, &mut codes[..count * self.codes()])?;
+        Ok(PacketHead {
+            stream: head[1],
+            sequence: u32::from_le_bytes(field(head, 4)),
+            sample: u64::from_le_bytes(field(head, 8)),
+            root,
+            keyframes,
+            history,
+            total,
+        })
+    }
+
+    /// Reads the codes of whole keyframes.
+    fn unpack(&self, packed: &[u8], codes: &mut [u16]) -> Result<(), PacketError> {
         let mut at = 0;
-        for ((code, &bits), &limit) in
-            codes[..count * self.codes()].iter_mut().zip(self.bits.iter().cycle()).zip(self.limits.iter().cycle())
-        {
+        for ((code, &bits), &limit) in codes.iter_mut().zip(self.bits.iter().cycle()).zip(self.limits.iter().cycle()) {
             *code = 0;
             for bit in 0..bits {
                 *code |= u16::from(packed[at / 8] >> (at % 8) & 1) << bit;
@@ -239,15 +251,7 @@ impl PacketLayout {
         if packed.last().is_some_and(|last| at % 8 != 0 && last >> (at % 8) != 0) {
             return Err(PacketError::Malformed("bits after the codes are not 0"));
         }
-        Ok(PacketHead {
-            stream: head[1],
-            sequence: u32::from_le_bytes(field(head, 4)),
-            sample: u64::from_le_bytes(field(head, 8)),
-            root,
-            keyframes,
-            history,
-            total,
-        })
+        Ok(())
     }
 }
 

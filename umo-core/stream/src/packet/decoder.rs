@@ -265,24 +265,11 @@ impl Decoder {
         self.push_to(model, cx, bytes, &mut Frames(frame))
     }
 
-    /// Like [`Self::push_packet`], for a sink of limited room.
-    pub(crate) fn push_to(
-        &mut self,
-        model: &Model,
-        cx: Compute,
-        bytes: &[u8],
-        sink: &mut dyn PacketSink,
-    ) -> Result<(), PacketError> {
-        let head = self.layout.decode(bytes, &mut self.arrived_levels, &mut self.arrived)?;
-        if head.keyframes != 0 && head.keyframes != self.target {
-            return Err(PacketError::Other("target"));
-        }
+    /// Begins the packet's stream if it is a later one; returns whether the packet is of the current stream then.
+    fn join(&mut self, head: &PacketHead, sink: &mut dyn PacketSink) -> bool {
         match self.stream {
             // Serial-number arithmetic: half of the numbers are later.
-            Some(stream) if head.stream.wrapping_sub(stream) >= 128 => {
-                self.received.late += 1;
-                return Ok(());
-            }
+            Some(stream) if head.stream.wrapping_sub(stream) >= 128 => return false,
             Some(stream) if head.stream == stream => {}
             // The sink drops frames of the previous stream, so there is room.
             Some(_) => {
@@ -295,12 +282,27 @@ impl Decoder {
                 self.stream = Some(head.stream);
                 // Joining in the middle of a stream: earlier packets were not lost.
                 if head.sequence as usize > self.reorder_window {
-                    self.jump(&head, None);
+                    self.jump(head, None);
                     self.next = head.sequence;
                 }
             }
         }
-        if self.is_over || head.sequence < self.next || self.is_waiting(head.sequence) {
+        true
+    }
+
+    /// Like [`Self::push_packet`], for a sink of limited room.
+    pub(crate) fn push_to(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        bytes: &[u8],
+        sink: &mut dyn PacketSink,
+    ) -> Result<(), PacketError> {
+        let head = self.layout.decode(bytes, &mut self.arrived_levels, &mut self.arrived)?;
+        if head.keyframes != 0 && head.keyframes != self.target {
+            return Err(PacketError::Other("target"));
+        }
+        if !self.join(&head, sink) || self.is_over || head.sequence < self.next || self.is_waiting(head.sequence) {
             self.received.late += 1;
             return Ok(());
         }
