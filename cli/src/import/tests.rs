@@ -169,5 +169,5 @@ fn other_files_are_refused_by_name() {
     assert!(refused("a.glb", b"glTF\x02\0\0\0\xff\xff\xff\xff").contains("cut short"));
     assert!(refused("a.glb", b"glTF\x01\0\0\0\x0c\0\0\0").contains("version 1"));
     let one = b"HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 0 End Site { OFFSET 0 0 1 } } MOTION Frames: 0 Frame Time: 1";
-    assert!(refused("a.bvh", one).contains("lacks the joint `pelvis`"));
+    assert!(refused("a.bvh", one).contains("has no joint `pelvis`"));
 }

@@ -400,5 +400,5 @@ fn a_model_without_accents_is_not_retimed() {
     let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
     let (speech, out) = (folder.speech(), folder.at("out.jsonl"));
     let refused = folder.refused(&["animate", &speech, "--model", &model, "--retime", "-o", &out]);
-    assert!(refused.contains("no audio units that say accents (`audio.accents`"), "{refused}");
+    assert!(refused.contains("no audio units with accents (`audio.accents`"), "{refused}");
 }

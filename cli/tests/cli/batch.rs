@@ -160,7 +160,7 @@ fn wrong_manifests_are_refused_before_any_work() {
         assert!(ended.code == 2 && ended.err.contains(word), "{text}: {}", ended.err);
     };
     refused("a.jsonl", r#"{"file": "speech.wav", "moood": "joy"}"#, &[], "moood");
-    refused("a.jsonl", r#"{"file": "speech.wav", "mood": "happy"}"#, &[], "no mood is called `happy`");
+    refused("a.jsonl", r#"{"file": "speech.wav", "mood": "happy"}"#, &[], "unknown mood `happy`");
     refused("a.jsonl", r#"{"file": "speech.wav", "output": "x.fbx"}"#, &[], "fbx");
     refused("a.jsonl", "", &[], "no recording");
     refused("a.csv", "file,output\nspeech.wav,a.glb\nspeech.wav,a.glb\n", &[], "output of two lines");

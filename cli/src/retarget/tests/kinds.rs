@@ -179,7 +179,7 @@ fn a_mouth_that_says_little_is_said() {
     let (notes, _) = named(&["frown"]);
     assert!(notes.len() == 1 && has(&notes, "its mouth cannot move"), "{notes:?}");
     let (notes, _) = named(&["viseme_sil", "viseme_aa"]);
-    assert!(notes.len() == 1 && has(&notes, "its mouth moves by viseme_aa alone"), "{notes:?}");
+    assert!(notes.len() == 1 && has(&notes, "its mouth moves by viseme_aa only"), "{notes:?}");
     assert!(named(&["aa", "ih", "ou", "ee", "oh"]).0.is_empty());
     // A single mouth shape is driven at full strength, not at the third that the vowels would give it.
     let (notes, moved) = named(&["mouthOpen"]);
@@ -235,7 +235,7 @@ fn of_two_characters_one_moves_and_it_is_said_which() {
     let clip = clip();
     let (json, bin, count) = doubled();
     let (shapes, notes, moved) = retargeted(&whole(&json, &bin), &clip);
-    assert!(shapes == 12 && notes.len() == 1 && has(&notes, "2 characters: the one of `mixamorig:Hips`"), "{notes:?}");
+    assert!(shapes == 12 && notes.len() == 1 && has(&notes, "2 characters: `mixamorig:Hips` moves"), "{notes:?}");
     let channels = &moved.document.animations[0].channels;
     assert!(channels.len() > 15 && channels.iter().all(|channel| channel.target.node.unwrap() < count));
 }
