@@ -163,15 +163,17 @@ fn describe_mesh(mesh: &umo_figure::Mesh, order: &Order) -> MeshInfo {
     let morph = |morph: &umo_figure::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
     let helper =
         |one: &umo_figure::Helper| HelperInfo { of: one.of, axis: one.axis, swing: one.swing, twist: one.twist };
-    let detail = |detail: umo_figure::Detail| DetailInfo {
-        name: detail.name(),
-        corners: corners(mesh, detail).count(),
-        threads: detail.threads(),
-    };
     MeshInfo {
         moving: order.moving,
         detailed: order.detailed,
-        details: details(mesh).into_iter().map(detail).collect(),
+        details: details(mesh)
+            .into_iter()
+            .map(|detail| DetailInfo {
+                name: detail.name(),
+                corners: corners(mesh, detail).count(),
+                threads: detail.threads(),
+            })
+            .collect(),
         morphs: mesh.morphs.iter().map(morph).collect(),
         helpers: mesh.helpers.iter().map(helper).collect(),
     }
