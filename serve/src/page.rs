@@ -1,6 +1,6 @@
 //! A page for browsers on this machine, and the character on it.
 //!
-//! Other pages open in a browser must not reach it: [`door`](crate::door) refuses their requests by `Host` and `Origin`.
+//! Other pages open in a browser must not reach it: the module `door` refuses their requests by `Host` and `Origin`.
 
 use std::fmt;
 use std::sync::Arc;
