@@ -8,7 +8,7 @@ from torch.nn import functional
 
 # Largest magnitude of int8 codes of weights and inputs, as in the engine.
 _CODES = 127.0
-# Products that stay in float: routers, and those excluded from `umo quantize`.
+# Products that stay in float: routers, and those excluded from `umo model quantize`.
 _KEPT = ("router", "depth.input", "depth.heard")
 
 

@@ -187,7 +187,7 @@ def distance(
     def to_performer(motions: Sequence[Motion]) -> float:
         return fgd.frechet(encoder.features(motions), target)
 
-    bare = replace(subject, more=(*subject.more, "--life", "0"))
+    bare = replace(subject, more=(*subject.more, "--layers", "0"))
     takes = [
         to_performer([bare.animate(m.item, subject.seed + take, m.item.prompt) for m in made]) for take in range(TAKES)
     ]
