@@ -28,6 +28,30 @@
 //! # }
 //! ```
 //!
+//! # Other skeletons
+//!
+//! ```
+//! use umo_core::{Bone, Floor, Mapping, Pose, Retarget, RetargetError, Rig, Skeleton, StepError};
+//!
+//! fn prepare(skeleton: &Skeleton, bones: Vec<Bone>) -> Result<Retarget, RetargetError> {
+//!     let rig = Rig::new(bones)?; // names, parents, rest transforms: checked
+//!     let (mapping, _) = Mapping::guess(&rig)?; // or `Mapping::set` for each joint
+//!     Retarget::new(skeleton, &rig, &mapping, Floor::AtRest)
+//! }
+//!
+//! fn animate(retarget: &Retarget, poses: &[Pose]) -> Result<(), StepError> {
+//!     let mut scratch = retarget.scratch();
+//!     let mut rotations = vec![[0.0, 0.0, 0.0, 1.0]; retarget.bones()]; // the last allocation
+//!     for pose in poses {
+//!         let hips = retarget.apply(&mut scratch, pose, &mut rotations)?;
+//!         println!("bone {} is at {hips:?}", retarget.hips());
+//!     }
+//!     Ok(())
+//! }
+//! # let bones = vec![Bone::new("Hips", None, [0.0, 1.0, 0.0])];
+//! # assert!(Rig::new(bones).is_ok());
+//! ```
+//!
 //! # Features
 //!
 //! | feature | default | what it adds |

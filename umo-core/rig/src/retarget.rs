@@ -26,31 +26,6 @@
 //! so a limb points where the source's does, whatever the rest pose. Spine bones are spread evenly over the source's
 //! three: the `k`-th of `n` takes the source's world rotation at `3 k / n` of the way from the pelvis (0) to `spine3`
 //! (3). Details: `docs/retarget.md`.
-//!
-//! ```
-//! use umo_core::config::Skeleton;
-//! use umo_core::motion::Pose;
-//! use umo_core::motion::rotation::IDENTITY;
-//! use umo_core::retarget::{Bone, Floor, Mapping, Retarget, RetargetError, Rig};
-//!
-//! fn prepare(skeleton: &Skeleton, bones: Vec<Bone>) -> Result<Retarget, RetargetError> {
-//!     let rig = Rig::new(bones)?; // names, parents, rest transforms: checked
-//!     let (mapping, _) = Mapping::guess(&rig)?; // or `Mapping::set` for each joint
-//!     Retarget::new(skeleton, &rig, &mapping, Floor::AtRest)
-//! }
-//!
-//! fn animate(retarget: &Retarget, poses: &[Pose]) -> Result<(), umo_core::StepError> {
-//!     let mut scratch = retarget.scratch();
-//!     let mut rotations = vec![IDENTITY; retarget.bones()]; // the last allocation
-//!     for pose in poses {
-//!         let hips = retarget.apply(&mut scratch, pose, &mut rotations)?;
-//!         println!("bone {} is at {hips:?}", retarget.hips());
-//!     }
-//!     Ok(())
-//! }
-//! # let bones = vec![Bone::new("Hips", None, [0.0, 1.0, 0.0])];
-//! # assert!(Rig::new(bones).is_ok());
-//! ```
 
 mod align;
 mod back;
