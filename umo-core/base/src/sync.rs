@@ -8,7 +8,7 @@ use std::thread::{self, Thread};
 use std::time::Duration;
 
 #[cfg(loom)]
-pub(crate) use loom::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
+pub use loom::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 #[cfg(not(loom))]
 pub use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 
@@ -32,7 +32,7 @@ pub fn wake_one(_word: *const std::sync::atomic::AtomicU32) {}
 
 /// Wakes all waiting threads: a no-op, since none sleeps.
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
-pub(crate) fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
+pub fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
 
 /// Lets one thread wait for a word to change. [`Self::wake`] takes no lock on supported systems: the standard library
 /// parks threads with futexes, or with a semaphore on Apple systems.
@@ -72,16 +72,18 @@ impl Parking {
 /// [`Parking`] with loom's primitives: loom reports a lost wake-up as a deadlock.
 #[cfg(loom)]
 #[derive(Debug, Default)]
-pub(crate) struct Parking {
+pub struct Parking {
     lock: loom::sync::Mutex<()>,
     changed: loom::sync::Condvar,
 }
 
 #[cfg(loom)]
 impl Parking {
-    pub(crate) fn enter(&self) {}
+    /// Does nothing: the lock and the condition belong to all threads.
+    pub fn enter(&self) {}
 
-    pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
+    /// Sleeps while the word is `seen`.
+    pub fn wait(&self, word: &AtomicU32, seen: u32) {
         let guard = self.lock.lock().unwrap();
         // Like a futex: sleeps only if the word still has the value.
         if word.load(Ordering::SeqCst) == seen {
@@ -90,11 +92,12 @@ impl Parking {
     }
 
     /// Without the timeout, which correctness must not depend on.
-    pub(crate) fn wait_for(&self, word: &AtomicU32, seen: u32, _: std::time::Duration) {
+    pub fn wait_for(&self, word: &AtomicU32, seen: u32, _: std::time::Duration) {
         self.wait(word, seen);
     }
 
-    pub(crate) fn wake(&self, _: &AtomicU32) {
+    /// Wakes the thread that waits for the word.
+    pub fn wake(&self, _: &AtomicU32) {
         drop(self.lock.lock().unwrap());
         self.changed.notify_one();
     }

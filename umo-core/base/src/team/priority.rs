@@ -25,7 +25,7 @@ impl Priority {
     /// Advice for users whose system refuses a priority.
     #[must_use]
     pub fn remedy() -> &'static str {
-        system::ADVICE
+        system::REMEDY
     }
 }
 
@@ -46,7 +46,7 @@ mod system {
     /// Nice levels away from normal. Each level changes the thread's share of time by a factor of 1.25.
     const STEPS: libc::c_int = 10;
 
-    pub(super) const ADVICE: &str = "it needs the capability CAP_SYS_NICE, or RLIMIT_NICE of 30 (`ulimit -e 30`; \
+    pub(super) const REMEDY: &str = "it needs the capability CAP_SYS_NICE, or RLIMIT_NICE of 30 (`ulimit -e 30`; \
                                      in a systemd unit `LimitNICE=-10`)";
 
     pub(super) fn set(priority: Priority) -> bool {
@@ -83,7 +83,7 @@ mod system {
 
     use super::Priority;
 
-    pub(super) const ADVICE: &str = "leave it normal";
+    pub(super) const REMEDY: &str = "leave it normal";
 
     pub(super) fn set(priority: Priority) -> bool {
         let level = match priority {
@@ -111,7 +111,7 @@ mod system {
 mod system {
     use super::Priority;
 
-    pub(super) const ADVICE: &str = "leave it normal";
+    pub(super) const REMEDY: &str = "leave it normal";
 
     pub(super) fn set(priority: Priority) -> bool {
         let class = match priority {
@@ -131,7 +131,7 @@ mod system {
 mod system {
     use super::Priority;
 
-    pub(super) const ADVICE: &str = "the library cannot set it on this system; leave it normal";
+    pub(super) const REMEDY: &str = "the library cannot set it on this system; leave it normal";
 
     pub(super) fn set(_priority: Priority) -> bool {
         false

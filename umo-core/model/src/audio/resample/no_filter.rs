@@ -24,6 +24,7 @@ impl FilterPlan {
         ))
     }
 
+    /// Rates of the input and the output, Hz.
     pub fn rates(&self) -> (usize, usize) {
         match *self {}
     }
@@ -34,7 +35,7 @@ impl FilterPlan {
 pub(super) enum Filter {}
 
 impl Filter {
-    pub fn new_in(plan: Arc<FilterPlan>, _: &Arena) -> Self {
+    pub(super) fn new_in(plan: Arc<FilterPlan>, _: &Arena) -> Self {
         match *plan {}
     }
 
@@ -46,7 +47,7 @@ impl Filter {
         match *self {}
     }
 
-    pub fn push(&mut self, _: &[f32], _: impl FnMut(&[f32])) {
+    pub(super) fn push(&mut self, _: &[f32], _: impl FnMut(&[f32])) {
         match *self {}
     }
 
