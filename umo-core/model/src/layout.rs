@@ -2,11 +2,11 @@
 //!
 //! | layout | a decoder pass gives | the networks fill | motion is decoded from |
 //! |---|---|---|---|
-//! | [`parts`] | one code of one part | codes of the frames between keyframes | codes |
-//! | [`frames`] | one keyframe, whose codes the depth network samples | vectors of these frames | vectors |
+//! | `parts` | one code of one part | codes of the frames between keyframes | codes |
+//! | `frames` | one keyframe, whose codes the depth network samples | vectors of these frames | vectors |
 //!
 //! The codes of the keyframes have one form, [`Window`]. What differs is one value for each owner: [`Networks`] of a
-//! model, [`Run`] of a stream, and [`Draw`] of a batch. A run and a draw hold the networks that they use, so no two
+//! model, [`Run`] of a stream, and `Draw` of a batch. A run and a draw hold the networks that they use, so no two
 //! values have to agree.
 
 pub(crate) mod frames;

@@ -183,7 +183,7 @@ fn a_mouth_that_says_little_is_said() {
     assert!(named(&["aa", "ih", "ou", "ee", "oh"]).0.is_empty());
     // A single mouth shape is driven at full strength, not at the third that the vowels would give it.
     let (notes, moved) = named(&["mouthOpen"]);
-    assert!(notes.len() == 1 && has(&notes, "its mouth moves by mouthOpen alone"), "{notes:?}");
+    assert!(notes.len() == 1 && has(&notes, "its mouth moves by mouthOpen only"), "{notes:?}");
     let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
     let channel = |frame: usize, name: &str| clip.face(frame)[clip.face.names.iter().position(|n| n == name).unwrap()];
     for frame in 0..clip.len() {
