@@ -4,7 +4,7 @@
 use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
-use umo_core::{AvatarConfig, Compute, Decoder, FrameRef, Isa, Model, ModelFile, Precision, Team};
+use umo_core::{AvatarConfig, Compute, Decoder, FrameRef, Isa, Model, ModelFile, PacketLayout, Precision, Team};
 
 static BYTES: &[u8] = include_bytes!("../../golden/frames_seven/model.safetensors");
 static MODEL: OnceLock<(Model, Team)> = OnceLock::new();
