@@ -26,7 +26,7 @@ class Umo(ConanFile):
 
     def export_sources(self):
         # Files that Cargo and scripts/build/install read: the whole workspace without build outputs and git data.
-        excludes = (".git/*", "target/*", "*/target/*", "*/build/*", "docs/*", "training/*", "benches/results/*")
+        excludes = (".git/*", "target/*", "*/target/*", "examples/build/*", "packaging/*/build/*", "docs/*", "training/*", "benches/results/*")
         copy(self, "*", src=str(ROOT), dst=self.export_sources_folder, excludes=excludes)
 
     def validate(self):
