@@ -331,8 +331,8 @@ def step_mouth(s: Run) -> None:
 
 
 def step_export(s: Run, interpolation: Interpolation | None = None) -> None:
-    """`run/NAME.safetensors`, bf16; `umo model quantize` makes the int8 one. Another interpolation network than the run's may
-    be given."""
+    """Writes `run/NAME.safetensors` in bf16, from which `umo model quantize` makes the int8 model. `interpolation`
+    replaces the run's interpolation network."""
     config = model_file_config(s)
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
     export.sharpen(language, config["vocab"], s.plan.get("sharpen", {}))

@@ -20,7 +20,8 @@ from ._generated import Attention, Idle, Latency, Received, Stats, Status
 from ._gltf import FIGURES
 from ._library import Error, lib as _lib
 from ._model import Model, SelfTest, self_test
-from ._motion import JOINTS, VISEMES, Frame, Motion
+from ._motion import Frame, Motion
+from ._names import JOINTS, VISEMES
 from ._session import Decoder, Parameter, Sampled, Session
 
 __version__: str = _lib.umo_version().decode()
