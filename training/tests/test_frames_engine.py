@@ -241,7 +241,7 @@ def test_rest_is_a_frame_that_was_seen(run: pipeline.Run) -> None:
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [({"codes": 12}, "of 13 codes"), ({"name": "mood"}, "`intent` alone"), ({"levels": 2}, "1 level")],
+    [({"codes": 12}, "of 13 codes"), ({"name": "mood"}, "only provides `intent`"), ({"levels": 2}, "1 level")],
 )
 def test_annotations_that_nobody_makes_are_refused(change: dict[str, object], said: str, tmp_path: Path) -> None:
     made = pipeline.Run.read(CONFIGS / "frames.yaml", tmp_path, smoke=True)
@@ -251,7 +251,7 @@ def test_annotations_that_nobody_makes_are_refused(change: dict[str, object], sa
 
 
 def test_the_paper_layout_has_no_report(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="layout: frames"):
+    with pytest.raises(ValueError, match="no step `report`"):
         pipeline.run(pipeline.Run.read(CONFIGS / "small.yaml", tmp_path, smoke=True), ("report",))
 
 
