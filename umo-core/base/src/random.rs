@@ -2,6 +2,7 @@
 
 /// Ten rounds of Philox 4x32.
 #[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit products are what is wanted")]
+#[inline]
 pub fn philox(mut c: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for _ in 0..10 {
         let first = u64::from(c[0]) * 0xD251_1F53;

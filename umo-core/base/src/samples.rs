@@ -5,6 +5,7 @@ pub const MAX_AMPLITUDE: f32 = 1e6;
 
 /// Replaces every sample that is NaN, infinite or above [`MAX_AMPLITUDE`] in magnitude by silence, and returns
 /// the number of these samples.
+#[inline]
 pub fn silence_unusable(samples: &mut [f32]) -> usize {
     let mut count = 0;
     // NaN is not contained in any range.
@@ -21,6 +22,7 @@ pub fn silence_unusable(samples: &mut [f32]) -> usize {
 /// # Panics
 /// If `channels` is 0, or `mono` is shorter than the number of frames.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
+#[inline]
 pub fn mix(interleaved: &[f32], channels: usize, mono: &mut [f32]) {
     assert!(channels > 0, "a frame has at least one channel");
     let frames = interleaved.chunks_exact(channels);

@@ -38,16 +38,19 @@ pub struct OwnedFrame {
 
 impl OwnedFrame {
     /// Creates frame 0 of a stream with this pose and face.
+    #[inline]
     pub fn new(pose: Pose, face: &[f32]) -> Self {
         Self { index: 0, sample: 0, pose, face: Arena::system().copied(face), cue: Cue::default() }
     }
 
     /// Returns a copy in memory of `arena`.
+    #[inline]
     pub fn clone_in(&self, arena: &Arena) -> Self {
         Self { face: arena.copied(&self.face), ..*self }
     }
 
     /// Describes the frame.
+    #[inline]
     pub fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("frame index", &mut self.index, 2 * MAX_INDEX)?;
         pass.number("frame's sample", &mut self.sample, 2 * MAX_SAMPLE)?;
@@ -59,23 +62,27 @@ impl OwnedFrame {
     }
 
     /// Takes over pose, face and cue, without allocating.
+    #[inline]
     pub fn take(&mut self, index: u64, (pose, face): (&Pose, &[f32]), cue: Cue, sample: u64) {
         (self.index, self.sample, self.pose, self.cue) = (index, sample, *pose, cue);
         self.face.copy_from_slice(face);
     }
 
     /// Stands where `other` stands.
+    #[inline]
     pub fn stay_at(&mut self, other: [f32; 3]) {
         (self.pose.translation[0], self.pose.translation[2]) = (other[0], other[2]);
     }
 
     /// Copies `other` without allocating.
+    #[inline]
     pub fn copy(&mut self, other: &Self) {
         (self.index, self.sample, self.pose, self.cue) = (other.index, other.sample, other.pose, other.cue);
         self.face.copy_from_slice(&other.face);
     }
 
     /// Interpolates the pose at `t` between `a` and `b`; copies one of them exactly at 0 and 1.
+    #[inline]
     pub fn between(&mut self, a: &Self, b: &Self, t: f32) {
         match t {
             _ if t <= 0.0 => self.pose_of(a),
@@ -90,6 +97,7 @@ impl OwnedFrame {
     }
 
     /// Moves by `1 - t` towards `from`, the face by `1 - t_face`; at 1 nothing changes.
+    #[inline]
     pub fn ease_from(&mut self, from: &Self, t: f32, t_face: f32) {
         let ease = |to: &mut [f32], from: &[f32], t: f32| {
             if t < 1.0 {
@@ -105,6 +113,7 @@ impl OwnedFrame {
     }
 
     /// Copies pose and face of `other`.
+    #[inline]
     pub fn pose_of(&mut self, other: &Self) {
         self.pose = other.pose;
         self.face.copy_from_slice(&other.face);
@@ -112,6 +121,7 @@ impl OwnedFrame {
 }
 
 /// Interpolates `out` at `t` between `a` and `b`.
+#[inline]
 pub fn mixed(out: &mut [f32], a: &[f32], b: &[f32], t: f32) {
     out.iter_mut().zip(a.iter().zip(b)).for_each(|(out, (a, b))| *out = a + (b - a) * t);
 }

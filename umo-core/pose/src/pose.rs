@@ -89,6 +89,7 @@ impl EyeChannels {
 impl Assembly {
     /// Creates the conversion for a model's face. With ARKit channels the eyes follow `eyeLook…`; otherwise
     /// they stay at rest.
+    #[inline]
     pub fn new(face: &Face) -> Self {
         let eyes = match face.kind {
             FaceKind::SmplxExpression => None,
@@ -100,16 +101,19 @@ impl Assembly {
     }
 
     /// Number of face values per frame.
+    #[inline]
     pub fn face_values(&self) -> usize {
         self.values
     }
 
     /// Whether face values are ARKit's, between 0 and 1.
+    #[inline]
     pub fn is_arkit(&self) -> bool {
         self.kind == FaceKind::Arkit
     }
 
     /// Converts one frame's channels to rotations. Joints outside the parts, such as the eyes, are at rest.
+    #[inline]
     pub fn rotations(&self, channels: PerPart<&[f32]>) -> [Quat; JOINTS] {
         let mut rotations = [IDENTITY; JOINTS];
         for part in Part::ALL {
@@ -122,6 +126,7 @@ impl Assembly {
 
     /// Converts one frame's face channels to face values: clamps ARKit's to 0 to 1, and copies others. Values
     /// that are not finite become 0.
+    #[inline]
     pub fn face(&self, channels: &[f32], values: &mut [f32]) {
         for (value, &channel) in values.iter_mut().zip(&channels[FIRST_FACE_VALUE..]) {
             *value = match self.kind {
@@ -132,6 +137,7 @@ impl Assembly {
     }
 
     /// Rotates the eyes of `rotations` to the gaze of `values`, if the face has gaze channels.
+    #[inline]
     pub fn turn_eyes(&self, values: &[f32], rotations: &mut [Quat; JOINTS]) {
         if let Some(eyes) = &self.eyes {
             for (eye, joint) in eyes.iter().zip(LEFT_EYE..) {
@@ -141,6 +147,7 @@ impl Assembly {
     }
 
     /// Writes the 6D rotations of one part's joints to its first channels.
+    #[inline]
     pub fn write_rotations(part: Part, rotations: &[Quat; JOINTS], channels: &mut [f32]) {
         for (joint, six) in joints_of(part).zip(channels.as_chunks_mut().0) {
             *six = quat_to_six(rotations[joint]);
@@ -149,6 +156,7 @@ impl Assembly {
 }
 
 /// Returns `v`, or 0 if it is not finite: one bad value must not stay in a sum for ever.
+#[inline]
 pub fn finite(v: f32) -> f32 {
     if v.is_finite() { v } else { 0.0 }
 }

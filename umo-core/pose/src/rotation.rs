@@ -74,32 +74,38 @@ fn gram_schmidt(six: [f32; 6]) -> [Wide; 3] {
 
 /// Matrix whose first two rows are `six`, orthonormalised by Gram-Schmidt (Zhou et al. 2019, PyTorch3D's
 /// order).
+#[inline]
 pub fn six_to_matrix(six: [f32; 6]) -> Matrix {
     gram_schmidt(six).map(narrow)
 }
 
 /// First two rows of a matrix.
+#[inline]
 pub fn matrix_to_six(matrix: Matrix) -> [f32; 6] {
     let [a, b, _] = matrix;
     [a[0], a[1], a[2], b[0], b[1], b[2]]
 }
 
 /// Orthonormalises six values to the first two rows of a rotation, as input of the root network.
+#[inline]
 pub fn orthonormal_six(six: [f32; 6]) -> [f32; 6] {
     matrix_to_six(six_to_matrix(six))
 }
 
 /// Quaternion of the rotation given by two rows (see [`six_to_matrix`]).
+#[inline]
 pub fn six_to_quat(six: [f32; 6]) -> Quat {
     quat_of(gram_schmidt(six))
 }
 
 /// First two rows of a quaternion's matrix.
+#[inline]
 pub fn quat_to_six(q: Quat) -> [f32; 6] {
     matrix_to_six(quat_to_matrix(q))
 }
 
 /// Quaternion of a rotation matrix.
+#[inline]
 pub fn matrix_to_quat(matrix: Matrix) -> Quat {
     quat_of(matrix.map(widen))
 }
@@ -133,11 +139,13 @@ fn unit(q: [f64; 4]) -> Quat {
 }
 
 /// Scales `q` to length 1 with `w >= 0`; zeros and non-finite values give the identity.
+#[inline]
 pub fn normalized(q: Quat) -> Quat {
     unit(widen(q))
 }
 
 /// Rotation matrix of a quaternion.
+#[inline]
 pub fn quat_to_matrix(q: Quat) -> Matrix {
     let [x, y, z, w] = widen(normalized(q));
     // Divided by the squared length of the rounded quaternion, so that rows have length 1 to the last bit.
@@ -151,6 +159,7 @@ pub fn quat_to_matrix(q: Quat) -> Matrix {
 }
 
 /// Rotation by `b`, then by `a`.
+#[inline]
 pub fn product(a: Quat, b: Quat) -> Quat {
     let ([ax, ay, az, aw], [bx, by, bz, bw]) = (widen(a), widen(b));
     unit([
@@ -162,17 +171,20 @@ pub fn product(a: Quat, b: Quat) -> Quat {
 }
 
 /// Inverse rotation.
+#[inline]
 pub fn inverse(q: Quat) -> Quat {
     [-q[0], -q[1], -q[2], q[3]]
 }
 
 /// Rotates `v` by `q`.
+#[inline]
 pub fn rotate(q: Quat, v: [f32; 3]) -> [f32; 3] {
     let matrix = quat_to_matrix(q).map(widen);
     narrow(matrix.map(|row| dot(row, widen(v))))
 }
 
 /// Rotation axis times the angle in radians, 0 to pi.
+#[inline]
 pub fn quat_to_axis_angle(q: Quat) -> [f32; 3] {
     let [x, y, z, w] = widen(normalized(q));
     let sine = dot([x, y, z], [x, y, z]).sqrt();
@@ -181,6 +193,7 @@ pub fn quat_to_axis_angle(q: Quat) -> [f32; 3] {
 }
 
 /// Rotation about `v` by its length in radians; any length is allowed.
+#[inline]
 pub fn axis_angle_to_quat(v: [f32; 3]) -> Quat {
     let v = widen(v);
     let angle = dot(v, v).sqrt();
@@ -192,6 +205,7 @@ pub fn axis_angle_to_quat(v: [f32; 3]) -> Quat {
 }
 
 /// Spherical linear interpolation along the shorter arc from `a` (at `t` 0) to `b` (at 1).
+#[inline]
 pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
     let (a, b, t) = (widen(normalized(a)), widen(normalized(b)), f64::from(t));
     let cosine = dot(a, b);
@@ -207,6 +221,7 @@ pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
 
 /// Rotates from `a` by `share` times the rotation from `a` to `b`: 0 gives `a`, 1 gives `b`, more continues
 /// beyond it.
+#[inline]
 pub fn scaled(a: Quat, b: Quat, share: f32) -> Quat {
     product(a, axis_angle_to_quat(quat_to_axis_angle(product(inverse(a), b)).map(|v| v * share)))
 }

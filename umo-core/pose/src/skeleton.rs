@@ -30,6 +30,7 @@ pub const LOWER_JOINTS: [usize; 9] = [0, 1, 2, 4, 5, 7, 8, 10, 11];
 pub const FIRST_FINGER: usize = 25;
 
 /// Joints whose 6D rotations are the first channels of `part`, in order.
+#[inline]
 pub fn joints_of(part: Part) -> impl Iterator<Item = usize> {
     let (list, range): (&[usize], _) = match part {
         Part::Face => (&[JAW], 0..0),
@@ -42,6 +43,7 @@ pub fn joints_of(part: Part) -> impl Iterator<Item = usize> {
 
 /// Computes the world position of each joint, metres, Y up, by forward kinematics of `pose` on the bones of
 /// `skeleton`.
+#[inline]
 pub fn joint_places(skeleton: &Skeleton, pose: &Pose) -> [[f32; 3]; JOINTS] {
     let mut places = [[0.0; 3]; JOINTS];
     let mut turned = [IDENTITY; JOINTS];
