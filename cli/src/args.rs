@@ -191,7 +191,7 @@ pub struct Animate {
     /// The frames then differ from those of a stream.
     #[arg(long)]
     pub retime: bool,
-    /// Read what is usable of a damaged recording
+    /// Read the usable parts of a damaged recording
     ///
     /// The part before a cut; silence for samples that are not numbers.
     #[arg(long)]
@@ -231,7 +231,7 @@ pub struct Batch {
     /// The frames then differ from those of a stream.
     #[arg(long)]
     pub retime: bool,
-    /// Read what is usable of damaged recordings
+    /// Read the usable parts of damaged recordings
     #[arg(long)]
     pub repair: bool,
     /// Figure that wears the motion in .glb files
@@ -313,7 +313,7 @@ pub struct Retarget {
     /// Print the mapping that was found, and what is missing
     #[arg(long)]
     pub print_mapping: bool,
-    /// Read what is usable of a damaged recording
+    /// Read the usable parts of a damaged recording
     #[arg(long)]
     pub repair: bool,
     #[command(flatten)]

@@ -33,7 +33,7 @@ export class Follower {
     }
     this.#library = library;
     this.#character = library.view.getUint32(scratch, true);
-    /** The names of the values, as described at `umo_core::glb::Follower::read`. */
+    /** The names of the values, as described at `umo_core_rig::glb::Follower::read`. */
     this.description = JSON.parse(library.text(library.view.getUint32(scratch + 4, true)));
     const { driven, hips, tracks, expressions } = this.description;
     this.#pose = 4 * parents.length + 3 + channelNames.length;

@@ -67,7 +67,7 @@ pub struct Page {
     /// With the sound, if the model has a mouth network, or with the body.
     #[arg(long, value_name = "WHEN", requires = "web", help_heading = TUNING, hide_short_help = true)]
     pub voice: Option<VoiceArg>,
-    /// Read what is usable of a damaged recording
+    /// Read the usable parts of a damaged recording
     #[arg(long)]
     pub repair: bool,
     #[command(flatten)]
@@ -94,13 +94,13 @@ pub struct Live {
     pub input: Option<PathBuf>,
     /// Timing of the mouth: with the sound, or with the body
     ///
-    /// Live needs a model with a mouth network, and is then the default, but for a recording on the page.
+    /// `live` needs a model with a mouth network. It is then the default, except for a recording on the page.
     #[arg(long, value_name = "WHEN")]
     pub voice: Option<VoiceArg>,
     /// Prompt, for models that take one: a style, an emotion
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
-    /// Read what is usable of a damaged recording
+    /// Read the usable parts of a damaged recording
     #[arg(long)]
     pub repair: bool,
     #[command(flatten)]

@@ -1,5 +1,4 @@
-//! The library's own threads (feature `threads`): for teams, for engines that start their own workers, and for
-//! loading models.
+//! The library's own threads (feature `threads`), for teams and for engines that start their own workers.
 
 #[cfg(not(feature = "threads"))]
 pub use none::{JoinHandle, available, start, yield_now};

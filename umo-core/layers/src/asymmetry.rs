@@ -1,10 +1,11 @@
 //! Small differences between the left and right of the face.
 
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::frame::OwnedFrame;
+
 use super::Tick;
 use super::noise::{Stream, smooth, uniform};
 use super::rig::arkit;
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_pose::frame::OwnedFrame;
 
 /// Pairs of shapes, left before right, and their largest asymmetry: one side is larger by up to this
 /// share, the other smaller. Lids, gaze and shapes that close the lips stay symmetric.
@@ -70,10 +71,11 @@ impl Asymmetry {
 
 #[cfg(test)]
 mod tests {
+    use umo_core_pose::skeleton::ARKIT_NAMES;
+
     use super::super::Layer;
     use super::super::trial::Trial;
     use super::*;
-    use umo_core_pose::skeleton::ARKIT_NAMES;
 
     #[test]
     fn sides_differ_a_little_and_slowly_and_lips_stay_as_they_are() {

@@ -1,9 +1,10 @@
 //! Attention of the avatar: idle, listening, thinking, speaking, and the transitions between them;
 //! and the analysis of both voices that it follows in automatic mode.
 
+use umo_core_base::state::{StateError, StatePass};
+
 use super::Tick;
 use super::rig::step;
-use umo_core_base::state::{StateError, StatePass};
 
 /// Attention of the avatar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -6,13 +6,14 @@
 //! from where the animation wants it takes a step while the other foot carries.
 #![expect(clippy::needless_range_loop, reason = "arrays of two sides or axes are indexed together")]
 
-use super::Tick;
-use super::leg::{Leg, Posed, length, sub};
-use super::rig::{Rig, Spring, add, after, ease, step, toward, turn, turn_vector, unit};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse};
+
+use super::Tick;
+use super::leg::{Leg, Posed, length, sub};
+use super::rig::{Rig, Spring, add, after, ease, step, toward, turn, turn_vector, unit};
 
 /// Time constant with which the root returns to its home, seconds.
 const HOME_RETURN_SECONDS: f32 = 10.0;
@@ -481,10 +482,11 @@ fn bump(t: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use umo_core_pose::skeleton::JOINTS;
+
     use super::super::trial::{SECONDS, Trial, assert_sound, face, skeleton, standing};
     use super::super::{Cue, Layer};
     use super::*;
-    use umo_core_pose::skeleton::JOINTS;
 
     const BALLS: [usize; 2] = [10, 11];
 

@@ -1,7 +1,8 @@
 //! Gain of each layer at a tick: gains that change at any time without a jump.
 
-use super::{LAYERS, LayerGains};
 use umo_core_base::state::{StateError, StatePass};
+
+use super::{LAYERS, LayerGains};
 
 /// Seconds of the linear ramp from 0 to 1, before averaging.
 const RAMP_SECONDS: f32 = 0.3;
@@ -55,12 +56,13 @@ impl Gains {
 
 #[cfg(test)]
 mod tests {
+    use umo_core_pose::frame::OwnedFrame;
+    use umo_core_pose::skeleton::ARKIT_NAMES;
+
     use super::super::rig::{DEGREE, EYES, add, angle_between, arkit, turn};
     use super::super::trial::{SECONDS, Trial, assert_sound};
     use super::super::{Cue, Layer, Mood};
     use super::*;
-    use umo_core_pose::frame::OwnedFrame;
-    use umo_core_pose::skeleton::ARKIT_NAMES;
 
     /// Number of ticks of a change.
     const TICKS: usize = 12;

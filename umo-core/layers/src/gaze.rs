@@ -6,16 +6,17 @@
 #[cfg(test)]
 mod tests;
 
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::pose::Pose;
+use umo_core_pose::rotation::inverse;
+
 use super::noise::{Stream, normal, smooth, uniform};
 use super::rig::{
     DEGREE, EYES, HEAD, NECK, Rig, SPINE, Spring, add, after, arkit, ease, length_of_two, step, toward, turn,
     turn_in_parent, turn_vector, unit,
 };
 use super::{Mood, Tick};
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_pose::frame::OwnedFrame;
-use umo_core_pose::pose::Pose;
-use umo_core_pose::rotation::inverse;
 
 /// Turn of an ARKit eye at 1.0, radians: sideways, and up or down (`motion::pose`).
 const EYE_SHAPE_ANGLE: Angles = [30.0 * DEGREE, 25.0 * DEGREE];

@@ -22,16 +22,17 @@ mod hand;
 mod set;
 mod table;
 
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::frame::{MAX_INDEX, OwnedFrame};
+use umo_core_pose::pose::Pose;
+use umo_core_pose::rotation::{Quat, axis_angle_to_quat, inverse, product, rotate, slerp};
+
 use super::Tick;
 use super::rig::{Rig, length_of_two};
 use crate::error::RequestError;
 use arm::{Arm, ArmPose, ArmTarget, LEFT, RIGHT, Vec3, less};
 use curve::{ease, through};
 use table::{Arms, Channel, MOTIONS, Motion};
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_pose::frame::{MAX_INDEX, OwnedFrame};
-use umo_core_pose::pose::Pose;
-use umo_core_pose::rotation::{Quat, axis_angle_to_quat, inverse, product, rotate, slerp};
 
 pub use clip::Gesture;
 pub use set::{GestureParts, Gestures, MAX_GESTURES};

@@ -2,16 +2,17 @@
 //!
 //! Turns are about the parent's axes: X tilts forward, Y turns to the left, Z raises the left side.
 
-use super::Tick;
-use super::noise::{Stream, smooth, uniform};
-use super::rig::{
-    DEGREE, HEAD, NECK, SPINE, angle_between, ease, length_of_two, step, turn_in_own, turn_in_parent, turn_vector,
-};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat};
 use umo_core_pose::skeleton::FIRST_FINGER;
+
+use super::Tick;
+use super::noise::{Stream, smooth, uniform};
+use super::rig::{
+    DEGREE, HEAD, NECK, SPINE, angle_between, ease, length_of_two, step, turn_in_own, turn_in_parent, turn_vector,
+};
 
 const PELVIS: usize = 0;
 const HIPS: [usize; 2] = [1, 2];

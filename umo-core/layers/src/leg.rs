@@ -1,8 +1,9 @@
 //! Two-bone inverse kinematics of a leg, with a given foot orientation.
 
-use super::rig::{Rig, add, after, length_of_two, turn_vector, unit};
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse};
+
+use super::rig::{Rig, add, after, length_of_two, turn_vector, unit};
 
 /// Hip, knee, ankle and foot joint of the left and the right leg.
 const JOINTS_OF_LEGS: [[usize; 4]; 2] = [[1, 4, 7, 10], [2, 5, 8, 11]];

@@ -5,13 +5,14 @@
 //! shape while it lasts, and take as long to leave it. A sound between two frames shows in full at the
 //! nearest frame. Nothing else of the mouth changes.
 
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::skeleton::JAW;
+
 use super::Heard;
 use super::gesture::is_older;
 use super::rig::{Rig, arkit, toward};
 use crate::error::RequestError;
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_pose::frame::OwnedFrame;
-use umo_core_pose::skeleton::JAW;
 
 /// Upper bound on the hints that have not been shown yet.
 pub const MAX_PENDING_HINTS: usize = 64;

@@ -1,9 +1,10 @@
 //! Face and posture of a mood; without a mood, the model's unintended frown is removed.
 
-use super::Tick;
-use super::rig::{DEGREE, HEAD, NECK, arkit, step, turn_in_parent};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
+
+use super::Tick;
+use super::rig::{DEGREE, HEAD, NECK, arkit, step, turn_in_parent};
 
 /// A mood that face and posture show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -367,10 +368,11 @@ fn calmed(value: f32, more: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use umo_core_pose::skeleton::ARKIT_NAMES;
+
     use super::super::Layer;
     use super::super::trial::{Trial, assert_sound, shape, turned};
     use super::*;
-    use umo_core_pose::skeleton::ARKIT_NAMES;
 
     fn set(trial: &mut Trial, mood: Mood, strength: f32) {
         (trial.controls.mood, trial.controls.mood_strength) = (mood, strength);

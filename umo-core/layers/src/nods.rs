@@ -1,11 +1,12 @@
 //! Head motion on accents and while listening.
 
-use super::Tick;
-use super::noise::{Stream, smooth, uniform};
-use super::rig::{DEGREE, HEAD, NECK, angle_between, arkit, ease, step, turn_in_parent};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::rotation::{IDENTITY, Quat};
+
+use super::Tick;
+use super::noise::{Stream, smooth, uniform};
+use super::rig::{DEGREE, HEAD, NECK, angle_between, arkit, ease, step, turn_in_parent};
 
 /// Number of pulses that may overlap.
 const MAX_PULSES: usize = 4;

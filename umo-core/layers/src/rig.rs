@@ -265,8 +265,9 @@ impl Spring {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use umo_core_pose::rotation::axis_angle_to_quat;
+
+    use super::*;
 
     fn is_near<const N: usize>(a: [f32; N], b: [f32; N]) -> bool {
         a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6)

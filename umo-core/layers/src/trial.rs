@@ -1,13 +1,14 @@
 //! A person's rig and a run of the layers over a still pose, for the layers' tests.
 
-use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
-use super::{Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood};
 use umo_core_base::state::StatePass;
 use umo_core_pose::face::{Face, FaceKind};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{product, quat_to_matrix};
 use umo_core_pose::skeleton::{ARKIT_NAMES, JOINTS, Skeleton};
+
+use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
+use super::{Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood};
 
 pub(super) const SECONDS: f32 = 1.0 / 30.0;
 

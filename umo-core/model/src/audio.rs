@@ -6,6 +6,10 @@ mod mel;
 pub mod resample;
 pub(crate) mod spectrum;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice, filled};
+pub use umo_core_base::samples::{MAX_AMPLITUDE, silence_unusable};
+use umo_core_base::state::{StateError, StatePass};
 use umo_kernels::ShapeError;
 
 use crate::config::AudioKind;
@@ -14,10 +18,6 @@ use crate::weights::Loader;
 use hubert::Hubert;
 use kmeans::Kmeans;
 use mel::Mel;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice, filled};
-pub use umo_core_base::samples::{MAX_AMPLITUDE, silence_unusable};
-use umo_core_base::state::{StateError, StatePass};
 
 /// Number of features whose units are looked up at a time when tokenising a whole file.
 const BLOCK: usize = 128;

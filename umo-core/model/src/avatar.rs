@@ -4,6 +4,10 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::state::{Fingerprint, StateError, StatePass};
+
 use crate::audio::AudioStream;
 use crate::config::Config;
 use crate::layout::{Run, Shape, Window};
@@ -13,9 +17,6 @@ use crate::lm::sampler::Sampler;
 use crate::lm::{LayerTimes, depth};
 use crate::model::Model;
 use crate::motion::Smoothing;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice};
-use umo_core_base::state::{Fingerprint, StateError, StatePass};
 
 /// Upper bound on a stream's chunks: 6,900 years at five a second.
 const MAX_CHUNKS: u64 = 1 << 40;

@@ -19,6 +19,9 @@ mod tests;
 
 use std::time::Duration;
 
+use umo_core_base::error::StepError;
+use umo_core_base::memory::filled;
+use umo_core_base::time::Instant;
 use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
@@ -36,9 +39,6 @@ use crate::motion::{FrameRef, MotionScratch, Push};
 use crate::record::{Chunk, Codes};
 use phase::Phase;
 use sharing::Sharing;
-use umo_core_base::error::StepError;
-use umo_core_base::memory::filled;
-use umo_core_base::time::Instant;
 
 /// Receiver of the frames of a batch's avatars; each avatar's arrive in order.
 pub trait FrameSink {

@@ -8,6 +8,9 @@ pub mod vectors;
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError, check_finite};
+use umo_core_base::memory::filled;
+use umo_core_pose::part::{Part, PerPart};
 use umo_kernels::MatMut;
 use umo_kernels::activation::argmax;
 use umo_kernels::gemm::Epilogue;
@@ -16,9 +19,6 @@ use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{Loader, Table};
 pub use trunk::Filling;
 use trunk::{Trunk, TrunkScratch};
-use umo_core_base::error::{LoadError, StepError, check_finite};
-use umo_core_base::memory::filled;
-use umo_core_pose::part::{Part, PerPart};
 
 const PARTS: usize = Part::ALL.len();
 

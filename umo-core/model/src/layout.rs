@@ -15,6 +15,10 @@ mod window;
 
 use std::time::Duration;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{self, Arena};
+use umo_core_base::state::{StateError, StatePass};
+
 use crate::avatar::{Avatar, StageTimes};
 use crate::config::Config;
 use crate::interp::{Filling, InterpScratch};
@@ -24,9 +28,6 @@ use crate::lm::decoder::Sequence;
 use crate::motion::{FrameRef, MotionDecoder, MotionScratch, Push, Smoothing};
 use crate::record::Codes;
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{self, Arena};
-use umo_core_base::state::{StateError, StatePass};
 pub use window::Window;
 
 /// Networks of a model.

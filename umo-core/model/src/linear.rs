@@ -5,6 +5,9 @@ mod input;
 use std::ops::Range;
 use std::sync::Arc;
 
+use umo_core_base::aligned::AlignedBox;
+use umo_core_base::error::StepError;
+use umo_core_base::team::Team;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::product::{
     Activations, Bf16Form, Division, Plan, Product, RowForm, Rows, WeightType, Weights, multiply, plan,
@@ -13,9 +16,6 @@ use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI4
 
 use crate::calibration::Gram;
 pub use input::{Bf16Values, Columns, QuantScratch};
-use umo_core_base::aligned::AlignedBox;
-use umo_core_base::error::StepError;
-use umo_core_base::team::Team;
 
 /// Precision of products.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

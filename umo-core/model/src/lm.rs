@@ -16,6 +16,9 @@ pub mod text;
 use std::ops::AddAssign;
 use std::time::Duration;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
+use umo_core_base::time::Instant;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::product::Rows;
@@ -28,9 +31,6 @@ use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
 pub(crate) use encoder::EncoderPiece;
 use tally::Tally;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
-use umo_core_base::time::Instant;
 
 /// Maximum sequence lengths that a model is loaded for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

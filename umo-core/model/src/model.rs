@@ -3,6 +3,12 @@
 #[cfg(feature = "files")]
 use std::path::Path;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{self, filled};
+use umo_core_base::team::Team;
+use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::part::PerPart;
+use umo_core_pose::pose::Pose;
 use umo_kernels::Isa;
 
 use crate::audio::Tokenizer;
@@ -15,12 +21,6 @@ use crate::lm::{Lengths, Lm};
 use crate::motion::MotionDecoder;
 use crate::mouth::Mouth;
 use crate::weights::{Loader, ModelFile};
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{self, filled};
-use umo_core_base::team::Team;
-use umo_core_pose::frame::OwnedFrame;
-use umo_core_pose::part::PerPart;
-use umo_core_pose::pose::Pose;
 
 /// All networks of a model, packed for one instruction set at one precision.
 #[derive(Debug)]

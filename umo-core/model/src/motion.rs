@@ -18,6 +18,13 @@ pub use encoder::MotionEncoder;
 pub use smoothing::Smoothing;
 pub(crate) use stream::Push;
 pub use stream::{FrameRef, MotionStream};
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{filled, with_capacity};
+use umo_core_pose::face::Face;
+use umo_core_pose::part::{Part, PerPart};
+use umo_core_pose::pose::{Assembly, HEIGHT, VELOCITY_X, VELOCITY_Z};
+use umo_core_pose::rotation::quat_to_axis_angle;
+use umo_core_pose::skeleton::JOINTS;
 pub use vq::{Latent, MotionScratch};
 
 use crate::config::{Config, channel_names};
@@ -26,13 +33,6 @@ use crate::weights::Loader;
 use conv::ConvScratch;
 use root::{RootNet, Travel};
 use smoothing::MAX_PAST;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{filled, with_capacity};
-use umo_core_pose::face::Face;
-use umo_core_pose::part::{Part, PerPart};
-use umo_core_pose::pose::{Assembly, HEIGHT, VELOCITY_X, VELOCITY_Z};
-use umo_core_pose::rotation::quat_to_axis_angle;
-use umo_core_pose::skeleton::JOINTS;
 use vq::VqDecoder;
 
 /// The parts' VQ decoders and the root network.

@@ -11,6 +11,10 @@ mod gate;
 mod level;
 mod network;
 
+use umo_core_base::error::{LoadError, StepError, check_finite};
+use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::samples::MAX_AMPLITUDE;
+use umo_core_base::state::{StateError, StatePass};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::product::Rows;
 use umo_kernels::{Isa, Mat, MatMut};
@@ -21,10 +25,6 @@ use crate::weights::Loader;
 use gate::Gate;
 use level::{Level, LevelControl};
 use network::{History, Network, NetworkScratch};
-use umo_core_base::error::{LoadError, StepError, check_finite};
-use umo_core_base::memory::{Arena, Slice};
-use umo_core_base::samples::MAX_AMPLITUDE;
-use umo_core_base::state::{StateError, StatePass};
 
 /// Values of a row in addition to its bands: the row's energy and the noise, relative to the level.
 pub(crate) const LEVEL_FEATURES: usize = 2;

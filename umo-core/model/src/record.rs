@@ -1,8 +1,9 @@
 //! Records of chunks for inspection: codes, and the experts that their tokens were sent to.
 
+use umo_core_pose::part::{Part, PerPart};
+
 use crate::config::Config;
 use crate::lm::tally::Tally;
-use umo_core_pose::part::{Part, PerPart};
 
 /// Record of the last chunk of an animation.
 #[derive(Clone, Copy, Debug)]

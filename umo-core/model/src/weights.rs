@@ -20,12 +20,12 @@ use umo_kernels::pack::{GROUP, MAX_MULTIPLIER};
 
 pub use loader::{Loader, Table, load_layers};
 pub use umo_core_base::aligned::{AlignedBox, Plain};
-
-use crate::config::Config;
-use source::Source;
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{self, SPARE, filled};
 use umo_core_base::state::Fingerprint;
+
+use crate::config::Config;
+use source::Source;
 use writer::Storage;
 
 /// The version of the format that this library reads and writes.

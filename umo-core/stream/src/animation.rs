@@ -3,11 +3,6 @@
 
 use std::fmt;
 
-use crate::levels::Levels;
-use crate::packet::{PacketLayout, PacketRoom};
-use crate::playback::Layers;
-use crate::retime::{self, TimeMap};
-use crate::session::{Argument, SessionError};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
@@ -22,6 +17,12 @@ use umo_core_model::motion::FrameRef;
 use umo_core_model::record::Chunk;
 use umo_core_pose::frame::{Cue, OwnedFrame};
 use umo_core_pose::part::PerPart;
+
+use crate::levels::Levels;
+use crate::packet::{PacketLayout, PacketRoom};
+use crate::playback::Layers;
+use crate::retime::{self, TimeMap};
+use crate::session::{Argument, SessionError};
 
 /// Audio source that an animation reads on demand.
 pub trait AudioSource: Send {
@@ -516,8 +517,9 @@ impl Group {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use umo_core_base::team::Team;
+
+    use super::*;
 
     #[test]
     fn a_recording_that_is_retimed_hears_every_unit_once_and_gives_every_frame() {

@@ -25,11 +25,6 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
 
-use crate::levels::Levels;
-use crate::link::Signal;
-use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
-use full_share::FullShare;
-use load::{LEAD, Load};
 use umo_core_base::clock::Clock;
 use umo_core_base::defect::{Defect, contain_quietly};
 use umo_core_base::error::LoadError;
@@ -42,6 +37,12 @@ use umo_core_model::audio::resample::{self, FilterPlan, Resampler};
 use umo_core_model::avatar::{Avatar, StageTimes};
 use umo_core_model::model::Model;
 use umo_core_pose::frame::OwnedFrame;
+
+use crate::levels::Levels;
+use crate::link::Signal;
+use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
+use full_share::FullShare;
+use load::{LEAD, Load};
 use worker::Worker;
 
 pub use config::{EngineConfig, MAX_BATCH, MAX_SESSIONS, SubmitJobs, Threads};

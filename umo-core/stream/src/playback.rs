@@ -31,9 +31,10 @@ mod sample;
 mod source;
 mod voice;
 
-use crate::link::Epoch;
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
+
+use crate::link::Epoch;
 
 pub(crate) use ease::{Arrival, ToRest, frames_of};
 pub use gain::MAX_GAIN;

@@ -192,10 +192,11 @@ fn turned(poses: &[Pose], joint: usize, at: f64) -> Quat {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use proptest::prelude::*;
     use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat};
     use umo_core_pose::skeleton::JOINTS;
+
+    use super::*;
+    use proptest::prelude::*;
 
     const RATE: usize = 30;
 

@@ -39,6 +39,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
+use umo_core_base::defect::Defect;
+use umo_core_base::memory::Counted;
+pub use umo_core_base::state::StateError;
+use umo_core_layers::gesture::Request;
+use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood};
+use umo_core_model::config::Sampling;
+use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
+use umo_core_pose::part::Part;
+
 use crate::link::Epoch;
 pub use crate::playback::{Frame, Idle, MAX_GAIN, Sampled, Voice};
 pub use config::{AUDIO_SECONDS, MAX_CHANNELS, MAX_EASE, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig};
@@ -52,14 +61,6 @@ pub(crate) use shared::{SessionInit, Shared};
 use shared::{Settings, try_lock};
 pub(crate) use slots::{SlotHandle, Slots};
 pub(crate) use state::state_size;
-use umo_core_base::defect::Defect;
-use umo_core_base::memory::Counted;
-pub use umo_core_base::state::StateError;
-use umo_core_layers::gesture::Request;
-use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood};
-use umo_core_model::config::Sampling;
-use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
-use umo_core_pose::part::Part;
 
 /// Names of the calls that exclude each other, for [`SessionError::Busy`].
 const INPUT: &str = "push_audio, finish, save or restore";

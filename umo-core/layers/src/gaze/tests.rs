@@ -1,9 +1,10 @@
 //! Looks, blinks and small eye movements, counted as an observer would see them.
 
+use umo_core_pose::skeleton::JOINTS;
+
 use super::super::trial::{SECONDS, Trial, assert_sound, degrees, shape, turned, yawed};
 use super::super::{Attention, Layer};
 use super::*;
-use umo_core_pose::skeleton::JOINTS;
 
 /// Ticks at which the left lid closes beyond `least`.
 fn blinks(shown: &[OwnedFrame], least: f32) -> Vec<usize> {

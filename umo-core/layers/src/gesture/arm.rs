@@ -3,12 +3,13 @@
 
 use std::f32::consts::PI;
 
-use super::hand::{self, FINGER_JOINTS, Shape};
-use crate::rig::{Rig, add, length_of_two};
 use umo_core_pose::rotation::{
     Matrix, Quat, axis_angle_to_quat, inverse, matrix_to_quat, product, quat_to_axis_angle, rotate,
 };
 use umo_core_pose::skeleton::FIRST_FINGER;
+
+use super::hand::{self, FINGER_JOINTS, Shape};
+use crate::rig::{Rig, add, length_of_two};
 
 /// Largest distance of the wrist from the shoulder, as a share of the arm: the elbow stays slightly bent.
 const MAX_REACH: f32 = 0.985;

@@ -2,15 +2,16 @@
 
 use std::fmt;
 
-use super::curve::ease;
-use super::hand::mirrored;
-use super::set::{GestureParts, check_name};
 use umo_core_base::error::LoadError;
 use umo_core_base::memory;
 use umo_core_base::state::Fingerprint;
 use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 use umo_core_pose::rotation::{Quat, normalized, slerp};
 use umo_core_pose::skeleton::{FIRST_FINGER, JOINTS};
+
+use super::curve::ease;
+use super::hand::mirrored;
+use super::set::{GestureParts, check_name};
 
 /// Longest fade-in and fade-out of a clip, seconds.
 const FADE_IN_SECONDS: f32 = 0.4;

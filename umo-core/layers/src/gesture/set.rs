@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use super::clip::Gesture;
-use super::table::MOTIONS;
 use umo_core_base::error::LoadError;
 use umo_core_base::state::Fingerprint;
+
+use super::clip::Gesture;
+use super::table::MOTIONS;
 
 /// Upper bound on the gestures that a host may add.
 pub const MAX_GESTURES: usize = 256;

@@ -3,11 +3,12 @@
 
 #![expect(clippy::cast_possible_truncation, reason = "a test has few frames")]
 
+use umo_core_pose::frame::Cue;
+use umo_core_pose::skeleton::{ARKIT_NAMES, FIRST_FINGER, JOINTS, Skeleton};
+
 use super::*;
 use crate::attention::Weights;
 use crate::{Controls, LayerGains, trial};
-use umo_core_pose::frame::Cue;
-use umo_core_pose::skeleton::{ARKIT_NAMES, FIRST_FINGER, JOINTS, Skeleton};
 
 /// Offsets of the body and of the left hand; the right hand is mirrored.
 #[rustfmt::skip]

@@ -5,6 +5,10 @@
 //! raw samples: the convolution has no bias, so normalising the waveform to variance 1 only rescales the
 //! group norm's epsilon.
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice, filled, with_capacity};
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_base::team::zip_split;
 use umo_kernels::activation;
 use umo_kernels::activation::Activation;
 use umo_kernels::attention::{Operands, encoder_attention_bf16, encoder_attention_f32};
@@ -16,10 +20,6 @@ use umo_kernels::{Isa, Mat, MatMut, PANEL};
 use crate::config;
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader, load_layers};
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice, filled, with_capacity};
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_base::team::zip_split;
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
 const GROUP_NORM_EPS: f64 = 1e-5;

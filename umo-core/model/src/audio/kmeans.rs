@@ -1,5 +1,7 @@
 //! Nearest centroid of each feature.
 
+use umo_core_base::error::{LoadError, StepError, check_finite};
+use umo_core_base::memory::with_capacity;
 use umo_kernels::activation::argmax;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::product::Rows;
@@ -7,8 +9,6 @@ use umo_kernels::{Mat, MatMut};
 
 use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError, check_finite};
-use umo_core_base::memory::with_capacity;
 
 /// Centroids as a product: `|x - c|^2` is smallest where `x . c - |c|^2 / 2` is largest.
 #[derive(Debug)]

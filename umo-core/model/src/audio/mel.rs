@@ -1,6 +1,9 @@
 //! Log-mel features with causal differences, and a small network over recent features: the tokenizer of small
 //! models.
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice, filled};
+use umo_core_base::state::{StateError, StatePass};
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::product::Rows;
@@ -9,9 +12,6 @@ use umo_kernels::{Mat, MatMut};
 use crate::config;
 use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice, filled};
-use umo_core_base::state::{StateError, StatePass};
 
 use super::spectrum::{Spectrum, SpectrumScratch};
 

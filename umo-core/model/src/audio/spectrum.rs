@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlannerScalar};
+use umo_core_base::error::LoadError;
+use umo_core_base::memory::{self, Arena, Slice};
 
 use crate::linear::Linear;
 use crate::weights::Loader;
-use umo_core_base::error::LoadError;
-use umo_core_base::memory::{self, Arena, Slice};
 
 /// Power spectra of real numbers. Even and odd elements are the real and imaginary parts of one complex
 /// transform of half the length.

@@ -1,11 +1,12 @@
 //! Bounded steps give the same frames as whole ones.
 
+use umo_core_base::team::Team;
+use umo_kernels::Isa;
+
 use super::*;
 use crate::avatar::AvatarConfig;
 use crate::linear::Precision;
 use crate::weights::ModelFile;
-use umo_core_base::team::Team;
-use umo_kernels::Isa;
 
 /// More than one bounded step of a decoder pass takes.
 const MEMBERS: usize = 6;

@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-use super::{Codec, Config, Face, Layout, PartSpec, Sampling};
 use umo_core_pose::part::{Part, PerPart};
 use umo_core_pose::pose::{FIRST_CONTACT, FIRST_FACE_VALUE};
 use umo_core_pose::skeleton::{JOINT_NAMES, joints_of};
+
+use super::{Codec, Config, Face, Layout, PartSpec, Sampling};
 
 /// Channels of the lower body between its rotations and its foot contacts.
 pub(super) const ROOT_VELOCITY: &str = "root_velocity";

@@ -2,13 +2,14 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::LoadError;
+use umo_core_pose::names::{ARKIT_NAMES, JOINTS};
+use umo_core_pose::part::Part;
+
 use super::{
     AudioKind, Codec, Config, FaceKind, Hubert, Mel, Modality, Mouth, PartSpec, Sampling, TemplateItem, channel_names,
     no_rest,
 };
-use umo_core_base::error::LoadError;
-use umo_core_pose::names::{ARKIT_NAMES, JOINTS};
-use umo_core_pose::part::Part;
 
 /// Upper bound of every width.
 const MAX_WIDTH: usize = 1 << 16;

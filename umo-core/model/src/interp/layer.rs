@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
 use umo_kernels::activation::Activation;
 use umo_kernels::attention::{Operands, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
@@ -12,8 +14,6 @@ use umo_kernels::{Isa, Mat, MatMut};
 use crate::config;
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
 
 /// Epsilon added to variances: PyTorch's default.
 pub(super) const EPS: f32 = 1e-5;

@@ -3,14 +3,14 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Mat, MatMut};
 
 use super::layer::{EPS, Layer, LayerScratch, Norm};
 use crate::linear::{Compute, QuantScratch};
 use crate::weights::{Loader, Table};
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
 
 /// Type of a frame: its row in the table of frame types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,6 +4,7 @@
 
 use std::ops::{Deref, DerefMut, Range};
 
+use umo_core_base::error::{LoadError, StepError, check_finite};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
@@ -11,7 +12,6 @@ use super::InterpScratch;
 use super::trunk::{Filling, Trunk};
 use crate::linear::{Compute, Linear};
 use crate::weights::{Loader, Table};
-use umo_core_base::error::{LoadError, StepError, check_finite};
 
 /// The interpolation network of layout `frames`.
 #[derive(Debug)]

@@ -4,6 +4,10 @@
 use std::ops::{Deref, Range};
 use std::sync::Arc;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice, with_capacity};
+use umo_core_base::state::{StateError, StatePass};
+
 use super::{Drawn, Pass, Shape, Window, window_frames};
 use crate::avatar::Avatar;
 use crate::config::{Config, MAX_PARTS};
@@ -16,9 +20,6 @@ use crate::lm::depth::{DepthNet, DepthScratch, Task};
 use crate::lm::frames::FrameTables;
 use crate::motion::{MotionDecoder, MotionStream};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice, with_capacity};
-use umo_core_base::state::{StateError, StatePass};
 
 /// Codes that one bounded step samples: at most one code of this many or more members, or several codes of fewer
 /// members.

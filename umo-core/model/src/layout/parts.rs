@@ -3,6 +3,11 @@
 
 use std::sync::Arc;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice, filled};
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::part::{Part, PerPart};
+
 use super::{Drawn, Pass, Shape, Window, window_frames};
 use crate::avatar::Avatar;
 use crate::config::Config;
@@ -12,10 +17,6 @@ use crate::lm::decoder::Sequence;
 use crate::lm::generate::{Generator, Heads, Position};
 use crate::motion::{MotionDecoder, MotionStream};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice, filled};
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_pose::part::{Part, PerPart};
 
 /// The networks.
 #[derive(Debug)]

@@ -1,10 +1,11 @@
 //! The codes of the keyframes in a window, in either layout.
 
-use crate::config::Config;
 use umo_core_base::error::StepError;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::part::Part;
+
+use crate::config::Config;
 
 /// Codes of one stream's window: `P` keyframes of history, and `N` new ones.
 #[derive(Debug)]

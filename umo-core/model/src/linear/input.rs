@@ -2,6 +2,10 @@
 
 use std::ops::Range;
 
+use umo_core_base::aligned::AlignedBox;
+use umo_core_base::error::StepError;
+use umo_core_base::memory::filled;
+use umo_core_base::team::{MAX_PIECES, zip_split};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_bf16::{Bf16Rows, split_bf16x2};
 use umo_kernels::product::{Bf16Form, Rows};
@@ -9,10 +13,6 @@ use umo_kernels::quantize::{QuantRows, quantization_scale, quantize_columns, qua
 use umo_kernels::{Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::{Compute, Linear};
-use umo_core_base::aligned::AlignedBox;
-use umo_core_base::error::StepError;
-use umo_core_base::memory::filled;
-use umo_core_base::team::{MAX_PIECES, zip_split};
 
 /// Activations for bf16 products.
 #[derive(Clone, Copy, Debug)]

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
 use umo_kernels::attention::RelativeBias;
 use umo_kernels::{MatMut, ShapeError};
 
 use crate::config::Lm;
 use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
 
 /// Projections of one attention: a single product for all projections that share an input, and the output
 /// product.

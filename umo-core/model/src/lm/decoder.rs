@@ -2,6 +2,9 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
+use umo_core_base::time::Instant;
 use umo_kernels::attention::{Operands, Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::gemm::Epilogue;
@@ -13,9 +16,6 @@ use super::{Lengths, LmScratch, no_more, norm, norm_input};
 use crate::config::Config;
 use crate::linear::{Compute, Linear};
 use crate::weights::{AlignedBox, Loader, load_layers};
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
-use umo_core_base::time::Instant;
 
 /// Approximate cost of rounding one value to bfloat16 and storing it, in multiply-adds.
 const ROUND_WORK: usize = 8;

@@ -7,6 +7,9 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError, check_finite};
+use umo_core_base::memory::filled;
+use umo_core_base::team::Team;
 use umo_kernels::attention::{HeadCache, attention_heads_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
@@ -17,9 +20,6 @@ use super::sampler::{Rank, Sampler};
 use crate::config::{Config, Sampling, TemplateItem};
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader, Table};
-use umo_core_base::error::{LoadError, StepError, check_finite};
-use umo_core_base::memory::filled;
-use umo_core_base::team::Team;
 
 /// Maximum number of tasks that one thread computes together. Their rows share each read of the weights; the
 /// limit keeps a step of many avatars short.

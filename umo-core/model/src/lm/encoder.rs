@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::time::Instant;
 use umo_kernels::attention::{Operands, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::product::Rows;
@@ -12,8 +14,6 @@ use super::experts::Experts;
 use super::{LmScratch, PIECE_WORK, no_more, norm, norm_input, piece_rows};
 use crate::linear::{Compute, Linear};
 use crate::weights::{Loader, load_layers};
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::time::Instant;
 
 /// Number of heads whose queries, keys and values a thread computes before it attends with them: 576 KiB at
 /// 256 tokens and 64 values per head.

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
 use umo_kernels::experts::{Routing, route};
 use umo_kernels::gemm::{Epilogue, Scatter};
 use umo_kernels::product::Rows;
@@ -11,8 +13,6 @@ use super::{norm_input, piece_rows};
 use crate::config::Lm;
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader};
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
 
 /// One layer's norm, router and experts.
 #[derive(Debug)]

@@ -1,7 +1,8 @@
 //! Keyframes as positions of the language model (SPEC 2.13).
 
-use crate::weights::{Loader, Table};
 use umo_core_base::error::{LoadError, StepError};
+
+use crate::weights::{Loader, Table};
 
 /// Row of the history type.
 const HISTORY: usize = 0;

@@ -3,6 +3,9 @@
 
 use std::sync::Arc;
 
+use umo_core_base::error::{LoadError, StepError, check_finite};
+use umo_core_base::memory::filled;
+use umo_core_pose::part::{Part, PerPart};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
@@ -12,9 +15,6 @@ use super::{Lm, LmScratch, head_name, head_scale};
 use crate::config::{Config, Modality, Sampling};
 use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError, check_finite};
-use umo_core_base::memory::filled;
-use umo_core_pose::part::{Part, PerPart};
 
 /// Name of each part's decoder output in errors.
 const LOGITS: PerPart<&str> =

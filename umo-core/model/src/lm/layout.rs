@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-use crate::config::{Config, Modality, TemplateItem};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_pose::part::{Part, PerPart};
+
+use crate::config::{Config, Modality, TemplateItem};
 
 /// Maximum number of tokens in a free text prompt.
 pub const MAX_PROMPT_TOKENS: usize = 128;

@@ -3,9 +3,9 @@
 //! 2.5).
 
 use umo_core_base::random::philox;
+use umo_core_base::state::{StateError, StatePass};
 
 use crate::config::Sampling;
-use umo_core_base::state::{StateError, StatePass};
 
 /// Number of weights that a draw computes only once: enough for the codes usually kept.
 const HELD: usize = 64;

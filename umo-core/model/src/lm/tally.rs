@@ -1,9 +1,10 @@
 //! Counts of tokens per expert, by the kind of the token; optional.
 
-use super::experts::ExpertScratch;
-use crate::config::{Config, Modality};
 use umo_core_base::memory::filled;
 use umo_core_pose::part::Part;
+
+use super::experts::ExpertScratch;
+use crate::config::{Config, Modality};
 
 /// Kinds of tokens in layout `parts`: text, audio units, and the four parts.
 pub const KINDS: usize = 2 + Part::ALL.len();

@@ -11,12 +11,12 @@ mod unigram;
 
 use normalizer::Normalizer;
 use proto::Proto;
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory;
 use unigram::Unigram;
 
 use super::layout::MAX_PROMPT_TOKENS;
 use crate::weights::ModelFile;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory;
 
 /// Name of the tensor that holds a SentencePiece model.
 pub const TOKENIZER: &str = "text.tokenizer";

@@ -4,6 +4,8 @@
 //! row and after the last. The window of a convolution over three frames is then three adjacent rows, a row
 //! of an overlapping [`Mat`]. So every layer pads with zeros, as in training.
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
@@ -11,8 +13,6 @@ use umo_kernels::{Mat, MatMut};
 use crate::config::Codec;
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
 
 /// Number of frames in a convolution's window.
 const KERNEL: usize = 3;

@@ -1,15 +1,16 @@
 //! Encoders of a motion: its codes (SPEC 2.7).
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::filled;
+use umo_core_pose::clip::Clip;
+use umo_core_pose::part::{Part, PerPart};
+
 use super::conv::ConvScratch;
 use super::vq::{MotionScratch, VqEncoder};
 use super::{body_channels, widest};
 use crate::config::{Channels, PartSpec};
 use crate::linear::Compute;
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::filled;
-use umo_core_pose::clip::Clip;
-use umo_core_pose::part::{Part, PerPart};
 
 /// VQ encoders of the parts, if a model has them.
 #[derive(Debug)]
@@ -129,10 +130,11 @@ impl MotionEncoder {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::weights::ModelFile;
     use umo_core_pose::pose::{FIRST_CONTACT, Pose};
     use umo_core_pose::rotation::axis_angle_to_quat;
+
+    use super::*;
+    use crate::weights::ModelFile;
 
     #[test]
     fn check_refuses_a_clip_that_contradicts_itself() {

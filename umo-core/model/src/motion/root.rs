@@ -1,14 +1,15 @@
 //! The root network: motion of the pelvis through the world, from the motion of the legs (SPEC 2.7).
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::state::{StateError, StatePass};
+pub use umo_core_pose::pose::{FIRST_CONTACT, HEIGHT, ROTATION_CHANNELS, VELOCITY_X, VELOCITY_Z, finite};
+use umo_core_pose::rotation::orthonormal_six;
+
 use super::conv::{DecoderStack, EncoderStack};
 use super::vq::MotionScratch;
 use crate::config::Codec;
 use crate::linear::Compute;
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::state::{StateError, StatePass};
-pub use umo_core_pose::pose::{FIRST_CONTACT, HEIGHT, ROTATION_CHANNELS, VELOCITY_X, VELOCITY_Z, finite};
-use umo_core_pose::rotation::orthonormal_six;
 
 /// A convolutional auto-encoder over the lower body's channels.
 #[derive(Debug)]
@@ -114,13 +115,13 @@ impl Travel {
 
 #[cfg(test)]
 mod tests {
+    use umo_core_base::team::Team;
     use umo_kernels::Isa;
 
     use super::*;
     use crate::linear::Precision;
     use crate::motion::MotionDecoder;
     use crate::weights::ModelFile;
-    use umo_core_base::team::Team;
 
     /// Output of the root network for the same legs at a precision.
     fn rows(precision: Precision) -> Vec<f32> {

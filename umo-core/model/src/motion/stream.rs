@@ -2,16 +2,17 @@
 
 use std::ops::Range;
 
-use super::root::Travel;
-use super::smoothing::Smoothing;
-use super::vq::{Codebook, Latent, MotionScratch};
-use super::{MotionDecoder, scatter};
-use crate::linear::Compute;
 use umo_core_base::error::{StepError, check_finite};
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::part::{Part, PerPart};
 use umo_core_pose::pose::{HEIGHT, Pose, VELOCITY_X, VELOCITY_Z, finite};
+
+use super::root::Travel;
+use super::smoothing::Smoothing;
+use super::vq::{Codebook, Latent, MotionScratch};
+use super::{MotionDecoder, scatter};
+use crate::linear::Compute;
 
 /// Number of frames by which a seam's fade is longer than the run of frames that were decoded without their
 /// future.

@@ -1,10 +1,11 @@
 //! The codecs of the parts: codes to channels, and channels to codes (SPEC 2.7, 2.12).
 
+use umo_core_base::error::{LoadError, StepError};
+
 use super::conv::{ConvScratch, DecoderStack, EncoderStack};
 use crate::config::{Channels, Codec, PartSpec};
 use crate::linear::Compute;
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
 
 /// Scratch memory for the convolutions of any part and of the root network.
 #[derive(Debug)]

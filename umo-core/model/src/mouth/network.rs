@@ -1,5 +1,8 @@
 //! The causal network: rows of features to channels and voice activity, one frame at a time.
 
+use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::state::{StateError, StatePass};
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::product::Rows;
@@ -8,9 +11,6 @@ use umo_kernels::{Isa, Mat, MatMut};
 use crate::config;
 use crate::linear::Linear;
 use crate::weights::Loader;
-use umo_core_base::error::{LoadError, StepError};
-use umo_core_base::memory::{Arena, Slice};
-use umo_core_base::state::{StateError, StatePass};
 
 const RELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Relu);
 

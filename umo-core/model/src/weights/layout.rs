@@ -1,7 +1,8 @@
 //! All tensors that a config requires, with shape and kind (SPEC 3).
 
-use crate::config::{AudioKind, Config, Hubert, Mel, Mouth};
 use umo_core_pose::part::Part;
+
+use crate::config::{AudioKind, Config, Hubert, Mel, Mouth};
 
 /// Kind of a tensor's values: determines random initialization, and whether they may be quantized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,6 +3,9 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use umo_core_base::aligned::{AlignedBox, Plain, Pool};
+use umo_core_base::error::LoadError;
+use umo_core_base::memory::{SPARE, catch, filled, require};
 use umo_kernels::matmul_i4;
 use umo_kernels::pack::{
     PANEL, pack_row, pack_row_bf16, pack_row_i4, pack_row_i8, packed_len, packed_len_bf16, packed_len_i4, packed_len_i8,
@@ -15,9 +18,6 @@ use super::writer::Storage;
 use super::{ModelFile, Tensor};
 use crate::calibration::Calibration;
 use crate::linear::{Linear, Precision, Weight};
-use umo_core_base::aligned::{AlignedBox, Plain, Pool};
-use umo_core_base::error::LoadError;
-use umo_core_base::memory::{SPARE, catch, filled, require};
 
 /// Loads the components of one model at one precision for one instruction set.
 #[derive(Clone, Debug)]

@@ -1,9 +1,9 @@
 //! Numeric data in the buffer of a `.glb`.
 
 use serde::Deserialize;
+use umo_core_base::memory::with_capacity;
 
 use super::document::{Document, View};
-use umo_core_base::memory::with_capacity;
 
 /// Upper bound on the numbers of one accessor: an hour of 64 morph weights at 60 frames a second.
 const MAX_NUMBERS: usize = 3600 * 60 * 64;

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use umo_core_pose::rotation::{IDENTITY, Matrix, Quat, matrix_to_quat};
+use umo_core_pose::skeleton::JOINT_NAMES;
+
 use super::bind::bind_pose;
 use super::document::{Document, Node};
 use super::{Given, Glb, vrm};
 use crate::retarget::{Bone, Mapping, Retarget, Rig};
-use umo_core_pose::rotation::{IDENTITY, Matrix, Quat, matrix_to_quat};
-use umo_core_pose::skeleton::JOINT_NAMES;
 
 /// Translation, rotation and scale of a node.
 pub type Transform = ([f32; 3], Quat, [f32; 3]);

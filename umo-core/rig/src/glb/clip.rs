@@ -1,13 +1,14 @@
 //! Reads a character's animation as motion of the 55 joints.
 
-use super::accessor::floats;
-use super::document::{Animation, Document};
-use super::{Character, Glb, packed};
-use crate::retarget::{Floor, Mapping, Retarget};
 use umo_core_base::memory::{self, with_capacity};
 use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 use umo_core_pose::rotation::{Quat, normalized, slerp};
 use umo_core_pose::skeleton::{JOINTS, Skeleton};
+
+use super::accessor::floats;
+use super::document::{Animation, Document};
+use super::{Character, Glb, packed};
+use crate::retarget::{Floor, Mapping, Retarget};
 
 /// Frame rate of the result, in frames a second.
 pub const RATE: f32 = 30.0;
@@ -118,8 +119,9 @@ fn tracks(document: &Document, animation: &Animation, bin: &[u8]) -> Result<Vec<
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat};
+
+    use super::*;
 
     #[test]
     fn keys_are_joined_by_arcs_or_held() {

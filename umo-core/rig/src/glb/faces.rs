@@ -1,10 +1,11 @@
 //! Assigns face channels to the shapes of a character's meshes.
 
+use umo_core_pose::face::{Face, FaceKind};
+
 use super::expressions::{Expression, expressions};
 use super::{Character, Given};
 use crate::retarget::face::FaceMap;
 use crate::retarget::{Mapping, Retarget, other_bodies};
-use umo_core_pose::face::{Face, FaceKind};
 
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];

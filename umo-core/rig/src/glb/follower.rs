@@ -1,14 +1,14 @@
 //! A character that follows a stream of poses.
 
 use serde::Deserialize;
-
-use super::{Character, Faces, Given};
-use crate::retarget::{Floor, Mapping, Retarget, Scratch};
 use umo_core_base::error::StepError;
 use umo_core_pose::face::{Face, FaceKind};
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat};
 use umo_core_pose::skeleton::{JOINTS, Skeleton};
+
+use super::{Character, Faces, Given};
+use crate::retarget::{Floor, Mapping, Retarget, Scratch};
 
 /// Converts poses to values of a character's nodes. Threads can share it.
 #[derive(Debug)]
@@ -164,8 +164,9 @@ pub fn nodes(mapping: &Mapping) -> [Option<usize>; JOINTS] {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use umo_core_pose::skeleton::ARKIT_NAMES;
+
+    use super::*;
 
     /// Bones of a standing figure in a T-pose, as `(name, parent, place)`.
     const BONES: [(&str, Option<usize>, [f32; 3]); 15] = [

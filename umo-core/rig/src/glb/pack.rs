@@ -6,10 +6,10 @@ use std::borrow::Cow;
 use data_encoding::BASE64;
 use serde::Deserialize;
 use serde_json::json;
+use umo_core_base::memory::{self, with_capacity};
 
 use super::splice::{Members, raw};
 use super::{Glb, container, meshopt};
-use umo_core_base::memory::{self, with_capacity};
 
 /// Upper bound on the size of the result, in bytes.
 const MAX_BYTES: usize = 2 << 30;

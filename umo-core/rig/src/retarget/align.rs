@@ -1,8 +1,9 @@
 //! Aligns a rig's rest pose with the source's: the axes of its world, and a rotation for each bone.
 
-use super::{Mapping, RetargetError, Rig};
 use umo_core_pose::rotation::{IDENTITY, Matrix, Quat, axis_angle_to_quat, inverse, matrix_to_quat, product, rotate};
 use umo_core_pose::skeleton::JOINTS;
+
+use super::{Mapping, RetargetError, Rig};
 
 pub(super) type Vector = [f32; 3];
 

@@ -1,10 +1,11 @@
 //! The inverse of retargeting: rotations of the 55 joints from a rig's motion.
 
-use super::rig::World;
-use super::{CHEST, Driven, Retarget, Scratch};
 use umo_core_base::error::StepError;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse, product, slerp};
 use umo_core_pose::skeleton::JOINTS;
+
+use super::rig::World;
+use super::{CHEST, Driven, Retarget, Scratch};
 
 /// Spine joints for which a rig may have no bones, with their distance along the way from the pelvis to `spine3`.
 const SPINE: [(usize, f32); 2] = [(3, 1.0 / 3.0), (6, 2.0 / 3.0)];

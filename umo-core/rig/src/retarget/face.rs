@@ -13,9 +13,10 @@
 
 mod synonyms;
 
-use super::names::words;
 use umo_core_pose::face::{Face, FaceKind};
 use umo_core_pose::visemes::{VISEME_NAMES, VISEMES, Visemes};
+
+use super::names::words;
 
 /// Value of `jawOpen` at which the jaw counts as open for a vowel.
 const OPEN: f32 = 0.7;

@@ -1,10 +1,11 @@
 //! Scale of the rig, and contact of its feet with the floor.
 
+use umo_core_pose::rotation::{Quat, rotate};
+use umo_core_pose::skeleton::JOINTS;
+
 use super::align::{Rest, dot, length, less};
 use super::rig::World;
 use super::{Floor, Mapping, RetargetError, Rig};
-use umo_core_pose::rotation::{Quat, rotate};
-use umo_core_pose::skeleton::JOINTS;
 
 /// Height of the source's lowest foot joint when it stands, in metres: the ball of the foot of SMPL-X.
 const SOLE: f32 = 0.02;

@@ -5,12 +5,13 @@
 //! does not move therefore stays in place, whatever the body does above it. The planted point is the ankle, or the
 //! ball of the foot when the heel is up.
 
+use umo_core_pose::rotation::{IDENTITY, Quat, inverse, normalized, product, rotate};
+use umo_core_pose::skeleton::JOINTS;
+
 use super::align::{Rest, Vector, aside, cross, direction, dot, length, less, shortest};
 use super::ground::Ground;
 use super::rig::World;
 use super::{Mapping, Retarget, Rig};
-use umo_core_pose::rotation::{IDENTITY, Quat, inverse, normalized, product, rotate};
-use umo_core_pose::skeleton::JOINTS;
 
 /// Heel rise of the source, in metres, over which the planted point changes from the ankle to the ball.
 const ROLL: f32 = 0.02;

@@ -1,8 +1,9 @@
 //! Assignment of bones to joints.
 
+use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS};
+
 use super::names::{self, Convention};
 use super::{RetargetError, Rig};
-use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS};
 
 /// Joints that a body needs, with the joint that each must be below.
 const NEEDED: [(usize, Option<usize>); 9] = [

@@ -1,7 +1,8 @@
 //! The target skeleton at rest.
 
-use super::RetargetError;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse, normalized, product, rotate};
+
+use super::RetargetError;
 
 /// Upper bound on the bones of a rig.
 pub const MAX_BONES: usize = 1 << 16;

@@ -4,11 +4,12 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-#[cfg(doc)]
-use super::Engine;
 use umo_core_base::clock::Clock;
 use umo_core_base::team::Priority;
 use umo_core_base::thread;
+
+#[cfg(doc)]
+use super::Engine;
 
 /// Upper bound on the sessions of an engine.
 pub const MAX_SESSIONS: usize = 4096;

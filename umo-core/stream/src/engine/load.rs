@@ -8,9 +8,10 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::{EngineConfig, Threads};
 use umo_core_model::batch::is_cached;
 use umo_core_model::config::Config;
+
+use super::{EngineConfig, Threads};
 
 /// The worker that computes alone while there are few sessions.
 pub(super) const LEAD: usize = 0;

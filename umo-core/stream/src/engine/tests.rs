@@ -3,9 +3,10 @@
 
 mod failures;
 
+use umo_core_base::defect::keep_quiet;
+
 use super::*;
 use crate::session::SessionError;
-use umo_core_base::defect::keep_quiet;
 
 fn model(name: &str) -> Arc<Model> {
     let path = format!("{}/../../{name}/model.safetensors", env!("CARGO_MANIFEST_DIR"));

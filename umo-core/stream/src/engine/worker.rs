@@ -4,9 +4,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use super::load::LEAD;
-use super::{EngineConfig, Inner, Threads};
-use crate::session::{Failure, Member, Members, PacketWriter, Schedule};
 use umo_core_base::defect::contain;
 use umo_core_base::memory::with_capacity;
 use umo_core_base::team::{ExternalWorkers, Placement, Team};
@@ -14,6 +11,10 @@ use umo_core_base::time::Instant;
 use umo_core_model::avatar::{Avatar, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::linear::Compute;
+
+use super::load::LEAD;
+use super::{EngineConfig, Inner, Threads};
+use crate::session::{Failure, Member, Members, PacketWriter, Schedule};
 
 /// A batch, and the sessions in it.
 #[derive(Debug)]

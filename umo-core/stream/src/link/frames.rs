@@ -1,11 +1,12 @@
 //! Queue of frames from the engine to the host.
 
-use super::ring::Ring;
 use umo_core_base::memory::Arena;
 use umo_core_base::state::{StateError, StatePass, is_moderate, is_near, is_sample, is_unit};
 use umo_core_pose::frame::{Cue, MAX_INDEX, MAX_SAMPLE, OwnedFrame};
 use umo_core_pose::pose::Pose;
 use umo_core_pose::skeleton::JOINTS;
+
+use super::ring::Ring;
 
 /// Words of a stamp.
 const HEAD: usize = 5;

@@ -29,12 +29,13 @@
 
 use std::sync::Arc;
 
-use super::ring::Ring;
-use super::{FrameRing, Signal, Stamp};
 use umo_core_base::memory::Arena;
 use umo_core_base::state::{StateError, StatePass, is_sample};
 pub(super) use umo_core_base::sync::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 use umo_core_pose::frame::OwnedFrame;
+
+use super::ring::Ring;
+use super::{FrameRing, Signal, Stamp};
 
 /// Value of `audio_wanted` while the engine does not wait.
 const NOT_WAITING: u64 = u64::MAX;
@@ -477,10 +478,11 @@ impl Link {
 /// A side that waits for a lost wake-up is a deadlock, which loom reports.
 #[cfg(all(test, loom))]
 mod interleavings {
-    use super::*;
-    use loom::thread;
     use umo_core_pose::frame::Cue;
     use umo_core_pose::pose::Pose;
+
+    use super::*;
+    use loom::thread;
 
     /// Runs every interleaving with at most three preemptions; losing a wake-up takes two.
     fn explore(sides: impl Fn() + Send + Sync + 'static) {

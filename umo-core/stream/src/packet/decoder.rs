@@ -1,6 +1,5 @@
 //! The receiving side of a stream of packets.
 
-use super::{PacketError, PacketHead, PacketLayout, byte_level};
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{self, Arena, filled, with_capacity};
 use umo_core_model::avatar::AvatarConfig;
@@ -10,6 +9,8 @@ use umo_core_model::layout::{Run, Shape, Window};
 use umo_core_model::linear::Compute;
 use umo_core_model::model::Model;
 use umo_core_model::motion::{FrameRef, MotionScratch, Smoothing};
+
+use super::{PacketError, PacketHead, PacketLayout, byte_level};
 
 /// Maximum number of packets that wait for a missing one.
 const WAITING: usize = 4;

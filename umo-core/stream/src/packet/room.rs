@@ -1,11 +1,12 @@
 //! The sending side: writes a packet of the last chunk.
 
-use super::{PacketHead, PacketLayout, level_byte};
-use crate::levels::Levels;
 use umo_core_base::error::StepError;
 use umo_core_base::memory::filled;
 use umo_core_model::avatar::{Avatar, Due};
 use umo_core_model::config::Config;
+
+use super::{PacketHead, PacketLayout, level_byte};
+use crate::levels::Levels;
 
 /// Buffers for the contents of a packet.
 #[derive(Debug)]

@@ -3,12 +3,13 @@
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use super::{Frame, Start};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::part::{Part, PerPart};
 use umo_core_pose::rotation::scaled;
 use umo_core_pose::skeleton::{JAW, joints_of};
+
+use super::{Frame, Start};
 
 /// Largest gain of a part.
 pub const MAX_GAIN: f32 = 2.0;

@@ -3,11 +3,12 @@
 use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::link::Handover;
 use umo_core_base::clock::Clock;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_layers::{Controls, Gestures};
 use umo_core_pose::part::PerPart;
+
+use crate::link::Handover;
 
 use super::Idle;
 

@@ -2,17 +2,19 @@
 
 use std::time::Duration;
 
-use crate::link::Link;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::{Cue, MAX_INDEX, OwnedFrame};
 use umo_core_pose::rotation::{Quat, slerp};
+
+use crate::link::Link;
+
+use umo_core_pose::frame::mixed;
 
 use super::Start;
 use super::ease::{FACE_EASE, seconds_of, single, smooth};
 use super::gap::Missed;
 use super::host::Host;
 use super::layers::Layers;
-use umo_core_pose::frame::mixed;
 
 /// Upper bound on the ticks that one call catches up on, so that a paused host does not compute all
 /// of them.

@@ -3,11 +3,12 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::link::{Epoch, Link};
 use umo_core_base::error::StepError;
 use umo_core_base::memory::Boxed;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::{MAX_INDEX, OwnedFrame};
+
+use crate::link::{Epoch, Link};
 
 use super::Start;
 use super::voice::LiveVoice;

@@ -10,7 +10,6 @@
 
 use std::sync::Arc;
 
-use crate::link::{Epoch, Link};
 use umo_core_base::error::StepError;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
@@ -19,6 +18,8 @@ use umo_core_model::mouth::{Mouth, MouthFrame, MouthStream};
 use umo_core_pose::frame::{Cue, MAX_INDEX, OwnedFrame};
 use umo_core_pose::rotation::axis_angle_to_quat;
 use umo_core_pose::skeleton::JAW;
+
+use crate::link::{Epoch, Link};
 
 /// Samples that the network takes at a time: few enough that at most one frame comes out.
 const PIECE: usize = 128;

@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
-use crate::playback::{Idle, Voice};
 use umo_core_base::error::LoadError;
 use umo_core_layers::{Gestures, LayerGains};
 use umo_core_model::audio::resample;
 use umo_core_model::avatar::AvatarConfig;
 use umo_core_model::config::Config;
 use umo_core_model::lm::layout::Template;
+
+use crate::playback::{Idle, Voice};
 
 /// Least amount of queued audio, in seconds, at which
 /// [`Session::push_audio`](super::Session::push_audio) may refuse more.

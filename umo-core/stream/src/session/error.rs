@@ -2,10 +2,11 @@
 
 use std::fmt;
 
-use crate::packet::PacketError;
 use umo_core_base::error::StepError;
 use umo_core_base::state::StateError;
 use umo_core_layers::RequestError;
+
+use crate::packet::PacketError;
 
 /// Argument of a session's call that can be out of range. Its text gives the range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

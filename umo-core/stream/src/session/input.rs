@@ -2,13 +2,14 @@
 
 use std::sync::atomic::Ordering;
 
-use super::{Pushed, SessionError, Shared};
-use crate::link::Epoch;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::samples::{mix, silence_unusable};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_model::audio::resample::Resampler;
 use umo_core_model::config::Config;
+
+use super::{Pushed, SessionError, Shared};
+use crate::link::Epoch;
 
 /// Upper bound of a session's sample frames: 180 years at 192 kHz.
 const MAX_TAKEN: u64 = 1 << 50;

@@ -9,12 +9,13 @@
 
 use std::sync::atomic::Ordering;
 
-use super::schedule::Member;
-use super::shared::{Counters, Shared};
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_model::avatar::Due;
 use umo_core_model::model::Model;
+
+use super::schedule::Member;
+use super::shared::{Counters, Shared};
 
 /// Upper bound on the bytes of an avatar's state outside its buffers.
 const FIELDS: usize = 4096;

@@ -1,9 +1,10 @@
 //! The interlocutor's audio, of which only the loudness is used.
 
-use super::{SessionError, Shared};
 use umo_core_base::samples::MAX_AMPLITUDE;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_model::config::Config;
+
+use super::{SessionError, Shared};
 
 /// Loudness of the interlocutor's audio, measured per frame.
 #[derive(Debug)]

@@ -3,9 +3,10 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
-use super::error::SessionError;
 use umo_core_base::defect::Defect;
 use umo_core_base::error::StepError;
+
+use super::error::SessionError;
 
 /// Values of [`Outcome::state`]: whether and how the session's computation ended.
 const RUNNING: u8 = 0;

@@ -2,6 +2,11 @@
 
 use std::sync::atomic::Ordering;
 
+use umo_core_base::memory::Boxed;
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_layers::{Controls, LayerStack};
+use umo_core_pose::frame::OwnedFrame;
+
 use super::outcome::Failure;
 use super::packets::PacketQueue;
 use super::shared::SessionInit;
@@ -10,10 +15,6 @@ use crate::playback::{
     Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Window,
     frames_of,
 };
-use umo_core_base::memory::Boxed;
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, LayerStack};
-use umo_core_pose::frame::OwnedFrame;
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
 #[derive(Debug)]

@@ -7,17 +7,18 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use umo_core_base::error::StepError;
+use umo_core_base::memory::{Arena, filled};
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_model::avatar::{Avatar, Due};
+use umo_core_model::model::Model;
+
 use super::config::PacketConfig;
 use super::shared::try_lock;
 use super::{Session, SessionError, Shared};
 use crate::levels::Levels;
 use crate::link::Ring;
 use crate::packet::{PacketLayout, PacketRoom};
-use umo_core_base::error::StepError;
-use umo_core_base::memory::{Arena, filled};
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_model::avatar::{Avatar, Due};
-use umo_core_model::model::Model;
 
 /// Name of the call, for [`SessionError::Busy`].
 pub(super) const PACKETS: &str = "pull_packets, save or restore";

@@ -10,12 +10,6 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use super::shared::{SessionInit, Shared, try_lock};
-use super::{Session, SessionConfig, SessionError, Source, Voice};
-use crate::engine::EngineError;
-use crate::link::{Epoch, Stamp};
-use crate::packet::{Decoder, PacketError, PacketSink, Received};
-use crate::playback::frames_of;
 use umo_core_base::clock::Clock;
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{self, Arena};
@@ -24,6 +18,13 @@ use umo_core_model::audio::resample::Resampler;
 use umo_core_model::linear::Compute;
 use umo_core_model::model::Model;
 use umo_core_model::motion::FrameRef;
+
+use super::shared::{SessionInit, Shared, try_lock};
+use super::{Session, SessionConfig, SessionError, Source, Voice};
+use crate::engine::EngineError;
+use crate::link::{Epoch, Stamp};
+use crate::packet::{Decoder, PacketError, PacketSink, Received};
+use crate::playback::frames_of;
 
 /// Name of the call, for [`SessionError::Busy`].
 const PUSH: &str = "push_packet";

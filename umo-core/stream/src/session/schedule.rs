@@ -4,13 +4,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use super::held::{HeldMouth, next_frames};
-use super::kept::{Begun, Times};
-use super::packets::PacketWriter;
-use super::shared::try_lock;
-use super::{Failure, Idle, SessionConfig, Shared, Voice};
-use crate::levels::Levels;
-use crate::link::{EngineView, Input, Stamp};
 use umo_core_base::error::StepError;
 use umo_core_base::memory::{Arena, Counted};
 use umo_core_base::state::{StateError, StatePass};
@@ -19,6 +12,14 @@ use umo_core_model::batch::FrameSink;
 use umo_core_model::config::Config;
 use umo_core_model::model::Model;
 use umo_core_model::motion::FrameRef;
+
+use super::held::{HeldMouth, next_frames};
+use super::kept::{Begun, Times};
+use super::packets::PacketWriter;
+use super::shared::try_lock;
+use super::{Failure, Idle, SessionConfig, Shared, Voice};
+use crate::levels::Levels;
+use crate::link::{EngineView, Input, Stamp};
 
 /// Frames that a restored session can still produce before a position overflows its word.
 const MORE_FRAMES: u64 = 1 << 32;

@@ -3,6 +3,18 @@
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
 
+use umo_core_base::clock::Clock;
+use umo_core_base::error::LoadError;
+use umo_core_base::memory::{Arena, Boxed};
+use umo_core_layers::Controls;
+use umo_core_model::audio::resample::Resampler;
+use umo_core_model::avatar::AvatarConfig;
+use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
+use umo_core_model::lm::sampler::Sampler;
+use umo_core_model::model::Model;
+use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::pose::Assembly;
+
 use super::backlog::Backlog;
 use super::config::{AUDIO_SECONDS, MAX_QUEUE, SessionConfig, in_range};
 use super::delay::Delays;
@@ -15,17 +27,6 @@ use super::packets::PacketQueue;
 pub(super) use crate::link::try_lock;
 use crate::link::{FrameRing, Handover, Link, Signal};
 use crate::playback::{Host, LiveVoice, Voice};
-use umo_core_base::clock::Clock;
-use umo_core_base::error::LoadError;
-use umo_core_base::memory::{Arena, Boxed};
-use umo_core_layers::Controls;
-use umo_core_model::audio::resample::Resampler;
-use umo_core_model::avatar::AvatarConfig;
-use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
-use umo_core_model::lm::sampler::Sampler;
-use umo_core_model::model::Model;
-use umo_core_pose::frame::OwnedFrame;
-use umo_core_pose::pose::Assembly;
 
 /// Settings that may change while the session runs, taken over at the next chunk.
 #[derive(Debug)]

@@ -3,11 +3,12 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
+use umo_core_base::memory::with_capacity;
+use umo_core_model::model::Model;
+
 use super::schedule::Member;
 use super::shared::try_lock;
 use crate::link::Signal;
-use umo_core_base::memory::with_capacity;
-use umo_core_model::model::Model;
 
 /// A slot for one session.
 #[derive(Debug, Default)]

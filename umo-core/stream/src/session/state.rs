@@ -3,6 +3,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_layers::Controls;
+use umo_core_model::model::Model;
+use umo_core_pose::part::Part;
+
 use super::input::Input;
 use super::kept::EngineSide;
 use super::other::OtherInput;
@@ -13,10 +18,6 @@ use super::shared::{Counters, Settings, Shared, try_lock};
 use super::slots::lock;
 use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
 use crate::playback::{Host, gain_bits};
-use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::Controls;
-use umo_core_model::model::Model;
-use umo_core_pose::part::Part;
 
 /// All sides of a session, locked.
 ///

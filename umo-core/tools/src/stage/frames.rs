@@ -1,8 +1,5 @@
 //! Stages specific to layout `frames` (SPEC 3.1).
 
-use umo_kernels::Mat;
-
-use super::{Inputs, Options, Output, Stage, StageError, poses};
 use umo_core_base::error::StepError;
 use umo_core_model::config::{Config, PartSpec};
 use umo_core_model::interp::vectors::VectorInterp;
@@ -13,6 +10,9 @@ use umo_core_model::lm::frames::FrameTables;
 use umo_core_model::lm::{Lengths, Lm, LmScratch};
 use umo_core_model::motion::MotionDecoder;
 use umo_core_model::weights::Loader;
+use umo_kernels::Mat;
+
+use super::{Inputs, Options, Output, Stage, StageError, poses};
 
 type Outputs = Result<Vec<Output>, StageError>;
 

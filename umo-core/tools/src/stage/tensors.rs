@@ -1,9 +1,9 @@
 //! Input and output tensors of a stage.
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use umo_core_pose::part::Part;
 
 use super::StageError;
-use umo_core_pose::part::Part;
 
 /// Input tensors, by name.
 #[derive(Debug)]

@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::proto::{Kind, Proto};
 use umo_core_base::memory::{filled, refuse};
+
+use super::proto::{Kind, Proto};
 
 /// Score difference between the least likely piece and an unknown character, as in SentencePiece.
 const UNKNOWN_PENALTY: f32 = 10.0;

@@ -1,6 +1,7 @@
+use umo_core_pose::skeleton::ARKIT_NAMES;
+
 use super::*;
 use proptest::prelude::*;
-use umo_core_pose::skeleton::ARKIT_NAMES;
 
 fn arkit() -> Face {
     Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() }

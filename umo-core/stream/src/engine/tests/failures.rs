@@ -2,10 +2,11 @@
 
 use std::sync::atomic::AtomicU64;
 
+use umo_core_base::error::StepError;
+
 use super::*;
 use crate::engine::plant::{MOUTH, Plant, STEPS};
 use crate::session::PacketConfig;
-use umo_core_base::error::StepError;
 
 /// More turns than any run takes.
 const MOST_TURNS: usize = 100_000;
