@@ -6,6 +6,7 @@
 //! | `scene` | contents: a motion, its speech, and the record of how it was made |
 //! | `blocks` | the contents as base64 numbers with a description |
 //! | `page` | the HTML file, from the sources in `page/` |
+//! | `judge` | a page on which a person finds the speech of a motion |
 //! | `stream` | a page whose frames come from a stream |
 //! | `live` | that page on loopback, with streams of the program's engine |
 //! | `web` | that page as a folder, with the engine in the browser |
@@ -13,6 +14,7 @@
 
 mod blocks;
 mod browser;
+mod judge;
 #[cfg(feature = "serve")]
 pub(crate) mod live;
 mod page;
@@ -21,7 +23,7 @@ pub(crate) mod stream;
 mod web;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::args::Page;
 use crate::atomic_file;
@@ -34,9 +36,28 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     if let Some(folder) = &args.web {
         return web::run(args, folder);
     }
-    let input = args.input.as_deref().ok_or_else(|| Failure::input("expected a recording or an animation to view"))?;
-    let path = args.output.clone().unwrap_or_else(|| beside(input));
+    let path = match &args.output {
+        Some(path) => path.clone(),
+        None => input(args)?.with_extension("html"),
+    };
     let output = atomic_file::create(&path)?;
+    let scene = if args.judge.is_empty() { scene(input(args)?, args)? } else { judge::scene(args)? };
+    let html = page::html(&scene)?;
+    atomic_file::commit(output, |out| out.write_all(html.as_bytes()))?;
+    println!("{}: {} frames, {:.1} MB", path.display(), scene.frames(), html.len() as f64 / 1e6);
+    if !args.shown.no_open {
+        browser::open(&browser::address(&path));
+    }
+    Ok(())
+}
+
+/// Returns the recording or animation of a page with one.
+fn input(args: &Page) -> Result<&Path, Failure> {
+    args.input.as_deref().ok_or_else(|| Failure::input("expected a recording or an animation to view"))
+}
+
+/// Returns the contents of a page with one motion.
+fn scene(input: &Path, args: &Page) -> Result<Scene, Failure> {
     let scene = if is_animation(input) {
         Scene::of_animation(input, args)?
     } else if args.audio.is_some() {
@@ -47,18 +68,7 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     if args.shown.mapping.is_some() && scene.character.is_none() {
         return Err(Failure::input("--mapping goes with a character: --onto, or a character's file"));
     }
-    let html = page::html(&scene)?;
-    atomic_file::commit(output, |out| out.write_all(html.as_bytes()))?;
-    println!("{}: {} frames, {:.1} MB", path.display(), scene.frames(), html.len() as f64 / 1e6);
-    if !args.shown.no_open {
-        browser::open(&browser::address(&path));
-    }
-    Ok(())
-}
-
-/// Returns the default path of the page.
-fn beside(input: &Path) -> PathBuf {
-    input.with_extension("html")
+    Ok(scene)
 }
 
 /// Whether the file is an animation; other files are treated as recordings.

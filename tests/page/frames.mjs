@@ -53,6 +53,16 @@ export function halfway(a, b) {
   };
 }
 
+/** A recording of 16-bit samples from a time in seconds on, several times over, as a WAV file. */
+export function repeated(bytes, seconds, times) {
+  const start = bytes.indexOf("data") + 8;
+  const sound = bytes.subarray(start + Math.round(seconds * bytes.readUInt32LE(24)) * bytes.readUInt16LE(32));
+  const long = Buffer.concat([bytes.subarray(0, start), ...Array(times).fill(sound)]);
+  long.writeUInt32LE(long.length - 8, 4);
+  long.writeUInt32LE(sound.length * times, start - 4);
+  return long;
+}
+
 /** The first seconds of a recording of 16-bit samples, as a WAV file. */
 export function cut(bytes, seconds) {
   const rate = bytes.readUInt32LE(24);

@@ -8,6 +8,7 @@ import path from "node:path";
 import { Chromium } from "./chromium.mjs";
 import { cut } from "./frames.mjs";
 import * as file from "./file.mjs";
+import * as judge from "./judge.mjs";
 import * as live from "./live.mjs";
 import * as local from "./local.mjs";
 import * as readme from "./readme.mjs";
@@ -15,8 +16,8 @@ import * as web from "./web.mjs";
 
 const { UMO: umo, CHROMIUM: chromium, OUT: out } = process.env;
 const speech = path.join(import.meta.dirname, "../../assets/hello.wav");
-const suites = { file, live, local, readme, web };
-const names = process.argv.length > 2 ? process.argv.slice(2) : ["file", "live"];
+const suites = { file, judge, live, local, readme, web };
+const names = process.argv.length > 2 ? process.argv.slice(2) : ["file", "judge", "live"];
 
 const at = (name) => path.join(out, name);
 const run = (...args) => execFileSync(umo, args, { stdio: ["ignore", "ignore", "inherit"] });

@@ -48,7 +48,7 @@ pub struct Page {
     /// Recording, or a finished .glb, .npz or .jsonl
     ///
     /// Also a character from `umo retarget`. With --web a recording, or nothing for the microphone alone.
-    #[arg(required_unless_present = "web")]
+    #[arg(required_unless_present_any = ["web", "judge"])]
     pub input: Option<PathBuf>,
     /// Page to write [default: beside the input]
     #[arg(short, long, value_name = "FILE.html", conflicts_with = "web")]
@@ -56,6 +56,11 @@ pub struct Page {
     /// Speech of a finished animation
     #[arg(long, value_name = "FILE", conflicts_with = "web")]
     pub audio: Option<PathBuf>,
+    /// Write a page that asks a person which of two recordings goes with a motion, and counts
+    ///
+    /// Two recordings or more, of 8 s or more each. ANIMATION=RECORDING shows a finished or captured motion.
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "output", conflicts_with_all = ["input", "web", "audio", "onto", "mapping"])]
+    pub judge: Vec<PathBuf>,
     /// Write the page of `umo live` as a folder for any web server: the model runs in the browser
     #[arg(long, value_name = "FOLDER")]
     pub web: Option<PathBuf>,

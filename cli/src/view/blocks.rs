@@ -8,7 +8,7 @@ use umo_core::{FaceKind, JOINT_NAMES};
 use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Given;
 
-use super::scene::{self, PageEngine, Record, Scene};
+use super::scene::{self, JudgeInfo, PageEngine, Record, Scene};
 use umo_figure::Mesh;
 use umo_figure::detail::Detail;
 
@@ -28,6 +28,7 @@ struct Description<'a> {
     audio: Option<AudioInfo>,
     record: Option<RecordInfo<'a>>,
     live: Option<Live<'a>>,
+    judge: Option<&'a JudgeInfo>,
     rest: Option<Rest<'a>>,
 }
 
@@ -220,6 +221,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             voice: live.voice,
             engine: live.engine.as_ref(),
         }),
+        judge: scene.judge.as_ref(),
         rest: scene.live.as_ref().map(|live| Rest {
             rotations: &live.rest.rotations,
             translation: live.rest.translation,

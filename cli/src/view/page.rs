@@ -6,8 +6,10 @@ use crate::failure::Failure;
 
 /// The page's template; names in braces are placeholders.
 const TEMPLATE: &str = include_str!("page/page.html");
+/// The template of the page to judge.
+const JUDGE: &str = include_str!("page/judge.html");
 const STYLE: &str = include_str!("page/page.css");
-/// Script that resolves the modules' imports and starts `main.js`.
+/// Script that resolves the modules' imports and starts the first of them.
 const BOOT: &str = include_str!("page/boot.js");
 
 macro_rules! modules {
@@ -15,10 +17,10 @@ macro_rules! modules {
 }
 
 /// The modules: name and source.
-const MODULES: [(&str, &str); 28] = modules!(
+const MODULES: [(&str, &str); 31] = modules!(
     "body.js" "bones.js" "camera.js" "character.js" "clock.js" "drop.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
-    "lanes.js" "light.js" "live.js" "local.js" "main.js" "math.js" "microphone.js" "motion.js" "inspect.js" "keys.js"
-    "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js" "video.js"
+    "inspect.js" "judge.js" "keys.js" "lanes.js" "light.js" "live.js" "local.js" "main.js" "mask.js" "math.js" "microphone.js"
+    "motion.js" "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js" "trials.js" "video.js"
 );
 
 /// Returns a page that shows a scene.
@@ -32,7 +34,7 @@ pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
     };
     let compile = if files.is_empty() { "" } else { " 'self' 'wasm-unsafe-eval'" };
     Ok(fill(
-        TEMPLATE,
+        if scene.judge.is_some() { JUDGE } else { TEMPLATE },
         &[
             ("{title}", &escaped(&scene.title)),
             ("{notice}", &escaped(&scene.notice)),

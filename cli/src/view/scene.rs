@@ -37,6 +37,25 @@ pub(super) struct Scene {
     pub(super) model: Option<ModelInfo>,
     pub(super) record: Option<Record>,
     pub(super) live: Option<LiveInfo>,
+    /// Pieces of motion to judge, if this is that page.
+    pub(super) judge: Option<JudgeInfo>,
+}
+
+/// Equally long pieces of several takes: `clip` and `audio` hold them one after the other.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct JudgeInfo {
+    /// Length of a piece of sound.
+    pub(super) seconds: usize,
+    /// Number of frames of a piece of motion.
+    pub(super) frames: usize,
+    pub(super) takes: Vec<JudgeTake>,
+}
+
+/// A take of a page to judge.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct JudgeTake {
+    pub(super) name: String,
+    pub(super) pieces: usize,
 }
 
 /// Speech in a format that browsers play.
@@ -181,7 +200,7 @@ impl Scene {
         }
     }
 
-    fn new(path: &Path, clip: Clip, figure: Figure) -> Result<Self, Failure> {
+    pub(super) fn new(path: &Path, clip: Clip, figure: Figure) -> Result<Self, Failure> {
         let mesh = figure.mesh(&clip.skeleton)?;
         let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
         Ok(Self { mesh, ..Self::plain(path, clip) })
@@ -200,6 +219,7 @@ impl Scene {
             model: None,
             record: None,
             live: None,
+            judge: None,
         }
     }
 
@@ -211,7 +231,7 @@ impl Scene {
         if self.clip.is_empty() { self.character.as_ref().map_or(0, worn) } else { self.clip.len() }
     }
 
-    fn set_model(&mut self, config: &Config, avatar: &AvatarConfig) {
+    pub(super) fn set_model(&mut self, config: &Config, avatar: &AvatarConfig) {
         let sampler = &avatar.sampler;
         let is_greedy = sampler.sampling.temperature == 0.0;
         let draw = if is_greedy { "greedy".to_owned() } else { format!("seed {}", sampler.seed) };
@@ -259,7 +279,7 @@ fn still() -> Clip {
     }
 }
 
-fn check_length(path: &Path, seconds: f64) -> Result<(), Failure> {
+pub(super) fn check_length(path: &Path, seconds: f64) -> Result<(), Failure> {
     if seconds <= MAX_SECONDS {
         return Ok(());
     }

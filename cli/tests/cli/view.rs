@@ -1,7 +1,7 @@
 //! `umo view`: its pages and its refusals. The rendering is tested in a browser
 //! (`scripts/test/page`).
 
-use super::program::{Ended, Folder, golden, umo};
+use super::program::{Ended, Folder, golden, umo, voice};
 
 fn view(args: &[&str]) -> Ended {
     umo(&[&["view", "--no-open", "--model", &golden("mel_k2_arkit")], args].concat())
@@ -158,6 +158,66 @@ fn what_cannot_be_viewed_is_refused() {
     for args in [&["view"][..], &["view", &speech, "--port", "80"]] {
         assert_eq!(umo(args).code, 2, "{args:?}");
     }
+}
+
+/// The page's description.
+fn description(page: &[u8]) -> serde_json::Value {
+    let page = std::str::from_utf8(page).unwrap();
+    serde_json::from_str(page.split("id=\"scene\">").nth(1).unwrap().split("</script>").next().unwrap()).unwrap()
+}
+
+#[test]
+fn a_page_to_judge_has_equal_pieces_of_every_take() {
+    let folder = Folder::new();
+    let [one, two] = [("one.wav", 10.0), ("two.wav", 17.0)].map(|(name, seconds)| long(&folder, name, seconds));
+    let page = folder.at("judge.html");
+    let ended = view(&["--judge", &one, &two, "-o", &page]).success();
+    assert!(ended.out.contains("judge.html: 720 frames"), "{}", ended.out);
+    let first = folder.read("judge.html");
+    let scene = description(&first);
+    let takes = serde_json::json!([{ "name": one, "pieces": 1 }, { "name": two, "pieces": 2 }]);
+    assert_eq!(scene["judge"], serde_json::json!({ "seconds": 8, "frames": 240, "takes": takes }));
+    assert!(std::str::from_utf8(&first).unwrap().contains("data-main=\"umo/judge.js\""));
+    view(&["--judge", &one, &two, "-o", &page]).success();
+    assert!(folder.read("judge.html") == first, "the same seed gives the same page");
+
+    // A finished motion, as captured ones are, beside one that is animated.
+    let motion = folder.at("two.jsonl");
+    umo(&["animate", &two, "--model", &golden("mel_k2_arkit"), "-o", &motion]).success();
+    view(&["--judge", &one, &format!("{motion}={two}"), "-o", &page]).success();
+    assert_eq!(description(&folder.read("judge.html"))["judge"], scene["judge"]);
+}
+
+#[test]
+fn a_page_that_would_not_test_is_not_written() {
+    let folder = Folder::new();
+    let [one, two, short] =
+        [("one.wav", 8.5), ("two.wav", 8.5), ("short.wav", 3.0)].map(|(name, seconds)| long(&folder, name, seconds));
+    let (page, model) = (folder.at("judge.html"), golden("mel_k2_arkit"));
+    let motion = folder.at("short.jsonl");
+    umo(&["animate", &short, "--model", &model, "-o", &motion]).success();
+    let refused = |given: &[&str]| {
+        folder.refused(&[&["view", "--no-open", "--model", &model, "-o", &page, "--judge"], given].concat())
+    };
+    assert!(refused(&[&one]).contains("two recordings or more, of 8 s or more each"));
+    assert!(refused(&[&one, &one]).contains("one.wav: it is given twice"));
+    let problem = refused(&[&one, &short]);
+    assert!(problem.contains("short.wav: 3.0 s are too short") && problem.contains("join recordings"), "{problem}");
+    assert!(refused(&[&one, &format!("{motion}={two}")]).contains("short.jsonl: 3.0 s are too short"));
+    assert!(refused(&[&one, &motion]).contains("short.jsonl=SPEECH.wav"));
+    assert!(refused(&[&one, &folder.at("missing.wav")]).contains("no such file"));
+    umo(&["animate", &two, "--model", &golden("mel_k1_upcycled"), "-o", &folder.at("two.jsonl")]).success();
+    assert!(refused(&[&one, &format!("{}={two}", folder.at("two.jsonl"))]).contains("two.wav: its motion has another"));
+    for more in [&["--onto", "a.glb"][..], &["--audio", &one], &["--web", "www"]] {
+        assert_eq!(umo(&[&["view", "-o", &page, "--judge", &one, &two], more].concat()).code, 2, "{more:?}");
+    }
+    assert_eq!(umo(&["view", "--judge", &one, &two]).code, 2, "a page without a name");
+}
+
+/// A recording of this length.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds of a test")]
+fn long(folder: &Folder, name: &str, seconds: f64) -> String {
+    folder.wav(name, &voice((seconds * 16_000.0) as usize))
 }
 
 /// A folder like the npm package, with empty files.

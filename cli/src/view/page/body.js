@@ -72,6 +72,16 @@ export class FigureBody extends Body {
   }
 }
 
+/** Floor height: under the feet in most frames. */
+export function usualFloor(body, motion) {
+  if (motion.count === 0) return body.ground(body.still);
+  const step = Math.max(1, Math.floor(motion.count / 100));
+  const found = [];
+  for (let frame = motion.first; frame < motion.end; frame += step) found.push(body.ground(body.at(frame / motion.rate).placed.places));
+  found.sort((a, b) => a - b);
+  return found[Math.floor(found.length / 2)];
+}
+
 function extent(positions) {
   let [low, high] = [Infinity, -Infinity];
   for (let i = 1; i < positions.length; i += 3) [low, high] = [Math.min(low, positions[i]), Math.max(high, positions[i])];

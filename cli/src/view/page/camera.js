@@ -110,6 +110,15 @@ export class Camera {
   }
 }
 
+/** Shares of the picture's height covered by the title and the controls. */
+export function insetsOf(picture, title, controls) {
+  const view = picture.getBoundingClientRect();
+  const share = (pixels) => clamp(pixels / Math.max(view.height, 1), 0, 0.5);
+  const { top, bottom } = controls.getBoundingClientRect();
+  const isOver = top < view.bottom && bottom > view.top;
+  return { top: share(title.getBoundingClientRect().bottom - view.top), bottom: isOver ? share(view.bottom - top) : 0 };
+}
+
 /** Mouse, touch and wheel input on the picture. Calls `changed` after each. */
 export function steer(canvas, camera, changed) {
   const fingers = new Map();

@@ -208,9 +208,10 @@ export class Figure {
   }
 
   drawTriangles() {
-    const { gl } = this;
+    const { gl, mesh } = this;
+    const corners = mesh.details.reduce((sum, detail) => sum + detail.corners, 0);
     gl.bindVertexArray(this.array);
-    gl.drawElements(gl.TRIANGLES, this.mesh.indices.length, gl.UNSIGNED_INT, 0);
+    gl.drawElements(gl.TRIANGLES, corners, gl.UNSIGNED_INT, 0);
     gl.bindVertexArray(null);
   }
 }

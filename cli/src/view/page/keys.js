@@ -4,9 +4,8 @@ const TURNS = { ArrowLeft: [0.12, 0], ArrowRight: [-0.12, 0], ArrowUp: [0, 0.1],
 
 /** Calls the action of a pressed key, and `touch` after it. */
 export function listenToKeys(actions, camera, touch) {
-  const help = document.querySelector("#help");
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || help.open) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
     const typing = event.target.matches("input[type=search], select");
     // A focused button or checkbox handles its own keys.
     const own = event.target.matches("button, summary, input[type=checkbox]") && [" ", "Enter"].includes(event.key);

@@ -1,7 +1,7 @@
 // Entry point: wires up the page, its keys and its buttons.
 
-import { CharacterBody, FigureBody } from "umo/body.js";
-import { Camera, steer } from "umo/camera.js";
+import { CharacterBody, FigureBody, usualFloor } from "umo/body.js";
+import { Camera, insetsOf, steer } from "umo/camera.js";
 import { readTextures } from "umo/character.js";
 import { Clock } from "umo/clock.js";
 import { decoded, finished, listenForFiles } from "umo/drop.js";
@@ -50,28 +50,14 @@ const live = scene.live ? new Live({ scene, motion, clock, changed: touch }) : n
 let skeleton = false;
 let dirty = true;
 let before = performance.now();
-let floor = floorOf();
+let floor = usualFloor(body, motion);
 let shown = { ...body.at(0), time: 0 };
 let drawn = 0;
 let insets = {};
 
-/** Floor height: under the feet in most frames. */
-function floorOf() {
-  if (motion.count === 0) return body.ground(body.still);
-  const step = Math.max(1, Math.floor(motion.count / 100));
-  const found = [];
-  for (let frame = motion.first; frame < motion.end; frame += step) found.push(body.ground(body.at(frame / motion.rate).placed.places));
-  found.sort((a, b) => a - b);
-  return found[Math.floor(found.length / 2)];
-}
-
-/** Shares of the picture's height covered by the title and the controls. */
+/** Finds the parts of the picture that title and controls cover. */
 function findInsets() {
-  const view = $("#view").getBoundingClientRect();
-  const share = (pixels) => clamp(pixels / Math.max(view.height, 1), 0, 0.5);
-  const controls = $("#transport").getBoundingClientRect();
-  const isOver = controls.top < view.bottom && controls.bottom > view.top;
-  insets = { top: share($("header").getBoundingClientRect().bottom - view.top), bottom: isOver ? share(view.bottom - controls.top) : 0 };
+  insets = insetsOf($("#view"), $("header"), $("#transport"));
   touch();
 }
 
@@ -169,7 +155,7 @@ async function putOn(file) {
   body.follow(motion);
   picture.prepare();
   camera.show(body);
-  floor = floorOf();
+  floor = usualFloor(body, motion);
   useCamera(camera.name);
   timeline.draw();
   const { speaks, bones } = character.follower.description;
@@ -333,7 +319,7 @@ if (live) {
   // The timeline of a stream grows; the floor is known once there are feet.
   setInterval(() => {
     if (motion.end === counted) return;
-    if (counted < 60) floor = floorOf();
+    if (counted < 60) floor = usualFloor(body, motion);
     counted = motion.end;
     timeline.draw();
     touch();
