@@ -1,6 +1,7 @@
 use umo_core::FaceKind;
 
 use super::*;
+use crate::view::scene::JudgeInfo;
 use crate::view::scene::tests::scene;
 use umo_figure::sample;
 
@@ -43,10 +44,13 @@ fn every_module_that_is_imported_is_there() {
 
 #[test]
 fn a_page_asks_no_network_for_anything() {
-    let page = html(&scene(sample::clip(FaceKind::Arkit, 2, 1))).unwrap();
-    assert!(page.contains("default-src 'none'") && page.contains("connect-src 'none'"));
-    for word in ["http://", "https://", "src=\"", "@import", "url("] {
-        assert!(!page.contains(word), "the page has {word}");
+    let judge = JudgeInfo { seconds: 8, frames: 2, takes: Vec::new() };
+    for judge in [None, Some(judge)] {
+        let page = html(&Scene { judge, ..scene(sample::clip(FaceKind::Arkit, 2, 1)) }).unwrap();
+        assert!(page.contains("default-src 'none'") && page.contains("connect-src 'none'"));
+        for word in ["http://", "https://", "src=\"", "@import", "url("] {
+            assert!(!page.contains(word), "the page has {word}");
+        }
     }
 }
 
