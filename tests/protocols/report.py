@@ -2,7 +2,8 @@
 
 import sys
 
-OK, DIFFERS, FAILED = "ok", "differs", "FAILED"
+# A noted case is ok, and the table says what was found.
+OK, NOTED, DIFFERS, FAILED = "ok", "noted", "differs", "FAILED"
 
 
 class Report:

@@ -6,15 +6,15 @@ Prints one row for each protocol and program; exit code 1 if a case failed or a 
 import sys
 from collections import Counter
 
-from report import DIFFERS, FAILED, OK
+from report import DIFFERS, FAILED, NOTED, OK
 
 
 def row(protocol: str, program: str, cases: list[tuple[str, str, str]]) -> str:
     verdicts = Counter(verdict for _, verdict, _ in cases)
-    reasons = Counter(finding for _, verdict, finding in cases if verdict == DIFFERS)
-    notes = [f"{count}: {reason}" for reason, count in reasons.items()]
+    reasons = Counter((verdict, finding) for _, verdict, finding in cases if verdict in (DIFFERS, NOTED))
+    notes = [f"{count}{' ok' * (verdict == NOTED)}: {reason}" for (verdict, reason), count in reasons.items()]
     notes += [f"**FAILED: {case}: {finding}**" for case, verdict, finding in cases if verdict == FAILED]
-    return f"| {protocol} | {program} | {len(cases)} | {verdicts[OK]} | {'; '.join(notes)} |"
+    return f"| {protocol} | {program} | {len(cases)} | {verdicts[OK] + verdicts[NOTED]} | {'; '.join(notes)} |"
 
 
 def main(paths: list[str]) -> int:
