@@ -105,7 +105,7 @@ pub fn standing_height(offsets: &[[f32; 3]]) -> f32 {
 }
 
 /// World rotation of each joint from the rest pose to VRM's T-pose. `[55]`
-pub(crate) fn t_pose(offsets: &[[f32; 3]]) -> [Quat; JOINTS] {
+pub fn t_pose(offsets: &[[f32; 3]]) -> [Quat; JOINTS] {
     let mut world = [IDENTITY; JOINTS];
     for (joint, end, axis) in LIMBS {
         world[joint] = shortest(offsets[end], axis);

@@ -8,6 +8,7 @@
 //! | `hub` | session slots, in all and by client, and whether new sessions are accepted |
 //! | [`protocol`] | the messages |
 //! | `session` | one client: audio to the engine, frames to the client |
+//! | `socket` | its WebSocket: limits, reading, writing, close |
 //! | [`page`] | a page for browsers on this machine, and its character |
 //! | `metrics` | metrics for Prometheus |
 //! | `server` | sockets, routes, shutdown |
@@ -15,7 +16,7 @@
 //! ```text
 //! socket ──► session: hello, audio, commands ──► umo_core::Session ──► engine: batches of chunks
 //!    ▲                                                                          │
-//!    └──── writer ◄── bounded queue ◄── frames, packets, states ◄───────────────┘
+//!    └──── socket ◄── bounded queue ◄── frames, packets, states ◄───────────────┘
 //! ```
 //!
 //! Sessions never wait for each other. Memory per client is bounded: audio waits in a buffer of
@@ -31,6 +32,7 @@ pub mod page;
 pub mod protocol;
 mod server;
 mod session;
+mod socket;
 pub mod tokens;
 
 pub use config::Config;

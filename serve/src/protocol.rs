@@ -343,6 +343,9 @@ pub struct Ready<'a> {
 #[expect(missing_docs, reason = "docs/serve.md has them in a table")]
 pub enum Code {
     BadRequest,
+    BadFrame,
+    NotUtf8,
+    TooBig,
     Unauthorized,
     ClientLimit,
     Full,
@@ -357,7 +360,7 @@ impl Code {
     /// Code in text messages.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::BadRequest => "bad_request",
+            Self::BadRequest | Self::BadFrame | Self::NotUtf8 | Self::TooBig => "bad_request",
             Self::Unauthorized => "unauthorized",
             Self::ClientLimit => "client_limit",
             Self::Full => "full",
@@ -374,6 +377,9 @@ impl Code {
     pub const fn number(self) -> u16 {
         match self {
             Self::BadRequest => 4400,
+            Self::BadFrame => 1002,
+            Self::NotUtf8 => 1007,
+            Self::TooBig => 1009,
             Self::Unauthorized => 4401,
             Self::Idle => 4408,
             Self::Silent => 4409,

@@ -25,11 +25,9 @@ use crate::door::{self, Seat};
 use crate::hub::{Hub, Phase};
 use crate::metrics::Metrics;
 use crate::page;
-use crate::protocol::MOST_BYTES;
 use crate::session::{self, Client, Shared};
+use crate::socket::bounded;
 
-/// Size of a socket's read buffer, in bytes.
-const READ: usize = 8 << 10;
 /// Time limit for closing connections after the last session.
 const FAREWELL: Duration = Duration::from_secs(3);
 /// Delay before accepting again after an error.
@@ -217,12 +215,10 @@ async fn upgrade(
         };
         connection.sit(Some(seat));
     }
-    socket.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(READ).on_upgrade(
-        async move |socket| {
-            session::run(socket, client, shared, || connection.sit(None)).await;
-            drop(connection);
-        },
-    )
+    bounded(socket).on_upgrade(async move |socket| {
+        session::run(socket, client, shared, || connection.sit(None)).await;
+        drop(connection);
+    })
 }
 
 /// Token in `Authorization: Bearer TOKEN`.

@@ -6,15 +6,12 @@
 //! | `character` | the server's character in a client's frames |
 //! | `audio` | buffered samples and their pacing |
 //! | `opus` | decoder of Opus packets |
-//! | `writer` | the writing half of the socket |
 
 mod audio;
 mod character;
 mod opus;
 mod settings;
-mod writer;
 
-use std::error::Error;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -22,7 +19,7 @@ use axum::extract::ws::{Message, WebSocket};
 use futures_util::StreamExt;
 use futures_util::stream::SplitStream;
 use tokio::sync::watch;
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 use umo_core::{Engine, EngineError, Pose, Session, SessionError};
 
 use crate::config::Config;
@@ -30,17 +27,13 @@ use crate::door::Lobby;
 use crate::hub::{Hub, Phase, Place, Refusal};
 use crate::metrics::Metrics;
 use crate::protocol::{self, AudioKind, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request};
+use crate::socket::{Broken, Writer, Written, leave, next};
 use audio::Audio;
 use character::Character;
 use opus::Packets;
-use writer::{Writer, Written};
 
 /// Interval at which the engine is polled for output.
 const TICK: Duration = Duration::from_millis(10);
-/// Time limit for the client's close frame.
-const FAREWELL: Duration = Duration::from_secs(2);
-/// Delay before a connection with unread input is closed.
-const LAST_LOOK: Duration = Duration::from_millis(500);
 
 /// State shared by all sessions of a server.
 #[derive(Debug)]
@@ -88,6 +81,15 @@ impl End {
     }
 }
 
+impl From<Broken> for End {
+    fn from(broken: Broken) -> Self {
+        match broken {
+            Broken::Lost => Self::Left,
+            Broken::Invalid(code, reason) => Self::Because(code, reason),
+        }
+    }
+}
+
 impl From<Refusal> for End {
     fn from(refusal: Refusal) -> Self {
         match refusal {
@@ -128,22 +130,12 @@ pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>, 
     } else {
         shared.metrics.refused(end.word());
     }
-    let mut is_closed = end == End::Left;
+    let is_closed = end == End::Left;
     if let End::Because(code, reason) = end {
-        closing.close(code, &reason).await;
+        let error = Reply::Error { code: code.name(), reason: &reason }.text();
+        closing.close(Some(error), code, &reason).await;
     }
-    // Reading answers the client's close frame. Unread input would reset the connection, and the client would
-    // lose the reason.
-    let reading = async {
-        while let Some(Ok(message)) = stream.next().await {
-            is_closed |= matches!(message, Message::Close(_));
-        }
-    };
-    let _ = timeout(FAREWELL, reading).await;
-    // After invalid input the rest is not read: the client has this long to read the reason.
-    if !is_closed {
-        sleep(LAST_LOOK).await;
-    }
+    leave(stream, is_closed).await;
 }
 
 /// Reads the hello and takes a slot.
@@ -180,25 +172,6 @@ async fn first(stream: &mut SplitStream<WebSocket>) -> Result<Hello, End> {
             Message::Ping(_) | Message::Pong(_) => {}
             Message::Close(_) => return Err(End::Left),
         }
-    }
-}
-
-/// Reads the next message; a protocol violation ends the session with a reason.
-async fn next(stream: &mut SplitStream<WebSocket>) -> Result<Message, End> {
-    match stream.next().await {
-        Some(Ok(message)) => Ok(message),
-        Some(Err(error)) => Err(broken(&error)),
-        None => Err(End::Left),
-    }
-}
-
-/// Classifies a read error: a lost connection, or a protocol violation that the client is told about.
-fn broken(error: &axum::Error) -> End {
-    use tungstenite::Error::{AlreadyClosed, ConnectionClosed, Io, Protocol};
-    use tungstenite::error::ProtocolError::ResetWithoutClosingHandshake;
-    match error.source().and_then(|error| error.downcast_ref()) {
-        None | Some(ConnectionClosed | AlreadyClosed | Io(_) | Protocol(ResetWithoutClosingHandshake)) => End::Left,
-        Some(error) => End::bad(error),
     }
 }
 

@@ -3,17 +3,22 @@
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 use umo_core::{Config, FaceKind, FaceMap, JOINTS, Pose};
+use umo_core_pose::rotation::{Quat, inverse, product, rotate};
+use umo_gltf::vrm::{EXPRESSIONS, UNITY_BONES, standing_height, t_pose};
 
 use crate::failure::Failure;
-use umo_gltf::vrm::{EXPRESSIONS, UNITY_BONES, standing_height};
 
 /// Size of a datagram that no network fragments, bytes.
 const MAX_BYTES: usize = 1400;
 
 /// Builder of pose datagrams.
 pub(super) struct Sender {
+    /// Each joint's parent; negative for the root.
+    parents: Vec<i32>,
     /// Each joint's offset from its parent in the rest pose.
     offsets: Vec<[f32; 3]>,
+    /// Each joint's rotation from the rest pose to VRM's T-pose, where an avatar's bones have no rotation.
+    t_pose: [Quat; JOINTS],
     /// Size of the avatar relative to the model's skeleton.
     scale: f32,
     /// Names of the face's channels, if they are ARKit's.
@@ -33,7 +38,8 @@ impl Sender {
         let is_arkit = config.face.kind == FaceKind::Arkit;
         let channels = if is_arkit { config.face.names.clone() } else { Vec::new() };
         let vowels = is_arkit.then(|| FaceMap::new(&config.face, &EXPRESSIONS.map(|(known, _)| known)));
-        Ok(Self { offsets, scale, channels, vowels })
+        let parents = config.skeleton.parents.clone();
+        Ok(Self { parents, t_pose: t_pose(&offsets), offsets, scale, channels, vowels })
     }
 
     /// Returns the datagrams of a pose shown at `seconds`.
@@ -65,8 +71,8 @@ impl Sender {
         say("/VMC/Ext/T", vec![OscType::Float(seconds as f32)]);
         say("/VMC/Ext/Root/Pos", place("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]));
         for (joint, name) in UNITY_BONES.iter().enumerate() {
-            let at = if joint == 0 { pose.translation } else { self.offsets[joint] };
-            say("/VMC/Ext/Bone/Pos", place(name, at.map(|x| x * self.scale), pose.rotations[joint]));
+            let (at, turn) = self.from_t_pose(pose, joint);
+            say("/VMC/Ext/Bone/Pos", place(name, at.map(|x| x * self.scale), turn));
         }
         let mut value = |name: &str, value: f32| {
             say("/VMC/Ext/Blend/Val", vec![OscType::String(name.to_owned()), OscType::Float(value.clamp(0.0, 1.0))]);
@@ -83,6 +89,17 @@ impl Sender {
         }
         say("/VMC/Ext/Blend/Apply", Vec::new());
         out
+    }
+
+    /// Returns the position and rotation of a joint relative to its parent, for bones that have no rotation in the T-pose.
+    fn from_t_pose(&self, pose: &Pose, joint: usize) -> ([f32; 3], Quat) {
+        let offset = self.offsets[joint];
+        let Ok(parent) = usize::try_from(self.parents[joint]) else {
+            let at = std::array::from_fn(|axis| offset[axis] + pose.translation[axis]);
+            return (at, product(pose.rotations[joint], inverse(self.t_pose[joint])));
+        };
+        let above = self.t_pose[parent];
+        (rotate(above, offset), product(product(above, pose.rotations[joint]), inverse(self.t_pose[joint])))
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use umo_core_pose::rotation::IDENTITY;
+
 use super::*;
 
 fn config() -> Config {
@@ -42,20 +44,64 @@ fn get(said: &BTreeMap<(String, String), Vec<f32>>, address: &str, name: &str) -
 fn a_pose_is_sent_in_unitys_axes() {
     let config = config();
     let mut pose = Pose { translation: [0.1, 0.9, 0.2], ..Pose::REST };
-    // The left upper arm rotates down about Z, which is forward.
+    // The left shoulder rotates down about Z, which is forward.
     let half = 0.5_f32.sqrt();
-    pose.rotations[16] = [0.0, 0.0, -half, half];
+    pose.rotations[13] = [0.0, 0.0, -half, half];
     let face = vec![0.0; config.face.names.len()];
     let said = read(&Sender::new(&config, None).expect("a sender").packets(&pose, &face, 1.5).expect("packets"));
     assert_eq!(get(&said, "/VMC/Ext/OK", ""), [1.0, 3.0, 0.0, 1.0]);
     assert_eq!(get(&said, "/VMC/Ext/T", ""), [1.5]);
     assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "Hips")[..3], [-0.1, 0.9, 0.2]);
-    assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "LeftUpperArm")[3..], [0.0, -0.0, half, half]);
+    assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "LeftShoulder")[3..], [0.0, -0.0, half, half]);
     // The body's left is at Unity's negative X.
     assert!(get(&said, "/VMC/Ext/Bone/Pos", "LeftUpperArm")[0] < 0.0);
     let bones = said.keys().filter(|(address, _)| address == "/VMC/Ext/Bone/Pos").count();
     assert_eq!(bones, JOINTS);
     assert!(said.contains_key(&("/VMC/Ext/Blend/Apply".to_owned(), String::new())));
+}
+
+/// The line from one of Unity's bones to another in Unity's world, as an avatar shows it whose bones have no rotation in its
+/// rest pose.
+fn line(said: &BTreeMap<(String, String), Vec<f32>>, chain: &[&str]) -> [f32; 3] {
+    let mut turned = IDENTITY;
+    let mut last = [0.0; 3];
+    for name in chain {
+        let numbers = get(said, "/VMC/Ext/Bone/Pos", name);
+        last = rotate(turned, [numbers[0], numbers[1], numbers[2]]);
+        turned = product(turned, [numbers[3], numbers[4], numbers[5], numbers[6]]);
+    }
+    last
+}
+
+#[test]
+fn an_avatar_in_its_t_pose_gets_the_models_limbs() {
+    let config = config();
+    let face = vec![0.0; config.face.names.len()];
+    let sender = Sender::new(&config, None).expect("a sender");
+    let said = read(&sender.packets(&Pose::REST, &face, 0.0).expect("packets"));
+    let arm = ["Hips", "Spine", "Chest", "UpperChest", "LeftShoulder", "LeftUpperArm", "LeftLowerArm"];
+    let leg = ["Hips", "RightUpperLeg", "RightLowerLeg", "RightFoot"];
+    for (chain, joint) in [(&arm[..], 18), (&leg[..], 8)] {
+        let [x, y, z] = config.skeleton.offsets_m[joint];
+        let shown = line(&said, chain);
+        let off = [shown[0] + x, shown[1] - y, shown[2] - z].map(f32::abs);
+        assert!(off.into_iter().all(|off| off < 1e-6), "{chain:?}: {shown:?}");
+    }
+    // In the avatar's own rest pose the arm is parallel to an axis.
+    let [x, y, z] = <[f32; 3]>::try_from(&get(&said, "/VMC/Ext/Bone/Pos", "LeftLowerArm")[..3]).expect("a position");
+    assert!(x < -0.2 && y.abs() < 1e-6 && z.abs() < 1e-6, "{x} {y} {z}");
+}
+
+#[test]
+fn hips_are_at_the_roots_offset_and_translation() {
+    let mut config = config();
+    config.skeleton.offsets_m[0] = [0.0, -0.35, 0.01];
+    let face = vec![0.0; config.face.names.len()];
+    let pose = Pose { translation: [0.1, 1.3, 0.2], ..Pose::REST };
+    let said = read(&Sender::new(&config, None).expect("a sender").packets(&pose, &face, 0.0).expect("packets"));
+    let hips = get(&said, "/VMC/Ext/Bone/Pos", "Hips");
+    let expected = [-0.1, 0.95, 0.21, 0.0, 0.0, 0.0, 1.0];
+    assert!(hips.iter().zip(expected).all(|(at, expected)| (at - expected).abs() < 1e-6), "{hips:?}");
 }
 
 #[test]
