@@ -19,7 +19,6 @@ from umo_train.metrics import program
 from umo_train.metrics.lips import pearson
 
 MODEL = methods.ROOT / "models/umo-people/model.safetensors"
-# Columns of correlations and shares, and whether more is better; the lag is better near 0.
 COLUMNS = {
     "opening": "r of opening",
     "in step": "the same, lag removed",
@@ -27,8 +26,13 @@ COLUMNS = {
     "rounding": "r of rounding",
     "found": "closures found",
     "false": "false",
+    "closures": "found less false",
     "lag": "lag, ms",
 }
+# Columns by which methods are compared: a mouth that never opens finds every closure, one that never closes shows no
+# false one.
+COMPARED = [name for name in COLUMNS if name not in ("found", "false")]
+SHARES = ("found", "false", "closures")
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Capture:
 
 def badness(name: str, values: np.ndarray | float) -> np.ndarray | float:
     """Smaller is better for every column."""
-    return np.abs(values) if name == "lag" else values if name == "false" else -values
+    return np.abs(values) if name == "lag" else -values
 
 
 def lost(row: Row, rows: Sequence[Row]) -> list[str]:
@@ -56,7 +60,7 @@ def lost(row: Row, rows: Sequence[Row]) -> list[str]:
     within its 95 % interval."""
     others = [other for other in rows if not other.method.is_ours and not other.method.is_told]
     out = []
-    for name in COLUMNS:
+    for name in COMPARED:
         having = [other for other in others if name in other.scores]
         best = min(having, key=lambda other: badness(name, other.scores[name].value))
         ours, theirs = row.scores[name], best.scores[name]
@@ -76,7 +80,7 @@ def number(name: str, one: Score) -> str:
         return "–"
     if name == "lag":
         return f"{1000 * one.value:.0f} ({1000 * one.low:.0f} to {1000 * one.high:.0f})"
-    if name in ("found", "false"):
+    if name in SHARES:
         return f"{100 * one.value:.0f} % ({100 * one.low:.0f} to {100 * one.high:.0f})"
     return f"{one.value:.2f} ({one.low:.2f} to {one.high:.2f})"
 
@@ -91,7 +95,7 @@ def table(capture: Capture) -> str:
     """The capture's table in Markdown, by r of opening; the best of each column is bold."""
     rows = sorted(capture.rows, key=lambda row: -row.scores["opening"].value)
     best = {}
-    for name in COLUMNS:
+    for name in COMPARED:
         having = [row for row in rows if name in row.scores and not row.method.is_told]
         best[name] = min(having, key=lambda row: badness(name, row.scores[name].value)).method.name
     lines = [
@@ -103,7 +107,7 @@ def table(capture: Capture) -> str:
         cells = [", ".join(lost(row, rows)) if method.is_ours else "", method.name]
         for name in COLUMNS:
             text = number(name, row.scores[name]) if name in row.scores else "–"
-            cells.append(f"**{text}**" if best[name] == method.name else text)
+            cells.append(f"**{text}**" if best.get(name) == method.name else text)
         lines.append("| " + " | ".join([*cells, f"{1000 * method.cost:.1f} ms", size_text(method.size)]) + " |")
     return "\n".join(lines)
 
@@ -122,10 +126,10 @@ def check(recordings: Sequence[Recording], capture: Capture) -> None:
     """Facts that hold unless something broke. Raises `AssertionError`, which names the fact."""
     for row in capture.rows:
         label = row.method.name
-        wanted = {"opening", "in step", "lag", "found", "found in step", "false"}
+        wanted = {"opening", "in step", "lag", "found", "found in step", "false", "closures"}
         wanted |= {"width", "rounding"} if row.method.parts == 3 else set()
         assert row.scores.keys() == wanted, f"{label}: columns {sorted(row.scores)}"
-        assert all(math.isfinite(one.value) for one in row.scores.values()), f"{label}: a value is no number"
+        assert all(math.isfinite(one.value) for one in row.scores.values()), f"{label}: a value that is not finite"
         for one in recordings:
             curve = row.method.curves[one.name]
             assert np.isfinite(curve.mouth).all() and np.ptp(curve.mouth[:, 0]) > 0, f"{label}, {one.name}: no mouth"
@@ -187,8 +191,7 @@ def main() -> None:
         sources["GRID, ten sentences"] = captured.ten()
     captures = []
     for title, recordings in sources.items():
-        # Rhubarb takes more than a second of a core for a second of speech.
-        found = methods.all_methods(umo, MODEL, options.peers, recordings, with_rhubarb=not is_small)
+        found = methods.all_methods(umo, MODEL, options.peers, recordings, is_small)
         captures.append(measured(title, recordings, found))
         if is_small:
             check(recordings, captures[-1])

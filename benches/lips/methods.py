@@ -362,13 +362,13 @@ def loudness(recordings: Sequence[Recording]) -> Method:
     return _timed("loudness", recordings, run, None, parts=1)
 
 
-def all_methods(
-    umo: Path, model: Path, peers: Path, recordings: Sequence[Recording], with_rhubarb: bool
-) -> list[Method]:
+def all_methods(umo: Path, model: Path, peers: Path, recordings: Sequence[Recording], is_small: bool) -> list[Method]:
+    """All, or without the dearest: Rhubarb takes more than a second of a core for a second of speech."""
+    horizons = (max(HORIZONS), 0) if is_small else HORIZONS[::-1]
     return [
-        *delayed(umo, recordings, HORIZONS[::-1]),
+        *delayed(umo, recordings, horizons),
         *live(umo, model, recordings),
-        *javascript(peers, recordings, with_rhubarb),
+        *javascript(peers, recordings, with_rhubarb=not is_small),
         pylipsync_method(recordings),
         *openfacefx_methods(recordings),
         loudness(recordings),

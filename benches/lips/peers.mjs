@@ -76,9 +76,8 @@ async function headAudio() {
     const { HeadAudio } = await load("@met4citizen/headaudio/dist/headaudio.min.mjs");
     const fetched = globalThis.fetch;
     globalThis.fetch = async (path) => new Response(readFileSync(path));
-    const settings = { vadGateActiveDb: -40, vadGateInactiveDb: -60 };
     const run = async ({ pcm48 }) => {
-        const node = new HeadAudio({}, { processorOptions: {}, parameterData: settings });
+        const node = new HeadAudio({}, { processorOptions: {}, parameterData: {} });
         await node.loadModel(installed("@met4citizen/headaudio/dist/model-en-mixed.bin"));
         const shown = {};
         node.onvalue = (name, value) => (shown[short(name)] = value);

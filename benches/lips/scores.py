@@ -138,7 +138,7 @@ def best_lag(correlations: np.ndarray) -> float:
 
 def score(method_curves: dict[str, Curve], parts: int, known: Truth) -> dict[str, Score]:
     """All measures of a method: `opening`, `width` and `rounding` (mean of the recordings' r), `in step` (opening with
-    the lag removed), `lag` in seconds, `found` and `false`, and `found in step`."""
+    the lag removed), `lag` in seconds, `found` and `false` and their difference `closures`, and `found in step`."""
     count = len(known.recordings)
     # A piece of a take is named after it.
     curves = [method_curves[one.name.split("/")[0]] for one in known.recordings]
@@ -173,12 +173,20 @@ def score(method_curves: dict[str, Curve], parts: int, known: Truth) -> dict[str
             for curve, moments in zip(curves, known.closures, strict=True)
         ]
         out[name] = _share(np.array([[sum(row), len(row)] for row in reached]))
+    out["closures"] = _less(out["found"], out["false"])
     return out
 
 
 def _closes(curve: Curve, moment: float, closed: float) -> bool:
     near = moment + np.linspace(-NEAR_S, NEAR_S, 21)
     return bool(np.interp(near, curve.times, curve.mouth[:, 0]).min() <= closed)
+
+
+def _less(one: Score, other: Score) -> Score:
+    """The difference of two scores, draw by draw."""
+    draws = one.draws - other.draws
+    low, high = np.nanpercentile(draws, (2.5, 97.5))
+    return Score(one.value - other.value, float(low), float(high), draws)
 
 
 def _share(counts: np.ndarray) -> Score:

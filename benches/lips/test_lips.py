@@ -52,6 +52,7 @@ def test_a_mouth_that_stays_closed_finds_all_and_pays_for_it():
     shut = np.where(times < 9.9, 0.0, 1.0)
     scored = scores.score({"one": Curve(times, np.stack([shut] * 3, axis=1))}, 3, scores.truth([recording()]))
     assert scored["found"].value == 1 and scored["false"].value > 0.95
+    assert scored["closures"].value < 0.05
 
 
 def test_closures_in_words_are_those_of_bilabials_within_speech():
@@ -109,7 +110,9 @@ def test_mouth_of_landmarks_is_in_units_of_the_eyes():
 
 
 def test_weights_are_named_a_column_further_on():
-    shapes = [f"funnel_{side}" for side in ("dl", "dr", "ul", "ur")] + [f"suck_{side}" for side in ("dl", "dr", "ul", "ur")]
+    shapes = [f"funnel_{side}" for side in ("dl", "dr", "ul", "ur")] + [
+        f"suck_{side}" for side in ("dl", "dr", "ul", "ur")
+    ]
     halves = ("lowerLipDepress", "upperLipRaise", "press", "pucker", "lipStretch", "lipCornerPull")
     shapes += [f"{half}_{side}" for half in halves for side in "lr"] + ["stretch_c", "oo_c", "oh_c"]
     names = [f"mouth_{shape}" for shape in shapes]
