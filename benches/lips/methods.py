@@ -255,9 +255,11 @@ def javascript(folder: Path, recordings: Sequence[Recording], with_rhubarb: bool
         job, output = scratch / "job.json", scratch / "out.json"
         about = {"recordings": entries, "vowels": vowels, "withRhubarb": with_rhubarb, "output": str(output)}
         job.write_text(json.dumps(about))
-        # Rhubarb prints a log.
+        # Rhubarb prints a log, shown only if a peer fails.
         script = Path(__file__).with_name("peers.mjs")
-        subprocess.run(["node", str(script), str(folder), str(job)], check=True, stdout=subprocess.DEVNULL)
+        done = subprocess.run(["node", str(script), str(folder), str(job)], capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"peers.mjs: {done.stderr[-2000:]}")
         results = json.loads(output.read_text())
     out = []
     for label, made in results.items():
