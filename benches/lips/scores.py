@@ -21,7 +21,7 @@ NEAR_S = 0.05
 SLACK_S = 0.08
 # Without words: a closed run is a sound's, no pause, if it is this short and lips are apart this near on both sides.
 RUN_S, FLANK_S = 0.2, 0.2
-LAGS_S = np.arange(-0.4, 0.4001, 0.01)
+LAGS_S = np.arange(-0.6, 0.6001, 0.01)
 DRAWS = 2000
 BILABIAL = frozenset("PBM")
 
