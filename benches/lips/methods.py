@@ -204,7 +204,7 @@ def live(umo: Path, model: Path, recordings: Sequence[Recording]) -> list[Method
 
 # Peers.
 
-# What a page downloads, of the packages' folders.
+# Files that a page downloads, in node_modules.
 DOWNLOADS = {
     "HeadAudio": [
         "@met4citizen/headaudio/dist/headaudio.min.mjs",

@@ -2,7 +2,7 @@
 // `recordings`: name, pcm48 and pcm16 (files of 32-bit floats at 48 and 16 kHz) and text; `vowels`: files at 48 kHz by
 // vowel; and `output`. Writes for each method and recording times, weights of visemes by name, and CPU seconds.
 //
-// Those for browsers get a browser's clock: audio in blocks of 128 samples at 48 kHz, a picture 60 times a second, and no
+// Peers for browsers get the clock of one: audio in blocks of 128 samples at 48 kHz, a picture 60 times a second, and no
 // other delay.
 import { readFileSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -22,7 +22,7 @@ const floats = (path) => {
 const installed = (path) => `${folder}/node_modules/${path}`;
 const load = (path) => import(pathToFileURL(installed(path)));
 
-// What an AudioWorklet's two halves find in a browser. Messages arrive at once.
+// The globals of the two halves of an AudioWorklet. Messages arrive at once.
 const processors = {};
 globalThis.sampleRate = RATE;
 globalThis.currentTime = 0;

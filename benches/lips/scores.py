@@ -1,4 +1,4 @@
-"""How a mouth follows a captured one: correlation, lag, closures found and shown by mistake, with intervals."""
+"""Scores of a mouth beside a captured one: correlation, lag, closures found and shown by mistake, with intervals."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -39,7 +39,7 @@ SHAPES = np.array(
 
 # Others' names of the same shapes.
 NAMES = {"I": "ih", "O": "oh", "U": "ou"}
-# The five vowels of uLipSync and of what is made of it.
+# The five vowels of uLipSync and its ports.
 VOWELS = {"A": "aa", "I": "ih", "U": "ou", "E": "E", "O": "oh"}
 # pyLipSync's names of them.
 VRM = {"aa": "aa", "ih": "ih", "ou": "ou", "ee": "E", "oh": "oh"}
