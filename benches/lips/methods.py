@@ -46,7 +46,7 @@ class Curve:
         return np.stack([np.interp(times, self.times, column) for column in self.mouth.T], axis=1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Method:
     """`curves` by recording; `cost` in seconds of a core per second of speech; `size` in bytes, None if it needs none;
     `parts`: how many of opening, width and rounding it has; `is_told`: it gets the text too."""

@@ -1,5 +1,6 @@
 """The measures themselves, on mouths whose answers are known."""
 
+import bench
 import captured
 import methods
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import scores
 import visemes
 from captured import Recording, Word
-from methods import Curve
+from methods import Curve, Method
 from umo_train.skeleton import ARKIT, SHAPE
 
 RATE = 25.0
@@ -120,3 +121,23 @@ def test_weights_are_named_a_column_further_on():
     weights[1, names.index("mouth_stretch_c") + 1] = 0.7
     weights[1, names.index("mouth_oo_c") + 1] = 0.2
     assert captured.mouth_of_weights(weights, names) == pytest.approx(np.array([[0, 0, 0], [0.7, -0.2, 0.2]]))
+
+
+@pytest.mark.parametrize(("late", "broken"), [(0.0, None), (0.2, "lag of"), (None, "another sentence")])
+def test_facts_break_with_the_mouth(late: float | None, broken: str | None, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(scores, "DRAWS", 10)
+    recordings = captured.ten()
+    curves = {one.name: Curve(one.times, one.mouth) for one in recordings}
+    # The mouth of the method in question: late by some time, or that of another sentence.
+    others = [*recordings[1:], recordings[0]]
+    wrong = {one.name: curves[other.name] for one, other in zip(recordings, others, strict=True)}
+    if late is not None:
+        wrong = {name: Curve(curve.times + late, curve.mouth) for name, curve in curves.items()}
+    made = [Method(methods.DEFAULT, True, wrong, 0.1, 1)]
+    made += [Method(label, False, curves, 0.1, 1) for label in (methods.LIVE, "loudness")]
+    capture = bench.measured("", recordings, made)
+    if broken is None:
+        bench.check(recordings, capture)
+    else:
+        with pytest.raises(AssertionError, match=broken):
+            bench.check(recordings, capture)
