@@ -9,12 +9,12 @@ from itertools import groupby
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_toeplitz
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, lfilter, resample_poly, sosfilt
 
 from umo_train.metrics.item import Item
-from umo_train.metrics.lips import envelope
 from umo_train.mouth import sounds
-from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
+from umo_train.speech.utterance import SAMPLE_RATE
 from umo_train.speech.variation import leveled
 from umo_train.speech.warp import warped
 
@@ -80,12 +80,20 @@ def _take(name: str, voice: str, sentences: Sequence[np.ndarray]) -> Take:
     for gap, sentence in zip([FIRST_GAP_S] + [GAP_S] * len(level), [*level, np.zeros(0)], strict=True):
         silence = round(gap * SAMPLE_RATE)
         pauses.append((at / SAMPLE_RATE, (at + silence) / SAMPLE_RATE))
-        pieces += [np.zeros(silence), sentence]
+        pieces += [_room(level[0], silence, np.random.default_rng(at)), sentence]
         at += silence + len(sentence)
-    # The rooms' own noise in the pauses too: a recording is never silent in the digital sense.
-    floor = min(float(np.percentile(envelope(s, len(s) * FRAME_RATE // SAMPLE_RATE), 5)) for s in level)
-    noise = floor * np.random.default_rng(at).standard_normal(at)
-    return Take(name, voice, (np.concatenate(pieces) + noise).astype(np.float32), tuple(pauses))
+    return Take(name, voice, np.concatenate(pieces).astype(np.float32), tuple(pauses))
+
+
+def _room(recording: np.ndarray, count: int, rng: Rng) -> np.ndarray:
+    """Noise with the spectrum and level of a recording's quietest 50 ms: no room is silent in the digital sense."""
+    size = SAMPLE_RATE // 20
+    pieces = recording[: len(recording) // size * size].reshape(-1, size)
+    quietest = pieces[np.argmin((pieces**2).sum(1))]
+    shape = gaussian_filter1d(np.abs(np.fft.rfft(quietest * np.hanning(size))), 1)
+    white = np.fft.rfft(rng.standard_normal(count))
+    colour = np.interp(np.linspace(0, 1, len(white)), np.linspace(0, 1, len(shape)), shape)
+    return np.sqrt(np.mean(quietest**2)) * unit(np.fft.irfft(white * colour, count))
 
 
 def unit(sound: np.ndarray) -> np.ndarray:
