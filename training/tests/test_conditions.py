@@ -34,7 +34,7 @@ def _items() -> list[Item]:
 
 @pytest.fixture(scope="module")
 def takes() -> list[conditions.Take]:
-    return conditions.takes(_items(), 6.0)
+    return conditions.takes(_items(), 6.0, 1)
 
 
 def _rng() -> np.random.Generator:
@@ -191,7 +191,7 @@ class _Loudness:
 def _made(takes: list[conditions.Take]) -> dict:
     """The measure with a mouth in place of the program."""
     with patch.object(measured, "delayed", lambda subject, samples, seed: measured.live(_Loudness(), samples)):
-        return measured.measure(_subject(), _Loudness(), takes, measured.chosen(True), say=lambda _: None)
+        return measured.measure(_subject(), _Loudness(), takes, measured.chosen(True), say=lambda *_, **__: None)
 
 
 def _subject() -> measured.Subject:
@@ -219,8 +219,10 @@ def test_what_is_broken_is_said(takes):
         found["delayed"]["music, 0 dB"][0]["moving"] = float("nan")
         said = measured.failures(_subject(), mouth, found)
     assert len(said) == 2 and "not finite" in said[0] and "by telephone" in said[1]
+    del found["live"]["telephone"]
     with patch.object(measured, "delayed", lambda *_: _seen(np.full(90, 0.4))):
-        assert any("silence opens" in one for one in measured.failures(_subject(), mouth, found))
+        said = measured.failures(_subject(), mouth, found)
+    assert "live: no rows ['telephone']" in said and any("silence opens" in one for one in said)
 
 
 def test_intervals_hold_the_truth_and_shrink():
@@ -255,6 +257,17 @@ def test_shut_vowels_are_open_ones_with_shut_lips():
     assert languages.shut_vowels(opening, PHONES).tolist() == [False, False]
     opening[18:27] = 0
     assert languages.shut_vowels(opening, PHONES).tolist() == [True, False]
+
+
+def test_closures_by_chance_are_those_at_other_times_of_the_speech():
+    opening = np.full(60, 0.3)
+    opening[:14] = opening[45:] = 0
+    assert languages.by_chance(PHONES, opening) == 0
+    # b's closure: by another quarter of the second it is at m, which starts it.
+    opening[27:30] = 0
+    assert lips.closures(opening, PHONES).sum() == 1
+    assert languages.by_chance(PHONES, opening) == pytest.approx(1 / 3)
+    assert languages.by_chance(PHONES, np.zeros(60)) == 2
 
 
 def test_there_are_four_sentences_in_each_of_eleven_languages():

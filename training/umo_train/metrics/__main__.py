@@ -78,7 +78,7 @@ def _conditions(args: argparse.Namespace) -> None:
 
     subject, mouth = _two_paths(args)
     speech = conditions.small_recordings() if args.small else [i for one in args.speech for i in item.recordings(one)]
-    made = takes(speech, conditions.SMALL_S if args.small else args.seconds)
+    made = takes(speech, conditions.SMALL_S if args.small else args.seconds, args.most)
     print(f"{len(made)} takes of {len({take.voice for take in made})} speakers, {conditions.seconds(made):.0f} s")
     found = conditions.measure(subject, mouth, made, conditions.chosen(args.small))
     _write(args.output / "conditions", conditions.markdown(found), {"takes": [take.name for take in made]} | found)
@@ -187,7 +187,8 @@ def _arguments() -> argparse.ArgumentParser:
         "conditions", _conditions, "Measure noise, voices, music, telephones, whispers, shouts, laughs: Markdown, JSON"
     )
     one.add_argument("--speech", type=Path, nargs="+", default=[], help="folders of real recordings")
-    one.add_argument("--seconds", type=float, default=20, help="length of a take of a speaker's recordings")
+    one.add_argument("--seconds", type=float, default=12, help="length of a take of a speaker's recordings")
+    one.add_argument("--most", type=int, default=3, help="maximum number of takes per speaker")
     speech_as_it_is("languages", _languages, "Measure closures in eleven languages by synthesisers: Markdown and JSON")
 
     one = command("agreement", _agreement, "Compare greedy codes of quantised models with the exact model's")

@@ -4,7 +4,7 @@ Each take is animated clean and in every condition, by `umo animate` (delayed) a
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from zlib import crc32
 
@@ -40,6 +40,8 @@ class Seen:
     opening: np.ndarray
     width: np.ndarray
     motion: Motion | None = None
+    # Times of the onsets in the clean take, seconds.
+    onsets: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 def seconds(takes: Sequence[Take]) -> float:
@@ -80,14 +82,12 @@ def against(take: Take, clean: Seen, seen: Seen, tempo: float) -> dict[str, floa
         "open_clean": float(opening[~pausing].mean()),
         "moving": float(np.mean(lips.moving(seen.opening, pauses))),
     }
-    return found if seen.motion is None else found | _body(take, seen.motion, pausing, tempo)
+    return found if seen.motion is None else found | _body(clean.onsets / tempo, seen.motion, pausing)
 
 
-def _body(take: Take, motion: Motion, pausing: np.ndarray, tempo: float) -> dict[str, float]:
+def _body(onsets: np.ndarray, motion: Motion, pausing: np.ndarray) -> dict[str, float]:
     speed = body.wrist_speed(motion)
-    rhythm = beat.beat(
-        [(beat.onsets(take.samples) / tempo, beat.turning_points(motion), len(speed) / FRAME_RATE)], beat.SHARP_SIGMA_S
-    )
+    rhythm = beat.beat([(onsets, beat.turning_points(motion), len(speed) / FRAME_RATE)], beat.SHARP_SIGMA_S)
     return {
         "wrists": 60 * float(speed.mean()),
         "wrists_in_pauses": 60 * float(speed[pausing].mean()),
@@ -114,6 +114,9 @@ def measure(
         "live": lambda samples: live(mouth, samples),
     }
     clean = {path: [run(take.samples) for take in takes] for path, run in paths.items()}
+    clean["delayed"] = [
+        replace(one, onsets=beat.onsets(take.samples)) for take, one in zip(takes, clean["delayed"], strict=True)
+    ]
     for path, seen in clean.items():
         rows = found[path]
         rows[CLEAN] = [against(take, one, one, 1.0) for take, one in zip(takes, seen, strict=True)]
@@ -122,7 +125,7 @@ def measure(
             rows[AGAIN] = [against(take, *both, 1.0) for take, *both in zip(takes, seen, again, strict=True)]
         if len(takes) > 1:
             rows[OTHER] = [
-                against(take, one, Seen(*(_cut(x, len(one.opening)) for x in (other.opening, other.width))), 1.0)
+                against(take, one, Seen(*(np.resize(x, len(one.opening)) for x in (other.opening, other.width))), 1.0)
                 for take, one, other in zip(takes, seen, [*seen[1:], seen[0]], strict=True)
             ]
     for condition in conditions:
@@ -136,12 +139,8 @@ def measure(
                 against(take, one, run(sound), condition.tempo)
                 for take, one, sound in zip(takes, clean[path], sounds, strict=True)
             ]
-        say(condition.name)
+        say(condition.name, flush=True)
     return found
-
-
-def _cut(values: np.ndarray, frames: int) -> np.ndarray:
-    return np.resize(values, frames)
 
 
 def estimates(rows: Sequence[dict[str, float]], clean: Sequence[dict[str, float]]) -> dict[str, Estimate]:
@@ -201,13 +200,14 @@ def _table(rows: dict[str, dict[str, Estimate]], columns: dict[str, tuple[str, i
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-def failures(
-    subject: Subject, mouth: Mouth, found: dict[str, dict[str, list[dict[str, float]]]], wanted: Sequence[str] = SMALL
-) -> list[str]:
+def failures(subject: Subject, mouth: Mouth, found: dict[str, dict[str, list[dict[str, float]]]]) -> list[str]:
     """Facts that hold unless something is broken, each with what it was."""
     out = []
     for path, rows in found.items():
-        out += [f"{path}: no row `{name}`" for name in (CLEAN, OTHER, *wanted) if name not in rows]
+        missing = [name for name in (CLEAN, OTHER, *SMALL) if name not in rows]
+        if missing:
+            out.append(f"{path}: no rows {missing}")
+            continue
         numbers = [value for seen in rows.values() for row in seen for value in row.values()]
         if not np.isfinite(numbers).all():
             out.append(f"{path}: a number is not finite")

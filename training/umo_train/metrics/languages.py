@@ -115,14 +115,24 @@ def shut_vowels(opening: np.ndarray, phones: Sequence[Phone]) -> np.ndarray:
     return np.array(found, bool)
 
 
+def by_chance(phones: Sequence[Phone], opening: np.ndarray) -> float:
+    """Number of closures that a mouth reaches as well which says the other half of the sentence, or another quarter."""
+    first, last = (round(time * FRAME_RATE) for time in (phones[0].end, phones[-1].start))
+    found = []
+    for quarter in (1, 2, 3):
+        moved = opening.copy()
+        moved[first:last] = np.roll(opening[first:last], (last - first) * quarter // 4)
+        found.append(lips.closures(moved, phones).sum())
+    return float(np.mean(found))
+
+
 def against(one: Utterance, opening: np.ndarray) -> dict[str, float]:
     """Counts and correlations of one sentence."""
     closed = lips.closures(opening, one.phones)
-    chance = lips.closures(np.roll(opening, len(opening) // 2), one.phones)
     shut = shut_vowels(opening, one.phones)
     return {
         "closures": int(closed.sum()),
-        "by_chance": int(chance.sum()),
+        "by_chance": by_chance(one.phones, opening),
         "closing": len(closed),
         "shut": int(shut.sum()),
         "open": len(shut),
@@ -139,7 +149,7 @@ def measure(
     row = ""
     for one in all_spoken:
         if one.row != row:
-            say(row := one.row)
+            say(row := one.row, flush=True)
         for path, opening in paths.items():
             found[path][one.row].append(against(one.utterance, opening(one.utterance.samples)))
     return {path: dict(rows) for path, rows in found.items()}

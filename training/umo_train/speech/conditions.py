@@ -4,7 +4,7 @@ coughs in its pauses, and beside another talker. Formulas and signal processing;
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, islice
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -53,13 +53,13 @@ class Condition:
     tempo: float = 1.0
 
 
-def takes(recordings: Sequence[Item], seconds: float = 20.0) -> list[Take]:
-    """Neighbouring recordings of each speaker, joined by pauses into takes of at least `seconds`; a speaker's rest that
-    is shorter than half of it is left out."""
+def takes(recordings: Sequence[Item], seconds: float, most: int) -> list[Take]:
+    """Neighbouring recordings of each speaker, joined by pauses into takes of at least `seconds`, at most `most` of a
+    speaker; a rest that is shorter than half of it is left out."""
     out = []
     for voice, items in groupby(sorted(recordings, key=lambda item: (item.voice, item.name)), key=lambda i: i.voice):
-        for items_of_one in _batches(items, seconds):
-            out.append(_take(f"{voice}-{items_of_one[0].name}", voice, [item.samples for item in items_of_one]))
+        for items_of_one in islice(_batches(items, seconds), most):
+            out.append(_take(items_of_one[0].name, voice, [item.samples for item in items_of_one]))
     return out
 
 
