@@ -19,7 +19,7 @@ class Estimate:
 
     def text(self, places: int = 2, scale: float = 1.0) -> str:
         value, low, high = (f"{number * scale:.{places}f}" for number in (self.value, self.low, self.high))
-        return f"{value} ({low} to {high})"
+        return f"{value} ({low} to {high})" if self.count > 1 else value
 
 
 def bootstrap(rows: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray], seed: int = 0) -> Estimate:
