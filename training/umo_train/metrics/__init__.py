@@ -8,6 +8,7 @@
 | `beat` | beat constancy, and its ratio to that of shifted audio |
 | `fgd` | Frechet distance in the features of a motion auto-encoder |
 | `diversity` | L1 diversity; separability of prompts |
+| `conditions`, `languages`, `interval` | speech over noise and in eleven languages; 95 % intervals |
 | `speed` | time to the first frame, frames per second |
 | `agreement`, `experts` | codes in int8 compared with f32; first choices of experts |
 | `program` | motion of the program `umo` for a recording |

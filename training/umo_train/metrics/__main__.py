@@ -1,11 +1,18 @@
-"""`python -m umo_train.metrics`: `eval`, `agreement`, `sheet`, `autoencoder` and `table`."""
+"""`python -m umo_train.metrics`: `eval`, `conditions`, `languages`, `agreement`, `sheet`, `autoencoder` and `table`."""
 
 import argparse
+import json
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from umo_train.metrics import acted, agreement, fgd, frame_agreement, item, program, report, table
 from umo_train.metrics.measure import Subject, measure
+
+if TYPE_CHECKING:
+    from umo_train.mouth.run import Mouth
+
+DEFAULT_MODEL = Path(__file__).parents[3] / "models/umo-people/model.safetensors"
 
 
 def _held_out(args: argparse.Namespace) -> list[item.Item]:
@@ -65,6 +72,54 @@ def _agreement(args: argparse.Namespace) -> None:
         print(f"{model}: {model.stat().st_size / 1e6:.1f} MB, {len(traced)} chunks, {said}{of_logits}")
 
 
+def _conditions(args: argparse.Namespace) -> None:
+    from umo_train.metrics import conditions
+    from umo_train.speech.conditions import takes
+
+    subject, mouth = _two_paths(args)
+    speech = conditions.small_recordings() if args.small else [i for one in args.speech for i in item.recordings(one)]
+    made = takes(speech, conditions.SMALL_S if args.small else args.seconds, args.most)
+    print(f"{len(made)} takes of {len({take.voice for take in made})} speakers, {conditions.seconds(made):.0f} s")
+    found = conditions.measure(subject, mouth, made, conditions.chosen(args.small))
+    _write(args.output / "conditions", conditions.markdown(found), {"takes": [take.name for take in made]} | found)
+    if args.small:
+        _fail(conditions.failures(subject, mouth, found))
+
+
+def _languages(args: argparse.Namespace) -> None:
+    from umo_train.metrics import conditions, languages
+
+    subject, mouth = _two_paths(args)
+    spoken = languages.spoken(1, languages.SPEAKERS[:1]) if args.small else languages.spoken()
+    paths = {
+        "`umo animate`": lambda samples: conditions.delayed(subject, samples, args.seed).opening,
+        "live mouth": lambda samples: conditions.live(mouth, samples).opening,
+    }
+    found = languages.measure(spoken, paths)
+    _write(args.output / "languages", languages.markdown(found), found)
+    if args.small:
+        _fail(languages.failures(found))
+
+
+def _two_paths(args: argparse.Namespace) -> tuple[Subject, "Mouth"]:
+    """The program, and the live mouth of the same model as it runs here: the engine's is held to it by a test."""
+    from umo_train.mouth.run import Mouth
+
+    return Subject(program.find(args.umo), args.model, seed=args.seed), Mouth.read(args.model)
+
+
+def _write(path: Path, text: str, numbers: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(".md").write_text(text)
+    path.with_suffix(".json").write_text(json.dumps(numbers, indent=1) + "\n")
+    print(text, end="")
+
+
+def _fail(failures: list[str]) -> None:
+    if failures:
+        raise SystemExit("\n".join(failures))
+
+
 def _sheet(args: argparse.Namespace) -> None:
     from umo_train.metrics import sheet
 
@@ -119,6 +174,22 @@ def _arguments() -> argparse.ArgumentParser:
     )
     one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
+
+    def speech_as_it_is(name: str, run, about: str) -> argparse.ArgumentParser:
+        one = command(name, run, about)
+        one.add_argument("--model", type=Path, default=DEFAULT_MODEL, help="model file (default: the repository's)")
+        one.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
+        one.add_argument("--small", action="store_true", help="a minute of synthesised speech, with checks")
+        one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
+        return one
+
+    one = speech_as_it_is(
+        "conditions", _conditions, "Measure noise, voices, music, telephones, whispers, shouts, laughs: Markdown, JSON"
+    )
+    one.add_argument("--speech", type=Path, nargs="+", default=[], help="folders of real recordings")
+    one.add_argument("--seconds", type=float, default=12, help="length of a take of a speaker's recordings")
+    one.add_argument("--most", type=int, default=3, help="maximum number of takes per speaker")
+    speech_as_it_is("languages", _languages, "Measure closures in eleven languages by synthesisers: Markdown and JSON")
 
     one = command("agreement", _agreement, "Compare greedy codes of quantised models with the exact model's")
     one.add_argument("models", nargs="+", type=Path)

@@ -6,9 +6,11 @@ Its opening is defined by `performer.lips.lip_opening`.
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d
 
-from umo_train.skeleton import matrices
+from umo_train.performer.lips import JAW
+from umo_train.skeleton import ARKIT, matrices
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, Phone
 
 CLOSING = frozenset("pbm")
@@ -24,6 +26,16 @@ PAUSE_S = 0.4
 STILL = 0.08
 # Standard deviation of the smoothing, frames (50 ms): keeps syllables, removes bursts and single glottal pulses.
 SMOOTH = 1.5
+# Channels that draw the corners of the mouth apart, and those that draw them together.
+_WIDTHS = {
+    "mouthStretchLeft": 0.5,
+    "mouthStretchRight": 0.5,
+    "mouthSmileLeft": 0.5,
+    "mouthSmileRight": 0.5,
+    "mouthPucker": -1.0,
+    "mouthFunnel": -0.5,
+}
+WIDTH = np.array([_WIDTHS.get(name, 0.0) for name in ARKIT])
 
 
 def pearson(a: np.ndarray, b: np.ndarray) -> float:
@@ -61,6 +73,22 @@ def pauses(opening: np.ndarray, silences: Iterable[tuple[float, float]]) -> np.n
         if len(inner) >= 2:
             still.append(np.ptp(inner) <= STILL)
     return np.array(still, bool)
+
+
+def moving(opening: np.ndarray, silences: Iterable[tuple[float, float]]) -> np.ndarray:
+    """Whether the mouth moves in each stretch of 0.4 s within silences, without their margins `[stretches]`."""
+    size = round(PAUSE_S * FRAME_RATE)
+    moved = [np.zeros(0, bool)]
+    for start, end in silences:
+        inner = opening[round(start * FRAME_RATE) + PAUSE_MARGIN : round(end * FRAME_RATE) - PAUSE_MARGIN]
+        if len(inner) >= size:
+            moved.append(np.ptp(sliding_window_view(inner, size), axis=1) > STILL)
+    return np.concatenate(moved)
+
+
+def width(face: np.ndarray) -> np.ndarray:
+    """Face channels `[T, 58]` to the mouth's width `[T]`: 0 at rest, 1 stretched fully, -1 puckered fully."""
+    return face[..., JAW:] @ WIDTH.astype(face.dtype)
 
 
 def silences(phones: Sequence[Phone]) -> list[tuple[float, float]]:

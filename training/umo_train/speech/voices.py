@@ -188,6 +188,16 @@ _ESPEAK_GERMAN = _ESPEAK | {
     "ts": "s", "pF": "f", "O~": "ao", "A~": "aa", "EI": "ey",
 }  # fmt: skip
 
+# Sounds of other languages by what lips do: closures are exact, and "B", the Spanish b between vowels, is none.
+_ESPEAK_OTHER = {
+    "a": "aa", "A": "aa", "0": "aa", "V": "ah", "&": "ah", "@": "ax", "3": "er", "8": "uh", "E": "eh", "e": "ey",
+    "W": "er", "Y": "er", "y": "uw", "i": "iy", "I": "ih", "u": "uw", "U": "uh", "o": "ow", "O": "ao", "ju": "uw",
+    "p": "p", "b": "b", "m": "m", "B": "v", "f": "f", "v": "v", "w": "w", "t": "t", "d": "d", "n": "n", "N": "ng",
+    "k": "k", "g": "g", "Q": "g", "x": "k", "X": "k", "q": "k", "c": "k", "C": "hh", "h": "hh", "H": "hh", "?": "t",
+    "s": "s", "z": "z", "S": "sh", "Z": "zh", "T": "th", "D": "dh", "l": "l", "L": "l", "r": "r", "R": "r", "*": "r",
+    "**": "r", ";": "y", "j": "y", "tS": "ch", "dZ": "jh",
+}  # fmt: skip
+
 
 class Espeak:
     """espeak-ng through its C library, the only way to get times."""
@@ -288,9 +298,9 @@ class Espeak:
 
     def _phone(self, name: str) -> str:
         """A mnemonic as one of `PHONES`: by the longest known prefix."""
-        known = _ESPEAK_GERMAN if self.voice.startswith("de") else _ESPEAK
+        known = {"en": _ESPEAK, "de": _ESPEAK_GERMAN}.get(self.voice[:2], _ESPEAK_OTHER)
         bare = name.lstrip("',%=_:;|!*")
-        return known.get(bare) or known.get(bare[:2]) or known.get(bare[:1]) or SILENCE
+        return known.get(name) or known.get(bare) or known.get(bare[:2]) or known.get(bare[:1]) or SILENCE
 
     def _stresses(self, text: str) -> list[bool]:
         """Whether each vowel of the transcription carries primary stress."""
