@@ -1,21 +1,24 @@
 """The right speech found: a judge that hears speech and sees motion chooses between a motion's own speech and other
 speech of the same speaker.
 
-It is the forced choice of GENEA's boards with a network in place of viewers. Views are trained apart; `whole` is the sum
-of their scores.
+It is the forced choice of GENEA's boards with a network in place of viewers. Each subject has its own judges, one of
+each view, as inputs differ and none shall be worse for looking unlike another; `whole` is the sum of their scores.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter1d
 from torch import nn
 from torch.nn import functional
 
 from umo_train.metrics.lips import pearson
-from umo_train.metrics.takes import VIEWS, Take
+from umo_train.metrics.takes import SEEN, VIEWS, Take
+from umo_train.performer.lips import JAW
+from umo_train.skeleton import JOINT, JOINT_NAMES, SHAPE
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 # Spectra of speech in a frame of motion, their bands, and their length in samples.
@@ -29,6 +32,8 @@ CANDIDATES = 8
 # Frames by which the plain judge may move the motion against the loudness.
 LAGS = 6
 WHOLE = "whole"
+# Channels of the heights of wrists and fingers.
+HANDS_UP = [3 * i + 1 for i, joint in enumerate(SEEN) if "wrist" in JOINT_NAMES[joint] or joint >= JOINT["left_index1"]]
 
 
 @lru_cache(maxsize=1)
@@ -179,7 +184,10 @@ def margins(judge: Judge, rows: Sequence[Pair], view: str, window: int) -> np.nd
         motion = np.stack([p.motion.motion[view][p.start : p.start + window] for p in some])
         own = np.stack([p.motion.speech[p.start : p.start + window] for p in some])
         other = np.stack([p.other.speech[p.other_start : p.other_start + window] for p in some])
-        seen, right, wrong = judge.see(torch.from_numpy(motion)), *(judge.hear(torch.from_numpy(s)) for s in (own, other))
+        seen, right, wrong = (
+            judge.see(torch.from_numpy(motion)),
+            *(judge.hear(torch.from_numpy(s)) for s in (own, other)),
+        )
         out.append((judge.scale.exp() * ((right - wrong) * seen).sum(1)).numpy())
     return np.concatenate(out)
 
@@ -197,65 +205,85 @@ def plain_margin(pair: Pair, view: str, window: int) -> float:
 
 
 @dataclass(frozen=True)
-class Found:
-    """Share of pairs whose right speech was found, its 95 % interval, and what it is of."""
-
-    share: float
-    low: float
-    high: float
-    pairs: int
-
-
-def found(right: np.ndarray, groups: Sequence[str], seed: int) -> Found:
-    """Of margins `[N]`; a tie is half a find. The interval is a bootstrap over groups: speakers, or recordings of one."""
-    hits = np.where(right == 0, 0.5, right > 0)
-    names, index = np.unique(groups, return_inverse=True)
-    hit, count = np.bincount(index, hits), np.bincount(index)
-    drawn = np.random.default_rng(seed).integers(len(names), size=(4000, len(names)))
-    low, high = np.percentile(hit[drawn].sum(1) / count[drawn].sum(1), [2.5, 97.5])
-    return Found(float(hits.mean()), float(low), float(high), len(hits))
-
-
-@dataclass(frozen=True)
 class Options:
-    """Length of a window and part of each file's ends that is left out, seconds; folds; steps of each training."""
+    """Length of a window and part of each file's ends that is left out, seconds; folds; steps of each training;
+    processes."""
 
     seconds: float = 4.0
     edge: float = 0.8
     folds: int = 5
     steps: int = 300
     seed: int = 0
+    jobs: int = 2
 
 
-def judged(takes: Sequence[Take], options: Options) -> dict[str, dict[str, Found]]:
-    """By view the finds of a judge trained on other speakers' takes (on other takes, if the speakers are fewer than the
-    folds), and of the plain one."""
+@dataclass(frozen=True)
+class Tried:
+    """Margins of the pairs of a subject by view, of the networks and of the plain judge, and each pair's group: its
+    speaker, or its recording if the speakers are fewer than the folds."""
+
+    networks: Mapping[str, np.ndarray]
+    plain: Mapping[str, np.ndarray]
+    groups: Sequence[str]
+
+
+def tried(takes: Sequence[Take], options: Options) -> Tried:
+    """Every pair, tried by a judge that was trained on the other folds: on other groups than the pair's."""
+    from joblib import Parallel, delayed
+
     window = round(options.seconds * FRAME_RATE)
     prepared = [prepare(take, round(options.edge * FRAME_RATE)) for take in takes]
     prepared = [one for one in prepared if one.last - one.first >= window]
-    speakers = sorted({one.take.speaker for one in prepared})
-    by_speaker = len(speakers) >= options.folds
-    groups = [one.take.speaker if by_speaker else one.take.name for one in prepared]
-    names = np.random.default_rng(options.seed).permutation(sorted(set(groups)))
+    by_speaker = len({one.take.speaker for one in prepared}) >= options.folds
+
+    def group(one: Prepared) -> str:
+        return one.take.speaker if by_speaker else one.take.name
+
+    names = np.random.default_rng(options.seed).permutation(sorted({group(one) for one in prepared}))
     if len(names) < 2:
-        raise ValueError(f"{len(names)} recordings of at least {options.seconds + 2 * options.edge:g} s: two are needed")
+        raise ValueError(
+            f"{len(names)} recordings of at least {options.seconds + 2 * options.edge:g} s: two are needed"
+        )
     views = [view for view in VIEWS if all(view in one.motion for one in prepared)]
-    tried: list[Pair] = []
-    networks: dict[str, list[np.ndarray]] = {view: [] for view in views}
+    rows: list[Pair] = []
+    tasks = []
     for fold in np.array_split(names, min(options.folds, len(names))):
         held = set(fold)
-        rows = pairs([one for one, group in zip(prepared, groups, strict=True) if group in held], window, options.seed)
-        learned = [one for one, group in zip(prepared, groups, strict=True) if group not in held]
-        tried += rows
-        for view in views:
-            judge = train(learned, view, window, options.steps, options.seed)
-            networks[view].append(margins(judge, rows, view, window))
-    of = [pair.motion.take.speaker if by_speaker else pair.motion.take.name for pair in tried]
-    sums = {view: np.concatenate(networks[view]) for view in views}
+        some = pairs([one for one in prepared if group(one) in held], window, options.seed)
+        learned = [one for one in prepared if group(one) not in held]
+        tasks += [delayed(_try)(learned, some, view, window, options) for view in views]
+        rows += some
+    margins_ = Parallel(n_jobs=options.jobs)(tasks)
+    networks = {view: np.concatenate(margins_[i :: len(views)]) for i, view in enumerate(views)}
     if len(views) > 1:
-        sums = {WHOLE: sum(sums.values())} | sums
-    out = {view: {"judge": found(values, of, options.seed)} for view, values in sums.items()}
-    for view in views:
-        plain = np.array([plain_margin(pair, view, window) for pair in tried])
-        out[view]["plain"] = found(plain, of, options.seed)
-    return out
+        networks = {WHOLE: sum(networks.values())} | networks
+    plain = {view: np.array([plain_margin(pair, view, window) for pair in rows]) for view in views}
+    return Tried(networks, plain, [group(pair.motion) for pair in rows])
+
+
+def _try(learned: Sequence[Prepared], rows: Sequence[Pair], view: str, window: int, options: Options) -> np.ndarray:
+    # Small convolutions are faster on one core, and the processes share the cores.
+    torch.set_num_threads(1)
+    return margins(train(learned, view, window, options.steps, options.seed), rows, view, window)
+
+
+def swapped(takes: Sequence[Take]) -> list[Take]:
+    """Each take's speech with the next one's motion: only leaks can find the speech, such as a first pose beside a
+    file's first silence."""
+    return [replace(a, seen=b.seen, energy=b.energy) for a, b in zip(takes, (*takes[1:], takes[0]), strict=True)]
+
+
+def puppets(takes: Sequence[Take], metres: float = 0.01, opening: float = 0.1) -> list[Take]:
+    """Takes whose hands also rise with the loudness, and whose mouths open, by this much for one deviation of it: what
+    a judge finds if speech and motion do go together."""
+
+    def puppet(take: Take) -> Take:
+        loud = gaussian_filter1d(take.loudness, 3.0)
+        loud = (loud - loud.mean()) / (loud.std() + 1e-9)
+        seen = {view: values[: take.frames].copy() for view, values in take.seen.items()}
+        for view, size, channels in (("body", metres, HANDS_UP), ("face", opening, [JAW + SHAPE["jawOpen"]])):
+            if view in seen:
+                seen[view][:, channels] += size * loud[:, None]
+        return replace(take, seen=seen)
+
+    return [puppet(take) for take in takes]

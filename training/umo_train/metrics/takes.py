@@ -1,5 +1,6 @@
 """Speech with motion from anywhere, as a judge sees it: animated by the program, captured, or made by another model."""
 
+import argparse
 import csv
 import json
 from collections import defaultdict
@@ -86,9 +87,14 @@ def _of_face(name: str, speaker: str, samples: np.ndarray, face: np.ndarray, ope
 
 
 def animated(
-    umo: Path, model: Path | None, speech: Sequence[item.Item], arguments: Sequence[str], prompt: str, seed: int, work: Path
+    umo: Path, model: Path | None, speech: Sequence[item.Item], arguments: Sequence[str], seed: int, work: Path
 ) -> list[Take]:
-    """The program's motion for recordings, kept in `work`; what is there with the same settings is not made again."""
+    """The program's motion for recordings with arguments of `umo animate`, kept in `work`: what is there with the same
+    settings is not made again."""
+    own = argparse.ArgumentParser(add_help=False)
+    # A batch has it in its lines.
+    own.add_argument("--prompt")
+    given, others = own.parse_known_args(arguments)
     work.mkdir(parents=True, exist_ok=True)
     lines, paths = [], []
     for one in speech:
@@ -97,12 +103,12 @@ def animated(
             sound.parent.mkdir(exist_ok=True)
             wavfile.write(sound, SAMPLE_RATE, one.samples)
         paths.append((work / f"{one.name}.npz").resolve())
-        line = {"file": str(sound), "output": str(paths[-1])} | ({"prompt": prompt} if prompt else {})
+        line = {"file": str(sound), "output": paths[-1].name} | ({"prompt": given.prompt} if given.prompt else {})
         lines.append(json.dumps(line))
     manifest = work / "manifest.jsonl"
     manifest.write_text("\n".join(lines) + "\n")
     options = ["--model", model] if model else []
-    program.run(umo, "batch", manifest, "-o", work, "--seed", seed, *options, *arguments)
+    program.run(umo, "batch", manifest, "-o", work, "--seed", seed, *options, *others)
     return [
         of_motion(one.name, one.voice, one.samples, program.from_npz(path))
         for one, path in zip(speech, paths, strict=True)
@@ -179,16 +185,18 @@ def _beside(path: Path) -> Take | None:
 
 def _landmarks(folder: Path) -> Iterator[Take]:
     """Distances between points of a face over the distance of its eyes; the head's own motion is not in them."""
+
+    def distance(points: np.ndarray, order: Mapping[int, int], pair: tuple[int, int]) -> np.ndarray:
+        first, second = (points[:, order[point]] for point in pair)
+        return np.linalg.norm(first - second, axis=-1)
+
     for path in sorted(folder.glob("landmarks_*.npz")):
         with np.load(path) as file:
             order = {int(point): index for index, point in enumerate(file["index"])}
             names, places = file["names"], file["landmarks"].astype(np.float32)
         for name, points in zip(names, places, strict=True):
-
-            def between(a: int, b: int, points: np.ndarray = points) -> np.ndarray:
-                return np.linalg.norm(points[:, order[a]] - points[:, order[b]], axis=-1)
-
-            channels = np.stack([between(*pair) for pair in _DISTANCES], 1) / between(*_EYES)[:, None]
+            eyes = distance(points, order, _EYES)
+            channels = np.stack([distance(points, order, pair) / eyes for pair in _DISTANCES], 1)
             channels = smplx.resampled(channels, _LANDMARKS_RATE)
             samples = recording.samples(folder / "audio" / f"{name}.opus")
             yield _of_face(str(name), folder.name, samples, channels, channels[:, 0])

@@ -1,0 +1,151 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from metrics_motion import still, swinging, turned
+from umo_train.metrics import __main__ as command
+from umo_train.metrics import mismatch, mismatch_report, takes
+from umo_train.skeleton import ARKIT, JOINT, JOINTS, rotations
+from umo_train.speech.utterance import SAMPLE_RATE
+
+SECONDS = 9
+OPTIONS = mismatch.Options(seconds=2.0, edge=0.5, folds=2, steps=40, jobs=1)
+
+
+def speech(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Noise whose loudness comes and goes as syllables do, and the loudness of each frame."""
+    rng = np.random.default_rng(seed)
+    loud = np.exp(1.5 * gaussian_filter1d(rng.normal(size=SECONDS * 30), 2.0) * 2.5)
+    level = np.interp(np.arange(SECONDS * SAMPLE_RATE) / SAMPLE_RATE * 30, np.arange(len(loud)) + 0.5, loud)
+    return (0.02 * level * rng.normal(size=len(level))).astype(np.float32), loud
+
+
+def talker(seed: int, *, follows: bool) -> takes.Take:
+    """Somebody whose face and left arm follow the loudness, or another talker's."""
+    samples, loud = speech(seed)
+    moved = np.log(loud if follows else speech(seed + 1000)[1])
+    motion = turned(still(len(moved)), JOINT["left_shoulder"], 0.1 * moved)
+    motion["face"][:, 6 + ARKIT.index("jawOpen")] = 0.2 + 0.1 * moved
+    return takes.of_motion(f"take{seed}", f"speaker{seed}", samples, motion)
+
+
+def shares(of: list[takes.Take]) -> dict:
+    return mismatch_report.finds(mismatch.tried(of, OPTIONS), 0)
+
+
+def test_motion_that_follows_the_speech_is_found_and_other_motion_is_not():
+    found = shares([talker(seed, follows=True) for seed in range(24)])
+    assert found["groups"] == 24 and found["pairs"] == 24 * 4
+    assert set(found["network"]) == {"whole", "body", "face"}
+    assert all(share.value > 0.9 for share in found["network"].values())
+    assert found["plain"]["face"].value > 0.9
+    other = shares([talker(seed, follows=False) for seed in range(24)])
+    assert all(0.3 < share.value < 0.7 for share in (*other["network"].values(), *other["plain"].values()))
+
+
+def test_swapped_motion_is_not_found_and_a_puppets_is():
+    of = [takes.of_motion(f"t{i}", f"s{i}", speech(i)[0], swinging(270, i, 0.05)) for i in range(16)]
+    puppets = shares(mismatch.puppets(of))["network"]
+    assert puppets["body"].value > 0.9 and puppets["face"].value > 0.9
+    assert 0.3 < shares(mismatch.swapped(mismatch.puppets(of)))["network"]["body"].value < 0.7
+
+
+def test_other_speech_is_the_speakers_own_elsewhere_and_as_loud():
+    samples, _ = speech(0)
+    loud = samples * np.where(np.arange(len(samples)) < len(samples) / 2, 0.1, 1.0).astype(np.float32)
+    of = [takes.of_motion(f"t{i}", "one" if i < 4 else "two", loud, still(270)) for i in range(6)]
+    prepared = [mismatch.prepare(take, 15) for take in of]
+    found = mismatch.pairs(prepared, 60, 0)
+    assert len(found) == 6 * 4
+    for pair in found:
+        assert pair.other.take.speaker == pair.motion.take.speaker
+        assert pair.other is not pair.motion or abs(pair.other_start - pair.start) >= 60
+        assert min(pair.start, pair.other_start) >= 15 and max(pair.start, pair.other_start) <= 270 - 15 - 60
+    apart = [
+        np.ptp(
+            [
+                p.motion.take.loudness[p.start : p.start + 60].mean(),
+                p.other.take.loudness[p.other_start : p.other_start + 60].mean(),
+            ]
+        )
+        for p in found
+    ]
+    assert np.median(apart) < 0.3 * of[0].loudness.max()
+
+
+def test_a_judge_is_tried_on_speakers_that_it_was_not_trained_on(monkeypatch):
+    seen: list[tuple[set[str], set[str]]] = []
+
+    def note(learned, rows, view, window, options):
+        seen.append(({p.take.speaker for p in learned}, {p.motion.take.speaker for p in rows}))
+        return np.zeros(len(rows))
+
+    monkeypatch.setattr(mismatch, "_try", note)
+    of = [talker(seed, follows=True) for seed in range(6)]
+    tie = mismatch_report.finds(mismatch.tried(of, OPTIONS), 0)["network"]["face"]
+    assert (tie.value, tie.low, tie.high) == (0.5, 0.5, 0.5)
+    assert all(not learned & tried for learned, tried in seen)
+    assert set.union(*(tried for _, tried in seen)) == {take.speaker for take in of}
+
+
+def save(path: Path, take: takes.Take, **arrays: np.ndarray) -> None:
+    np.savez(path, **arrays)
+    wavfile.write(path.with_suffix(".wav"), SAMPLE_RATE, take.samples)
+
+
+def test_folders_of_motion_beside_its_sound_are_read(tmp_path):
+    take = talker(0, follows=True)
+    turns = Rotation.from_matrix(rotations(take.motion).reshape(-1, 3, 3)).as_rotvec().reshape(-1, JOINTS * 3)
+    body = {"poses": turns, "trans": np.zeros((270, 3))}
+    save(tmp_path / "a_1.npz", take, **body, arkit=take.motion["face"][:, 6:], arkit_names=np.array(ARKIT))
+    save(tmp_path / "b_1.npz", take, **body, expressions=np.random.default_rng(0).normal(size=(270, 100)))
+    save(tmp_path / "c_1.npz", take, weights=np.ones((270, 7)))
+    save(tmp_path / "d_1.npz", take, opening=np.ones(270))
+    np.savez(tmp_path / "silent.npz", poses=turns)
+    a, b, c, d = takes.from_folder(tmp_path)
+    assert [one.speaker for one in (a, b, c, d)] == ["a", "b", "c", "d"]
+    assert a.seen["body"] == pytest.approx(take.seen["body"], abs=1e-5)
+    assert b.seen["body"] == pytest.approx(take.seen["body"], abs=1e-5)
+    assert a.energy["face"] == pytest.approx(take.energy["face"], abs=1e-5)
+    assert b.seen["face"].shape == (270, 106)
+    assert (c.seen["face"].shape, d.seen["face"].shape) == ((270, 7), (270, 1)) and not set(c.seen) - {"face"}
+    save(tmp_path / "e_1.npz", take, other=np.ones(3))
+    with pytest.raises(ValueError, match="expected poses, weights or opening"):
+        takes.from_folder(tmp_path)
+    with pytest.raises(FileNotFoundError, match="no motion"):
+        takes.from_folder(tmp_path / "nowhere")
+
+
+def test_clips_of_a_speaker_are_joined(tmp_path):
+    for name in ("a_1", "a_2", "a_3", "b_1"):
+        wavfile.write(tmp_path / f"{name}.wav", SAMPLE_RATE, speech(0)[0])
+    found = takes.joined([tmp_path], [], 10.0, 1.0)
+    assert [(one.voice, one.seconds) for one in found] == [("a", 18.0)]
+    assert [one.voice for one in takes.joined([], [tmp_path], 10.0, 0.2)] == [tmp_path.name]
+
+
+def test_the_command_writes_both_tables(tmp_path):
+    for seed in range(4):
+        take = talker(seed, follows=True)
+        turns = Rotation.from_matrix(rotations(take.motion).reshape(-1, 3, 3)).as_rotvec()
+        save(
+            tmp_path / f"s{seed}_1.npz",
+            take,
+            poses=turns.reshape(-1, JOINTS * 3),
+            trans=np.zeros((270, 3)),
+            arkit=take.motion["face"][:, 6:],
+            arkit_names=np.array(ARKIT),
+        )
+    words = f"mismatch --motion people={tmp_path} --seconds 2 --edge 0.5 --folds 2 --steps 2 --jobs 1 --controls"
+    arguments = command._arguments().parse_args([*words.split(), "-o", str(tmp_path / "out")])
+    arguments.run(arguments)
+    found = json.loads((tmp_path / "out" / "mismatch.json").read_text())
+    assert list(found["subjects"])[2] == "people" and len(found["subjects"]) == 3
+    assert found["subjects"]["people"]["network"]["face"].keys() == {"value", "low", "high"}
+    said = (tmp_path / "out" / "mismatch.md").read_text()
+    assert said.count("| people | ") == 2 and "Smooth-BC" in said
