@@ -52,13 +52,7 @@ def _eval(args: argparse.Namespace) -> None:
 
 
 # Settings of the program that `mismatch` judges by default.
-SETTINGS = (
-    "ours=",
-    "ours, live=--horizon 0",
-    "ours, retimed=--retime",
-    "ours, without layers=--layers 0",
-    "ours, excited=--prompt excited",
-)
+SETTINGS = ("default=", "live=--horizon 0", "no-layers=--layers 0", "excited=--prompt excited", "retime=--retime")
 
 
 def _mismatch(args: argparse.Namespace) -> None:
@@ -81,14 +75,15 @@ def _mismatch(args: argparse.Namespace) -> None:
             yield name, takes.from_folder(Path(folder))[: args.most]
         if not args.speech and not args.voices:
             return
-        speech = takes.joined(args.speech, args.voices, 2 * (args.seconds + args.edge), args.minutes)[: args.most]
+        least = 2 * (args.seconds + args.edge) if args.joined is None else args.joined
+        speech = takes.joined(args.speech, args.voices, least, args.minutes)[: args.most]
         umo = program.find(args.umo)
         for name, more in (_named(text) for text in args.setting or SETTINGS):
             yield name, takes.animated(umo, args.model, speech, shlex.split(more), args.seed, work / name)
 
     for name, of in subjects():
         if args.controls and not rows:
-            judge("control: motion of other speech", mismatch.swapped(of))
+            judge("control: motion of other speech", mismatch.swapped(of, args.seed))
             judge("control: motion that also follows loudness", mismatch.puppets(of))
         judge(name, of)
     if not rows:
@@ -200,9 +195,12 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--seconds", type=float, default=4.0, help="length of a window")
     one.add_argument("--edge", type=float, default=0.8, help="seconds at a file's ends that are left out")
     one.add_argument("--minutes", type=float, default=2.0, help="most speech of a speaker")
+    one.add_argument(
+        "--joined", type=float, help="join a speaker's clips to this many seconds (default: two windows and the edges)"
+    )
     one.add_argument("--most", type=int, help="most takes of a subject")
-    one.add_argument("--folds", type=int, default=5)
-    one.add_argument("--steps", type=int, default=300, help="steps of each training")
+    one.add_argument("--folds", type=int, default=3)
+    one.add_argument("--steps", type=int, default=100, help="steps of each training")
     one.add_argument("--jobs", type=int, default=2, help="processes")
     one.add_argument("--controls", action="store_true", help="also judge controls made from the first subject")
     one.add_argument(

@@ -16,7 +16,7 @@ from torch import nn
 from torch.nn import functional
 
 from umo_train.metrics.lips import pearson
-from umo_train.metrics.takes import SEEN, VIEWS, Take
+from umo_train.metrics.takes import SEEN, VIEWS, Take, is_arkit
 from umo_train.performer.lips import JAW
 from umo_train.skeleton import JOINT, JOINT_NAMES, SHAPE
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
@@ -33,6 +33,7 @@ CANDIDATES = 8
 LAGS = 6
 WHOLE = "whole"
 # Channels of the heights of wrists and fingers.
+JAW_OPEN = JAW + SHAPE["jawOpen"]
 HANDS_UP = [3 * i + 1 for i, joint in enumerate(SEEN) if "wrist" in JOINT_NAMES[joint] or joint >= JOINT["left_index1"]]
 
 
@@ -211,8 +212,8 @@ class Options:
 
     seconds: float = 4.0
     edge: float = 0.8
-    folds: int = 5
-    steps: int = 300
+    folds: int = 3
+    steps: int = 100
     seed: int = 0
     jobs: int = 2
 
@@ -267,23 +268,25 @@ def _try(learned: Sequence[Prepared], rows: Sequence[Pair], view: str, window: i
     return margins(train(learned, view, window, options.steps, options.seed), rows, view, window)
 
 
-def swapped(takes: Sequence[Take]) -> list[Take]:
-    """Each take's speech with the next one's motion: only leaks can find the speech, such as a first pose beside a
+def swapped(takes: Sequence[Take], seed: int = 0) -> list[Take]:
+    """Each take's speech with another random one's motion: only leaks can find the speech, such as a first pose beside a
     file's first silence."""
-    return [replace(a, seen=b.seen, energy=b.energy) for a, b in zip(takes, (*takes[1:], takes[0]), strict=True)]
+    order = np.random.default_rng(seed).permutation(len(takes))
+    other = dict(zip(order, np.roll(order, 1), strict=True))
+    return [replace(take, seen=takes[other[i]].seen, energy=takes[other[i]].energy) for i, take in enumerate(takes)]
 
 
 def puppets(takes: Sequence[Take], metres: float = 0.01, opening: float = 0.1) -> list[Take]:
-    """Takes whose hands also rise with the loudness, and whose mouths open, by this much for one deviation of it: what
-    a judge finds if speech and motion do go together."""
+    """Takes whose hands also rise with the loudness, and whose mouths open (without ARKit's coefficients the first one
+    grows), by this much for one deviation of it: what a judge finds if speech and motion do go together."""
 
     def puppet(take: Take) -> Take:
         loud = gaussian_filter1d(take.loudness, 3.0)
         loud = (loud - loud.mean()) / (loud.std() + 1e-9)
         seen = {view: values[: take.frames].copy() for view, values in take.seen.items()}
-        for view, size, channels in (("body", metres, HANDS_UP), ("face", opening, [JAW + SHAPE["jawOpen"]])):
-            if view in seen:
-                seen[view][:, channels] += size * loud[:, None]
+        if "body" in seen:
+            seen["body"][:, HANDS_UP] += metres * loud[:, None]
+        seen["face"][:, JAW_OPEN if is_arkit(seen["face"]) else 0] += opening * loud
         return replace(take, seen=seen)
 
     return [puppet(take) for take in takes]

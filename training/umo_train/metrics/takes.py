@@ -19,7 +19,7 @@ from umo_train.metrics import item, program
 from umo_train.metrics.item import Motion
 from umo_train.metrics.lips import envelope
 from umo_train.metrics.motion import joint_places
-from umo_train.performer.lips import lip_opening
+from umo_train.performer.lips import JAW, lip_opening
 from umo_train.skeleton import ARKIT, JOINT, JOINTS_OF, matrices
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
@@ -70,9 +70,12 @@ def of_motion(name: str, speaker: str, samples: np.ndarray, motion: Motion) -> T
     seen = {"body": body(motion), "face": np.asarray(motion["face"], np.float64)}
     upper = seen["body"][:, : 3 * len(JOINTS_OF["upper"])].reshape(len(seen["body"]), -1, 3)
     speed = np.linalg.norm(np.gradient(upper, axis=0), axis=-1).mean(1)
-    is_arkit = motion["face"].shape[1] == 6 + len(ARKIT)
-    mouth = lip_opening(motion["face"]) if is_arkit else change(seen["face"])
+    mouth = lip_opening(motion["face"]) if is_arkit(motion["face"]) else change(seen["face"])
     return Take(name, speaker, samples, seen, {"body": speed, "face": mouth}, motion)
+
+
+def is_arkit(face: np.ndarray) -> bool:
+    return face.shape[1] == JAW + len(ARKIT)
 
 
 def change(channels: np.ndarray) -> np.ndarray:
@@ -149,7 +152,7 @@ def from_folder(folder: Path) -> list[Take]:
     if (folder / BEAT2_LIST).exists():
         return list(_beat2(folder))
     if (folder / "landmarks_0.npz").exists():
-        return list(_landmarks(folder))
+        return sorted(_landmarks(folder), key=lambda take: take.name)
     takes = [take for path in sorted(folder.rglob("*.npz")) if (take := _beside(path)) is not None]
     if not takes:
         raise FileNotFoundError(f"{folder}: no motion (*.npz) beside its sound ({', '.join(_SOUNDS)})")
