@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,9 @@ from umo_train.speech.utterance import SAMPLE_RATE
 
 SECONDS = 9
 FRAMES = 30 * SECONDS
-WINDOW, EDGE = 45, 15
+WINDOW, EDGE, WINDOWS = 30, 15, 8
 OPTIONS = mismatch.Options(seconds=WINDOW / 30, edge=EDGE / 30, folds=2, steps=30, jobs=1)
-TAKES = 14
+TAKES = 10
 
 
 def speech(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -28,8 +29,8 @@ def speech(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return (0.02 * level * rng.normal(size=len(level))).astype(np.float32), loud
 
 
-def talker(seed: int, *, follows: bool) -> takes.Take:
-    """Somebody whose face and left arm follow the loudness, or another talker's."""
+def talker(seed: int, *, follows: bool = True) -> takes.Take:
+    """Somebody whose jaw and left arm follow the loudness, or another talker's."""
     samples, loud = speech(seed)
     moved = np.log(loud if follows else speech(seed + 1000)[1])
     motion = turned(still(len(moved)), JOINT["left_shoulder"], 0.1 * moved)
@@ -37,25 +38,27 @@ def talker(seed: int, *, follows: bool) -> takes.Take:
     return takes.of_motion(f"take{seed}", f"speaker{seed}", samples, motion)
 
 
-def shares(of: list[takes.Take]) -> dict:
+def only(view: str, of: list[takes.Take]) -> list[takes.Take]:
+    return [replace(take, seen={view: take.seen[view]}, energy={view: take.energy[view]}) for take in of]
+
+
+def finds(of: list[takes.Take]) -> dict:
     return mismatch_report.finds(mismatch.tried(of, OPTIONS), 0)
 
 
 def test_motion_that_follows_the_speech_is_found_and_other_motion_is_not():
-    found = shares([talker(seed, follows=True) for seed in range(TAKES)])
-    assert found["groups"] == TAKES and found["pairs"] == TAKES * 5
-    assert set(found["network"]) == {"whole", "body", "face"}
-    assert all(share.value > 0.9 for share in found["network"].values())
-    assert found["plain"]["face"].value > 0.9
-    other = shares([talker(seed, follows=False) for seed in range(TAKES)])
-    assert all(0.3 < share.value < 0.7 for share in (*other["network"].values(), *other["plain"].values()))
+    found = finds(only("face", [talker(seed) for seed in range(TAKES)]))
+    assert found["groups"] == TAKES and found["pairs"] == TAKES * WINDOWS
+    assert found["network"]["face"].value > 0.9 and found["plain"]["face"].value > 0.9
+    other = finds(only("face", [talker(seed, follows=False) for seed in range(TAKES)]))
+    assert all(0.3 < other[judge]["face"].value < 0.7 for judge in ("network", "plain"))
 
 
 def test_a_puppet_of_the_loudness_is_found_and_its_swapped_motion_is_not():
     of = [takes.of_motion(f"t{i}", f"s{i}", speech(i)[0], swinging(FRAMES, i, 0.05)) for i in range(TAKES)]
-    puppets = mismatch.puppets(of, metres=0.05)
-    assert shares(puppets)["network"]["body"].value > 0.85
-    assert 0.3 < shares(mismatch.swapped(puppets))["network"]["body"].value < 0.7
+    puppets = only("body", mismatch.puppets(of, metres=0.05))
+    assert finds(puppets)["network"]["body"].value > 0.85
+    assert 0.3 < finds(mismatch.swapped(puppets))["network"]["body"].value < 0.7
 
 
 def test_other_speech_is_the_speakers_own_elsewhere_and_as_loud():
@@ -64,7 +67,7 @@ def test_other_speech_is_the_speakers_own_elsewhere_and_as_loud():
     of = [takes.of_motion(f"t{i}", "one" if i < 4 else "two", loud, still(FRAMES)) for i in range(6)]
     prepared = [mismatch.prepare(take, EDGE) for take in of]
     found = mismatch.pairs(prepared, WINDOW, 0)
-    assert len(found) == 6 * 5
+    assert len(found) == 6 * WINDOWS
     for pair in found:
         assert pair.other.take.speaker == pair.motion.take.speaker
         assert pair.other is not pair.motion or abs(pair.other_start - pair.start) >= WINDOW
@@ -85,9 +88,10 @@ def test_a_judge_is_tried_on_speakers_that_it_was_not_trained_on(monkeypatch):
         return np.zeros(len(rows))
 
     monkeypatch.setattr(mismatch, "_try", note)
-    of = [talker(seed, follows=True) for seed in range(6)]
-    tie = mismatch_report.finds(mismatch.tried(of, OPTIONS), 0)["network"]["face"]
-    assert (tie.value, tie.low, tie.high) == (0.5, 0.5, 0.5)
+    of = [talker(seed) for seed in range(6)]
+    network = finds(of)["network"]
+    assert list(network) == ["whole", "body", "face"]
+    assert (network["whole"].value, network["whole"].low, network["whole"].high) == (0.5, 0.5, 0.5)
     assert all(not learned & tried for learned, tried in seen)
     assert set.union(*(tried for _, tried in seen)) == {take.speaker for take in of}
 
@@ -98,7 +102,7 @@ def save(path: Path, take: takes.Take, **arrays: np.ndarray) -> None:
 
 
 def test_folders_of_motion_beside_its_sound_are_read(tmp_path):
-    take = talker(0, follows=True)
+    take = talker(0)
     turns = Rotation.from_matrix(rotations(take.motion).reshape(-1, 3, 3)).as_rotvec().reshape(-1, JOINTS * 3)
     body = {"poses": turns, "trans": np.zeros((FRAMES, 3))}
     save(tmp_path / "a_1.npz", take, **body, arkit=take.motion["face"][:, 6:], arkit_names=np.array(ARKIT))
@@ -130,7 +134,7 @@ def test_clips_of_a_speaker_are_joined(tmp_path):
 
 def test_the_command_writes_both_tables(tmp_path):
     for seed in range(4):
-        take = talker(seed, follows=True)
+        take = talker(seed)
         turns = Rotation.from_matrix(rotations(take.motion).reshape(-1, 3, 3)).as_rotvec()
         save(
             tmp_path / f"s{seed}_1.npz",

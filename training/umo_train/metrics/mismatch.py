@@ -269,8 +269,8 @@ def _try(learned: Sequence[Prepared], rows: Sequence[Pair], view: str, window: i
 
 
 def swapped(takes: Sequence[Take], seed: int = 0) -> list[Take]:
-    """Each take's speech with another random one's motion: only leaks can find the speech, such as a first pose beside a
-    file's first silence."""
+    """Each take's speech with a random other one's motion: only leaks can find the speech, such as a first pose beside
+    a file's first silence."""
     order = np.random.default_rng(seed).permutation(len(takes))
     other = dict(zip(order, np.roll(order, 1), strict=True))
     return [replace(take, seen=takes[other[i]].seen, energy=takes[other[i]].energy) for i, take in enumerate(takes)]
