@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 from scipy.io import wavfile
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from metrics_motion import still, swinging, turned
+from test_data_beat2 import write_clips
 from umo_train.metrics import __main__ as command
 from umo_train.metrics import mismatch, mismatch_report, takes
 from umo_train.skeleton import ARKIT, JOINT, JOINTS, rotations
@@ -122,6 +124,27 @@ def test_folders_of_motion_beside_its_sound_are_read(tmp_path):
         takes.from_folder(tmp_path)
     with pytest.raises(FileNotFoundError, match="no motion"):
         takes.from_folder(tmp_path / "nowhere")
+
+
+def test_folders_of_beat2_and_of_landmarks_are_read(tmp_path):
+    clips = takes.from_folder(write_clips(tmp_path))
+    assert [(one.name, one.speaker) for one in clips] == [
+        ("2_scott_0_1_1", "2"),
+        ("10_kieks_0_1_1", "10"),
+        ("2_scott_0_2_2", "2"),
+    ]
+    assert all(one.seen["face"].shape == (61, 106) and one.motion is not None for one in clips)
+    (tmp_path / "talker" / "audio").mkdir(parents=True)
+    order = sorted({point for pair in (*takes._DISTANCES, takes._EYES) for point in pair})
+    places = np.zeros((1, 75, len(order), 3), np.int16)
+    places[..., order.index(33), 0] = 160
+    places[0, :, order.index(14), 1] = np.arange(75)
+    np.savez(tmp_path / "talker" / "landmarks_0.npz", names=["one"], index=order, landmarks=places)
+    soundfile.write(tmp_path / "talker" / "audio" / "one.opus", np.zeros(72000), 24000, format="OGG", subtype="OPUS")
+    talker = takes.from_folder(tmp_path / "talker")[0]
+    assert (talker.name, talker.speaker, set(talker.seen)) == ("one", "talker", {"face"})
+    # 75 frames at 25 a second are 89 at 30; the lips part by a 160th of the eyes' distance in each of the former.
+    assert talker.energy["face"] == pytest.approx(np.arange(89) * 25 / 30 / 160)
 
 
 def test_clips_of_a_speaker_are_joined(tmp_path):

@@ -98,14 +98,16 @@ def animated(
     # A batch has it in its lines.
     own.add_argument("--prompt")
     given, others = own.parse_known_args(arguments)
+    # The program knows a finished line by its whole path.
+    work = work.resolve()
     work.mkdir(parents=True, exist_ok=True)
     lines, paths = [], []
     for one in speech:
-        sound = (work.parent / "speech" / f"{one.name}.wav").resolve()
+        sound = work.parent / "speech" / f"{one.name}.wav"
         if not sound.exists():
             sound.parent.mkdir(exist_ok=True)
             wavfile.write(sound, SAMPLE_RATE, one.samples)
-        paths.append((work / f"{one.name}.npz").resolve())
+        paths.append(work / f"{one.name}.npz")
         line = {"file": str(sound), "output": paths[-1].name} | ({"prompt": given.prompt} if given.prompt else {})
         lines.append(json.dumps(line))
     manifest = work / "manifest.jsonl"
