@@ -71,12 +71,12 @@ def test_other_speech_is_the_speakers_own_elsewhere_and_as_loud():
     found = mismatch.pairs(prepared, WINDOW, 0)
     assert len(found) == 6 * WINDOWS
     for pair in found:
-        assert pair.other.take.speaker == pair.motion.take.speaker
+        assert pair.other.speaker == pair.motion.speaker
         assert pair.other is not pair.motion or abs(pair.other_start - pair.start) >= WINDOW
         assert min(pair.start, pair.other_start) >= EDGE and max(pair.start, pair.other_start) <= FRAMES - EDGE - WINDOW
 
     def level(one: mismatch.Prepared, start: int) -> float:
-        return one.take.loudness[start : start + WINDOW].mean()
+        return one.loudness[start : start + WINDOW].mean()
 
     apart = [abs(level(pair.motion, pair.start) - level(pair.other, pair.other_start)) for pair in found]
     assert np.median(apart) < 0.2 * of[0].loudness.max()
@@ -86,7 +86,7 @@ def test_a_judge_is_tried_on_speakers_that_it_was_not_trained_on(monkeypatch):
     seen: list[tuple[set[str], set[str]]] = []
 
     def note(learned, rows, view, window, options):
-        seen.append(({p.take.speaker for p in learned}, {p.motion.take.speaker for p in rows}))
+        seen.append(({p.speaker for p in learned}, {p.motion.speaker for p in rows}))
         return np.zeros(len(rows))
 
     monkeypatch.setattr(mismatch, "_try", note)
@@ -174,4 +174,4 @@ def test_the_command_writes_both_tables(tmp_path):
     assert list(found["subjects"])[2] == "people" and len(found["subjects"]) == 3
     assert found["subjects"]["people"]["network"]["face"].keys() == {"value", "low", "high"}
     said = (tmp_path / "out" / "mismatch.md").read_text()
-    assert said.count("| people | ") == 2 and "Smooth-BC" in said
+    assert said.count("| people | ") == 2 and said.count("| control: ") == 2 and "Smooth-BC" in said

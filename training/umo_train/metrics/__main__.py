@@ -60,15 +60,18 @@ def _mismatch(args: argparse.Namespace) -> None:
 
     options = mismatch.Options(args.seconds, args.edge, args.folds, args.steps, args.seed, args.jobs)
     work = args.work or args.output / "motion"
+    about = asdict(options) | {"minutes_per_speaker": args.minutes}
     rows: dict[str, dict] = {}
 
     def judge(name: str, of: list[takes.Take]) -> None:
         rows[name] = mismatch_report.finds(mismatch.tried(of, options), args.seed)
-        if all(take.motion is not None for take in of):
-            rows[name]["protocols"] = mismatch_report.protocols(of, args.seed)
         print(
             name, *(f"{view} {share.said(100, '.1f')} %" for view, share in rows[name]["network"].items()), flush=True
         )
+        if all(take.motion is not None for take in of):
+            rows[name]["protocols"] = mismatch_report.protocols(of, args.seed)
+        # After each subject, as a run takes minutes.
+        mismatch_report.write(args.output, rows, about)
 
     def subjects() -> Iterator[tuple[str, list[takes.Take]]]:
         for name, folder in (_named(text) for text in args.motion):
@@ -88,8 +91,7 @@ def _mismatch(args: argparse.Namespace) -> None:
         judge(name, of)
     if not rows:
         raise SystemExit("nothing to judge: give --motion, --speech or --voices")
-    about = asdict(options) | {"minutes_per_speaker": args.minutes}
-    print(mismatch_report.write(args.output, rows, about), end="")
+    print(mismatch_report.text(rows), end="")
 
 
 def _named(text: str) -> tuple[str, str]:

@@ -62,10 +62,13 @@ def _moving(channels: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A take as the networks read it; frames before `first` and from `last` on are left out, where silence and a first
-    pose show a file's ends."""
+    """A take as judges read it, without the rest, as it is sent to processes. Frames before `first` and from `last` on
+    are left out, where silence and a first pose show a file's ends."""
 
-    take: Take
+    name: str
+    speaker: str
+    loudness: np.ndarray
+    energy: Mapping[str, np.ndarray]
     speech: np.ndarray
     motion: Mapping[str, np.ndarray]
     first: int
@@ -75,7 +78,8 @@ class Prepared:
 def prepare(take: Take, edge: int) -> Prepared:
     frames = take.frames
     motion = {view: _moving(take.seen[view][:frames]) for view in VIEWS if view in take.seen}
-    return Prepared(take, heard(take.samples, frames), motion, edge, frames - edge)
+    speech = heard(take.samples, frames)
+    return Prepared(take.name, take.speaker, take.loudness, take.energy, speech, motion, edge, frames - edge)
 
 
 class Encoder(nn.Module):
@@ -158,17 +162,15 @@ def pairs(prepared: Sequence[Prepared], window: int, seed: int) -> list[Pair]:
     places: dict[str, list[tuple[Prepared, int]]] = {}
     for one in prepared:
         starts = range(one.first, one.last - window + 1, FRAME_RATE // 2)
-        places.setdefault(one.take.speaker, []).extend((one, start) for start in starts)
+        places.setdefault(one.speaker, []).extend((one, start) for start in starts)
 
     def levels(one: Prepared, start: int) -> np.ndarray:
-        return np.sort(np.log(one.take.loudness[start : start + window] + 1e-4))
+        return np.sort(np.log(one.loudness[start : start + window] + 1e-4))
 
     out = []
     for one in prepared:
         for start in range(one.first, one.last - window + 1, window):
-            able = [
-                place for place in places[one.take.speaker] if place[0] is not one or abs(place[1] - start) >= window
-            ]
+            able = [place for place in places[one.speaker] if place[0] is not one or abs(place[1] - start) >= window]
             if able:
                 drawn = [able[i] for i in rng.permutation(len(able))[:CANDIDATES]]
                 own = levels(one, start)
@@ -195,10 +197,10 @@ def margins(judge: Judge, rows: Sequence[Pair], view: str, window: int) -> np.nd
 
 def plain_margin(pair: Pair, view: str, window: int) -> float:
     """The same of a judge without a network: correlation of the view's energy with the loudness at its best lag."""
-    energy = pair.motion.take.energy[view][pair.start : pair.start + window]
+    energy = pair.motion.energy[view][pair.start : pair.start + window]
 
     def best(one: Prepared, start: int) -> float:
-        loud = one.take.loudness[start : start + window]
+        loud = one.loudness[start : start + window]
         inner = slice(LAGS, len(loud) - LAGS)
         return max(pearson(energy[inner], loud[LAGS + lag : len(loud) - LAGS + lag]) for lag in range(-LAGS, LAGS + 1))
 
@@ -235,10 +237,10 @@ def tried(takes: Sequence[Take], options: Options) -> Tried:
     window = round(options.seconds * FRAME_RATE)
     prepared = [prepare(take, round(options.edge * FRAME_RATE)) for take in takes]
     prepared = [one for one in prepared if one.last - one.first >= window]
-    by_speaker = len({one.take.speaker for one in prepared}) >= options.folds
+    by_speaker = len({one.speaker for one in prepared}) >= options.folds
 
     def group(one: Prepared) -> str:
-        return one.take.speaker if by_speaker else one.take.name
+        return one.speaker if by_speaker else one.name
 
     names = np.random.default_rng(options.seed).permutation(sorted({group(one) for one in prepared}))
     if len(names) < 2:
@@ -273,7 +275,10 @@ def swapped(takes: Sequence[Take], seed: int = 0) -> list[Take]:
     a file's first silence."""
     order = np.random.default_rng(seed).permutation(len(takes))
     other = dict(zip(order, np.roll(order, 1), strict=True))
-    return [replace(take, seen=takes[other[i]].seen, energy=takes[other[i]].energy) for i, take in enumerate(takes)]
+    return [
+        replace(take, seen=takes[other[i]].seen, energy=takes[other[i]].energy, motion=None)
+        for i, take in enumerate(takes)
+    ]
 
 
 def puppets(takes: Sequence[Take], metres: float = 0.01, opening: float = 0.1) -> list[Take]:
@@ -287,6 +292,6 @@ def puppets(takes: Sequence[Take], metres: float = 0.01, opening: float = 0.1) -
         if "body" in seen:
             seen["body"][:, HANDS_UP] += metres * loud[:, None]
         seen["face"][:, JAW_OPEN if is_arkit(seen["face"]) else 0] += opening * loud
-        return replace(take, seen=seen)
+        return replace(take, seen=seen, motion=None)
 
     return [puppet(take) for take in takes]

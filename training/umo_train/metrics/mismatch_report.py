@@ -117,10 +117,9 @@ def text(rows: Mapping[str, dict[str, Any]]) -> str:
     return out
 
 
-def write(folder: Path, rows: Mapping[str, dict[str, Any]], about: Mapping[str, Any]) -> str:
-    """`mismatch.json` and `mismatch.md`; returns the tables."""
+def write(folder: Path, rows: Mapping[str, dict[str, Any]], about: Mapping[str, Any]) -> None:
+    """`mismatch.json` and `mismatch.md`."""
     folder.mkdir(parents=True, exist_ok=True)
     found = {"about": about, "subjects": rows}
     (folder / "mismatch.json").write_text(json.dumps(found, indent=1, default=asdict) + "\n")
-    (folder / "mismatch.md").write_text(said := text(rows))
-    return said
+    (folder / "mismatch.md").write_text(text(rows))
