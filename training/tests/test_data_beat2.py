@@ -44,18 +44,17 @@ def write_words(path: Path, *tiers: tuple[str, list]) -> None:
     path.write_text(grid.replace("size = 2", f"size = {len(tiers)}", 1))
 
 
-@pytest.fixture
-def root(tmp_path):
+def write_clips(root: Path) -> Path:
     """BEAT2's folders and files."""
     random = np.random.default_rng(0)
     for part in ("smplxflame_30", "wave16k", "textgrid"):
-        (tmp_path / part).mkdir()
+        (root / part).mkdir()
     rows = "".join(f"{name},{split}\n" for name, split in NAMES.items())
-    (tmp_path / "train_test_split.csv").write_text("id,type\n" + rows)
+    (root / "train_test_split.csv").write_text("id,type\n" + rows)
     for name in NAMES:
         poses = 0.2 * random.normal(size=(FRAMES, 165))
         np.savez(
-            tmp_path / "smplxflame_30" / f"{name}.npz",
+            root / "smplxflame_30" / f"{name}.npz",
             betas=np.zeros(300),
             poses=poses,
             expressions=random.normal(size=(FRAMES, 100)),
@@ -65,9 +64,14 @@ def root(tmp_path):
             mocap_frame_rate=30,
         )
         time = np.arange(int(2.1 * RATE)) / RATE
-        soundfile.write(tmp_path / "wave16k" / f"{name}.wav", 0.5 * np.sin(2 * np.pi * 220 * time), RATE)
-        write_words(tmp_path / "textgrid" / f"{name}.TextGrid", ("words", WORDS), ("phones", SOUNDS))
-    return tmp_path
+        soundfile.write(root / "wave16k" / f"{name}.wav", 0.5 * np.sin(2 * np.pi * 220 * time), RATE)
+        write_words(root / "textgrid" / f"{name}.TextGrid", ("words", WORDS), ("phones", SOUNDS))
+    return root
+
+
+@pytest.fixture
+def root(tmp_path):
+    return write_clips(tmp_path)
 
 
 def test_splits_and_speakers_are_chosen(root):

@@ -12,7 +12,8 @@ from umo_train.data.clip import Clip, DataError, file, folder
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, Utterance
 
 SPLITS = ("train", "val", "test", "additional")
-_MOTION, _SPEECH, _WORDS, _SPLIT = "smplxflame_30", "wave16k", "textgrid", "train_test_split.csv"
+LIST = "train_test_split.csv"
+_MOTION, _SPEECH, _WORDS = "smplxflame_30", "wave16k", "textgrid"
 _FETCH = "fetch the data set BEAT2, and name the folder of one language, such as beat_english_v2.0.0"
 # Number of face values after the jaw.
 EXPRESSION = 100
@@ -25,9 +26,9 @@ def beat2(root: Path, split: str, speakers: Collection[int] | None = None) -> It
     folder(root, _FETCH)
     for part in (_MOTION, _SPEECH, _WORDS):
         folder(root / part, _FETCH)
-    names = _names(file(root / _SPLIT, _FETCH), split, speakers)
+    names = _names(file(root / LIST, _FETCH), split, speakers)
     if not names:
-        raise DataError(f"{root / _SPLIT}: no clip of the split `{split}`{_of(speakers)}")
+        raise DataError(f"{root / LIST}: no clip of the split `{split}`{_of(speakers)}")
     return (_clip(root, name) for name in names)
 
 
@@ -53,11 +54,11 @@ def _names(path: Path, split: str, speakers: Collection[int] | None) -> list[str
 
 
 def _clip(root: Path, name: str) -> Clip:
-    listed = f"{_SPLIT} lists it: fetch it, or take its line out"
+    listed = f"{LIST} lists it: fetch it, or take its line out"
     path = file(root / _MOTION / f"{name}.npz", listed)
     sound = recording.samples(file(root / _SPEECH / f"{name}.wav", listed))
     words_file = file(root / _WORDS / f"{name}.TextGrid", listed)
-    motion, translation = _motion(path)
+    motion, translation = read_motion(path)
     # Motion and sound end at slightly different times.
     frames = min(len(translation), len(sound) * FRAME_RATE // SAMPLE_RATE)
     if frames == 0:
@@ -70,7 +71,8 @@ def _clip(root: Path, name: str) -> Clip:
     return Clip(name, str(speaker(name)), speech, motion, translation[:frames])
 
 
-def _motion(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def read_motion(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Channels of the four parts, and the pelvis' positions, of a motion file."""
     arrays = smplx.load(path, ("poses", "trans", "expressions"), ("mocap_frame_rate",))
     rate = float(arrays.get("mocap_frame_rate", FRAME_RATE))
     matrices, translation, face = smplx.pose(path, arrays["poses"]), arrays["trans"], arrays["expressions"]

@@ -5,7 +5,9 @@
 | `item` | speech with its motion, and its file format |
 | `motion` | joint positions, jerk, foot slide, use of codes and experts |
 | `lips` | mouth compared with a reference, closures, stillness, the speech's envelope |
-| `beat` | beat constancy, and its ratio to that of shifted audio |
+| `beat` | beat constancy, its ratio to that of shifted audio, and Smooth-BC, which jitter does not raise |
+| `genea` | beat alignment and diversity by the definitions of GENEA's leaderboard |
+| `takes`, `mismatch`, `mismatch_report` | speech with motion from anywhere; a judge that finds a motion's speech |
 | `fgd` | Frechet distance in the features of a motion auto-encoder |
 | `diversity` | L1 diversity; separability of prompts |
 | `conditions`, `languages`, `interval` | speech over noise and in eleven languages; 95 % intervals |

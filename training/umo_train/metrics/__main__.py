@@ -1,8 +1,11 @@
-"""`python -m umo_train.metrics`: `eval`, `conditions`, `languages`, `agreement`, `sheet`, `autoencoder` and `table`."""
+"""`python -m umo_train.metrics`: `eval`, `mismatch`, `conditions`, `languages`, `agreement`, `sheet`, `autoencoder` and
+`table`."""
 
 import argparse
 import json
 import shlex
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +57,54 @@ def _eval(args: argparse.Namespace) -> None:
             f"{'met   ' if bar.met else 'missed'}  {bar.name}: {value} ({'>=' if bar.at_least else '<='} {bar.bar:g})"
         )
     print(args.output / "report.html")
+
+
+# Settings of the program that `mismatch` judges by default.
+SETTINGS = ("default=", "live=--horizon 0", "no-layers=--layers 0", "excited=--prompt excited", "retime=--retime")
+
+
+def _mismatch(args: argparse.Namespace) -> None:
+    from umo_train.metrics import mismatch, mismatch_report, takes
+
+    options = mismatch.Options(args.seconds, args.edge, args.folds, args.steps, args.seed, args.jobs)
+    work = args.work or args.output / "motion"
+    about = asdict(options) | {"minutes_per_speaker": args.minutes}
+    rows: dict[str, dict] = {}
+
+    def judge(name: str, of: list[takes.Take]) -> None:
+        rows[name] = mismatch_report.finds(mismatch.tried(of, options), args.seed)
+        print(
+            name, *(f"{view} {share.said(100, '.1f')} %" for view, share in rows[name]["network"].items()), flush=True
+        )
+        if all(take.motion is not None for take in of):
+            rows[name]["protocols"] = mismatch_report.protocols(of, args.seed)
+        # After each subject, as a run takes minutes.
+        mismatch_report.write(args.output, rows, about)
+
+    def subjects() -> Iterator[tuple[str, list[takes.Take]]]:
+        for name, folder in (_named(text) for text in args.motion):
+            yield name, takes.from_folder(Path(folder))[: args.most]
+        if not args.speech and not args.voices:
+            return
+        least = 2 * (args.seconds + args.edge) if args.joined is None else args.joined
+        speech = takes.joined(args.speech, args.voices, least, args.minutes)[: args.most]
+        umo = program.find(args.umo)
+        for name, more in (_named(text) for text in args.setting or SETTINGS):
+            yield name, takes.animated(umo, args.model, speech, shlex.split(more), args.seed, work / name)
+
+    for name, of in subjects():
+        if args.controls and not rows:
+            judge("control: motion of other speech", mismatch.swapped(of, args.seed))
+            judge("control: motion that also follows loudness", mismatch.puppets(of))
+        judge(name, of)
+    if not rows:
+        raise SystemExit("nothing to judge: give --motion, --speech or --voices")
+    print(mismatch_report.text(rows), end="")
+
+
+def _named(text: str) -> tuple[str, str]:
+    name, _, value = text.partition("=")
+    return name, value
 
 
 def _agreement(args: argparse.Namespace) -> None:
@@ -190,6 +241,46 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--seconds", type=float, default=12, help="length of a take of a speaker's recordings")
     one.add_argument("--most", type=int, default=3, help="maximum number of takes per speaker")
     speech_as_it_is("languages", _languages, "Measure closures in eleven languages by synthesisers: Markdown and JSON")
+
+    one = command(
+        "mismatch",
+        _mismatch,
+        "Find a motion's speech among other speech of its speaker with a judge network: mismatch.md and mismatch.json",
+    )
+    one.add_argument(
+        "--speech",
+        type=Path,
+        nargs="+",
+        default=[],
+        help="folders of recordings to animate, a file's first word being its speaker",
+    )
+    one.add_argument(
+        "--voices", type=Path, nargs="+", default=[], help="folders of recordings to animate, each of one speaker"
+    )
+    one.add_argument("--setting", action="append", help="NAME=ARGUMENTS of `umo animate` to judge (default: five)")
+    one.add_argument(
+        "--motion",
+        action="append",
+        default=[],
+        help="NAME=FOLDER of motion beside its sound, of BEAT2, or of landmarks",
+    )
+    one.add_argument("--model", type=Path, help="model file (default: the embedded one)")
+    one.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
+    one.add_argument("--seconds", type=float, default=4.0, help="length of a window")
+    one.add_argument("--edge", type=float, default=0.8, help="seconds at a file's ends that are left out")
+    one.add_argument("--minutes", type=float, default=2.0, help="most speech of a speaker")
+    one.add_argument(
+        "--joined", type=float, help="join a speaker's clips to this many seconds (default: two windows and the edges)"
+    )
+    one.add_argument("--most", type=int, help="most takes of a subject")
+    one.add_argument("--folds", type=int, default=3)
+    one.add_argument("--steps", type=int, default=100, help="steps of each training")
+    one.add_argument("--jobs", type=int, default=2, help="processes")
+    one.add_argument("--controls", action="store_true", help="also judge controls made from the first subject")
+    one.add_argument(
+        "--work", type=Path, help="folder that keeps motion for the next run (default: motion in the output)"
+    )
+    one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
 
     one = command("agreement", _agreement, "Compare greedy codes of quantised models with the exact model's")
     one.add_argument("models", nargs="+", type=Path)

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import argrelmin
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import argrelmin, find_peaks
 
 from umo_train.metrics.item import Item, Motion
-from umo_train.metrics.motion import joint_speed
+from umo_train.metrics.motion import joint_places, joint_speed
+from umo_train.skeleton import JOINTS_OF
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 # BEAT's, seconds.
@@ -18,6 +20,9 @@ SIGMA_S = 0.3
 SHARP_SIGMA_S = 0.1
 # A minimum must be the lowest within this many frames on each side, as in BEAT's code.
 ORDER = 7
+# Smooth-BC: standard deviation of the positions' low-pass, frames (-3 dB at 2 Hz). A minimum of the speed counts if its
+# shallower side is deeper than `DEPTH_M_S` and this share of the speed that the low-pass removes, which is jitter.
+SMOOTHED, DEPTH_M_S, OF_JITTER = 2.0, 0.03, 0.4
 # Shifts of the audio, seconds: at least 0.4, so that a syllable does not meet its neighbour's gesture, and not
 # multiples of each other, so that a steady rhythm does not always meet itself.
 SHIFTS_S = (0.43, 0.71, 1.13, 1.57, 2.03, 2.69)
@@ -42,6 +47,22 @@ def stressed(item: Item) -> np.ndarray:
 def turning_points(motion: Motion) -> np.ndarray:
     """Times of minimal mean speed of the upper body, seconds."""
     return argrelmin(joint_speed(motion), order=ORDER)[0] / FRAME_RATE
+
+
+def smooth_turning_points(motion: Motion) -> np.ndarray:
+    """Turning points that jitter does not make, for Smooth-BC, seconds: minima of the mean speed of the smoothed upper
+    body that stand out of it.
+
+    arXiv 2601.04236 names such a measure; its text was not at hand, so that the definition is ours.
+    """
+    places = joint_places(motion, walking=False)[:, JOINTS_OF["upper"]]
+    smooth = gaussian_filter1d(places, SMOOTHED, axis=0)
+
+    def speed(at: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(np.gradient(at, 1 / FRAME_RATE, axis=0), axis=-1).mean(1)
+
+    depth = DEPTH_M_S + OF_JITTER * np.median(speed(places - smooth))
+    return find_peaks(-speed(smooth), prominence=depth)[0] / FRAME_RATE
 
 
 def constancy(events: np.ndarray, turns: np.ndarray, sigma: float = SIGMA_S) -> float:
