@@ -172,6 +172,6 @@ def test_the_command_writes_both_tables(tmp_path):
     arguments.run(arguments)
     found = json.loads((tmp_path / "out" / "mismatch.json").read_text())
     assert list(found["subjects"])[2] == "people" and len(found["subjects"]) == 3
-    assert found["subjects"]["people"]["network"]["face"].keys() == {"value", "low", "high"}
+    assert found["subjects"]["people"]["network"]["face"].keys() == {"value", "low", "high", "count"}
     said = (tmp_path / "out" / "mismatch.md").read_text()
     assert said.count("| people | ") == 2 and said.count("| control: ") == 2 and "Smooth-BC" in said

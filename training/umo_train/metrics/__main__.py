@@ -73,9 +73,7 @@ def _mismatch(args: argparse.Namespace) -> None:
 
     def judge(name: str, of: list[takes.Take]) -> None:
         rows[name] = mismatch_report.finds(mismatch.tried(of, options), args.seed)
-        print(
-            name, *(f"{view} {share.said(100, '.1f')} %" for view, share in rows[name]["network"].items()), flush=True
-        )
+        print(name, *(f"{view} {share.text(1, 100)} %" for view, share in rows[name]["network"].items()), flush=True)
         if all(take.motion is not None for take in of):
             rows[name]["protocols"] = mismatch_report.protocols(of, args.seed)
         # After each subject, as a run takes minutes.

@@ -1,6 +1,6 @@
-"""Numbers with their 95 % intervals: bootstrap over recordings."""
+"""Numbers with their 95 % intervals: bootstrap over recordings, or over groups of them such as speakers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,11 +33,20 @@ def mean(values: np.ndarray) -> Estimate:
     return bootstrap(np.asarray(values, np.float64)[:, None], lambda rows: rows[..., 0].mean(-1))
 
 
-def ratio(values: np.ndarray, references: np.ndarray) -> Estimate:
+def grouped_mean(
+    values: np.ndarray, groups: Sequence[str], seed: int = 0, weights: np.ndarray | None = None
+) -> Estimate:
+    """Weighted mean; whole groups are drawn again."""
+    index = np.unique(groups, return_inverse=True)[1]
+    weights = np.ones(len(values)) if weights is None else weights
+    return ratio(np.bincount(index, weights * values), np.bincount(index, weights), seed)
+
+
+def ratio(values: np.ndarray, references: np.ndarray, seed: int = 0) -> Estimate:
     """Ratio of sums, as of shares whose parts differ in size; NaN if the references are 0."""
 
     def divided(rows: np.ndarray) -> np.ndarray:
         above, below = rows[..., 0].sum(-1), rows[..., 1].sum(-1)
         return np.divide(above, below, out=np.full(np.shape(below), np.nan), where=np.asarray(below) != 0)
 
-    return bootstrap(np.stack([values, references], 1).astype(np.float64), divided)
+    return bootstrap(np.stack([values, references], 1).astype(np.float64), divided, seed)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,39 +10,17 @@ import numpy as np
 
 from umo_train import markdown
 from umo_train.metrics import beat, genea
+from umo_train.metrics.interval import Estimate
+from umo_train.metrics.interval import grouped_mean as mean
 from umo_train.metrics.mismatch import WHOLE, Tried
 from umo_train.metrics.takes import VIEWS, Take
 from umo_train.speech.utterance import FRAME_RATE
-
-DRAWS = 4000
-
-
-@dataclass(frozen=True)
-class Mean:
-    """A weighted mean and its 95 % interval, a bootstrap over groups: speakers, or recordings."""
-
-    value: float
-    low: float
-    high: float
-
-    def said(self, scale: float = 1.0, form: str = ".2f") -> str:
-        value, low, high = (format(scale * number, form) for number in (self.value, self.low, self.high))
-        return f"{value} ({low}–{high})"
-
-
-def mean(values: np.ndarray, groups: Sequence[str], seed: int, weights: np.ndarray | None = None) -> Mean:
-    names, index = np.unique(groups, return_inverse=True)
-    weights = np.ones(len(values)) if weights is None else weights
-    sums, counts = np.bincount(index, weights * values), np.bincount(index, weights)
-    drawn = np.random.default_rng(seed).integers(len(names), size=(DRAWS, len(names)))
-    low, high = np.percentile(sums[drawn].sum(1) / counts[drawn].sum(1), [2.5, 97.5])
-    return Mean(float(sums.sum() / counts.sum()), float(low), float(high))
 
 
 def finds(tried: Tried, seed: int) -> dict[str, Any]:
     """Shares of pairs whose right speech was found, by judge and view; a tie is half a find."""
 
-    def shares(margins: Mapping[str, np.ndarray]) -> dict[str, Mean]:
+    def shares(margins: Mapping[str, np.ndarray]) -> dict[str, Estimate]:
         return {
             view: mean(np.where(values == 0, 0.5, values > 0), tried.groups, seed) for view, values in margins.items()
         }
@@ -55,7 +33,7 @@ def finds(tried: Tried, seed: int) -> dict[str, Any]:
     }
 
 
-def protocols(takes: Sequence[Take], seed: int) -> dict[str, Mean]:
+def protocols(takes: Sequence[Take], seed: int) -> dict[str, Estimate]:
     """GENEA's beat alignment and diversity, beat constancy and Smooth-BC, means over takes and intervals over them."""
     names = [take.name for take in takes]
     frames = np.array([len(take.motion["face"]) for take in takes], np.float64)
@@ -82,16 +60,16 @@ def protocols(takes: Sequence[Take], seed: int) -> dict[str, Mean]:
 
 
 _MEASURES = (
-    ("beat alignment, onsets to motion", "alignment_to_motion", ".3f"),
-    ("motion to onsets", "alignment_to_audio", ".3f"),
-    ("L1 diversity, m", "l1_diversity", ".2f"),
-    ("variance of the pose, rad²", "pose_variance", ".4f"),
-    ("BC", "bc", ".3f"),
-    ("its turns a second", "bc_turns", ".2f"),
-    ("BC over shifted audio", "bc_ratio", ".3f"),
-    ("Smooth-BC", "smooth_bc", ".3f"),
-    ("its turns a second", "smooth_bc_turns", ".2f"),
-    ("Smooth-BC over shifted audio", "smooth_bc_ratio", ".3f"),
+    ("beat alignment, onsets to motion", "alignment_to_motion", 3),
+    ("motion to onsets", "alignment_to_audio", 3),
+    ("L1 diversity, m", "l1_diversity", 2),
+    ("variance of the pose, rad²", "pose_variance", 4),
+    ("BC", "bc", 3),
+    ("its turns a second", "bc_turns", 2),
+    ("BC over shifted audio", "bc_ratio", 3),
+    ("Smooth-BC", "smooth_bc", 3),
+    ("its turns a second", "smooth_bc_turns", 2),
+    ("Smooth-BC over shifted audio", "smooth_bc_ratio", 3),
 )
 
 
@@ -99,7 +77,7 @@ def text(rows: Mapping[str, dict[str, Any]]) -> str:
     """Both tables in Markdown. A row has the `finds` of a subject, and its `protocols` if it has a body."""
 
     def share(judge: str, view: str) -> Callable[[dict[str, Any]], str]:
-        return lambda row: row[judge][view].said(100, ".1f") if view in row[judge] else "–"
+        return lambda row: row[judge][view].text(1, 100) if view in row[judge] else "–"
 
     names = {WHOLE: "whole", "body": "body without face", "face": "face alone"}
     columns = [(names[view], share("network", view)) for view in (WHOLE, *VIEWS)]
@@ -108,11 +86,11 @@ def text(rows: Mapping[str, dict[str, Any]]) -> str:
     out = "Right speech found, % of pairs (95 %), chance 50:\n\n" + markdown.table(columns, rows)
     bodies = {name: row for name, row in rows.items() if "protocols" in row}
 
-    def measure(name: str, form: str) -> Callable[[dict[str, Any]], str]:
-        return lambda row: row["protocols"][name].said(1, form)
+    def measure(name: str, places: int) -> Callable[[dict[str, Any]], str]:
+        return lambda row: row["protocols"][name].text(places)
 
     if bodies:
-        columns = [(heading, measure(name, form)) for heading, name, form in _MEASURES]
+        columns = [(heading, measure(name, places)) for heading, name, places in _MEASURES]
         out += "\nGENEA's definitions on other audio, BC and Smooth-BC (95 %):\n\n" + markdown.table(columns, bodies)
     return out
 
