@@ -151,7 +151,7 @@ def judge_osc(datagrams: list[bytes], take: Take) -> list[Message]:
     wrong = {name: np.abs(values[spoken] - take.shape(name, times)) for name, values in shapes.items()}
     worst = max(take.face_names, key=lambda name: wrong[name].max())
     report.within(f"ARKit's shapes as in .npz, {late:.3f} s later: {worst}", wrong[worst].max(), 0.001)
-    # Vowels are no linear function of the shapes, and a file has them only at its frames.
+    # Vowels do not depend linearly on the shapes, and a file has them only at its frames.
     is_near = np.abs(times[:, None] - take.times).min(axis=1) < NEAR
     worst = max(VRM0, key=lambda name: wrong[name][is_near].max())
     report.within(f"vowels and blinks as in .vrma: {worst}", wrong[worst][is_near].max(), 0.02)
