@@ -71,7 +71,7 @@ impl Sender {
         say("/VMC/Ext/T", vec![OscType::Float(seconds as f32)]);
         say("/VMC/Ext/Root/Pos", place("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]));
         for (joint, name) in UNITY_BONES.iter().enumerate() {
-            let (at, turn) = self.from_t_pose(pose, joint);
+            let (at, turn) = self.relative_to_t_pose(pose, joint);
             say("/VMC/Ext/Bone/Pos", place(name, at.map(|x| x * self.scale), turn));
         }
         let mut value = |name: &str, value: f32| {
@@ -92,7 +92,7 @@ impl Sender {
     }
 
     /// Returns the position and rotation of a joint relative to its parent, for bones that have no rotation in the T-pose.
-    fn from_t_pose(&self, pose: &Pose, joint: usize) -> ([f32; 3], Quat) {
+    fn relative_to_t_pose(&self, pose: &Pose, joint: usize) -> ([f32; 3], Quat) {
         let offset = self.offsets[joint];
         let Ok(parent) = usize::try_from(self.parents[joint]) else {
             let at = std::array::from_fn(|axis| offset[axis] + pose.translation[axis]);
