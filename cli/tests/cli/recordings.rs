@@ -83,7 +83,8 @@ fn other_formats_give_the_same_motion() {
     }
     for name in ["phone.aifc", "phone-pcm_mulaw.wav", "phone-pcm_alaw.wav", "phone-adpcm_ms.wav"] {
         let r = correlation(&jaw(&folder, &file(name)).0, &plain);
-        assert!(r >= 0.8, "{name}: {r}");
+        // In half a second one sampled code, which may differ between processors, takes a quarter of it; noise has 0.
+        assert!(r >= 0.6, "{name}: {r}");
     }
     let plain = jaw(&folder, &file("hello.wav")).0;
     assert_eq!(plain.len(), 30);
