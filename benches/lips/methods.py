@@ -75,16 +75,10 @@ def write_wav(path: Path, samples: np.ndarray, rate: int) -> None:
 
 
 def arkit_mouth(coefficients: np.ndarray) -> np.ndarray:
-    """ARKit's 52 coefficients `[T, 52]` to the mouth `[T, 3]`: the lips' distance of `lip_opening`; stretch and smile
-    less pucker and funnel; pucker and funnel."""
-
-    def both(name: str) -> np.ndarray:
-        return (coefficients[:, SHAPE[f"{name}Left"]] + coefficients[:, SHAPE[f"{name}Right"]]) / 2
-
+    """ARKit's 52 coefficients `[T, 52]` to the mouth `[T, 3]`: `lip_opening`, `lips.width`, and pucker with funnel."""
     rounding = coefficients[:, SHAPE["mouthPucker"]] + coefficients[:, SHAPE["mouthFunnel"]]
     face = np.concatenate([np.zeros((len(coefficients), JAW)), coefficients], axis=1)
-    width = both("mouthStretch") + both("mouthSmile") - rounding
-    return np.stack([lip_opening(face), width, rounding], axis=1)
+    return np.stack([lip_opening(face), lips.width(face), rounding], axis=1)
 
 
 def arkit_visemes(coefficients: np.ndarray) -> np.ndarray:

@@ -4,12 +4,12 @@ use super::blocks;
 use super::scene::Scene;
 use crate::failure::Failure;
 
-/// The page's template; names in braces are placeholders.
-const TEMPLATE: &str = include_str!("page/page.html");
+/// The template of a page with one motion; names in braces are placeholders.
+const ONE: &str = concat!(include_str!("page/head.html"), include_str!("page/page.html"));
 /// The template of the page to judge.
-const JUDGE: &str = include_str!("page/judge.html");
+const JUDGE: &str = concat!(include_str!("page/head.html"), include_str!("page/judge.html"));
 const STYLE: &str = include_str!("page/page.css");
-/// Script that resolves the modules' imports and starts the first of them.
+/// Script that resolves the modules' imports and starts the main one.
 const BOOT: &str = include_str!("page/boot.js");
 
 macro_rules! modules {
@@ -33,9 +33,11 @@ pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
         Some(_) => ("'self' ws://127.0.0.1:* ws://localhost:*", ""),
     };
     let compile = if files.is_empty() { "" } else { " 'self' 'wasm-unsafe-eval'" };
+    let (template, main) = if scene.judge.is_some() { (JUDGE, "umo/judge.js") } else { (ONE, "umo/main.js") };
     Ok(fill(
-        if scene.judge.is_some() { JUDGE } else { TEMPLATE },
+        template,
         &[
+            ("{main}", main),
             ("{title}", &escaped(&scene.title)),
             ("{notice}", &escaped(&scene.notice)),
             ("{about}", &escaped(&scene.about)),

@@ -33,7 +33,7 @@ _WIDTHS = {
     "mouthSmileLeft": 0.5,
     "mouthSmileRight": 0.5,
     "mouthPucker": -1.0,
-    "mouthFunnel": -0.5,
+    "mouthFunnel": -1.0,
 }
 WIDTH = np.array([_WIDTHS.get(name, 0.0) for name in ARKIT])
 
@@ -87,7 +87,7 @@ def moving(opening: np.ndarray, silences: Iterable[tuple[float, float]]) -> np.n
 
 
 def width(face: np.ndarray) -> np.ndarray:
-    """Face channels `[T, 58]` to the mouth's width `[T]`: 0 at rest, 1 stretched fully, -1 puckered fully."""
+    """Face channels `[T, 58]` to the mouth's width `[T]`: 0 at rest, 1 fully stretched, -1 fully puckered."""
     return face[..., JAW:] @ WIDTH.astype(face.dtype)
 
 

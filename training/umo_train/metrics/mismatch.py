@@ -32,8 +32,8 @@ CANDIDATES = 8
 # Frames by which the plain judge may move the motion against the loudness.
 LAGS = 6
 WHOLE = "whole"
-# Channels of the heights of wrists and fingers.
 JAW_OPEN = JAW + SHAPE["jawOpen"]
+# Channels of the heights of wrists and fingers.
 HANDS_UP = [3 * i + 1 for i, joint in enumerate(SEEN) if "wrist" in JOINT_NAMES[joint] or joint >= JOINT["left_index1"]]
 
 

@@ -8,7 +8,7 @@ const map = document.createElement("script");
 map.type = "importmap";
 map.textContent = JSON.stringify({ imports });
 document.head.append(map);
-import(document.documentElement.dataset.main ?? "umo/main.js").catch((error) => {
+import(document.documentElement.dataset.main).catch((error) => {
   const notice = document.querySelector("#notice");
   notice.textContent = `This page cannot start: ${error.message}`;
   notice.dataset.kind = "error";
