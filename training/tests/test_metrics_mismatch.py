@@ -13,6 +13,7 @@ from metrics_motion import still, swinging, turned
 from test_data_beat2 import write_clips
 from umo_train.metrics import __main__ as command
 from umo_train.metrics import mismatch, mismatch_report, takes
+from umo_train.metrics.item import Item
 from umo_train.skeleton import ARKIT, JOINT, JOINTS, rotations
 from umo_train.speech.utterance import SAMPLE_RATE
 
@@ -96,6 +97,14 @@ def test_a_judge_is_tried_on_speakers_that_it_was_not_trained_on(monkeypatch):
     assert (network["whole"].value, network["whole"].low, network["whole"].high) == (0.5, 0.5, 0.5)
     assert all(not learned & tried for learned, tried in seen)
     assert set.union(*(tried for _, tried in seen)) == {take.speaker for take in of}
+
+
+def test_a_live_mouth_has_a_face_alone():
+    take = talker(0)
+    spoken = Item("one", "somebody", take.samples)
+    (seen,) = takes.of_mouth(lambda samples: (take.motion["face"], samples), [spoken])
+    assert seen.speaker == "somebody" and seen.motion is None and list(seen.seen) == ["face"]
+    assert np.corrcoef(seen.energy["face"], take.energy["face"])[0, 1] > 0.99
 
 
 def save(path: Path, take: takes.Take, **arrays: np.ndarray) -> None:

@@ -60,7 +60,13 @@ def _eval(args: argparse.Namespace) -> None:
 
 
 # Settings of the program that `mismatch` judges by default.
-SETTINGS = ("default=", "live=--horizon 0", "no-layers=--layers 0", "excited=--prompt excited", "retime=--retime")
+SETTINGS = (
+    "default=",
+    "no horizon=--horizon 0",
+    "no layers=--layers 0",
+    "excited=--prompt excited",
+    "retimed=--retime",
+)
 
 
 def _mismatch(args: argparse.Namespace) -> None:
@@ -89,6 +95,10 @@ def _mismatch(args: argparse.Namespace) -> None:
         umo = program.find(args.umo)
         for name, more in (_named(text) for text in args.setting or SETTINGS):
             yield name, takes.animated(umo, args.model, speech, shlex.split(more), args.seed, work / name)
+        if args.mouth:
+            from umo_train.mouth.run import Mouth
+
+            yield "live mouth", takes.of_mouth(Mouth.read(args.model or DEFAULT_MODEL), speech)
 
     for name, of in subjects():
         if args.controls and not rows:
@@ -256,6 +266,7 @@ def _arguments() -> argparse.ArgumentParser:
         "--voices", type=Path, nargs="+", default=[], help="folders of recordings to animate, each of one speaker"
     )
     one.add_argument("--setting", action="append", help="NAME=ARGUMENTS of `umo animate` to judge (default: five)")
+    one.add_argument("--mouth", action="store_true", help="also judge the live mouth")
     one.add_argument(
         "--motion",
         action="append",

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.io import wavfile
@@ -22,6 +23,9 @@ from umo_train.metrics.motion import joint_places
 from umo_train.performer.lips import JAW, lip_opening
 from umo_train.skeleton import ARKIT, JOINT, JOINTS_OF, matrices
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
+
+if TYPE_CHECKING:
+    from umo_train.mouth.run import Mouth
 
 VIEWS = ("body", "face")
 # Upper body, ankles (the weight's shifts), eyes for the head's direction, tips of three fingers.
@@ -117,6 +121,15 @@ def animated(
     return [
         of_motion(one.name, one.voice, one.samples, program.from_npz(path))
         for one, path in zip(speech, paths, strict=True)
+    ]
+
+
+def of_mouth(mouth: "Mouth", speech: Sequence[item.Item]) -> list[Take]:
+    """The live mouth's channels for recordings."""
+    faces = [mouth(one.samples)[0] for one in speech]
+    return [
+        _of_face(one.name, one.voice, one.samples, face, lip_opening(face))
+        for one, face in zip(speech, faces, strict=True)
     ]
 
 
