@@ -78,7 +78,10 @@ fn the_self_test_knows_the_default_model(isa: Isa) {
         Motion::AsRecorded(count, _) => assert_eq!(count, 4),
         Motion::Repeated(_) => assert!(NOT_RECORDED.contains(&name), "no frames for {name}"),
     }
-    // A frame that differs from the recorded one is found and named.
+    // A frame that differs from the recorded one is found and named. Once is enough: each check computes all frames.
+    if isa != Isa::detect() {
+        return;
+    }
     let Some(frames) = records.get_mut(&motion::key(&model)).and_then(|of_model| of_model.get_mut(name)) else {
         return;
     };

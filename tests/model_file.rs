@@ -87,7 +87,7 @@ fn optional(name: &str) -> bool {
 fn every_tensor_must_be_there() {
     for name in MODELS {
         let model = ModelBytes::open(name);
-        for tensor in model.tensors.keys().filter(|tensor| !optional(tensor)) {
+        for (tensor, _) in tensor_kinds(&model).filter(|(tensor, _)| !optional(tensor)) {
             let mut spoilt = model.clone();
             spoilt.tensors.remove(tensor);
             match load(spoilt.bytes()) {
@@ -102,7 +102,7 @@ fn every_tensor_must_be_there() {
 fn every_shape_must_be_the_configs() {
     for name in MODELS {
         let model = ModelBytes::open(name);
-        for (tensor, stored) in tensor_kinds(&model).filter(|(tensor, _)| !optional(tensor)) {
+        for (place, (tensor, stored)) in tensor_kinds(&model).filter(|(tensor, _)| !optional(tensor)).enumerate() {
             let row = stored.bytes.len() / stored.shape[0];
             let mut longer = stored.clone();
             longer.bytes.extend(stored.bytes[..row].to_vec());
@@ -113,11 +113,10 @@ fn every_shape_must_be_the_configs() {
             flat.shape = vec![stored.shape.iter().product()];
             let mut empty = stored.clone();
             (empty.shape[0], empty.bytes) = (0, Vec::new());
-            for changed in [longer, deeper, flat, empty].into_iter().filter(|changed| changed.shape != stored.shape) {
-                let mut spoilt = model.clone();
-                spoilt.tensors.insert(tensor.clone(), changed);
-                refused(spoilt.bytes(), &format!("`{tensor}`"));
-            }
+            let wrong = [longer, deeper, flat, empty].into_iter().filter(|changed| changed.shape != stored.shape);
+            let mut spoilt = model.clone();
+            spoilt.tensors.insert(tensor.clone(), wrong.cycle().nth(place).unwrap());
+            refused(spoilt.bytes(), &format!("`{tensor}`"));
         }
     }
 }
@@ -126,10 +125,11 @@ fn every_shape_must_be_the_configs() {
 fn every_type_must_be_one_of_weights() {
     for name in MODELS {
         let model = ModelBytes::open(name);
-        for (tensor, stored) in tensor_kinds(&model) {
+        for (place, (tensor, stored)) in tensor_kinds(&model).enumerate() {
             let count: usize = stored.shape.iter().product();
             let floats = if tensor == TOKENIZER { vec![("F32", 4), ("I8", 1)] } else { Vec::new() };
-            for (dtype, size) in [("I64", 8), ("F64", 8), ("BOOL", 1)].into_iter().chain(floats) {
+            let of_any = [("I64", 8), ("F64", 8), ("BOOL", 1)][place % 3];
+            for (dtype, size) in floats.into_iter().chain([of_any]) {
                 let mut spoilt = model.clone();
                 let changed = spoilt.tensors.get_mut(tensor).unwrap();
                 (changed.dtype, changed.bytes) = (dtype.to_owned(), vec![0; count * size]);
@@ -162,13 +162,12 @@ fn every_weight_must_be_finite() {
         for (tensor, stored) in tensor_kinds(&model) {
             let Some((nan, infinite)) = not_finite(&stored.dtype, noise.below(2) == 0) else { continue };
             let values = stored.bytes.len() / nan.len();
-            for (bad, at) in [(&nan, noise.below(values)), (&infinite, values - 1)] {
-                let mut spoilt = model.clone();
-                let changed = spoilt.tensors.get_mut(tensor).unwrap();
-                changed.bytes[at * bad.len()..(at + 1) * bad.len()].copy_from_slice(bad);
-                let text = refused(spoilt.bytes(), &format!("`{tensor}`"));
-                assert!(text.contains("not a finite number"), "{text}");
-            }
+            let (bad, at) = if count % 2 == 0 { (nan, noise.below(values)) } else { (infinite, values - 1) };
+            let mut spoilt = model.clone();
+            let changed = spoilt.tensors.get_mut(tensor).unwrap();
+            changed.bytes[at * bad.len()..(at + 1) * bad.len()].copy_from_slice(&bad);
+            let text = refused(spoilt.bytes(), &format!("`{tensor}`"));
+            assert!(text.contains("not a finite number"), "{text}");
             count += 1;
         }
         assert!(count > 40, "{name}: {count} tensors of floats");
@@ -387,7 +386,7 @@ fn every_number_of_the_config_is_checked() {
                     Ok(_) => assert!(number || path == "sampling.top_k", "{name}: {path} = {wrong} was taken"),
                 }
             }
-            for other in [0_u64, 1, 2, 255, 256, 65_535, 1 << 16, 1 << 20, 1 << 22, 1 << 31, 1 << 32] {
+            for other in [0_u64, 1, 255, 65_535, 1 << 20, 1 << 32] {
                 match load(json!(other)) {
                     // The error may name the size that disagrees with it, or a tensor of that shape.
                     Err(error) => assert!(named(&error).is_some(), "{name}: {path} = {other}: {error}"),

@@ -669,7 +669,7 @@ fn forged_states_do_no_harm() {
         let numbers = [0, 1, 2, 5, 40, 255, 65_535, 1 << 20, 1 << 33, 1 << 40, 1 << 49, 1 << 60, 1 << 62, u64::MAX];
         // Fields are at the start, between the rings, and at the end: offsets depend on
         // the model.
-        for _ in 0..700 {
+        for _ in 0..200 {
             let mut forged = state.clone();
             let at = match draw(3) {
                 0 => 24 + draw(200),
@@ -685,7 +685,7 @@ fn forged_states_do_no_harm() {
         // time.
         for at in 24..state.len() - 8 {
             let value = u64::from_le_bytes(state[at..at + 8].try_into().unwrap());
-            let is_tried = if at + 700 > state.len() { at % 2 == 0 } else { draw(12) == 0 };
+            let is_tried = if at + 700 > state.len() { at % 8 == 0 } else { draw(50) == 0 };
             if value < 1 << 24 && is_tried {
                 let mut forged = state.clone();
                 let other = [value.wrapping_add(1), value.wrapping_sub(1), 2 * value + 7][draw(3)];
@@ -695,7 +695,7 @@ fn forged_states_do_no_harm() {
         }
         // Floats: replaces any possible one by a non-finite value, and by one too large for a body.
         for at in 24..state.len() - 4 {
-            if draw(150) == 0 {
+            if draw(600) == 0 {
                 let mut forged = state.clone();
                 let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e38, 1e11];
                 forged[at..at + 4].copy_from_slice(&values[draw(values.len())].to_le_bytes());
@@ -706,7 +706,7 @@ fn forged_states_do_no_harm() {
             let mut forged = state[..24 + draw(state.len() - 24)].to_vec();
             attempt(&mut forged);
         }
-        assert!(refused > 300 && taken > 100, "{refused} refused, {taken} taken");
+        assert!(refused > 100 && taken > 30, "{refused} refused, {taken} taken");
     }
 }
 
@@ -736,7 +736,7 @@ fn no_forged_number_gives_a_frame_that_is_not_finite() {
         let state = save(&busy(&timed, &config));
         // All floats are at even offsets. Layers and settings, at the end, are tried more often.
         let places = (24..state.len() - 8).step_by(2);
-        let tried = places.filter(|at| at % 94 == 0 || at + 9_000 > state.len() && at % 12 == 0);
+        let tried = places.filter(|at| at % 386 == 0 || at + 9_000 > state.len() && at % 46 == 0);
         for (round, at) in tried.enumerate() {
             let mut forged = state.clone();
             let number = NUMBERS[round % NUMBERS.len()];

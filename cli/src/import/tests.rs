@@ -28,7 +28,7 @@ fn largest_angle(a: &Clip, b: &Clip) -> f32 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(8))]
+    #![proptest_config(ProptestConfig::with_cases(2))]
     #[test]
     fn what_was_written_is_read(frames in 1_usize..9, rate in prop::sample::select(vec![24.0_f32, 29.97, 30.0, 120.0])) {
         for kind in [FaceKind::Arkit, FaceKind::SmplxExpression] {

@@ -2,6 +2,9 @@ use super::*;
 use gltf::animation::util::ReadOutputs;
 use gltf::{Gltf, Node};
 use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
+
+use crate::glb::BuiltFigure;
 
 /// A file as parsed by the `gltf` crate.
 struct File {
@@ -10,14 +13,27 @@ struct File {
 }
 
 impl File {
+    /// On the default figure, which is built once for each skeleton and face.
     fn of(clip: &Clip) -> Self {
-        Self::worn(clip, Some(Figure::default()))
+        static BUILT: Mutex<Vec<BuiltFigure>> = Mutex::new(Vec::new());
+        let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+        if !built.iter().any(|figure| figure.fits(clip)) {
+            built.push(BuiltFigure::new(Figure::default(), clip).unwrap());
+        }
+        let mut bytes = Vec::new();
+        built.iter().find(|figure| figure.fits(clip)).unwrap().write(clip, &mut bytes).unwrap();
+        drop(built);
+        Self::parsed(&bytes)
     }
 
     fn worn(clip: &Clip, figure: Option<Figure>) -> Self {
         let mut bytes = Vec::new();
         crate::glb::write(clip, figure, &mut bytes).unwrap();
-        let mut gltf = Gltf::from_slice(&bytes).unwrap();
+        Self::parsed(&bytes)
+    }
+
+    fn parsed(bytes: &[u8]) -> Self {
+        let mut gltf = Gltf::from_slice(bytes).unwrap();
         let bin = gltf.blob.take().unwrap();
         Self { gltf, bin }
     }
@@ -357,7 +373,7 @@ fn glb_has_tangents_and_places_where_there_is_a_normal_map_and_nowhere_else() {
 #[test]
 fn a_built_figure_serves_every_clip_of_its_skeleton_and_face() {
     let first = sample::clip(FaceKind::Arkit, 3, 40);
-    let figure = crate::glb::BuiltFigure::new(Figure::default(), &first).unwrap();
+    let figure = BuiltFigure::new(Figure::default(), &first).unwrap();
     for clip in [&first, &sample::clip(FaceKind::Arkit, 5, 10)] {
         let [mut again, mut alone] = [Vec::new(), Vec::new()];
         figure.write(clip, &mut again).unwrap();
