@@ -25,7 +25,7 @@ HELLO = Path(__file__).parents[3] / "assets/hello.wav"
 # The small form: speech of synthesisers and one recording, takes of at least this length, and some conditions.
 SMALL_S = 5.0
 SMALL = ("music, 0 dB", "telephone", "laughter in the pauses", "second talker, as loud")
-SMALL_VOICES = ("flite-slt", "flite-rms")
+SMALL_VOICES = ("flite-slt",)
 SMALL_LINES = (
     "Maybe Bob can open both of the empty boxes before we move them.",
     "My mother put a map and a big pot of jam beside the lamp.",
