@@ -61,6 +61,7 @@ def test_a_puppet_of_the_loudness_is_found_and_its_swapped_motion_is_not():
     of = [takes.of_motion(f"t{i}", f"s{i}", speech(i)[0], swinging(FRAMES, i, 0.05)) for i in range(TAKES)]
     puppets = only("body", mismatch.puppets(of, metres=0.05))
     assert finds(puppets)["network"]["body"].value > 0.85
+    assert np.abs(puppets[0].energy["body"] - of[0].energy["body"]).max() > 1e-4
     assert 0.3 < finds(mismatch.swapped(puppets))["network"]["body"].value < 0.7
 
 

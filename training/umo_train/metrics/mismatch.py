@@ -16,7 +16,7 @@ from torch import nn
 from torch.nn import functional
 
 from umo_train.metrics.lips import pearson
-from umo_train.metrics.takes import SEEN, VIEWS, Take, is_arkit
+from umo_train.metrics.takes import SEEN, VIEWS, Take, is_arkit, upper_speed
 from umo_train.performer.lips import JAW
 from umo_train.skeleton import JOINT, JOINT_NAMES, SHAPE
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
@@ -289,9 +289,11 @@ def puppets(takes: Sequence[Take], metres: float = 0.01, opening: float = 0.1) -
         loud = gaussian_filter1d(take.loudness, 3.0)
         loud = (loud - loud.mean()) / (loud.std() + 1e-9)
         seen = {view: values[: take.frames].copy() for view, values in take.seen.items()}
+        seen["face"][:, JAW_OPEN if is_arkit(seen["face"]) else 0] += opening * loud
+        energy = {"face": take.energy["face"][: take.frames] + opening * loud}
         if "body" in seen:
             seen["body"][:, HANDS_UP] += metres * loud[:, None]
-        seen["face"][:, JAW_OPEN if is_arkit(seen["face"]) else 0] += opening * loud
-        return replace(take, seen=seen, motion=None)
+            energy["body"] = upper_speed(seen["body"])
+        return replace(take, seen=seen, energy=energy, motion=None)
 
     return [puppet(take) for take in takes]

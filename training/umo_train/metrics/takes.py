@@ -70,12 +70,16 @@ def body(motion: Motion) -> np.ndarray:
     return np.einsum("tji,twj->twi", pelvis, at).reshape(len(at), -1)
 
 
+def upper_speed(body: np.ndarray) -> np.ndarray:
+    """Mean speed of the upper body's joints, metres in a frame `[T]`."""
+    upper = body[:, : 3 * len(JOINTS_OF["upper"])].reshape(len(body), -1, 3)
+    return np.linalg.norm(np.gradient(upper, axis=0), axis=-1).mean(1)
+
+
 def of_motion(name: str, speaker: str, samples: np.ndarray, motion: Motion) -> Take:
     seen = {"body": body(motion), "face": np.asarray(motion["face"], np.float64)}
-    upper = seen["body"][:, : 3 * len(JOINTS_OF["upper"])].reshape(len(seen["body"]), -1, 3)
-    speed = np.linalg.norm(np.gradient(upper, axis=0), axis=-1).mean(1)
     mouth = lip_opening(motion["face"]) if is_arkit(motion["face"]) else change(seen["face"])
-    return Take(name, speaker, samples, seen, {"body": speed, "face": mouth}, motion)
+    return Take(name, speaker, samples, seen, {"body": upper_speed(seen["body"]), "face": mouth}, motion)
 
 
 def is_arkit(face: np.ndarray) -> bool:
