@@ -188,17 +188,15 @@ export const tests = [
     "pictures at the size of a screen and of a phone",
     async (context) => {
       for (const [name, options] of [
-        ["judge", {}],
         ["judge-light", { media: [...REDUCED, { name: "prefers-color-scheme", value: "light" }] }],
         ["judge-phone", { width: 390, height: 844, phone: true }],
-        ["judge-side", { width: 844, height: 390, phone: true }],
       ]) {
         const page = await opened(context, options);
         await hear(page, "A");
         await page.key("b");
         await until(() => page.value("umo.playing?.clock.playing ?? false"));
         await page.value("umo.playing.clock.seek(4)");
-        await pictures(page, 10);
+        await pictures(page, 4);
         await page.picture(context.at(`${name}.png`));
         for (const button of ["[data-play=A]", "[data-answer=B]", "#results-button"]) {
           const [x, y] = await page.place(button);
