@@ -172,16 +172,8 @@ pub struct Request {
 }
 
 impl Request {
-    const NONE: Self = Self {
-        gesture: 0,
-        at: None,
-        speed: 1.0,
-        strength: 0.0,
-        side: Side::Auto,
-        target: None,
-        variant: 0,
-        epoch: 0,
-    };
+    const NONE: Self =
+        Self { gesture: 0, at: None, speed: 1.0, strength: 0.0, side: Side::Auto, target: None, variant: 0, epoch: 0 };
 
     /// Validates the host's request.
     pub fn new(
@@ -234,14 +226,14 @@ impl Request {
     }
 }
 
-/// How a variant differs from the drawn pose; all 1 or 0 for variant 0.
+/// Differences of a variant from the drawn pose: factors of 1 and sums of 0 for variant 0.
 #[derive(Clone, Copy, Debug)]
 struct Variation {
     /// Factor of the distance between shoulder and hand, and of the turns of head and trunk.
     size: f32,
     /// Height of the hand, in arm lengths.
     height: f32,
-    /// How far the elbow is raised outwards.
+    /// Raise of the elbow, outwards.
     elbow: f32,
     speed: f32,
 }
@@ -738,7 +730,7 @@ fn in_chest(rig: &Rig, pose: &Pose, place: Vec3) -> Vec3 {
     rotate(inverse(turned[CHEST]), less(place, places[CHEST]))
 }
 
-/// What arms follow at a tick.
+/// Moves arms along keys, at one tick of a gesture.
 struct Mover<'a> {
     rig: &'a Rig,
     motion: &'a Motion,
@@ -748,7 +740,7 @@ struct Mover<'a> {
 }
 
 impl Mover<'_> {
-    /// Moves an arm along keys; `is_apart` is the second arm of a pair in motion.
+    /// Moves an arm along keys; `is_apart` if it is the second arm, a little later and lower.
     fn follow(&self, frame: &mut OwnedFrame, arm: Arm, keys: &[table::Key], is_apart: bool) {
         let Self { rig, motion, variation, seconds, share } = *self;
         let late = seconds - if is_apart { SECOND_ARM_LAG_SECONDS } else { 0.0 };

@@ -182,8 +182,7 @@ pub(super) const GLASS: Shape = shape(
     [16.0, 57.0, 8.0, 13.0],
 );
 /// Thumb and pinky out, as a receiver.
-pub(super) const PHONE: Shape =
-    shape(CURLED, CURLED, CURLED, leaning(STRAIGHT, -22.0), [50.0, -6.0, -8.0, -14.0]);
+pub(super) const PHONE: Shape = shape(CURLED, CURLED, CURLED, leaning(STRAIGHT, -22.0), [50.0, -6.0, -8.0, -14.0]);
 /// Index at the temple, the others half curled.
 pub(super) const TEMPLE: Shape = shape(
     [10.0, 16.0, 8.0, 3.0],

@@ -609,7 +609,9 @@ mod tests {
 
     #[test]
     fn names_and_words_mean_one_gesture() {
-        let named = |m: &&Motion| MOTIONS.iter().find(|first| first.name == m.name).is_some_and(|first| std::ptr::eq(first, *m));
+        let named = |m: &&Motion| {
+            MOTIONS.iter().find(|first| first.name == m.name).is_some_and(|first| std::ptr::eq(first, *m))
+        };
         let variants = MOTIONS.iter().filter(|m| !named(m));
         assert!(variants.flat_map(|m| m.words).next().is_none());
         let mut all: Vec<&str> =

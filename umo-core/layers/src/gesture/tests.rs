@@ -177,7 +177,13 @@ fn straight(frame: &OwnedFrame) -> [bool; 5] {
 fn variants() -> Vec<(&'static str, u8)> {
     let gestures = Gestures::new();
     let poses = |name: &'static str| (0..gestures.poses(name) as u8).map(move |variant| (name, variant));
-    MOTIONS.iter().map(|motion| motion.name).collect::<std::collections::BTreeSet<_>>().into_iter().flat_map(poses).collect()
+    MOTIONS
+        .iter()
+        .map(|motion| motion.name)
+        .collect::<std::collections::BTreeSet<_>>()
+        .into_iter()
+        .flat_map(poses)
+        .collect()
 }
 
 /// The fastest that a variant may be.
@@ -222,7 +228,10 @@ fn hands_go_at_peoples_speeds_and_not_through_the_body() {
             for joint in WRISTS.into_iter().chain(knuckles).chain(ELBOWS) {
                 let [x, y, z] = rotate(inverse(turned[CHEST]), less(places[joint], places[CHEST]));
                 let inside = (x / 0.15).powi(2) + (z / 0.09).powi(2);
-                assert!(inside > 1.0 || !(-0.35..=0.2).contains(&y), "{name}, variant {variant}: joint {joint} in the body: {x} {y} {z}");
+                assert!(
+                    inside > 1.0 || !(-0.35..=0.2).contains(&y),
+                    "{name}, variant {variant}: joint {joint} in the body: {x} {y} {z}"
+                );
             }
         }
     }
@@ -526,7 +535,8 @@ fn small_signs_of_the_head_are_as_small_as_peoples() {
         for variant in 0..2 {
             let frames = played(name, GestureOptions::default().variant(variant));
             let turned = |(index, frame): (usize, &OwnedFrame)| {
-                let of = |frame: &OwnedFrame| product(frame.pose.rotations[NECK_JOINT], frame.pose.rotations[HEAD_JOINT]);
+                let of =
+                    |frame: &OwnedFrame| product(frame.pose.rotations[NECK_JOINT], frame.pose.rotations[HEAD_JOINT]);
                 let by = product(inverse(of(&base(index))), of(frame));
                 2.0 * by[axis].abs().min(1.0).asin().to_degrees()
             };
