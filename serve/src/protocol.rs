@@ -261,7 +261,7 @@ pub(crate) fn gesture_options(
         SideName::Right => Side::Right,
         SideName::Both => Side::Both,
     };
-    GestureOptions { at, speed, strength, side, target }
+    GestureOptions { at, speed, strength, side, target, ..GestureOptions::default() }
 }
 
 /// Text message of the server.

@@ -179,7 +179,7 @@ fn a_restored_session_goes_on_with_its_gesture() {
     let samples = audio(60_000, 1, 1);
     let session = engine.session(&config).unwrap();
     session.play_gesture("point", &GestureOptions::default().at(1.0).target([-1.0, 1.0, 1.0])).unwrap();
-    session.play_gesture("count", &GestureOptions::default()).unwrap();
+    session.play_gesture("list", &GestureOptions::default().variant(3)).unwrap();
     session.push_audio(&samples).unwrap();
     session.finish().unwrap();
     settle(&engine);

@@ -89,7 +89,7 @@ unsafe impl Sized32 for UmoGestureClip {
 
 impl UmoGestureOptions {
     fn defaults() -> Self {
-        let GestureOptions { at: _, speed, strength, side, target: _ } = GestureOptions::default();
+        let GestureOptions { speed, strength, side, .. } = GestureOptions::default();
         Self {
             struct_size: 0,
             side: side as u32,

@@ -21,7 +21,7 @@ pub struct GenerateArgs {
     /// Play a gesture over the motion; may be repeated
     ///
     /// Its name, the time of its stroke in seconds (`wave@2.5`; without a time as soon as possible), then after
-    /// commas left, right or both, speed=0.5 to 2, strength=0 to 1, and to=X:Y:Z, a point in metres.
+    /// commas left, right or both, speed=0.5 to 2, strength=0 to 1, variant=0 to 255, and to=X:Y:Z, a point in metres.
     #[arg(long, value_name = "NAME[@SECONDS]", value_parser = gesture)]
     pub gesture: Vec<GestureArg>,
     /// Add a gesture for --gesture
@@ -104,11 +104,14 @@ fn gesture(text: &str) -> Result<GestureArg, String> {
             None if word == "both" => options.side = Side::Both,
             Some(("speed", value)) => options.speed = number(value)?,
             Some(("strength", value)) => options.strength = number(value)?,
+            Some(("variant", value)) => {
+                options.variant = value.parse().map_err(|_| format!("`{value}` is not a variant, 0 to 255"))?;
+            }
             Some(("to", value)) => {
                 let place = value.split(':').map(number).collect::<Result<Vec<_>, _>>()?;
                 options.target = Some(place.try_into().map_err(|_| format!("`{value}` is not a place X:Y:Z"))?);
             }
-            _ => return Err(format!("`{word}`: expected left, right, both, speed=, strength= or to=X:Y:Z")),
+            _ => return Err(format!("`{word}`: expected left, right, both, speed=, strength=, variant= or to=X:Y:Z")),
         }
     }
     Ok(GestureArg { name: name.to_owned(), options })

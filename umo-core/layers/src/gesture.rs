@@ -8,7 +8,8 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | `table` | built-in gestures: keys of hands, curves of head, trunk and face |
+//! | `table` | built-in gestures that act alone: keys of hands, curves of head, trunk and face |
+//! | `speech` | those that go with words, and variants |
 //! | `curve` | interpolation between keys |
 //! | `arm` | inverse kinematics of an arm with a hand at a place, or pointing at one |
 //! | `hand` | hand shapes |
@@ -20,6 +21,7 @@ mod clip;
 mod curve;
 mod hand;
 mod set;
+mod speech;
 mod table;
 
 use umo_core_base::state::{StateError, StatePass};
@@ -28,6 +30,7 @@ use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{Quat, axis_angle_to_quat, inverse, product, rotate, slerp};
 
 use super::Tick;
+use super::noise::{Stream, uniform};
 use super::rig::{Rig, length_of_two};
 use crate::error::RequestError;
 use arm::{Arm, ArmPose, ArmTarget, LEFT, RIGHT, Vec3, less};
@@ -50,6 +53,8 @@ const ELBOW_LAG_SECONDS: f32 = 0.03;
 const WRIST_LAG_SECONDS: f32 = 0.07;
 /// Lag of the second arm (the left, unless mirrored) if both move, seconds.
 const SECOND_ARM_LAG_SECONDS: f32 = 0.035;
+/// Stream of the variations of gestures: the seed is the variant.
+const VARIANT_STREAM: Stream = Stream(500);
 /// Largest absolute coordinate of a target, metres.
 const MAX_DISTANCE: f32 = 10_000.0;
 /// Share of the neck in a turn of the head.
@@ -95,11 +100,14 @@ pub struct GestureOptions {
     pub side: Side,
     /// Target in the avatar's space, metres, for gestures that point; `None` points ahead.
     pub target: Option<[f32; 3]>,
+    /// Variant. 0 is the gesture as drawn. Others go through its poses in turn, and each number has a size,
+    /// height and speed of its own, a little off the drawn ones.
+    pub variant: u8,
 }
 
 impl Default for GestureOptions {
     fn default() -> Self {
-        Self { at: None, speed: 1.0, strength: 1.0, side: Side::Auto, target: None }
+        Self { at: None, speed: 1.0, strength: 1.0, side: Side::Auto, target: None, variant: 0 }
     }
 }
 
@@ -138,12 +146,19 @@ impl GestureOptions {
         self.target = Some(place);
         self
     }
+
+    /// Sets the variant.
+    #[must_use]
+    pub fn variant(mut self, variant: u8) -> Self {
+        self.variant = variant;
+        self
+    }
 }
 
 /// Gesture that the host requested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
-    /// Number of the gesture in [`Gestures`].
+    /// Number of the gesture in [`Gestures`], or of a variant's pose.
     gesture: u32,
     /// Frame of the stroke.
     at: Option<u64>,
@@ -151,13 +166,14 @@ pub struct Request {
     strength: f32,
     side: Side,
     target: Option<[f32; 3]>,
+    variant: u8,
     /// Epoch of the request.
     epoch: u32,
 }
 
 impl Request {
     const NONE: Self =
-        Self { gesture: 0, at: None, speed: 1.0, strength: 0.0, side: Side::Auto, target: None, epoch: 0 };
+        Self { gesture: 0, at: None, speed: 1.0, strength: 0.0, side: Side::Auto, target: None, variant: 0, epoch: 0 };
 
     /// Validates the host's request.
     pub fn new(
@@ -167,8 +183,9 @@ impl Request {
         frame_rate: usize,
         epoch: u32,
     ) -> Result<Self, RequestError> {
+        let GestureOptions { at, speed, strength, side, target, variant } = *options;
         let gesture = gestures.find(name).ok_or(RequestError::UnknownGesture)?;
-        let GestureOptions { at, speed, strength, side, target } = *options;
+        let gesture = gestures.pose(gesture, variant);
         if !(0.5..=2.0).contains(&speed) || !(0.0..=1.0).contains(&strength) {
             return Err(RequestError::GestureOptions);
         }
@@ -181,7 +198,8 @@ impl Request {
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the limits")]
         let at = at.map(|at| (at * frame_rate as f64).round() as u64);
-        Ok(Self { gesture, at, speed, strength, side, target, epoch })
+        let speed = (speed * Variation::of(variant).speed).clamp(0.5, 2.0);
+        Ok(Self { gesture, at, speed, strength, side, target, variant, epoch })
     }
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
@@ -195,14 +213,38 @@ impl Request {
         if pass.follows(is_aimed) {
             pass.moderate(&mut target)?;
         }
+        let variant = pass.limited("gesture's variant", self.variant.into(), u8::MAX.into())?;
         let epoch = pass.limited("gesture's epoch", self.epoch.into(), u32::MAX.into())?;
         if pass.loads() {
+            self.variant = u8::try_from(variant).unwrap_or_default();
             self.gesture = u32::try_from(gesture).unwrap_or_default();
             self.side = Side::ALL[usize::try_from(side).unwrap_or_default()];
             self.target = is_aimed.then_some(target);
             self.epoch = u32::try_from(epoch).unwrap_or_default();
         }
         Ok(())
+    }
+}
+
+/// Differences of a variant from the drawn pose: factors of 1 and sums of 0 for variant 0.
+#[derive(Clone, Copy, Debug)]
+struct Variation {
+    /// Factor of the distance between shoulder and hand, and of the turns of head and trunk.
+    size: f32,
+    /// Height of the hand, in arm lengths.
+    height: f32,
+    /// Raise of the elbow, outwards.
+    elbow: f32,
+    speed: f32,
+}
+
+impl Variation {
+    fn of(variant: u8) -> Self {
+        if variant == 0 {
+            return Self { size: 1.0, height: 0.0, elbow: 0.0, speed: 1.0 };
+        }
+        let draw = |counter: u64| 2.0 * uniform(variant.into(), VARIANT_STREAM, counter) - 1.0;
+        Self { size: 1.0 + 0.1 * draw(0), height: 0.04 * draw(1), elbow: 0.15 * draw(2), speed: 1.0 + 0.15 * draw(3) }
     }
 }
 
@@ -415,7 +457,8 @@ impl Player {
         let mut at = 0;
         while at < self.waiting {
             let request = self.pending[at];
-            let is_mirrored = is_mirrored(&request, frame);
+            let is_left = self.built_in(&request).is_some_and(|motion| motion.is_left);
+            let is_mirrored = is_mirrored(&request, is_left, frame);
             let parts = self.parts(&request, is_mirrored);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few seconds")]
             let before = (self.phases(&request).stroke / (request.speed * tick.seconds)).round() as u64;
@@ -447,6 +490,11 @@ impl Player {
         }
     }
 
+    /// The built-in gesture of a request; `None` for one of the host's.
+    fn built_in(&self, request: &Request) -> Option<&'static Motion> {
+        MOTIONS.get(request.gesture as usize)
+    }
+
     fn phases(&self, request: &Request) -> Phases {
         let number = request.gesture as usize;
         match self.gestures.added(number) {
@@ -464,7 +512,7 @@ impl Player {
         let number = request.gesture as usize;
         let parts = match self.gestures.added(number) {
             Some(clip) => clip.parts(),
-            None if request.side == Side::Both && motion(number).arms == Arms::One => {
+            None if request.side == Side::Both && matches!(motion(number).arms, Arms::One) => {
                 motion(number).parts.union(GestureParts::LEFT_ARM)
             }
             None => motion(number).parts,
@@ -524,12 +572,12 @@ fn motion(number: usize) -> &'static Motion {
     &MOTIONS[number.min(MOTIONS.len() - 1)]
 }
 
-/// Whether left and right of a gesture are swapped.
-fn is_mirrored(request: &Request, frame: &OwnedFrame) -> bool {
+/// Whether left and right of a gesture are swapped; `is_left` is what it does by itself.
+fn is_mirrored(request: &Request, is_left: bool, frame: &OwnedFrame) -> bool {
     match request.side {
         Side::Left => true,
         Side::Right => false,
-        Side::Auto | Side::Both => request.target.is_some_and(|target| {
+        Side::Auto | Side::Both => request.target.map_or(is_left, |target| {
             let place = less(target, frame.pose.translation);
             rotate(inverse(frame.pose.rotations[0]), place)[0] > 0.0
         }),
@@ -540,11 +588,12 @@ fn is_mirrored(request: &Request, frame: &OwnedFrame) -> bool {
 fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, seconds: f32, share: f32) {
     let t = seconds - motion.preparation;
     let side = if playing.is_mirrored { -1.0 } else { 1.0 };
+    let variation = Variation::of(playing.request.variant);
     let mut collars = 0.0;
     let mut turns = Turns::default();
     for track in motion.tracks {
         let [value] = through(track.keys, |key| key.0, |key| [key.1], t);
-        let value = value * share;
+        let value = value * share * variation.size;
         match track.channel {
             Channel::HeadPitch => turns.head[0] += value,
             Channel::HeadYaw => turns.head[1] += side * value,
@@ -561,7 +610,7 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
             }
         }
     }
-    let aim = (motion.arms == Arms::Pointing).then(|| Aim::new(rig, frame, playing));
+    let aim = matches!(motion.arms, Arms::Pointing).then(|| Aim::new(rig, frame, playing));
     if let Some(aim) = &aim {
         let into = share * weight(motion, [seconds; 2], 0.0);
         turns.trunk[1] += into * aim.trunk_yaw;
@@ -570,6 +619,7 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
     }
     turns.apply(&mut frame.pose, rig);
     let (first, second) = if playing.is_mirrored { (LEFT, RIGHT) } else { (RIGHT, LEFT) };
+    let mover = Mover { rig, motion, variation, seconds, share };
     match motion.arms {
         Arms::None => {}
         Arms::Pointing => {
@@ -577,10 +627,14 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
             let arm = first.pointing(rig, in_chest(rig, &frame.pose, place), &hand::POINT);
             blend(&mut frame.pose, first, &arm, motion, share, [seconds; 2]);
         }
-        Arms::One if playing.request.side != Side::Both => move_arm(frame, rig, first, motion, seconds, share, false),
+        Arms::One if playing.request.side != Side::Both => mover.follow(frame, first, motion.keys, false),
         Arms::One | Arms::Both | Arms::Together => {
-            move_arm(frame, rig, first, motion, seconds, share, false);
-            move_arm(frame, rig, second, motion, seconds, share, motion.arms != Arms::Together);
+            mover.follow(frame, first, motion.keys, false);
+            mover.follow(frame, second, motion.keys, !matches!(motion.arms, Arms::Together));
+        }
+        Arms::Pair(keys) => {
+            mover.follow(frame, first, motion.keys, false);
+            mover.follow(frame, second, keys, false);
         }
     }
     if collars != 0.0 {
@@ -676,30 +730,46 @@ fn in_chest(rig: &Rig, pose: &Pose, place: Vec3) -> Vec3 {
     rotate(inverse(turned[CHEST]), less(place, places[CHEST]))
 }
 
-/// Moves an arm along a gesture's keys.
-fn move_arm(frame: &mut OwnedFrame, rig: &Rig, arm: Arm, motion: &Motion, seconds: f32, share: f32, is_apart: bool) {
-    let late = seconds - if is_apart { SECOND_ARM_LAG_SECONDS } else { 0.0 };
-    let t = late - motion.preparation;
-    let keys = motion.keys;
-    let flat = |key: &table::Key| {
-        let mut all = [0.0; 12];
-        for (part, values) in [key.hand, key.elbow, key.fingers, key.palm].iter().enumerate() {
-            all[3 * part..3 * part + 3].copy_from_slice(values);
+/// Moves arms along keys, at one tick of a gesture.
+struct Mover<'a> {
+    rig: &'a Rig,
+    motion: &'a Motion,
+    variation: Variation,
+    seconds: f32,
+    share: f32,
+}
+
+impl Mover<'_> {
+    /// Moves an arm along keys; `is_apart` if it is the second arm, a little later and lower.
+    fn follow(&self, frame: &mut OwnedFrame, arm: Arm, keys: &[table::Key], is_apart: bool) {
+        let Self { rig, motion, variation, seconds, share } = *self;
+        let late = seconds - if is_apart { SECOND_ARM_LAG_SECONDS } else { 0.0 };
+        let t = late - motion.preparation;
+        let flat = |key: &table::Key| {
+            let mut all = [0.0; 12];
+            for (part, values) in [key.hand, key.elbow, key.fingers, key.palm].iter().enumerate() {
+                all[3 * part..3 * part + 3].copy_from_slice(values);
+            }
+            all
+        };
+        let all = through(keys, |key| key.at, flat, t);
+        let part = |at: usize| -> Vec3 { std::array::from_fn(|i| all[3 * at + i]) };
+        let (mut hand, mut elbow) = (part(0), part(1));
+        if motion.is_free {
+            hand = hand.map(|v| v * variation.size);
+            hand[1] += variation.height;
         }
-        all
-    };
-    let all = through(keys, |key| key.at, flat, t);
-    let part = |at: usize| -> Vec3 { std::array::from_fn(|i| all[3 * at + i]) };
-    let mut hand = part(0);
-    if is_apart {
-        // Hands are never at exactly one height.
-        hand[1] -= 0.03;
-        hand[0] *= 0.97;
+        elbow[0] += variation.elbow;
+        if is_apart {
+            // Hands are never at exactly one height.
+            hand[1] -= 0.03;
+            hand[0] *= 0.97;
+        }
+        let shape = through(keys, |key| key.at, |key| key.shape, t);
+        let target = ArmTarget { hand, elbow, fingers: part(2), palm: part(3), shape };
+        let pose = arm.pose(rig, &target, None);
+        blend(&mut frame.pose, arm, &pose, motion, share, [late, seconds]);
     }
-    let shape = through(keys, |key| key.at, |key| key.shape, t);
-    let target = ArmTarget { hand, elbow: part(1), fingers: part(2), palm: part(3), shape };
-    let pose = arm.pose(rig, &target, None);
-    blend(&mut frame.pose, arm, &pose, motion, share, [late, seconds]);
 }
 
 /// Weight of a gesture for a joint that is `lag` seconds behind. Fade-in and fade-out have separate

@@ -109,6 +109,93 @@ pub(super) const HOOK: Shape = shape(
     [62.0, 66.0, 30.0, -3.0],
     [6.0, 24.0, 10.0, 16.0],
 );
+/// Open hand that offers something: its fingers give a little.
+pub(super) const OFFER: Shape = shape(
+    [8.0, 12.0, 7.0, 5.0],
+    [12.0, 16.0, 9.0, 0.0],
+    [17.0, 20.0, 11.0, -4.0],
+    [20.0, 22.0, 12.0, -10.0],
+    [16.0, 10.0, 4.0, 6.0],
+);
+/// Fingers straight and far apart.
+pub(super) const SPREAD: Shape = shape(
+    leaning(STRAIGHT, 13.0),
+    leaning(STRAIGHT, 3.0),
+    leaning(STRAIGHT, -8.0),
+    leaning(STRAIGHT, -20.0),
+    [38.0, 4.0, -4.0, -4.0],
+);
+/// Tips of thumb and index in a ring, the others loosely open.
+pub(super) const RING: Shape = shape(
+    [46.0, 52.0, 25.0, 1.0],
+    [26.0, 30.0, 16.0, 0.0],
+    [18.0, 24.0, 13.0, -3.0],
+    [14.0, 20.0, 11.0, -8.0],
+    [1.0, 55.0, 14.0, 24.0],
+);
+/// A small gap between the tips of thumb and index.
+pub(super) const GAP: Shape = shape(
+    [42.0, 40.0, 19.0, 4.0],
+    [70.0, 86.0, 50.0, 0.0],
+    [76.0, 90.0, 54.0, 0.0],
+    [78.0, 92.0, 56.0, -2.0],
+    [6.0, 50.0, 7.0, 10.0],
+);
+/// All fingertips at the thumb's.
+pub(super) const BUNCH: Shape = shape(
+    [51.0, 46.0, 23.0, -7.0],
+    [55.0, 46.0, 22.0, 1.0],
+    [52.0, 44.0, 20.0, 6.0],
+    [47.0, 41.0, 19.0, 11.0],
+    [-21.0, 65.0, 8.0, 15.0],
+);
+/// Fingertips that a thumb rubs, the thumb towards the index.
+pub(super) const RUB: Shape = shape(
+    [47.0, 45.0, 21.0, -1.0],
+    [50.0, 46.0, 22.0, 3.0],
+    [62.0, 66.0, 36.0, 0.0],
+    [66.0, 70.0, 40.0, -2.0],
+    [-4.0, 59.0, 12.0, 19.0],
+);
+/// The same, the thumb towards the ring finger.
+pub(super) const RUB_BACK: Shape = shape(
+    [48.0, 48.0, 24.0, -2.0],
+    [52.0, 48.0, 24.0, 0.0],
+    [62.0, 66.0, 36.0, 0.0],
+    [66.0, 70.0, 40.0, -2.0],
+    [-16.0, 63.0, 16.0, 24.0],
+);
+/// A pen between thumb, index and middle.
+pub(super) const PEN: Shape = shape(
+    [48.0, 45.0, 16.0, 1.0],
+    [50.0, 53.0, 27.0, 2.0],
+    [66.0, 76.0, 44.0, 0.0],
+    [70.0, 80.0, 46.0, -2.0],
+    [-9.0, 62.0, 10.0, 18.0],
+);
+/// A glass in the hand.
+pub(super) const GLASS: Shape = shape(
+    [34.0, 46.0, 26.0, 3.0],
+    [36.0, 48.0, 28.0, 0.0],
+    [40.0, 50.0, 28.0, -2.0],
+    [44.0, 52.0, 30.0, -4.0],
+    [16.0, 57.0, 8.0, 13.0],
+);
+/// Thumb and pinky out, as a receiver.
+pub(super) const PHONE: Shape = shape(CURLED, CURLED, CURLED, leaning(STRAIGHT, -22.0), [50.0, -6.0, -8.0, -14.0]);
+/// Index at the temple, the others half curled.
+pub(super) const TEMPLE: Shape = shape(
+    [10.0, 16.0, 8.0, 3.0],
+    [40.0, 52.0, 30.0, 0.0],
+    [56.0, 66.0, 38.0, 0.0],
+    [62.0, 72.0, 42.0, -3.0],
+    [14.0, 34.0, 12.0, 16.0],
+);
+/// Two, counted from the thumb.
+pub(super) const THUMB_AND_INDEX: Shape = shape(STRAIGHT, CURLED, CURLED, CURLED, [50.0, -6.0, -8.0, -14.0]);
+/// Three, counted from the thumb.
+pub(super) const WITH_MIDDLE: Shape =
+    shape(leaning(STRAIGHT, 7.0), leaning(STRAIGHT, -6.0), CURLED, CURLED, [50.0, -6.0, -8.0, -14.0]);
 
 /// Returns the joints of a hand of this shape, in the skeleton's order: of the left hand, else mirrored.
 pub(super) fn joints(shape: &Shape, is_left: bool) -> [Quat; FINGER_JOINTS] {

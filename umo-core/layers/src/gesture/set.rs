@@ -12,6 +12,9 @@ use super::table::MOTIONS;
 pub const MAX_GESTURES: usize = 256;
 /// Longest name of a gesture, bytes.
 const MAX_NAME: usize = 64;
+/// Names that are too common in a text to ask for the gesture.
+const COMMON: [&str; 14] =
+    ["up", "down", "here", "there", "you", "we", "us", "all", "list", "past", "future", "see", "come", "huge"];
 
 /// Parts of a body that a gesture moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,8 +98,15 @@ impl Gestures {
     /// Each name once: built-in gestures in the table's order, then the host's.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         let added = self.added.iter().map(|gesture| gesture.name());
-        let is_built_in = |name: &&str| MOTIONS.iter().any(|motion| motion.name == *name);
-        MOTIONS.iter().map(|motion| motion.name).chain(added.filter(move |name| !is_built_in(name)))
+        let first = |name: &str| MOTIONS.iter().position(|motion| motion.name == name);
+        let built_in = MOTIONS.iter().map(|motion| motion.name).enumerate();
+        let built_in = built_in.filter(move |(at, name)| first(name) == Some(*at)).map(|(_, name)| name);
+        built_in.chain(added.filter(move |name| first(name).is_none()))
+    }
+
+    /// Number of poses of a gesture, through which its variants go in turn; 0 if the name is unknown.
+    pub fn poses(&self, name: &str) -> usize {
+        self.find(name).map_or(0, |number| poses(number).count().max(1))
     }
 
     /// Synonyms of a gesture, which are accepted wherever its name is.
@@ -118,7 +128,7 @@ impl Gestures {
         let text = format!("_{}_", normal(text));
         let added = self.added.iter().map(|gesture| (gesture.name(), gesture.name()));
         let built_in = MOTIONS.iter().flat_map(|m| m.words.iter().chain([&m.name]).map(|word| (m.name, *word)));
-        let said = |word: &str| text.contains(&format!("_{}_", normal(word)));
+        let said = |word: &str| !COMMON.contains(&word) && text.contains(&format!("_{}_", normal(word)));
         let found = built_in.chain(added).filter(|(_, word)| said(word));
         found.max_by_key(|(_, word)| word.len()).map(|(name, _)| name)
     }
@@ -134,6 +144,12 @@ impl Gestures {
         u32::try_from(found).ok()
     }
 
+    /// Returns the number of a variant's pose: the gesture itself, or another motion of its name.
+    pub(super) fn pose(&self, gesture: u32, variant: u8) -> u32 {
+        let count = poses(gesture).count().max(1);
+        poses(gesture).nth(usize::from(variant) % count).unwrap_or(gesture)
+    }
+
     /// Returns one of the host's own gestures by its number.
     pub(super) fn added(&self, number: usize) -> Option<&Gesture> {
         self.added.get(number.checked_sub(MOTIONS.len())?).map(|gesture| &**gesture)
@@ -146,6 +162,12 @@ impl Gestures {
         self.added.iter().for_each(|gesture| gesture.add_to(&mut sum));
         sum.0
     }
+}
+
+/// Numbers of the motions of a built-in gesture's name; none for a host's gesture.
+fn poses(gesture: u32) -> impl Iterator<Item = u32> {
+    let name = MOTIONS.get(gesture as usize).map(|motion| motion.name);
+    (0..).zip(&MOTIONS).filter(move |(_, motion)| Some(motion.name) == name).map(|(number, _)| number)
 }
 
 /// Rejects names that could not be given on a command line.
@@ -179,12 +201,15 @@ mod tests {
     #[test]
     fn gestures_are_found_by_names_and_in_texts() {
         let set = Gestures::new();
-        let name = |text: &str| set.find(text).and_then(|at| set.names().nth(at as usize));
+        let name = |text: &str| set.find(text).and_then(|at| MOTIONS.get(at as usize)).map(|motion| motion.name);
         assert_eq!(name("wave"), Some("wave"));
         assert_eq!(name("Thumbs-Up"), Some("thumbs_up"));
         assert_eq!(name("yes"), Some("nod"));
         assert_eq!(name("no"), Some("shake"));
+        assert_eq!(name("come"), Some("beckon"));
+        assert_eq!(name("there"), Some("there"));
         assert_eq!(name("sing"), None);
+        assert!(set.names().count() >= 40);
         assert_eq!(name(""), None);
         for (text, wanted) in [
             ("wave", Some("wave")),
@@ -194,6 +219,8 @@ mod tests {
             ("gives a thumbs up!", Some("thumbs_up")),
             ("walks around", None),
             ("a waveform", None),
+            ("walks up there and sits down", None),
+            ("someone drinks", Some("drink")),
             ("", None),
         ] {
             assert_eq!(set.in_text(text), wanted, "{text}");

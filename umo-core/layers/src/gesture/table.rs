@@ -7,6 +7,7 @@
 use super::arm::Vec3;
 use super::hand::{self, Shape};
 use super::set::GestureParts;
+use super::speech::SPEECH;
 use crate::rig::arkit;
 
 /// Quantity that a track adds to the model's motion.
@@ -31,14 +32,14 @@ pub(super) enum Channel {
 }
 
 /// Value over time; begins and ends at 0.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Track {
     pub(super) channel: Channel,
     pub(super) keys: &'static [(f32, f32)],
 }
 
 /// Pose of an arm at a time.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Key {
     pub(super) at: f32,
     pub(super) hand: Vec3,
@@ -49,7 +50,7 @@ pub(super) struct Key {
 }
 
 /// Arms that follow a gesture's keys.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Arms {
     None,
     /// The arm of the gesture's side, or both at the host's request.
@@ -57,12 +58,14 @@ pub(super) enum Arms {
     Both,
     /// Both, in exact synchrony.
     Together,
+    /// Both, the second by keys of its own.
+    Pair(&'static [Key]),
     /// One arm, which points at a place and has no keys.
     Pointing,
 }
 
-/// A built-in gesture.
-#[derive(Debug)]
+/// A built-in gesture, or a variant of one: those of one name differ in their poses.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
     pub(super) name: &'static str,
     /// Other names, also recognized in a text.
@@ -80,32 +83,36 @@ pub(super) struct Motion {
     pub(super) arms: Arms,
     pub(super) keys: &'static [Key],
     pub(super) tracks: &'static [Track],
+    /// Whether it is of the left hand, unless the host says which.
+    pub(super) is_left: bool,
+    /// Whether the place of the hand may vary: it touches nothing.
+    pub(super) is_free: bool,
 }
 
-const fn key(at: f32, hand: Vec3, elbow: Vec3, fingers: Vec3, palm: Vec3, shape: Shape) -> Key {
+pub(super) const fn key(at: f32, hand: Vec3, elbow: Vec3, fingers: Vec3, palm: Vec3, shape: Shape) -> Key {
     Key { at, hand, elbow, fingers, palm, shape }
 }
 
-const fn track(channel: Channel, keys: &'static [(f32, f32)]) -> Track {
+pub(super) const fn track(channel: Channel, keys: &'static [(f32, f32)]) -> Track {
     Track { channel, keys }
 }
 
 /// Track of a face shape.
-const fn face(name: &str, keys: &'static [(f32, f32)]) -> Track {
+pub(super) const fn face(name: &str, keys: &'static [(f32, f32)]) -> Track {
     track(Channel::Face(arkit(name)), keys)
 }
 
 use Channel::{Collars, HeadPitch, HeadRoll, HeadYaw, HipPitch, TrunkPitch, TrunkRoll, TrunkYaw};
 
-const HEAD: GestureParts = GestureParts::HEAD;
-const ARM: GestureParts = GestureParts::RIGHT_ARM;
-const ARMS: GestureParts = GestureParts::LEFT_ARM.union(GestureParts::RIGHT_ARM);
+pub(super) const HEAD: GestureParts = GestureParts::HEAD;
+pub(super) const ARM: GestureParts = GestureParts::RIGHT_ARM;
+pub(super) const ARMS: GestureParts = GestureParts::LEFT_ARM.union(GestureParts::RIGHT_ARM);
 
-const ELBOW_LOW: Vec3 = [0.35, -1.0, -0.35];
-const ELBOW_OUT: Vec3 = [0.8, -0.9, -0.2];
+pub(super) const ELBOW_LOW: Vec3 = [0.35, -1.0, -0.35];
+pub(super) const ELBOW_OUT: Vec3 = [0.8, -0.9, -0.2];
 
 /// Key of a waving hand: `lean` is how far the forearm leans outwards.
-const fn waving(at: f32, lean: f32) -> Key {
+pub(super) const fn waving(at: f32, lean: f32) -> Key {
     key(
         at,
         [0.43 + 0.22 * lean, 0.33 - 0.03 * lean, 0.34],
@@ -117,7 +124,7 @@ const fn waving(at: f32, lean: f32) -> Key {
 }
 
 /// Key of a hand that shows a number: `lift` raises it for the beat of its arrival.
-const fn showing(at: f32, lift: f32, shape: Shape) -> Key {
+pub(super) const fn showing(at: f32, lift: f32, shape: Shape) -> Key {
     key(at, [0.34, 0.02 + lift, 0.50], ELBOW_LOW, [-0.06, 1.0, 0.12], [-0.2, 0.0, 1.0], shape)
 }
 
@@ -126,7 +133,7 @@ const fn shown(shape: Shape) -> [Key; 4] {
     [showing(0.0, 0.07, shape), showing(0.16, 0.0, shape), showing(0.5, 0.012, shape), showing(0.8, 0.0, shape)]
 }
 
-const SHOW_TRACKS: &[Track] = &[
+pub(super) const SHOW_TRACKS: &[Track] = &[
     track(HeadPitch, &[(-0.3, 0.0), (0.05, 3.0), (0.35, 1.0), (0.9, 1.0), (1.3, 0.0)]),
     face("browInnerUp", &[(-0.3, 0.0), (0.1, 0.22), (0.7, 0.12), (1.2, 0.0)]),
 ];
@@ -143,11 +150,24 @@ const fn count(name: &'static str, words: &'static [&'static str], keys: &'stati
         arms: Arms::One,
         keys,
         tracks: SHOW_TRACKS,
+        is_left: false,
+        is_free: true,
     }
 }
 
-/// Every built-in gesture.
-pub(super) static MOTIONS: [Motion; 18] = [
+/// Every built-in gesture, and its variants after it.
+pub(super) static MOTIONS: [Motion; ACTIONS.len() + SPEECH.len()] = {
+    let mut all = [ACTIONS[0]; ACTIONS.len() + SPEECH.len()];
+    let mut at = 1;
+    while at < all.len() {
+        all[at] = if at < ACTIONS.len() { ACTIONS[at] } else { SPEECH[at - ACTIONS.len()] };
+        at += 1;
+    }
+    all
+};
+
+/// Gestures that act alone.
+const ACTIONS: [Motion; 18] = [
     Motion {
         name: "nod",
         words: &["nods", "nodding", "yes", "agree", "agrees"],
@@ -178,6 +198,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("mouthSmileLeft", &[(-0.1, 0.0), (0.3, 0.14), (0.7, 0.12), (1.08, 0.0)]),
             face("mouthSmileRight", &[(-0.1, 0.0), (0.32, 0.12), (0.7, 0.10), (1.08, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "shake",
@@ -218,6 +240,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("mouthPressLeft", &[(-0.15, 0.0), (0.25, 0.22), (0.9, 0.16), (1.4, 0.0)]),
             face("mouthPressRight", &[(-0.15, 0.0), (0.25, 0.26), (0.9, 0.18), (1.4, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "shrug",
@@ -245,6 +269,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("mouthFrownLeft", &[(-0.35, 0.0), (0.0, 0.32), (0.5, 0.26), (1.0, 0.0)]),
             face("mouthFrownRight", &[(-0.35, 0.0), (0.0, 0.26), (0.5, 0.22), (1.0, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "wave",
@@ -277,6 +303,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("cheekSquintLeft", &[(-0.2, 0.0), (0.25, 0.28), (1.4, 0.2), (2.0, 0.0)]),
             face("cheekSquintRight", &[(-0.2, 0.0), (0.25, 0.25), (1.4, 0.18), (2.0, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "bow",
@@ -299,6 +327,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("eyeBlinkLeft", &[(-0.2, 0.0), (0.35, 0.55), (0.95, 0.5), (1.5, 0.0)]),
             face("eyeBlinkRight", &[(-0.2, 0.0), (0.35, 0.55), (0.95, 0.5), (1.5, 0.0)]),
         ],
+        is_left: false,
+        is_free: false,
     },
     Motion {
         name: "point",
@@ -314,6 +344,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             track(HeadPitch, &[(-0.4, 0.0), (0.05, 2.0), (0.9, 1.0), (1.4, 0.0)]),
             face("browInnerUp", &[(-0.4, 0.0), (0.0, 0.22), (0.8, 0.12), (1.4, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "count",
@@ -360,6 +392,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             ),
             face("browInnerUp", &[(-0.3, 0.0), (0.1, 0.2), (2.6, 0.12), (3.3, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     count("count_one", &["one"], &shown(hand::ONE)),
     count("count_two", &["two"], &shown(hand::TWO)),
@@ -391,6 +425,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("cheekSquintLeft", &[(-0.2, 0.0), (0.15, 0.25), (0.85, 0.2), (1.4, 0.0)]),
             face("cheekSquintRight", &[(-0.2, 0.0), (0.15, 0.22), (0.85, 0.18), (1.4, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "think",
@@ -421,6 +457,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("mouthPressLeft", &[(-0.3, 0.0), (0.1, 0.25), (1.4, 0.2), (2.1, 0.0)]),
             face("mouthPressRight", &[(-0.3, 0.0), (0.1, 0.30), (1.4, 0.25), (2.1, 0.0)]),
         ],
+        is_left: false,
+        is_free: false,
     },
     Motion {
         name: "clap",
@@ -451,10 +489,12 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("cheekSquintLeft", &[(-0.2, 0.0), (0.25, 0.25), (1.5, 0.2), (2.0, 0.0)]),
             face("cheekSquintRight", &[(-0.2, 0.0), (0.25, 0.22), (1.5, 0.18), (2.0, 0.0)]),
         ],
+        is_left: false,
+        is_free: false,
     },
     Motion {
         name: "beckon",
-        words: &["beckons", "beckoning", "come_here"],
+        words: &["beckons", "beckoning", "come", "come_here"],
         parts: ARM,
         preparation: 0.6,
         stroke: 0.2,
@@ -473,6 +513,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             track(TrunkPitch, &[(-0.4, 0.0), (0.05, 2.5), (0.7, 1.0), (1.4, 0.0)]),
             face("browInnerUp", &[(-0.4, 0.0), (0.1, 0.3), (0.7, 0.2), (1.4, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "stop",
@@ -494,6 +536,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             face("browDownLeft", &[(-0.3, 0.0), (0.05, 0.2), (0.8, 0.15), (1.5, 0.0)]),
             face("browDownRight", &[(-0.3, 0.0), (0.05, 0.2), (0.8, 0.15), (1.5, 0.0)]),
         ],
+        is_left: false,
+        is_free: true,
     },
     Motion {
         name: "me",
@@ -513,6 +557,8 @@ pub(super) static MOTIONS: [Motion; 18] = [
             track(HeadPitch, &[(-0.35, 0.0), (0.0, 4.0), (0.3, 1.5), (1.2, 0.0)]),
             face("browInnerUp", &[(-0.35, 0.0), (0.0, 0.3), (0.5, 0.2), (1.2, 0.0)]),
         ],
+        is_left: false,
+        is_free: false,
     },
 ];
 
@@ -543,6 +589,9 @@ mod tests {
                 assert!(times.last().is_none_or(|&t| t <= end + 1e-5), "{}: ends late", motion.name);
             };
             times(&mut motion.keys.iter().map(|key| key.at));
+            if let Arms::Pair(keys) = motion.arms {
+                times(&mut keys.iter().map(|key| key.at));
+            }
             for track in motion.tracks {
                 times(&mut track.keys.iter().map(|key| key.0));
                 let value = |key: Option<&(f32, f32)>| key.map(|key| key.1);
@@ -560,7 +609,13 @@ mod tests {
 
     #[test]
     fn names_and_words_mean_one_gesture() {
-        let mut all: Vec<&str> = MOTIONS.iter().flat_map(|m| m.words.iter().copied().chain([m.name])).collect();
+        let named = |m: &&Motion| {
+            MOTIONS.iter().find(|first| first.name == m.name).is_some_and(|first| std::ptr::eq(first, *m))
+        };
+        let variants = MOTIONS.iter().filter(|m| !named(m));
+        assert!(variants.flat_map(|m| m.words).next().is_none());
+        let mut all: Vec<&str> =
+            MOTIONS.iter().filter(named).flat_map(|m| m.words.iter().copied().chain([m.name])).collect();
         assert!(all.iter().all(|word| word.bytes().all(|b| b.is_ascii_lowercase() || b == b'_')));
         all.sort_unstable();
         let count = all.len();

@@ -6,6 +6,7 @@
 use umo_core_pose::frame::Cue;
 use umo_core_pose::skeleton::{ARKIT_NAMES, FIRST_FINGER, JOINTS, Skeleton};
 
+use super::table::Key;
 use super::*;
 use crate::attention::Weights;
 use crate::{Controls, LayerGains, trial};
@@ -172,25 +173,40 @@ fn straight(frame: &OwnedFrame) -> [bool; 5] {
     [fingers[0], fingers[1], fingers[2], fingers[3], is_out]
 }
 
+/// Each gesture's poses as variants, in the order of the names.
+fn variants() -> Vec<(&'static str, u8)> {
+    let gestures = Gestures::new();
+    let poses = |name: &'static str| (0..gestures.poses(name) as u8).map(move |variant| (name, variant));
+    MOTIONS
+        .iter()
+        .map(|motion| motion.name)
+        .collect::<std::collections::BTreeSet<_>>()
+        .into_iter()
+        .flat_map(poses)
+        .collect()
+}
+
+/// The fastest that a variant may be.
+const FASTEST: f32 = 1.15;
+
 #[test]
 fn no_gesture_jumps_and_all_end_where_the_model_is() {
-    for name in Gestures::new().names() {
-        for side in Side::ALL {
-            for speed in [1.0, 1.4] {
-                let options = GestureOptions::default().side(side).speed(speed).at(1.5);
-                let frames = played(name, options);
-                let (step, joint) = largest_step(&frames);
-                // Fingers are the fastest joints: they open within a quarter of a second.
-                let most = if joint >= FIRST_FINGER { 24.0 } else { 16.0 };
-                assert!(step < most * speed, "{name}, {side:?}, {speed}: joint {joint} turns by {step} in a frame");
-                assert!(step > 0.7, "{name} does nothing");
-                assert_eq!(bits(&frames[5]), bits(&base(5)), "{name} begins early");
-                assert_eq!(bits(&frames[FRAMES - 1]), bits(&base(FRAMES - 1)), "{name} leaves something");
-                for frame in &frames {
-                    let lengths = frame.pose.rotations.iter().map(|q| q.iter().map(|v| v * v).sum::<f32>());
-                    assert!(lengths.into_iter().all(|length| (length - 1.0).abs() < 1e-4));
-                    assert!(frame.face.iter().all(|value| (0.0..=1.0).contains(value)));
-                }
+    for (name, variant) in variants() {
+        for (side, speed) in [(Side::Auto, 1.0), (Side::Left, 1.4), (Side::Both, 1.0)] {
+            let options = GestureOptions::default().side(side).speed(speed).variant(variant).at(1.5);
+            let frames = played(name, options);
+            let (step, joint) = largest_step(&frames);
+            // Fingers are the fastest joints: they open within a quarter of a second.
+            let most = if joint >= FIRST_FINGER { 24.0 } else { 16.0 } * if variant > 0 { FASTEST } else { 1.0 };
+            let which = format!("{name}, variant {variant}, {side:?}, {speed}");
+            assert!(step < most * speed, "{which}: joint {joint} turns by {step} in a frame");
+            assert!(step > 0.7, "{which} does nothing");
+            assert_eq!(bits(&frames[5]), bits(&base(5)), "{which} begins early");
+            assert_eq!(bits(&frames[FRAMES - 1]), bits(&base(FRAMES - 1)), "{which} leaves something");
+            for frame in &frames {
+                let lengths = frame.pose.rotations.iter().map(|q| q.iter().map(|v| v * v).sum::<f32>());
+                assert!(lengths.into_iter().all(|length| (length - 1.0).abs() < 1e-4));
+                assert!(frame.face.iter().all(|value| (0.0..=1.0).contains(value)));
             }
         }
     }
@@ -198,13 +214,13 @@ fn no_gesture_jumps_and_all_end_where_the_model_is() {
 
 #[test]
 fn hands_go_at_peoples_speeds_and_not_through_the_body() {
-    for name in Gestures::new().names() {
-        let frames = played(name, GestureOptions::default());
+    for (name, variant) in variants() {
+        let frames = played(name, GestureOptions::default().variant(variant));
         for wrist in WRISTS {
             let steps =
                 frames.windows(2).map(|pair| arm::length(less(places(&pair[1])[wrist], places(&pair[0])[wrist])));
             let fastest = 30.0 * steps.fold(0.0, f32::max);
-            assert!(fastest < 2.5, "{name}: {fastest} m/s");
+            assert!(fastest < 2.5 * FASTEST, "{name}, variant {variant}: {fastest} m/s");
         }
         for frame in &frames {
             let (places, turned) = rig().world(&frame.pose);
@@ -212,7 +228,10 @@ fn hands_go_at_peoples_speeds_and_not_through_the_body() {
             for joint in WRISTS.into_iter().chain(knuckles).chain(ELBOWS) {
                 let [x, y, z] = rotate(inverse(turned[CHEST]), less(places[joint], places[CHEST]));
                 let inside = (x / 0.15).powi(2) + (z / 0.09).powi(2);
-                assert!(inside > 1.0 || !(-0.35..=0.2).contains(&y), "{name}: joint {joint} in the body: {x} {y} {z}");
+                assert!(
+                    inside > 1.0 || !(-0.35..=0.2).contains(&y),
+                    "{name}, variant {variant}: joint {joint} in the body: {x} {y} {z}"
+                );
             }
         }
     }
@@ -409,6 +428,122 @@ fn left_is_right_in_a_mirror() {
     let shape =
         |frame: &OwnedFrame, name: &str| frame.face[ARKIT_NAMES.iter().position(|known| *known == name).unwrap()];
     assert_eq!(shape(right, "mouthSmileLeft"), shape(left, "mouthSmileRight"));
+}
+
+/// Poses of every motion at some times, over a body that is its own mirror image.
+#[test]
+fn every_motion_is_mirrored() {
+    let rig = rig();
+    for (number, motion) in MOTIONS.iter().enumerate() {
+        for share in [0.0, 0.3, 0.7, 1.0] {
+            let shown = |is_mirrored: bool| {
+                let request = Request { gesture: number as u32, strength: 1.0, variant: 3, ..Request::NONE };
+                let playing = Playing { request, is_mirrored, ..Playing::NONE };
+                let mut frame = OwnedFrame::new(Pose::REST, &[0.0; ARKIT_NAMES.len()]);
+                show(&mut frame, &rig, &playing, motion, motion.preparation + share * motion.length, 1.0);
+                frame
+            };
+            let (right, left) = (places(&shown(false)), places(&shown(true)));
+            let other = |joint: usize| match joint {
+                13 | 16 | 18 | 20 => joint + 1,
+                14 | 17 | 19 | 21 => joint - 1,
+                25..40 => joint + 15,
+                40.. => joint - 15,
+                _ => joint,
+            };
+            for joint in [12, 15].into_iter().chain(16..22).chain(FIRST_FINGER..JOINTS) {
+                let [x, y, z] = right[other(joint)];
+                let off = arm::length(less(left[joint], [-x, y, z]));
+                assert!(off < 1e-4, "{}, motion {number}, {share}: joint {joint} is {off} m off", motion.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn arms_reach_what_is_drawn_within_their_limits() {
+    let rig = rig();
+    for motion in &MOTIONS {
+        let second = if let Arms::Pair(keys) = motion.arms { keys } else { &[] };
+        for (arm, key) in motion.keys.iter().map(|key| (RIGHT, key)).chain(second.iter().map(|key| (LEFT, key))) {
+            let Key { at, hand, elbow, fingers, palm, shape } = *key;
+            let pose = arm.pose(&rig, &ArmTarget { hand, elbow, fingers, palm, shape }, None);
+            let bend = angle(pose.elbow, [0.0, 0.0, 0.0, 1.0]);
+            assert!(bend < 165.0, "{} at {at}: the elbow turns by {bend}", motion.name);
+            // Limits of forearm and wrist would turn the hand elsewhere.
+            let turned = product(product(product(pose.collar, pose.shoulder), pose.elbow), pose.wrist);
+            let rest = arm::unit(rig.offsets[arm.first_finger + 3], [0.0; 3]);
+            let off = arm::dot(rotate(turned, rest), arm.sided(arm::unit(fingers, [0.0; 3])));
+            assert!(off > 0.97, "{} at {at}: the fingers are {} off", motion.name, off.acos().to_degrees());
+            for finger in 0..4 {
+                let [first, second, third, lean] = [0, 1, 2, 3].map(|angle| shape[4 * finger + angle]);
+                let is_human = (0.0..=90.0).contains(&first)
+                    && (0.0..=105.0).contains(&second)
+                    && (0.0..=70.0).contains(&third)
+                    && (-23.0..=14.0).contains(&lean);
+                assert!(is_human, "{} at {at}: finger {finger} bends by {first} {second} {third}, {lean}", motion.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_variant_is_its_own_and_the_same_each_time() {
+    let wrist = |name: &str, variant: u8| places(&played(name, GestureOptions::default().variant(variant))[30])[21];
+    for name in ["sweep", "ring", "future"] {
+        let all: Vec<Vec3> = (0..6).map(|variant| wrist(name, variant)).collect();
+        for (variant, place) in all.iter().enumerate() {
+            assert_eq!(*place, wrist(name, variant as u8));
+            assert!(all[..variant].iter().all(|other| arm::length(less(*other, *place)) > 0.002), "{name} {variant}");
+        }
+    }
+    // A hand that touches the body stays there.
+    let frames = |variant: u8| played("heart", GestureOptions::default().speed(1.0).variant(variant));
+    let touch = |variant: u8| {
+        let frame = &frames(variant)[27];
+        less(places(frame)[21], places(frame)[CHEST])
+    };
+    assert!(arm::length(less(touch(0), touch(2))) < 0.02);
+    let gestures = Gestures::new();
+    assert_eq!((gestures.poses("sweep"), gestures.poses("point"), gestures.poses("fly")), (2, 1, 0));
+}
+
+#[test]
+fn one_hand_is_the_left_and_the_other_hand_the_right() {
+    for (name, side, wrist) in [
+        ("one_hand", Side::Auto, 20),
+        ("one_hand", Side::Right, 21),
+        ("other_hand", Side::Auto, 21),
+        ("other_hand", Side::Left, 20),
+    ] {
+        let frame = &played(name, GestureOptions::default().side(side))[24];
+        let height = |wrist: usize| places(frame)[wrist][1];
+        assert!(height(wrist) > height(41 - wrist) + 0.1, "{name}, {side:?}");
+    }
+    // A contrast shows the left hand, then the right one.
+    let frames = played("contrast", GestureOptions::default());
+    let lift = |time: f32| {
+        let places = places(at(&frames, "contrast", time));
+        places[20][1] - places[21][1]
+    };
+    assert!(lift(0.3) > 0.08 && lift(1.5) < 0.05, "{} {}", lift(0.3), lift(1.5));
+}
+
+#[test]
+fn small_signs_of_the_head_are_as_small_as_peoples() {
+    for (name, axis) in [("small_nod", 0), ("small_shake", 1)] {
+        for variant in 0..2 {
+            let frames = played(name, GestureOptions::default().variant(variant));
+            let turned = |(index, frame): (usize, &OwnedFrame)| {
+                let of =
+                    |frame: &OwnedFrame| product(frame.pose.rotations[NECK_JOINT], frame.pose.rotations[HEAD_JOINT]);
+                let by = product(inverse(of(&base(index))), of(frame));
+                2.0 * by[axis].abs().min(1.0).asin().to_degrees()
+            };
+            let most = frames.iter().enumerate().map(turned).fold(0.0, f32::max);
+            assert!((4.0..8.0).contains(&most), "{name}, variant {variant}: {most}");
+        }
+    }
 }
 
 #[test]
