@@ -225,32 +225,38 @@ impl WordRules {
         &self.0.language
     }
 
+    #[doc(hidden)]
     /// Classes in alphabetical order.
     pub fn classes(&self) -> &[Class] {
         &self.0.classes
     }
 
+    #[doc(hidden)]
     /// Least time between two strokes of the hands, and of the head, seconds.
     pub fn gap(&self) -> f64 {
         self.0.gap
     }
 
+    #[doc(hidden)]
     /// Number of words, stems and phrases.
     pub fn phrases(&self) -> usize {
         self.0.nodes.iter().filter(|node| node.end.is_some()).count()
     }
 
+    #[doc(hidden)]
     /// First class with a gesture that `knows` does not know, and that gesture's name.
     pub fn unknown_gesture(&self, knows: impl Fn(&str) -> bool) -> Option<(&str, &str)> {
         let all = self.0.classes.iter().flat_map(|class| class.gestures.iter().map(|it| (&*class.name, &*it.name)));
         all.into_iter().find(|(_, gesture)| !knows(gesture))
     }
 
+    #[doc(hidden)]
     /// Hash that distinguishes these rules from others.
     pub fn fingerprint(&self) -> u64 {
         self.0.fingerprint
     }
 
+    #[doc(hidden)]
     /// Number of syllables of a word.
     pub fn syllables(&self, word: &str) -> u32 {
         self.sound(Normal::new(word).as_str()).syllables
@@ -294,6 +300,7 @@ impl WordRules {
         }
     }
 
+    #[doc(hidden)]
     /// Classes of a text's words in order, each with its phrase's number of words; `None` for words of no class.
     pub fn classify(&self, text: &str) -> Vec<(usize, Option<&Class>)> {
         let words: Vec<_> = spoken(text).collect();
