@@ -884,6 +884,24 @@ umo_status umo_engine_poll(struct umo_engine *engine,
                            uint32_t *more)
 UMO_NOEXCEPT;
 
+// Sets the rules by which words become gestures (docs/words.md), for sessions created later: those of
+// `language` (`"en"`, which is the default, or `"de"`; NULL keeps the present ones), and to them those of `toml`,
+// the text of a file of rules (NULL for none). Gestures that the rules name must be known when a session is
+// created.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (a language without rules; not rules:
+// `umo_last_error` says where and why), `OUT_OF_MEMORY`.
+//
+// Pointers:
+// `language` and `toml` are NULL or end with a zero byte.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_set_word_rules(struct umo_engine *engine,
+                                     const char *language,
+                                     const char *toml)
+UMO_NOEXCEPT;
+
 // Fills a layout for frames without gaps, in glTF's axes: index, sample, translation, rotations,
 // channels, and visemes if the model has ARKit channels. `size` is `sizeof *layout`.
 //
@@ -1589,6 +1607,29 @@ umo_status umo_session_hint_lips(struct umo_session *session,
                                  uint32_t shape,
                                  double start,
                                  double duration)
+UMO_NOEXCEPT;
+
+// Gives the words of `text` and their time, `start` to `end` in seconds of the audio pushed since the session
+// began or was reset: usually one word with its punctuation; several share the time by their syllables. By the
+// engine's rules (`umo_engine_set_word_rules`) some words become gestures, whose stroke falls on the stressed
+// vowel; those of `umo_session_play_gesture` come first. Words may come in any order, before or after their
+// audio; one that comes less than 1.6 seconds before its frame may be gestured late or not at all.
+// `umo_session_interrupt` drops pending words.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not UTF-8, more than 64 words, a start that is
+// negative or not a number, or an end that is not 0 to 30 seconds later), `BUSY` (more than 64 words would be
+// pending: call again when the time of some has come; or another thread is in a setter), `FAILED`, `CLOSED`,
+// `PANIC`.
+//
+// Pointers:
+// `text` is NULL or ends with a zero byte.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_hint_words(struct umo_session *session,
+                                  const char *text,
+                                  double start,
+                                  double end)
 UMO_NOEXCEPT;
 
 // Plays a gesture over the model's motion: the parts of the body that it moves ease to it and back, the

@@ -191,6 +191,10 @@ public:
                                                 float stroke = -1) {
         return umo_engine_add_gesture_memory(get(), name, data, size, animation, parts, stroke);
     }
+    /// Rules of words for sessions created later: of a language (`"en"`, `"de"`), and a file's text to add.
+    [[nodiscard]] umo_status set_word_rules(const char *language, const char *toml = nullptr) {
+        return umo_engine_set_word_rules(get(), language, toml);
+    }
     /// Names of the gestures available to sessions created now.
     std::vector<std::string> gesture_names() const {
         std::vector<std::string> names;
@@ -360,6 +364,10 @@ public:
     /// `UMO_LIPS_…`
     [[nodiscard]] umo_status hint_lips(std::uint32_t shape, double start, double duration) noexcept {
         return umo_session_hint_lips(get(), shape, start, duration);
+    }
+    /// A word, or several that share the time by their syllables.
+    [[nodiscard]] umo_status hint_words(const char *text, double start, double end) noexcept {
+        return umo_session_hint_words(get(), text, start, end);
     }
     static umo_gesture_options gesture_defaults() noexcept {
         umo_gesture_options options{};

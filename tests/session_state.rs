@@ -78,6 +78,8 @@ enum Call {
     /// Index of a gesture, delay in seconds after the last frame shown (`None`: no start time), and side.
     Gesture(usize, Option<f64>, Side),
     Lips(usize, f64, f64),
+    /// Index of a word, delay in seconds after the last frame shown, and duration.
+    Word(usize, f64, f64),
     /// Number of samples of the interlocutor, and their level.
     Other(usize, f32),
     Wait(u64),
@@ -85,6 +87,9 @@ enum Call {
     Clock(u32),
     Settle,
 }
+
+/// Words of several classes and of none.
+const WORDS: [&str; 6] = ["no", "hello!", "maybe", "me", "not bad", "table"];
 
 fn any_idle() -> impl Strategy<Value = Idle> + Clone {
     prop::sample::select(vec![Idle::Hold, Idle::Rest, Idle::Live])
@@ -111,6 +116,8 @@ fn any_call() -> impl Strategy<Value = Call> {
             .prop_map(|(which, at, side)| Call::Gesture(which, at, side)),
         2 => (0_usize..3, 0.0..2.0, 0.0..0.3_f64)
             .prop_map(|(which, after, duration)| Call::Lips(which, after, duration)),
+        2 => (0_usize..WORDS.len(), 0.0..3.0, 0.0..0.5_f64)
+            .prop_map(|(which, after, duration)| Call::Word(which, after, duration)),
         2 => (0_usize..9_000, 0.0_f32..0.5).prop_map(|(count, level)| Call::Other(count, level)),
         2 => (0_u64..700).prop_map(Call::Wait),
         2 => (0_u32..700).prop_map(Call::Clock),
@@ -208,6 +215,12 @@ impl<'a> Run<'a> {
                 match session.hint_lips(LipShape::ALL[*which], *time + after, *duration) {
                     Ok(()) => seen.push(2),
                     Err(error) => assert_eq!(error, SessionError::HintsFull),
+                }
+            }
+            Call::Word(which, after, duration) => {
+                match session.hint_words(WORDS[*which], *time + after, *time + after + duration) {
+                    Ok(()) => seen.push(3),
+                    Err(error) => assert_eq!(error, SessionError::WordsFull),
                 }
             }
             Call::Other(count, level) => session.push_other_audio(&vec![*level; count * *channels]).unwrap(),

@@ -15,6 +15,7 @@ use crate::args::{self, Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::words::{self, Script};
 use crate::{gestures, model, progress, start_pose};
 
 /// Animates a recording.
@@ -32,8 +33,14 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     if args.retime {
         animation.retime(&generator.model)?;
     }
+    let mut script = Script::default();
+    if let Some(path) = &args.words.words {
+        let rules = words::rules(&args.words.rules)?;
+        script = Script::read(path, &speech, &rules)?;
+        animation.set_word_rules(rules)?;
+    }
     generator.hear(&mut animation, &speech)?;
-    let done = job.finish(&mut animation, frames);
+    let done = job.finish(&mut animation, frames, script);
     if let Some((compared, differed)) = animation.avatar().unit_disagreement() {
         let share = 100.0 * differed as f64 / compared.max(1) as f64;
         eprintln!(
@@ -128,18 +135,21 @@ impl<'a> Generator<'a> {
         Ok(animation)
     }
 
-    /// Runs an animation to its end; calls `look` after each chunk.
+    /// Runs an animation to its end with the words of `script`; calls `look` after each chunk.
     pub(crate) fn clip(
         &self,
         animation: &mut Animation,
         frames: usize,
+        mut script: Script,
         mut look: impl FnMut(&Animation),
     ) -> Result<Clip, Failure> {
         let mut clip = self.model.config().clip();
         let bar = progress::frames(frames);
+        script.give(|text, start, end| animation.hint_words(text, start, end))?;
         while animation.step(&self.model, self.compute(), &mut |frame| clip.push(frame.pose, frame.face))? {
             bar.set_position(clip.len().max(animation.waiting()) as u64);
             look(animation);
+            script.give(|text, start, end| animation.hint_words(text, start, end))?;
         }
         bar.finish_and_clear();
         if clip.len() != frames {
@@ -204,11 +214,11 @@ impl<'a> Job<'a> {
         Ok(Self { args, generator: Generator::new(&args.generate, &args.compute, file)?, outputs })
     }
 
-    /// Runs the animation to its end and writes every output.
-    pub(crate) fn finish(self, animation: &mut Animation, frames: usize) -> Result<(), Failure> {
+    /// Runs the animation to its end with the words of `script`, and writes every output.
+    pub(crate) fn finish(self, animation: &mut Animation, frames: usize, script: Script) -> Result<(), Failure> {
         let config = self.generator.model.config();
         let start = Instant::now();
-        let clip = self.generator.clip(animation, frames, |_| ())?;
+        let clip = self.generator.clip(animation, frames, script, |_| ())?;
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
         for output in self.outputs {
             output.write(&clip, self.args.figure).map_err(Failure::environment)?;

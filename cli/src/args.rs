@@ -7,6 +7,7 @@ mod live;
 mod models;
 #[cfg(feature = "serve")]
 mod serve;
+mod words;
 
 use std::path::PathBuf;
 
@@ -24,6 +25,7 @@ pub use models::{
 };
 #[cfg(feature = "serve")]
 pub use serve::Serve;
+pub use words::{RuleArgs, WordArgs, Words};
 
 /// Heading of options that few need; `-h` omits them.
 const TUNING: &str = "Tuning";
@@ -77,6 +79,9 @@ pub enum Command {
     /// List the gestures that `animate --gesture` and `text` know
     #[command(hide = true)]
     Gestures,
+    /// Print the gestures that a text would get by its words, and why
+    #[command(hide = true)]
+    Words(Words),
 }
 
 /// Commands for model files.
@@ -186,6 +191,9 @@ pub struct Animate {
     /// Prompt, for models that take one: a style, an emotion, an action
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub words: WordArgs,
     /// Move strokes of arms, trunk and head onto the accents of the voice
     ///
     /// The frames then differ from those of a stream.
@@ -207,7 +215,7 @@ pub struct Batch {
     /// Folder of recordings, or a manifest
     ///
     /// A manifest (.csv with a header row, or .jsonl) has file and optionally output, seed, prompt, mood, start_pose,
-    /// speaker; paths are relative to its folder.
+    /// speaker, words; paths are relative to its folder.
     pub input: PathBuf,
     /// Output folder [default: the input's]
     #[arg(short, long, value_name = "FOLDER")]
@@ -234,6 +242,9 @@ pub struct Batch {
     /// Read the usable parts of damaged recordings
     #[arg(long)]
     pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub rules: RuleArgs,
     /// Figure that wears the motion in .glb files
     #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
     pub figure: Figure,

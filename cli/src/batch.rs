@@ -26,6 +26,7 @@ use crate::args::Batch;
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::words::{self, Script};
 use crate::{model, progress};
 use manifest::Line;
 use results::{Done, Results};
@@ -91,8 +92,9 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
 /// Returns every setting outside the line that its frames and files depend on.
 fn settings(args: &Batch, generator: &Generator) -> String {
     let config = generator.avatar();
+    let rules = words::rules(&args.rules).map_or(0, |rules| rules.fingerprint());
     format!(
-        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {}",
+        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {} {}",
         env!("CARGO_PKG_VERSION"),
         generator.model.fingerprint(),
         generator.model.isa().name(),
@@ -108,7 +110,8 @@ fn settings(args: &Batch, generator: &Generator) -> String {
         args.generate.start_pose,
         args.figure.name(),
         args.repair,
-        args.retime
+        args.retime,
+        rules
     )
 }
 
@@ -118,6 +121,7 @@ struct Ready {
     key: String,
     animation: Animation,
     frames: usize,
+    script: Script,
 }
 
 /// The outcome of a computed line: its clip, or the error.
@@ -154,7 +158,9 @@ fn read_lines(
             continue;
         }
         let sent = match prepare(args, generator, line) {
-            Ok((animation, frames)) => ready.send(Ready { line: line.clone(), key, animation, frames }).is_ok(),
+            Ok((animation, frames, script)) => {
+                ready.send(Ready { line: line.clone(), key, animation, frames, script }).is_ok()
+            }
             Err(failure) => wrong(&key, &failure),
         };
         if !sent {
@@ -163,8 +169,8 @@ fn read_lines(
     }
 }
 
-/// Returns the animation of a line with its audio attached.
-fn prepare(args: &Batch, generator: &Generator, line: &Line) -> Result<(Animation, usize), Failure> {
+/// Returns the animation of a line with its audio attached, its length in frames, and its words.
+fn prepare(args: &Batch, generator: &Generator, line: &Line) -> Result<(Animation, usize, Script), Failure> {
     let speech = Speech::open(&line.file, args.repair)?;
     let team = Team::new(1).map_err(Failure::environment)?;
     let start_pose = line.start_pose.as_deref().or(args.generate.start_pose.as_deref());
@@ -176,8 +182,14 @@ fn prepare(args: &Batch, generator: &Generator, line: &Line) -> Result<(Animatio
     if args.retime {
         animation.retime(&generator.model)?;
     }
+    let mut script = Script::default();
+    if let Some(path) = &line.words {
+        let rules = words::rules(&args.rules)?;
+        script = Script::read(path, &speech, &rules)?;
+        animation.set_word_rules(rules)?;
+    }
     let frames = generator.hear(&mut animation, &speech)?;
-    Ok((animation, frames))
+    Ok((animation, frames, script))
 }
 
 /// A line in the group.
@@ -186,6 +198,7 @@ struct Place {
     key: String,
     clip: Clip,
     frames: usize,
+    script: Script,
     start: Instant,
 }
 
@@ -202,7 +215,7 @@ fn compute(
     let mut is_over = false;
     let leave = |group: &mut Group, places: &mut Vec<Place>, index: usize, failure: Option<Failure>| {
         group.remove(index);
-        let Place { line, key, clip, frames, start } = places.swap_remove(index);
+        let Place { line, key, clip, frames, start, .. } = places.swap_remove(index);
         let is_whole = clip.len() == frames;
         let clip = match failure {
             Some(failure) => Err(failure),
@@ -214,16 +227,22 @@ fn compute(
     loop {
         while !group.is_full() && !is_over {
             match ready.recv() {
-                Ok(Ready { line, key, animation, frames }) => {
+                Ok(Ready { line, key, animation, frames, script }) => {
                     group.add(animation);
                     let clip = model.config().clip();
-                    places.push(Place { line, key, clip, frames, start: Instant::now() });
+                    places.push(Place { line, key, clip, frames, script, start: Instant::now() });
                 }
                 Err(_) => is_over = true,
             }
         }
         if group.is_empty() {
             return Ok(());
+        }
+        for index in (0..group.len()).rev() {
+            let given = places[index].script.give(|text, start, end| group.hint_words(index, text, start, end));
+            if let Err(failure) = given {
+                leave(&mut group, &mut places, index, Some(failure))?;
+            }
         }
         let stepped = group.step(model, cx, &mut |index, frame| places[index].clip.push(frame.pose, frame.face));
         match stepped {

@@ -5,6 +5,7 @@
 //! | [`args`] | the command line |
 //! | `animate`, `text`, `gestures` | speech or text to an animation; gestures over it |
 //! | `speech` | a recording, block by block |
+//! | `words`, `transcript` | words of a recording, out of files; what their rules would do |
 //! | `batch` | many recordings with one model, computed together |
 //! | `stage`, `inspect`, `random` | a single stage; contents of a model or a character; a model of random weights |
 //! | `convert`, `quantize` | a model from published weights; the same model with smaller weights |
@@ -52,7 +53,9 @@ mod speech;
 mod stage;
 mod start_pose;
 mod text;
+mod transcript;
 mod view;
+mod words;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -106,6 +109,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Batch(args) => batch::run(&args),
         Command::Text(args) => text::run(&args),
         Command::Gestures => gestures::run(),
+        Command::Words(args) => words::run(&args),
         Command::Model(command) => match command {
             ModelCommand::Inspect(args) => inspect::run(&args),
             ModelCommand::Convert(args) => convert::run(&args),

@@ -21,6 +21,7 @@ use umo_core_rig::retarget::{other_bodies, undecorated};
 
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::words::Script;
 use crate::{animate, args, atomic_file, import, model};
 use character::Character;
 pub(crate) use inspect::{inspect, is_inspected};
@@ -133,7 +134,7 @@ fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
         animate::Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
     let mut animation = generator.animation("audio_to_motion", None)?;
     let frames = generator.hear(&mut animation, &speech)?;
-    generator.clip(&mut animation, frames, |_| ())
+    generator.clip(&mut animation, frames, Script::default(), |_| ())
 }
 
 fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Retarget, String> {

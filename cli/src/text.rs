@@ -7,6 +7,7 @@ use crate::animate::{Job, TEXT};
 use crate::args::Text;
 use crate::failure::Failure;
 use crate::gestures;
+use crate::words::Script;
 
 /// Upper bound on the length: an hour.
 const MAX_SECONDS: f64 = 3600.0;
@@ -36,7 +37,7 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
         }
     };
     animation.finish(frames);
-    job.finish(&mut animation, frames)
+    job.finish(&mut animation, frames, Script::default())
 }
 
 /// The source of the motion for a text.

@@ -224,6 +224,15 @@ pub enum Request {
         #[serde(default)]
         target: Option<[f32; 3]>,
     },
+    /// Gives words and their time.
+    Words {
+        /// The words.
+        text: String,
+        /// Start in seconds of the audio sent since the session's start.
+        start: f64,
+        /// End, as the start.
+        end: f64,
+    },
     /// Looks at a point.
     LookAt {
         /// The point, in metres.

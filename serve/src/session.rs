@@ -432,6 +432,7 @@ impl Live {
                 let options = protocol::gesture_options(at, (speed, strength), side, target);
                 session.play_gesture(&name, &options).map_err(of_session)?;
             }
+            Request::Words { text, start, end } => session.hint_words(&text, start, end).map_err(of_session)?,
             Request::LookAt { point, strength } => session.look_at(point, strength).map_err(of_session)?,
             Request::Save if self.saving == Saving::No => self.saving = Saving::Copy,
             Request::Save => {}
@@ -615,7 +616,8 @@ fn of_session(error: SessionError) -> End {
         SessionError::Range(_)
         | SessionError::UnknownGesture
         | SessionError::GesturesFull
-        | SessionError::HintsFull => End::bad(error),
+        | SessionError::HintsFull
+        | SessionError::WordsFull => End::bad(error),
         _ => End::internal(error),
     }
 }

@@ -308,6 +308,20 @@ static void sessions_refuse_calls(void) {
     FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, 1.5f));
     FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, (float)NAN));
     OK(umo_session_set_mood(avatar, UMO_MOOD_JOY, 0.5f));
+    FAILS(NULL_POINTER, umo_engine_set_word_rules(NULL, "de", NULL));
+    FAILS(INVALID_ARGUMENT, umo_engine_set_word_rules(engine, "xx", NULL));
+    FAILS(INVALID_ARGUMENT, umo_engine_set_word_rules(engine, NULL, "[class"));
+    OK(umo_engine_set_word_rules(engine, "en", "[class.negation]\nwords = ['nix']"));
+    OK(umo_engine_set_word_rules(engine, "en", NULL));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_words(avatar, "no", -1, 0.1));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_words(avatar, "no", 1, 0.9));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_words(avatar, "no", (double)NAN, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_words(avatar, "\xff", 0, 0.1));
+    FAILS(NULL_POINTER, umo_session_hint_words(avatar, NULL, 0, 0.1));
+    FAILS(NULL_POINTER, umo_session_hint_words(NULL, "no", 0, 0.1));
+    for (int word = 0; word < 64; word++)
+        OK(umo_session_hint_words(avatar, "table,", 1e6 + word, 1e6 + word));
+    FAILS(BUSY, umo_session_hint_words(avatar, "table", 1e6, 1e6 + 0.1));
     FAILS(INVALID_ARGUMENT, umo_session_hint_lips(avatar, UMO_LIPS_ROUND + 1, 0, 0.1));
     FAILS(INVALID_ARGUMENT, umo_session_hint_lips(avatar, UMO_LIPS_CLOSED, -1, 0.1));
     FAILS(INVALID_ARGUMENT, umo_session_hint_lips(avatar, UMO_LIPS_CLOSED, 0, (double)NAN));

@@ -172,6 +172,8 @@ int main(int argc, char **argv) {
         OK(umo_session_set_mood(avatar, (uint32_t)shown % 7, 0.5f));
         umo_status hinted = umo_session_hint_lips(avatar, (uint32_t)shown % 3, (double)shown / 30, 0.1);
         CHECK(hinted == UMO_STATUS_OK || hinted == UMO_STATUS_BUSY);
+        umo_status said = umo_session_hint_words(avatar, "Hello, no!", (double)shown / 30, (double)shown / 30 + 0.5);
+        CHECK(said == UMO_STATUS_OK || said == UMO_STATUS_BUSY);
         OK(umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, (double)(shown % 5)));
         OK(umo_session_push_other_audio(avatar, speech, 533));
         umo_status played = umo_session_play_gesture(avatar, "wave", NULL);

@@ -68,6 +68,55 @@ fn a_stream_with_gestures_gives_the_frames_of_the_recording_with_them() {
     }
 }
 
+/// Words with times, in no order.
+const SAID: [(&str, f64, f64); 6] = [
+    ("Hello", 2.9, 3.3),
+    ("maybe", 4.2, 4.6),
+    ("no", 1.0, 1.3),
+    ("not bad", 1.7, 2.1),
+    ("table", 2.2, 2.5),
+    ("stop", 0.2, 0.5),
+];
+
+/// Words in any pieces of audio move as those of a recording, and leave nothing behind; a host's gesture comes first.
+#[test]
+fn a_stream_with_words_gives_the_frames_of_the_recording_with_them() {
+    let team = Team::new(1).unwrap();
+    let engine = hosted(1);
+    for gains in [LayerGains::ON, LayerGains::OFF] {
+        let config = with_layers(config(engine.model(), 2, 3, 9), gains);
+        let (model, samples) = (engine.model(), audio(96_000, 1, 1));
+        let plain = offline_with(model, &config, &samples, &[]);
+        let mut animation = Animation::with_layers(model, &config.avatar, gains, config.gestures.clone()).unwrap();
+        for (text, start, end) in SAID {
+            animation.hint_words(text, start, end).unwrap();
+        }
+        animation.push_audio(&samples).unwrap();
+        animation.finish(plain.len());
+        let (mut wanted, cx) = (Vec::new(), Compute { isa: model.isa(), team: &team });
+        while animation.step(model, cx, &mut |frame| wanted.push(bits(frame.pose, frame.face))).unwrap() {}
+        let moved = |from: usize, to: usize| (from..to).filter(|&i| wanted[i] != plain[i]).count();
+        // Of "no" the head moves, of "stop", "hello" and "maybe" the arms; between them nothing.
+        assert!(moved(25, 50) > 15 && moved(85, 130) > 30, "{} {}", moved(25, 50), moved(85, 130));
+        for cut in [1_700, 9_000] {
+            let session = engine.session(&config).unwrap();
+            for (text, start, end) in SAID.iter().rev() {
+                session.hint_words(text, *start, *end).unwrap();
+            }
+            let mut frames = Vec::new();
+            for piece in samples.chunks(cut) {
+                session.push_audio(piece).unwrap();
+                settle(&engine);
+                frames.extend(pull(&session));
+            }
+            session.finish().unwrap();
+            settle(&engine);
+            frames.extend(pull(&session));
+            check(&frames, &wanted, 16_000);
+        }
+    }
+}
+
 /// Before a gesture begins and after it ends, the bits are those without it.
 #[test]
 fn a_gesture_leaves_nothing_behind() {

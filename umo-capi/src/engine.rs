@@ -16,8 +16,10 @@ use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
 use gestures::Known;
+use words::Words;
 
 pub(crate) mod gestures;
+pub mod words;
 
 /// An engine. A handle, never a pointer to memory.
 pub struct UmoEngine {
@@ -110,6 +112,8 @@ pub(crate) struct EngineHandle {
     pub(crate) log: Log,
     /// Gestures for sessions that are created later.
     pub(crate) gestures: Known,
+    /// Word rules for sessions that are created later.
+    pub(crate) words: Words,
     process: u32,
 }
 
@@ -306,7 +310,8 @@ pub unsafe extern "C" fn umo_engine_new(
             // SAFETY: guaranteed by the caller (see # Safety).
             let wanted = unsafe { config.read(&known)? };
             let engine = ManuallyDrop::new(Engine::new(Arc::clone(&model.model), &wanted)?);
-            let handle = EngineHandle { engine, model, log, gestures: Known::new(), process: process() };
+            let handle =
+                EngineHandle { engine, model, log, gestures: Known::new(), words: Words::new(), process: process() };
             Ok::<_, Failure>((handle::boxed(handle)?, known, wanted.priority))
         })??;
         if made.engine.priority() != wanted {

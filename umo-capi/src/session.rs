@@ -263,6 +263,7 @@ impl UmoSessionConfig {
             avatar,
             layers: _,
             gestures: _,
+            words: _,
             sample_rate,
             channels,
             voice,
@@ -423,6 +424,7 @@ pub unsafe extern "C" fn umo_session_memory(
             // SAFETY: guaranteed by the caller (see # Safety).
             let (mut config, _) = unsafe { read_config(config, &engine.model)? };
             config.gestures = engine.gestures.gestures();
+            config.words = engine.words.rules();
             plan(&engine, &config)
         })??;
         // SAFETY: guaranteed by the caller (see # Safety).
@@ -460,6 +462,7 @@ pub unsafe extern "C" fn umo_session_new(
             // SAFETY: guaranteed by the caller (see # Safety).
             let (mut config, allocator) = unsafe { read_config(config, &engine.model)? };
             config.gestures = engine.gestures.gestures();
+            config.words = engine.words.rules();
             make(&engine, &config, allocator)
         });
         let handle = made.map_err(Failure::from).flatten().and_then(|made| SESSIONS.insert(made));

@@ -168,7 +168,9 @@ impl From<OutOfMemory> for Failure {
 impl From<SessionError> for Failure {
     fn from(error: SessionError) -> Self {
         let status = match error {
-            SessionError::Busy(_) | SessionError::GesturesFull | SessionError::HintsFull => UMO_STATUS_BUSY,
+            SessionError::Busy(_) | SessionError::GesturesFull | SessionError::HintsFull | SessionError::WordsFull => {
+                UMO_STATUS_BUSY
+            }
             SessionError::Finished => UMO_STATUS_FINISHED,
             SessionError::Uneven { .. }
             | SessionError::Range(_)

@@ -91,7 +91,8 @@ pub use umo_core_base::samples::MAX_AMPLITUDE;
 #[doc(inline)]
 pub use umo_core_layers::{
     Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LayerGains, LipShape, MAX_GESTURES,
-    MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, Mood, Side,
+    MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, MAX_PENDING_WORDS, MAX_WORDS_SECONDS, Mood, RulesError,
+    Side, WordRules,
 };
 #[doc(inline)]
 pub use umo_core_model::avatar::{AvatarConfig, StageTimes};

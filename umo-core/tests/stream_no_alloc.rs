@@ -187,6 +187,14 @@ fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
             Err(error) => panic!("{error}"),
         }
     }
+    if piece % 11 == 5 {
+        let (text, start) = (["No!", "hello there", "maybe", "not bad", "table"][piece % 5], piece as f64 / 40.0);
+        assert!(avatar.hint_words(text, -1.0, 0.1).is_err());
+        match avatar.hint_words(text, start, start + 0.3) {
+            Ok(()) | Err(SessionError::WordsFull) => {}
+            Err(error) => panic!("{error}"),
+        }
+    }
     if piece % 150 == 33 {
         let names = ["wave", "nod", "point", "shrug", "count", "bow", "clap"];
         let options = GestureOptions::default().target([1.0, 1.5, 2.0]);

@@ -326,6 +326,9 @@ internal static unsafe class Tests
             Equal(Status.InvalidArgument, session.HintLips((LipShape)3, 0, 0.1));
             Equal(Status.InvalidArgument, session.HintLips(LipShape.Closed, -1, 0.1));
             Equal(Status.Ok, session.HintLips(LipShape.Closed, 0.5, 0.1));
+            Equal(Status.NullPointer, session.HintWords(null, 0, 0.1));
+            Equal(Status.InvalidArgument, session.HintWords("no", 1, 0.5));
+            Equal(Status.Ok, session.HintWords("no", 0.5, 0.8));
             Equal(Status.NullPointer, session.PlayGesture(null));
             Equal(Status.InvalidArgument, session.PlayGesture("somersault"));
             True(session.LastError().Contains("somersault"), session.LastError());

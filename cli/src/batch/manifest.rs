@@ -27,6 +27,7 @@ pub(super) struct Line {
     pub(super) mood: Option<(Mood, f32)>,
     pub(super) start_pose: Option<PathBuf>,
     pub(super) speaker: Option<String>,
+    pub(super) words: Option<PathBuf>,
 }
 
 impl Line {
@@ -40,6 +41,7 @@ impl Line {
         add(settings);
         add(&file_hash(&self.file)?);
         add(&self.start_pose.as_deref().map(file_hash).transpose()?.unwrap_or_default());
+        add(&self.words.as_deref().map(file_hash).transpose()?.unwrap_or_default());
         add(&format!("{:?} {:?} {:?}", self.seed, self.prompt, self.mood));
         for output in &self.outputs {
             add(&output.to_string_lossy());
@@ -65,6 +67,8 @@ struct Row {
     start_pose: Option<String>,
     #[serde(default)]
     speaker: Option<String>,
+    #[serde(default)]
+    words: Option<String>,
 }
 
 /// One file or several; CSV separates several with semicolons.
@@ -112,8 +116,8 @@ pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failur
     let results = args.results_path();
     let mut outputs: Vec<&Path> = lines.iter().flat_map(|line| &line.outputs).map(PathBuf::as_path).collect();
     outputs.push(&results);
-    let starts = lines.iter().filter_map(|line| line.start_pose.as_deref());
-    let inputs: Vec<_> = lines.iter().map(|line| &*line.file).chain(starts).chain([input.as_path()]).collect();
+    let more = lines.iter().flat_map(|line| [&line.start_pose, &line.words]).flatten().map(PathBuf::as_path);
+    let inputs: Vec<_> = lines.iter().map(|line| &*line.file).chain(more).chain([input.as_path()]).collect();
     refuse_inputs(&outputs, &inputs)?;
     Ok(lines)
 }
@@ -193,6 +197,7 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
         mood,
         start_pose: some(row.start_pose).map(|path| base.join(path)),
         speaker,
+        words: some(row.words).map(|path| base.join(path)),
     })
 }
 

@@ -12,6 +12,7 @@ use crate::animate::Generator;
 use crate::args::Page;
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::words::Script;
 use crate::{import, model};
 
 /// Length of a piece.
@@ -78,7 +79,7 @@ impl Take {
             (None, Some(generator)) => {
                 let mut animation = generator.animation("audio_to_motion", None)?;
                 let frames = generator.hear(&mut animation, &self.speech)?;
-                generator.clip(&mut animation, frames, |_| ())
+                generator.clip(&mut animation, frames, Script::default(), |_| ())
             }
             (None, None) => Err(Failure::environment("internal: a recording without a model")),
         }

@@ -15,6 +15,7 @@ use crate::args::{Page, Shown};
 use crate::failure::Failure;
 use crate::retarget::{Wearer, Worn, is_character};
 use crate::speech::Speech;
+use crate::words::Script;
 use crate::{import, model};
 use umo_figure::{Figure, Mesh};
 
@@ -142,7 +143,7 @@ impl Scene {
         animation.keep_record(config);
         let frames = generator.hear(&mut animation, &speech)?;
         let mut record = Record::new(config);
-        let clip = generator.clip(&mut animation, frames, |animation| record.keep(animation))?;
+        let clip = generator.clip(&mut animation, frames, Script::default(), |animation| record.keep(animation))?;
         record.cut(frames);
         let mut scene = Self::worn_by(path, clip, wearer, args.shown.figure)?;
         scene.audio = Some(Audio::new(&speech)?);

@@ -159,6 +159,36 @@ pub extern "C" fn umo_session_hint_lips(session: *mut UmoSession, shape: u32, st
     on(session, |handle| Ok(handle.session.hint_lips(parameter::lips(shape)?, start, duration)?))
 }
 
+/// Gives the words of `text` and their time, `start` to `end` in seconds of the audio pushed since the session
+/// began or was reset: usually one word with its punctuation; several share the time by their syllables. By the
+/// engine's rules (`umo_engine_set_word_rules`) some words become gestures, whose stroke falls on the stressed
+/// vowel; those of `umo_session_play_gesture` come first. Words may come in any order, before or after their
+/// audio; one that comes less than 1.6 seconds before its frame may be gestured late or not at all.
+/// `umo_session_interrupt` drops pending words.
+///
+/// Threads: any. Never allocates; waits at most for another thread's setter.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not UTF-8, more than 64 words, a start that is
+/// negative or not a number, or an end that is not 0 to 30 seconds later), `BUSY` (more than 64 words would be
+/// pending: call again when the time of some has come; or another thread is in a setter), `FAILED`, `CLOSED`,
+/// `PANIC`.
+///
+/// # Safety
+/// `text` is NULL or ends with a zero byte.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_session_hint_words(
+    session: *mut UmoSession,
+    text: *const c_char,
+    start: f64,
+    end: f64,
+) -> UmoStatus {
+    on(session, |handle| {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let text = unsafe { ffi::string(text, "text")? };
+        Ok(handle.session.hint_words(text, start, end)?)
+    })
+}
+
 /// Plays a gesture over the model's motion: the parts of the body that it moves ease to it and back, the
 /// others continue. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower
 /// case, and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order

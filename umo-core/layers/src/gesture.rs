@@ -48,6 +48,10 @@ const MAX_SHOWN: usize = 8;
 const MIN_RELEASE_SECONDS: f32 = 0.3;
 /// Default target of a pointing arm: ahead, slightly to the side.
 const DEFAULT_POINTING_TARGET: Vec3 = [0.9, 0.15, 3.0];
+/// Largest speed of a word's gesture that begins late, relative to its own.
+const MOST_HURRY: f32 = 1.5;
+/// Upper bound on the gestures that are shown when one of a word begins: the others are the host's.
+const MAX_SHOWN_BEFORE_WORD: usize = MAX_SHOWN / 2;
 /// Lag of an arm's joints behind its shoulder, seconds.
 const ELBOW_LAG_SECONDS: f32 = 0.03;
 const WRIST_LAG_SECONDS: f32 = 0.07;
@@ -172,7 +176,7 @@ pub struct Request {
 }
 
 impl Request {
-    const NONE: Self =
+    pub(super) const NONE: Self =
         Self { gesture: 0, at: None, speed: 1.0, strength: 0.0, side: Side::Auto, target: None, variant: 0, epoch: 0 };
 
     /// Validates the host's request.
@@ -202,7 +206,22 @@ impl Request {
         Ok(Self { gesture, at, speed, strength, side, target, variant, epoch })
     }
 
-    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+    /// Request of a word.
+    pub(super) fn of_word(gesture: u32, speed: f32, strength: f32, side: Side) -> Self {
+        Self { gesture, speed, strength, side, ..Self::NONE }
+    }
+
+    /// This request at a higher speed, which reaches its stroke after `seconds`, given that it takes `lead` at speed 1.
+    pub(super) fn hurried(self, lead: f32, seconds: f32) -> Self {
+        Self { speed: (lead / seconds.max(1e-3)).clamp(self.speed, (MOST_HURRY * self.speed).min(2.0)), ..self }
+    }
+
+    /// Speed, 0.5 to 2.
+    pub(super) fn speed(&self) -> f32 {
+        self.speed
+    }
+
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let gesture = pass.limited("gesture", self.gesture.into(), (MOTIONS.len() + MAX_GESTURES) as u64)?;
         pass.maybe("gesture's time", &mut self.at, MAX_INDEX)?;
         pass.within(&mut self.speed, 0.5..=2.0)?;
@@ -294,14 +313,17 @@ struct Playing {
     ticks: u64,
     /// Elapsed and total ticks of the fade-out; `None` before it.
     release: Option<(u64, u64)>,
+    /// Whether a word asked for it: one of the host's takes its place at once.
+    is_word: bool,
 }
 
 impl Playing {
-    const NONE: Self = Self { request: Request::NONE, is_mirrored: false, ticks: 0, release: None };
+    const NONE: Self = Self { request: Request::NONE, is_mirrored: false, ticks: 0, release: None, is_word: false };
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.request.state(pass)?;
         pass.switch("gesture's side", &mut self.is_mirrored)?;
+        pass.switch("gesture's origin", &mut self.is_word)?;
         pass.number("gesture", &mut self.ticks, MAX_INDEX)?;
         let is_on = pass.flag("gesture's release", self.release.is_some())?;
         let (mut ago, mut of) = self.release.unwrap_or((0, 1));
@@ -447,21 +469,14 @@ impl Player {
 
     /// Begins the gestures that are due: at their time, or when their parts are free.
     fn begin(&mut self, frame: &OwnedFrame, tick: &Tick) {
-        let mut busy = GestureParts::NONE;
-        for playing in &self.playing[..self.shown] {
-            let seconds = playing.ticks as f32 * tick.seconds * playing.request.speed;
-            if playing.release.is_none() && seconds < self.phases(&playing.request).leaves {
-                busy = busy.union(self.parts(&playing.request, playing.is_mirrored));
-            }
-        }
+        let mut busy = self.busy(tick);
         let mut at = 0;
         while at < self.waiting {
             let request = self.pending[at];
             let is_left = self.built_in(&request).is_some_and(|motion| motion.is_left);
             let is_mirrored = is_mirrored(&request, is_left, frame);
             let parts = self.parts(&request, is_mirrored);
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few seconds")]
-            let before = (self.phases(&request).stroke / (request.speed * tick.seconds)).round() as u64;
+            let before = ticks(self.phases(&request).stroke, &request, tick);
             let is_due = match request.at {
                 Some(stroke) => frame.index + before >= stroke,
                 None => !parts.meets(busy),
@@ -474,15 +489,7 @@ impl Player {
                 at += 1;
                 continue;
             }
-            // Gestures with the same parts fade out while it fades in.
-            for other in 0..self.shown {
-                let playing = self.playing[other];
-                if self.parts(&playing.request, playing.is_mirrored).meets(parts) {
-                    release(&mut self.playing[other], before.max(1));
-                }
-            }
-            self.playing[self.shown] = Playing { request, is_mirrored, ..Playing::NONE };
-            self.shown += 1;
+            self.start(Playing { request, is_mirrored, ..Playing::NONE }, before);
             busy = busy.union(parts);
             self.pending.copy_within(at + 1..self.waiting, at);
             self.waiting -= 1;
@@ -493,6 +500,59 @@ impl Player {
     /// The built-in gesture of a request; `None` for one of the host's.
     fn built_in(&self, request: &Request) -> Option<&'static Motion> {
         MOTIONS.get(request.gesture as usize)
+    }
+
+    /// Parts of the host's gestures that are not on their way out.
+    fn busy(&self, tick: &Tick) -> GestureParts {
+        let holds = |playing: &&Playing| {
+            let seconds = playing.ticks as f32 * tick.seconds * playing.request.speed;
+            !playing.is_word && playing.release.is_none() && seconds < self.phases(&playing.request).leaves
+        };
+        let parts = |playing: &Playing| self.parts(&playing.request, playing.is_mirrored);
+        self.playing[..self.shown].iter().filter(holds).map(parts).fold(GestureParts::NONE, GestureParts::union)
+    }
+
+    /// Begins a gesture whose stroke comes `before` ticks later. Those with the same parts fade out meanwhile.
+    fn start(&mut self, new: Playing, before: u64) {
+        let parts = self.parts(&new.request, new.is_mirrored);
+        for other in 0..self.shown {
+            let playing = self.playing[other];
+            if self.parts(&playing.request, playing.is_mirrored).meets(parts) {
+                release(&mut self.playing[other], before.max(1));
+            }
+        }
+        self.playing[self.shown] = new;
+        self.shown += 1;
+    }
+
+    /// Begins a word's gesture now, unless one of the host's has its parts or needs them before it ends.
+    pub(super) fn offer(&mut self, request: Request, frame: &OwnedFrame, tick: &Tick) {
+        self.take(&tick.controls.gestures);
+        let is_left = |request: &Request| self.built_in(request).is_some_and(|motion| motion.is_left);
+        let mirrored = |request: &Request| is_mirrored(request, is_left(request), frame);
+        let is_mirrored = mirrored(&request);
+        let (parts, phases) = (self.parts(&request, is_mirrored), self.phases(&request));
+        let leaves = frame.index + ticks(phases.leaves, &request, tick);
+        let is_needed = self.pending[..self.waiting].iter().any(|host| {
+            let before = ticks(self.phases(host).stroke, host, tick);
+            let begins = host.at.map_or(0, |stroke| stroke.saturating_sub(before));
+            begins <= leaves && self.parts(host, mirrored(host)).meets(parts)
+        });
+        if is_needed || self.busy(tick).meets(parts) || self.shown >= MAX_SHOWN_BEFORE_WORD {
+            return;
+        }
+        let new = Playing { request, is_mirrored, is_word: true, ..Playing::NONE };
+        self.start(new, ticks(phases.stroke, &request, tick));
+    }
+
+    /// Number of a named gesture.
+    pub(super) fn find(&self, name: &str) -> Option<u32> {
+        self.gestures.find(name)
+    }
+
+    /// Time from a gesture's start to its stroke at speed 1, seconds.
+    pub(super) fn lead(&self, request: &Request) -> f32 {
+        self.phases(request).stroke
     }
 
     fn phases(&self, request: &Request) -> Phases {
@@ -550,6 +610,12 @@ impl Player {
         self.pending.iter_mut().try_for_each(|request| request.state(pass))?;
         self.playing.iter_mut().try_for_each(|playing| playing.state(pass))
     }
+}
+
+/// Ticks of a gesture's `seconds` at speed 1.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few seconds")]
+fn ticks(seconds: f32, request: &Request, tick: &Tick) -> u64 {
+    (seconds / (request.speed * tick.seconds)).round() as u64
 }
 
 /// Whether an epoch came before another; the numbers may wrap.

@@ -8,7 +8,7 @@
 //!
 //! | order | module | contents |
 //! |---|---|---|
-//! | 1 | `gesture` | gestures on command, over the model's motion |
+//! | 1 | `gesture`, `words` | gestures on command and for words, over the model's motion |
 //! | 2 | `mood` | face and posture of a mood; neutral only removes an unintended frown |
 //! | 3 | `attention` | idle, listening, thinking, speaking: weights that the other layers read |
 //! | 4 | `idle` | breath, sway, weight shifts, fingers |
@@ -40,6 +40,7 @@ mod noise;
 mod rig;
 #[cfg(test)]
 mod trial;
+mod words;
 
 use attention::Weights;
 use rig::Rig;
@@ -53,6 +54,7 @@ pub use error::RequestError;
 pub use gesture::{Gesture, GestureOptions, GestureParts, Gestures, MAX_GESTURES, MAX_PENDING_GESTURES, Side};
 pub use lips::{LipShape, MAX_HINT_SECONDS, MAX_PENDING_HINTS};
 pub use mood::Mood;
+pub use umo_core_words::{MAX_PENDING_WORDS, MAX_WORDS_SECONDS, RulesError, WordRules};
 
 /// A layer whose strength can be set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,6 +142,8 @@ pub struct Controls {
     pub gestures: gesture::Requests,
     /// Requested lip shapes.
     pub hints: lips::Hints,
+    /// Words and their times.
+    pub words: umo_core_words::Hints,
 }
 
 /// Position of a frame in the host's audio.
@@ -163,6 +167,7 @@ impl Controls {
             mood_strength: 0.0,
             gestures: gesture::Requests::NONE,
             hints: lips::Hints::NONE,
+            words: umo_core_words::Hints::NONE,
         }
     }
 
@@ -174,6 +179,7 @@ impl Controls {
         }
         self.gestures.state(pass)?;
         self.hints.state(pass)?;
+        self.words.state(pass)?;
         let attention = pass.limited("attention", self.attention as u64, Attention::ALL.len() as u64 - 1)?;
         let mood = pass.limited("mood", self.mood as u64, Mood::ALL.len() as u64 - 1)?;
         if pass.loads() {
@@ -219,6 +225,7 @@ pub struct LayerStack {
     ticks: u64,
     gains: gains::Gains,
     gesture: gesture::Player,
+    words: words::Words,
     mood: mood::Expression,
     attention: attention::State,
     idle: idle::Idle,
@@ -236,19 +243,20 @@ impl LayerStack {
         frame_rate: usize,
         rest: &OwnedFrame,
         seed: u64,
-        gestures: Gestures,
+        (gestures, words): (Gestures, WordRules),
     ) -> Self {
-        Self::of(Rig::new(skeleton, face, &rest.pose), 1.0 / frame_rate as f32, seed, gestures)
+        Self::of(Rig::new(skeleton, face, &rest.pose), 1.0 / frame_rate as f32, seed, gestures, words)
     }
 
     /// Creates the layers for a rig, with `seconds` per tick.
-    fn of(rig: Rig, seconds: f32, seed: u64, gestures: Gestures) -> Self {
+    fn of(rig: Rig, seconds: f32, seed: u64, gestures: Gestures, words: WordRules) -> Self {
         Self {
             seconds,
             seed,
             ticks: 0,
             gains: gains::Gains::new(),
             gesture: gesture::Player::new(gestures),
+            words: words::Words::new(words),
             mood: mood::Expression::new(),
             attention: attention::State::new(),
             idle: idle::Idle::new(),
@@ -266,6 +274,7 @@ impl LayerStack {
         self.gains.are_off(&controls.layers)
             && self.gesture.is_empty(&controls.gestures)
             && self.lips.is_empty(&controls.hints)
+            && self.words.is_empty(&controls.words)
     }
 
     /// Number of gestures that began or were dropped before they began.
@@ -278,15 +287,32 @@ impl LayerStack {
         self.lips.passed()
     }
 
+    /// Number of words that were decided or dropped.
+    pub fn passed_words(&self) -> u64 {
+        self.words.passed()
+    }
+
+    /// Rules of the words.
+    pub fn word_rules(&self) -> &WordRules {
+        self.words.rules()
+    }
+
+    /// Replaces the rules of the words, before the first one.
+    pub fn set_word_rules(&mut self, rules: WordRules) {
+        self.words = words::Words::new(rules);
+    }
+
     /// Begins a new epoch from the current pose: earlier gestures fade out over `ticks`.
     pub fn interrupt(&mut self, epoch: u32, ticks: u64, controls: &Controls) {
         self.gesture.interrupt(epoch, ticks, 1.0 / self.seconds, &controls.gestures);
         self.lips.interrupt(epoch, &controls.hints);
+        self.words.interrupt(epoch, &controls.words);
     }
 
     /// Checks the properties that a state must share with these layers.
     pub fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
-        self.gesture.identity(pass)
+        self.gesture.identity(pass)?;
+        pass.same("set of word rules", self.words.rules().fingerprint())
     }
 
     /// Returns to the start of a stream in `epoch`.
@@ -295,6 +321,7 @@ impl LayerStack {
         self.gains = gains::Gains::new();
         self.gesture.reset(epoch, &controls.gestures);
         self.lips.interrupt(epoch, &controls.hints);
+        self.words.reset(epoch, &controls.words);
         self.mood = mood::Expression::new();
         self.attention = attention::State::new();
         self.idle = idle::Idle::new();
@@ -326,6 +353,9 @@ impl LayerStack {
         };
         tick.weights = self.attention.advance(&tick);
         self.gaze.read(frame, &self.rig);
+        if let Some(heard) = heard {
+            self.words.apply(&mut self.gesture, frame, &tick, heard);
+        }
         self.gesture.apply(frame, &tick);
         let at = |layer: Layer, tick: &mut Tick| {
             tick.gain = gains[layer as usize];
@@ -361,6 +391,7 @@ impl LayerStack {
         pass.number("ticks", &mut self.ticks, umo_core_pose::frame::MAX_INDEX)?;
         self.gains.state(pass)?;
         self.gesture.state(pass)?;
+        self.words.state(pass)?;
         self.mood.state(pass)?;
         self.attention.state(pass)?;
         self.idle.state(pass)?;

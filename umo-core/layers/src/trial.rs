@@ -8,7 +8,7 @@ use umo_core_pose::rotation::{product, quat_to_matrix};
 use umo_core_pose::skeleton::{ARKIT_NAMES, JOINTS, Skeleton};
 
 use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
-use super::{Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood};
+use super::{Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood, WordRules};
 
 pub(super) const SECONDS: f32 = 1.0 / 30.0;
 
@@ -77,7 +77,7 @@ impl Trial {
         let config = layers.iter().fold(LayerGains::OFF, |config, &layer| config.with(layer, 1.0));
         Self {
             rig: rig(),
-            stack: LayerStack::of(rig(), SECONDS, seed, Gestures::default()),
+            stack: LayerStack::of(rig(), SECONDS, seed, Gestures::default(), WordRules::english()),
             controls: Controls::new(config),
             frame: OwnedFrame::new(*rest, &vec![0.0; face.names.len()]),
             other: 0.0,

@@ -7,7 +7,9 @@ use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
 use umo_core_layers::gesture::Request;
-use umo_core_layers::{Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood};
+use umo_core_layers::{
+    Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, RequestError, WordRules,
+};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};
@@ -22,7 +24,7 @@ use crate::levels::Levels;
 use crate::packet::{PacketLayout, PacketRoom};
 use crate::playback::Layers;
 use crate::retime::{self, TimeMap};
-use crate::session::{Argument, SessionError};
+use crate::session::{Argument, SessionError, check_words};
 
 /// Audio source that an animation reads on demand.
 pub trait AudioSource: Send {
@@ -186,6 +188,25 @@ impl Animation {
         Ok(controls.hints.push((start, duration), shape, rate, (0, stack.passed_hints()))?)
     }
 
+    /// Sets the rules of the words, before the first ones. English without.
+    ///
+    /// # Errors
+    /// [`LoadError::Argument`] if the avatar does not know one of their gestures.
+    pub fn set_word_rules(&mut self, rules: WordRules) -> Result<(), LoadError> {
+        check_words(&rules, &self.track.gestures)?;
+        self.track.layers.stack.set_word_rules(rules);
+        Ok(())
+    }
+
+    /// Gives the words of a text and their time, like [`Session::hint_words`](crate::session::Session::hint_words).
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] if a time or the number of words is out of range; [`SessionError::WordsFull`] if more than
+    /// [`MAX_PENDING_WORDS`](umo_core_layers::MAX_PENDING_WORDS) would be pending.
+    pub fn hint_words(&mut self, text: &str, start: f64, end: f64) -> Result<(), SessionError> {
+        self.track.hint_words(text, (start, end))
+    }
+
     /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1, like
     /// [`Session::set_mood`](crate::session::Session::set_mood).
     ///
@@ -298,7 +319,8 @@ impl Track {
         let frame = model.rest().map_err(|error| LoadError::config("rest", error.to_string()))?;
         let Config { skeleton, face, frame_rate, .. } = model.config();
         let frame_rate = *frame_rate;
-        let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, gestures.clone());
+        let known = (gestures.clone(), WordRules::english());
+        let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, known);
         let layers = Layers::new(stack, Controls::new(gains), HINT_UNITS * frame_rate);
         Ok(Self {
             source: None,
@@ -319,6 +341,13 @@ impl Track {
         self.pending.extend_from_slice(samples);
         self.samples += samples.len();
         silence_unusable(&mut self.pending[start..])
+    }
+
+    fn hint_words(&mut self, text: &str, times: (f64, f64)) -> Result<(), SessionError> {
+        let Layers { stack, controls, .. } = &mut *self.layers;
+        let passed = stack.passed_words();
+        let pushed = controls.words.push(stack.word_rules(), text, times, (0, passed));
+        Ok(pushed.map_err(RequestError::from)?)
     }
 
     /// Reads the samples of the next chunk from the source.
@@ -501,6 +530,14 @@ impl Group {
                 Err(error) => failed.extend(batch.exclude().map(|member| (member, error))),
             }
         }
+    }
+
+    /// [`Animation::hint_words`] of an animation.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn hint_words(&mut self, index: usize, text: &str, start: f64, end: f64) -> Result<(), SessionError> {
+        self.tracks[index].hint_words(text, (start, end))
     }
 
     /// Whether all frames of an animation were emitted.

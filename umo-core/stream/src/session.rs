@@ -43,13 +43,14 @@ use umo_core_base::defect::Defect;
 use umo_core_base::memory::Counted;
 pub use umo_core_base::state::StateError;
 use umo_core_layers::gesture::Request;
-use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood};
+use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood, RequestError};
 use umo_core_model::config::Sampling;
 use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
 use umo_core_pose::part::Part;
 
 use crate::link::Epoch;
 pub use crate::playback::{Frame, Idle, MAX_GAIN, Sampled, Voice};
+pub(crate) use config::check_words;
 pub use config::{AUDIO_SECONDS, MAX_CHANNELS, MAX_EASE, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig};
 pub use error::{Argument, SessionError};
 pub(crate) use outcome::Failure;
@@ -551,6 +552,29 @@ impl Session {
             (epoch, passed),
         )?;
         shared.host.controls.changed();
+        Ok(())
+    }
+
+    /// Gives the words of a text and their time, in seconds of the audio pushed since the session's start or last
+    /// reset: usually one word; several share the time by their syllables. Punctuation belongs to its word. By
+    /// [`SessionConfig::words`] some of them become gestures, whose stroke falls on the stressed vowel; those of
+    /// [`play_gesture`](Self::play_gesture) come first. Words may come in any order, before or after their audio, but one
+    /// that comes less than 1.6 seconds before its frame may be gestured late or not at all. An
+    /// [`interrupt`](Self::interrupt) drops pending words.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] if the start is negative or not finite, the end is not 0 to
+    /// [`MAX_WORDS_SECONDS`](umo_core_layers::MAX_WORDS_SECONDS) later, or the text has more than
+    /// [`MAX_PENDING_WORDS`](umo_core_layers::MAX_PENDING_WORDS) words; [`SessionError::WordsFull`] if more than so many
+    /// would be pending; [`SessionError::Busy`] if another thread sets something.
+    pub fn hint_words(&self, text: &str, start: f64, end: f64) -> Result<(), SessionError> {
+        let Shared { outcome, host, link, .. } = &*self.shared;
+        outcome.check()?;
+        let epoch = link.epoch().number;
+        let passed = host.passed_words.load(Ordering::Acquire);
+        let pushed = spin_lock(&host.controls.value)?.words.push(&host.words, text, (start, end), (epoch, passed));
+        pushed.map_err(RequestError::from)?;
+        host.controls.changed();
         Ok(())
     }
 

@@ -112,6 +112,15 @@ class Engine(_generated.EngineArguments, _library.Handle):
                 raise _library.error(status, detail)
         _library.check(status)
 
+    def set_word_rules(self, language: Optional[str] = None, toml: Optional[str] = None) -> None:
+        """Sets the rules by which words become gestures, for sessions created from now on: of a language (`"en"`, `"de"`;
+        None keeps the present ones), and the text of a file of rules to add to them, if any.
+        """
+        if any(text is not None and "\0" in text for text in (language, toml)):
+            raise ValueError("rules have no zero bytes")
+        code = None if language is None else language.encode()
+        _library.check(lib.umo_engine_set_word_rules(self._handle, code, None if toml is None else toml.encode()))
+
     def set_late_limit(self, seconds: Optional[float]) -> None:
         """Holds bodies still, in turn, while chunks start more than `seconds` late; `None`, the initial value, turns
         this off.

@@ -303,6 +303,16 @@ class Session(_library.Handle):
         number = _library.chosen("shape", _generated.LIPS, shape)
         self._check(lib.umo_session_hint_lips(self._handle, number, start, duration))
 
+    def hint_words(self, text: str, start: float, end: float) -> None:
+        """Gives a word and its time, in seconds of the audio pushed since the session was created or reset.
+
+        Several words share the time by their syllables; punctuation belongs to its word. By the engine's rules
+        (`Engine.set_word_rules`) some become gestures, whose stroke falls on the stressed vowel.
+        """
+        if "\0" in text:
+            raise ValueError("a word has no zero bytes")
+        self._check(lib.umo_session_hint_words(self._handle, text.encode(), start, end))
+
     def play_gesture(
         self,
         name: str,

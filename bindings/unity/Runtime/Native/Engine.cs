@@ -134,6 +134,19 @@ namespace Umo
             GC.KeepAlive(this);
         }
 
+        /// <summary>
+        /// Sets the rules by which words become gestures, for sessions created later: of a language ("en", "de"; null keeps the
+        /// present ones), and the text of a file of rules to add to them, if any.
+        /// </summary>
+        public void SetWordRules(string language, string toml = null)
+        {
+            fixed (byte* code = language == null ? null : Native.Bytes(language), rules = toml == null ? null : Native.Bytes(toml))
+            {
+                UmoException.Check(Native.umo_engine_set_word_rules(Raw, code, rules));
+            }
+            GC.KeepAlive(this);
+        }
+
         public void Dispose() { handle.Dispose(); }
     }
 }

@@ -57,6 +57,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture(IntPtr engine, byte* name, GestureClip* clip);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture_file(IntPtr engine, byte* name, byte* path, byte* animation, Gesture parts, float stroke);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture_memory(IntPtr engine, byte* name, void* data, UIntPtr size, byte* animation, Gesture parts, float stroke);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_set_word_rules(IntPtr engine, byte* language, byte* toml);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_get_gesture_name(IntPtr engine, uint index, IntPtr* name);
 
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_recording_gains(float* samples, UIntPtr count, uint sampleRate, uint channels, float* gains);
@@ -84,6 +85,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_look_at(IntPtr session, Axes axes, float* point, float strength);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_mood(IntPtr session, Mood mood, float strength);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_hint_lips(IntPtr session, LipShape shape, double start, double duration);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_hint_words(IntPtr session, byte* text, double start, double end);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_play_gesture(IntPtr session, byte* name, GestureOptions* options);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_parameter(IntPtr session, Parameter parameter, double value);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_get_parameter(IntPtr session, Parameter parameter, double* value);

@@ -323,6 +323,21 @@ namespace Umo
             return status;
         }
 
+        /// <summary>
+        /// Gives a word and its time, in seconds of the pushed audio; several words share the time by their syllables. By the
+        /// engine's rules some become gestures. Returns Busy if 64 words are queued.
+        /// </summary>
+        public Status HintWords(string text, double start, double end)
+        {
+            Status status;
+            fixed (byte* bytes = text == null ? null : Native.Bytes(text))
+            {
+                status = Native.umo_session_hint_words(handle.Raw, bytes, start, end);
+            }
+            GC.KeepAlive(this);
+            return status;
+        }
+
         /// <summary>Default gesture options: as soon as possible, normal speed, full strength.</summary>
         public static GestureOptions GestureDefaults
         {

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use umo_core_base::clock::Clock;
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, Gestures};
+use umo_core_layers::{Controls, Gestures, WordRules};
 use umo_core_pose::part::PerPart;
 
 use crate::link::Handover;
@@ -30,6 +30,9 @@ pub(crate) struct Host {
     pub(crate) begun_gestures: AtomicU64,
     /// Number of viseme hints that were shown or dropped.
     pub(crate) passed_hints: AtomicU64,
+    /// Rules of words, and the number of words that were decided or dropped.
+    pub(crate) words: WordRules,
+    pub(crate) passed_words: AtomicU64,
     /// Value of an [`Idle`].
     pub(crate) idle: AtomicU8,
     /// Gain of each part, as the bits of floats.
@@ -41,7 +44,7 @@ pub(crate) struct Host {
 }
 
 impl Host {
-    pub(crate) fn new(clock: Clock, controls: Controls, gestures: Gestures, idle: Idle) -> Self {
+    pub(crate) fn new(clock: Clock, controls: Controls, (gestures, words): (Gestures, WordRules), idle: Idle) -> Self {
         let clock = HostClock::new(clock);
         Self {
             other_time: AtomicU64::new(clock.nanos()),
@@ -50,6 +53,8 @@ impl Host {
             gestures,
             begun_gestures: AtomicU64::new(0),
             passed_hints: AtomicU64::new(0),
+            words,
+            passed_words: AtomicU64::new(0),
             idle: AtomicU8::new(idle as u8),
             gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
             other_level: AtomicU32::new(0.0_f32.to_bits()),

@@ -64,9 +64,10 @@ impl Layers {
         host.controls.take(|controls| self.controls = *controls);
     }
 
-    /// Publishes the numbers of begun gestures and passed hints for the host's setters.
+    /// Publishes the numbers of begun gestures, passed hints and passed words for the host's setters.
     fn publish(&self, host: &Host) {
         host.passed_hints.store(self.stack.passed_hints(), Ordering::Release);
+        host.passed_words.store(self.stack.passed_words(), Ordering::Release);
         host.begun_gestures.store(self.stack.begun_gestures(), Ordering::Release);
     }
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use umo_core_base::error::LoadError;
-use umo_core_layers::{Gestures, LayerGains};
+use umo_core_layers::{Gestures, LayerGains, WordRules};
 use umo_core_model::audio::resample;
 use umo_core_model::avatar::AvatarConfig;
 use umo_core_model::config::Config;
@@ -58,6 +58,8 @@ pub struct SessionConfig {
     pub layers: LayerGains,
     /// Available gestures.
     pub gestures: Gestures,
+    /// Rules of the words that [`Session::hint_words`](super::Session::hint_words) takes.
+    pub words: WordRules,
     /// Sample rate of the pushed audio, [`MIN_RATE`] to [`MAX_RATE`].
     pub sample_rate: usize,
     /// Number of interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed down.
@@ -92,6 +94,7 @@ impl SessionConfig {
             },
             layers: LayerGains::ON,
             gestures: Gestures::new(),
+            words: WordRules::english(),
             sample_rate: config.audio.sample_rate,
             channels: 1,
             voice: Voice::Delayed,
@@ -123,7 +126,8 @@ impl SessionConfig {
     #[doc(hidden)]
     pub fn check(&self) -> Result<(), LoadError> {
         in_range("sample_rate", self.sample_rate, MIN_RATE, MAX_RATE)?;
-        in_range("channels", self.channels, 1, MAX_CHANNELS)
+        in_range("channels", self.channels, 1, MAX_CHANNELS)?;
+        check_words(&self.words, &self.gestures)
     }
 
     /// [`Self::latency_samples`] of checked settings.
@@ -131,6 +135,18 @@ impl SessionConfig {
         let frames = self.avatar.latency_frames(config);
         let delay = if has_audio { resample::most_delay(self.sample_rate, config.audio.sample_rate) } else { 0 };
         (frames * self.sample_rate).div_ceil(config.frame_rate) + delay
+    }
+}
+
+/// Checks that the avatar knows the gestures of its word rules.
+pub(crate) fn check_words(words: &WordRules, gestures: &Gestures) -> Result<(), LoadError> {
+    match words.unknown_gesture(|name| gestures.stroke(name).is_some()) {
+        None => Ok(()),
+        Some((class, gesture)) => {
+            let problem =
+                format!("class {class} has the gesture {gesture}, which the avatar does not know: add it first");
+            Err(LoadError::argument("words", problem))
+        }
     }
 }
 

@@ -39,6 +39,10 @@ pub enum Argument {
     GestureTime,
     /// Time and duration of a viseme hint.
     VisemeHint,
+    /// Times of words.
+    WordTime,
+    /// Number of one call's words.
+    WordCount,
 }
 
 impl fmt::Display for Argument {
@@ -57,6 +61,8 @@ impl fmt::Display for Argument {
             Self::GestureOptions => "a gesture's speed must be 0.5 to 2, and its strength 0 to 1",
             Self::GestureTarget => "a gesture's target must be a place within 10 km",
             Self::GestureTime => "a gesture's time must be a number of seconds from 0 on",
+            Self::WordTime => "words need a start from 0 on and an end of 0 to 30 seconds later",
+            Self::WordCount => "one call takes 64 words at most: give them in several",
             Self::VisemeHint => "a hint needs a time from 0 on and a duration of 0 to 2 seconds",
         })
     }
@@ -111,6 +117,9 @@ pub enum SessionError {
     /// [`MAX_PENDING_HINTS`](umo_core_layers::MAX_PENDING_HINTS) viseme hints are already pending; retry when
     /// the time of one has passed.
     HintsFull,
+    /// So many words are already pending that [`MAX_PENDING_WORDS`](umo_core_layers::MAX_PENDING_WORDS) would be
+    /// exceeded; retry when the time of some has come.
+    WordsFull,
 }
 
 impl fmt::Display for SessionError {
@@ -133,6 +142,7 @@ impl fmt::Display for SessionError {
             Self::Packet(error) => write!(f, "{error}"),
             Self::UnknownGesture => write!(f, "unknown gesture: list the names"),
             Self::HintsFull => write!(f, "64 lip hints are already queued: call again when the time of one has passed"),
+            Self::WordsFull => write!(f, "at most 64 words wait: call again when the time of some has come"),
             Self::GesturesFull => write!(f, "eight gestures are already queued: call again when one has started"),
         }
     }
@@ -156,6 +166,9 @@ impl From<RequestError> for SessionError {
             RequestError::GestureTarget => Self::Range(Argument::GestureTarget),
             RequestError::GestureTime => Self::Range(Argument::GestureTime),
             RequestError::VisemeHint => Self::Range(Argument::VisemeHint),
+            RequestError::WordTime => Self::Range(Argument::WordTime),
+            RequestError::WordCount => Self::Range(Argument::WordCount),
+            RequestError::WordsFull => Self::WordsFull,
             RequestError::UnknownGesture => Self::UnknownGesture,
             RequestError::GesturesFull => Self::GesturesFull,
             RequestError::HintsFull => Self::HintsFull,

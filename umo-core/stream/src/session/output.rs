@@ -45,7 +45,7 @@ impl Output {
             frame_rate,
             rest,
             avatar.sampler.seed,
-            session.gestures.clone(),
+            (session.gestures.clone(), session.words.clone()),
         );
         Self {
             to_rest: ToRest::new(frame()),

@@ -210,7 +210,12 @@ impl Shared {
         let avatar = &session.avatar;
         Ok(Self {
             link,
-            host: Host::new(init.clock, Controls::new(session.layers), session.gestures.clone(), session.idle),
+            host: Host::new(
+                init.clock,
+                Controls::new(session.layers),
+                (session.gestures.clone(), session.words.clone()),
+                session.idle,
+            ),
             backlog: Backlog::new(latency),
             outcome: Outcome::new(),
             settings: Handover::new(Settings::new(avatar), false),

@@ -161,6 +161,7 @@ impl Sides<'_> {
         controls.state(pass)?;
         word(pass, &shared.host.begun_gestures)?;
         word(pass, &shared.host.passed_hints)?;
+        word(pass, &shared.host.passed_words)?;
         switch(pass, "settings", &shared.settings.is_unseen)?;
         switch(pass, "controls", &shared.host.controls.is_unseen)
     }
