@@ -207,8 +207,9 @@ impl Request {
     }
 
     /// Request of a word.
-    pub(super) fn of_word(gesture: u32, speed: f32, strength: f32, side: Side) -> Self {
-        Self { gesture, speed, strength, side, ..Self::NONE }
+    pub(super) fn of_word(gesture: u32, variant: u8, speed: f32, strength: f32, side: Side) -> Self {
+        let speed = (speed * Variation::of(variant).speed).clamp(0.5, 2.0);
+        Self { gesture, speed, strength, side, variant, ..Self::NONE }
     }
 
     /// This request at a higher speed, which reaches its stroke after `seconds`, given that it takes `lead` at speed 1.

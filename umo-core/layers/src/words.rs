@@ -106,7 +106,7 @@ fn planned(rules: &WordRules, player: &Player, plan: &Plan) -> Option<Planned> {
         Hand::Right => Side::Right,
         Hand::Both => Side::Both,
     };
-    let request = Request::of_word(player.find(&variant.name)?, plan.speed, plan.strength, side);
+    let request = Request::of_word(player.find(&variant.name)?, plan.form, plan.speed, plan.strength, side);
     Some(Planned { request, stroke: plan.stroke })
 }
 

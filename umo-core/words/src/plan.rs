@@ -194,6 +194,8 @@ pub struct Plan {
     pub speed: f32,
     /// Hand; never [`Hand::Either`].
     pub side: Hand,
+    /// Variant of the gesture, from 1: its pose, and how it differs a little in size, height and tempo.
+    pub form: u8,
 }
 
 /// What becomes of a phrase.
@@ -401,6 +403,8 @@ impl Planner {
             Hand::Either => Hand::Right,
             side => *side,
         };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 255")]
+        let form = 1 + (254.0 * size) as u8;
         Outcome::Gesture(Plan {
             class: found.class,
             variant,
@@ -408,6 +412,7 @@ impl Planner {
             strength: strength * (0.8 + 0.2 * accent) * (0.9 + 0.1 * size),
             speed: (speed * (0.95 + 0.1 * hand)).clamp(0.5, 2.0),
             side,
+            form,
         })
     }
 
