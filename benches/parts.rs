@@ -183,12 +183,13 @@ impl Depth {
         let config = file.config();
         let mut random = Random::new(6);
         let net = DepthNet::load(&Loader::new(file, Precision::Stored, isa())).expect(OK);
-        let sampler = Sampler { sampling: config.sampling, seed: 7 };
+        let sampler = Sampler { sampling: config.sampling, seed: 7, ..Sampler::GREEDY };
         let places = config
             .depth
             .as_ref()
             .map_or(0, |depth| usize::from(depth.heard.is_some()) + usize::from(depth.body_heard.is_some()));
-        let task = |row| Task { member: row, row, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe: 0 };
+        let task =
+            |row| Task { member: row, row, unprompted: None, guidance: 1.0, rest: 0.0, sampler, chunk: 0, keyframe: 0 };
         Self {
             scratch: net.scratch(avatars),
             states: (0..avatars * config.lm.d_model).map(|_| random.normal()).collect(),

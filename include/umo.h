@@ -178,6 +178,9 @@
 // Instruction set that the model was packed for, such as `avx512vnni`.
 #define UMO_MODEL_ISA 4
 
+// Prompts that the model was trained with, one a line; empty if it has no list.
+#define UMO_MODEL_PROMPTS 5
+
 // Visemes per frame.
 #define UMO_VISEME_COUNT 15
 
@@ -214,6 +217,9 @@
 // Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
 // shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 #define UMO_PARAMETER_OUTPUT_DELAY 6
+
+// How often hands leave rest, 0 to 1; 0.5, the default, draws as the model says.
+#define UMO_PARAMETER_ACTIVITY 7
 
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 #define UMO_PARAMETER_LAYER_GAZE 32

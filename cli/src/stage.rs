@@ -21,7 +21,7 @@ pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
     let inputs = Inputs::new(&bytes, "").map_err(|e| Failure::input(format!("{}: {e}", args.input.display())))?;
     let file = model::open(args.compute.model.as_deref())?;
     let sampling = file.config().sampling;
-    let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { sampling, seed: args.seed } };
+    let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { sampling, seed: args.seed, ..Sampler::GREEDY } };
     let output = atomic_file::create(&args.output)?;
     let loader = Loader::new(&file, args.compute.precision(Precision::F32), model::isa(&args.compute)?);
     let team = model::team(&args.compute)?;

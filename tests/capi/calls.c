@@ -55,8 +55,10 @@ static void models_say_what_they_have(void) {
     CHECK(strlen(text) > 0);
     OK(umo_model_get_text(model, UMO_MODEL_LICENSE, &text));
     CHECK(strlen(text) > 0);
+    OK(umo_model_get_text(model, UMO_MODEL_PROMPTS, &text));
+    CHECK(strstr(text, "calm\n") && !strstr(text, "friendly"));
     FAILS(INVALID_ARGUMENT, umo_model_get_text(model, 0, &text));
-    FAILS(INVALID_ARGUMENT, umo_model_get_text(model, 5, &text));
+    FAILS(INVALID_ARGUMENT, umo_model_get_text(model, 6, &text));
     OK(umo_model_get_channel_name(model, 17, &text));
     CHECK(strcmp(text, "jawOpen") == 0);
     FAILS(INVALID_ARGUMENT, umo_model_get_channel_name(model, 52, &text));
@@ -75,7 +77,7 @@ static void models_say_what_they_have(void) {
         umo_parameter_info info = {.struct_size = sizeof info};
         umo_status status = umo_parameter_get_info(i, &info);
         if (status == UMO_STATUS_INVALID_ARGUMENT) {
-            CHECK(i == 16);
+            CHECK(i == 17);
             break;
         }
         CHECK(status == UMO_STATUS_OK && info.minimum == 0 && info.maximum > 0 && strlen(info.name) > 0);

@@ -130,6 +130,8 @@ pub const UMO_MODEL_LICENSE: u32 = 2;
 pub const UMO_MODEL_NOTICE: u32 = 3;
 /// Instruction set that the model was packed for, such as `avx512vnni`.
 pub const UMO_MODEL_ISA: u32 = 4;
+/// Prompts that the model was trained with, one a line; empty if it has no list.
+pub const UMO_MODEL_PROMPTS: u32 = 5;
 
 /// Visemes per frame.
 pub const UMO_VISEME_COUNT: u32 = 15;
@@ -142,7 +144,7 @@ const _: () = assert!(VISEMES == UMO_VISEME_COUNT as usize && JOINTS == UMO_JOIN
 pub(crate) struct ModelHandle {
     pub(crate) model: Arc<Model>,
     pub(crate) visemes: Option<Visemes>,
-    texts: [CString; 4],
+    texts: [CString; 5],
     channels: Box<[CString]>,
     pub(crate) channel_texts: Texts,
     info: UmoModelInfo,
@@ -333,6 +335,7 @@ impl ModelHandle {
                 c_string(&config.license)?,
                 c_string(notice)?,
                 c_string(model.isa().name())?,
+                c_string(&config.prompts.as_deref().unwrap_or_default().join("\n"))?,
             ],
             channel_texts: Texts(channels.iter().map(|name| name.as_ptr()).collect()),
             channels,

@@ -341,6 +341,16 @@ def test_this_machine_tests_itself(engine):
     assert str(found).startswith("umo ") and "self-test passed" in found.report and "/" not in found.report
 
 
+def test_a_prompt_that_the_model_was_not_trained_with_brings_a_warning(engine):
+    assert "calm" in engine.model.prompts
+    with engine.session(16000) as session:
+        with pytest.warns(UserWarning, match="not trained with the prompt 'friendly': its prompts are talking"):
+            session.set_prompt("friendly")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            session.set_prompt(" Calm")
+
+
 def test_prompts_are_texts_or_ids(engine):
     ids = engine.model.encode_text("a person waves")
     assert ids.dtype == np.uint32 and len(ids) > 0
@@ -400,7 +410,7 @@ def test_a_misspelt_attribute_is_refused_with_the_nearest_name(engine, model, wh
             with pytest.raises(AttributeError, match=f"no attribute '{name}': did you mean '{near}'"):
                 setattr(thing, name, 0.5)
             assert not hasattr(thing, name)
-        with pytest.raises(AttributeError, match="no attribute 'xyzzy': expected one of attention, gain_face"):
+        with pytest.raises(AttributeError, match="no attribute 'xyzzy': expected one of activity, attention"):
             session.xyzzy = 1
         for thing, name in [(session, "push"), (session, "rate"), (session, "engine"), (engine, "model"), (model, "name")]:
             with pytest.raises(AttributeError, match=f"cannot set '{name}'"):

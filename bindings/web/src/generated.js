@@ -166,6 +166,8 @@ export const MODEL_TEXTS = Object.freeze({
   notice: 3,
   /** Instruction set that the model was packed for, such as `avx512vnni`. */
   isa: 4,
+  /** Prompts that the model was trained with, one a line; empty if it has no list. */
+  prompts: 5,
 });
 /** Parameter of a running session. */
 export const Parameter = Object.freeze({
@@ -192,6 +194,8 @@ export const Parameter = Object.freeze({
    * much earlier. 0 to 2; some 0.2 for Bluetooth.
    */
   outputDelay: 6,
+  /** How often hands leave rest, 0 to 1; 0.5, the default, draws as the model says. */
+  activity: 7,
   /** Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1. */
   layerGaze: 32,
   /** Strength of breath, sway, weight shifts and fingers. */

@@ -18,6 +18,9 @@ pub struct GenerateArgs {
     /// Layers are gaze, idle, asymmetry, nods, mood and feet. A number alone is the gain of all.
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
     pub layers: Vec<(Option<Layer>, f32)>,
+    /// How often hands leave rest, 0 to 1 [default: 0.5, as often as the model says]
+    #[arg(long, value_name = "AMOUNT", value_parser = activity)]
+    pub activity: Option<f32>,
     /// Play a gesture over the motion; may be repeated
     ///
     /// Its name, the time of its stroke in seconds (`wave@2.5`; without a time as soon as possible), then after
@@ -61,6 +64,11 @@ pub struct GenerateArgs {
 /// A sampling temperature.
 fn temperature(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|value| (0.0..=100.0).contains(value)).ok_or_else(|| "expected 0 to 100".to_owned())
+}
+
+/// An activity of the hands.
+fn activity(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|value| (0.0..=1.0).contains(value)).ok_or_else(|| "expected 0 to 1".to_owned())
 }
 
 /// Gain of all layers, or of one.

@@ -17,6 +17,7 @@ pub mod sync;
 pub mod team;
 pub mod thread;
 pub mod time;
+pub mod voice;
 
 /// A source file of this crate, as panics name it.
 pub const SOURCE: &str = file!();

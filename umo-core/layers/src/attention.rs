@@ -2,6 +2,7 @@
 //! and the analysis of both voices that it follows in automatic mode.
 
 use umo_core_base::state::{StateError, StatePass};
+use umo_core_base::voice::{SILENCE_DBFS, VoiceLevels, decibels};
 
 use super::Tick;
 use super::rig::step;
@@ -122,20 +123,7 @@ impl State {
     }
 }
 
-/// Level of digital silence, dBFS.
-const SILENCE_DBFS: f32 = -100.0;
-
-/// Least level of a voice, dBFS: a quiet voice is at -60.
-const MIN_VOICE_DBFS: f32 = -80.0;
-
-/// Least distance of a voice above the noise, and largest below its loud level, dB.
-const MIN_DB_ABOVE_NOISE: f32 = 8.0;
-const MAX_DB_BELOW_LOUD: f32 = 26.0;
-
-/// Time constants, seconds: of the noise level when rising, of the loud level when falling, and of the
-/// running mean that accents are measured against.
-const NOISE_RISE_SECONDS: f32 = 6.0;
-const LOUD_FALL_SECONDS: f32 = 12.0;
+/// Time constant of the running mean that accents are measured against, seconds.
 const ACCENT_MEAN_SECONDS: f32 = 0.35;
 
 /// An accent: dB above the running mean, largest distance below the loud level in dB, and least seconds
@@ -153,15 +141,13 @@ const MIN_PHRASE_SECONDS: f32 = 0.5;
 /// Cap of the time counters, seconds.
 const COUNTER_CAP_SECONDS: f32 = 1e3;
 
-/// Voice activity from the level, relative to the noise and to the voice's own loud level, so that quiet
-/// voices are detected too.
+/// Phrases and accents of a voice.
 #[derive(Debug)]
 struct Voice {
-    /// Levels in dBFS.
-    noise: f32,
-    loud: f32,
+    levels: VoiceLevels,
+    /// Running mean of the level, dBFS.
     mean: f32,
-    /// Level of the previous tick.
+    /// Level of the previous tick, dBFS.
     before: f32,
     /// Seconds since the last sound; seconds of sound in this phrase, short pauses excluded; seconds since
     /// the last accent.
@@ -173,8 +159,7 @@ struct Voice {
 impl Voice {
     fn new() -> Self {
         Self {
-            noise: MIN_VOICE_DBFS,
-            loud: MIN_VOICE_DBFS,
+            levels: VoiceLevels::default(),
             mean: SILENCE_DBFS,
             before: SILENCE_DBFS,
             silent: COUNTER_CAP_SECONDS,
@@ -185,14 +170,8 @@ impl Voice {
 
     /// Processes the level of one tick, full scale 1.
     fn hear(&mut self, level: f32, seconds: f32) -> Heard {
-        // `max` ignores NaN.
-        let level = (20.0 * level.max(1e-5).log10()).min(0.0);
-        let noise_time = if level > self.noise { NOISE_RISE_SECONDS } else { 0.1 };
-        self.noise += step(seconds, noise_time) * (level - self.noise);
-        let loud_time = if level > self.loud { 0.05 } else { LOUD_FALL_SECONDS };
-        self.loud += step(seconds, loud_time) * (level.max(MIN_VOICE_DBFS) - self.loud);
-        let is_on =
-            level > MIN_VOICE_DBFS && level > self.noise + MIN_DB_ABOVE_NOISE && level > self.loud - MAX_DB_BELOW_LOUD;
+        let level = decibels(level);
+        let is_on = self.levels.hear(level, seconds);
         let mut heard = Heard { is_on, ..Heard::default() };
         let pause = self.silent;
         if is_on {
@@ -212,14 +191,14 @@ impl Voice {
         if is_on
             && rise > MIN_ACCENT_DB
             && level > self.before
-            && level > self.loud - MAX_ACCENT_DB_BELOW_LOUD
+            && level > self.levels.loud() - MAX_ACCENT_DB_BELOW_LOUD
             && self.accent >= MIN_ACCENT_GAP_SECONDS
         {
             heard.accent = (rise / (4.0 * MIN_ACCENT_DB)).clamp(0.25, 1.0);
             self.accent = 0.0;
         }
         // In silence the mean falls no further than the threshold at which a voice is detected.
-        let floor = self.loud - MAX_DB_BELOW_LOUD;
+        let floor = self.levels.floor();
         self.mean += step(seconds, ACCENT_MEAN_SECONDS) * (level.max(floor) - self.mean);
         self.before = level;
         heard
@@ -227,9 +206,10 @@ impl Voice {
 
     /// Saves or loads the voice.
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let mut values = [self.noise, self.loud, self.mean, self.before, self.silent, self.voiced, self.accent];
+        self.levels.state(pass)?;
+        let mut values = [self.mean, self.before, self.silent, self.voiced, self.accent];
         pass.moderate(&mut values)?;
-        [self.noise, self.loud, self.mean, self.before, self.silent, self.voiced, self.accent] = values;
+        [self.mean, self.before, self.silent, self.voiced, self.accent] = values;
         Ok(())
     }
 }
@@ -331,7 +311,7 @@ mod tests {
         let mut voice = Voice::new();
         for level in [f32::NAN, f32::INFINITY, -1.0, 1e30, 0.0] {
             voice.hear(level, SECONDS);
-            let values = [voice.noise, voice.loud, voice.mean, voice.before];
+            let values = [voice.levels.loud(), voice.mean, voice.before];
             assert!(values.iter().all(|value| value.is_finite()), "{level} {values:?}");
         }
     }

@@ -1,6 +1,7 @@
 //! Body and face of a model as the layers need them: bones, and the index of each ARKit shape.
 
 use umo_core_base::state::{StateError, StatePass};
+pub(super) use umo_core_base::voice::step;
 use umo_core_pose::face::{Face, FaceKind};
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse, product, rotate};
@@ -232,11 +233,6 @@ pub(super) fn angle_between(a: Quat, b: Quat) -> f32 {
 pub(super) fn ease(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
-}
-
-/// Returns the share of the way that a low-pass of time constant `time` covers in `seconds`.
-pub(super) fn step(seconds: f32, time: f32) -> f32 {
-    1.0 - (-seconds / time).exp()
 }
 
 /// Critically damped spring: follows a goal without overshoot.

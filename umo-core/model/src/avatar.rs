@@ -13,15 +13,23 @@ use crate::config::Config;
 use crate::layout::{Run, Shape, Window};
 use crate::lm::generate::ChunkSampling;
 use crate::lm::layout::{MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
-use crate::lm::sampler::Sampler;
+use crate::lm::sampler::{Sampler, USUAL_ACTIVITY};
 use crate::lm::{LayerTimes, depth};
 use crate::model::Model;
 use crate::motion::Smoothing;
+use crate::pauses::Pauses;
 
 /// Upper bound on a stream's chunks: 6,900 years at five a second.
 const MAX_CHUNKS: u64 = 1 << 40;
 /// Upper bound on a stream's frames.
 const MAX_FRAMES: u64 = 1 << 50;
+
+/// Time before the end of a stream in which hands come to rest, seconds.
+const END_SECONDS: f32 = 1.0;
+
+/// Bias towards rest in silence, and from an activity of 0.5 to one of 0, nats.
+const REST_NATS: f32 = 8.0;
+const ACTIVE_NATS: f32 = 4.0;
 
 /// Settings of an avatar.
 #[derive(Clone, Debug)]
@@ -59,7 +67,7 @@ impl AvatarConfig {
             target: config.target,
             lookahead: config.lookahead,
             smoothing: 0.0,
-            sampler: Sampler { sampling: config.sampling, seed: 0 },
+            sampler: Sampler { sampling: config.sampling, ..Sampler::GREEDY },
             template: "audio_to_motion".to_owned(),
             text: Vec::new(),
             horizon: 0,
@@ -95,6 +103,10 @@ impl AvatarConfig {
         let ahead = config.audio.ahead;
         if self.horizon > ahead {
             return Err(LoadError::argument("horizon", format!("expected 0 to {ahead}, got {}", self.horizon)));
+        }
+        let activity = self.sampler.activity;
+        if !(0.0..=1.0).contains(&activity) {
+            return Err(LoadError::argument("activity", format!("expected 0 to 1, got {activity}")));
         }
         let most = if depth::is_guidable(config) { MAX_GUIDANCE } else { 1.0 };
         if !(1.0..=most).contains(&self.guidance) {
@@ -185,6 +197,7 @@ pub struct Avatar {
     /// Frames of the whole stream, once the end is known.
     pub total: Option<usize>,
     pub(crate) audio: Option<AudioStream>,
+    pauses: Pauses,
     /// Audio of the next chunk, silence after the end of the stream. Sized for the first chunk, which also takes the
     /// keyframes up to the horizon.
     samples: Slice<f32>,
@@ -272,6 +285,12 @@ impl Avatar {
             chunk: 0,
             total: None,
             samples: arena.filled(0.0, if audio.is_some() { new * c.hop() } else { 0 }),
+            pauses: Pauses::new_in(
+                (config.target, config.horizon),
+                (c.hop(), 1.0 / c.audio.token_rate as f32),
+                c.keyframe_stride as f32 / c.frame_rate as f32,
+                arena,
+            ),
             keyframe_samples: if audio.is_some() { c.samples_per_keyframe() } else { 0 },
             audio,
             units: arena.filled(0, window),
@@ -288,6 +307,7 @@ impl Avatar {
         if let Some(audio) = &mut self.audio {
             audio.reset();
         }
+        self.pauses.reset();
         self.window.rest();
         self.run.reset();
     }
@@ -324,6 +344,7 @@ impl Avatar {
         let consumed = self.consumed(chunk);
         if let Some(audio) = &mut self.audio {
             audio.state(pass, consumed)?;
+            self.pauses.state(pass)?;
         }
         // The chunk count of the state, not of this avatar: they differ while the state is checked.
         let known = self.known_frames(config, chunk);
@@ -402,6 +423,39 @@ impl Avatar {
     pub(crate) fn audio_parts(&mut self) -> Option<(&mut AudioStream, &[f32], &mut [u32])> {
         let count = self.chunk_samples();
         self.audio.as_mut().map(|audio| (audio, &self.samples[..count], &mut *self.units))
+    }
+
+    /// Hears the pauses in the next chunk's samples.
+    pub(crate) fn hear(&mut self) {
+        let count = self.chunk_samples();
+        if count == 0 {
+            return;
+        }
+        self.pauses.hear(&self.samples[..count], self.keyframe_samples);
+    }
+
+    /// Bias towards rest of the phase of a gesture at a keyframe of the chunk, in nats (SPEC 2.20).
+    pub(crate) fn rest(&self, config: &Config, keyframe: usize) -> f32 {
+        let activity = self.sampler.activity;
+        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity);
+        if !self.has_audio() {
+            return usual;
+        }
+        let silent = match self.ends(config, keyframe) {
+            true => 1.0,
+            false => self.pauses.rest(keyframe) * (2.0 - 2.0 * activity).min(1.0),
+        };
+        usual + REST_NATS * silent
+    }
+
+    /// Whether a keyframe of the chunk is near the end of the stream, and the chunk's samples reach beyond it. Otherwise
+    /// it would depend on the moment of [`Self::finish`] whether the chunk knows the end.
+    fn ends(&self, config: &Config, keyframe: usize) -> bool {
+        let (stride, first) = (config.keyframe_stride as u64, self.chunk * self.target as u64);
+        let heard = (first + (self.target + self.horizon) as u64) * stride;
+        let here = (first + keyframe as u64) * stride;
+        let total = self.total.map(|total| total as u64).filter(|&total| total < heard);
+        total.is_some_and(|total| total.saturating_sub(here) as f32 <= END_SECONDS * config.frame_rate as f32)
     }
 
     /// Samples consumed by this number of chunks.

@@ -364,6 +364,9 @@ impl Batch {
 
     /// Runs one more step of tokenizing a member's next samples into the units of its window.
     fn tokenize(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar, member: usize) -> Result<Phase, StepError> {
+        if self.call.is_none() {
+            avatar.hear();
+        }
         if let Some((audio, samples, units)) = avatar.audio_parts() {
             let mut call = match self.call.take() {
                 Some(call) => call,

@@ -15,6 +15,7 @@ pub mod lm;
 pub mod model;
 pub mod motion;
 pub mod mouth;
+mod pauses;
 pub mod record;
 pub mod weights;
 

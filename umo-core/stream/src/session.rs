@@ -433,6 +433,18 @@ impl Session {
         self.set(|settings| settings.sampler.sampling = sampling)
     }
 
+    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.20). 0.5 draws as the model says: as often
+    /// as people. Models without a part `intent` ignore it.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] if it is not in 0 to 1.
+    pub fn set_activity(&self, activity: f32) -> Result<(), SessionError> {
+        if !(0.0..=1.0).contains(&activity) {
+            return Err(SessionError::Range(Argument::Activity));
+        }
+        self.set(|settings| settings.sampler.activity = activity)
+    }
+
     /// Sets the idle mode.
     pub fn set_idle(&self, idle: Idle) {
         self.shared.host.idle.store(idle as u8, Ordering::Relaxed);
@@ -617,6 +629,14 @@ impl Session {
     /// [`SessionError::Busy`] if another thread sets something.
     pub fn sampling(&self) -> Result<Sampling, SessionError> {
         Ok(self.settings()?.sampler.sampling)
+    }
+
+    /// Current activity of the hands.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread sets something.
+    pub fn activity(&self) -> Result<f32, SessionError> {
+        Ok(self.settings()?.sampler.activity)
     }
 
     fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<(), SessionError> {

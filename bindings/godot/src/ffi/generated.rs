@@ -83,6 +83,8 @@ pub(crate) const MODEL_LICENSE: u32 = 2;
 pub(crate) const MODEL_NOTICE: u32 = 3;
 /// Instruction set that the model was packed for, such as `avx512vnni`.
 pub(crate) const MODEL_ISA: u32 = 4;
+/// Prompts that the model was trained with, one a line; empty if it has no list.
+pub(crate) const MODEL_PROMPTS: u32 = 5;
 /// Visemes per frame.
 pub(crate) const VISEME_COUNT: usize = 15;
 /// Joints of every model.
@@ -109,6 +111,8 @@ pub(crate) const PARAMETER_ATTENTION: u32 = 5;
 /// Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
 /// shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 pub(crate) const PARAMETER_OUTPUT_DELAY: u32 = 6;
+/// How often hands leave rest, 0 to 1; 0.5, the default, draws as the model says.
+pub(crate) const PARAMETER_ACTIVITY: u32 = 7;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub(crate) const PARAMETER_LAYER_GAZE: u32 = 32;
 /// Strength of breath, sway, weight shifts and fingers.

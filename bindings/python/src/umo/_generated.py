@@ -138,6 +138,7 @@ MODEL_TEXTS: dict[str, int] = {
     "license": 2,
     "notice": 3,
     "isa": 4,
+    "prompts": 5,
 }
 # Parameter of a running session.
 PARAMETERS: dict[str, int] = {
@@ -151,6 +152,7 @@ PARAMETERS: dict[str, int] = {
     "gain_lower": 19,
     "attention": 5,
     "output_delay": 6,
+    "activity": 7,
     "layer_gaze": 32,
     "layer_idle": 33,
     "layer_asymmetry": 34,
@@ -474,8 +476,8 @@ class ParameterInfo(Structure):
         # `sizeof(ParameterInfo)`.
         ("struct_size", c_uint32),
         # Number of the parameter, `"temperature"`, `"top_k"`, `"top_p"`, `"idle"`, `"gain_face"`, `"gain_hands"`,
-        # `"gain_upper"`, `"gain_lower"`, `"attention"`, `"output_delay"`, `"layer_gaze"`, `"layer_idle"`,
-        # `"layer_asymmetry"`, `"layer_nods"`, `"layer_mood"`, `"layer_feet"`.
+        # `"gain_upper"`, `"gain_lower"`, `"attention"`, `"output_delay"`, `"activity"`, `"layer_gaze"`,
+        # `"layer_idle"`, `"layer_asymmetry"`, `"layer_nods"`, `"layer_mood"`, `"layer_feet"`.
         ("id", c_uint32),
         # `PARAMETER_WHOLE` or 0.
         ("flags", c_uint32),

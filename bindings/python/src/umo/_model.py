@@ -82,6 +82,11 @@ class Model(_library.Handle):
         return self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["isa"])
 
     @property
+    def prompts(self) -> tuple[str, ...]:
+        """Prompts that it was trained with; empty if it has no list. With others its motion is chance."""
+        return tuple(filter(None, self._text(lib.umo_model_get_text, _generated.MODEL_TEXTS["prompts"]).split("\n")))
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the face channels, such as `jawOpen`."""
         return self._channels

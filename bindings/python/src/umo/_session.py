@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import warnings
 from ctypes import byref
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Optional, TypeVar, Union, overload
 
@@ -96,6 +97,7 @@ class Session(_library.Handle):
     output_delay = Parameter[float](
         "output_delay", "Latency of the output device in seconds, which `sample` compensates. About 0.2 for Bluetooth."
     )
+    activity = Parameter[float]("activity", "How often hands leave rest, 0 to 1; 0.5 is as often as the model says.")
     gain_face = Parameter[float]("gain_face", "Amount of face motion: 0 at rest, 1 as computed, 2 exaggerated.")
     gain_hands = Parameter[float]("gain_hands", "Amount of finger motion.")
     gain_upper = Parameter[float]("gain_upper", "Amount of motion of spine, neck, head and arms.")
@@ -268,10 +270,17 @@ class Session(_library.Handle):
         return Sampled(self._layout.motion(frames)[0], bool(sampled.is_ahead), sampled.oldest, sampled.newest)
 
     def set_prompt(self, prompt: Union[str, npt.ArrayLike]) -> None:
-        """Sets the prompt from the next chunk on: a text, or ids of `Model.encode_text`. An empty prompt removes it."""
+        """Sets the prompt from the next chunk on: a text, or ids of `Model.encode_text`. An empty prompt removes it.
+
+        A text that `Model.prompts` lacks brings a warning: its motion is chance.
+        """
         if isinstance(prompt, str):
             text = prompt.encode()
             self._check(lib.umo_session_set_prompt(self._handle, text, len(text)))
+            known = self._engine.model.prompts
+            if prompt and known and prompt.strip().lower() not in map(str.lower, known):
+                told = f"the model was not trained with the prompt {prompt!r}: its prompts are {', '.join(known)}"
+                warnings.warn(told, stacklevel=2)
         else:
             ids = np.ascontiguousarray(prompt, np.uint32)
             pointer = ids.ctypes.data_as(ctypes.POINTER(ctypes.c_uint32))

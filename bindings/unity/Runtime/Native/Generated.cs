@@ -197,6 +197,8 @@ namespace Umo
         Notice = 3,
         /// <summary>Instruction set that the model was packed for, such as avx512vnni.</summary>
         Isa = 4,
+        /// <summary>Prompts that the model was trained with, one a line; empty if it has no list.</summary>
+        Prompts = 5,
     }
 
     /// <summary>Parameter of a running session.</summary>
@@ -225,6 +227,8 @@ namespace Umo
         /// pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
         /// </summary>
         OutputDelay = 6,
+        /// <summary>How often hands leave rest, 0 to 1; 0.5, the default, draws as the model says.</summary>
+        Activity = 7,
         /// <summary>Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.</summary>
         LayerGaze = 32,
         /// <summary>Strength of breath, sway, weight shifts and fingers.</summary>

@@ -81,6 +81,12 @@ namespace Umo
         /// <summary>Notice that users of the model must be shown; may be empty.</summary>
         public string Notice { get { return Text(ModelText.Notice); } }
 
+        /// <summary>Prompts that the model was trained with; empty if it has no list. With others its motion is chance.</summary>
+        public string[] Prompts
+        {
+            get { return Text(ModelText.Prompts).Split(new[] { '\n' }, StringSplitOptions.RemoveEmptyEntries); }
+        }
+
         /// <summary>Names of the face channels, such as jawOpen.</summary>
         public string[] ChannelNames()
         {

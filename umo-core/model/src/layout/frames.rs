@@ -255,7 +255,7 @@ impl Draw {
     }
 
     /// Lists one task for each member of the decoder pass, with the rows of its sequences.
-    fn list_tasks(&mut self, pass: &Pass, avatars: &[Avatar]) {
+    fn list_tasks(&mut self, config: &Config, pass: &Pass, avatars: &[Avatar]) {
         self.tasks.clear();
         self.before.clear();
         let mut row = 0;
@@ -269,6 +269,7 @@ impl Draw {
                     row,
                     unprompted: (rows > 1).then_some(row + 1),
                     guidance: avatar.guidance,
+                    rest: avatar.rest(config, self.keyframe),
                     sampler: sampling.sampler,
                     chunk: sampling.chunk,
                     keyframe: u32::try_from(self.keyframe).unwrap_or(u32::MAX),
@@ -290,7 +291,7 @@ impl Draw {
     ) -> Result<Drawn, StepError> {
         if (first, code) == (0, 0) {
             self.list_heard(config, &pass, avatars);
-            self.list_tasks(&pass, avatars);
+            self.list_tasks(config, &pass, avatars);
         }
         let Self { depth, scratch, tasks, before, heard, keyframe, .. } = self;
         let (codes, more) = (depth.codes(), BOUNDED_CODES / (tasks.len() - first).max(1));

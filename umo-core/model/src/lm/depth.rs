@@ -29,6 +29,9 @@ const MAX_LANES: usize = 16;
 /// Rows of a task: with prompt and without.
 const TASK_ROWS: usize = 2;
 
+/// Name of the annotation that says the phase of a gesture (SPEC 2.12).
+const INTENT: &str = "intent";
+
 /// The network.
 #[derive(Debug)]
 pub struct DepthNet {
@@ -77,6 +80,8 @@ struct Slot {
     sampling: Option<Sampling>,
     /// Number of the place in the audio whose encoder state it reads.
     place: usize,
+    /// Whether it is the phase of a gesture.
+    is_intent: bool,
 }
 
 /// One avatar's keyframe to sample.
@@ -90,6 +95,8 @@ pub struct Task {
     pub unprompted: Option<usize>,
     /// Strength of the guidance.
     pub guidance: f32,
+    /// Bias towards rest of the phase of a gesture, nats.
+    pub rest: f32,
     /// Sampler of the codes.
     pub sampler: Sampler,
     /// Number of the chunk in its stream.
@@ -177,7 +184,8 @@ impl DepthNet {
                 let name = format!("depth.head.{}.weight", spec.name);
                 let head = loader.linear_rows(&name, rows, first..first + spec.codes, d)?;
                 let place = if spec.is_face(&config.face) { 0 } else { places - 1 };
-                slots.push(Slot { part, first, head, sampling: spec.sampling, place });
+                let is_intent = spec.name == INTENT && spec.is_annotation();
+                slots.push(Slot { part, first, head, sampling: spec.sampling, place, is_intent });
             }
         }
         let layers = (0..sizes.num_layers).map(layer).collect::<Result<Vec<_>, LoadError>>()?;
@@ -394,6 +402,9 @@ impl Lane {
                 if task.unprompted.is_some() {
                     guide(logits, &below[..codes], task.guidance);
                 }
+                if slot.is_intent {
+                    lean(logits, task.rest);
+                }
                 #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
                 let place = [task.keyframe, j as u32 + 1];
                 let code = task.sampler.of(slot.sampling).sample_at(logits, &mut self.ranks, task.chunk, place);
@@ -520,6 +531,21 @@ impl Lane {
 fn guide(logits: &mut [f32], plain: &[f32], strength: f32) {
     for (logit, plain) in logits.iter_mut().zip(plain) {
         *logit = plain + strength * (*logit - plain);
+    }
+}
+
+/// Weights of a bias towards rest in the phases of a gesture: rest, prepare, stroke, hold, retract. What hands hold or
+/// take back ends by itself.
+const TOWARDS_REST: [f32; 5] = [1.0, -1.0, -1.0, 0.0, 0.0];
+
+/// Adds a bias towards rest, in nats, to the logits of `intent` (SPEC 2.20).
+fn lean(logits: &mut [f32], rest: f32) {
+    if rest == 0.0 {
+        return;
+    }
+    for (code, logit) in logits.iter_mut().enumerate() {
+        // Code 0 is rest, then each phase has three.
+        *logit += rest * TOWARDS_REST[code.div_ceil(3).min(TOWARDS_REST.len() - 1)];
     }
 }
 

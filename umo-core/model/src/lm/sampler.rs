@@ -17,11 +17,17 @@ pub struct Sampler {
     pub sampling: Sampling,
     /// Seed of the draws.
     pub seed: u64,
+    /// How often hands leave rest, 0 to 1: [`USUAL_ACTIVITY`] draws as the model says.
+    pub activity: f32,
 }
+
+/// The [`Sampler::activity`] of the people that a model learned from.
+pub(crate) const USUAL_ACTIVITY: f32 = 0.5;
 
 impl Sampler {
     /// Always selects the code with the largest logit.
-    pub const GREEDY: Self = Self { sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 }, seed: 0 };
+    pub const GREEDY: Self =
+        Self { sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 }, seed: 0, activity: USUAL_ACTIVITY };
 
     /// Returns the sampler of a part that may have its own `sampling`. That replaces this sampler's, unless
     /// this one is greedy.
@@ -48,6 +54,7 @@ impl Sampler {
         if pass.loads() {
             *top_k = kept as usize;
         }
+        pass.within(&mut self.activity, 0.0..=1.0)?;
         Ok(())
     }
 
@@ -205,7 +212,8 @@ mod tests {
                 top_k: next(135) as usize,
                 top_p: [1.0, 0.9, 0.4][next(3) as usize],
             };
-            let (sampler, mut ranks) = (Sampler { sampling, seed: u64::from(next(100)) }, vec![Rank::default(); count]);
+            let (sampler, mut ranks) =
+                (Sampler { sampling, seed: u64::from(next(100)), ..Sampler::GREEDY }, vec![Rank::default(); count]);
             let found = sampler.sample_at(&logits, &mut ranks, case, [7, 8]);
             assert_eq!(found, sorted(&sampler, &logits, case, [7, 8]), "{sampling:?}, {logits:?}");
         }
@@ -224,7 +232,7 @@ mod tests {
         for (sampling, wanted) in cases {
             let (mut counts, mut ranks) = ([0_u32; 5], [Rank::default(); 5]);
             for draw in 0..DRAWS {
-                let sampler = Sampler { sampling, seed: 7 };
+                let sampler = Sampler { sampling, seed: 7, ..Sampler::GREEDY };
                 counts[sampler.sample(&logits, &mut ranks, u64::from(draw / 20), draw % 20)] += 1;
             }
             for (count, wanted) in counts.iter().zip(wanted) {

@@ -162,7 +162,7 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     Encoded::new(cx, loader, inputs, target)?.decode(cx, config, target, |keyframe, state, heard| {
         let keyframe = u32::try_from(keyframe).expect("chunks have few keyframes");
         let sampler = options.sampler;
-        let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe };
+        let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, rest: 0.0, sampler, chunk: 0, keyframe };
         let mut drawn = Vec::new();
         let write = |_: &Task, codes: &[u16]| drawn.extend_from_slice(codes);
         net.draw(cx, &mut scratch, (state, heard), (&[task], &before), 0..net.codes(), write)?;
