@@ -352,17 +352,21 @@ pub(crate) const VOICE_RATE: usize = 16_000;
 const LEVEL: usize = VOICE_RATE / 100;
 /// Shortest pause between two stretches of voice, and shortest stretch, in levels.
 const SHORTEST_PAUSE: usize = 18;
-const SHORTEST_VOICE: usize = 6;
+const SHORTEST_VOICE: usize = 10;
 
 /// Stretches with voice, seconds: levels above a threshold between the recording's quiet and loud ones.
 pub(crate) fn voiced(samples: &[f32]) -> Vec<(f64, f64)> {
-    let level = |piece: &[f32]| (piece.iter().map(|value| value * value).sum::<f32>() / piece.len() as f32).sqrt();
-    let levels: Vec<f32> = samples.chunks(LEVEL).map(level).collect();
+    let power = |piece: &[f32]| piece.iter().map(|value| value * value).sum::<f32>() / piece.len() as f32;
+    let powers: Vec<f32> = samples.chunks(LEVEL).map(power).collect();
+    // Over 70 ms, so that neither a click nor a closure counts.
+    let around = |at: usize| &powers[at.saturating_sub(3)..(at + 4).min(powers.len())];
+    let mean = |piece: &[f32]| (piece.iter().sum::<f32>() / piece.len() as f32).sqrt();
+    let levels: Vec<f32> = (0..powers.len()).map(|at| mean(around(at))).collect();
     let mut sorted = levels.clone();
     sorted.sort_by(f32::total_cmp);
     let quantile = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
     let (quiet, loud) = (quantile(0.05), quantile(0.95));
-    let threshold = (0.06 * loud).max(2.0 * quiet).min(0.3 * loud);
+    let threshold = (0.14 * loud).max(2.0 * quiet).min(0.3 * loud);
     let mut stretches: Vec<(usize, usize)> = Vec::new();
     for (at, _) in levels.iter().enumerate().filter(|&(_, &level)| level > threshold) {
         match stretches.last_mut() {

@@ -293,7 +293,7 @@ impl WordRules {
             if let Ok(at) = next.binary_search_by_key(&wanted, |edge| edge.0) {
                 self.walk(next[at].1 as usize, words, length + 1, best);
             }
-            // Only a forged state has a token that is no pattern's.
+            // Only a forged state has a token beyond the patterns.
             let pattern = token.checked_sub(1).and_then(|pattern| self.0.patterns.get(pattern as usize));
             let Some(pattern) = pattern else { return };
             token = pattern.parent;
@@ -513,7 +513,7 @@ mod tests {
         assert_eq!(classes(&rules, "Small table"), [(1, small), (1, None)]);
         assert_eq!(classes(&rules, "TINY tinned tin"), [(1, small), (1, nothing), (1, small)]);
         assert_eq!(classes(&rules, "no way at all"), [(4, negation)]);
-        // A beginning of a phrase is no phrase.
+        // A phrase counts only in full.
         assert_eq!(
             classes(&rules, "no way at home a little"),
             [(1, negation), (1, None), (1, None), (1, None), (1, None), (1, None)]
