@@ -25,6 +25,8 @@ export const Parameter: Readonly<{
    * much earlier. 0 to 2; some 0.2 for Bluetooth.
    */
   outputDelay: 6;
+  /** How often hands leave rest, 0 to 1; 0.5, the default, draws as the model says. */
+  activity: 7;
   /** Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1. */
   layerGaze: 32;
   /** Strength of breath, sway, weight shifts and fingers. */

@@ -434,7 +434,7 @@ impl Avatar {
         self.pauses.hear(&self.samples[..count], self.keyframe_samples);
     }
 
-    /// Bias towards rest of the phase of a gesture at a keyframe of the chunk, in nats (SPEC 2.20).
+    /// Bias towards rest of the phase of a gesture at a keyframe of the chunk, in nats (SPEC 2.21).
     pub(crate) fn rest(&self, config: &Config, keyframe: usize) -> f32 {
         let activity = self.sampler.activity;
         let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity);

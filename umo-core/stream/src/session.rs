@@ -433,7 +433,7 @@ impl Session {
         self.set(|settings| settings.sampler.sampling = sampling)
     }
 
-    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.20). 0.5 draws as the model says: as often
+    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21). 0.5 draws as the model says: as often
     /// as people. Models without a part `intent` ignore it.
     ///
     /// # Errors

@@ -538,7 +538,7 @@ fn guide(logits: &mut [f32], plain: &[f32], strength: f32) {
 /// take back ends by itself.
 const TOWARDS_REST: [f32; 5] = [1.0, -1.0, -1.0, 0.0, 0.0];
 
-/// Adds a bias towards rest, in nats, to the logits of `intent` (SPEC 2.20).
+/// Adds a bias towards rest, in nats, to the logits of `intent` (SPEC 2.21).
 fn lean(logits: &mut [f32], rest: f32) {
     if rest == 0.0 {
         return;
