@@ -72,7 +72,9 @@ fn checked(words: Vec<Timed>) -> Result<Vec<Timed>, String> {
             return Err(format!("`{text}`: expected a start from 0 on and an end after it, got {start} to {end} s"));
         }
         let parts: Vec<&str> = text.split_whitespace().collect();
-        let pieces = parts.len().div_ceil(MAX_WORDS).max(((end - start) / MAX_CUE).ceil() as usize).min(parts.len());
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a recording's seconds")]
+        let cues = ((end - start) / MAX_CUE).ceil() as usize;
+        let pieces = parts.len().div_ceil(MAX_WORDS).max(cues).min(parts.len());
         if pieces < 2 {
             // A subtitle that stays up is not spoken so slowly.
             let end = end.min(start + MAX_CUE);
@@ -364,8 +366,10 @@ pub(crate) fn voiced(samples: &[f32]) -> Vec<(f64, f64)> {
     let levels: Vec<f32> = (0..powers.len()).map(|at| mean(around(at))).collect();
     let mut sorted = levels.clone();
     sorted.sort_by(f32::total_cmp);
-    let quantile = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
-    let (quiet, loud) = (quantile(0.05), quantile(0.95));
+    // One in twenty is quieter, one louder.
+    let twentieth = sorted.len() / 20;
+    let (quiet, loud) = (sorted.get(twentieth), sorted.get(19 * twentieth));
+    let (quiet, loud) = (quiet.copied().unwrap_or(0.0), loud.copied().unwrap_or(0.0));
     let threshold = (0.14 * loud).max(2.0 * quiet).min(0.3 * loud);
     let mut stretches: Vec<(usize, usize)> = Vec::new();
     for (at, _) in levels.iter().enumerate().filter(|&(_, &level)| level > threshold) {

@@ -50,7 +50,9 @@ pub unsafe extern "C" fn umo_engine_set_word_rules(
     guard(|| {
         let engine = get(engine)?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        let (language, toml) = unsafe { (optional(language, "language")?, optional(toml, "toml")?) };
+        let language = unsafe { optional(language, "language") }?;
+        // SAFETY: as above.
+        let toml = unsafe { optional(toml, "toml") }?;
         let changed = memory::watch(|| {
             let unknown = |code| {
                 let known = WordRules::LANGUAGES.join(", ");

@@ -438,7 +438,7 @@ impl Planner {
             left -= variant.weight;
             left < 0.0
         });
-        let (at, variant) = found.or_else(|| all().last()).unwrap_or((0, &class.gestures[0]));
+        let (at, variant) = found.or_else(|| all().next_back()).unwrap_or((0, &class.gestures[0]));
         (u8::try_from(at).unwrap_or_default(), variant)
     }
 

@@ -400,7 +400,8 @@ fn checked(name: &str, class: &ClassFile) -> Result<Class, RulesError> {
         return wrong("expected at most 255 gestures".to_owned());
     }
     for Variant { name, weight, strength, speed, .. } in &gestures {
-        if !(*weight > 0.0 && *weight <= 1000.0) || !(0.0..=1.0).contains(strength) || !(0.5..=2.0).contains(speed) {
+        let is_weight = *weight > 0.0 && *weight <= 1000.0;
+        if !(is_weight && (0.0..=1.0).contains(strength) && (0.5..=2.0).contains(speed)) {
             let wanted = "expected a weight of more than 0 to 1000, a strength of 0 to 1 and a speed of 0.5 to 2";
             return wrong(format!("gesture {name}: {wanted}"));
         }
@@ -450,11 +451,11 @@ fn patterns<'a>(words: impl Iterator<Item = &'a String>) -> Vec<Pattern> {
     for at in 0..patterns.len() {
         let Pattern { text, is_stem, .. } = &patterns[at];
         let ends = text.char_indices().map(|(at, _)| at).chain((!is_stem).then_some(text.len()));
-        let stems = ends.filter_map(|end| {
+        let mut stems = ends.filter_map(|end| {
             let wanted = (&text[..end], true);
             patterns.binary_search_by(|it| (&*it.text, it.is_stem).cmp(&wanted)).ok()
         });
-        patterns[at].parent = stems.last().map_or(UNKNOWN, |stem| number(stem) + 1);
+        patterns[at].parent = stems.next_back().map_or(UNKNOWN, |stem| number(stem) + 1);
     }
     patterns
 }

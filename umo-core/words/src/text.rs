@@ -22,7 +22,7 @@ pub fn spoken(text: &str) -> impl Iterator<Item = Spoken<'_>> {
         let word = part.trim_matches(|c: char| !c.is_alphanumeric());
         let tail = part.rsplit(char::is_alphanumeric).next().unwrap_or_default();
         let asks = tail.contains('?');
-        let is_end = tail.contains(|c: char| matches!(c, '.' | ',' | ';' | ':' | '!' | '…' | ')' | '。' | '、'));
+        let is_end = tail.contains(['.', ',', ';', ':', '!', '…', ')', '。', '、']);
         let said = (!word.is_empty()).then_some(Spoken { text: word, is_end });
         let mark = asks.then_some(Spoken { text: "?", is_end: true });
         [said, mark].into_iter().flatten()
