@@ -18,7 +18,7 @@ pub struct GenerateArgs {
     /// Layers are gaze, idle, asymmetry, nods, mood and feet. A number alone is the gain of all.
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
     pub layers: Vec<(Option<Layer>, f32)>,
-    /// How often hands leave rest, 0 to 1 [default: 0.5, as often as the model says]
+    /// How often hands leave rest, 0 to 1 [default: 0.5, the model's own amount]
     #[arg(long, value_name = "AMOUNT", value_parser = activity)]
     pub activity: Option<f32>,
     /// Play a gesture over the motion; may be repeated
