@@ -218,7 +218,7 @@
 // shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 #define UMO_PARAMETER_OUTPUT_DELAY 6
 
-// How often hands leave rest, 0 to 1; 0.5 is the default and leaves the model as it is.
+// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
 #define UMO_PARAMETER_ACTIVITY 7
 
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.

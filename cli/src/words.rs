@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use umo_core::{Gestures, SessionError, WordRules};
-use umo_core_words::{Decision, Hints, Outcome, Planner, UNITS, spoken};
+use umo_core_words::{Decision, Hand, Hints, Outcome, Planner, UNITS, spoken};
 
 use crate::args::{RuleArgs, Words};
 use crate::failure::Failure;
@@ -85,10 +85,13 @@ fn line(rules: &WordRules, words: &[Timed], decision: &Decision) -> String {
         Outcome::Gesture(plan) => {
             let name = class.map_or("", |class| &*class.gestures[usize::from(plan.variant)].name);
             let stroke = plan.stroke as f64 / UNITS as f64;
-            format!(
-                "{name}: stroke at {stroke:.2} s, strength {:.2}, speed {:.2}, {:?} hand",
-                plan.strength, plan.speed, plan.side
-            )
+            let side = match plan.side {
+                Hand::Left => ", left hand",
+                Hand::Right => ", right hand",
+                Hand::Both => ", both hands",
+                Hand::Auto | Hand::Either => "",
+            };
+            format!("{name}: stroke at {stroke:.2} s, strength {:.2}, speed {:.2}{side}", plan.strength, plan.speed)
         }
         Outcome::NoClass | Outcome::NoGesture => "-: the class has none".to_owned(),
         Outcome::Late => "-: too late".to_owned(),

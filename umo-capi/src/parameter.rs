@@ -29,7 +29,7 @@ pub const UMO_PARAMETER_ATTENTION: u32 = 5;
 /// Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
 /// shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 pub const UMO_PARAMETER_OUTPUT_DELAY: u32 = 6;
-/// How often hands leave rest, 0 to 1; 0.5 is the default and leaves the model as it is.
+/// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
 pub const UMO_PARAMETER_ACTIVITY: u32 = 7;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub const UMO_PARAMETER_LAYER_GAZE: u32 = 32;

@@ -194,7 +194,7 @@ export const Parameter = Object.freeze({
    * much earlier. 0 to 2; some 0.2 for Bluetooth.
    */
   outputDelay: 6,
-  /** How often hands leave rest, 0 to 1; 0.5 is the default and leaves the model as it is. */
+  /** Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is. */
   activity: 7,
   /** Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1. */
   layerGaze: 32,

@@ -227,7 +227,7 @@ namespace Umo
         /// pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
         /// </summary>
         OutputDelay = 6,
-        /// <summary>How often hands leave rest, 0 to 1; 0.5 is the default and leaves the model as it is.</summary>
+        /// <summary>Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.</summary>
         Activity = 7,
         /// <summary>Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.</summary>
         LayerGaze = 32,
