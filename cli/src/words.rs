@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn what_a_text_does_is_printed_with_its_reason() {
         let rules = WordRules::english();
-        let words = timed(&rules, "No, that is not bad. The table? Hello!");
+        let words = timed(&rules, "No, that is not bad. The table. Hello!");
         let lines: Vec<String> = decisions(&rules, &words, 0)
             .unwrap()
             .iter()

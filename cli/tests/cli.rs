@@ -56,7 +56,7 @@ fn help_shows_eight_commands_and_then_the_others() {
     };
     let first = ["animate", "view", "live", "serve", "batch", "retarget", "text", "doctor"];
     assert_eq!(below("Commands:"), [&first[..], &["help"]].concat());
-    assert_eq!(below("More commands:"), ["model", "bench", "inspect", "figure", "draw", "gestures"]);
+    assert_eq!(below("More commands:"), ["model", "bench", "inspect", "figure", "draw", "gestures", "words"]);
     assert!(lines.len() <= 30, "{}", lines.len());
     for name in first.into_iter().chain(["bench"]) {
         assert!(help(&[name, "-h"]).len() <= 30, "{name}: {}", help(&[name, "-h"]).len());
