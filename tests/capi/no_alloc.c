@@ -3,6 +3,7 @@
 #include <pthread.h>
 #include <sched.h>
 #include <stdatomic.h>
+#include <threads.h>
 
 #include "check.h"
 
@@ -93,6 +94,15 @@ static void give_room(void *userdata, void *memory, size_t size, size_t alignmen
     taken_room = 0;
 }
 
+/* Waits until nothing is allocated any more: the engine's threads do so as they start. */
+static void threads_start(void) {
+    size_t before;
+    do {
+        before = atomic_load(&calls);
+        thrd_sleep(&(struct timespec){.tv_nsec = 100000000}, NULL);
+    } while (atomic_load(&calls) != before);
+}
+
 /* Sessions take all their memory from the host. The system allocator provides a rate's filter, once, and temporarily
  * two small blocks for reading the configuration. */
 static void sessions_allocate_nothing(umo_engine *engine) {
@@ -142,6 +152,7 @@ int main(int argc, char **argv) {
     model = load_model(argv[1]);
     CHECK(atomic_load(&calls) > before + 100); /* the library's calls too */
     OK(umo_engine_new(model, NULL, &engine));
+    threads_start();
     sessions_allocate_nothing(engine);
     OK(umo_session_new(engine, NULL, &avatar));
     OK(umo_frame_layout_init(&layout, sizeof layout, model));
