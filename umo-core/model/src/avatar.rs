@@ -438,7 +438,8 @@ impl Avatar {
     pub(crate) fn rest(&self, config: &Config, keyframe: usize) -> f32 {
         let activity = self.sampler.activity;
         let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity);
-        if !self.has_audio() {
+        // A prompt says what to do, in silence too.
+        if !self.has_audio() || self.text_len > 0 {
             return usual;
         }
         let silent = match self.ends(config, keyframe) {
