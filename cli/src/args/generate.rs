@@ -19,7 +19,7 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
     pub layers: Vec<(Option<Layer>, f32)>,
     /// How often hands leave rest, 0 to 1 [default: 0.5, the model's own amount]
-    #[arg(long, value_name = "AMOUNT", value_parser = activity)]
+    #[arg(long, value_name = "AMOUNT", value_parser = activity, hide_short_help = true)]
     pub activity: Option<f32>,
     /// Play a gesture over the motion; may be repeated
     ///
