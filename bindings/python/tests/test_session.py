@@ -352,10 +352,10 @@ def test_a_prompt_that_the_model_was_not_trained_with_brings_a_warning(engine):
 
 
 def test_prompts_are_texts_or_ids(engine):
-    ids = engine.model.encode_text("a person waves")
+    ids = engine.model.encode_text("a person dances")
     assert ids.dtype == np.uint32 and len(ids) > 0
     with engine.session(16000, template="text_to_motion") as session:
-        session.set_prompt("a person waves")
+        session.set_prompt("a person dances")
         session.set_prompt(ids)
         session.set_prompt("")
         session.set_seed(5)
