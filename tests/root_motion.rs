@@ -1,5 +1,5 @@
 //! The default model's stream at short lookaheads against the longest, which is the whole decode of the same codes:
-//! height and path of the pelvis, and turns of the joints, from the first frame on.
+//! height and path of the pelvis, and turns of the joints, from the first frame on. Its hands in silence.
 
 use std::path::Path;
 
@@ -118,4 +118,38 @@ fn two_keyframes_a_chunk_are_near_the_whole_decode() {
 #[test]
 fn five_keyframes_a_chunk_are_near_the_whole_decode() {
     is_near_the_whole_decode(5);
+}
+
+/// Mean turn of shoulders, elbows and wrists in a frame, degrees, after four seconds of silence.
+fn turns_in_silence(model: &Model, cx: Compute, voice: &[f32], config: &AvatarConfig) -> f32 {
+    const ARMS: std::ops::Range<usize> = 16..22;
+    let rate = model.config().audio.sample_rate;
+    let mut audio = voice[..2 * rate].to_vec();
+    audio.resize(12 * rate, 0.0);
+    let mut animation = Animation::new(model, config).unwrap();
+    animation.push_audio(&audio).unwrap();
+    animation.finish(360);
+    let mut poses: Vec<Vec<[f32; 4]>> = Vec::new();
+    while animation.step(model, cx, &mut |frame: FrameRef| poses.push(frame.pose.rotations.to_vec())).unwrap() {}
+    let still = &poses[6 * 30..11 * 30];
+    let turn = |pair: &[Vec<[f32; 4]>]| ARMS.map(|joint| angle(pair[0][joint], pair[1][joint])).sum::<f32>();
+    still.windows(2).map(turn).sum::<f32>() / (still.len() - 1) as f32
+}
+
+/// Without a prompt hands rest in silence, unless the activity is 1. An action goes on.
+#[test]
+fn hands_rest_in_silence_unless_a_prompt_says_what_to_do() {
+    each(|model, cx, name, voice| {
+        if name != "speech" {
+            return;
+        }
+        let defaults = AvatarConfig { horizon: 5, ..AvatarConfig::new(model.config()) };
+        let busy = Sampler { activity: 1.0, ..defaults.sampler };
+        let text = model.text().unwrap().encode("she dances").unwrap();
+        let turns = |config: &AvatarConfig| turns_in_silence(model, cx, voice, config);
+        let rest = turns(&defaults);
+        let (busy, dance) =
+            (turns(&AvatarConfig { sampler: busy, ..defaults.clone() }), turns(&AvatarConfig { text, ..defaults }));
+        assert!(busy > 2.0 * rest && dance > 2.0 * rest, "{rest} in silence, {busy} at activity 1, {dance} in a dance");
+    });
 }

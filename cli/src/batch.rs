@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{Animation, ModelFile, Team};
+use umo_core::{Animation, ModelFile, Team, WordRules};
 use umo_core_pose::clip::Clip;
 use umo_core_stream::animation::Group;
 
@@ -40,13 +40,14 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         Some((index, count)) => lines.into_iter().filter(|line| line.number % count == index - 1).collect(),
         None => lines,
     };
+    let rules = words::rules(&args.rules)?;
     let file: ModelFile = model::open(args.compute.model.as_deref())?;
     for format in lines.iter().flat_map(|line| &line.outputs).map(|path| Format::from_extension(path)) {
         format?.check_face(&file.config().face)?;
     }
     let generator = Generator::new(&args.generate, &args.compute, file)?;
     let mut results = Results::open(args.results_path())?;
-    let settings = settings(args, &generator);
+    let settings = settings(args, &generator, &rules);
     let mut bar = progress::lines(lines.len());
     let (mut failed, mut kept, mut frames) = (0, 0, 0);
     std::thread::scope(|scope| -> Result<(), Failure> {
@@ -55,8 +56,8 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         let (made, to_write) = sync_channel(args.jobs);
         let (say, said) = sync_channel(args.jobs);
         let (before, also_say) = (results.known(), say.clone());
-        let (generator, lines, settings) = (&generator, &lines, settings.as_str());
-        scope.spawn(move || read_lines(args, generator, (lines, settings), &before, &read, &also_say));
+        let (generator, lines, under) = (&generator, &lines, (settings.as_str(), &rules));
+        scope.spawn(move || read_lines(args, generator, lines, under, &before, &read, &also_say));
         scope.spawn(move || write_lines(args, generator, &to_write, &say));
         let computing = scope.spawn(move || compute(args, generator, &ready, &made));
         // Ends when the reader, the writer and the group are done.
@@ -90,9 +91,8 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
 }
 
 /// Returns every setting outside the line that its frames and files depend on.
-fn settings(args: &Batch, generator: &Generator) -> String {
+fn settings(args: &Batch, generator: &Generator, rules: &WordRules) -> String {
     let config = generator.avatar();
-    let rules = words::rules(&args.rules).map_or(0, |rules| rules.fingerprint());
     format!(
         "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {} {}",
         env!("CARGO_PKG_VERSION"),
@@ -111,7 +111,7 @@ fn settings(args: &Batch, generator: &Generator) -> String {
         args.figure.name(),
         args.repair,
         args.retime,
-        rules
+        rules.fingerprint()
     )
 }
 
@@ -136,7 +136,8 @@ struct Made {
 fn read_lines(
     args: &Batch,
     generator: &Generator,
-    (lines, settings): (&[Line], &str),
+    lines: &[Line],
+    (settings, rules): (&str, &WordRules),
     before: &HashMap<String, Done>,
     ready: &SyncSender<Ready>,
     say: &SyncSender<Done>,
@@ -157,7 +158,7 @@ fn read_lines(
             }
             continue;
         }
-        let sent = match prepare(args, generator, line) {
+        let sent = match prepare(args, generator, rules, line) {
             Ok((animation, frames, script)) => {
                 ready.send(Ready { line: line.clone(), key, animation, frames, script }).is_ok()
             }
@@ -170,7 +171,12 @@ fn read_lines(
 }
 
 /// Returns the animation of a line with its audio attached, its length in frames, and its words.
-fn prepare(args: &Batch, generator: &Generator, line: &Line) -> Result<(Animation, usize, Script), Failure> {
+fn prepare(
+    args: &Batch,
+    generator: &Generator,
+    rules: &WordRules,
+    line: &Line,
+) -> Result<(Animation, usize, Script), Failure> {
     let speech = Speech::open(&line.file, args.repair)?;
     let team = Team::new(1).map_err(Failure::environment)?;
     let start_pose = line.start_pose.as_deref().or(args.generate.start_pose.as_deref());
@@ -184,9 +190,8 @@ fn prepare(args: &Batch, generator: &Generator, line: &Line) -> Result<(Animatio
     }
     let mut script = Script::default();
     if let Some(path) = &line.words {
-        let rules = words::rules(&args.rules)?;
-        script = Script::read(path, &speech, &rules)?;
-        animation.set_word_rules(rules)?;
+        script = Script::read(path, &speech, rules)?;
+        animation.set_word_rules(rules.clone())?;
     }
     let frames = generator.hear(&mut animation, &speech)?;
     Ok((animation, frames, script))

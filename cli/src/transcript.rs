@@ -382,8 +382,13 @@ pub(crate) fn voiced(samples: &[f32]) -> Vec<(f64, f64)> {
     stretches.into_iter().map(|(start, end)| (start as f64 * 0.01, end as f64 * 0.01)).collect()
 }
 
-/// Cost of a pause inside a clause, and of a clause's end without a pause, seconds of mismatch.
+/// Cost of a pause inside a clause, seconds of mismatch.
 const PAUSE_IN_CLAUSE: f64 = 0.25;
+/// Words of a stretch that are always tried, and the seconds and the share of its length beyond which more are not: so an
+/// hour of text takes no longer than a stretch's words do, once for each pair of stretch and word.
+const WORDS_TRIED: usize = 8;
+const SECONDS_TRIED: f64 = 2.0;
+const SHARE_TRIED: f64 = 4.0;
 
 /// Spreads the words of a text over stretches with voice: so that each stretch has as many syllables as its length
 /// lets expect, and pauses fall on punctuation; within a stretch by syllables.
@@ -424,15 +429,18 @@ fn bounds(words: &[umo_core_words::Spoken], weights: &[f64], stretches: &[(f64, 
     let mut before = Vec::with_capacity(stretches.len());
     for (number, (start, end)) in stretches.iter().enumerate() {
         let (length, is_last) = (end - start, number + 1 == stretches.len());
-        let (mut new, mut from) = (vec![f64::INFINITY; count + 1], vec![0; count + 1]);
+        let (mut new, mut from) = (vec![f64::INFINITY; count + 1], vec![0_u32; count + 1]);
         for to in 0..=count {
             let is_pause = to > 0 && !is_last && !words[to - 1].is_end;
             let pause = if is_pause { PAUSE_IN_CLAUSE } else { 0.0 };
-            for begin in 0..=to {
+            for begin in (0..=to).rev() {
                 let expected = pace * (sums[to] - sums[begin]);
+                if to - begin > WORDS_TRIED && expected > SHARE_TRIED * length + SECONDS_TRIED {
+                    break;
+                }
                 let cost = costs[begin] + pause + (length - expected).powi(2) / (length + expected).max(1e-3);
                 if cost < new[to] {
-                    (new[to], from[to]) = (cost, begin);
+                    (new[to], from[to]) = (cost, u32::try_from(begin).unwrap_or(u32::MAX));
                 }
             }
         }
@@ -441,7 +449,7 @@ fn bounds(words: &[umo_core_words::Spoken], weights: &[f64], stretches: &[(f64, 
     }
     let mut bounds = vec![count];
     for from in before.iter().rev() {
-        bounds.push(from[bounds[bounds.len() - 1]]);
+        bounds.push(from[bounds[bounds.len() - 1]] as usize);
     }
     bounds.reverse();
     bounds

@@ -35,7 +35,7 @@ pub(crate) fn run(args: &Words) -> Result<(), Failure> {
         eprintln!("note: class {class}: no gesture is called {gesture} here; the host must add it");
     }
     let words = timed(&rules, &args.text);
-    let decisions = decisions(&rules, &words, args.seed)?;
+    let decisions = decisions(&rules, &words, args.seed);
     let count = decisions.iter().filter(|it| matches!(it.outcome, Outcome::Gesture(_))).count();
     println!("{:>6}  {:<24} {:<12} gesture", "s", "words", "class");
     for decision in decisions.iter().filter(|it| it.outcome != Outcome::NoClass) {
@@ -59,7 +59,7 @@ fn timed(rules: &WordRules, text: &str) -> Vec<Timed> {
 }
 
 /// What becomes of words, in order.
-fn decisions(rules: &WordRules, words: &[Timed], seed: u64) -> Result<Vec<Decision>, Failure> {
+fn decisions(rules: &WordRules, words: &[Timed], seed: u64) -> Vec<Decision> {
     let (mut hints, mut planner, mut decisions) = (Hints::NONE, Planner::new(), Vec::new());
     let (mut next, mut now) = (0, 0);
     while next < words.len() || !planner.is_empty(&hints) {
@@ -71,7 +71,7 @@ fn decisions(rules: &WordRules, words: &[Timed], seed: u64) -> Result<Vec<Decisi
         planner.plan(rules, &hints, seed, now, |decision| decisions.push(decision));
         now += FRAME;
     }
-    Ok(decisions)
+    decisions
 }
 
 /// A decision in one line.
@@ -83,7 +83,7 @@ fn line(rules: &WordRules, words: &[Timed], decision: &Decision) -> String {
     let class = decision.class.map(|class| &rules.classes()[usize::from(class)]);
     let why = match decision.outcome {
         Outcome::Gesture(plan) => {
-            let name = class.map_or("", |class| &*class.gestures[usize::from(plan.variant)].name);
+            let name = class.map_or("", |class| &*class.gestures[usize::from(plan.gesture)].name);
             let stroke = plan.stroke as f64 / UNITS as f64;
             let side = match plan.side {
                 Hand::Left => ", left hand",
@@ -153,7 +153,6 @@ mod tests {
         let rules = WordRules::english();
         let words = timed(&rules, "No, that is not bad. The table. Hello!");
         let lines: Vec<String> = decisions(&rules, &words, 0)
-            .unwrap()
             .iter()
             .filter(|it| it.outcome != Outcome::NoClass)
             .map(|it| line(&rules, &words, it))

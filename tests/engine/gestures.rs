@@ -35,6 +35,20 @@ fn offline_with(
     frames
 }
 
+/// All frames of a session that gets the samples in pieces of `cut`.
+fn streamed(engine: &Engine, session: &Session, samples: &[f32], cut: usize) -> Vec<FrameBits> {
+    let mut frames = Vec::new();
+    for piece in samples.chunks(cut) {
+        session.push_audio(piece).unwrap();
+        settle(engine);
+        frames.extend(pull(session));
+    }
+    session.finish().unwrap();
+    settle(engine);
+    frames.extend(pull(session));
+    frames
+}
+
 fn with_layers(mut config: SessionConfig, gains: LayerGains) -> SessionConfig {
     config.layers = gains;
     config
@@ -54,16 +68,8 @@ fn a_stream_with_gestures_gives_the_frames_of_the_recording_with_them() {
             for (name, options) in asked() {
                 session.play_gesture(name, &options).unwrap();
             }
-            let mut frames = Vec::new();
-            for piece in samples.chunks(if which == 1 { 1_700 } else { 9_000 }) {
-                session.push_audio(piece).unwrap();
-                settle(&engine);
-                frames.extend(pull(&session));
-            }
-            session.finish().unwrap();
-            settle(&engine);
-            frames.extend(pull(&session));
-            check(&frames, &wanted, 16_000);
+            let cut = if which == 1 { 1_700 } else { 9_000 };
+            check(&streamed(&engine, &session, &samples, cut), &wanted, 16_000);
         }
     }
 }
@@ -103,16 +109,7 @@ fn a_stream_with_words_gives_the_frames_of_the_recording_with_them() {
             for (text, start, end) in SAID.iter().rev() {
                 session.hint_words(text, *start, *end).unwrap();
             }
-            let mut frames = Vec::new();
-            for piece in samples.chunks(cut) {
-                session.push_audio(piece).unwrap();
-                settle(&engine);
-                frames.extend(pull(&session));
-            }
-            session.finish().unwrap();
-            settle(&engine);
-            frames.extend(pull(&session));
-            check(&frames, &wanted, 16_000);
+            check(&streamed(&engine, &session, &samples, cut), &wanted, 16_000);
         }
     }
 }

@@ -85,6 +85,38 @@ fn plain_text_follows_the_voice() {
     assert!(spread(&WordRules::english(), "", &stretches, 4.0).is_empty() && voiced(&[]).is_empty());
 }
 
+/// Sentences of one talker with the corpus's times (`benches/lips/ten`): the share of words whose middle is within 200 ms.
+#[test]
+fn words_of_plain_text_are_near_their_place() {
+    let ten = Path::new(env!("CARGO_MANIFEST_DIR")).join("../benches/lips/ten");
+    let mouths: serde_json::Value = serde_json::from_slice(&std::fs::read(ten.join("mouths.json")).unwrap()).unwrap();
+    let mut off: Vec<f64> = Vec::new();
+    for (name, sentence) in mouths.as_object().unwrap() {
+        let words: Vec<(f64, f64, String)> = serde_json::from_value(sentence["words"].clone()).unwrap();
+        let words: Vec<_> = words.into_iter().filter(|(.., word)| word != "sil").collect();
+        let text: Vec<&str> = words.iter().map(|(.., word)| &**word).collect();
+        let speech = crate::speech::Speech::open(&ten.join(format!("{name}.opus")), false).unwrap();
+        let stretches = voiced(&speech.mono(VOICE_RATE).unwrap());
+        let timed = spread(&WordRules::english(), &text.join(" "), &stretches, speech.seconds());
+        assert_eq!(timed.len(), words.len(), "{name}");
+        off.extend(timed.iter().zip(&words).map(|(at, (start, end, _))| (at.start + at.end - start - end).abs() / 2.0));
+    }
+    off.sort_by(f64::total_cmp);
+    let near = off.iter().filter(|&&off| off <= 0.2).count();
+    println!("{near} of {} words within 200 ms, median {:.0} ms", off.len(), 1000.0 * off[off.len() / 2]);
+    assert!(near as f64 >= 0.85 * off.len() as f64, "{near} of {}", off.len());
+}
+
+/// An hour of speech is spread in a moment, whatever its pauses.
+#[test]
+fn a_long_text_is_spread_too() {
+    let text = "some more words of a long talk, ".repeat(1200);
+    let stretches: Vec<(f64, f64)> = (0..1200).map(|at| (3.0 * f64::from(at), 3.0 * f64::from(at) + 2.5)).collect();
+    let timed = spread(&WordRules::english(), &text, &stretches, 3600.0);
+    assert_eq!(timed.len(), 1200 * 7);
+    assert!((timed[7 * 600].start - 1800.0).abs() < 0.05, "{}", timed[7 * 600].start);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 

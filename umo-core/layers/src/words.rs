@@ -99,14 +99,14 @@ impl Words {
 
 /// The request of a plan; `None` if the avatar does not know its gesture.
 fn planned(rules: &WordRules, player: &Player, plan: &Plan) -> Option<Planned> {
-    let variant = rules.classes().get(usize::from(plan.class))?.gestures.get(usize::from(plan.variant))?;
+    let gesture = rules.classes().get(usize::from(plan.class))?.gestures.get(usize::from(plan.gesture))?;
     let side = match plan.side {
         Hand::Auto | Hand::Either => Side::Auto,
         Hand::Left => Side::Left,
         Hand::Right => Side::Right,
         Hand::Both => Side::Both,
     };
-    let request = Request::of_word(player.find(&variant.name)?, plan.form, plan.speed, plan.strength, side);
+    let request = Request::of_word(player.find(&gesture.name)?, plan.variant, plan.speed, plan.strength, side);
     Some(Planned { request, stroke: plan.stroke })
 }
 

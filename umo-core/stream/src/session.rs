@@ -433,8 +433,8 @@ impl Session {
         self.set(|settings| settings.sampler.sampling = sampling)
     }
 
-    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21). 0.5 draws as the model says: as often
-    /// as people. Models without a part `intent` ignore it.
+    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21). 0.5 leaves the model as
+    /// it is. Models without a part `intent` ignore it.
     ///
     /// # Errors
     /// [`SessionError::Range`] if it is not in 0 to 1.

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `text` | a text's words in lower case, their syllables and stressed vowel |
 //! | `rules` | rules as data: TOML to classes of words and phrases |
-//! | `plan` | words with times to gestures with times: longest match, gaps, choice of a variant |
+//! | `plan` | words with times to gestures with times: longest match, gaps, choice of a gesture |
 //!
 //! Implementation detail of `umo-core`, which re-exports what users need. No promise of stability.
 #![deny(unsafe_code)]
@@ -17,5 +17,5 @@ pub use plan::{
     Decision, Hints, LATE_SECONDS, MAX_PENDING_WORDS, MAX_WORDS_SECONDS, Outcome, Plan, Planner, REACH_SECONDS, UNITS,
     WordError,
 };
-pub use rules::{Class, Hand, MAX_CLASSES, RulesError, Variant, WordRules};
+pub use rules::{Class, ClassGesture, Hand, MAX_CLASSES, RulesError, WordRules};
 pub use text::{Spoken, spoken};

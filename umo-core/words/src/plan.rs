@@ -7,7 +7,7 @@
 use umo_core_base::random::philox;
 use umo_core_base::state::{StateError, StatePass};
 
-use crate::rules::{Class, Hand, MAX_CLASSES, MAX_PHRASE, Match, UNKNOWN, Variant, WordRules};
+use crate::rules::{Class, ClassGesture, Hand, MAX_CLASSES, MAX_PHRASE, Match, UNKNOWN, WordRules};
 use crate::text::{Normal, spoken};
 
 /// Upper bound on the words that wait for their decision.
@@ -182,10 +182,10 @@ fn place(number: u64) -> usize {
 /// A gesture for a word.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// Class of the word, and number of the gesture in it.
+    /// Number of the word's class.
     pub class: u16,
-    /// Number of the gesture in its class.
-    pub variant: u8,
+    /// Number of the gesture in the class.
+    pub gesture: u8,
     /// Time of the stroke in the host's audio, in [`UNITS`].
     pub stroke: u64,
     /// Strength, 0 to 1.
@@ -195,7 +195,7 @@ pub struct Plan {
     /// Hand; never [`Hand::Either`].
     pub side: Hand,
     /// Variant of the gesture, from 1: its pose, and how it differs a little in size, height and tempo.
-    pub form: u8,
+    pub variant: u8,
 }
 
 /// What becomes of a phrase.
@@ -236,7 +236,7 @@ pub struct Decision {
 #[derive(Clone, Copy, Debug, Default)]
 struct Last {
     stroke: Option<u64>,
-    variant: u8,
+    gesture: u8,
 }
 
 /// Words that wait for their decision, and what the next ones depend on.
@@ -367,7 +367,7 @@ impl Planner {
         if let Outcome::Gesture(plan) = outcome {
             let class = &rules.classes()[usize::from(plan.class)];
             *(if class.is_head { &mut self.head } else { &mut self.hands }) = Some(plan.stroke);
-            self.lasts[usize::from(plan.class)] = Last { stroke: Some(plan.stroke), variant: plan.variant };
+            self.lasts[usize::from(plan.class)] = Last { stroke: Some(plan.stroke), gesture: plan.gesture };
         }
         Decision { start, words: found.length, class: Some(found.class), outcome }
     }
@@ -396,23 +396,23 @@ impl Planner {
         if chance >= class.chance {
             return Outcome::Chance;
         }
-        let (variant, Variant { strength, speed, side, .. }) = self.choose(class, number, which);
+        let (gesture, &ClassGesture { strength, speed, side, .. }) = self.choose(class, number, which);
         let accent = f32::from(word.accent) / 255.0;
         let side = match side {
             Hand::Either if hand < 0.5 => Hand::Left,
             Hand::Either => Hand::Right,
-            side => *side,
+            side => side,
         };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 255")]
-        let form = 1 + (254.0 * size) as u8;
+        let variant = 1 + (254.0 * size) as u8;
         Outcome::Gesture(Plan {
             class: found.class,
-            variant,
+            gesture,
             stroke,
             strength: strength * (0.8 + 0.2 * accent) * (0.9 + 0.1 * size),
             speed: (speed * (0.95 + 0.1 * hand)).clamp(0.5, 2.0),
             side,
-            form,
+            variant,
         })
     }
 
@@ -429,17 +429,17 @@ impl Planner {
     }
 
     /// One of a class's gestures by their weights, not the last one again.
-    fn choose<'a>(&self, class: &'a Class, number: usize, which: f32) -> (u8, &'a Variant) {
-        let Last { stroke, variant } = self.lasts[number];
-        let again = stroke.map(|_| usize::from(variant)).filter(|_| class.gestures.len() > 1);
+    fn choose<'a>(&self, class: &'a Class, number: usize, which: f32) -> (u8, &'a ClassGesture) {
+        let Last { stroke, gesture } = self.lasts[number];
+        let again = stroke.map(|_| usize::from(gesture)).filter(|_| class.gestures.len() > 1);
         let all = || class.gestures.iter().enumerate().filter(move |&(at, _)| Some(at) != again);
-        let mut left = which * all().map(|(_, variant)| variant.weight).sum::<f32>();
-        let found = all().find(|(_, variant)| {
-            left -= variant.weight;
+        let mut left = which * all().map(|(_, gesture)| gesture.weight).sum::<f32>();
+        let found = all().find(|(_, gesture)| {
+            left -= gesture.weight;
             left < 0.0
         });
-        let (at, variant) = found.or_else(|| all().next_back()).unwrap_or((0, &class.gestures[0]));
-        (u8::try_from(at).unwrap_or_default(), variant)
+        let (at, gesture) = found.or_else(|| all().next_back()).unwrap_or((0, &class.gestures[0]));
+        (u8::try_from(at).unwrap_or_default(), gesture)
     }
 
     /// Saves or loads the words that wait and the gestures that were.
@@ -449,11 +449,11 @@ impl Planner {
         pass.number("words", &mut self.passed, taken)?;
         pass.length("words", &mut self.count, MAX_PENDING_WORDS as u64)?;
         self.waiting.iter_mut().try_for_each(|word| word.state(pass))?;
-        for Last { stroke, variant } in &mut self.lasts {
+        for Last { stroke, gesture } in &mut self.lasts {
             pass.maybe("word's gesture", stroke, 2 * MAX_TIME)?;
-            let mut number = (*variant).into();
+            let mut number = (*gesture).into();
             small(pass, "word's gesture", &mut number, u8::MAX.into())?;
-            *variant = u8::try_from(number).unwrap_or_default();
+            *gesture = u8::try_from(number).unwrap_or_default();
         }
         pass.maybe("hands' stroke", &mut self.hands, 2 * MAX_TIME)?;
         pass.maybe("head's stroke", &mut self.head, 2 * MAX_TIME)?;

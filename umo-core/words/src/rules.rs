@@ -51,7 +51,7 @@ pub enum Hand {
 /// A gesture of a class.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Variant {
+pub struct ClassGesture {
     /// Name of the gesture.
     pub name: String,
     /// How often it is taken, relative to the class's others.
@@ -84,7 +84,7 @@ pub struct Class {
     /// Share of the class's words that are gestured, 0 to 1.
     pub chance: f32,
     /// Gestures; none if the words mean nothing that could be shown.
-    pub gestures: Vec<Variant>,
+    pub gestures: Vec<ClassGesture>,
 }
 
 /// A file.
@@ -108,7 +108,7 @@ struct ClassFile {
     chance: Option<f32>,
     #[serde(default)]
     words: Vec<String>,
-    gestures: Option<Vec<Variant>>,
+    gestures: Option<Vec<ClassGesture>>,
 }
 
 /// A word or a stem that some phrase has.
@@ -399,7 +399,7 @@ fn checked(name: &str, class: &ClassFile) -> Result<Class, RulesError> {
     if gestures.len() > usize::from(u8::MAX) {
         return wrong("expected at most 255 gestures".to_owned());
     }
-    for Variant { name, weight, strength, speed, .. } in &gestures {
+    for ClassGesture { name, weight, strength, speed, .. } in &gestures {
         let is_weight = *weight > 0.0 && *weight <= 1000.0;
         if !(is_weight && (0.0..=1.0).contains(strength) && (0.5..=2.0).contains(speed)) {
             let wanted = "expected a weight of more than 0 to 1000, a strength of 0 to 1 and a speed of 0.5 to 2";

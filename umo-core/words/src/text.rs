@@ -70,8 +70,8 @@ pub(crate) struct Sound {
 }
 
 impl Sound {
-    /// The first syllable of words that begin with one of `unstressed` is not stressed; with `silent_e`, an `e` at the end after a consonant is not
-    /// spoken.
+    /// The first syllable of words that begin with one of `unstressed` is not stressed; with `silent_e`, an `e` at the end
+    /// after a consonant is not spoken.
     pub(crate) fn new(word: &str, unstressed: &[String], silent_e: bool) -> Self {
         if !word.contains(char::is_alphanumeric) {
             return Self { syllables: 0, stress: 0.0 };
