@@ -17,7 +17,7 @@ pub struct Sampler {
     pub sampling: Sampling,
     /// Seed of the draws.
     pub seed: u64,
-    /// How often hands leave rest, 0 to 1: [`USUAL_ACTIVITY`] leaves the model as it is.
+    /// How often hands leave rest, 0 to 1: 0.5 leaves the model as it is.
     pub activity: f32,
 }
 
