@@ -564,7 +564,7 @@ static void gestures_refuse(void) {
     WITH(at, (double)NAN);
     WITH(speed, 0);
     WITH(strength, 1.5f);
-    WITH(reserved, 1);
+    WITH(variant, 256);
     options.has_target = 1;
     WITH(target[1], (float)NAN);
 #undef WITH

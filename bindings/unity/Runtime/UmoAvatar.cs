@@ -78,6 +78,10 @@ namespace Umo.Unity
         [Min(0)] public int horizon = 0;
         [Tooltip("Custom gestures for PlayGesture.")]
         public UmoGesture[] gestures = new UmoGesture[0];
+        [Tooltip("Language of the words of HintWords: en or de.")]
+        public string language = "en";
+        [Tooltip("Your own word rules (docs/words.md), added to the language's.")]
+        public TextAsset wordRules;
         [Tooltip("The same seed and voice give the same motion.")]
         public int seed = 0;
         [Tooltip("Template of the model. Empty: speech to motion.")]
@@ -230,22 +234,42 @@ namespace Umo.Unity
         /// Plays a gesture over the motion as soon as possible: one of GestureNames, such as wave, nod, thumbs_up, or
         /// point, which points at the target. False if the gesture is unknown or eight are already queued.
         /// </summary>
-        public bool PlayGesture(string gesture, Transform target = null, Side side = Side.Auto, float strength = 1)
+        public bool PlayGesture(string gesture, Transform target = null, Side side = Side.Auto, float strength = 1, byte variant = 0)
         {
             if (session == null) return false;
             GestureOptions options = Session.GestureDefaults;
             options.Side = side;
             options.Strength = Mathf.Clamp(strength, 0, 1);
+            options.Variant = variant;
             Vec place;
             if (target != null && Place(target.position, out place)) options.PointAt(Axes.Unity, place.X, place.Y, place.Z);
-            Status status = session.PlayGesture(gesture, options);
-            if (status == Status.Ok) return true;
-            Debug.LogWarning("umo: " + session.LastError(), this);
-            return false;
+            return Takes(session.PlayGesture(gesture, options));
         }
 
         /// <summary>Names of the available gestures; empty if there is no session.</summary>
         public string[] GestureNames { get { return session == null ? new string[0] : session.Engine.GestureNames(); } }
+
+        /// <summary>
+        /// Seconds of sound that the avatar has received, including silence: sound that starts to play now will be at this
+        /// time, to within one block of the mixer. The clock of HintWords, and of Session.HintLips.
+        /// </summary>
+        public float GivenSeconds { get { return rate == 0 || line == null ? 0 : line.NextPlace / (float)rate; } }
+
+        /// <summary>
+        /// Gives a word and its time, as known from a speech synthesiser: some words become gestures. Times are on the clock
+        /// of GivenSeconds, to be read when the speech starts to play. False if 64 words are queued.
+        /// </summary>
+        public bool HintWords(string text, float start, float end)
+        {
+            return session != null && Takes(session.HintWords(text, start, end));
+        }
+
+        private bool Takes(Status status)
+        {
+            if (status == Status.Ok) return true;
+            Debug.LogWarning("umo: " + session.LastError(), this);
+            return false;
+        }
 
         /// <summary>Barge-in: the avatar falls silent at once and eases to rest. Later sound starts a new speech.</summary>
         public void Interrupt(float easeSeconds = 0.3f)
@@ -351,6 +375,7 @@ namespace Umo.Unity
             config.Guidance = Mathf.Clamp(guidance, 1, 3);
             config.Horizon = (uint)Math.Max(horizon, 0);
             foreach (UmoGesture gesture in gestures) if (gesture != null) gesture.AddTo(engine);
+            engine.SetWordRules(language, wordRules == null ? null : wordRules.text);
             Session made = new Session(engine, config, string.IsNullOrEmpty(template) ? null : template);
 
             Latency latency;
