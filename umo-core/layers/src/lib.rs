@@ -204,6 +204,8 @@ pub(crate) struct Tick<'a> {
     pub(crate) controls: &'a Controls,
     /// Weight of each attention state at this tick.
     pub(crate) weights: Weights,
+    /// Where a word's gesture takes the eyes: to the left and down from the body's heading, radians.
+    pub(crate) glance: Option<[f32; 2]>,
     pub(crate) rig: &'a Rig,
     /// Gain of the layer.
     pub(crate) gain: f32,
@@ -348,6 +350,7 @@ impl LayerStack {
             other_level,
             controls,
             weights: Weights::default(),
+            glance: None,
             rig: &self.rig,
             gain: 1.0,
         };
@@ -356,6 +359,7 @@ impl LayerStack {
         if let Some(heard) = heard {
             self.words.apply(&mut self.gesture, frame, &tick, heard);
         }
+        tick.glance = self.gesture.glance(&tick);
         self.gesture.apply(frame, &tick);
         let at = |layer: Layer, tick: &mut Tick| {
             tick.gain = gains[layer as usize];
