@@ -91,8 +91,10 @@ fn without_layers(mut session: SessionConfig) -> SessionConfig {
     session
 }
 
-/// Words that a stream is given before its audio, with start and end.
-fn words(config: &SessionConfig) -> &'static [(&'static str, f64, f64)] {
+/// Words with start and end, given before their audio.
+type Words = &'static [(&'static str, f64, f64)];
+
+fn words(config: &SessionConfig) -> Words {
     match config.avatar.sampler.seed % 3 {
         0 => &[],
         1 => &[("First,", 0.3, 0.5), ("No,", 0.7, 0.9), ("second,", 1.3, 1.5)],
@@ -107,8 +109,12 @@ fn told(engine: &Engine, config: &SessionConfig) -> Session {
     session
 }
 
-/// The frames that `umo animate` makes of a recording and its words.
+/// The frames that `umo animate` makes of a recording.
 fn offline(model: &Model, session: &SessionConfig, samples: &[f32]) -> Vec<Vec<u32>> {
+    offline_told(model, session, samples, &[])
+}
+
+fn offline_told(model: &Model, session: &SessionConfig, samples: &[f32], words: Words) -> Vec<Vec<u32>> {
     let rate = model.config().audio.sample_rate;
     let count = samples.len() / session.channels;
     let mut mono = vec![0.0; count];
@@ -118,7 +124,7 @@ fn offline(model: &Model, session: &SessionConfig, samples: &[f32]) -> Vec<Vec<u
     let cx = Compute { isa: model.isa(), team: &team };
     let mut animation =
         Animation::with_layers(model, &session.avatar, session.layers, session.gestures.clone()).unwrap();
-    words(session).iter().for_each(|(text, start, end)| animation.hint_words(text, *start, *end).unwrap());
+    words.iter().for_each(|(text, start, end)| animation.hint_words(text, *start, *end).unwrap());
     animation.push_audio(&mono).unwrap();
     animation.finish(count * model.config().frame_rate / session.sample_rate);
     let mut frames = Vec::new();
@@ -236,7 +242,7 @@ proptest! {
         let mut streams: Vec<(Drive, Vec<Vec<u32>>, usize)> = avatars.iter().zip(&sounds)
             .map(|((target, lookahead, seed, (rate, channels), _, pushes), samples)| {
                 let config = SessionConfig { sample_rate: *rate, channels: *channels, ..config(model, *target, *lookahead, *seed) };
-                let frames = offline(model, &config, samples);
+                let frames = offline_told(model, &config, samples, words(&config));
                 let session = told(&engine, &config);
                 let drive = Drive { session, samples, channels: *channels, pushes, turn: 0, frames: Vec::new(), wanted: frames.len(), progress: Instant::now() };
                 (drive, frames, *rate)
@@ -263,7 +269,7 @@ fn single_samples_and_sixteen_avatars_change_nothing() {
 fn single_samples_and_sixteen_avatars(model: &Arc<Model>) {
     let session = config(model, 2, 4, 77);
     let samples = audio(9_000, 1, 5);
-    let wanted = offline(model, &session, &samples);
+    let wanted = offline_told(model, &session, &samples, words(&session));
     for threads in [Threads::Host(0), Threads::Own(2)] {
         let engine = engine(model, threads, 16);
         let others: Vec<Session> = (0..15).map(|_| engine.session(&config(model, 2, 0, 3)).unwrap()).collect();
@@ -332,7 +338,7 @@ fn poses_between_frames_lie_between_them() {
     let engine = hosted(3);
     let config = config(engine.model(), 2, 0, 4);
     let samples = audio(24_000, 1, 2);
-    let wanted = offline(engine.model(), &config, &samples);
+    let wanted = offline_told(engine.model(), &config, &samples, words(&config));
     let session = told(&engine, &config);
     session.push_audio(&samples).unwrap();
     session.finish().unwrap();
