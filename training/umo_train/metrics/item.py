@@ -47,10 +47,10 @@ class Item:
     split: str = ""
     # Prompt of `motion`, also given to the model.
     prompt: str = ""
-    # Words with their times, if known.
-    words: tuple[Word, ...] = ()
     # `motion` with another seed: the performer's distance to itself is the noise of a distance.
     again: Motion | None = None
+    # Words with their times, if known.
+    words: tuple[Word, ...] = ()
 
     @property
     def seconds(self) -> float:
