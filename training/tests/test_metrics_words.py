@@ -30,12 +30,13 @@ def talker(seed: int, *, means: bool) -> takes.Take:
     return replace(takes.of_motion(f"take{seed}", "one", samples, motion), words=spoken)
 
 
-@pytest.mark.parametrize(("means", "low", "high"), [(True, 0.85, 1.0), (False, 0.35, 0.65)])
+@pytest.mark.parametrize(("means", "low", "high"), [(True, 0.8, 1.0), (False, 0.3, 0.7)])
 def test_words_are_found_if_the_motion_means_them(monkeypatch, means, low, high):
-    monkeypatch.setattr(words, "STEPS", 120)
-    of = [talker(seed, means=means) for seed in range(30)]
+    monkeypatch.setattr(words, "STEPS", 80)
+    monkeypatch.setattr(words, "BATCH", 16)
+    of = [talker(seed, means=means) for seed in range(20)]
     found = mismatch_report.finds(mismatch.tried(of, OPTIONS), 0)
-    assert found["windows"] == 30 * 4 and found["words"].count == 30
+    assert found["windows"] == 20 * 4 and found["words"].count == 20
     assert low < found["words"].value <= high
     assert "Right words found" in mismatch_report.text({"one": found})
 
