@@ -142,7 +142,7 @@ impl Source {
             if !(MIN_RATE..=MAX_RATE).contains(&rate) {
                 return Err(Failure::input(format!("--rate {rate}: expected {MIN_RATE} to {MAX_RATE}")));
             }
-            args.words.refuse_with("standard input: they would have to be known before it")?;
+            args.words.refuse_with("standard input: the words would have to be known before it")?;
             return Ok((Self::Input { rate }, None));
         };
         if args.rate.is_some() {

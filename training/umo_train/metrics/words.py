@@ -56,7 +56,8 @@ def spread(text: str, samples: np.ndarray) -> list[Word]:
 
 def write(path: Path, words: Sequence[Word]) -> None:
     """NIST's CTM, as `umo animate --words` reads it."""
-    path.write_text("".join(f"speech 1 {w.start:.3f} {w.end - w.start:.3f} {w.text}\n" for w in words))
+    lines = (f"speech 1 {w.start:.3f} {w.end - w.start:.3f} {w.text}\n" for w in words)
+    path.write_text("".join(lines), encoding="utf-8")
 
 
 class Judge(nn.Module):
@@ -131,6 +132,7 @@ def _scores(
 
 
 def train(prepared: Sequence["Prepared"], view: str, window: int, steps: int, seed: int) -> Judge:
+    """A judge that tells a window's own words from other takes' at the same times."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     counts = Counter(word.name for one in prepared for word in one.words)
