@@ -385,7 +385,7 @@ pub(crate) fn voiced(samples: &[f32]) -> Vec<(f64, f64)> {
 /// Time of a syllable and of a letter, relative to each other.
 const SYLLABLE: f64 = 0.55;
 const LETTER: f64 = 0.18;
-/// Time by which the last word of a stretch is longer, on the same scale.
+/// Phrase-final lengthening: what the last word of a stretch has on top, on the same scale.
 const LENGTHENED: f64 = 0.6;
 /// Cost of a pause inside a clause, seconds of mismatch.
 const PAUSE_IN_CLAUSE: f64 = 0.25;
@@ -396,7 +396,7 @@ const SECONDS_TRIED: f64 = 2.0;
 const SHARE_TRIED: f64 = 4.0;
 
 /// Spreads the words of a text over stretches with voice: so that each stretch has as many syllables as its length
-/// lets expect, and pauses fall on punctuation; within a stretch by syllables, the last word longer.
+/// lets expect, and pauses fall on punctuation; within a stretch by syllables and letters, the last word longer.
 pub(crate) fn spread(rules: &WordRules, text: &str, stretches: &[(f64, f64)], seconds: f64) -> Vec<Timed> {
     let words: Vec<_> = spoken(text).collect();
     // A word's time goes by its syllables, and by its sounds, of which letters tell.

@@ -93,9 +93,8 @@ def text(rows: Mapping[str, dict[str, Any]]) -> str:
     if read:
         columns = [("body without face", lambda row: row["words"].text(1, 100))]
         columns += [("clips", lambda row: str(row["clips"])), ("recordings", lambda row: str(row["words"].count))]
-        out += f"\nRight words found, % of clips of {words.CLIP_S:.0f} s (95 %), chance 50:\n\n" + markdown.table(
-            columns, read
-        )
+        out += f"\nRight words found, % of clips of {words.CLIP_S:.0f} s (95 %), chance 50:\n\n"
+        out += markdown.table(columns, read)
     bodies = {name: row for name, row in rows.items() if "protocols" in row}
 
     def measure(name: str, places: int) -> Callable[[dict[str, Any]], str]:
