@@ -221,6 +221,9 @@
 // Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
 #define UMO_PARAMETER_ACTIVITY 7
 
+// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice.
+#define UMO_PARAMETER_EXPRESSION 8
+
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 #define UMO_PARAMETER_LAYER_GAZE 32
 

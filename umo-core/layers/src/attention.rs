@@ -233,6 +233,7 @@ mod tests {
             controls,
             weights: Weights::default(),
             rig: &trial.rig,
+            lively: 0.0,
             gain: 1.0,
         })
     }

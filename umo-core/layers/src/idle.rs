@@ -6,12 +6,14 @@ use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat};
-use umo_core_pose::skeleton::FIRST_FINGER;
+use umo_core_pose::skeleton::{FIRST_FINGER, JAW};
 
 use super::Tick;
+use super::inhale::Inhale;
 use super::noise::{Stream, smooth, uniform};
 use super::rig::{
-    DEGREE, HEAD, NECK, SPINE, angle_between, ease, length_of_two, step, turn_in_own, turn_in_parent, turn_vector,
+    DEGREE, HEAD, NECK, SPINE, angle_between, arkit, ease, length_of_two, step, turn_in_own, turn_in_parent,
+    turn_vector,
 };
 
 const PELVIS: usize = 0;
@@ -31,6 +33,13 @@ const BREATH_RATE_VARIATION: f32 = 0.3;
 
 /// Share of a breath that is inhalation.
 const INHALATION_SHARE: f32 = 0.42;
+
+/// Inhalation before a phrase, relative to an idle breath; the head's lift, and the jaw at it and at a jawOpen of 1.
+const INHALATION: f32 = 1.4;
+const HEAD_LIFT_DEGREES: f32 = 1.2;
+const LIPS_PARTED: f32 = 0.1;
+const JAW_DEGREES: f32 = 20.0;
+const JAW_OPEN: usize = arkit("jawOpen");
 
 /// Direction changes per second of the sway, the arms' drift and the fingers.
 const SWAY_RATE: f64 = 0.35;
@@ -110,6 +119,7 @@ pub(super) struct Idle {
     /// Phases of the breath and of the arms' drift, 0 to 1.
     breath: f32,
     drift: f32,
+    inhale: Inhale,
     shift: Shift,
     arms: [Arm; 2],
 }
@@ -120,6 +130,7 @@ impl Idle {
             is_started: false,
             breath: 0.0,
             drift: 0.0,
+            inhale: Inhale::new(),
             shift: Shift::default(),
             arms: [Arm::default(), Arm::default()],
         }
@@ -137,7 +148,7 @@ impl Idle {
         }
         let lively = [0, 1].map(|side| self.arms[side].measure(arm_of(&frame.pose, side), tick.seconds));
         let pace = smooth(tick.seed, PACE, tick.time(), ARM_RATE);
-        self.breathe(&mut frame.pose, tick, pace[2]);
+        self.breathe(frame, tick, pace[2]);
         self.stand(&mut frame.pose, tick);
         self.drift = advanced(self.drift, ARM_DRIFT_RATE * (1.0 + ARM_DRIFT_RATE_VARIATION * pace[0]) * tick.seconds);
         for (side, lively) in lively.into_iter().enumerate() {
@@ -147,7 +158,7 @@ impl Idle {
     }
 
     /// Raises and lowers chest and shoulders.
-    fn breathe(&mut self, pose: &mut Pose, tick: &Tick, pace: f32) {
+    fn breathe(&mut self, frame: &mut OwnedFrame, tick: &Tick, pace: f32) {
         self.breath = advanced(self.breath, BREATHS_PER_SECOND * (1.0 + BREATH_RATE_VARIATION * pace) * tick.seconds);
         let at = self.breath;
         let air = if at < INHALATION_SHARE {
@@ -155,16 +166,23 @@ impl Idle {
         } else {
             ease((1.0 - at) / (1.0 - INHALATION_SHARE))
         };
-        let deep = tick.gain * (air - 0.5) * DEGREE;
-        let rotations = &mut pose.rotations;
+        let [more, parted] = self.inhale.advance(tick);
+        let deep = tick.gain * (air - 0.5 + INHALATION * more) * DEGREE;
+        let rotations = &mut frame.pose.rotations;
         turn_in_parent(&mut rotations[SPINE[1]], [-0.7 * deep, 0.0, 0.0]);
         turn_in_parent(&mut rotations[SPINE[2]], [-1.2 * deep, 0.0, 0.0]);
         // The head stays level.
         turn_in_parent(&mut rotations[NECK], [1.2 * deep, 0.0, 0.0]);
-        turn_in_parent(&mut rotations[HEAD], [0.4 * deep, 0.0, 0.0]);
+        turn_in_parent(&mut rotations[HEAD], [0.4 * deep - HEAD_LIFT_DEGREES * tick.gain * more * DEGREE, 0.0, 0.0]);
         for (side, sign) in SIDES.into_iter().enumerate() {
             turn_in_parent(&mut rotations[COLLARS[side]], [0.0, -0.6 * sign * deep, 2.0 * sign * deep]);
             turn_in_parent(&mut rotations[SHOULDERS[side]], [0.6 * deep, 0.0, -1.3 * sign * deep]);
+        }
+        if parted > 0.0 {
+            let open = tick.rig.shape(&frame.face, JAW_OPEN);
+            let parted = (1.0 - open) * LIPS_PARTED * tick.gain * parted;
+            tick.rig.set_shape(&mut frame.face, JAW_OPEN, open + parted);
+            turn_in_parent(&mut frame.pose.rotations[JAW], [JAW_DEGREES * parted * DEGREE, 0.0, 0.0]);
         }
     }
 
@@ -227,6 +245,7 @@ impl Idle {
         pass.switch("idle motion", &mut self.is_started)?;
         pass.share(&mut self.breath)?;
         pass.share(&mut self.drift)?;
+        self.inhale.state(pass)?;
         self.shift.state(pass)?;
         self.arms.iter_mut().try_for_each(|arm| arm.state(pass))
     }

@@ -445,6 +445,19 @@ impl Session {
         self.set(|settings| settings.sampler.activity = activity)
     }
 
+    /// Sets how far body and face follow the arousal of the voice, 0 to 1 (SPEC 2.22): the body from the next chunk on,
+    /// the layers from the next frame on. 0 ignores the voice.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] if it is not in 0 to 1; [`SessionError::Busy`] if another thread sets something.
+    pub fn set_expression(&self, expression: f32) -> Result<(), SessionError> {
+        if !(0.0..=1.0).contains(&expression) {
+            return Err(SessionError::Range(Argument::Expression));
+        }
+        self.set(|settings| settings.sampler.expression = expression)?;
+        self.control(|controls| controls.expression = expression)
+    }
+
     /// Sets the idle mode.
     pub fn set_idle(&self, idle: Idle) {
         self.shared.host.idle.store(idle as u8, Ordering::Relaxed);
@@ -637,6 +650,14 @@ impl Session {
     /// [`SessionError::Busy`] if another thread sets something.
     pub fn activity(&self) -> Result<f32, SessionError> {
         Ok(self.settings()?.sampler.activity)
+    }
+
+    /// Current expression of the voice.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread sets something.
+    pub fn expression(&self) -> Result<f32, SessionError> {
+        Ok(self.settings()?.sampler.expression)
     }
 
     fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<(), SessionError> {

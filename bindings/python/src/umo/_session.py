@@ -98,6 +98,9 @@ class Session(_library.Handle):
         "output_delay", "Latency of the output device in seconds, which `sample` compensates. About 0.2 for Bluetooth."
     )
     activity = Parameter[float]("activity", "How often hands leave rest, 0 to 1; 0.5 leaves the model as it is.")
+    expression = Parameter[float](
+        "expression", "How far body and face follow the arousal of the voice, 0 to 1; 0 ignores the voice."
+    )
     gain_face = Parameter[float]("gain_face", "Amount of face motion: 0 at rest, 1 as computed, 2 exaggerated.")
     gain_hands = Parameter[float]("gain_hands", "Amount of finger motion.")
     gain_upper = Parameter[float]("gain_upper", "Amount of motion of spine, neck, head and arms.")

@@ -90,6 +90,7 @@ impl Stage {
             controls: &self.controls,
             weights: Weights::default(),
             rig: &self.rig,
+            lively: 0.0,
             gain: 1.0,
         };
         self.player.apply(&mut frame, &tick);

@@ -47,13 +47,14 @@ impl Output {
             avatar.sampler.seed,
             (session.gestures.clone(), session.words.clone()),
         );
+        let controls = Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) };
         Self {
             to_rest: ToRest::new(frame()),
             source: Source::new(voice, chunk_frames, rates),
             // With packets, `gap` eases.
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
-            layers: Layers::new(stack, Controls::new(session.layers), session.sample_rate),
+            layers: Layers::new(stack, controls, session.sample_rate),
             window: Window::new(frame),
             sample: Sample::new(frame(), frame_rate),
             idle: IdleBlend::new(frame, session.idle_after, session.ease, frame_rate),
