@@ -1,5 +1,5 @@
 //! Cost of the calls on the audio and game threads, from C and from Rust: 10 ms of sound in, a
-//! pose out, at three rates; the live mouth; and the layers over the decoders' frames.
+//! pose out, at three rates; the live mouth; the layers over the decoders' frames; and words.
 
 use std::hint::black_box;
 use std::ptr::null_mut;
@@ -26,6 +26,7 @@ use umo_core::{
 };
 use umo_core_model::mouth::{Mouth, MouthStream};
 use umo_core_model::weights::Loader;
+use umo_core_words::{Hints, Planner, UNITS, WordRules};
 use umo_kernels::Isa;
 
 static MODEL: &[u8] = include_bytes!("../models/umo-people/model.safetensors");
@@ -115,6 +116,25 @@ fn layers(c: &mut Criterion) {
             });
         });
     }
+}
+
+/// Cost of words: ten seconds of speech with three words a second, given and decided in 300 frames.
+fn words(c: &mut Criterion) {
+    let rules = WordRules::english();
+    let said = ["no,", "we", "never", "saw", "that", "large", "table", "over", "there,", "maybe"];
+    c.bench_function("words/30 words in 300 frames", |b| {
+        b.iter(|| {
+            let (mut hints, mut planner, mut decided) = (Hints::NONE, Planner::new(), 0);
+            for (word, start) in said.iter().cycle().zip(0..30) {
+                let start = f64::from(start) / 3.0;
+                hints.push(&rules, word, (start, start + 0.3), (0, 0)).expect("there is room");
+            }
+            for frame in 0..300 {
+                planner.plan(&rules, &hints, 1, frame * UNITS / 30, |_| decided += 1);
+            }
+            decided
+        });
+    });
 }
 
 fn calls(c: &mut Criterion) {
@@ -218,5 +238,5 @@ fn resampling(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, calls, mouth, layers, resampling);
+criterion_group!(benches, calls, mouth, layers, words, resampling);
 criterion_main!(benches);

@@ -455,8 +455,9 @@ typedef struct umo_gesture_options {
     float strength;
     // Point in the avatar's space, for pointing gestures; without one they point ahead.
     float target[3];
-    // Zero.
-    uint32_t reserved;
+    // Variant, 0 to 255: 0 is the gesture as drawn; others go through its poses in turn, and each number has a
+    // size, height and speed of its own.
+    uint32_t variant;
 } umo_gesture_options;
 
 // A clip of the host's to make a gesture from. Initialise it with `umo_gesture_clip_init`.

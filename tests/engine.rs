@@ -92,8 +92,30 @@ fn without_layers(mut session: SessionConfig) -> SessionConfig {
     session
 }
 
+/// Words with start and end, given before their audio.
+type Words = &'static [(&'static str, f64, f64)];
+
+fn words(config: &SessionConfig) -> Words {
+    match config.avatar.sampler.seed % 3 {
+        0 => &[],
+        1 => &[("First,", 0.3, 0.5), ("No,", 0.7, 0.9), ("second,", 1.3, 1.5)],
+        _ => &[("There,", 0.6, 0.8), ("no!", 0.9, 1.1)],
+    }
+}
+
+/// A session that was given its words.
+fn told(engine: &Engine, config: &SessionConfig) -> Session {
+    let session = engine.session(config).unwrap();
+    words(config).iter().for_each(|(text, start, end)| session.hint_words(text, *start, *end).unwrap());
+    session
+}
+
 /// The frames that `umo animate` makes of a recording.
 fn offline(model: &Model, session: &SessionConfig, samples: &[f32]) -> Vec<Vec<u32>> {
+    offline_told(model, session, samples, &[])
+}
+
+fn offline_told(model: &Model, session: &SessionConfig, samples: &[f32], words: Words) -> Vec<Vec<u32>> {
     let rate = model.config().audio.sample_rate;
     let count = samples.len() / session.channels;
     let mut mono = vec![0.0; count];
@@ -103,6 +125,7 @@ fn offline(model: &Model, session: &SessionConfig, samples: &[f32]) -> Vec<Vec<u
     let cx = Compute { isa: model.isa(), team: &team };
     let mut animation =
         Animation::with_layers(model, &session.avatar, session.layers, session.gestures.clone()).unwrap();
+    words.iter().for_each(|(text, start, end)| animation.hint_words(text, *start, *end).unwrap());
     animation.push_audio(&mono).unwrap();
     animation.finish(count * model.config().frame_rate / session.sample_rate);
     let mut frames = Vec::new();
@@ -220,8 +243,8 @@ proptest! {
         let mut streams: Vec<(Drive, Vec<Vec<u32>>, usize)> = avatars.iter().zip(&sounds)
             .map(|((target, lookahead, seed, (rate, channels), _, pushes), samples)| {
                 let config = SessionConfig { sample_rate: *rate, channels: *channels, ..config(model, *target, *lookahead, *seed) };
-                let frames = offline(model, &config, samples);
-                let session = engine.session(&config).unwrap();
+                let frames = offline_told(model, &config, samples, words(&config));
+                let session = told(&engine, &config);
                 let drive = Drive { session, samples, channels: *channels, pushes, turn: 0, frames: Vec::new(), wanted: frames.len(), progress: Instant::now() };
                 (drive, frames, *rate)
             })
@@ -247,11 +270,11 @@ fn single_samples_and_sixteen_avatars_change_nothing() {
 fn single_samples_and_sixteen_avatars(model: &Arc<Model>) {
     let session = config(model, 2, 4, 77);
     let samples = audio(9_000, 1, 5);
-    let wanted = offline(model, &session, &samples);
+    let wanted = offline_told(model, &session, &samples, words(&session));
     for threads in [Threads::Host(0), Threads::Own(2)] {
         let engine = engine(model, threads, 16);
         let others: Vec<Session> = (0..15).map(|_| engine.session(&config(model, 2, 0, 3)).unwrap()).collect();
-        let alone = engine.session(&session).unwrap();
+        let alone = told(&engine, &session);
         let mut drive = Drive {
             session: alone,
             samples: &samples,
@@ -316,8 +339,8 @@ fn poses_between_frames_lie_between_them() {
     let engine = hosted(3);
     let config = config(engine.model(), 2, 0, 4);
     let samples = audio(24_000, 1, 2);
-    let wanted = offline(engine.model(), &config, &samples);
-    let session = engine.session(&config).unwrap();
+    let wanted = offline_told(engine.model(), &config, &samples, words(&config));
+    let session = told(&engine, &config);
     session.push_audio(&samples).unwrap();
     session.finish().unwrap();
     settle(&engine);

@@ -90,7 +90,7 @@ enum Call {
 }
 
 /// Words of several classes and of none.
-const WORDS: [&str; 6] = ["no", "hello!", "maybe", "me", "not bad", "table"];
+const WORDS: [&str; 8] = ["no", "hello!", "maybe", "me", "not bad", "first,", "second,", "over there"];
 
 fn any_idle() -> impl Strategy<Value = Idle> + Clone {
     prop::sample::select(vec![Idle::Hold, Idle::Rest, Idle::Live])

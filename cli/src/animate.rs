@@ -15,7 +15,7 @@ use crate::args::{self, Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
-use crate::words::{self, Script};
+use crate::words::Script;
 use crate::{gestures, model, progress, start_pose};
 
 /// Animates a recording.
@@ -33,12 +33,7 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     if args.retime {
         animation.retime(&generator.model)?;
     }
-    let mut script = Script::default();
-    if let Some(path) = &args.words.words {
-        let rules = words::rules(&args.words.rules)?;
-        script = Script::read(path, &speech, &rules)?;
-        animation.set_word_rules(rules)?;
-    }
+    let script = Script::begin(&args.words, &speech, &mut animation)?;
     generator.hear(&mut animation, &speech)?;
     let done = job.finish(&mut animation, frames, script);
     if let Some((compared, differed)) = animation.avatar().unit_disagreement() {

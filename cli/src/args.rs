@@ -329,6 +329,9 @@ pub struct Retarget {
     pub repair: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub words: WordArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]

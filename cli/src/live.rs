@@ -16,12 +16,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{AudioSource, Engine, Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice};
+use umo_core::{
+    AudioSource, Engine, Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice, WordRules,
+};
 
 use crate::args::{Live, VoiceArg};
 use crate::failure::Failure;
 use crate::speech::{Samples, Speech};
 use crate::view::stream::{self, check_voice};
+use crate::words::Script;
 use crate::{animate, interrupt, model};
 
 /// Delay before samples that found no room are pushed again.
@@ -51,9 +54,9 @@ fn send(args: &Live) -> Result<(), Failure> {
     let vmc = args.vmc.as_deref().map(|address| resolve("--vmc", address)).transpose()?;
     let livelink = args.livelink.as_deref().map(|address| resolve("--livelink", address)).transpose()?;
     let stop = interrupt::stop();
-    let source = Source::open(args)?;
+    let (source, rules) = Source::open(args)?;
     let rate = source.rate();
-    let (engine, session) = session(args, rate)?;
+    let (engine, session) = session(args, rate, rules)?;
     let session = Arc::new(session);
     let mut receivers = Vec::new();
     let config = engine.model().config();
@@ -125,27 +128,31 @@ fn resolve(option: &str, address: &str) -> Result<SocketAddr, Failure> {
 
 /// Source of the speech.
 enum Source {
-    /// Mono samples, pushed in real time.
-    Recording { rate: usize, samples: Box<Samples> },
+    /// Mono samples, pushed in real time, with their words before them.
+    Recording { rate: usize, samples: Box<Samples>, script: Script },
     /// 16-bit mono samples from standard input, pushed as they arrive.
     Input { rate: usize },
 }
 
 impl Source {
-    fn open(args: &Live) -> Result<Self, Failure> {
+    /// The source that the arguments name, and the rules of its words.
+    fn open(args: &Live) -> Result<(Self, Option<WordRules>), Failure> {
         let Some(path) = args.input.as_deref().filter(|&path| path != Path::new("-")) else {
             let rate = args.rate.unwrap_or(INPUT_RATE);
             if !(MIN_RATE..=MAX_RATE).contains(&rate) {
                 return Err(Failure::input(format!("--rate {rate}: expected {MIN_RATE} to {MAX_RATE}")));
             }
-            return Ok(Self::Input { rate });
+            args.words.refuse_with("standard input: the words would have to be known before it")?;
+            return Ok((Self::Input { rate }, None));
         };
         if args.rate.is_some() {
             return Err(Failure::input("--rate is for standard input: a recording has its own"));
         }
         let speech = Speech::open(path, args.repair)?;
         let rate = session_rate(speech.sample_rate());
-        Ok(Self::Recording { rate, samples: Box::new(speech.samples(rate)?) })
+        let (script, rules) = Script::of(&args.words, &speech)?.unzip();
+        let samples = Box::new(speech.samples(rate)?);
+        Ok((Self::Recording { rate, samples, script: script.unwrap_or_default() }, rules))
     }
 
     const fn rate(&self) -> usize {
@@ -157,11 +164,12 @@ impl Source {
     /// Pushes all samples to the session, then finishes its stream.
     fn speak(self, session: &Session, stop: &AtomicBool) -> Result<(), Failure> {
         match self {
-            Self::Recording { rate, mut samples } => {
+            Self::Recording { rate, mut samples, mut script } => {
                 let start = Instant::now();
                 let (mut spoken, mut block) = (0, Vec::new());
                 while samples.pull(&mut block)? {
                     for stretch in block.chunks(STRETCH) {
+                        script.give(|text, start, end| session.hint_words(text, start, end))?;
                         push(stop, stretch.len(), |done| session.push_audio(&stretch[done..]))?;
                         spoken += stretch.len();
                         let due = Duration::from_secs_f64(spoken as f64 / rate as f64);
@@ -212,7 +220,7 @@ fn push(
 }
 
 /// Returns the session configured by the arguments, and its engine.
-fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
+fn session(args: &Live, rate: usize, rules: Option<WordRules>) -> Result<(Engine, Session), Failure> {
     if args.generate.start_pose.is_some() {
         return Err(Failure::input("--start-pose does not go with `live`"));
     }
@@ -224,9 +232,9 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
     let avatar = stream::avatar(&args.generate, config);
     let gestures = crate::gestures::known(&args.generate.gesture_clip, &config.skeleton)?;
     let layers = animate::layers(&args.generate);
-    let made = engine
-        .session(&SessionConfig { avatar, layers, gestures, sample_rate: rate, voice, ..SessionConfig::new(config) })
-        .map_err(Failure::input)?;
+    let words = rules.unwrap_or_default();
+    let set = SessionConfig { avatar, layers, gestures, words, sample_rate: rate, voice, ..SessionConfig::new(config) };
+    let made = engine.session(&set).map_err(Failure::input)?;
     if let Some(text) = &args.prompt {
         made.set_prompt(&animate::prompt(engine.model(), text)?).map_err(Failure::input)?;
     }

@@ -127,14 +127,16 @@ pub(crate) fn is_character(path: &Path) -> bool {
 /// Returns the animation of a recording, or reads a finished one.
 fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
     if !umo_audio_file::has_extension(input) {
+        args.words.refuse_with("an animation: it has its gestures already")?;
         return import::read(input);
     }
     let speech = Speech::open(input, args.repair)?;
     let generator =
         animate::Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
     let mut animation = generator.animation("audio_to_motion", None)?;
+    let script = Script::begin(&args.words, &speech, &mut animation)?;
     let frames = generator.hear(&mut animation, &speech)?;
-    generator.clip(&mut animation, frames, Script::default(), |_| ())
+    generator.clip(&mut animation, frames, script, |_| ())
 }
 
 fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Retarget, String> {

@@ -382,6 +382,9 @@ pub(crate) fn voiced(samples: &[f32]) -> Vec<(f64, f64)> {
     stretches.into_iter().map(|(start, end)| (start as f64 * 0.01, end as f64 * 0.01)).collect()
 }
 
+/// Time of a syllable and of a letter, relative to each other.
+const SYLLABLE: f64 = 0.55;
+const LETTER: f64 = 0.18;
 /// Cost of a pause inside a clause, seconds of mismatch.
 const PAUSE_IN_CLAUSE: f64 = 0.25;
 /// Words of a stretch that are always tried, and the seconds and the share of its length beyond which more are not: so an
@@ -394,8 +397,9 @@ const SHARE_TRIED: f64 = 4.0;
 /// lets expect, and pauses fall on punctuation; within a stretch by syllables.
 pub(crate) fn spread(rules: &WordRules, text: &str, stretches: &[(f64, f64)], seconds: f64) -> Vec<Timed> {
     let words: Vec<_> = spoken(text).collect();
-    // A word takes a little time besides its syllables.
-    let weights: Vec<f64> = words.iter().map(|it| f64::from(rules.syllables(it.text)) + 0.3).collect();
+    // A word's time goes by its syllables, and by its sounds, of which letters tell.
+    let weight = |word: &str| SYLLABLE * f64::from(rules.syllables(word)) + LETTER * word.chars().count() as f64;
+    let weights: Vec<f64> = words.iter().map(|it| weight(it.text)).collect();
     let whole = [(0.0, seconds)];
     let stretches = if stretches.is_empty() { &whole[..] } else { stretches };
     let bounds = bounds(&words, &weights, stretches);

@@ -41,7 +41,12 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
         None => input(args)?.with_extension("html"),
     };
     let output = atomic_file::create(&path)?;
-    let scene = if args.judge.is_empty() { scene(input(args)?, args)? } else { judge::scene(args)? };
+    let scene = if args.judge.is_empty() {
+        scene(input(args)?, args)?
+    } else {
+        args.words.refuse_with("--judge, whose recordings have words of their own")?;
+        judge::scene(args)?
+    };
     let html = page::html(&scene)?;
     atomic_file::commit(output, |out| out.write_all(html.as_bytes()))?;
     println!("{}: {} frames, {:.1} MB", path.display(), scene.frames(), html.len() as f64 / 1e6);
@@ -59,6 +64,7 @@ fn input(args: &Page) -> Result<&Path, Failure> {
 /// Returns the contents of a page with one motion.
 fn scene(input: &Path, args: &Page) -> Result<Scene, Failure> {
     let scene = if is_animation(input) {
+        args.words.refuse_with("an animation: it has its gestures already")?;
         Scene::of_animation(input, args)?
     } else if args.audio.is_some() {
         return Err(Failure::input("--audio goes with an animation: a recording is its own audio"));

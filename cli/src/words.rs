@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use umo_core::{Gestures, SessionError, WordRules};
+use umo_core::{Animation, Gestures, SessionError, WordRules};
 use umo_core_words::{Decision, Hand, Hints, Outcome, Planner, UNITS, spoken};
 
-use crate::args::{RuleArgs, Words};
+use crate::args::{RuleArgs, WordArgs, Words};
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::transcript::{self, Timed, Transcript};
@@ -91,7 +91,11 @@ fn line(rules: &WordRules, words: &[Timed], decision: &Decision) -> String {
                 Hand::Both => ", both hands",
                 Hand::Auto | Hand::Either => "",
             };
-            format!("{name}: stroke at {stroke:.2} s, strength {:.2}, speed {:.2}{side}", plan.strength, plan.speed)
+            let item = if plan.goes_on { ", its next stroke" } else { "" };
+            format!(
+                "{name}: stroke at {stroke:.2} s, strength {:.2}, speed {:.2}{side}{item}",
+                plan.strength, plan.speed
+            )
         }
         Outcome::NoClass | Outcome::NoGesture => "-: the class has none".to_owned(),
         Outcome::Late => "-: too late".to_owned(),
@@ -115,6 +119,20 @@ pub(crate) struct Script {
 }
 
 impl Script {
+    /// The words that the arguments name, and their rules.
+    pub(crate) fn of(args: &WordArgs, speech: &Speech) -> Result<Option<(Self, WordRules)>, Failure> {
+        let Some(path) = &args.words else { return Ok(None) };
+        let rules = rules(&args.rules)?;
+        Ok(Some((Self::read(path, speech, &rules)?, rules)))
+    }
+
+    /// [`Self::of`], with the rules set in the animation.
+    pub(crate) fn begin(args: &WordArgs, speech: &Speech, animation: &mut Animation) -> Result<Self, Failure> {
+        let Some((script, rules)) = Self::of(args, speech)? else { return Ok(Self::default()) };
+        animation.set_word_rules(rules)?;
+        Ok(script)
+    }
+
     /// Reads the words of a file; plain text is spread over the voice of the recording.
     pub(crate) fn read(path: &Path, speech: &Speech, rules: &WordRules) -> Result<Self, Failure> {
         let mut words = match transcript::read(path)? {

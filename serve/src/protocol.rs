@@ -57,6 +57,9 @@ pub struct Hello {
     /// Free-text prompt, for models that accept one.
     #[serde(default)]
     pub prompt: Option<String>,
+    /// Language of the words.
+    #[serde(default)]
+    pub language: Option<String>,
     /// Initial mood.
     #[serde(default)]
     pub mood: Option<MoodName>,
@@ -223,6 +226,9 @@ pub enum Request {
         /// Point to point at, in metres.
         #[serde(default)]
         target: Option<[f32; 3]>,
+        /// Variant; 0 is the gesture as drawn.
+        #[serde(default)]
+        variant: u8,
     },
     /// Gives words and their time.
     Words {
@@ -263,6 +269,7 @@ pub(crate) fn gesture_options(
     (speed, strength): (f32, f32),
     side: SideName,
     target: Option<[f32; 3]>,
+    variant: u8,
 ) -> GestureOptions {
     let side = match side {
         SideName::Auto => Side::Auto,
@@ -270,7 +277,7 @@ pub(crate) fn gesture_options(
         SideName::Right => Side::Right,
         SideName::Both => Side::Both,
     };
-    GestureOptions { at, speed, strength, side, target, ..GestureOptions::default() }
+    GestureOptions { at, speed, strength, side, target, variant }
 }
 
 /// Text message of the server.
@@ -502,12 +509,12 @@ mod tests {
         assert_eq!(Request::parse(r#"{"type":"interrupt","ease":0.25}"#), Ok(Request::Interrupt { ease: 0.25 }));
         let look = Request::parse(r#"{"type":"look_at","point":[0,1.5,2]}"#);
         assert_eq!(look, Ok(Request::LookAt { point: [0.0, 1.5, 2.0], strength: 1.0 }));
-        let Ok(Request::Gesture { name, side, at, .. }) =
-            Request::parse(r#"{"type":"gesture","name":"wave","side":"left","at":2.5}"#)
+        let Ok(Request::Gesture { name, side, at, variant, .. }) =
+            Request::parse(r#"{"type":"gesture","name":"wave","side":"left","at":2.5,"variant":3}"#)
         else {
             panic!("a gesture")
         };
-        assert_eq!((name.as_str(), side, at), ("wave", SideName::Left, Some(2.5)));
+        assert_eq!((name.as_str(), side, at, variant), ("wave", SideName::Left, Some(2.5), 3));
         assert!(Request::parse(r#"{"type":"mood","mood":"sad","strngth":1}"#).is_err());
     }
 

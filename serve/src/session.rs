@@ -404,7 +404,10 @@ impl Live {
 
     fn request(&mut self, request: Request) -> Result<(), End> {
         if self.output == Output::Packets
-            && matches!(request, Request::Mood { .. } | Request::Gesture { .. } | Request::LookAt { .. })
+            && matches!(
+                request,
+                Request::Mood { .. } | Request::Gesture { .. } | Request::Words { .. } | Request::LookAt { .. }
+            )
         {
             return Err(End::bad(settings::NOT_IN_PACKETS));
         }
@@ -428,8 +431,8 @@ impl Live {
                 self.speech = Speech::Open;
             }
             Request::Mood { mood, strength } => session.set_mood(mood.0, strength).map_err(of_session)?,
-            Request::Gesture { name, at, speed, strength, side, target } => {
-                let options = protocol::gesture_options(at, (speed, strength), side, target);
+            Request::Gesture { name, at, speed, strength, side, target, variant } => {
+                let options = protocol::gesture_options(at, (speed, strength), side, target, variant);
                 session.play_gesture(&name, &options).map_err(of_session)?;
             }
             Request::Words { text, start, end } => session.hint_words(&text, start, end).map_err(of_session)?,

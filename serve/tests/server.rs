@@ -178,7 +178,7 @@ async fn commands_reach_the_session() {
     let audio = speech(32_000, 5);
     let face = MODEL.config().face.names.clone();
     let run = async |commands: &[&str]| {
-        let mut client = Client::new(server.address, json!({ "mood_strength": 0.5 })).await.unwrap();
+        let mut client = Client::new(server.address, json!({ "mood_strength": 0.5, "language": "de" })).await.unwrap();
         for command in commands {
             client.text(command).await;
         }
@@ -210,10 +210,22 @@ async fn commands_reach_the_session() {
     let looking = run(&[r#"{"type":"look_at","point":[1,1.5,1]}"#]).await;
     assert!(change(&looking, channel("eyeLookOutLeft")) > 0.01, "{}", change(&looking, channel("eyeLookOutLeft")));
     assert!(change(&looking, joint("head") + 1) > 0.01, "{}", change(&looking, joint("head") + 1));
-    let mut client = Client::new(server.address, json!({})).await.unwrap();
-    client.text(r#"{"type":"gesture","name":"moonwalk"}"#).await;
-    let (code, reason, number) = client.refusal().await;
-    assert_eq!((code.as_str(), number), ("bad_request", 4400), "{reason}");
+    let denying = run(&[r#"{"type":"words","text":"Nein!","start":1.5,"end":1.9}"#]).await;
+    assert!(denying[..15] == plain[..15] && denying != plain, "a word at 1.5 s");
+    let refused = [
+        (json!({}), r#"{"type":"gesture","name":"moonwalk"}"#),
+        (json!({ "output": "packets" }), r#"{"type":"words","text":"Stop!","start":1.5,"end":1.9}"#),
+    ];
+    for (hello, message) in refused {
+        let mut client = Client::new(server.address, hello).await.unwrap();
+        client.text(message).await;
+        let (code, reason, number) = client.refusal().await;
+        assert_eq!((code.as_str(), number), ("bad_request", 4400), "{reason}");
+    }
+    let Err((code, reason, _)) = Client::new(server.address, json!({ "language": "xx" })).await else {
+        panic!("a language without rules")
+    };
+    assert!(code == "bad_request" && reason.contains("en, de"), "{reason}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

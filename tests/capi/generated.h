@@ -39,7 +39,7 @@ FIELD(umo_gesture_options, at, 16, 16);
 FIELD(umo_gesture_options, speed, 24, 24);
 FIELD(umo_gesture_options, strength, 28, 28);
 FIELD(umo_gesture_options, target, 32, 32);
-FIELD(umo_gesture_options, reserved, 44, 44);
+FIELD(umo_gesture_options, variant, 44, 44);
 SIZE(umo_gesture_clip, 32, 28);
 FIELD(umo_gesture_clip, struct_size, 0, 0);
 FIELD(umo_gesture_clip, axes, 4, 4);

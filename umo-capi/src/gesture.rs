@@ -51,8 +51,9 @@ pub struct UmoGestureOptions {
     pub strength: f32,
     /// Point in the avatar's space, for pointing gestures; without one they point ahead.
     pub target: [f32; 3],
-    /// Zero.
-    pub reserved: u32,
+    /// Variant, 0 to 255: 0 is the gesture as drawn; others go through its poses in turn, and each number has a
+    /// size, height and speed of its own.
+    pub variant: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, numbers.
@@ -89,7 +90,7 @@ unsafe impl Sized32 for UmoGestureClip {
 
 impl UmoGestureOptions {
     fn defaults() -> Self {
-        let GestureOptions { speed, strength, side, .. } = GestureOptions::default();
+        let GestureOptions { speed, strength, side, variant, .. } = GestureOptions::default();
         Self {
             struct_size: 0,
             side: side as u32,
@@ -99,16 +100,18 @@ impl UmoGestureOptions {
             speed,
             strength,
             target: [0.0; 3],
-            reserved: 0,
+            variant: variant.into(),
         }
     }
 
     fn read(&self) -> Result<GestureOptions, Failure> {
-        let Self { side, axes, has_target, at, speed, strength, target, reserved, .. } = *self;
+        let Self { side, axes, has_target, at, speed, strength, target, variant, .. } = *self;
         let axes = crate::axes(axes)?;
         let unknown = || Failure::argument(format_args!("side {side} is not one of UMO_SIDE_…"));
         let side = Side::ALL.get(side as usize).copied().ok_or_else(unknown)?;
-        let mut options = GestureOptions { speed, strength, side, ..GestureOptions::default() };
+        let unknown = |_| Failure::argument(format_args!("variant {variant}: expected 0 to 255"));
+        let variant = u8::try_from(variant).map_err(unknown)?;
+        let mut options = GestureOptions { speed, strength, side, variant, ..GestureOptions::default() };
         // A NaN stays, and is refused later.
         options.at = if at < 0.0 { None } else { Some(at) };
         options.target = match has_target {
@@ -116,9 +119,6 @@ impl UmoGestureOptions {
             1 => Some(axes.place_from(target)),
             _ => return Err(Failure::argument(format_args!("has_target {has_target}: expected 0 or 1"))),
         };
-        if reserved != 0 {
-            return Err(Failure::argument("`options.reserved` is not 0"));
-        }
         Ok(options)
     }
 }

@@ -45,6 +45,8 @@ namespace Umo.Serve
         [DataMember(Name = "seed", EmitDefaultValue = false)] public long? Seed { get; set; }
         /// <summary>Free text, for models that take one.</summary>
         [DataMember(Name = "prompt", EmitDefaultValue = false)] public string Prompt { get; set; }
+        /// <summary>Language of the words: "en" or "de".</summary>
+        [DataMember(Name = "language", EmitDefaultValue = false)] public string Language { get; set; }
         /// <summary>"joy", "sad", "angry", "surprised", "disgusted", "afraid" or "neutral".</summary>
         [DataMember(Name = "mood", EmitDefaultValue = false)] public string Mood { get; set; }
         /// <summary>0 to 1.</summary>
@@ -240,6 +242,14 @@ namespace Umo.Serve
             return SayAsync(new Request { Type = "gesture", Name = name, At = at }, cancel);
         }
 
+        /// <summary>
+        /// Gives a word and its time, in seconds of the audio sent since the session began: some become gestures.
+        /// </summary>
+        public Task HintWordsAsync(string text, double start, double end, CancellationToken cancel = default(CancellationToken))
+        {
+            return SayAsync(new Request { Type = "words", Text = text, Start = start, End = end }, cancel);
+        }
+
         /// <summary>Turns eyes, head and trunk to a point, in metres.</summary>
         public Task LookAtAsync(float x, float y, float z, double strength = 1, CancellationToken cancel = default(CancellationToken))
         {
@@ -418,6 +428,9 @@ namespace Umo.Serve
             [DataMember(Name = "mood", EmitDefaultValue = false)] internal string Mood;
             [DataMember(Name = "name", EmitDefaultValue = false)] internal string Name;
             [DataMember(Name = "at", EmitDefaultValue = false)] internal double? At;
+            [DataMember(Name = "text", EmitDefaultValue = false)] internal string Text;
+            [DataMember(Name = "start", EmitDefaultValue = false)] internal double? Start;
+            [DataMember(Name = "end", EmitDefaultValue = false)] internal double? End;
             [DataMember(Name = "point", EmitDefaultValue = false)] internal float[] Point;
             [DataMember(Name = "strength", EmitDefaultValue = false)] internal double? Strength;
         }

@@ -116,6 +116,7 @@ internal static class ServeTests
             await avatar.InterruptAsync(0.2, Soon);
             await avatar.SetMoodAsync("sad", 1, Soon);
             await avatar.PlayGestureAsync("wave", null, Soon);
+            await avatar.HintWordsAsync("hello", 2.1, 2.4, Soon);
             await avatar.LookAtAsync(0.5f, 1.6f, 2, 1, Soon);
             await avatar.PushAsync(speech, 0, 16000, Soon);
             await avatar.FinishAsync(Soon);

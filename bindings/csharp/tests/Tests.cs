@@ -336,6 +336,9 @@ internal static unsafe class Tests
             options.Speed = 9;
             Equal(Status.InvalidArgument, session.PlayGesture("nod", options));
             options = Session.GestureDefaults;
+            options.Variant = 256;
+            Equal(Status.InvalidArgument, session.PlayGesture("nod", options));
+            options.Variant = 5;
             options.PointAt(Axes.Unity, 1, float.NaN, 2);
             Equal(Status.InvalidArgument, session.PlayGesture("point", options));
             options.PointAt(Axes.Unity, 1, 1.5f, 2);

@@ -2,6 +2,8 @@
 
 mod follow;
 
+use std::ffi::CString;
+use std::mem::discriminant;
 use std::path::PathBuf;
 use std::rc::Rc;
 
@@ -11,7 +13,7 @@ use godot::prelude::*;
 use crate::ffi;
 use crate::rig::{Face, Rig};
 use crate::source::{self, Source};
-use crate::umo::{FileGesture, Hint, Model, Play, Session, Settings, Shown};
+use crate::umo::{FileGesture, Hint, Model, Play, Said, Session, Settings, Shown};
 
 /// Folder of umo's library in a project, next to this one: one subfolder per platform, as in `umo.gdextension`.
 const ADDON: &str = "res://addons/umo/bin/";
@@ -38,7 +40,7 @@ const IDLE_REST: i32 = ffi::IDLE_REST.cast_signed();
 // Attributes of properties cannot take the numbers of their values from constants.
 const _: () =
     assert!(ffi::IDLE_REST == 1 && ffi::IDLE_LIVE == 2 && ffi::ATTENTION_SPEAKING == 4 && ffi::MOOD_AFRAID == 6);
-/// Hints of lips that wait for a line, and as many as the library keeps.
+/// Hints of a kind that wait for a line, and as many as the library keeps.
 const MOST_HINTS: usize = 64;
 const VOICE_AUTO: i32 = 0;
 const VOICE_LIVE: i32 = 2;
@@ -158,6 +160,11 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_layer_feet)]
     #[init(val = 1.0)]
     layer_feet: f64,
+    /// How far body and face follow the arousal of the voice.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_expression)]
+    #[init(val = 0.5)]
+    expression: f64,
     /// Focus of attention. `Auto`: the avatar speaks while its audio is heard, listens while that of `push_other_audio`
     /// is heard, and is idle otherwise.
     #[export(enum = (Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4))]
@@ -179,6 +186,13 @@ pub(crate) struct UmoAvatar3D {
     /// advance, such as a microphone's, else `Delayed`. Applied at the next `open()`.
     #[export(enum = (Auto = 0, Delayed = 1, Live = 2))]
     voice: i32,
+    /// Language of the words of `hint_words`: `en` or `de`. Applied at the next `open()`.
+    #[export]
+    #[init(val = "en".into())]
+    language: GString,
+    /// Word rules of your own in TOML, added to the language's: `docs/words.md`. Applied at the next `open()`.
+    #[export(multiline)]
+    word_rules: GString,
     /// The text prompt, for models that take text.
     #[export(multiline)]
     #[var(set = set_prompt)]
@@ -199,7 +213,7 @@ pub(crate) struct UmoAvatar3D {
     shared: Option<Rc<Model>>,
     session: Option<Session>,
     line: Option<Line>,
-    /// Lip hints for the line that the player begins next, in seconds of that line.
+    /// Hints for the line that the player begins next, in seconds of that line.
     hints: Vec<Hint>,
     /// Whether the session has received any audio.
     heard: bool,
@@ -319,18 +333,22 @@ impl UmoAvatar3D {
             ));
             return false;
         }
-        let hint = Hint { shape: shape.unsigned_abs(), start, duration };
-        if self.audio_player.is_empty() {
-            return self.tell(|session| session.hint_lips(hint)).unwrap_or(false);
-        }
-        if self.is_heard() {
-            return self.hint_line(hint);
-        }
-        let has_room = self.hints.len() < MOST_HINTS;
-        if has_room {
-            self.hints.push(hint);
-        }
-        has_room
+        self.hint(Hint { said: Said::Lips(shape.unsigned_abs()), start, duration })
+    }
+
+    /// Gives a word and its time, for example from a speech synthesiser: by the rules of `language` and `word_rules` some
+    /// words become gestures. `start` and `end` are on the clock of `hint_lips`. Returns false if 64 words are waiting:
+    /// call again after one has passed.
+    #[func]
+    fn hint_words(&mut self, text: GString, start: f64, end: f64) -> bool {
+        let said = CString::new(text.to_string()).ok().filter(|_| start >= 0.0 && start <= end && end.is_finite());
+        let Some(said) = said else {
+            self.complain(&format!(
+                "hint_words({text}, {start}, {end}): expected a text without zero bytes, a time from 0 on and an end after it"
+            ));
+            return false;
+        };
+        self.hint(Hint { said: Said::Words(said), start, duration: end - start })
     }
 
     /// Looks at a point in world space from the next frame on, the eyes first; strength 0 ends it. A `gaze_target`
@@ -344,7 +362,8 @@ impl UmoAvatar3D {
 
     /// Plays a gesture over the current motion: one of `get_gesture_names()`, such as `wave`, `nod` or `thumbs_up`. Its
     /// stroke falls on `at`, a motion time in seconds; if that is negative, as soon as possible. `side` is 0 for the
-    /// nearer hand, 1 left, 2 right, 3 both. Returns false if the name is unknown or eight gestures are waiting.
+    /// nearer hand, 1 left, 2 right, 3 both. `variant` 0 is the gesture as drawn, others up to 255 differ a
+    /// little. Returns false if the name is unknown or eight gestures are waiting.
     #[func]
     fn play_gesture(
         &mut self,
@@ -352,8 +371,9 @@ impl UmoAvatar3D {
         #[opt(default = -1.0)] at: f64,
         #[opt(default = 0)] side: i32,
         #[opt(default = 1.0)] strength: f64,
+        #[opt(default = 0)] variant: i32,
     ) -> bool {
-        self.play(&gesture, at, side, strength, None)
+        self.play(&gesture, at, side, strength, variant, None)
     }
 
     /// Plays a pointing gesture at a point in world space; the rest is as for `play_gesture`.
@@ -365,8 +385,9 @@ impl UmoAvatar3D {
         #[opt(default = -1.0)] at: f64,
         #[opt(default = 0)] side: i32,
         #[opt(default = 1.0)] strength: f64,
+        #[opt(default = 0)] variant: i32,
     ) -> bool {
-        self.play(&gesture, at, side, strength, Some(self.to_avatar(point)))
+        self.play(&gesture, at, side, strength, variant, Some(self.to_avatar(point)))
     }
 
     /// Adds a custom gesture, available after the next `open()`: the animation in a `.glb` or `.vrm` file of any
@@ -506,6 +527,12 @@ impl UmoAvatar3D {
     #[func]
     fn is_done(&self) -> bool {
         self.tell(Session::is_done).unwrap_or(false)
+    }
+
+    /// Arousal of the voice at the newest frame shown or pulled, 0 to 1; 0.5 for an ordinary voice, and for none.
+    #[func]
+    fn arousal(&self) -> f64 {
+        self.tell(Session::arousal).map_or(0.5, f64::from)
     }
 
     /// Returns the complete state of the avatar's stream, for `restore_state`; empty while a chunk of it is being
@@ -683,6 +710,13 @@ impl UmoAvatar3D {
     }
 
     #[func]
+    fn set_expression(&mut self, amount: f64) {
+        if self.set(ffi::PARAMETER_EXPRESSION, amount) {
+            self.expression = amount;
+        }
+    }
+
+    #[func]
     fn set_output_delay(&mut self, seconds: f64) {
         if self.set(ffi::PARAMETER_OUTPUT_DELAY, seconds) {
             self.output_delay = seconds;
@@ -767,6 +801,8 @@ impl UmoAvatar3D {
             idle: u32::try_from(self.idle).unwrap_or(u32::MAX),
             is_live,
         };
+        // Avatars share the model: its rules are set for each, whose session keeps them.
+        model.set_word_rules(&self.language.to_string(), &self.word_rules.to_string())?;
         let session = Session::open(model, settings)?;
         let gains = [
             (ffi::PARAMETER_GAIN_FACE, self.gain_face),
@@ -779,6 +815,7 @@ impl UmoAvatar3D {
             (ffi::PARAMETER_LAYER_NODS, self.layer_nods),
             (ffi::PARAMETER_LAYER_MOOD, self.layer_mood),
             (ffi::PARAMETER_LAYER_FEET, self.layer_feet),
+            (ffi::PARAMETER_EXPRESSION, self.expression),
             (ffi::PARAMETER_ATTENTION, f64::from(self.attention)),
             (ffi::PARAMETER_OUTPUT_DELAY, self.output_delay),
         ];
@@ -831,10 +868,34 @@ impl UmoAvatar3D {
         self.session.is_none() || self.tell(|session| session.set_parameter(parameter, value)).is_some()
     }
 
-    fn play(&self, gesture: &GString, at: f64, side: i32, strength: f64, target: Option<[f32; 3]>) -> bool {
-        let side = u32::try_from(side).unwrap_or(u32::MAX);
+    /// Passes a hint to the session, at once or when its line begins. False if 64 of its kind are waiting.
+    fn hint(&mut self, hint: Hint) -> bool {
+        if self.audio_player.is_empty() {
+            return self.tell(|session| session.hint(&hint)).unwrap_or(false);
+        }
+        if self.is_heard() {
+            return self.hint_line(hint);
+        }
+        let kind = discriminant(&hint.said);
+        let has_room = self.hints.iter().filter(|other| discriminant(&other.said) == kind).count() < MOST_HINTS;
+        if has_room {
+            self.hints.push(hint);
+        }
+        has_room
+    }
+
+    fn play(
+        &self,
+        gesture: &GString,
+        at: f64,
+        side: i32,
+        strength: f64,
+        variant: i32,
+        target: Option<[f32; 3]>,
+    ) -> bool {
+        let [side, variant] = [side, variant].map(|number| u32::try_from(number).unwrap_or(u32::MAX));
         #[expect(clippy::cast_possible_truncation, reason = "a strength is 0 to 1")]
-        let play = Play { at: (at >= 0.0).then_some(at), side, strength: strength as f32, target };
+        let play = Play { at: (at >= 0.0).then_some(at), side, strength: strength as f32, variant, target };
         self.tell(|session| session.play_gesture(&gesture.to_string(), play)).is_some()
     }
 

@@ -52,6 +52,7 @@ library! {
     engine_new(Handle, *const EngineConfig, *mut Handle) -> Status;
     engine_free(Handle) -> Status;
     engine_add_gesture_memory(Handle, *const c_char, *const u8, usize, *const c_char, u32, f32) -> Status;
+    engine_set_word_rules(Handle, *const c_char, *const c_char) -> Status;
     engine_get_gesture_name(Handle, u32, *mut *const c_char) -> Status;
     gesture_options_init(*mut GestureOptions, usize) -> Status;
     model_load_memory(u32, *const u8, usize, *const c_void, *mut Handle) -> Status;
@@ -72,6 +73,7 @@ library! {
     session_reset(Handle) -> Status;
     session_pull_frames(Handle, *const FrameLayout, *mut f32, usize, *mut usize) -> Status;
     session_ready_frames(Handle, *mut usize) -> Status;
+    session_arousal(Handle, *mut f32) -> Status;
     session_is_done(Handle, *mut u32) -> Status;
     session_set_clock(Handle, f64) -> Status;
     session_sample_pose(Handle, f64, *const FrameLayout, *mut f32, usize, *mut Sampled) -> Status;
@@ -80,6 +82,7 @@ library! {
     session_look_at(Handle, u32, *const f32, f32) -> Status;
     session_set_mood(Handle, u32, f32) -> Status;
     session_hint_lips(Handle, u32, f64, f64) -> Status;
+    session_hint_words(Handle, *const c_char, f64, f64) -> Status;
     session_play_gesture(Handle, *const c_char, *const GestureOptions) -> Status;
     session_set_parameter(Handle, u32, f64) -> Status;
     session_state_size(Handle, *mut usize) -> Status;

@@ -173,6 +173,16 @@ impl Model {
         check(self.library, status)
     }
 
+    /// Sets the rules of words for sessions opened later: those of a language, and to them those of a file's text.
+    pub(crate) fn set_word_rules(&self, language: &str, toml: &str) -> Result<(), String> {
+        let text = |text: &str| CString::new(text).map_err(|_| "word rules must not contain zero bytes".to_owned());
+        let (language, toml) = (text(language)?, text(toml)?);
+        let set = self.library.engine_set_word_rules;
+        // SAFETY: both texts end with a zero byte.
+        let status = unsafe { set(self.engine, language.as_ptr(), toml.as_ptr()) };
+        check(self.library, status)
+    }
+
     pub(crate) fn joint_name(&self, joint: u32) -> String {
         // SAFETY: takes any index.
         let name = unsafe { (self.library.joint_name)(joint) };
@@ -253,16 +263,22 @@ pub(crate) struct FileGesture {
     pub(crate) stroke: f32,
 }
 
-/// A visible lip shape: 0 closed, 1 teeth, 2 round; times in seconds.
-#[derive(Clone, Copy)]
+/// What is said at a time.
+pub(crate) enum Said {
+    /// A visible lip shape: 0 closed, 1 teeth, 2 round.
+    Lips(u32),
+    Words(CString),
+}
+
+/// What is said at a time, in seconds.
 pub(crate) struct Hint {
-    pub(crate) shape: u32,
+    pub(crate) said: Said,
     pub(crate) start: f64,
     pub(crate) duration: f64,
 }
 
 impl Hint {
-    /// The same shape, delayed by `seconds`.
+    /// The same, delayed by `seconds`.
     pub(crate) fn after(self, seconds: f64) -> Self {
         Self { start: self.start + seconds, ..self }
     }
@@ -274,6 +290,7 @@ pub(crate) struct Play {
     pub(crate) at: Option<f64>,
     pub(crate) side: u32,
     pub(crate) strength: f32,
+    pub(crate) variant: u32,
     /// In the avatar's space, in metres.
     pub(crate) target: Option<[f32; 3]>,
 }
@@ -367,16 +384,22 @@ impl Session {
         self.pushed.set(self.pushed.get().map(|before| before + samples as u64 / u64::from(self.channels)));
     }
 
-    /// Seconds of accepted audio, the time base of lip hints; `None` if unknown.
+    /// Seconds of accepted audio, the time base of hints; `None` if unknown.
     pub(crate) fn pushed_seconds(&self) -> Option<f64> {
         self.pushed.get().map(|samples| samples as f64 / f64::from(self.sample_rate))
     }
 
-    /// Schedules a lip shape at a time of the accepted audio. False if 64 are waiting.
-    pub(crate) fn hint_lips(&self, hint: Hint) -> Result<bool, String> {
-        let hint_lips = self.model.library.session_hint_lips;
-        // SAFETY: takes no pointers but the handle.
-        let status = unsafe { hint_lips(self.session, hint.shape, hint.start, hint.duration) };
+    /// Says what is said at a time of the accepted audio. False if 64 of its kind are waiting.
+    pub(crate) fn hint(&self, hint: &Hint) -> Result<bool, String> {
+        let (library, start, duration) = (self.model.library, hint.start, hint.duration);
+        let status = match &hint.said {
+            // SAFETY: takes no pointers but the handle.
+            Said::Lips(shape) => unsafe { (library.session_hint_lips)(self.session, *shape, start, duration) },
+            // SAFETY: the text ends with a zero byte.
+            Said::Words(text) => unsafe {
+                (library.session_hint_words)(self.session, text.as_ptr(), start, start + duration)
+            },
+        };
         if status == ffi::STATUS_BUSY {
             return Ok(false);
         }
@@ -413,6 +436,7 @@ impl Session {
         options.at = play.at.unwrap_or(options.at);
         options.side = play.side;
         options.strength = play.strength;
+        options.variant = play.variant;
         if let Some(target) = play.target {
             (options.axes, options.has_target, options.target) = (ffi::AXES_GLTF, 1, target);
         }
@@ -462,6 +486,15 @@ impl Session {
         self.check(status)?;
         frames.truncate(count * width);
         Ok(frames)
+    }
+
+    /// Arousal of the voice at the newest frame pulled or sampled.
+    pub(crate) fn arousal(&self) -> Result<f32, String> {
+        let mut arousal = 0.0;
+        // SAFETY: `arousal` is writable.
+        let status = unsafe { (self.model.library.session_arousal)(self.session, &mut arousal) };
+        self.check(status)?;
+        Ok(arousal)
     }
 
     /// Writes the pose at a time into `frame`.

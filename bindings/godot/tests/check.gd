@@ -500,17 +500,18 @@ func test_it_looks_listens_and_gestures() -> void:
 	expect(avatar.is_open() and not avatar.is_live(), "an avatar whose mouth moves with its body")
 	expect(avatar.get_gesture_names().has("wave"), "a wave among %s" % [avatar.get_gesture_names()])
 	expect(avatar.play_gesture("wave"), "a wave")
-	expect(avatar.play_gesture_at("point", Vector3(1, 1, 2)), "a finger that points")
+	expect(avatar.play_gesture_at("point", Vector3(1, 1, 2), -1.0, 0, 1.0, 5), "a finger that points")
 	avatar.gaze_at(Vector3(1, 1.5, 2), 1.0)
 	avatar.push_other_audio(PackedFloat32Array([0.1, -0.1, 0.1]))
 	await process_frame
 	expect(told.is_empty(), "no error, got %s" % [told])
 	expect(not avatar.play_gesture("somersault"), "an unknown gesture is refused")
+	expect(not avatar.play_gesture("wave", -1.0, 0, 1.0, 256), "an unknown variant is refused")
 	avatar.attention = 99
 	avatar.layer_feet = 2.0
 	expect(avatar.attention == 3 and avatar.layer_feet == 0.0, "properties unchanged by refused values")
 	await process_frame
-	expect(told.size() == 3, "an error for each, got %s" % [told])
+	expect(told.size() == 4, "an error for each, got %s" % [told])
 
 
 ## Opening of the lips.
@@ -545,6 +546,27 @@ func test_hints_close_the_lips() -> void:
 	expect(not avatar.hint_lips(3, 1.0, 0.1) and not avatar.hint_lips(0, -1.0, 0.1), "invalid hints are refused")
 	await process_frame
 	expect(told.size() == 2 and "expected a shape" in told[0], "an error for each, got %s" % [told])
+
+
+func test_words_become_gestures_at_their_time() -> void:
+	# "now" means nothing in English.
+	var avatar := make({"sample_rate": 16000, "word_rules": "[class.own]\nwords = ['now']\ngestures = [{ name = 'stop' }]"})
+	expect(avatar.hint_words("now", 2.0, 2.4), "a word before its audio")
+	var said := await speak(avatar)
+	expect(frame_of(said, 30) == frame_of(reference, 30), "frame 30 as without")
+	var turned := quaternion(frame_of(said, 66), 17).angle_to(quaternion(frame_of(reference, 66), 17))
+	expect(turned > 0.3, "a right arm that rises, got %f" % turned)
+	avatar = make({"audio_player": ^"/root/Voice"})
+	for count in 64:
+		expect(avatar.hint_words("now", count, count + 0.1), "room for 64 words, not for %d" % count)
+	expect(not avatar.hint_words("now", 100.0, 100.1), "no room for more")
+	expect(avatar.hint_lips(0, 20.0, 0.1), "room for lips")
+	expect(told.is_empty(), "no error, got %s" % [told])
+	expect(not avatar.hint_words("now", 2.0, 1.0), "a word that ends before it starts is refused")
+	avatar.language = "xx"
+	expect(not avatar.open(), "no rules for a language")
+	await process_frame
+	expect(told.size() == 2 and "hint_words" in told[0] and "xx" in told[1], "an error for each, got %s" % [told])
 
 
 func test_hints_are_of_the_line_that_the_player_plays() -> void:

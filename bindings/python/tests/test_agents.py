@@ -212,6 +212,28 @@ def test_hints_are_of_their_own_speech(hello, model):
         assert np.array_equal(of(plain), of(hinted))
 
 
+def test_words_are_of_their_own_speech(hello, model):
+    samples, rate = hello
+    shoulder = umo.JOINTS.index("right_shoulder")
+
+    async def speak(engine, words):
+        async with umo.agents.Avatar(rate, engine=engine, lead=None) as avatar:
+            for _ in range(2):
+                for word in words:
+                    avatar.hint(word)
+                avatar.push(samples[: 2 * rate])
+                avatar.end()
+            return await spoken(avatar, 2)
+
+    with umo.Engine(model, threads=1, max_sessions=1, max_batch=1) as engine:
+        # "now" means nothing in the rules of English.
+        engine.set_word_rules("en", "[class.own]\ngap = 0\nwords = ['now']\ngestures = [{ name = 'stop' }]")
+        plain, said = run(speak(engine, [])), run(speak(engine, [umo.words.Word("now", 1.2, 1.5)]))
+    for number in range(2):
+        of = lambda poses: [pose.frame.rotations[shoulder] for pose in poses if pose.speech == number and 1.3 < pose.time < 1.5]
+        assert np.abs(np.subtract(of(said), of(plain))).max() > 0.15
+
+
 def test_pushed_counts_the_speech_that_is_open(hello, model):
     samples, rate = hello
 

@@ -244,20 +244,25 @@ SENTENCE = [TimedString("Map", start_time=1.0), TimedString("map the top", 1.0, 
 
 
 @pytest.mark.parametrize(
-    "pieces, hints, expected",
+    "pieces, hints, expected, said",
     [
-        (WORDS, True, [("closed", 1.0, 0.08)]),
-        (CHARACTERS, True, [("closed", 1.0, 0.1), ("closed", 1.2, 0.1), ("closed", 1.6, 0.1)]),
-        (SENTENCE, True, []),
-        (WORDS, False, []),
+        (WORDS, True, [("closed", 1.0, 0.08)], [("I", 0.7, 0.8), ("map", 1.0, 1.3), ("top", 1.5, 1.8)]),
+        (
+            CHARACTERS,
+            True,
+            [("closed", 1.0, 0.1), ("closed", 1.2, 0.1), ("closed", 1.6, 0.1)],
+            [("map", 1.0, 1.3), ("top", 1.4, 1.7)],
+        ),
+        (SENTENCE, True, [], [("map the top", 1.0, 1.8)]),
+        (WORDS, False, [], []),
     ],
 )
-def test_an_aligned_transcript_shapes_the_lips(hello, live, model, pieces, hints, expected):
+def test_an_aligned_transcript_shapes_the_lips_and_has_words(hello, live, model, pieces, hints, expected, said):
     samples, rate = hello
 
     async def speak():
         poses, given = [], []
-        async with AvatarOutput(Speaker(rate), on_pose=poses.append, model=model, lead=None, hints=hints) as output:
+        async with AvatarOutput(Speaker(rate), on_pose=poses.append, model=model, lead=None, hints=hints, words=hints) as output:
             take = output.avatar.hint
             output.avatar.hint = lambda hint: (given.append(hint), take(hint))
             async with AgentSession(tts=TimedVoice(samples, rate, pieces), use_tts_aligned_transcript=True) as session:
@@ -268,8 +273,9 @@ def test_an_aligned_transcript_shapes_the_lips(hello, live, model, pieces, hints
         return poses, given
 
     poses, given = run(speak())
-    wanted = [(shape, pytest.approx(start), pytest.approx(duration)) for shape, start, duration in expected]
-    assert given == wanted * 2
+    for kind, wanted in ((umo.lips.Hint, expected), (umo.words.Word, said)):
+        found = [hint for hint in given if isinstance(hint, kind)]
+        assert found == [(what, pytest.approx(first), pytest.approx(second)) for what, first, second in wanted] * 2
     jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
     for number in range(2):
         speech = [pose for pose in poses if pose.speech == number]

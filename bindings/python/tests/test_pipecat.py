@@ -179,7 +179,7 @@ class Voice(TTSService):
 
 
 @pytest.mark.parametrize("hints", [True, False])
-def test_times_of_words_shape_the_lips(hello, live, model, hints):
+def test_times_of_words_shape_the_lips_and_are_words(hello, live, model, hints):
     """"big" has no time, and "the" and "top" start with no visible sound."""
     samples, rate = hello
     given, loud = [], [("map", 0.1), ("the", 0.9), ("top", 1.2), ("man", 1.5)]
@@ -193,14 +193,18 @@ def test_times_of_words_shape_the_lips(hello, live, model, hints):
             await sink.until(lambda frames: sum(isinstance(frame, TTSStoppedFrame) for frame in frames) >= count)
             await asyncio.sleep(2 if count == 2 else 0)
 
-    processors = lambda: [Voice(samples, rate, loud), AvatarProcessor(model=model, lead=None, hints=hints), Sink()]
+    processors = lambda: [Voice(samples, rate, loud), AvatarProcessor(model=model, lead=None, hints=hints, words=hints), Sink()]
     *_, sink = run(processors, speak)
-    assert len(given) == (6 if hints else 0)
+    lips, said = ([hint for _, hint in given if isinstance(hint, kind)] for kind in (umo.lips.Hint, umo.words.Word))
+    assert (len(lips), len(said)) == ((6, 12) if hints else (0, 0))
     for speech in range(3 if hints else 0):
-        (_, first), (_, second) = given[2 * speech : 2 * speech + 2]
+        first, second = lips[2 * speech : 2 * speech + 2]
         # They equal the synthesiser's times, except for the duration of a call.
         assert first == ("closed", pytest.approx(0.1, abs=0.01), 0.08)
         assert second == ("closed", pytest.approx(1.5, abs=0.01), 0.08)
+        assert [(word.text, word.start) for word in said[4 * speech : 4 * speech + 4]] == [
+            (text, pytest.approx(start, abs=0.01)) for text, start in loud
+        ]
     jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
     poses = [pose for pose in poses_of(sink.frames) if pose.speech == 1]
     assert len(poses) == len(live)

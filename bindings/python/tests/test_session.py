@@ -292,6 +292,8 @@ def test_gestures_play_at_their_time_and_hosts_add_theirs(model, hello):
         assert moved[60] > 0.1 and moved[:20].max() < 1e-3
         left = spoken(engine, "wave", at=2.0, side="left")
         assert np.abs(left[60, shoulder] - plain[60, shoulder]).max() < 0.05 < np.abs(waved[60, shoulder] - plain[60, shoulder]).max()
+        varied = spoken(engine, "wave", at=2.0, variant=5)
+        assert 0.01 < np.abs(varied[60] - waved[60]).max()
         aside = spoken(engine, "point", at=2.0, target=[-2.0, 1.0, 0.5])
         ahead = spoken(engine, "point", at=2.0, target=[0.0, 1.0, 3.0])
         assert np.abs(aside[60] - ahead[60]).max() > 0.05
@@ -329,6 +331,8 @@ def test_gestures_play_at_their_time_and_hosts_add_theirs(model, hello):
                 session.play_gesture("nod", speed=9)
             with pytest.raises(ValueError, match="side"):
                 session.play_gesture("nod", side="up")
+            with pytest.raises(umo.Error, match="variant 256"):
+                session.play_gesture("nod", variant=256)
             with pytest.raises(umo.Error) as caught:
                 for _ in range(20):
                     session.play_gesture("nod", at=100)

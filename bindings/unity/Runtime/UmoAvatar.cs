@@ -41,6 +41,8 @@ namespace Umo.Unity
         [Tooltip("The mood of face and posture.")]
         public Mood mood = Mood.Neutral;
         [Range(0, 1)] public float moodStrength = 1;
+        [Tooltip("How far body and face follow the arousal of the voice.")]
+        [Range(0, 1)] public float expression = 0.5f;
         [Tooltip("Object to look at, such as the player's head.")]
         public Transform lookAt;
         [Range(0, 1)] public float lookAtStrength = 1;
@@ -78,6 +80,10 @@ namespace Umo.Unity
         [Min(0)] public int horizon = 0;
         [Tooltip("Custom gestures for PlayGesture.")]
         public UmoGesture[] gestures = new UmoGesture[0];
+        [Tooltip("Language of the words of HintWords: en or de.")]
+        public string language = "en";
+        [Tooltip("Your own word rules (docs/words.md), added to the language's.")]
+        public TextAsset wordRules;
         [Tooltip("The same seed and voice give the same motion.")]
         public int seed = 0;
         [Tooltip("Template of the model. Empty: speech to motion.")]
@@ -102,7 +108,7 @@ namespace Umo.Unity
         private double quiet, restLength, hostTime;
         private int blocks;
         private bool any, restart;
-        private readonly double[] sent = new double[12];
+        private readonly double[] sent = new double[13];
         private Idle sentIdle;
         private string sentPrompt;
         private Mood sentMood;
@@ -230,22 +236,42 @@ namespace Umo.Unity
         /// Plays a gesture over the motion as soon as possible: one of GestureNames, such as wave, nod, thumbs_up, or
         /// point, which points at the target. False if the gesture is unknown or eight are already queued.
         /// </summary>
-        public bool PlayGesture(string gesture, Transform target = null, Side side = Side.Auto, float strength = 1)
+        public bool PlayGesture(string gesture, Transform target = null, Side side = Side.Auto, float strength = 1, byte variant = 0)
         {
             if (session == null) return false;
             GestureOptions options = Session.GestureDefaults;
             options.Side = side;
             options.Strength = Mathf.Clamp(strength, 0, 1);
+            options.Variant = variant;
             Vec place;
             if (target != null && Place(target.position, out place)) options.PointAt(Axes.Unity, place.X, place.Y, place.Z);
-            Status status = session.PlayGesture(gesture, options);
-            if (status == Status.Ok) return true;
-            Debug.LogWarning("umo: " + session.LastError(), this);
-            return false;
+            return Takes(session.PlayGesture(gesture, options));
         }
 
         /// <summary>Names of the available gestures; empty if there is no session.</summary>
         public string[] GestureNames { get { return session == null ? new string[0] : session.Engine.GestureNames(); } }
+
+        /// <summary>
+        /// Seconds of sound that the avatar has received, including silence: sound that starts to play now will be at this
+        /// time, to within one block of the mixer. The clock of HintWords, and of Session.HintLips.
+        /// </summary>
+        public float GivenSeconds { get { return rate == 0 || line == null ? 0 : line.NextPlace / (float)rate; } }
+
+        /// <summary>
+        /// Gives a word and its time, as known from a speech synthesiser: some words become gestures. Times are on the clock
+        /// of GivenSeconds, to be read when the speech starts to play. False if 64 words are queued.
+        /// </summary>
+        public bool HintWords(string text, float start, float end)
+        {
+            return session != null && Takes(session.HintWords(text, start, end));
+        }
+
+        private bool Takes(Status status)
+        {
+            if (status == Status.Ok) return true;
+            Debug.LogWarning("umo: " + session.LastError(), this);
+            return false;
+        }
 
         /// <summary>Barge-in: the avatar falls silent at once and eases to rest. Later sound starts a new speech.</summary>
         public void Interrupt(float easeSeconds = 0.3f)
@@ -351,6 +377,7 @@ namespace Umo.Unity
             config.Guidance = Mathf.Clamp(guidance, 1, 3);
             config.Horizon = (uint)Math.Max(horizon, 0);
             foreach (UmoGesture gesture in gestures) if (gesture != null) gesture.AddTo(engine);
+            engine.SetWordRules(language, wordRules == null ? null : wordRules.text);
             Session made = new Session(engine, config, string.IsNullOrEmpty(template) ? null : template);
 
             Latency latency;
@@ -377,6 +404,7 @@ namespace Umo.Unity
             for (int i = 0; i < sent.Length; i++) sent[i] = 1;
             sent[AttentionIndex] = (double)Attention.Auto;
             sent[DelayIndex] = 0;
+            sent[ExpressionIndex] = 0.5;
             sentIdle = config.Idle;
             sentPrompt = "";
             sentMood = Mood.Neutral;
@@ -549,8 +577,8 @@ namespace Umo.Unity
             return Works(session.PushOtherAudio(otherSamples, 0, count * channels));
         }
 
-        /// Indices of the attention and the output delay in `sent`.
-        private const int AttentionIndex = 10, DelayIndex = 11;
+        /// Indices of the attention, the output delay and the expression in `sent`.
+        private const int AttentionIndex = 10, DelayIndex = 11, ExpressionIndex = 12;
 
         /// Sends settings that were changed in the inspector or by a script.
         private bool Send()
@@ -561,7 +589,8 @@ namespace Umo.Unity
                 && Send(6, Parameter.LayerAsymmetry, asymmetryLayer, 1) && Send(7, Parameter.LayerNods, nodsLayer, 1)
                 && Send(8, Parameter.LayerMood, moodLayer, 1) && Send(9, Parameter.LayerFeet, feetLayer, 1)
                 && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking)
-                && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2);
+                && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2)
+                && Send(ExpressionIndex, Parameter.Expression, expression, 1);
             float strength = Mathf.Clamp(moodStrength, 0, 1);
             if (works && (mood != sentMood || strength != sentMoodStrength))
             {

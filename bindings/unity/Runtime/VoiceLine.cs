@@ -42,6 +42,16 @@ namespace Umo.Unity
         /// <summary>Samples per channel that the session has taken.</summary>
         public long Pushed { get { return Interlocked.Read(ref pushed); } }
 
+        /// <summary>Sample at which the next sound will be: after silence that is still to be inserted.</summary>
+        public long NextPlace
+        {
+            get
+            {
+                long now = Pushed;
+                return now + Math.Max(0, Math.Min(Interlocked.Read(ref next) - now, MostSilence * (long)rate));
+            }
+        }
+
         /// <summary>Result of the last push.</summary>
         public Status Status { get { return (Status)Volatile.Read(ref status); } }
 
@@ -76,7 +86,7 @@ namespace Umo.Unity
         {
             // If the game thread is inserting silence at this moment, that silence replaces this block.
             if (Interlocked.CompareExchange(ref inside, 1, 0) != 0) return;
-            PutSilence(Math.Min(Interlocked.Read(ref next) - pushed, MostSilence * (long)rate));
+            PutSilence(NextPlace - pushed);
             Put(data, count);
             Volatile.Write(ref inside, 0);
         }

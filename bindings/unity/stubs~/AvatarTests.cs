@@ -698,6 +698,37 @@ namespace Umo.Unity.Tests
         }
 
         [Test]
+        public void words_become_gestures_at_their_time()
+        {
+            Assert.IsTrue(!avatar.HintWords("stop", 0, 0.1f) && avatar.GivenSeconds == 0, "there is no session");
+            // "now" means nothing in English.
+            string rules = "[class.own]\nwords = ['now']\ngestures = [{ name = 'stop', side = 'left' }]";
+            avatar.wordRules = new TextAsset { bytes = System.Text.Encoding.UTF8.GetBytes(rules) };
+            Enable();
+            // After a while of silence, as in a game.
+            Run(1);
+            float begins = avatar.GivenSeconds;
+            Assert.AreEqual(1, begins, 0.1, "seconds given");
+            Assert.IsTrue(avatar.HintWords("now", begins + 2, begins + 2.4f), "a word");
+            Play(speech);
+            double heard = time + avatar.Delay, raised = 0;
+            float hand = Of(HumanBodyBones.LeftHand).transform.position.y;
+            Run(3, () =>
+            {
+                // Higher than in the speech's own motion.
+                if (raised == 0 && Of(HumanBodyBones.LeftHand).transform.position.y > hand + 0.35f) raised = time - heard;
+            });
+            Assert.AreEqual(1.95, raised, 0.25, "seconds of the speech");
+            NothingSaid();
+            Assert.IsTrue(!avatar.HintWords("now", 9, 8) && Debug.Said.Count == 1, "it ends before it starts");
+            Disable();
+            avatar.language = "xx";
+            Enable();
+            Assert.IsTrue(avatar.Error.Contains("xx"), avatar.Error);
+            Disable();
+        }
+
+        [Test]
         public void gestures_of_ones_own_come_out_of_files()
         {
             UmoGesture salute = ScriptableObject.CreateInstance<UmoGesture>();

@@ -84,6 +84,7 @@ namespace UnityEngine
     public sealed class TextAsset : Object
     {
         public byte[] bytes { get; set; }
+        public string text { get { return System.Text.Encoding.UTF8.GetString(bytes); } }
     }
 
     public class Object

@@ -190,21 +190,28 @@ void a_model_of_memory_is_that_of_the_file(const char *model) {
 }
 
 /// Speech is heard at once, and the mouth's frames belong to the sound being heard, computed or not. A hint closes the
-/// lips, which are open without it.
-void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
+/// lips, which are open without it; a word raises a hand.
+void hints_close_the_lips_and_words_raise_a_hand(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
     const std::vector<std::string> names = host->model.channel_names();
     const auto index = [&](const char *name) { return std::find(names.begin(), names.end(), name) - names.begin(); };
     const auto jaw = static_cast<std::size_t>(index("jawOpen")), close = static_cast<std::size_t>(index("mouthClose"));
     EXPECT(jaw < names.size() && close < names.size());
     double widest[2] = {};
+    constexpr std::size_t shoulder = 17; // the right one
+    float raised[2][4] = {};
+    Settings settings = plain();
+    // "now" means nothing in English.
+    settings.word_rules = "[class.own]\nwords = ['now']\ngestures = [{ name = 'stop', side = 'right' }]";
     for (const bool is_hinted : {false, true}) {
         std::string problem;
-        const auto avatar = Avatar::make(host, plain(), problem);
+        const auto avatar = Avatar::make(host, settings, problem);
         EXPECT(avatar != nullptr);
         if (!avatar) return;
         EXPECT(avatar->hint_lips(3, 1, 0.1) == UMO_STATUS_INVALID_ARGUMENT);
         EXPECT(avatar->hint_lips(UMO_LIPS_CLOSED, -1, 0.1) == UMO_STATUS_INVALID_ARGUMENT);
         EXPECT(!is_hinted || avatar->hint_lips(UMO_LIPS_CLOSED, 1, 0.5) == UMO_STATUS_OK);
+        EXPECT(avatar->hint_words("now", 2, 1.9) == UMO_STATUS_INVALID_ARGUMENT);
+        EXPECT(!is_hinted || avatar->hint_words("now", 2, 2.4) == UMO_STATUS_OK);
         constexpr std::size_t block = 160;
         double now = 100;
         std::size_t looked = 0;
@@ -219,6 +226,7 @@ void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<f
                 std::this_thread::sleep_for(std::chrono::microseconds(100));
             }
             EXPECT(avatar->show(0.01, now) == UMO_STATUS_OK);
+            if (avatar->shown() < 2.2) std::copy_n(avatar->pose().rotations + 4 * shoulder, 4, raised[is_hinted]);
             if (avatar->shown() < 1.04 || avatar->shown() > 1.46) continue;
             ++looked;
             widest[is_hinted] = std::fmax(widest[is_hinted], avatar->pose().channels[jaw] - avatar->pose().channels[close]);
@@ -226,6 +234,10 @@ void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<f
         EXPECT(looked > 20);
     }
     EXPECT(widest[0] > 0.1 && widest[1] < 0.01);
+    float turned = 0;
+    for (std::size_t i = 0; i < 4; ++i) turned = std::fmax(turned, std::fabs(raised[1][i] - raised[0][i]));
+    EXPECT(turned > 0.2);
+    std::printf("words: the arm turns by %.2f\n", static_cast<double>(turned));
     std::printf("hints: lips open by %.2f without, by %.2f with\n", widest[0], widest[1]);
 }
 
@@ -345,10 +357,10 @@ void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host
     EXPECT(avatar->set_mood(99, 0.5F) == UMO_STATUS_INVALID_ARGUMENT);
     const std::vector<std::string> names = avatar->gesture_names();
     EXPECT(std::find(names.begin(), names.end(), "wave") != names.end());
-    EXPECT(avatar->play_gesture("wave", UMO_SIDE_LEFT, 1, nullptr) == UMO_STATUS_OK);
+    EXPECT(avatar->play_gesture("wave", UMO_SIDE_LEFT, 1, 5, nullptr) == UMO_STATUS_OK);
     const std::array<float, 3> target{300, 50, 100};
-    EXPECT(avatar->play_gesture("point", UMO_SIDE_AUTO, 0.5F, &target) == UMO_STATUS_OK);
-    EXPECT(avatar->play_gesture("somersault", UMO_SIDE_AUTO, 1, nullptr) == UMO_STATUS_INVALID_ARGUMENT);
+    EXPECT(avatar->play_gesture("point", UMO_SIDE_AUTO, 0.5F, 0, &target) == UMO_STATUS_OK);
+    EXPECT(avatar->play_gesture("somersault", UMO_SIDE_AUTO, 1, 0, nullptr) == UMO_STATUS_INVALID_ARGUMENT);
     EXPECT(avatar->last_error().find("somersault") != std::string::npos);
     EXPECT(avatar->push_other_audio(samples.data(), 480) == UMO_STATUS_OK);
     EXPECT(avatar->set_prompt("be calm") == UMO_STATUS_OK);
@@ -455,9 +467,12 @@ void gestures_and_settings_are_the_host_s(const std::shared_ptr<Host> &host, con
     const auto rough = Avatar::make(host, settings, problem);
     settings.smoothing = -1;
     const auto smooth = Avatar::make(host, settings, problem);
-    EXPECT(smooth && smooth->play_gesture("greet", UMO_SIDE_AUTO, 1, nullptr) == UMO_STATUS_OK);
+    EXPECT(smooth && smooth->play_gesture("greet", UMO_SIDE_AUTO, 1, 0, nullptr) == UMO_STATUS_OK);
     // The low-pass filter looks three frames ahead.
     EXPECT(rough && smooth && std::abs(smooth->delay() - rough->delay() - 0.1) < 1e-9);
+    settings.language = "xx";
+    EXPECT(!Avatar::make(host, settings, problem) && problem.find("xx") != std::string::npos);
+    settings.language = "de";
     settings.guidance = 9;
     EXPECT(!Avatar::make(host, settings, problem) && problem.find("guidance") != std::string::npos);
 }
@@ -496,7 +511,7 @@ int main(int count, char **arguments) {
     EXPECT(host != nullptr);
     if (host) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);
-        hints_close_the_lips(host, samples);
+        hints_close_the_lips_and_words_raise_a_hand(host, samples);
         two_threads_speak_are_interrupted_and_end(host, samples);
         idle_modes_go_on_without_audio(host);
         what_moves_in_silence_goes_by_the_game_s_time(host);

@@ -58,7 +58,7 @@ export class Avatar {
   }
 
   /** Calls the engine in the worker: `push`, `finish`, `interrupt`, `reset`, `set`, `prompt`, `mood`, `lookAt`,
-   * `gesture`, `pull`. */
+   * `gesture`, `hintWords`, `pull`. */
   call(name, ...args) {
     const id = ++this.#count;
     const transfer = args.filter((arg) => arg instanceof MessagePort);
@@ -91,14 +91,16 @@ export class Avatar {
     return () => this.#stop();
   }
 
-  /** Speaks and plays a recording; resolves when playback starts. `output` is the node to play to. */
-  async say(buffer, context, output = context.destination) {
+  /** Speaks and plays a recording; resolves when playback starts. `output` is the node to play to; `words` are the
+   * recording's, each `[text, start, end]` in its seconds. */
+  async say(buffer, context, output = context.destination, words = []) {
     this.#check(buffer.sampleRate);
     await this.#stop();
     const samples = new Float32Array(buffer.length);
     for (let c = 0; c < buffer.numberOfChannels; c++) {
       buffer.getChannelData(c).forEach((value, i) => (samples[i] += value / buffer.numberOfChannels));
     }
+    await Promise.all(words.map((word) => this.call("hintWords", ...word)));
     await this.call("push", samples);
     await this.call("finish");
     // Wait for the first frames.

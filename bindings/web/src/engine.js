@@ -241,9 +241,12 @@ export class Model {
 
   /**
    * Creates a session: one avatar. Options are those of `umo_session_config` in camel case; `voice` is "delayed" or
-   * "live", `packets` "none", "besideFrames" or "only".
+   * "live", `packets` "none", "besideFrames" or "only". `language` ("en", "de") has the rules of `hintWords`, and
+   * `wordRules` is the text of a file of rules to add.
    */
-  session(options = {}) {
+  session({ language = "en", wordRules, ...options } = {}) {
+    this.#open();
+    this.#setWordRules(language, wordRules);
     return this.#make("umo_session_new", () => this.#engine, options);
   }
 
@@ -251,6 +254,19 @@ export class Model {
    * sender's. */
   decoder(options = {}) {
     return this.#make("umo_decoder_new", () => this.#model, options);
+  }
+
+  /** Sets the engine's rules, which a new session keeps. */
+  #setWordRules(language, toml) {
+    const library = this.#library;
+    const bytes = new TextEncoder().encode(`${toml ?? ""}\0`);
+    const rules = library.allocate(bytes.length);
+    library.bytes(rules, bytes.length).set(bytes);
+    try {
+      library.call("umo_engine_set_word_rules", this.#engine, library.write(language, 64).at, rules);
+    } finally {
+      if (!library.trap) library.run("umo_web_free", rules, bytes.length);
+    }
   }
 
   #make(create, from, options) {
@@ -452,6 +468,12 @@ export class Session {
     return this.#library.view.getUint32(this.#library.scratch, true);
   }
 
+  /** Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none. */
+  get arousal() {
+    this.#call("umo_session_arousal", this.#library.scratch);
+    return this.#library.view.getFloat32(this.#library.scratch, true);
+  }
+
   /** Whether `finish` was called and all frames were pulled. */
   get isDone() {
     this.#call("umo_session_is_done", this.#library.scratch);
@@ -487,12 +509,17 @@ export class Session {
     this.#call("umo_session_look_at", AXES.gltf, at, strength);
   }
 
+  /** Gives words and their time, in seconds of the pushed audio: some become gestures. `BUSY` if 64 are queued. */
+  hintWords(text, start, end) {
+    this.#call("umo_session_hint_words", this.#library.write(text, 64).at, start, end);
+  }
+
   /** Plays a gesture by name, at motion time `at` in seconds or as soon as possible. */
-  gesture(name, { side = "auto", at = -1, speed = 1, strength = 1, target } = {}) {
+  gesture(name, { side = "auto", at = -1, speed = 1, strength = 1, target, variant = 0 } = {}) {
     const library = this.#library;
     const options = library.scratch + 8;
     library.call("umo_gesture_options_init", options, GESTURE_OPTIONS.size);
-    library.set(options, GESTURE_OPTIONS, { side, at, speed, strength, hasTarget: target ? 1 : 0 });
+    library.set(options, GESTURE_OPTIONS, { side, at, speed, strength, variant, hasTarget: target ? 1 : 0 });
     const [place] = GESTURE_OPTIONS.fields.target;
     target?.forEach((value, i) => library.view.setFloat32(options + place + 4 * i, value, true));
     this.#call("umo_session_play_gesture", library.write(name, 64).at, options);

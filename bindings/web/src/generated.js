@@ -347,7 +347,7 @@ export const GESTURE_OPTIONS = {
     speed: [24, "Float32"],
     strength: [28, "Float32"],
     target: [32, "Float32"],
-    reserved: [44, "Uint32"],
+    variant: [44, "Uint32"],
   },
 };
 export const GESTURE_CLIP = {

@@ -97,7 +97,7 @@ export class Model implements ModelDescription {
   readonly library: unknown;
   /** Memory size of the module in bytes. */
   readonly memory: number;
-  session(options?: SessionOptions): Session;
+  session(options?: SessionOptions & WordOptions): Session;
   /** Creates an avatar that is animated by received packets. */
   decoder(options?: SessionOptions): Session;
   /** Computes due work for at most `milliseconds`, but at least one layer; returns whether there is more. */
@@ -129,12 +129,16 @@ export class Session {
   /** The pose at motion time `seconds`. */
   samplePose(seconds: number, pose?: Pose): Pose;
   readonly ready: number;
+  /** Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none. */
+  readonly arousal: number;
   readonly isDone: boolean;
   setClock(seconds: number): void;
   set(parameter: number, value: number): void;
   prompt(text: string): void;
   mood(mood: number, strength?: number): void;
   lookAt(point: [number, number, number], strength?: number): void;
+  /** Gives words and their time, in seconds of the pushed audio: some become gestures. */
+  hintWords(text: string, start: number, end: number): void;
   gesture(name: string, options?: GestureOptions): void;
   free(): void;
 }
@@ -147,6 +151,15 @@ export interface GestureOptions {
   strength?: number;
   /** A point to point at, metres. */
   target?: [number, number, number];
+  /** 0 is the gesture as drawn; others up to 255 differ a little. */
+  variant?: number;
+}
+
+/** The rules by which words become gestures. */
+export interface WordOptions {
+  language?: "en" | "de";
+  /** Text of a file of rules to add. */
+  wordRules?: string;
 }
 
 /** A character from a `.glb` file that follows poses. */
@@ -177,7 +190,7 @@ export class Follower {
 /** An avatar whose engine runs in a worker. */
 export class Avatar {
   static create(
-    options: SessionOptions & {
+    options: SessionOptions & WordOptions & {
       model: Source;
       wasm?: Source | WebAssembly.Module;
       precision?: Precision;
@@ -203,11 +216,12 @@ export class Avatar {
   readonly error?: Error;
   /** Speaks the output of an audio node from now on; the returned function stops it. */
   listen(source: AudioNode): Promise<() => Promise<void>>;
-  /** Speaks and plays a recording; resolves when playback starts. */
-  say(buffer: AudioBuffer, context: AudioContext, output?: AudioNode): Promise<void>;
+  /** Speaks and plays a recording; resolves when playback starts. `words` are the recording's, each with its start and
+   * end in seconds. */
+  say(buffer: AudioBuffer, context: AudioContext, output?: AudioNode, words?: [text: string, start: number, end: number][]): Promise<void>;
   /** The pose to show now. Never waits. Call it once per frame. */
   samplePose(seconds?: number): PoseValues;
   /** Calls the session in the worker, such as `call("gesture", "wave")`. */
-  call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "pushOther" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
+  call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "hintWords" | "pushOther" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
   close(): void;
 }

@@ -27,6 +27,8 @@ export interface Hello {
   voice?: "delayed" | "live";
   seed?: number;
   prompt?: string;
+  /** Language of the words. */
+  language?: "en" | "de";
   mood?: string;
   mood_strength?: number;
   target?: number;
@@ -75,7 +77,8 @@ export class RemoteAvatar {
   finish(): void;
   interrupt(ease?: number): void;
   setMood(mood: string, strength?: number): void;
-  playGesture(name: string, options?: { at?: number; speed?: number; strength?: number; side?: string; target?: number[] }): void;
+  playGesture(name: string, options?: { at?: number; speed?: number; strength?: number; side?: string; target?: number[]; variant?: number }): void;
+  hintWords(text: string, start: number, end: number): void;
   lookAt(point: Iterable<number>, strength?: number): void;
   save(): void;
   close(): void;

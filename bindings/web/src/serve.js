@@ -76,6 +76,9 @@ export class RemoteAvatar {
 
   playGesture(name, options = {}) { this.#say({ type: "gesture", name, ...options }); }
 
+  /** Gives words and their time, in seconds of the audio sent since the session began: some become gestures. */
+  hintWords(text, start, end) { this.#say({ type: "words", text, start, end }); }
+
   lookAt(point, strength = 1) { this.#say({ type: "look_at", point: [...point], strength }); }
 
   /** Requests the session's state, which is passed to `onstate`. */

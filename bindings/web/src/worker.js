@@ -10,6 +10,8 @@ let pose;
 let rate = 0;
 let pushed = 0;
 let waiting = [];
+/** Words that the session had no room for yet. */
+let words = [];
 let finishing = false;
 
 const turns = new MessageChannel();
@@ -44,6 +46,19 @@ function feed() {
   finishing = false;
 }
 
+/** Gives waiting words until the session has no room. */
+function tell() {
+  for (; words.length > 0; words.shift()) {
+    try {
+      session.hintWords(...words[0]);
+    } catch (error) {
+      if (error.status === "BUSY") return;
+      words.shift();
+      throw error;
+    }
+  }
+}
+
 function attempt(what) {
   try {
     return what();
@@ -63,7 +78,7 @@ const calls = {
 
   session(options) {
     session?.free();
-    [waiting, finishing, pushed] = [[], false, 0];
+    [waiting, words, finishing, pushed] = [[], [], false, 0];
     // The rest pose comes from another session: a session that was sampled before its speech would ease from that pose.
     const still = model.session(options);
     const rest = still.samplePose(0);
@@ -95,14 +110,19 @@ const calls = {
     compute();
   },
 
+  hintWords(...word) {
+    words.push(word);
+    tell();
+  },
+
   interrupt(easeMs) {
-    [waiting, finishing] = [[], false];
+    [waiting, words, finishing] = [[], [], false];
     session.interrupt(easeMs);
     compute();
   },
 
   reset() {
-    [waiting, finishing, pushed] = [[], false, 0];
+    [waiting, words, finishing, pushed] = [[], [], false, 0];
     session.reset();
     compute();
   },
@@ -110,6 +130,7 @@ const calls = {
   /** The pose at a time, and the progress of audio and frames. */
   samplePose(seconds) {
     session.samplePose(seconds, pose);
+    attempt(tell);
     compute();
     return { pose, seconds, pushed: pushed / rate, isDone: session.isDone };
   },
@@ -118,6 +139,7 @@ const calls = {
   pull() {
     const frames = [];
     for (let frame = new Pose(model); session.pull(frame); frame = new Pose(model)) frames.push(frame);
+    attempt(tell);
     compute();
     return { frames, isDone: session.isDone, isWaiting: waiting.length > 0 };
   },

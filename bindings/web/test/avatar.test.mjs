@@ -10,7 +10,10 @@ const [wasm, file] = await Promise.all(["bindings/web/dist/umo.wasm", "models/um
 
 /** A worker backed by a real session. */
 class Worker {
-  async postMessage({ id, call, args: [first] }) {
+  calls = [];
+
+  async postMessage({ id, call, args: [first, ...rest] }) {
+    this.calls.push([call, first, ...rest]);
     const value = await this[call]?.(first);
     queueMicrotask(() => this.onmessage({ data: { id, value } }));
   }
@@ -65,5 +68,16 @@ test("a context that knows no latency counts as one without", async () => {
   await avatar.say(buffer, context);
   context.currentTime = made.at + 2;
   assert.equal(avatar.time, 2);
+  avatar.close();
+});
+
+test("a recording's words are given before its audio", async () => {
+  const worker = new Worker();
+  const avatar = await create({ worker });
+  const { context, buffer } = playing({});
+  await avatar.say(buffer, context, context.destination, [["No,", 0.5, 0.75]]);
+  const [first, second] = worker.calls.slice(1);
+  assert.deepEqual(first, ["hintWords", "No,", 0.5, 0.75]);
+  assert.equal(second[0], "push");
   avatar.close();
 });

@@ -140,6 +140,19 @@ test("a decoder has the frames of its sender, whatever is lost once", () => {
   for (const session of [sender, decoder, other]) session.free();
 });
 
+test("words become gestures at their time", () => {
+  const plain = model.session();
+  // "now" means nothing in English.
+  const session = model.session({ wordRules: "[class.own]\nwords = ['now']\ngestures = [{ name = 'stop' }]" });
+  session.hintWords("now", 2, 2.4);
+  const [wanted, said] = [plain, session].map((each) => frames(each));
+  const shoulder = 4 * model.jointNames.indexOf("right_shoulder");
+  const turned = (frame) => Math.max(...[0, 1, 2, 3].map((i) => Math.abs(said[frame].rotations[shoulder + i] - wanted[frame].rotations[shoulder + i])));
+  assert.equal(turned(30), 0);
+  assert.ok(turned(66) > 0.15, `${turned(66)}`);
+  for (const each of [plain, session]) each.free();
+});
+
 test("names and the skeleton", () => {
   assert.equal(model.jointNames.length, 55);
   assert.equal(model.jointNames[15], "head");
@@ -157,7 +170,7 @@ test("what a session is told", () => {
   session.set(Parameter.gainFace, 0.5);
   session.mood(Mood.joy, 0.5);
   session.lookAt([0, 1.6, 2]);
-  session.gesture("wave", { side: "left" });
+  session.gesture("wave", { side: "left", variant: 5 });
   session.interrupt();
   session.pushOther(new Float32Array(480));
   session.free();
@@ -176,7 +189,11 @@ test("errors say what is wrong", async () => {
   fails(() => model.session({ rate: 12 }), "INVALID_ARGUMENT", /rate/);
   fails(() => model.session({ voice: "loud" }), "INVALID_ARGUMENT", /loud/);
   const session = model.session();
+  fails(() => model.session({ language: "xx" }), "INVALID_ARGUMENT", /xx/);
+  fails(() => model.session({ wordRules: "[class" }), "INVALID_ARGUMENT", /./);
   fails(() => session.gesture("somersault"), "INVALID_ARGUMENT", /somersault/);
+  fails(() => session.gesture("wave", { variant: 256 }), "INVALID_ARGUMENT", /variant 256/);
+  fails(() => session.hintWords("no", 1, 0.5), "INVALID_ARGUMENT", /./);
   fails(() => session.samplePose(Number.NaN), "INVALID_ARGUMENT", /./);
   fails(() => session.lookAt([0, Infinity, 0]), "INVALID_ARGUMENT", /./);
   session.finish();

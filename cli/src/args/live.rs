@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{ArgGroup, Args as ClapArgs, ValueEnum};
 use umo_figure::Figure;
 
-use super::{Compute, EngineArgs, GenerateArgs, TUNING, figure_parser};
+use super::{Compute, EngineArgs, GenerateArgs, TUNING, WordArgs, figure_parser};
 use crate::failure::Failure;
 
 /// Heading of the options for a page.
@@ -80,6 +80,9 @@ pub struct Page {
     pub shown: Shown,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub words: WordArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
@@ -94,6 +97,7 @@ pub struct Page {
 #[derive(Debug, ClapArgs)]
 #[command(group(ArgGroup::new("receivers").multiple(true).args(["vmc", "livelink"])
     .conflicts_with_all(["port", "no_open", "onto", "mapping", "figure"])))]
+#[command(mut_arg("language", |arg| arg.hide_short_help(true)), mut_arg("repair", |arg| arg.hide_short_help(true)))]
 pub struct Live {
     /// Recording, spoken in real time [default: the page's microphone, or standard input, `-`]
     pub input: Option<PathBuf>,
@@ -108,6 +112,9 @@ pub struct Live {
     /// Read the usable parts of a damaged recording
     #[arg(long)]
     pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub words: WordArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,

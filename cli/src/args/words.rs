@@ -6,6 +6,7 @@ use clap::Args as ClapArgs;
 use umo_core::WordRules;
 
 use super::TUNING;
+use crate::failure::Failure;
 
 /// Rules of words.
 #[derive(Clone, Debug, ClapArgs)]
@@ -30,6 +31,16 @@ pub struct WordArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub rules: RuleArgs,
+}
+
+impl WordArgs {
+    /// Refuses words beside what has no place for them.
+    pub(crate) fn refuse_with(&self, other: &str) -> Result<(), Failure> {
+        match self.words {
+            Some(_) => Err(Failure::input(format!("--words does not go with {other}"))),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Print the gestures that a text would get, and why.

@@ -28,7 +28,7 @@ fn args(extra: &[&str]) -> Live {
 
 #[test]
 fn samples_are_whole_however_their_bytes_come() {
-    let (_engine, session) = session(&args(&["--voice", "delayed"]), 16_000).expect("a session");
+    let (_engine, session) = session(&args(&["--voice", "delayed"]), 16_000, None).expect("a session");
     let bytes: VecDeque<u8> = (0..9_601_u32).map(|i| (i % 251) as u8).collect();
     hear(&session, &mut Trickle(bytes, 7), &AtomicBool::new(false)).expect("heard");
     session.finish().expect("finished");
@@ -43,7 +43,7 @@ fn samples_are_whole_however_their_bytes_come() {
 
 #[test]
 fn poses_are_shown_until_the_speech_is_over() {
-    let (_engine, session) = session(&args(&["--voice", "delayed"]), 16_000).expect("a session");
+    let (_engine, session) = session(&args(&["--voice", "delayed"]), 16_000, None).expect("a session");
     let (tell, ended) = channel();
     session.push_audio(&[0.1; 8_000]).expect("pushed");
     session.finish().expect("finished");
@@ -64,7 +64,7 @@ fn poses_are_shown_until_the_speech_is_over() {
 
 #[test]
 fn what_the_reader_fails_with_ends_it() {
-    let (_engine, session) = session(&args(&[]), 16_000).expect("a session");
+    let (_engine, session) = session(&args(&[]), 16_000, None).expect("a session");
     let (tell, ended) = channel();
     tell.send(Err(Failure::environment("gone"))).expect("told");
     let shown = show(&session, 16_000, 60.0, &AtomicBool::new(false), &ended, |_, _| Ok(()));

@@ -56,6 +56,7 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
 
 /// Refuses options that the streams of a page do not support.
 fn check(args: &Live) -> Result<(), Failure> {
+    args.words.refuse_with("the page of `umo live`: give --vmc or --livelink, or see `umo view`")?;
     let generate = &args.generate;
     let given = [
         ("--start-pose", generate.start_pose.is_some()),

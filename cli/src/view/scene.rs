@@ -142,8 +142,9 @@ impl Scene {
         let mut animation = generator.animation("audio_to_motion", None)?;
         animation.keep_record(config);
         let frames = generator.hear(&mut animation, &speech)?;
+        let script = Script::begin(&args.words, &speech, &mut animation)?;
         let mut record = Record::new(config);
-        let clip = generator.clip(&mut animation, frames, Script::default(), |animation| record.keep(animation))?;
+        let clip = generator.clip(&mut animation, frames, script, |animation| record.keep(animation))?;
         record.cut(frames);
         let mut scene = Self::worn_by(path, clip, wearer, args.shown.figure)?;
         scene.audio = Some(Audio::new(&speech)?);

@@ -34,6 +34,7 @@ const FIRST_LAYER: u32 = 32;
 /// Writes the folder.
 pub(super) fn run(args: &Page, folder: &Path) -> Result<(), Failure> {
     check(args)?;
+    args.words.refuse_with("--web, whose page has no words")?;
     let package = package(args.package.as_deref())?;
     let wearer = scene::wearer(&args.shown)?;
     let loaded = model::load(&args.compute)?;

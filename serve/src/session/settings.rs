@@ -1,13 +1,15 @@
 //! Session settings from a hello.
 
-use umo_core::{AvatarConfig, Layer, LayerGains, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
+use umo_core::{
+    AvatarConfig, Layer, LayerGains, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice, WordRules,
+};
 use umo_core_model::lm::layout::Template;
 
 use crate::protocol::{Hello, Output, VoiceKind};
 
 /// Message for a packet client that sends a mood, gesture or look-at.
 pub(super) const NOT_IN_PACKETS: &str =
-    "packets do not carry mood, gestures and look-at: set them on the viewers' decoders";
+    "packets do not carry mood, gestures, words and look-at: set them on the viewers' decoders";
 
 /// Returns the settings of a hello, with `defaults` for missing ones; or an error message for the client.
 pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model) -> Result<SessionConfig, String> {
@@ -29,6 +31,10 @@ pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model)
     }
     if let Some(text) = &hello.prompt {
         with_prompt(&mut settings.avatar, text, model)?;
+    }
+    if let Some(code) = &hello.language {
+        let unknown = || format!("language `{code}`: there are rules for {}", WordRules::LANGUAGES.join(", "));
+        settings.words = WordRules::of(code).ok_or_else(unknown)?;
     }
     if hello.voice == VoiceKind::Live {
         if model.mouth().is_none() {

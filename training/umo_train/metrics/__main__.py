@@ -4,7 +4,7 @@
 import argparse
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,34 +77,38 @@ def _mismatch(args: argparse.Namespace) -> None:
     about = asdict(options) | {"minutes_per_speaker": args.minutes}
     rows: dict[str, dict] = {}
 
-    def judge(name: str, of: list[takes.Take]) -> None:
-        rows[name] = mismatch_report.finds(mismatch.tried(of, options), args.seed)
+    def judge(name: str, of: list[takes.Take], more: Sequence[takes.Take] = ()) -> None:
+        rows[name] = mismatch_report.finds(mismatch.tried(of, options, more), args.seed)
         print(name, *(f"{view} {share.text(1, 100)} %" for view, share in rows[name]["network"].items()), flush=True)
         if all(take.motion is not None for take in of):
             rows[name]["protocols"] = mismatch_report.protocols(of, args.seed)
         # After each subject, as a run takes minutes.
         mismatch_report.write(args.output, rows, about)
 
-    def subjects() -> Iterator[tuple[str, list[takes.Take]]]:
+    def subjects() -> Iterator[tuple[str, list[takes.Take], list[takes.Take]]]:
         for name, folder in (_named(text) for text in args.motion):
-            yield name, takes.from_folder(Path(folder))[: args.most]
+            yield name, takes.from_folder(Path(folder))[: args.most], []
         if not args.speech and not args.voices:
             return
         least = 2 * (args.seconds + args.edge) if args.joined is None else args.joined
         speech = takes.joined(args.speech, args.voices, least, args.minutes)[: args.most]
         umo = program.find(args.umo)
         for name, more in (_named(text) for text in args.setting or SETTINGS):
-            yield name, takes.animated(umo, args.model, speech, shlex.split(more), args.seed, work / name)
+            drawn = []
+            for draw in range(args.draws):
+                folder = work / (f"{name} {draw}" if draw else name)
+                drawn.append(takes.animated(umo, args.model, speech, shlex.split(more), args.seed + draw, folder))
+            yield name, drawn[0], [take for of in drawn[1:] for take in of]
         if args.mouth:
             from umo_train.mouth.run import Mouth
 
-            yield "live mouth", takes.of_mouth(Mouth.read(args.model or DEFAULT_MODEL), speech)
+            yield "live mouth", takes.of_mouth(Mouth.read(args.model or DEFAULT_MODEL), speech), []
 
-    for name, of in subjects():
+    for name, of, more in subjects():
         if args.controls and not rows:
             judge("control: motion of other speech", mismatch.swapped(of, args.seed))
             judge("control: motion that also follows loudness", mismatch.puppets(of))
-        judge(name, of)
+        judge(name, of, more)
     if not rows:
         raise SystemExit("nothing to judge: give --motion, --speech or --voices")
     print(mismatch_report.text(rows), end="")
@@ -282,6 +286,7 @@ def _arguments() -> argparse.ArgumentParser:
         "--joined", type=float, help="join a speaker's clips to this many seconds (default: two windows and the edges)"
     )
     one.add_argument("--most", type=int, help="most takes of a subject")
+    one.add_argument("--draws", type=int, default=1, help="motions of a recording, of as many seeds, for its words")
     one.add_argument("--folds", type=int, default=3)
     one.add_argument("--steps", type=int, default=100, help="steps of each training")
     one.add_argument("--jobs", type=int, default=2, help="processes")

@@ -17,6 +17,19 @@ Motion = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
+class Word:
+    """A word with its punctuation, and its time in seconds."""
+
+    text: str
+    start: float
+    end: float
+
+    @property
+    def name(self) -> str:
+        return re.sub(r"^\W+|\W+$", "", self.text.lower())
+
+
+@dataclass(frozen=True)
 class Item:
     """Speech at 16 kHz, -1..1. `phones` is empty and `motion` None if unknown (real recordings).
 
@@ -36,6 +49,8 @@ class Item:
     prompt: str = ""
     # `motion` with another seed: the performer's distance to itself is the noise of a distance.
     again: Motion | None = None
+    # Words with their times, if known.
+    words: tuple[Word, ...] = ()
 
     @property
     def seconds(self) -> float:

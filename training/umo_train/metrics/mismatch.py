@@ -15,6 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 from torch import nn
 from torch.nn import functional
 
+from umo_train.metrics import words
+from umo_train.metrics.item import Word
 from umo_train.metrics.lips import pearson
 from umo_train.metrics.takes import SEEN, VIEWS, Take, is_arkit, upper_speed
 from umo_train.performer.lips import JAW
@@ -73,13 +75,16 @@ class Prepared:
     motion: Mapping[str, np.ndarray]
     first: int
     last: int
+    words: Sequence[Word]
 
 
 def prepare(take: Take, edge: int) -> Prepared:
     frames = take.frames
     motion = {view: _moving(take.seen[view][:frames]) for view in VIEWS if view in take.seen}
     speech = heard(take.samples, frames)
-    return Prepared(take.name, take.speaker, take.loudness, take.energy, speech, motion, edge, frames - edge)
+    return Prepared(
+        take.name, take.speaker, take.loudness, take.energy, speech, motion, edge, frames - edge, take.words
+    )
 
 
 class Encoder(nn.Module):
@@ -228,10 +233,13 @@ class Tried:
     networks: Mapping[str, np.ndarray]
     plain: Mapping[str, np.ndarray]
     groups: Sequence[str]
+    # Margins of the body's windows with words, and each one's recording; none without words.
+    words: tuple[np.ndarray, Sequence[str]] | None = None
 
 
-def tried(takes: Sequence[Take], options: Options) -> Tried:
-    """Every pair, tried by a judge that was trained on the other folds: on other groups than the pair's."""
+def tried(takes: Sequence[Take], options: Options, more: Sequence[Take] = ()) -> Tried:
+    """Every pair, tried by a judge that was trained on the other folds: on other groups than the pair's. `more` are
+    other motions of the recordings, for the words alone."""
     from joblib import Parallel, delayed
 
     window = round(options.seconds * FRAME_RATE)
@@ -261,7 +269,12 @@ def tried(takes: Sequence[Take], options: Options) -> Tried:
     if len(views) > 1:
         networks = {WHOLE: sum(networks.values())} | networks
     plain = {view: np.array([plain_margin(pair, view, window) for pair in rows]) for view in views}
-    return Tried(networks, plain, [group(pair.motion) for pair in rows])
+    read = None
+    if "body" in views and all(one.words for one in prepared):
+        known = {one.name for one in prepared}
+        others = [prepare(take, round(options.edge * FRAME_RATE)) for take in more if take.name in known]
+        read = words.tried([*prepared, *others], "body", options)
+    return Tried(networks, plain, [group(pair.motion) for pair in rows], read)
 
 
 def _try(learned: Sequence[Prepared], rows: Sequence[Pair], view: str, window: int, options: Options) -> np.ndarray:

@@ -25,7 +25,12 @@ def finds(tried: Tried, seed: int) -> dict[str, Any]:
             view: mean(np.where(values == 0, 0.5, values > 0), tried.groups, seed) for view, values in margins.items()
         }
 
-    return {
+    read = {}
+    if tried.words is not None:
+        found, recordings = tried.words
+        share = mean(np.where(found == 0, 0.5, found > 0), recordings, seed)
+        read = {"words": share, "windows": len(recordings)}
+    return read | {
         "pairs": len(tried.groups),
         "groups": len(set(tried.groups)),
         "network": shares(tried.networks),
@@ -84,6 +89,11 @@ def text(rows: Mapping[str, dict[str, Any]]) -> str:
     columns += [(f"plain judge: {view}", share("plain", view)) for view in VIEWS]
     columns += [("pairs", lambda row: str(row["pairs"])), ("speakers or recordings", lambda row: str(row["groups"]))]
     out = "Right speech found, % of pairs (95 %), chance 50:\n\n" + markdown.table(columns, rows)
+    read = {name: row for name, row in rows.items() if "words" in row}
+    if read:
+        columns = [("body without face", lambda row: row["words"].text(1, 100))]
+        columns += [("windows", lambda row: str(row["windows"])), ("recordings", lambda row: str(row["words"].count))]
+        out += "\nRight words found, % of windows (95 %), chance 50:\n\n" + markdown.table(columns, read)
     bodies = {name: row for name, row in rows.items() if "protocols" in row}
 
     def measure(name: str, places: int) -> Callable[[dict[str, Any]], str]:

@@ -5,7 +5,7 @@ import csv
 import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,8 +16,8 @@ from scipy.io import wavfile
 from umo_train.data import recording, smplx
 from umo_train.data.beat2 import LIST as BEAT2_LIST
 from umo_train.data.beat2 import SPLITS, beat2, read_motion
-from umo_train.metrics import item, program
-from umo_train.metrics.item import Motion
+from umo_train.metrics import item, program, words
+from umo_train.metrics.item import Motion, Word
 from umo_train.metrics.lips import envelope
 from umo_train.metrics.motion import joint_places
 from umo_train.performer.lips import JAW, lip_opening
@@ -52,6 +52,7 @@ class Take:
     # What moves most in each view, for a judge without a network: speed of the upper body, opening of the lips.
     energy: Mapping[str, np.ndarray]
     motion: Motion | None = None
+    words: Sequence[Word] = ()
 
     @property
     def frames(self) -> int:
@@ -101,10 +102,11 @@ def animated(
     umo: Path, model: Path | None, speech: Sequence[item.Item], arguments: Sequence[str], seed: int, work: Path
 ) -> list[Take]:
     """The program's motion for recordings with arguments of `umo animate`, kept in `work`: what is there with the same
-    settings is not made again."""
+    settings is not made again. `--words` stands alone: it gives the recordings' own."""
     own = argparse.ArgumentParser(add_help=False)
     # A batch has it in its lines.
     own.add_argument("--prompt")
+    own.add_argument("--words", action="store_true")
     given, others = own.parse_known_args(arguments)
     # The program knows a finished line by its whole path.
     work = work.resolve()
@@ -117,13 +119,16 @@ def animated(
             wavfile.write(sound, SAMPLE_RATE, one.samples)
         paths.append(work / f"{one.name}.npz")
         line = {"file": str(sound), "output": paths[-1].name} | ({"prompt": given.prompt} if given.prompt else {})
+        if given.words:
+            line["words"] = str(sound.with_suffix(".ctm"))
+            words.write(sound.with_suffix(".ctm"), one.words)
         lines.append(json.dumps(line))
     manifest = work / "manifest.jsonl"
     manifest.write_text("\n".join(lines) + "\n")
     options = ["--model", model] if model else []
     program.run(umo, "batch", manifest, "-o", work, "--seed", seed, *options, *others)
     return [
-        of_motion(one.name, one.voice, one.samples, program.from_npz(path))
+        replace(of_motion(one.name, one.voice, one.samples, program.from_npz(path)), words=one.words)
         for one, path in zip(speech, paths, strict=True)
     ]
 
@@ -140,28 +145,39 @@ def of_mouth(mouth: "Mouth", speech: Sequence[item.Item]) -> list[Take]:
 def joined(folders: Sequence[Path], voices: Sequence[Path], seconds: float, minutes: float) -> list[item.Item]:
     """Recordings of at least `seconds`, clips of a speaker joined for it, at most `minutes` of each speaker.
 
-    In `folders` a file's first word is its speaker; each of `voices` is one speaker's.
+    In `folders` a file's first word is its speaker; each of `voices` is one speaker's, with its `text.csv` if it has
+    one, and then without repeated texts.
     """
     clips: dict[str, list[Path]] = defaultdict(list)
+    said: dict[Path, str] = {}
     for folder in (*folders, *voices):
         paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SOUNDS)
         if not paths:
             raise FileNotFoundError(f"{folder}: no recordings ({', '.join(_SOUNDS)})")
-        for path in paths:
+        known = words.texts(folder) if folder in voices else {}
+        said |= {path: known[path.stem] for path in paths if path.stem in known}
+        for path in paths if not known else [path for path in paths if path in said]:
             clips[folder.name if folder in voices else item.speaker_of(path)].append(path)
-    return [one for speaker, paths in sorted(clips.items()) for one in _joined(speaker, paths, seconds, minutes)]
+    return [one for speaker, paths in sorted(clips.items()) for one in _joined(speaker, paths, said, seconds, minutes)]
 
 
-def _joined(speaker: str, paths: Sequence[Path], seconds: float, minutes: float) -> Iterator[item.Item]:
-    left, piece = minutes * 60 * SAMPLE_RATE, []
+def _joined(
+    speaker: str, paths: Sequence[Path], said: Mapping[Path, str], seconds: float, minutes: float
+) -> Iterator[item.Item]:
+    left, count = minutes * 60 * SAMPLE_RATE, 0
+    piece: list[np.ndarray] = []
+    spoken: list[Word] = []
     for number, path in enumerate(paths):
         if left <= 0:
             return
-        piece.append(recording.samples(path))
-        count = sum(map(len, piece))
+        samples, before = recording.samples(path), count / SAMPLE_RATE
+        piece.append(samples)
+        for word in words.spread(said[path], samples) if path in said else ():
+            spoken.append(replace(word, start=before + word.start, end=before + word.end))
+        count += len(samples)
         if count >= seconds * SAMPLE_RATE:
-            yield item.Item(f"{speaker}_{number:04}", speaker, np.concatenate(piece))
-            left, piece = left - count, []
+            yield item.Item(f"{speaker}_{number:04}", speaker, np.concatenate(piece), words=tuple(spoken))
+            left, count, piece, spoken = left - count, 0, [], []
 
 
 def from_folder(folder: Path) -> list[Take]:

@@ -22,8 +22,11 @@ LEAST_PEAK, PEAK_SHARE, VOICED = 0.3, 0.85, 0.6
 MOST_SEMITONES, MOST_RISE_DB, MODULATION_DB = 8.0, 20.0, 40.0
 NOW_S, PHRASE_S, RANGE_S, SPEAKER_S = 0.6, 2.0, 4.0, 30.0
 # Mean and deviation among readers, and weight.
-FIGURES = {"range": (2.8, 0.9, 0.5), "tilt": (-3.8, 2.2, 0.6), "rise": (4.4, 0.6, 0.4)}
-OWN_WEIGHT, LEAST_VOICED, WHISPER, EVIDENCE_STEPS = 0.1, 0.4, 3.0, 16.0
+FIGURES = {"range": (2.8, 0.9, 0.5), "tilt": (-3.8, 2.2, 0.6), "rise": (4.4, 0.6, 0.3)}
+# A voice may be flat because it is cold: what is below the readers' counts less.
+LEAST_DEVIATION, MOST_DEVIATION = -1.2, 2.0
+OWN_WEIGHTS = {"level": 0.3, "pitch": 0.1, "tilt": 0.1}
+LEAST_VOICED, WHISPER, EVIDENCE_STEPS = 0.4, 3.0, 16.0
 LEAST_MODULATION, MODULATION_RANGE, SPEECH_SHARE = 5.0, 3.0, 0.3
 MEANS = {
     "level": NOW_S,
@@ -136,12 +139,12 @@ def hear(samples: np.ndarray) -> Iterator[dict[str, Mean]]:
 def score(means: dict[str, Mean]) -> float:
     """Arousal by the running means, 0 to 1."""
     voice = sum(
-        weight * np.clip((means[name].value - usual) / deviation, -2, 2)
+        weight * np.clip((means[name].value - usual) / deviation, LEAST_DEVIATION, MOST_DEVIATION)
         for name, (usual, deviation, weight) in FIGURES.items()
     )
-    own = sum(means[name].value - means[f"speaker_{name}"].value for name in ("level", "pitch", "tilt"))
+    own = sum(weight * (means[name].value - means[f"speaker_{name}"].value) for name, weight in OWN_WEIGHTS.items())
     whisper = WHISPER * max(0.0, 1 - means["voiced"].value / LEAST_VOICED)
-    total = means["range"].evidence() * (voice + OWN_WEIGHT * own) - means["voiced"].evidence() * whisper
+    total = means["range"].evidence() * (voice + own) - means["voiced"].evidence() * whisper
     modulation = np.clip((np.sqrt(means["modulation"].value) - LEAST_MODULATION) / MODULATION_RANGE, 0, 1)
     return 0.5 + 0.5 * modulation * min(1.0, means["sounds"].value / SPEECH_SHARE) * np.tanh(total)
 

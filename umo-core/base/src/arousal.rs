@@ -55,9 +55,12 @@ const SPEAKER_SECONDS: f32 = 30.0;
 /// semitones, tilt and rise in dB (`training/umo_train/speech/arousal.py` measures them).
 const RANGE: [f32; 3] = [2.8, 0.9, 0.5];
 const TILT: [f32; 3] = [-3.8, 2.2, 0.6];
-const RISE: [f32; 3] = [4.4, 0.6, 0.4];
+const RISE: [f32; 3] = [4.4, 0.6, 0.3];
+/// Deviations that count. Fewer below: a voice may be flat because it is cold.
+const LEAST_DEVIATION: f32 = -1.2;
+const MOST_DEVIATION: f32 = 2.0;
 /// Weights of what is now above the speaker's own: per dB, per semitone, and per dB of tilt.
-const LEVEL_WEIGHT: f32 = 0.1;
+const LEVEL_WEIGHT: f32 = 0.3;
 const PITCH_WEIGHT: f32 = 0.1;
 const TILT_WEIGHT: f32 = 0.1;
 /// Share of voiced steps below which a voice whispers, and what a whisper takes away.
@@ -190,7 +193,7 @@ impl Means {
     /// Arousal, 0 to 1.
     fn arousal(&self) -> f32 {
         let relative = |mean: Mean, [usual, deviation, weight]: [f32; 3]| {
-            weight * ((mean.value - usual) / deviation).clamp(-2.0, 2.0)
+            weight * ((mean.value - usual) / deviation).clamp(LEAST_DEVIATION, MOST_DEVIATION)
         };
         let voice = relative(self.range, RANGE) + relative(self.tilt, TILT) + relative(self.rise, RISE);
         let own = LEVEL_WEIGHT * (self.level.value - self.speaker_level.value)

@@ -52,6 +52,8 @@ pub(super) struct Heard {
     pub(super) ends: bool,
     /// Strength of an accent that begins at this tick, 0 to 1; 0 without one.
     pub(super) accent: f32,
+    /// Distance below the voice's loud level, dB.
+    pub(super) below_loud: f32,
 }
 
 /// Seconds that speaking continues after the avatar's last sound.
@@ -172,7 +174,7 @@ impl Voice {
     fn hear(&mut self, level: f32, seconds: f32) -> Heard {
         let level = decibels(level);
         let is_on = self.levels.hear(level, seconds);
-        let mut heard = Heard { is_on, ..Heard::default() };
+        let mut heard = Heard { is_on, below_loud: self.levels.loud() - level, ..Heard::default() };
         let pause = self.silent;
         if is_on {
             if pause >= MIN_PAUSE_SECONDS {
@@ -232,6 +234,7 @@ mod tests {
             other_level: other,
             controls,
             weights: Weights::default(),
+            glance: None,
             rig: &trial.rig,
             lively: 0.0,
             gain: 1.0,

@@ -55,6 +55,9 @@ const SACCADE_THRESHOLD: f32 = 1.2 * DEGREE;
 const AVERTED_HEAD_SHARE: f32 = 0.45;
 const AVERTED_HEAD_FROM: f32 = 4.0 * DEGREE;
 
+/// Share of the head in a glance with a gesture, of what its own motion leaves.
+const GLANCE_HEAD_SHARE: f32 = 0.3;
+
 /// Trunk in a look-at: share of the angle beyond the first value, and limit.
 const LOOK_AT_TRUNK_FROM: f32 = 27.0 * DEGREE;
 const LOOK_AT_TRUNK_SHARE: f32 = 0.6;
@@ -225,6 +228,9 @@ impl Gaze {
         if !self.fixation.is_contact {
             goal[1] += LOW_GAZE * (-tick.lively).max(0.0);
         }
+        if let Some([aside, down]) = tick.glance {
+            goal = [wrapped(self.heading() + aside), down];
+        }
         if strength > 0.0 {
             let (sought, away) = direction(eyes, place);
             goal = mix(goal, sought, strength);
@@ -376,6 +382,11 @@ impl Gaze {
         let beyond = |angle: f32, from: f32| angle - angle.clamp(-from, from);
         let away = |axis: usize| AVERTED_HEAD_SHARE * beyond(offset[axis], AVERTED_HEAD_FROM) + self.faced(tick, axis);
         let mut head: Angles = std::array::from_fn(away);
+        if let Some([aside, down]) = tick.glance {
+            let ahead = angles(turn_vector(tick.rig.head(pose).1, [0.0, 0.0, 1.0]));
+            let left = [wrapped(self.heading() + aside - ahead[0]), down - ahead[1]];
+            head = std::array::from_fn(|axis| GLANCE_HEAD_SHARE * left[axis] + self.faced(tick, axis));
+        }
         let mut trunk = [0.0; 2];
         if strength > 0.0 {
             let (sought, _) = direction(tick.rig.head(pose).0, place);

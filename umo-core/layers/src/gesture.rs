@@ -52,6 +52,16 @@ const DEFAULT_POINTING_TARGET: Vec3 = [0.9, 0.15, 3.0];
 const MOST_HURRY: f32 = 1.5;
 /// Upper bound on the gestures that are shown when one of a word begins: the others are the host's.
 const MAX_SHOWN_BEFORE_WORD: usize = MAX_SHOWN / 2;
+/// A glance with a word's gesture: from and until when, seconds after the stroke.
+const GLANCE: [f32; 2] = [-0.15, 0.4];
+/// While a word's gesture takes its strength from the voice, seconds after the stroke.
+const EMPHASIS: [f32; 2] = [-0.25, 0.1];
+/// Factors of that strength where the voice is this far below its loud level, dB, and the factor's largest change a second.
+const EMPHASES: [f32; 2] = [1.2, 0.85];
+const EMPHASES_BELOW_LOUD: [f32; 2] = [2.0, 10.0];
+const EMPHASIS_RATE: f32 = 0.6;
+/// How much less the arms go to the pose of a word's gesture, of what its strength lacks.
+const WEAK_ARMS: f32 = 0.4;
 /// Lag of an arm's joints behind its shoulder, seconds.
 const ELBOW_LAG_SECONDS: f32 = 0.03;
 const WRIST_LAG_SECONDS: f32 = 0.07;
@@ -316,15 +326,35 @@ struct Playing {
     release: Option<(u64, u64)>,
     /// Whether a word asked for it: one of the host's takes its place at once.
     is_word: bool,
+    /// Factor of the strength: how much the voice accents the word.
+    emphasis: f32,
 }
 
 impl Playing {
-    const NONE: Self = Self { request: Request::NONE, is_mirrored: false, ticks: 0, release: None, is_word: false };
+    const NONE: Self =
+        Self { request: Request::NONE, is_mirrored: false, ticks: 0, release: None, is_word: false, emphasis: 1.0 };
+
+    /// Time since its start at speed 1, seconds.
+    fn seconds(&self, tick: &Tick) -> f32 {
+        self.ticks as f32 * tick.seconds * self.request.speed
+    }
+
+    /// Follows the voice's accent by one tick, `since` seconds after the stroke.
+    fn emphasise(&mut self, tick: &Tick, since: f32) {
+        if self.is_word && tick.weights.own.is_on && (EMPHASIS[0]..EMPHASIS[1]).contains(&since) {
+            let [loud, quiet] = EMPHASES_BELOW_LOUD;
+            let share = ((tick.weights.own.below_loud - loud) / (quiet - loud)).clamp(0.0, 1.0);
+            let goal = EMPHASES[0] + share * (EMPHASES[1] - EMPHASES[0]);
+            let most = EMPHASIS_RATE * tick.seconds;
+            self.emphasis += (goal - self.emphasis).clamp(-most, most);
+        }
+    }
 
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.request.state(pass)?;
         pass.switch("gesture's side", &mut self.is_mirrored)?;
         pass.switch("gesture's origin", &mut self.is_word)?;
+        pass.within(&mut self.emphasis, EMPHASES[1]..=EMPHASES[0])?;
         pass.number("gesture", &mut self.ticks, MAX_INDEX)?;
         let is_on = pass.flag("gesture's release", self.release.is_some())?;
         let (mut ago, mut of) = self.release.unwrap_or((0, 1));
@@ -338,6 +368,15 @@ impl Playing {
         }
         Ok(())
     }
+}
+
+/// How much of a gesture is shown, 0 to 1.
+#[derive(Clone, Copy, Debug)]
+struct Shares {
+    /// Head, trunk and face.
+    whole: f32,
+    arms: f32,
+    fingers: f32,
 }
 
 /// Times of a gesture's phases, seconds from its start at speed 1.
@@ -364,6 +403,8 @@ pub(super) struct Player {
     /// In the order in which they began.
     playing: [Playing; MAX_SHOWN],
     shown: usize,
+    /// Within a tick, the time until the stroke of a list's next item, seconds; `None` without one.
+    item: Option<f32>,
 }
 
 impl Player {
@@ -377,6 +418,7 @@ impl Player {
             waiting: 0,
             playing: [Playing::NONE; MAX_SHOWN],
             shown: 0,
+            item: None,
         }
     }
 
@@ -433,16 +475,25 @@ impl Player {
         for at in 0..self.shown {
             let mut playing = self.playing[at];
             let phases = self.phases(&playing.request);
-            let seconds = playing.ticks as f32 * tick.seconds * playing.request.speed;
+            let seconds = playing.seconds(tick);
             let released = playing.release.map_or(1.0, |(ago, of)| 1.0 - ease(ago as f32 / of as f32));
             if seconds >= phases.end || released <= 0.0 {
                 continue;
             }
-            let share = playing.request.strength * released;
-            if share > 0.0 {
-                self.show(frame, tick.rig, &playing, seconds, share);
+            playing.emphasise(tick, (seconds - phases.stroke) / playing.request.speed);
+            let shares = self.shares(&playing, released);
+            if shares.whole > 0.0 {
+                self.show(frame, tick.rig, &playing, seconds, shares);
             }
-            playing.ticks += 1;
+            let out = ticks(phases.end - phases.leaves, &playing.request, tick);
+            let half = 0.5 * tick.seconds * playing.request.speed;
+            match self.rest(&playing, tick) {
+                Some(_) if playing.release.is_some() => {}
+                Some(way) if self.item.is_some_and(|left| left * playing.request.speed > way + half) => {}
+                // The last item of its list.
+                Some(_) if self.item.is_none() => release(&mut playing, out),
+                _ => playing.ticks += 1,
+            }
             if let Some((ago, _)) = &mut playing.release {
                 *ago += 1;
             }
@@ -450,6 +501,7 @@ impl Player {
             kept += 1;
         }
         self.shown = kept;
+        self.item = None;
     }
 
     /// Takes the host's new requests from the queue.
@@ -506,7 +558,7 @@ impl Player {
     /// Parts of the host's gestures that are not on their way out.
     fn busy(&self, tick: &Tick) -> GestureParts {
         let holds = |playing: &&Playing| {
-            let seconds = playing.ticks as f32 * tick.seconds * playing.request.speed;
+            let seconds = playing.seconds(tick);
             !playing.is_word && playing.release.is_none() && seconds < self.phases(&playing.request).leaves
         };
         let parts = |playing: &Playing| self.parts(&playing.request, playing.is_mirrored);
@@ -546,6 +598,45 @@ impl Player {
         self.start(new, ticks(phases.stroke, &request, tick));
     }
 
+    /// Where the eyes go with a word's gesture that points: to the left and down from the body's heading, radians.
+    pub(super) fn glance(&self, tick: &Tick) -> Option<[f32; 2]> {
+        self.playing[..self.shown].iter().rev().find_map(|playing| {
+            let motion = self.built_in(&playing.request).filter(|_| playing.is_word && playing.release.is_none())?;
+            let (_, [aside, down]) = speech::GLANCES.into_iter().find(|(name, _)| *name == motion.name)?;
+            let since = playing.seconds(tick) - motion.preparation - motion.stroke;
+            let is_on = (GLANCE[0]..GLANCE[1]).contains(&(since / playing.request.speed));
+            let side = if playing.is_mirrored { 1.0 } else { -1.0 };
+            is_on.then_some([side * radians(aside), radians(down)])
+        })
+    }
+
+    /// Of a word's list whose hand rests before its next item: the way to that stroke at speed 1, seconds.
+    fn rest(&self, playing: &Playing, tick: &Tick) -> Option<f32> {
+        let motion = self.list(playing)?;
+        let at = playing.seconds(tick) - motion.preparation;
+        let step = tick.seconds * playing.request.speed;
+        speech::RESTS.iter().find(|(rest, _)| (*rest..rest + step).contains(&at)).map(|(_, stroke)| stroke - at)
+    }
+
+    /// The motion of a word's list.
+    fn list(&self, playing: &Playing) -> Option<&'static Motion> {
+        self.built_in(&playing.request).filter(|motion| playing.is_word && motion.name == speech::LIST)
+    }
+
+    /// Whether a word's list can have one more item.
+    pub(super) fn is_listing(&self, tick: &Tick) -> bool {
+        let last = speech::RESTS[speech::RESTS.len() - 1].0;
+        self.playing[..self.shown].iter().any(|playing| {
+            let end = |motion: &Motion| motion.preparation + last + tick.seconds * playing.request.speed;
+            playing.release.is_none() && self.list(playing).is_some_and(|motion| playing.seconds(tick) < end(motion))
+        })
+    }
+
+    /// Sets the time until the stroke of a list's next item for this tick, seconds; without one the list ends at its rest.
+    pub(super) fn set_item(&mut self, left: Option<f32>) {
+        self.item = left;
+    }
+
     /// Number of a named gesture.
     pub(super) fn find(&self, name: &str) -> Option<u32> {
         self.gestures.find(name)
@@ -581,15 +672,27 @@ impl Player {
         if is_mirrored { parts.mirrored() } else { parts }
     }
 
+    /// How much of a gesture is shown while `released` of it is left.
+    fn shares(&self, playing: &Playing, released: f32) -> Shares {
+        let strength = (playing.request.strength * playing.emphasis).min(1.0);
+        let whole = strength * released;
+        let Some(motion) = self.built_in(&playing.request).filter(|_| playing.is_word) else {
+            return Shares { whole, arms: whole, fingers: whole };
+        };
+        // A hand with half of its shape means nothing, and one that stops short of what it touches looks wrong.
+        let arms = if motion.is_free { 1.0 - WEAK_ARMS * (1.0 - strength) } else { 1.0 };
+        Shares { whole, arms: arms * released, fingers: released }
+    }
+
     /// Applies a gesture to a frame, `seconds` after its start.
-    fn show(&self, frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, seconds: f32, share: f32) {
+    fn show(&self, frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, seconds: f32, shares: Shares) {
         let number = playing.request.gesture as usize;
         match self.gestures.added(number) {
             Some(clip) => {
-                let share = share * clip.weight(seconds);
+                let share = shares.whole * clip.weight(seconds);
                 clip.apply(&mut frame.pose.rotations, seconds, share, playing.is_mirrored);
             }
-            None => show(frame, rig, playing, motion(number), seconds, share),
+            None => show(frame, rig, playing, motion(number), seconds, shares),
         }
     }
 
@@ -652,7 +755,8 @@ fn is_mirrored(request: &Request, is_left: bool, frame: &OwnedFrame) -> bool {
 }
 
 /// Applies a built-in gesture to a frame.
-fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, seconds: f32, share: f32) {
+fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, seconds: f32, shares: Shares) {
+    let share = shares.whole;
     let t = seconds - motion.preparation;
     let side = if playing.is_mirrored { -1.0 } else { 1.0 };
     let variation = Variation::of(playing.request.variant);
@@ -686,13 +790,13 @@ fn show(frame: &mut OwnedFrame, rig: &Rig, playing: &Playing, motion: &Motion, s
     }
     turns.apply(&mut frame.pose, rig);
     let (first, second) = if playing.is_mirrored { (LEFT, RIGHT) } else { (RIGHT, LEFT) };
-    let mover = Mover { rig, motion, variation, seconds, share };
+    let mover = Mover { rig, motion, variation, seconds, shares };
     match motion.arms {
         Arms::None => {}
         Arms::Pointing => {
             let place = aim.as_ref().map_or(DEFAULT_POINTING_TARGET, |aim| aim.place);
             let arm = first.pointing(rig, in_chest(rig, &frame.pose, place), &hand::POINT);
-            blend(&mut frame.pose, first, &arm, motion, share, [seconds; 2]);
+            blend(&mut frame.pose, first, &arm, motion, shares, [seconds; 2]);
         }
         Arms::One if playing.request.side != Side::Both => mover.follow(frame, first, motion.keys, false),
         Arms::One | Arms::Both | Arms::Together => {
@@ -803,13 +907,13 @@ struct Mover<'a> {
     motion: &'a Motion,
     variation: Variation,
     seconds: f32,
-    share: f32,
+    shares: Shares,
 }
 
 impl Mover<'_> {
     /// Moves an arm along keys; `is_apart` if it is the second arm, a little later and lower.
     fn follow(&self, frame: &mut OwnedFrame, arm: Arm, keys: &[table::Key], is_apart: bool) {
-        let Self { rig, motion, variation, seconds, share } = *self;
+        let Self { rig, motion, variation, seconds, shares } = *self;
         let late = seconds - if is_apart { SECOND_ARM_LAG_SECONDS } else { 0.0 };
         let t = late - motion.preparation;
         let flat = |key: &table::Key| {
@@ -835,7 +939,7 @@ impl Mover<'_> {
         let shape = through(keys, |key| key.at, |key| key.shape, t);
         let target = ArmTarget { hand, elbow, fingers: part(2), palm: part(3), shape };
         let pose = arm.pose(rig, &target, None);
-        blend(&mut frame.pose, arm, &pose, motion, share, [late, seconds]);
+        blend(&mut frame.pose, arm, &pose, motion, shares, [late, seconds]);
     }
 }
 
@@ -848,20 +952,20 @@ fn weight(motion: &Motion, [coming, going]: [f32; 2], lag: f32) -> f32 {
 }
 
 /// Blends an arm's joints from the model's pose to the gesture's.
-fn blend(pose: &mut Pose, arm: Arm, to: &ArmPose, motion: &Motion, share: f32, clocks: [f32; 2]) {
-    let mut turn = |joint: usize, to: Quat, lag: f32| {
+fn blend(pose: &mut Pose, arm: Arm, to: &ArmPose, motion: &Motion, shares: Shares, clocks: [f32; 2]) {
+    let mut turn = |joint: usize, to: Quat, lag: f32, share: f32| {
         let weight = share * weight(motion, clocks, lag);
         if weight > 0.0 {
             let q = &mut pose.rotations[joint];
             *q = if weight >= 1.0 { to } else { slerp(*q, to, weight) };
         }
     };
-    turn(arm.collar, to.collar, 0.0);
-    turn(arm.shoulder, to.shoulder, 0.0);
-    turn(arm.elbow, to.elbow, ELBOW_LAG_SECONDS);
-    turn(arm.wrist, to.wrist, WRIST_LAG_SECONDS);
+    turn(arm.collar, to.collar, 0.0, shares.arms);
+    turn(arm.shoulder, to.shoulder, 0.0, shares.arms);
+    turn(arm.elbow, to.elbow, ELBOW_LAG_SECONDS, shares.arms);
+    turn(arm.wrist, to.wrist, WRIST_LAG_SECONDS, shares.arms);
     for (finger, q) in to.fingers.iter().enumerate() {
-        turn(arm.first_finger + finger, *q, 0.0);
+        turn(arm.first_finger + finger, *q, 0.0, shares.fingers);
     }
 }
 

@@ -213,6 +213,8 @@ pub(crate) struct Tick<'a> {
     pub(crate) controls: &'a Controls,
     /// Weight of each attention state at this tick.
     pub(crate) weights: Weights,
+    /// Where a word's gesture takes the eyes: to the left and down from the body's heading, radians.
+    pub(crate) glance: Option<[f32; 2]>,
     pub(crate) rig: &'a Rig,
     /// How lively the voice is, times the expression: 0 for an ordinary one.
     pub(crate) lively: f32,
@@ -362,6 +364,7 @@ impl LayerStack {
             other_level,
             controls,
             weights: Weights::default(),
+            glance: None,
             rig: &self.rig,
             lively: 0.0,
             gain: 1.0,
@@ -372,6 +375,7 @@ impl LayerStack {
         if let Some(heard) = heard {
             self.words.apply(&mut self.gesture, frame, &tick, heard);
         }
+        tick.glance = self.gesture.glance(&tick);
         let at = |layer: Layer, tick: &mut Tick| {
             tick.gain = gains[layer as usize];
             tick.gain > 0.0

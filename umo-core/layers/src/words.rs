@@ -19,6 +19,8 @@ struct Planned {
     request: Request,
     /// Time of its stroke in the host's audio, in [`UNITS`].
     stroke: u64,
+    /// Whether it is the next stroke of a list, if that still waits for it.
+    goes_on: bool,
 }
 
 /// Words that wait, and gestures that have not begun.
@@ -32,7 +34,7 @@ pub(super) struct Words {
 
 impl Words {
     pub(crate) fn new(rules: WordRules) -> Self {
-        let plans = [Planned { request: Request::NONE, stroke: 0 }; MAX_PLANS];
+        let plans = [Planned { request: Request::NONE, stroke: 0, goes_on: false }; MAX_PLANS];
         Self { rules, planner: Planner::new(), plans, count: 0 }
     }
 
@@ -75,6 +77,11 @@ impl Words {
                 *count += 1;
             }
         });
+        if player.is_listing(tick) {
+            let planned = plans[..*count].iter().filter(|planned| planned.goes_on).map(|planned| planned.stroke).min();
+            let next = planned.or_else(|| planner.next_item(rules));
+            player.set_item(next.map(|stroke| seconds(stroke, now)));
+        }
         let mut kept = 0;
         for at in 0..self.count {
             let planned = self.plans[at];
@@ -92,6 +99,7 @@ impl Words {
         for planned in &mut self.plans {
             planned.request.state(pass)?;
             pass.number("words' gestures", &mut planned.stroke, MAX_TIME)?;
+            pass.switch("words' gestures", &mut planned.goes_on)?;
         }
         Ok(())
     }
@@ -107,7 +115,7 @@ fn planned(rules: &WordRules, player: &Player, plan: &Plan) -> Option<Planned> {
         Hand::Both => Side::Both,
     };
     let request = Request::of_word(player.find(&gesture.name)?, plan.variant, plan.speed, plan.strength, side);
-    Some(Planned { request, stroke: plan.stroke })
+    Some(Planned { request, stroke: plan.stroke, goes_on: plan.goes_on })
 }
 
 /// Time of a frame in the host's audio, in [`UNITS`]: of the nearest multiple of its duration, so that rounding to samples
@@ -119,9 +127,19 @@ fn time(tick: &Tick, heard: Heard) -> u64 {
     (frame * UNITS as f64 / frame_rate).round() as u64
 }
 
+/// Seconds from one time to another, in [`UNITS`]; negative once it has passed.
+#[expect(clippy::cast_possible_truncation, reason = "a few seconds")]
+fn seconds(to: u64, from: u64) -> f32 {
+    ((to as f64 - from as f64) / UNITS as f64) as f32
+}
+
 /// Begins a gesture if it is due at `now`; returns whether it need not wait.
 fn begin(player: &mut Player, planned: Planned, frame: &OwnedFrame, tick: &Tick, now: u64) -> bool {
-    let Planned { request, stroke } = planned;
+    let Planned { request, stroke, goes_on } = planned;
+    if goes_on && player.is_listing(tick) {
+        // The list's own next stroke.
+        return stroke <= now;
+    }
     let lead = player.lead(&request);
     // Negative once the stroke's time has passed.
     let left = (stroke as f64 - now as f64) / UNITS as f64;

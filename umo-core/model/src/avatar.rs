@@ -31,8 +31,10 @@ const END_SECONDS: f32 = 1.0;
 /// Bias towards rest in silence, and from an activity of 0.5 to one of 0, nats.
 const REST_NATS: f32 = 8.0;
 const ACTIVE_NATS: f32 = 4.0;
-/// Bias away from rest of the liveliest voice, at an expression of 0.5, nats.
+/// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
+/// second: a voice may be flat because it is cold.
 const LIVELY_NATS: f32 = 1.5;
+const DULL_NATS: f32 = 0.7;
 
 /// Settings of an avatar.
 #[derive(Clone, Debug)]
@@ -454,7 +456,8 @@ impl Avatar {
     pub(crate) fn rest(&self, config: &Config, keyframe: usize) -> f32 {
         let Sampler { activity, expression, .. } = self.sampler;
         let lively = 2.0 * expression * 2.0 * (self.arousal[keyframe] - ORDINARY);
-        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity) - LIVELY_NATS * lively;
+        let nats = if lively > 0.0 { LIVELY_NATS } else { DULL_NATS };
+        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity) - nats * lively;
         // A prompt says what to do, in silence too.
         if !self.has_audio() || self.text_len > 0 {
             return usual;

@@ -275,6 +275,16 @@ impl Session {
         Ok(output.ready(&self.shared))
     }
 
+    /// Arousal of the voice at the newest frame that was pulled or sampled, 0 to 1: 0.5 for an ordinary voice, and for none
+    /// (SPEC 2.22).
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread pulls.
+    pub fn arousal(&self) -> Result<f32, SessionError> {
+        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+        Ok(output.arousal(&self.shared))
+    }
+
     /// Message and location of the panic that ended the session with
     /// [`SessionError::Panicked`].
     pub fn defect(&self) -> Option<&Defect> {

@@ -19,6 +19,8 @@ pub const REACH_SECONDS: f64 = 1.6;
 /// Time after its stress at which a word is too late, seconds.
 pub const LATE_SECONDS: f64 = 0.3;
 
+/// Least time between two strokes of a gesture that waits for the words of its strokes, seconds.
+const ITEM_SECONDS: f64 = 0.8;
 /// Longest pause within a phrase, seconds.
 const PAUSE_SECONDS: f64 = 0.7;
 /// Duration of a syllable without stress, and of one with much, seconds.
@@ -196,6 +198,8 @@ pub struct Plan {
     pub side: Hand,
     /// Variant of the gesture, from 1: its pose, and how it differs a little in size, height and tempo.
     pub variant: u8,
+    /// Whether it is the next stroke of the class's last gesture, if that still waits for it.
+    pub goes_on: bool,
 }
 
 /// What becomes of a phrase.
@@ -382,10 +386,12 @@ impl Planner {
             return Outcome::Late;
         }
         let is_near = |last: Option<u64>, gap: f64| last.is_some_and(|last| last.abs_diff(stroke) < units(gap));
-        if is_near(self.lasts[number].stroke, class.gap) {
+        let Last { stroke: last, gesture } = self.lasts[number];
+        let goes_on = self.is_held(class, number) && is_near(last, class.hold) && !is_near(last, ITEM_SECONDS);
+        if !goes_on && is_near(last, class.gap) {
             return Outcome::ClassGap;
         }
-        if is_near(if class.is_head { self.head } else { self.hands }, rules.gap()) {
+        if !goes_on && is_near(if class.is_head { self.head } else { self.hands }, rules.gap()) {
             return Outcome::Gap;
         }
         if class.chance < 1.0 && self.is_followed(rules, found, stroke) {
@@ -396,7 +402,10 @@ impl Planner {
         if chance >= class.chance {
             return Outcome::Chance;
         }
-        let (gesture, &ClassGesture { strength, speed, side, .. }) = self.choose(class, number, which);
+        let (gesture, &ClassGesture { strength, speed, side, .. }) = match class.gestures.get(usize::from(gesture)) {
+            Some(last) if goes_on => (gesture, last),
+            _ => self.choose(class, number, which),
+        };
         let accent = f32::from(word.accent) / 255.0;
         let side = match side {
             Hand::Either if hand < 0.5 => Hand::Left,
@@ -413,6 +422,24 @@ impl Planner {
             speed: (speed * (0.95 + 0.1 * hand)).clamp(0.5, 2.0),
             side,
             variant,
+            goes_on,
+        })
+    }
+
+    /// Whether the last stroke of the hands was of this class, and its hand waits for the class's next word.
+    fn is_held(&self, class: &Class, number: usize) -> bool {
+        class.hold > 0.0 && !class.is_head && self.hands.is_some() && self.lasts[number].stroke == self.hands
+    }
+
+    /// The stroke of the next waiting word that a held hand waits for, in [`UNITS`].
+    pub fn next_item(&self, rules: &WordRules) -> Option<u64> {
+        let held = rules.classes().iter().enumerate().find(|&(number, class)| self.is_held(class, number));
+        let ((number, class), last) = held.zip(self.hands)?;
+        let end = last + units(class.hold);
+        (0..self.count).take_while(|&at| self.waiting[at].start < end).find_map(|at| {
+            let found = self.find(rules, at).filter(|found| usize::from(found.class) == number)?;
+            let stroke = self.waiting[at + found.stressed].stroke();
+            (last + units(ITEM_SECONDS)..end).contains(&stroke).then_some(stroke)
         })
     }
 

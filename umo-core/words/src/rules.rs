@@ -15,6 +15,8 @@ pub const MAX_CLASSES: usize = 64;
 pub(crate) const MAX_PHRASE: usize = 6;
 /// Longest time between two gestures, seconds.
 const MAX_GAP: f64 = 600.0;
+/// Longest time that a hand waits for the next word of its class, seconds.
+const MAX_HOLD: f64 = 3.0;
 /// Token of a word that no rule names, and the one that stands for any word.
 pub(crate) const UNKNOWN: u32 = 0;
 const ANY: u32 = u32::MAX;
@@ -83,6 +85,8 @@ pub struct Class {
     pub gap: f64,
     /// Share of the class's words that are gestured, 0 to 1.
     pub chance: f32,
+    /// How long the hand waits for the next word of the class, seconds; 0 for classes whose gestures have one stroke.
+    pub hold: f64,
     /// Gestures; none if the words mean nothing that could be shown.
     pub gestures: Vec<ClassGesture>,
 }
@@ -106,6 +110,7 @@ struct ClassFile {
     head: Option<bool>,
     gap: Option<f64>,
     chance: Option<f32>,
+    hold: Option<f64>,
     #[serde(default)]
     words: Vec<String>,
     gestures: Option<Vec<ClassGesture>>,
@@ -196,7 +201,7 @@ impl WordRules {
     }
 
     /// These rules and those of a file: its words join the class of their name or make a new one, a phrase that both
-    /// have is the file's, and what the file sets of a class (`gestures`, `gap`, `chance`, `head`) replaces what was.
+    /// have is the file's, and what the file sets of a class (`gestures`, `gap`, `chance`, `hold`, `head`) replaces what was.
     ///
     /// # Errors
     /// As [`Self::parse`].
@@ -211,6 +216,7 @@ impl WordRules {
             class.head = new.head.or(class.head);
             class.gap = new.gap.or(class.gap);
             class.chance = new.chance.or(class.chance);
+            class.hold = new.hold.or(class.hold);
             class.gestures = new.gestures.or(class.gestures.take());
         }
         file.language = more.language.or(file.language);
@@ -395,6 +401,10 @@ fn checked(name: &str, class: &ClassFile) -> Result<Class, RulesError> {
     if !(0.0..=1.0).contains(&chance) {
         return wrong(format!("chance: expected 0 to 1, got {chance}"));
     }
+    let hold = class.hold.unwrap_or(0.0);
+    if !(0.0..=MAX_HOLD).contains(&hold) {
+        return wrong(format!("hold: expected 0 to {MAX_HOLD} seconds, got {hold}"));
+    }
     let gestures = class.gestures.clone().unwrap_or_default();
     if gestures.len() > usize::from(u8::MAX) {
         return wrong("expected at most 255 gestures".to_owned());
@@ -406,7 +416,7 @@ fn checked(name: &str, class: &ClassFile) -> Result<Class, RulesError> {
             return wrong(format!("gesture {name}: {wanted}"));
         }
     }
-    Ok(Class { name: name.to_owned(), is_head: class.head.unwrap_or(false), gap, chance, gestures })
+    Ok(Class { name: name.to_owned(), is_head: class.head.unwrap_or(false), gap, chance, hold, gestures })
 }
 
 /// Words of a phrase as patterns: stems end in `*`, `_` is any word.

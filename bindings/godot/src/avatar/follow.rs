@@ -106,16 +106,16 @@ impl UmoAvatar3D {
             && line.goes_on(&player.get("stream"), position, JUMP)
     }
 
-    /// Passes a hint for the line, in seconds of it, to the session. False if 64 are waiting.
+    /// Passes a hint for the line, in seconds of it, to the session. False if 64 of its kind are waiting.
     pub(super) fn hint_line(&self, hint: Hint) -> bool {
         let Some(line) = &self.line else { return false };
         let Some(first) = line.first else {
-            self.complain("hint_lips: after restore_state it is not known when audio was heard; call reset() first");
+            self.complain("hints: after restore_state it is not known when audio was heard; call reset() first");
             return false;
         };
         let hint = hint.after(first - line.start);
         // A hint before the place where the player began is dropped.
-        hint.start < 0.0 || self.tell(|session| session.hint_lips(hint)).unwrap_or(false)
+        hint.start < 0.0 || self.tell(|session| session.hint(&hint)).unwrap_or(false)
     }
 
     /// Starts a new stream, after all times shown so far if the session has received audio. Returns the time of its

@@ -353,8 +353,9 @@ pub(crate) struct GestureOptions {
     pub(crate) strength: f32,
     /// Point in the avatar's space, for pointing gestures; without one they point ahead.
     pub(crate) target: [f32; 3],
-    /// Zero.
-    pub(crate) reserved: u32,
+    /// Variant, 0 to 255: 0 is the gesture as drawn; others go through its poses in turn, and each number
+    /// has a size, height and speed of its own.
+    pub(crate) variant: u32,
 }
 
 /// A clip of the host's to make a gesture from. Initialise it with `umo_gesture_clip_init`.

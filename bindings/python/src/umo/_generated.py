@@ -366,8 +366,9 @@ class GestureOptions(Structure):
         ("strength", c_float),
         # Point in the avatar's space, for pointing gestures; without one they point ahead.
         ("target", c_float * 3),
-        # Zero.
-        ("reserved", c_uint32),
+        # Variant, 0 to 255: 0 is the gesture as drawn; others go through its poses in turn, and each number has a size,
+        # height and speed of its own.
+        ("variant", c_uint32),
     ]
     # Names of the values of fields.
     choices = {

@@ -215,6 +215,13 @@ class Session(_library.Handle):
         return count.value
 
     @property
+    def arousal(self) -> float:
+        """Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none."""
+        arousal = ctypes.c_float()
+        self._check(lib.umo_session_arousal(self._handle, byref(arousal)))
+        return arousal.value
+
+    @property
     def is_done(self) -> bool:
         """Whether `finish` was called and all frames were pulled."""
         done = ctypes.c_uint32()
@@ -334,17 +341,20 @@ class Session(_library.Handle):
         strength: float = 1.0,
         side: str = "auto",
         target: Optional[npt.ArrayLike] = None,
+        variant: int = 0,
     ) -> None:
         """Plays a gesture over the model's motion: one of `Engine.gestures`.
 
         `at` is the motion time of its stroke in seconds; None is as soon as possible. `side` is `"auto"`, `"left"`,
-        `"right"` or `"both"`; `target` is the point to point at, in the session's axes and units.
+        `"right"` or `"both"`; `target` is the point to point at, in the session's axes and units. `variant` 0 is the gesture
+        as drawn; others, up to 255, differ a little.
         """
         options = _generated.GestureOptions()
         _library.check(lib.umo_gesture_options_init(options, ctypes.sizeof(options)))
         options.side = _library.chosen("side", _generated.SIDES, side)
         options.at = -1.0 if at is None else at
         options.speed, options.strength, options.axes = speed, strength, self._axes
+        options.variant = _library.fitting("variant", variant, ctypes.c_uint32)
         if target is not None:
             place = np.asarray(target, np.float32)
             if place.shape != (3,):

@@ -108,8 +108,12 @@ class Avatar:
         await self._say(type="mood", mood=mood, strength=strength)
 
     async def play_gesture(self, name: str, **options: Any) -> None:
-        """Plays a gesture over the motion; options are `at`, `speed`, `strength`, `side` and `target`."""
+        """Plays a gesture over the motion; options are `at`, `speed`, `strength`, `side`, `target` and `variant`."""
         await self._say(type="gesture", name=name, **options)
+
+    async def hint_words(self, text: str, start: float, end: float) -> None:
+        """Gives a word and its time, in seconds of the audio sent since the session began: some become gestures."""
+        await self._say(type="words", text=text, start=start, end=end)
 
     async def look_at(self, point: npt.ArrayLike, strength: float = 1.0) -> None:
         """Turns eyes, head and trunk to a point, in metres."""

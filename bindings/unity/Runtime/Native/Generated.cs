@@ -493,8 +493,11 @@ namespace Umo
         public float Strength;
         /// <summary>Point in the avatar's space, for pointing gestures; without one they point ahead.</summary>
         public fixed float Target[3];
-        /// <summary>Zero.</summary>
-        public uint Reserved;
+        /// <summary>
+        /// Variant, 0 to 255: 0 is the gesture as drawn; others go through its poses in turn, and each number has a size,
+        /// height and speed of its own.
+        /// </summary>
+        public uint Variant;
     }
 
     /// <summary>A clip of the host's to make a gesture from. Initialise it with umo_gesture_clip_init.</summary>

@@ -233,6 +233,7 @@ fn lids_and_looks_of_a_gesture_stay() {
             other_level: 0.0,
             controls: &controls,
             weights: Default::default(),
+            glance: None,
             rig: &trial.rig,
             lively: 0.0,
             gain: 1.0,

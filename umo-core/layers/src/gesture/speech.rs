@@ -9,6 +9,7 @@ use super::table::{
     ARM, ARMS, Arms, ELBOW_LOW, ELBOW_OUT, HEAD, Key, Motion, SHOW_TRACKS, Track, face, key, showing, track, waving,
 };
 
+type Vec2 = [f32; 2];
 type Words = &'static [&'static str];
 type Keys = &'static [Key];
 type Tracks = &'static [Track];
@@ -239,6 +240,23 @@ const fn drinking(at: f32, tilt: f32) -> Key {
         hand::GLASS,
     )
 }
+
+/// Glances with gestures that point: towards the hand's own side and down, degrees.
+pub(super) const GLANCES: [(&str, Vec2); 8] = [
+    ("here", [4.0, 16.0]),
+    ("there", [22.0, 2.0]),
+    ("up", [8.0, -15.0]),
+    ("down", [6.0, 17.0]),
+    ("past", [16.0, 5.0]),
+    ("future", [9.0, 4.0]),
+    ("one_hand", [16.0, 9.0]),
+    ("other_hand", [16.0, 9.0]),
+];
+
+/// The gesture whose hand waits for the words of its items.
+pub(super) const LIST: &str = "list";
+/// Its holds between two items: when the hand rests in all its variants, and the stroke of the next item.
+pub(super) const RESTS: [(f32, f32); 2] = [(0.56, 1.0), (1.42, 1.86)];
 
 /// The gestures, in groups of one name.
 pub(super) const SPEECH: [Motion; 76] = [

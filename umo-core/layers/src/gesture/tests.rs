@@ -89,6 +89,7 @@ impl Stage {
             other_level: 0.0,
             controls: &self.controls,
             weights: Weights::default(),
+            glance: None,
             rig: &self.rig,
             lively: 0.0,
             gain: 1.0,
@@ -441,7 +442,8 @@ fn every_motion_is_mirrored() {
                 let request = Request { gesture: number as u32, strength: 1.0, variant: 3, ..Request::NONE };
                 let playing = Playing { request, is_mirrored, ..Playing::NONE };
                 let mut frame = OwnedFrame::new(Pose::REST, &[0.0; ARKIT_NAMES.len()]);
-                show(&mut frame, &rig, &playing, motion, motion.preparation + share * motion.length, 1.0);
+                let all = Shares { whole: 1.0, arms: 1.0, fingers: 1.0 };
+                show(&mut frame, &rig, &playing, motion, motion.preparation + share * motion.length, all);
                 frame
             };
             let (right, left) = (places(&shown(false)), places(&shown(true)));

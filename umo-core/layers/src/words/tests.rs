@@ -1,8 +1,8 @@
 use umo_core_pose::rotation::rotate;
 
 use super::super::gesture::{GestureOptions, Request as HostRequest};
-use super::super::trial::Trial;
-use super::super::{Gestures, RequestError};
+use super::super::trial::{Trial, shape};
+use super::super::{Gestures, Layer, RequestError};
 use super::*;
 
 const RATE: usize = 16_000;
@@ -57,6 +57,111 @@ fn no_shakes_the_head_at_its_time_and_a_table_moves_nothing() {
     }
 }
 
+/// A run with a voice of this level, louder by a factor while the word is said.
+fn spoken(text: &str, seed: u64, factor: f32) -> (Trial, Vec<OwnedFrame>) {
+    let mut trial = Trial::new(&[], seed);
+    say(&mut trial, text, 2.0, 2.3).unwrap();
+    let frames = (0..150_u64).map(|at| {
+        let mut frame = trial.frame.clone();
+        frame.index = at;
+        let is_pause = at % 20 >= 14 && !(55..70).contains(&at);
+        frame.cue.level = match (55..70).contains(&at) {
+            true => 0.1 * factor,
+            false if is_pause => 0.0,
+            false => 0.1,
+        };
+        trial.stack.apply(&mut frame, &trial.controls, 0.0, Some(Heard { sample: at * RATE as u64 / 30, rate: RATE }));
+        frame
+    });
+    let frames = frames.collect();
+    (trial, frames)
+}
+
+#[test]
+fn every_no_shakes_the_head_by_4_degrees_and_an_accented_one_by_more() {
+    let most = |seed, factor| {
+        let (trial, frames) = spoken("no", seed, factor);
+        frames[58..75].iter().map(|frame| yaw(&trial, frame).abs()).fold(0.0, f32::max)
+    };
+    for seed in 0..30 {
+        let (quiet, loud) = (most(seed, 0.35), most(seed, 2.0));
+        assert!(quiet > 4.0 && loud > 1.1 * quiet && loud < 16.0, "{seed}: {quiet} {loud}");
+    }
+}
+
+/// Directions of the left eye, degrees to the left and down, in a run with a word whose stroke is near frame 63.
+fn looks(text: &str, seed: u64) -> (Vec<[f32; 2]>, Vec<OwnedFrame>) {
+    let mut trial = Trial::new(&[Layer::Gaze], seed);
+    say(&mut trial, text, 2.0, 2.3).unwrap();
+    let frames = run(&mut trial, 110);
+    let look = |frame: &OwnedFrame| {
+        let [[x, y, z], _] = trial.looks(frame);
+        [x.atan2(z).to_degrees(), -y.asin().to_degrees()]
+    };
+    (frames.iter().map(look).collect(), frames)
+}
+
+#[test]
+fn eyes_go_where_a_word_points_and_come_back() {
+    for seed in 0..6 {
+        let (there, frames) = looks("there", seed);
+        let moves = |joint: usize| frames[63].pose.rotations[joint] != frames[0].pose.rotations[joint];
+        assert!(moves(16) != moves(17));
+        let side = if moves(16) { 1.0 } else { -1.0 };
+        assert!(there[62..70].iter().all(|look| side * look[0] > 15.0), "{seed}: {:?}", &there[55..85]);
+        let [up, down] = ["up", "down"].map(|text| looks(text, seed).0);
+        assert!(up[66][1] < -9.0 && down[66][1] > 12.0, "{seed}: {:?} {:?}", up[66], down[66]);
+        // No fixation of an idle avatar is so far away.
+        let near =
+            |looks: &[[f32; 2]]| looks.iter().all(|look| look[0].abs() < 19.0 && (-8.0..12.0).contains(&look[1]));
+        for looks in [there, up, down] {
+            assert!(near(&looks[..55]) && near(&looks[86..]), "{seed}: {looks:?}");
+        }
+    }
+}
+
+#[test]
+fn a_question_raises_the_brows() {
+    let mut trial = Trial::new(&[], 2);
+    say(&mut trial, "really?", 2.0, 2.4).unwrap();
+    let frames = run(&mut trial, 120);
+    let brows: Vec<f32> = frames.iter().map(|frame| shape(frame, "browInnerUp")).collect();
+    assert!(brows[68..80].iter().all(|&brow| brow > 0.2) && brows[110] < 0.01, "{brows:?}");
+}
+
+/// Height of the higher wrist, metres, and frames in which it moves down fast: beats.
+fn beats(words: &[(&str, f64)], seed: u64) -> (Vec<f32>, Vec<usize>) {
+    let mut trial = Trial::new(&[], seed);
+    words.iter().for_each(|&(text, at)| say(&mut trial, text, at, at + 0.3).unwrap());
+    let frames = run(&mut trial, 240);
+    let height = |frame: &OwnedFrame| {
+        let (places, _) = trial.rig.world(&frame.pose);
+        places[20][1].max(places[21][1])
+    };
+    let heights: Vec<f32> = frames.iter().map(height).collect();
+    let is_low = |at: &usize| heights[*at] < heights[*at - 3] - 0.008 && heights[*at] <= heights[*at + 1] + 1e-4;
+    let mut lows: Vec<usize> = (3..heights.len() - 1).filter(is_low).collect();
+    lows.dedup_by(|b, a| *b < *a + 8);
+    (heights, lows)
+}
+
+#[test]
+fn a_list_waits_for_its_words() {
+    let low = beats(&[], 1).0[0];
+    for seed in 0..4 {
+        let (alone, _) = beats(&[("firstly", 1.0)], seed);
+        assert!(alone[33] > low + 0.2 && alone[75] < low + 0.02, "{seed}");
+        let words = [("firstly", 1.0), ("secondly", 2.9), ("thirdly", 5.0)];
+        let (all, lows) = beats(&words, seed);
+        assert!(all[35..155].iter().all(|&height| height > low + 0.2), "{seed}: {all:?}");
+        assert!(all[220] < low + 0.02, "{seed}");
+        for (_, at) in words {
+            let stroke = 30.0 * (at + 0.06);
+            assert!(lows.iter().any(|&low| (low as f64 - stroke).abs() < 4.0), "{seed} {at}: {lows:?}");
+        }
+    }
+}
+
 #[test]
 fn a_gesture_of_the_host_comes_first() {
     let of = |at: f64| {
@@ -96,7 +201,7 @@ fn a_late_word_hurries_and_a_very_late_one_moves_nothing() {
 fn a_state_goes_on_with_its_words_and_an_interrupt_drops_them() {
     let make = || {
         let mut trial = Trial::new(&[], 7);
-        for (text, at) in [("hello", 1.0), ("maybe", 3.4), ("stop", 6.0)] {
+        for (text, at) in [("first", 1.0), ("second", 3.4), ("stop", 6.0)] {
             say(&mut trial, text, at, at + 0.4).unwrap();
         }
         trial

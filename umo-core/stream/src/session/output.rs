@@ -168,6 +168,12 @@ impl Output {
         usize::from(self.window.has_next) + self.to_rest.left() as usize + waiting
     }
 
+    /// Arousal of the voice at the newest frame shown.
+    pub(super) fn arousal(&mut self, shared: &Shared) -> f32 {
+        self.sync_epoch(shared);
+        self.window.last.frame.cue.arousal
+    }
+
     /// Whether every frame of a stream of `total` frames was shown.
     pub(super) fn is_done(&mut self, shared: &Shared, total: u64) -> bool {
         self.sync_epoch(shared);

@@ -83,8 +83,8 @@ fn the_same_words_are_gestured_in_other_ways_and_the_same_seed_repeats_them() {
         let all = decisions(&words, seed);
         all.iter().filter_map(|it| if let Outcome::Gesture(plan) = it.outcome { Some(plan) } else { None }).collect()
     };
-    let all = plans(3);
-    assert_eq!(all, plans(3));
+    let all = plans(5);
+    assert_eq!(all, plans(5));
     assert_ne!(all, plans(4));
     let of = |class: u16| all.iter().filter(move |plan| plan.class == class).collect::<Vec<_>>();
     let no = of(0);

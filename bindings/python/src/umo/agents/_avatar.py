@@ -20,6 +20,7 @@ from .._model import Model
 from .._motion import Frame
 from .._session import Session, audio
 from ..lips import Hint
+from ..words import Word
 
 SAMPLE = 2
 """Bytes per sample: audio is PCM16."""
@@ -79,7 +80,7 @@ class _Speech:
     """Marks, each with the number of delivered samples that triggers it."""
     first: int = 0
     """Samples per channel that the session took before this speech."""
-    hints: deque[Hint] = field(default_factory=deque)
+    hints: deque[Union[Hint, Word]] = field(default_factory=deque)
     """Hints not yet passed to the session."""
 
 
@@ -147,7 +148,7 @@ class Avatar:
         # Samples per channel taken by the session.
         self._taken = 0
         # Hints of the next speech.
-        self._early: deque[Hint] = deque()
+        self._early: deque[Union[Hint, Word]] = deque()
         # Speeches not completely delivered. The session has the first of them.
         self._speeches: deque[_Speech] = deque()
         # Frames of an ease to rest still in the session.
@@ -246,10 +247,11 @@ class Avatar:
         speech.marks.append((speech.given + len(speech.data) // self._size, mark))
         return True
 
-    def hint(self, hint: Hint) -> None:
-        """Schedules a visible lip shape at a time of the current speech, or else of the next one.
+    def hint(self, hint: Union[Hint, Word]) -> None:
+        """Schedules a visible lip shape, or a word, at a time of the current speech, or else of the next one.
 
-        `umo.lips` derives hints from the timings of synthesisers. Hints for poses already delivered have no effect.
+        `umo.lips` and `umo.words` derive them from the timings of synthesisers. By the engine's rules
+        (`Engine.set_word_rules`) some words become gestures. Hints for poses already delivered have no effect.
         """
         is_open = bool(self._speeches) and not self._speeches[-1].is_ended
         (self._speeches[-1].hints if is_open else self._early).append(hint)
@@ -347,9 +349,12 @@ class Avatar:
     def _hint(self, session: Session, speech: _Speech) -> None:
         """Passes hints of the first speech to the session, as many as fit."""
         while speech.hints:
-            shape, start, duration = speech.hints[0].after(speech.first / self.rate)
+            hint = speech.hints[0].after(speech.first / self.rate)
             try:
-                session.hint_lips(shape, start, duration)
+                if isinstance(hint, Word):
+                    session.hint_words(*hint)
+                else:
+                    session.hint_lips(*hint)
             except Error as error:
                 if error.status != Status.BUSY:
                     raise

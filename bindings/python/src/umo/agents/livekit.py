@@ -25,7 +25,7 @@ from livekit.agents.utils import is_given
 from livekit.agents.voice.avatar import AudioSegmentEnd, VideoGenerator
 from livekit.agents.voice.io import AudioOutput, AudioOutputCapabilities
 
-from ..lips import Transcript
+from .. import lips, words as timed_words
 from ._avatar import Avatar, Pose
 
 
@@ -35,8 +35,9 @@ class AvatarOutput(AudioOutput):
     `on_pose` is called with each `Pose` before its audio is passed on; it may be a coroutine function. The other
     arguments are passed to `umo.agents.Avatar`. The rate is the next output's, or 24,000 if that accepts any.
 
-    With `hints`, the aligned transcript of the synthesiser's audio shapes the lips (`umo.lips.Transcript`). Use it if
-    the synthesiser's times are accurate to 40 ms.
+    With `words`, some words of the synthesiser's aligned transcript become gestures, by the engine's rules
+    (`umo.Engine.set_word_rules`). With `hints`, the transcript shapes the lips (`umo.lips.Transcript`): use it if the
+    synthesiser's times are accurate to 40 ms.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class AvatarOutput(AudioOutput):
         *,
         on_pose: Callable[[Pose], Union[Awaitable[None], None]],
         hints: bool = False,
+        words: bool = False,
         **settings: Any,
     ) -> None:
         rate = settings.pop("rate", None) or next_in_chain.sample_rate or 24000
@@ -59,7 +61,7 @@ class AvatarOutput(AudioOutput):
             sample_rate=rate,
         )
         self._on_pose = on_pose
-        self._hints = _Hints(self._avatar) if hints else None
+        self._hints = _Hints(self._avatar, hints, words) if hints or words else None
         self._task: Optional[asyncio.Task[None]] = None
         self._resumed = asyncio.Event()
         self._resumed.set()
@@ -219,29 +221,36 @@ class AvatarVideo(VideoGenerator):
 
 
 class _Hints:
-    """Passes an avatar the hints of the transcript that accompanies audio, with times relative to the segment's first
-    sample.
+    """Passes an avatar the hints and words of the transcript that accompanies audio, with times relative to the segment's
+    first sample.
     """
 
-    def __init__(self, avatar: Avatar) -> None:
+    def __init__(self, avatar: Avatar, hints: bool, words: bool) -> None:
         self._avatar = avatar
-        self._transcript = Transcript()
+        self._kinds: list[Callable[[], Union[lips.Transcript, timed_words.Transcript]]] = []
+        if hints:
+            self._kinds.append(lips.Transcript)
+        if words:
+            self._kinds.append(timed_words.Transcript)
+        self.drop()
 
     def take(self, frame: rtc.AudioFrame) -> None:
         for piece in frame.userdata.get(USERDATA_TIMED_TRANSCRIPT, []):
             # A piece without an end is a whole sentence with a time estimated by an adapter.
             if isinstance(piece, TimedString) and is_given(piece.start_time) and is_given(piece.end_time):
-                for hint in self._transcript.push(piece, piece.start_time, piece.end_time):
-                    self._avatar.hint(hint)
+                for transcript in self._transcripts:
+                    for hint in transcript.push(piece, piece.start_time, piece.end_time):
+                        self._avatar.hint(hint)
 
     def end(self) -> None:
         if self._avatar.pushed:
-            for hint in self._transcript.finish():
-                self._avatar.hint(hint)
+            for transcript in self._transcripts:
+                for hint in transcript.finish():
+                    self._avatar.hint(hint)
         self.drop()
 
     def drop(self) -> None:
-        self._transcript = Transcript()
+        self._transcripts = [kind() for kind in self._kinds]
 
 
 def _check(frame: rtc.AudioFrame, avatar: Avatar) -> None:

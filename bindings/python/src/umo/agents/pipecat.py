@@ -25,7 +25,7 @@ from pipecat.frames.frames import (
 )
 from pipecat.processors.frame_processor import FrameCallback, FrameDirection, FrameProcessor, FrameProcessorSetup
 
-from ..lips import of_word
+from .. import lips, words as timed_words
 from ._avatar import Avatar, Pose
 
 
@@ -48,16 +48,24 @@ class AvatarProcessor(FrameProcessor):
     `rate` is the synthesiser's, or None for the pipeline's; `name` is the processor's. The other arguments are passed to
     `umo.agents.Avatar`.
 
-    With `hints`, the times of words shape the lips at their first sounds (`umo.lips.of_word`). The processor must then
-    directly follow the synthesiser. Use it if the synthesiser's times are accurate to 40 ms.
+    With `words`, some words become gestures, by the engine's rules (`umo.Engine.set_word_rules`). With `hints`, the times
+    of words shape the lips at their first sounds (`umo.lips.of_word`): use it if the synthesiser's times are accurate to
+    40 ms. For both the processor must directly follow the synthesiser.
     """
 
     def __init__(
-        self, *, rate: Optional[int] = None, name: Optional[str] = None, hints: bool = False, **settings: Any
+        self,
+        *,
+        rate: Optional[int] = None,
+        name: Optional[str] = None,
+        hints: bool = False,
+        words: bool = False,
+        **settings: Any,
     ) -> None:
         super().__init__(name=name)
         self._rate = rate
-        self._words = _Words() if hints else None
+        self._has_hints, self._has_words = hints, words
+        self._words = _Words() if hints or words else None
         self._settings = settings
         self._avatar: Optional[Avatar] = None
         self._held: deque[Frame] = deque()
@@ -124,10 +132,18 @@ class AvatarProcessor(FrameProcessor):
                 self._words.end(frame.context_id)
             if isinstance(frame, TTSTextFrame) and self._words is not None:
                 start = self._words.take(frame, self.avatar.pushed)
-                hint = None if start is None else of_word(frame.text, start)
-                if hint is not None:
-                    self.avatar.hint(hint)
+                if start is not None:
+                    self._hint(frame.text, start)
             await self._follow(frame)
+
+    def _hint(self, text: str, start: float) -> None:
+        """Gives the avatar a word of the speech."""
+        hint = lips.of_word(text, start) if self._has_hints else None
+        word = timed_words.of_word(text, start) if self._has_words else None
+        if hint is not None:
+            self.avatar.hint(hint)
+        if word is not None:
+            self.avatar.hint(word)
 
     async def _follow(self, frame: Frame) -> None:
         """Passes a frame on after the audio that precedes it."""

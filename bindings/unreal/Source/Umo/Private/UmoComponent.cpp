@@ -152,6 +152,8 @@ void UUmoComponent::Open(int32 SampleRate)
 	Settings.delays_speech = bDelaySpeech;
 	Settings.has_live_voice = bLiveVoice;
 	Settings.has_mouth_close = bMouthClose;
+	Settings.language = TCHAR_TO_UTF8(*Language);
+	Settings.word_rules = TCHAR_TO_UTF8(*WordRules);
 	std::string Problem;
 	Avatar = umo_unreal::Avatar::make(Host, Settings, Problem);
 	if (!Avatar)
@@ -341,6 +343,11 @@ bool UUmoComponent::SetMood(EUmoMood NewMood, float Strength)
 	return Avatar && Avatar->set_mood(static_cast<uint32>(NewMood), Strength) == UMO_STATUS_OK;
 }
 
+bool UUmoComponent::SetExpression(float Amount)
+{
+	return Avatar && Avatar->set(UMO_PARAMETER_EXPRESSION, Amount) == UMO_STATUS_OK;
+}
+
 bool UUmoComponent::SetLayer(EUmoLayer Layer, float Strength)
 {
 	return Avatar && Avatar->set(UMO_PARAMETER_LAYER_GAZE + static_cast<uint32>(Layer), Strength) == UMO_STATUS_OK;
@@ -370,20 +377,25 @@ bool UUmoComponent::HintLips(EUmoLips Shape, float Start, float Duration)
 	return Avatar && Avatar->hint_lips(static_cast<uint32>(Shape), Start, Duration) == UMO_STATUS_OK;
 }
 
+bool UUmoComponent::HintWords(const FString& Text, float Start, float End)
+{
+	return Avatar && Avatar->hint_words(TCHAR_TO_UTF8(*Text), Start, End) == UMO_STATUS_OK;
+}
+
 float UUmoComponent::GetGivenSeconds() const
 {
 	return Avatar ? static_cast<float>(Avatar->given(FPlatformTime::Seconds())) : 0.0f;
 }
 
-bool UUmoComponent::PlayGesture(const FString& Gesture, EUmoSide Side, float Strength)
+bool UUmoComponent::PlayGesture(const FString& Gesture, EUmoSide Side, float Strength, uint8 Variant)
 {
-	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, nullptr) == UMO_STATUS_OK;
+	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, Variant, nullptr) == UMO_STATUS_OK;
 }
 
-bool UUmoComponent::PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side, float Strength)
+bool UUmoComponent::PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side, float Strength, uint8 Variant)
 {
 	const std::array<float, 3> Point = InAvatarSpace(WorldPoint);
-	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, &Point) == UMO_STATUS_OK;
+	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, Variant, &Point) == UMO_STATUS_OK;
 }
 
 TArray<FString> UUmoComponent::GetGestureNames() const
@@ -412,6 +424,11 @@ bool UUmoComponent::IsLive() const
 float UUmoComponent::GetDelay() const
 {
 	return Avatar ? static_cast<float>(Avatar->delay()) : 0.0f;
+}
+
+float UUmoComponent::GetArousal() const
+{
+	return Avatar ? Avatar->arousal() : 0.5f;
 }
 
 FString UUmoComponent::GetLastError() const

@@ -213,6 +213,14 @@ public:
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	TArray<FUmoGestureFile> Gestures;
 
+	/** Language of the words of HintWords: en or de. */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
+	FString Language = TEXT("en");
+
+	/** Your own word rules in TOML, added to the language's. */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (MultiLine = "true"))
+	FString WordRules;
+
 	/** Behaviour while no audio arrives. A silent submix counts as audio. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	EUmoIdle Idle = EUmoIdle::Live;
@@ -308,6 +316,10 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetMood(EUmoMood NewMood, float Strength = 1.0f);
 
+	/** How far body and face follow the arousal of the voice, 0 to 1; 0.5 by default. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool SetExpression(float Amount);
+
 	/** Strength of a layer over the model's motion, 0 to 1. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetLayer(EUmoLayer Layer, float Strength);
@@ -323,17 +335,27 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool HintLips(EUmoLips Shape, float Start, float Duration = 0.08f);
 
+	/**
+	 * Gives a word and its time, as timed by a speech synthesiser: some words become gestures. Start and End are on the
+	 * clock of GetGivenSeconds. False if 64 are queued.
+	 */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool HintWords(const FString& Text, float Start, float End);
+
 	/** Seconds of audio that the avatar has received so far, including silence of the submix. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetGivenSeconds() const;
 
-	/** Plays a gesture over the motion as soon as possible: one of GetGestureNames, such as wave, nod or thumbs_up. */
+	/**
+	 * Plays a gesture over the motion as soon as possible: one of GetGestureNames, such as wave, nod or thumbs_up. Variant 0
+	 * is the gesture as drawn, others differ a little.
+	 */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
-	bool PlayGesture(const FString& Gesture, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f);
+	bool PlayGesture(const FString& Gesture, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f, uint8 Variant = 0);
 
 	/** Plays a pointing gesture at a point of the world. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
-	bool PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f);
+	bool PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f, uint8 Variant = 0);
 
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	TArray<FString> GetGestureNames() const;
@@ -352,6 +374,10 @@ public:
 	/** Seconds from incoming speech to its motion, and to its sound if bDelaySpeech is on. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetDelay() const;
+
+	/** Arousal of the voice that is shown, 0 to 1; 0.5 for an ordinary voice, and for none. */
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	float GetArousal() const;
 
 	/** Reason why the last call returned false. */
 	UFUNCTION(BlueprintPure, Category = "Umo")

@@ -80,6 +80,13 @@ std::shared_ptr<Avatar> Avatar::make(std::shared_ptr<Host> host, const Settings 
     config.horizon = settings.horizon;
     const bool is_live = settings.has_live_voice && !settings.delays_speech && host->info.has_mouth != 0;
     config.voice = is_live ? UMO_VOICE_LIVE : UMO_VOICE_DELAYED;
+    // The engine is shared: its rules are set for each character, whose session keeps them.
+    const umo_status ruled = host->engine.set_word_rules(settings.language.c_str(),
+                                                         settings.word_rules.empty() ? nullptr : settings.word_rules.c_str());
+    if (ruled != UMO_STATUS_OK) {
+        problem = detail_of(ruled);
+        return nullptr;
+    }
     auto session = umo::session::make(host->engine, &config);
     if (!session) {
         problem = detail_of(session.status);
@@ -192,11 +199,12 @@ umo_status Avatar::look_at(const std::array<float, 3> &point, float strength) {
     return note(session_.look_at(point, strength, UMO_AXES_UNREAL));
 }
 
-umo_status Avatar::play_gesture(const std::string &name, std::uint32_t side, float strength,
+umo_status Avatar::play_gesture(const std::string &name, std::uint32_t side, float strength, std::uint32_t variant,
                                 const std::array<float, 3> *target) {
     umo_gesture_options options = umo::session::gesture_defaults();
     options.side = side;
     options.strength = strength;
+    options.variant = variant;
     if (target != nullptr) {
         options.axes = UMO_AXES_UNREAL;
         options.has_target = 1;

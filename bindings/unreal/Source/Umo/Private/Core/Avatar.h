@@ -70,6 +70,10 @@ struct Settings {
     bool has_live_voice = true;
     /// Whether `mouthClose` is output. If not, it is 0 and subtracted from `jawOpen`.
     bool has_mouth_close = true;
+    /// Language of the words of `hint_words`.
+    std::string language = "en";
+    /// Word rules of one's own in TOML, added to the language's.
+    std::string word_rules;
 };
 
 /// A frame for the animation threads.
@@ -113,10 +117,15 @@ public:
     umo_status hint_lips(std::uint32_t shape, double start, double duration) {
         return note(session_.hint_lips(shape, start, duration));
     }
+    /// Game thread: gives a word and its time, on the clock of `hint_lips`. `BUSY` if 64 are queued.
+    umo_status hint_words(const std::string &text, double start, double end) {
+        return note(session_.hint_words(text.c_str(), start, end));
+    }
     /// Seconds of audio given to `hear` up to `now`.
     double given(double now) const noexcept { return audio_.read(now).seconds; }
     /// Game thread: plays a gesture by name. `target` is a point as for `look_at`, null for none.
-    umo_status play_gesture(const std::string &name, std::uint32_t side, float strength, const std::array<float, 3> *target);
+    umo_status play_gesture(const std::string &name, std::uint32_t side, float strength, std::uint32_t variant,
+                            const std::array<float, 3> *target);
     /// Adds a custom gesture for avatars of the same model created from now on: see `umo_engine_add_gesture_file`.
     umo_status add_gesture(const std::string &name, const std::string &path, const std::string &animation, std::uint32_t parts,
                            float stroke) {
@@ -149,6 +158,8 @@ public:
     double time() const { return motion_.time(); }
     double heard(double now) const { return audio_.read(now).seconds - delay_seconds_ - settings_.output_latency; }
     umo_stats stats() const { return session_.stats(); }
+    /// Game thread: arousal of the voice that is shown.
+    float arousal() { return session_.arousal().value; }
     /// The skeleton with this session's rest position.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
