@@ -160,7 +160,7 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_layer_feet)]
     #[init(val = 1.0)]
     layer_feet: f64,
-    /// How far body and face follow the arousal of the voice.
+    /// Amount by which body and face follow the arousal of the voice.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_expression)]
     #[init(val = 0.5)]

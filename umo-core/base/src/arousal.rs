@@ -103,7 +103,7 @@ impl Mean {
 /// Arousal of one stream's voice.
 #[derive(Debug)]
 pub struct Arousal {
-    /// Samples a second, samples so far, and those of the running step.
+    /// Samples a second, of the stream, and of the running step.
     sample_rate: u64,
     samples: u64,
     in_step: u32,
