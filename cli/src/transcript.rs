@@ -385,6 +385,8 @@ pub(crate) fn voiced(samples: &[f32]) -> Vec<(f64, f64)> {
 /// Time of a syllable and of a letter, relative to each other.
 const SYLLABLE: f64 = 0.55;
 const LETTER: f64 = 0.18;
+/// Time by which the last word of a stretch is longer, on the same scale.
+const LENGTHENED: f64 = 0.6;
 /// Cost of a pause inside a clause, seconds of mismatch.
 const PAUSE_IN_CLAUSE: f64 = 0.25;
 /// Words of a stretch that are always tried, and the seconds and the share of its length beyond which more are not: so an
@@ -394,7 +396,7 @@ const SECONDS_TRIED: f64 = 2.0;
 const SHARE_TRIED: f64 = 4.0;
 
 /// Spreads the words of a text over stretches with voice: so that each stretch has as many syllables as its length
-/// lets expect, and pauses fall on punctuation; within a stretch by syllables.
+/// lets expect, and pauses fall on punctuation; within a stretch by syllables, the last word longer.
 pub(crate) fn spread(rules: &WordRules, text: &str, stretches: &[(f64, f64)], seconds: f64) -> Vec<Timed> {
     let words: Vec<_> = spoken(text).collect();
     // A word's time goes by its syllables, and by its sounds, of which letters tell.
@@ -406,10 +408,12 @@ pub(crate) fn spread(rules: &WordRules, text: &str, stretches: &[(f64, f64)], se
     let mut all = Vec::with_capacity(words.len());
     for (&(start, end), range) in stretches.iter().zip(bounds.windows(2)) {
         let range = range[0]..range[1];
-        let total: f64 = weights[range.clone()].iter().sum();
+        let last = range.end;
+        let total: f64 = weights[range.clone()].iter().sum::<f64>() + LENGTHENED;
         let mut at = start;
         for index in range {
-            let length = (end - start) * weights[index] / total;
+            let weight = weights[index] + if index + 1 == last { LENGTHENED } else { 0.0 };
+            let length = (end - start) * weight / total;
             let text = format!("{}{}", words[index].text, if words[index].is_end { "," } else { "" });
             all.push(Timed { text, start: at, end: at + length });
             at += length;
@@ -427,7 +431,7 @@ fn bounds(words: &[umo_core_words::Spoken], weights: &[f64], stretches: &[(f64, 
         Some(*sum)
     }));
     let voice: f64 = stretches.iter().map(|(start, end)| end - start).sum();
-    let pace = voice / sums[count].max(1.0);
+    let pace = voice / (sums[count] + LENGTHENED * stretches.len() as f64).max(1.0);
     let mut costs = vec![f64::INFINITY; count + 1];
     costs[0] = 0.0;
     let mut before = Vec::with_capacity(stretches.len());
@@ -438,7 +442,8 @@ fn bounds(words: &[umo_core_words::Spoken], weights: &[f64], stretches: &[(f64, 
             let is_pause = to > 0 && !is_last && !words[to - 1].is_end;
             let pause = if is_pause { PAUSE_IN_CLAUSE } else { 0.0 };
             for begin in (0..=to).rev() {
-                let expected = pace * (sums[to] - sums[begin]);
+                let lengthened = if to > begin { LENGTHENED } else { 0.0 };
+                let expected = pace * (sums[to] - sums[begin] + lengthened);
                 if to - begin > WORDS_TRIED && expected > SHARE_TRIED * length + SECONDS_TRIED {
                     break;
                 }

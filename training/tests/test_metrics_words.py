@@ -34,9 +34,10 @@ def talker(seed: int, *, means: bool) -> takes.Take:
 def test_words_are_found_if_the_motion_means_them(monkeypatch, means, low, high):
     monkeypatch.setattr(words, "STEPS", 80)
     monkeypatch.setattr(words, "BATCH", 16)
+    monkeypatch.setattr(words, "CLIP_S", 2.0)
     of = [talker(seed, means=means) for seed in range(20)]
     found = mismatch_report.finds(mismatch.tried(of, OPTIONS), 0)
-    assert found["windows"] == 20 * 4 and found["words"].count == 20
+    assert found["clips"] == 20 * 2 and found["words"].count == 20
     assert low < found["words"].value <= high
     assert "Right words found" in mismatch_report.text({"one": found})
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from umo_train import markdown
-from umo_train.metrics import beat, genea
+from umo_train.metrics import beat, genea, words
 from umo_train.metrics.interval import Estimate
 from umo_train.metrics.interval import grouped_mean as mean
 from umo_train.metrics.mismatch import WHOLE, Tried
@@ -29,7 +29,7 @@ def finds(tried: Tried, seed: int) -> dict[str, Any]:
     if tried.words is not None:
         found, recordings = tried.words
         share = mean(np.where(found == 0, 0.5, found > 0), recordings, seed)
-        read = {"words": share, "windows": len(recordings)}
+        read = {"words": share, "clips": len(recordings)}
     return read | {
         "pairs": len(tried.groups),
         "groups": len(set(tried.groups)),
@@ -92,8 +92,10 @@ def text(rows: Mapping[str, dict[str, Any]]) -> str:
     read = {name: row for name, row in rows.items() if "words" in row}
     if read:
         columns = [("body without face", lambda row: row["words"].text(1, 100))]
-        columns += [("windows", lambda row: str(row["windows"])), ("recordings", lambda row: str(row["words"].count))]
-        out += "\nRight words found, % of windows (95 %), chance 50:\n\n" + markdown.table(columns, read)
+        columns += [("clips", lambda row: str(row["clips"])), ("recordings", lambda row: str(row["words"].count))]
+        out += f"\nRight words found, % of clips of {words.CLIP_S:.0f} s (95 %), chance 50:\n\n" + markdown.table(
+            columns, read
+        )
     bodies = {name: row for name, row in rows.items() if "protocols" in row}
 
     def measure(name: str, places: int) -> Callable[[dict[str, Any]], str]:

@@ -27,6 +27,8 @@ KNOWN = 3
 # Width of the encoder, features of a word, and other texts that each window is told from in training.
 WIDTH, FEATURES, OTHERS = 48, 12, 7
 BATCH, STEPS = 64, 400
+# Length of the clips that are tried, seconds: as on the page on which people judge, `umo view --judge`.
+CLIP_S = 8.0
 
 
 def texts(folder: Path) -> dict[str, str]:
@@ -162,16 +164,16 @@ def margins(judge: Judge, rows: Sequence[Window], view: str, window: int, seed: 
 
 
 def tried(prepared: Sequence["Prepared"], view: str, options: "Options") -> tuple[np.ndarray, list[str]]:
-    """Margins of all windows, each by a judge that was trained on the other folds of recordings, and each one's
-    recording. A recording's motions have its name."""
-    window = round(options.seconds * FRAME_RATE)
+    """Margins of all clips, each by a judge that was trained on windows of the other folds of recordings, and each
+    one's recording. A recording's motions have its name."""
+    window, clip = (round(seconds * FRAME_RATE) for seconds in (options.seconds, CLIP_S))
     recordings = np.random.default_rng(options.seed).permutation(sorted({one.name for one in prepared}))
     out: list[np.ndarray] = []
     names: list[str] = []
     for fold in np.array_split(recordings, options.folds):
         held = set(fold)
         judge = train([one for one in prepared if one.name not in held], view, window, STEPS, options.seed)
-        rows = windows([one for one in prepared if one.name in held], window)
-        out.append(margins(judge, rows, view, window, options.seed))
+        rows = windows([one for one in prepared if one.name in held], clip)
+        out.append(margins(judge, rows, view, clip, options.seed))
         names += [row.take.name for row in rows]
     return np.concatenate(out), names
