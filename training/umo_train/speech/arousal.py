@@ -19,29 +19,30 @@ STEP = int(RATE * STEP_S)
 FACTOR, CORNER_HZ = 4, 1000.0
 WINDOW, LEAST_LAG, MOST_LAG = 160, 10, 66
 LEAST_PEAK, PEAK_SHARE, VOICED = 0.3, 0.85, 0.6
-MOST_SEMITONES, MOST_RISE_DB, MODULATION_DB = 8.0, 20.0, 40.0
-NOW_S, PHRASE_S, RANGE_S, SPEAKER_S = 0.6, 2.0, 4.0, 30.0
+MOST_SEMITONES, MOST_RISE_DB, MODULATION_DB, SYLLABLE_DB = 4.0, 20.0, 40.0, 1.0
+PEAK_S, SYLLABLE_S, NOW_S, PHRASE_S, PROSODY_S, SPEAKER_S = 0.05, 0.4, 0.6, 2.0, 4.0, 30.0
 # Mean and deviation among readers, and weight.
-FIGURES = {"range": (2.8, 0.9, 0.5), "tilt": (-3.8, 2.2, 0.6), "rise": (4.4, 0.6, 0.3)}
-# A voice may be flat because it is cold: what is below the readers' counts less.
-LEAST_DEVIATION, MOST_DEVIATION = -1.2, 2.0
-OWN_WEIGHTS = {"level": 0.3, "pitch": 0.1, "tilt": 0.1}
+FIGURES = {"slope": (0.62, 0.15, 0.35), "rate": (2.5, 0.6, 0.2), "rise": (4.3, 0.8, 0.5), "tilt": (-3.8, 2.5, 0.2)}
+MOST_DEVIATIONS = 2.0
+OWN_WEIGHTS = {"level": 0.4, "pitch": 0.15, "tilt": 0.1}
 LEAST_VOICED, WHISPER, EVIDENCE_STEPS = 0.4, 3.0, 16.0
 LEAST_MODULATION, MODULATION_RANGE, SPEECH_SHARE = 5.0, 3.0, 0.3
 MEANS = {
     "level": NOW_S,
     "speaker_level": SPEAKER_S,
     "rise": PHRASE_S,
-    "sounds": RANGE_S,
+    "sounds": PROSODY_S,
     "voiced": PHRASE_S,
     "pitch": NOW_S,
-    "range_pitch": RANGE_S,
     "speaker_pitch": SPEAKER_S,
-    "range": RANGE_S,
+    "slope": PROSODY_S,
     "tilt": PHRASE_S,
     "speaker_tilt": SPEAKER_S,
-    "modulated": RANGE_S,
-    "modulation": RANGE_S,
+    "modulated": PROSODY_S,
+    "modulation": PROSODY_S,
+    "peak": PEAK_S,
+    "syllable": SYLLABLE_S,
+    "rate": PROSODY_S,
 }
 
 
@@ -113,25 +114,33 @@ def steps(samples: np.ndarray) -> np.ndarray:
 
 def hear(samples: np.ndarray) -> Iterator[dict[str, Mean]]:
     """The running means after each value's steps; the same objects each time."""
-    voice, means, before = VoiceLevels(), {name: Mean(seconds) for name, seconds in MEANS.items()}, -100.0
+    voice, means = VoiceLevels(), {name: Mean(seconds) for name, seconds in MEANS.items()}
+    level_before, semitones_before, is_syllable = -100.0, None, False
     for number, (level, tilt, semitones, harmonicity) in enumerate(steps(samples), 1):
         is_on = voice.hear(level)
         modulated = max(level, voice.loud - MODULATION_DB)
         means["modulated"].add(modulated)
         means["modulation"].add((modulated - means["modulated"].value) ** 2)
         means["sounds"].add(is_on)
+        for name in ("peak", "syllable"):
+            means[name].add(modulated)
+        height, was_syllable = means["peak"].value - means["syllable"].value, is_syllable
+        is_syllable = height > (-SYLLABLE_DB if was_syllable else SYLLABLE_DB)
+        is_voiced = is_on and harmonicity > VOICED
         if is_on:
             for name in ("level", "speaker_level"):
                 means[name].add(level)
-            means["rise"].add(min(abs(level - before), MOST_RISE_DB))
-            means["voiced"].add(harmonicity > VOICED)
-        if is_on and harmonicity > VOICED:
-            for name in ("pitch", "range_pitch", "speaker_pitch"):
+            means["rise"].add(min(abs(level - level_before), MOST_RISE_DB))
+            means["voiced"].add(is_voiced)
+            means["rate"].add((is_syllable and not was_syllable) / STEP_S)
+        if is_voiced:
+            for name in ("pitch", "speaker_pitch"):
                 means[name].add(semitones)
-            means["range"].add(min(abs(semitones - means["range_pitch"].value), MOST_SEMITONES))
+            if semitones_before is not None:
+                means["slope"].add(min(abs(semitones - semitones_before), MOST_SEMITONES))
             for name in ("tilt", "speaker_tilt"):
                 means[name].add(tilt)
-        before = level
+        level_before, semitones_before = level, semitones if is_voiced else None
         if number % STEPS_PER_VALUE == 0:
             yield means
 
@@ -139,12 +148,12 @@ def hear(samples: np.ndarray) -> Iterator[dict[str, Mean]]:
 def score(means: dict[str, Mean]) -> float:
     """Arousal by the running means, 0 to 1."""
     voice = sum(
-        weight * np.clip((means[name].value - usual) / deviation, LEAST_DEVIATION, MOST_DEVIATION)
+        weight * np.clip((means[name].value - usual) / deviation, -MOST_DEVIATIONS, MOST_DEVIATIONS)
         for name, (usual, deviation, weight) in FIGURES.items()
     )
     own = sum(weight * (means[name].value - means[f"speaker_{name}"].value) for name, weight in OWN_WEIGHTS.items())
     whisper = WHISPER * max(0.0, 1 - means["voiced"].value / LEAST_VOICED)
-    total = means["range"].evidence() * (voice + own) - means["voiced"].evidence() * whisper
+    total = means["slope"].evidence() * (voice + own) - means["voiced"].evidence() * whisper
     modulation = np.clip((np.sqrt(means["modulation"].value) - LEAST_MODULATION) / MODULATION_RANGE, 0, 1)
     return 0.5 + 0.5 * modulation * min(1.0, means["sounds"].value / SPEECH_SHARE) * np.tanh(total)
 

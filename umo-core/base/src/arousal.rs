@@ -38,30 +38,36 @@ const PEAK_SHARE: f32 = 0.85;
 /// Harmonicity from which a step is voiced.
 const VOICED: f32 = 0.6;
 
-/// Largest difference of a step's pitch from the mean, semitones: octave errors count no more.
-const MOST_SEMITONES: f32 = 8.0;
+/// Largest step of the pitch, semitones: octave errors count no more.
+const MOST_SEMITONES: f32 = 4.0;
 /// Largest step of the level, dB.
 const MOST_RISE: f32 = 20.0;
 /// Depth of the level's modulation that counts, dB below the loud parts.
 const MODULATION_DB: f32 = 40.0;
+/// Height of a syllable's level above its surroundings at which it begins, and below them at which it ends, dB.
+const SYLLABLE_DB: f32 = 1.0;
 
-/// Time constants in seconds: of what is now, of a phrase, of the pitch's range, of the speaker.
+/// Time constants in seconds: of a syllable's peak, of its surroundings, of what is now, of a phrase, of prosody, of the
+/// speaker.
+const PEAK_SECONDS: f32 = 0.05;
+const SYLLABLE_SECONDS: f32 = 0.4;
 const NOW_SECONDS: f32 = 0.6;
 const PHRASE_SECONDS: f32 = 2.0;
-const RANGE_SECONDS: f32 = 4.0;
+const PROSODY_SECONDS: f32 = 4.0;
 const SPEAKER_SECONDS: f32 = 30.0;
 
-/// Mean and standard deviation among readers of what tells a lively voice, and its weight: range of the pitch in
-/// semitones, tilt and rise in dB (`training/umo_train/speech/arousal.py` measures them).
-const RANGE: [f32; 3] = [2.8, 0.9, 0.5];
-const TILT: [f32; 3] = [-3.8, 2.2, 0.6];
-const RISE: [f32; 3] = [4.4, 0.6, 0.3];
-/// Deviations that count. Fewer below: a voice may be flat because it is cold.
-const LEAST_DEVIATION: f32 = -1.2;
-const MOST_DEVIATION: f32 = 2.0;
+/// Mean and standard deviation among readers of what tells a lively voice, and its weight: slope of the pitch in
+/// semitones a step, syllables a second, rise and tilt in dB (`training/umo_train/speech/arousal.py` measures them).
+const SLOPE: [f32; 3] = [0.62, 0.15, 0.35];
+const SYLLABLES: [f32; 3] = [2.5, 0.6, 0.2];
+const RISE: [f32; 3] = [4.3, 0.8, 0.5];
+/// Little of it: some voices and microphones are bright.
+const TILT: [f32; 3] = [-3.8, 2.5, 0.2];
+/// Deviations that count.
+const MOST_DEVIATIONS: f32 = 2.0;
 /// Weights of what is now above the speaker's own: per dB, per semitone, and per dB of tilt.
-const LEVEL_WEIGHT: f32 = 0.3;
-const PITCH_WEIGHT: f32 = 0.1;
+const LEVEL_WEIGHT: f32 = 0.4;
+const PITCH_WEIGHT: f32 = 0.15;
 const TILT_WEIGHT: f32 = 0.1;
 /// Share of voiced steps below which a voice whispers, and what a whisper takes away.
 const LEAST_VOICED: f32 = 0.4;
@@ -119,8 +125,10 @@ pub struct Arousal {
     history: Slice<f32>,
     oldest: usize,
     voice: VoiceLevels,
-    /// Level of the step before, dBFS.
+    /// Level of the step before, dBFS; its pitch in semitones, if it was voiced; and whether it was in a syllable.
     before: f32,
+    semitones: Option<f32>,
+    is_syllable: bool,
     means: Means,
     /// Steps of the running value.
     steps: u32,
@@ -138,17 +146,20 @@ struct Means {
     /// Share of steps with sound, and of voiced ones among them.
     sounds: Mean,
     voiced: Mean,
-    /// Pitch now, over a range's time and of the speaker, semitones; and its mean distance from that of the range.
+    /// Pitch now and of the speaker, semitones; and its change from step to step.
     pitch: Mean,
-    range_pitch: Mean,
     speaker_pitch: Mean,
-    range: Mean,
+    slope: Mean,
     /// Energy above the corner less that below, of a phrase and of the speaker, dB.
     tilt: Mean,
     speaker_tilt: Mean,
     /// Level with its pauses, and its square distance from the mean.
     modulated: Mean,
     modulation: Mean,
+    /// The same level of a syllable's peak and around it; syllables a second.
+    peak: Mean,
+    syllable: Mean,
+    syllables: Mean,
 }
 
 impl Means {
@@ -157,51 +168,58 @@ impl Means {
             level: Mean::new(NOW_SECONDS),
             speaker_level: Mean::new(SPEAKER_SECONDS),
             rise: Mean::new(PHRASE_SECONDS),
-            sounds: Mean::new(RANGE_SECONDS),
+            sounds: Mean::new(PROSODY_SECONDS),
             voiced: Mean::new(PHRASE_SECONDS),
             pitch: Mean::new(NOW_SECONDS),
-            range_pitch: Mean::new(RANGE_SECONDS),
             speaker_pitch: Mean::new(SPEAKER_SECONDS),
-            range: Mean::new(RANGE_SECONDS),
+            slope: Mean::new(PROSODY_SECONDS),
             tilt: Mean::new(PHRASE_SECONDS),
             speaker_tilt: Mean::new(SPEAKER_SECONDS),
-            modulated: Mean::new(RANGE_SECONDS),
-            modulation: Mean::new(RANGE_SECONDS),
+            modulated: Mean::new(PROSODY_SECONDS),
+            modulation: Mean::new(PROSODY_SECONDS),
+            peak: Mean::new(PEAK_SECONDS),
+            syllable: Mean::new(SYLLABLE_SECONDS),
+            syllables: Mean::new(PROSODY_SECONDS),
         }
     }
 
-    fn all(&mut self) -> [&mut Mean; 13] {
-        let Self { level, speaker_level, rise, voiced, pitch, range_pitch, speaker_pitch, range, .. } = self;
-        let Self { tilt, speaker_tilt, modulated, modulation, sounds, .. } = self;
+    fn all(&mut self) -> [&mut Mean; 15] {
+        let Self { level, speaker_level, rise, sounds, voiced, pitch, speaker_pitch, slope, .. } = self;
+        let Self { tilt, speaker_tilt, modulated, modulation, peak, syllable, syllables, .. } = self;
         [
             level,
             speaker_level,
             rise,
+            sounds,
             voiced,
             pitch,
-            range_pitch,
             speaker_pitch,
-            range,
+            slope,
             tilt,
             speaker_tilt,
             modulated,
             modulation,
-            sounds,
+            peak,
+            syllable,
+            syllables,
         ]
     }
 
     /// Arousal, 0 to 1.
     fn arousal(&self) -> f32 {
         let relative = |mean: Mean, [usual, deviation, weight]: [f32; 3]| {
-            weight * ((mean.value - usual) / deviation).clamp(LEAST_DEVIATION, MOST_DEVIATION)
+            weight * ((mean.value - usual) / deviation).clamp(-MOST_DEVIATIONS, MOST_DEVIATIONS)
         };
-        let voice = relative(self.range, RANGE) + relative(self.tilt, TILT) + relative(self.rise, RISE);
+        let voice = relative(self.slope, SLOPE)
+            + relative(self.syllables, SYLLABLES)
+            + relative(self.rise, RISE)
+            + relative(self.tilt, TILT);
         let own = LEVEL_WEIGHT * (self.level.value - self.speaker_level.value)
             + PITCH_WEIGHT * (self.pitch.value - self.speaker_pitch.value)
             + TILT_WEIGHT * (self.tilt.value - self.speaker_tilt.value);
         let whisper = WHISPER * (1.0 - self.voiced.value / LEAST_VOICED).max(0.0);
         let evidence = |mean: Mean| mean.weight / (mean.weight + EVIDENCE_STEPS);
-        let score = evidence(self.range) * (voice + own) - evidence(self.voiced) * whisper;
+        let score = evidence(self.slope) * (voice + own) - evidence(self.voiced) * whisper;
         let modulation = (self.modulation.value.max(0.0).sqrt() - LEAST_MODULATION) / MODULATION_RANGE;
         let speech = modulation.clamp(0.0, 1.0) * (self.sounds.value / SPEECH_SHARE).min(1.0);
         ORDINARY + 0.5 * speech * score.tanh()
@@ -226,6 +244,8 @@ impl Arousal {
             oldest: 0,
             voice: VoiceLevels::default(),
             before: SILENCE_DBFS,
+            semitones: None,
+            is_syllable: false,
             means: Means::new(),
             steps: 0,
             value: ORDINARY,
@@ -237,6 +257,7 @@ impl Arousal {
         (self.samples, self.in_step, self.phase, self.oldest, self.steps) = (0, 0, 0, 0, 0);
         (self.low, self.power, self.before, self.value) = ([0.0; 2], [0.0; 3], SILENCE_DBFS, ORDINARY);
         self.history.fill(0.0);
+        (self.semitones, self.is_syllable) = (None, false);
         (self.voice, self.means) = (VoiceLevels::default(), Means::new());
     }
 
@@ -292,10 +313,17 @@ impl Arousal {
         means.modulated.add(modulated);
         means.modulation.add((modulated - means.modulated.value).powi(2));
         means.sounds.add(f32::from(u8::from(is_on)));
+        means.peak.add(modulated);
+        means.syllable.add(modulated);
+        let edge = if self.is_syllable { -SYLLABLE_DB } else { SYLLABLE_DB };
+        let is_syllable = means.peak.value - means.syllable.value > edge;
+        let was_syllable = std::mem::replace(&mut self.is_syllable, is_syllable);
+        let semitones_before = self.semitones.take();
         if is_on {
             means.level.add(level);
             means.speaker_level.add(level);
             means.rise.add((level - self.before).abs().min(MOST_RISE));
+            means.syllables.add(if is_syllable && !was_syllable { STEPS as f32 } else { 0.0 });
             let mut samples = [0.0; HISTORY];
             let (newer, older) = self.history.split_at(self.oldest);
             samples[..older.len()].copy_from_slice(older);
@@ -308,9 +336,11 @@ impl Arousal {
                 let hertz = self.sample_rate as f32 / self.factor as f32 / lag;
                 let semitones = 12.0 * (hertz / 100.0).log2();
                 means.pitch.add(semitones);
-                means.range_pitch.add(semitones);
                 means.speaker_pitch.add(semitones);
-                means.range.add((semitones - means.range_pitch.value).abs().min(MOST_SEMITONES));
+                if let Some(before) = semitones_before {
+                    means.slope.add((semitones - before).abs().min(MOST_SEMITONES));
+                }
+                self.semitones = Some(semitones);
                 #[expect(clippy::cast_possible_truncation, reason = "a level's precision is enough")]
                 let tilt = (10.0 * ((high + 1e-12) / (low + 1e-12)).log10()) as f32;
                 means.tilt.add(tilt);
@@ -340,9 +370,13 @@ impl Arousal {
         pass.f32s(&mut self.history)?;
         self.voice.state(pass)?;
         self.means.all().into_iter().try_for_each(|mean| mean.state(pass))?;
-        let mut values = [self.before];
+        let mut is_voiced = self.semitones.is_some();
+        let mut values = [self.before, self.semitones.unwrap_or_default()];
         pass.moderate(&mut values)?;
-        [self.before] = values;
+        pass.switch("arousal", &mut is_voiced)?;
+        pass.switch("arousal", &mut self.is_syllable)?;
+        self.before = values[0];
+        self.semitones = is_voiced.then_some(values[1]);
         pass.share(&mut self.value)
     }
 }

@@ -34,6 +34,10 @@ const BREATH_RATE_VARIATION: f32 = 0.3;
 /// Share of a breath that is inhalation.
 const INHALATION_SHARE: f32 = 0.42;
 
+/// By how much an idle breath is faster and deeper after long shouting.
+const HARD_RATE: f32 = 1.2;
+const HARD_DEPTH: f32 = 1.5;
+
 /// Inhalation before a phrase, relative to an idle breath; the head's lift, and the jaw at it and at a jawOpen of 1.
 const INHALATION: f32 = 1.4;
 const HEAD_LIFT_DEGREES: f32 = 1.2;
@@ -60,6 +64,8 @@ const TRUNK_SWAY: [f32; 3] = [0.35, 0.5, 0.3];
 const SHIFT_INTERVAL_SECONDS: [f32; 2] = [6.0, 15.0];
 const SHIFT_DURATION_SECONDS: [f32; 2] = [1.3, 2.2];
 const SHIFT_DISTANCE: [f32; 2] = [0.013, 0.026];
+/// Share by which the liveliest voice shifts the weight further and sooner.
+const SHIFT_LIVELY_SHARE: f32 = 0.3;
 
 /// Pelvis rotation per metre of a shift, degrees: roll and yaw.
 const SHIFT_ROLL_PER_METRE: f32 = 70.0;
@@ -159,7 +165,9 @@ impl Idle {
 
     /// Raises and lowers chest and shoulders.
     fn breathe(&mut self, frame: &mut OwnedFrame, tick: &Tick, pace: f32) {
-        self.breath = advanced(self.breath, BREATHS_PER_SECOND * (1.0 + BREATH_RATE_VARIATION * pace) * tick.seconds);
+        let hard = self.inhale.hard(tick);
+        let rate = BREATHS_PER_SECOND * (1.0 + BREATH_RATE_VARIATION * pace) * (1.0 + HARD_RATE * hard);
+        self.breath = advanced(self.breath, rate * tick.seconds);
         let at = self.breath;
         let air = if at < INHALATION_SHARE {
             ease(at / INHALATION_SHARE)
@@ -167,7 +175,7 @@ impl Idle {
             ease((1.0 - at) / (1.0 - INHALATION_SHARE))
         };
         let [more, parted] = self.inhale.advance(tick);
-        let deep = tick.gain * (air - 0.5 + INHALATION * more) * DEGREE;
+        let deep = tick.gain * ((1.0 + HARD_DEPTH * hard) * (air - 0.5) + INHALATION * more) * DEGREE;
         let rotations = &mut frame.pose.rotations;
         turn_in_parent(&mut rotations[SPINE[1]], [-0.7 * deep, 0.0, 0.0]);
         turn_in_parent(&mut rotations[SPINE[2]], [-1.2 * deep, 0.0, 0.0]);
@@ -343,9 +351,11 @@ impl Shift {
             // To the other side; sometimes a short shift.
             let side = if self.from > 0.0 || self.from == 0.0 && way < 0.5 { -1.0 } else { 1.0 };
             let size = between(SHIFT_DISTANCE, way);
+            let size = size * (1.0 + SHIFT_LIVELY_SHARE * tick.lively);
             self.to = side * if rests < 0.2 { 0.3 * size } else { size };
             (self.passed, self.lasts) = (0.0, between(SHIFT_DURATION_SECONDS, lasts));
-            self.left = self.lasts + between(SHIFT_INTERVAL_SECONDS, when) - SHIFT_DURATION_SECONDS[0];
+            let interval = between(SHIFT_INTERVAL_SECONDS, when) * (1.0 - SHIFT_LIVELY_SHARE * tick.lively);
+            self.left = self.lasts + interval - SHIFT_DURATION_SECONDS[0];
         }
         self.from + (self.to - self.from) * smoother(self.passed / self.lasts.max(0.1))
     }

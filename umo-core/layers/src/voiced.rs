@@ -63,11 +63,11 @@ const LIVELY_FACE: [(usize, f32); 7] = [
     (arkit("eyeSquintRight"), -0.3),
 ];
 const DULL_FACE: [(usize, f32); 9] = [
-    (arkit("browInnerUp"), 0.12),
+    (arkit("browInnerUp"), 0.2),
     (arkit("browOuterUpLeft"), -0.8),
     (arkit("browOuterUpRight"), -0.8),
-    (arkit("browDownLeft"), 0.12),
-    (arkit("browDownRight"), 0.12),
+    (arkit("browDownLeft"), 0.05),
+    (arkit("browDownRight"), 0.05),
     (arkit("eyeWideLeft"), -0.8),
     (arkit("eyeWideRight"), -0.8),
     (arkit("eyeBlinkLeft"), 0.18),
@@ -193,7 +193,10 @@ mod tests {
         assert!(pitch(&dull) > pitch(&usual) + 5.0 && pitch(&lively) < pitch(&usual) - 2.0);
         let value = |(_, frame): &(Trial, OwnedFrame), name| shape(frame, name);
         assert!(value(&lively, "browOuterUpLeft") > 0.2 && value(&lively, "eyeWideLeft") > 0.15);
-        assert!(value(&dull, "eyeBlinkLeft") > 0.1 && value(&dull, "browDownLeft") > 0.05);
+        assert!(value(&dull, "eyeBlinkLeft") > 0.1);
+        // Sad brows: the inner ends rise.
+        assert!(value(&dull, "browInnerUp") > value(&usual, "browInnerUp") + 0.1);
+        assert!(value(&dull, "browDownLeft") < 0.08);
         let open = |of: &(Trial, OwnedFrame)| value(of, "jawOpen");
         assert!(open(&lively) > 0.45 && open(&dull) < 0.35);
         for of in [&lively, &dull] {
