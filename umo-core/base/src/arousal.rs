@@ -440,7 +440,7 @@ mod tests {
             let time = at as f64 / SAMPLES as f64;
             phase += std::f64::consts::TAU / SAMPLES as f64
                 * hertz
-                * (1.0 + range * (std::f64::consts::TAU * 0.7 * time).sin());
+                * (1.0 + range * (std::f64::consts::TAU * 2.8 * time).sin());
             let tone: f64 = (1..9).map(|k| (f64::from(k) * phase).sin() / f64::from(k).powf(tilt)).sum();
             (loudness(time) * tone + 1e-4 * hiss(at)) as f32
         };
