@@ -24,6 +24,8 @@ PEAK_S, SYLLABLE_S, NOW_S, PHRASE_S, PROSODY_S, SPEAKER_S = 0.05, 0.4, 0.6, 2.0,
 # Mean and deviation among readers, and weight.
 FIGURES = {"slope": (0.62, 0.15, 0.35), "rate": (2.5, 0.6, 0.2), "rise": (4.3, 0.8, 0.5), "tilt": (-3.8, 2.5, 0.2)}
 MOST_DEVIATIONS = 2.0
+# What readers have of all this on average over a recording.
+USUAL = 0.12
 OWN_WEIGHTS = {"level": 0.4, "pitch": 0.15, "tilt": 0.1}
 LEAST_VOICED, WHISPER, EVIDENCE_STEPS = 0.4, 3.0, 16.0
 LEAST_MODULATION, MODULATION_RANGE, SPEECH_SHARE = 5.0, 3.0, 0.3
@@ -153,7 +155,7 @@ def score(means: dict[str, Mean]) -> float:
     )
     own = sum(weight * (means[name].value - means[f"speaker_{name}"].value) for name, weight in OWN_WEIGHTS.items())
     whisper = WHISPER * max(0.0, 1 - means["voiced"].value / LEAST_VOICED)
-    total = means["slope"].evidence() * (voice + own) - means["voiced"].evidence() * whisper
+    total = means["slope"].evidence() * (voice + own - USUAL) - means["voiced"].evidence() * whisper
     modulation = np.clip((np.sqrt(means["modulation"].value) - LEAST_MODULATION) / MODULATION_RANGE, 0, 1)
     return 0.5 + 0.5 * modulation * min(1.0, means["sounds"].value / SPEECH_SHARE) * np.tanh(total)
 

@@ -65,6 +65,8 @@ const RISE: [f32; 3] = [4.3, 0.8, 0.5];
 const TILT: [f32; 3] = [-3.8, 2.5, 0.2];
 /// Deviations that count.
 const MOST_DEVIATIONS: f32 = 2.0;
+/// What readers have of all this on average over a recording.
+const USUAL: f32 = 0.12;
 /// Weights of what is now above the speaker's own: per dB, per semitone, and per dB of tilt.
 const LEVEL_WEIGHT: f32 = 0.4;
 const PITCH_WEIGHT: f32 = 0.15;
@@ -219,7 +221,7 @@ impl Means {
             + TILT_WEIGHT * (self.tilt.value - self.speaker_tilt.value);
         let whisper = WHISPER * (1.0 - self.voiced.value / LEAST_VOICED).max(0.0);
         let evidence = |mean: Mean| mean.weight / (mean.weight + EVIDENCE_STEPS);
-        let score = evidence(self.slope) * (voice + own) - evidence(self.voiced) * whisper;
+        let score = evidence(self.slope) * (voice + own - USUAL) - evidence(self.voiced) * whisper;
         let modulation = (self.modulation.value.max(0.0).sqrt() - LEAST_MODULATION) / MODULATION_RANGE;
         let speech = modulation.clamp(0.0, 1.0) * (self.sounds.value / SPEECH_SHARE).min(1.0);
         ORDINARY + 0.5 * speech * score.tanh()

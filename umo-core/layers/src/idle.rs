@@ -64,8 +64,8 @@ const TRUNK_SWAY: [f32; 3] = [0.35, 0.5, 0.3];
 const SHIFT_INTERVAL_SECONDS: [f32; 2] = [6.0, 15.0];
 const SHIFT_DURATION_SECONDS: [f32; 2] = [1.3, 2.2];
 const SHIFT_DISTANCE: [f32; 2] = [0.013, 0.026];
-/// Share by which the liveliest voice shifts the weight further and sooner.
-const SHIFT_LIVELY_SHARE: f32 = 0.3;
+/// Share by which the liveliest voice shifts the weight further and sooner, and lets the arms drift further and faster.
+const LIVELY_SHARE: f32 = 0.3;
 
 /// Pelvis rotation per metre of a shift, degrees: roll and yaw.
 const SHIFT_ROLL_PER_METRE: f32 = 70.0;
@@ -156,7 +156,8 @@ impl Idle {
         let pace = smooth(tick.seed, PACE, tick.time(), ARM_RATE);
         self.breathe(frame, tick, pace[2]);
         self.stand(&mut frame.pose, tick);
-        self.drift = advanced(self.drift, ARM_DRIFT_RATE * (1.0 + ARM_DRIFT_RATE_VARIATION * pace[0]) * tick.seconds);
+        let rate = ARM_DRIFT_RATE * (1.0 + ARM_DRIFT_RATE_VARIATION * pace[0]) * (1.0 + LIVELY_SHARE * tick.lively);
+        self.drift = advanced(self.drift, rate * tick.seconds);
         for (side, lively) in lively.into_iter().enumerate() {
             self.move_arm(&mut frame.pose, tick, side, pace[1], lively);
             move_hand(&mut frame.pose, tick, side, lively);
@@ -236,7 +237,8 @@ impl Idle {
         let (sin, cos) = (phase * std::f32::consts::TAU).sin_cos();
         let late = ((phase - FOREARM_LAG_CYCLES) * std::f32::consts::TAU).sin();
         let noise = smooth(tick.seed, ARMS[side], tick.time(), ARM_RATE);
-        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * DEGREE;
+        let size = 1.0 + LIVELY_SHARE * tick.lively;
+        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * size * DEGREE;
         let sign = SIDES[side];
         let rotations = &mut pose.rotations;
         // Forward and back, and outward only, never into the body.
@@ -351,10 +353,10 @@ impl Shift {
             // To the other side; sometimes a short shift.
             let side = if self.from > 0.0 || self.from == 0.0 && way < 0.5 { -1.0 } else { 1.0 };
             let size = between(SHIFT_DISTANCE, way);
-            let size = size * (1.0 + SHIFT_LIVELY_SHARE * tick.lively);
+            let size = size * (1.0 + LIVELY_SHARE * tick.lively);
             self.to = side * if rests < 0.2 { 0.3 * size } else { size };
             (self.passed, self.lasts) = (0.0, between(SHIFT_DURATION_SECONDS, lasts));
-            let interval = between(SHIFT_INTERVAL_SECONDS, when) * (1.0 - SHIFT_LIVELY_SHARE * tick.lively);
+            let interval = between(SHIFT_INTERVAL_SECONDS, when) * (1.0 - LIVELY_SHARE * tick.lively);
             self.left = self.lasts + interval - SHIFT_DURATION_SECONDS[0];
         }
         self.from + (self.to - self.from) * smoother(self.passed / self.lasts.max(0.1))

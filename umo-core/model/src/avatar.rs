@@ -33,8 +33,8 @@ const REST_NATS: f32 = 8.0;
 const ACTIVE_NATS: f32 = 4.0;
 /// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
 /// second: a voice may be flat because it is cold.
-const LIVELY_NATS: f32 = 1.5;
-const DULL_NATS: f32 = 0.7;
+const LIVELY_NATS: f32 = 1.8;
+const DULL_NATS: f32 = 1.1;
 
 /// Settings of an avatar.
 #[derive(Clone, Debug)]
