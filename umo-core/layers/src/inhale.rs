@@ -44,8 +44,11 @@ impl Inhale {
     /// Advances by one tick. Returns the air above that of the idle breath, about 0 to 1, and how far the lips are parted,
     /// 0 to 1.
     pub(crate) fn advance(&mut self, tick: &Tick) -> [f32; 2] {
-        let rate =
-            if tick.weights.own.is_on { (tick.lively - EFFORT).max(0.0) / EXHAUST_SECONDS } else { -1.0 / RECOVER_SECONDS };
+        let rate = if tick.weights.own.is_on {
+            (tick.lively - EFFORT).max(0.0) / EXHAUST_SECONDS
+        } else {
+            -1.0 / RECOVER_SECONDS
+        };
         self.exhaustion = (self.exhaustion + rate * tick.seconds).clamp(0.0, 1.0);
         // Quick between quick phrases, deep after a long one or a rest.
         let gap = (self.time - LEAST_GAP_SECONDS) / (DEEP_GAP_SECONDS - LEAST_GAP_SECONDS);
@@ -55,8 +58,7 @@ impl Inhale {
         let amount = (2.0 * tick.controls.expression).min(1.0);
         if is_due && gap >= 0.0 && amount > 0.0 {
             self.from = self.air();
-            self.depth =
-                amount * (QUICK_DEPTH + (1.0 - QUICK_DEPTH) * gap) * (1.0 + LIVELY_SHARE * tick.lively);
+            self.depth = amount * (QUICK_DEPTH + (1.0 - QUICK_DEPTH) * gap) * (1.0 + LIVELY_SHARE * tick.lively);
             (self.time, self.lasts) = (0.0, lasts);
         }
         self.time = (self.time + tick.seconds).min(DEEP_GAP_SECONDS);
