@@ -6,7 +6,7 @@ use super::Tick;
 use super::rig::ease;
 
 /// Seconds of the quickest inhalation and of the deepest, and of the way back.
-const QUICK_SECONDS: f32 = 0.15;
+const QUICK_SECONDS: f32 = 0.17;
 const DEEP_SECONDS: f32 = 0.25;
 const OUT_SECONDS: f32 = 1.8;
 /// Seconds between the beginnings of two: the least, and those after which it is the deepest.
