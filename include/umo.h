@@ -221,6 +221,9 @@
 // Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
 #define UMO_PARAMETER_ACTIVITY 7
 
+// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice.
+#define UMO_PARAMETER_EXPRESSION 8
+
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 #define UMO_PARAMETER_LAYER_GAZE 32
 
@@ -1447,6 +1450,20 @@ UMO_API
 UMO_MUST_USE
 umo_status umo_session_ready_frames(struct umo_session *session,
                                     size_t *count)
+UMO_NOEXCEPT;
+
+// Gets the arousal of the voice at the newest frame that was pulled or sampled: how lively it speaks, 0 to 1, ten
+// times a second. It is 0.5 for an ordinary voice, and without one. `UMO_PARAMETER_EXPRESSION` does not change it.
+//
+// Threads: any; not during a pull. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
+//
+// Pointers:
+// `arousal` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_arousal(struct umo_session *session,
+                               float *arousal)
 UMO_NOEXCEPT;
 
 // Whether the stream has ended: `done` becomes 1 once `umo_session_finish` was called and all frames

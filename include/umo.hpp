@@ -331,6 +331,12 @@ public:
         const umo_status status = umo_session_ready_frames(get(), &count);
         return {status, count};
     }
+    /// Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none.
+    result<float> arousal() noexcept {
+        float arousal = 0.5F;
+        const umo_status status = umo_session_arousal(get(), &arousal);
+        return {status, arousal};
+    }
     /// Whether the stream has ended and all frames were pulled.
     result<bool> is_done() noexcept {
         std::uint32_t done = 0;

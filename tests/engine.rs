@@ -63,11 +63,12 @@ fn bits(pose: &Pose, face: &[f32]) -> Vec<u32> {
     pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face).map(|v| v.to_bits()).collect()
 }
 
-/// Interleaved noise over tones.
+/// Interleaved noise over syllables, whose arousal is heard.
 #[expect(clippy::cast_precision_loss, reason = "a few seconds have far fewer than 2^24 samples")]
 fn audio(frames: usize, channels: usize, seed: u64) -> Vec<f32> {
     let mut noise = Noise::new(seed);
-    (0..frames * channels).map(|i| 0.3 * (0.05 * i as f32).sin() + noise.float(0.1)).collect()
+    let loud = |i: usize| if i / channels % 4000 < 2500 { 0.3 } else { 0.0 };
+    (0..frames * channels).map(|i| loud(i) * (0.05 * i as f32).sin() + noise.float(0.02)).collect()
 }
 
 fn config(model: &Model, target: usize, lookahead: usize, seed: u64) -> SessionConfig {

@@ -74,6 +74,7 @@ enum Call {
     LookAt([f32; 3], f32),
     Attend(Attention),
     SetMood(Mood, f32),
+    Express(f32),
     SetLayer(Layer, f32),
     /// Index of a gesture, delay in seconds after the last frame shown (`None`: no start time), and side.
     Gesture(usize, Option<f64>, Side),
@@ -111,6 +112,7 @@ fn any_call() -> impl Strategy<Value = Call> {
         1 => ([-2.0_f32..2.0, 0.0_f32..2.0, 0.5_f32..3.0], 0.0_f32..=1.0).prop_map(|(at, much)| Call::LookAt(at, much)),
         1 => prop::sample::select(Attention::ALL.to_vec()).prop_map(Call::Attend),
         1 => (prop::sample::select(Mood::ALL.to_vec()), 0.0_f32..=1.0).prop_map(|(mood, much)| Call::SetMood(mood, much)),
+        1 => (0.0_f32..=1.0).prop_map(Call::Express),
         1 => (prop::sample::select(Layer::ALL.to_vec()), 0.0_f32..=1.0).prop_map(|(layer, gain)| Call::SetLayer(layer, gain)),
         2 => (0_usize..40, prop::option::of(0.0..3.0), prop::sample::select(Side::ALL.to_vec()))
             .prop_map(|(which, at, side)| Call::Gesture(which, at, side)),
@@ -158,7 +160,10 @@ impl<'a> Run<'a> {
         match call {
             Call::Push(frames) => {
                 let mut noise = Noise::new(*pushed);
-                let sound = |i: usize| 0.3 * (0.05 * i as f32).sin() + noise.float(0.1);
+                // Syllables, whose arousal is heard.
+                let first = usize::try_from(*pushed).unwrap();
+                let loud = |i: usize| if (first + i / *channels) % 4000 < 2500 { 0.3 } else { 0.0 };
+                let sound = |i: usize| loud(i) * (0.05 * i as f32).sin() + noise.float(0.02);
                 let samples: Vec<f32> = (0..frames * *channels).map(sound).collect();
                 match session.push_audio(&samples) {
                     Ok(taken) => {
@@ -179,11 +184,13 @@ impl<'a> Run<'a> {
                 // A working engine may have added frames in the meantime.
                 assert!(pulled >= ready.min(*most), "{pulled} frames of {most}, where {ready} were ready");
                 assert!(!*settled || pulled == ready.min(*most), "{pulled} frames of {most}, {ready} were ready");
+                seen.push(session.arousal().unwrap().to_bits().into());
             }
             Call::Sample(frames) => {
                 *time += frames / 30.0;
                 let sampled = session.sample_pose(*time, |frame| show(frame, seen)).unwrap();
                 seen.extend([sampled.oldest.to_bits(), sampled.newest.to_bits(), sampled.is_ahead.into()]);
+                seen.push(session.arousal().unwrap().to_bits().into());
             }
             Call::Interrupt(ms) => session.interrupt(Duration::from_millis(*ms)).unwrap(),
             Call::Reset => {
@@ -201,6 +208,7 @@ impl<'a> Run<'a> {
             Call::LookAt(point, strength) => session.look_at(*point, *strength).unwrap(),
             Call::Attend(attention) => session.set_attention(*attention).unwrap(),
             Call::SetMood(mood, strength) => session.set_mood(*mood, *strength).unwrap(),
+            Call::Express(expression) => session.set_expression(*expression).unwrap(),
             Call::SetLayer(layer, gain) => session.set_layer(*layer, *gain).unwrap(),
             Call::Gesture(which, at, side) => {
                 let names: Vec<&str> = session.gesture_names().collect();

@@ -166,6 +166,7 @@ pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> Av
     let mut sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
     sampler.sampling.temperature = args.temperature.unwrap_or(sampler.sampling.temperature);
     sampler.activity = args.activity.unwrap_or(sampler.activity);
+    sampler.expression = args.expression.unwrap_or(defaults.sampler.expression);
     AvatarConfig {
         target: args.target.unwrap_or(defaults.target),
         lookahead: args.lookahead.unwrap_or(defaults.lookahead),

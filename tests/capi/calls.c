@@ -359,6 +359,9 @@ static void sessions_refuse_calls(void) {
     OK(umo_session_pull_frames(avatar, &layout, frames, 29 * (size_t)layout.frame_stride, &count));
     OK(umo_session_is_done(avatar, &done));
     CHECK(count == 29 && done == 0);
+    float arousal = -1.0f;
+    OK(umo_session_arousal(avatar, &arousal));
+    CHECK(arousal >= 0.0f && arousal <= 1.0f);
     OK(umo_session_pull_frames(avatar, &layout, frames, sizeof frames, &count));
     OK(umo_session_is_done(avatar, &done));
     CHECK(count == 1 && done == 1);

@@ -31,6 +31,8 @@ pub const UMO_PARAMETER_ATTENTION: u32 = 5;
 pub const UMO_PARAMETER_OUTPUT_DELAY: u32 = 6;
 /// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
 pub const UMO_PARAMETER_ACTIVITY: u32 = 7;
+/// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice.
+pub const UMO_PARAMETER_EXPRESSION: u32 = 8;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub const UMO_PARAMETER_LAYER_GAZE: u32 = 32;
 /// Strength of breath, sway, weight shifts and fingers.
@@ -123,7 +125,7 @@ struct Parameter {
 
 /// All parameters; every range begins at 0.
 #[rustfmt::skip]
-const PARAMETERS: [Parameter; 17] = [
+const PARAMETERS: [Parameter; 18] = [
     Parameter { id: UMO_PARAMETER_TEMPERATURE, name: c"temperature", maximum: 100.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_TOP_K, name: c"top_k", maximum: 65535.0, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_TOP_P, name: c"top_p", maximum: 1.0, flags: 0 },
@@ -131,6 +133,7 @@ const PARAMETERS: [Parameter; 17] = [
     Parameter { id: UMO_PARAMETER_ATTENTION, name: c"attention", maximum: UMO_ATTENTION_SPEAKING as f64, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_OUTPUT_DELAY, name: c"output_delay", maximum: MAX_OUTPUT_DELAY, flags: 0 },
     Parameter { id: UMO_PARAMETER_ACTIVITY, name: c"activity", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_EXPRESSION, name: c"expression", maximum: 1.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_FACE, name: c"gain_face", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_HANDS, name: c"gain_hands", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_UPPER, name: c"gain_upper", maximum: MAX_GAIN as f64, flags: 0 },
@@ -211,6 +214,7 @@ pub(crate) fn set(session: &Session, id: u32, value: f64) -> Result<(), Failure>
         UMO_PARAMETER_ATTENTION => session.set_attention(attention(value as u32)?)?,
         UMO_PARAMETER_OUTPUT_DELAY => session.set_output_delay(value)?,
         UMO_PARAMETER_ACTIVITY => session.set_activity(value as f32)?,
+        UMO_PARAMETER_EXPRESSION => session.set_expression(value as f32)?,
         _ => match layer(id) {
             Some(layer) => session.set_layer(layer, value as f32)?,
             None => session.set_gain(part(id), value as f32)?,
@@ -230,6 +234,7 @@ pub(crate) fn get(session: &Session, id: u32) -> Result<f64, Failure> {
         UMO_PARAMETER_ATTENTION => f64::from(session.attention()? as u8),
         UMO_PARAMETER_OUTPUT_DELAY => session.output_delay(),
         UMO_PARAMETER_ACTIVITY => session.activity()?.into(),
+        UMO_PARAMETER_EXPRESSION => session.expression()?.into(),
         _ => match layer(id) {
             Some(layer) => session.layer(layer)?.into(),
             None => session.gain(part(id)).into(),

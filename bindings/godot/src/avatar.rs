@@ -160,6 +160,11 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_layer_feet)]
     #[init(val = 1.0)]
     layer_feet: f64,
+    /// Amount by which body and face follow the arousal of the voice.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_expression)]
+    #[init(val = 0.5)]
+    expression: f64,
     /// Focus of attention. `Auto`: the avatar speaks while its audio is heard, listens while that of `push_other_audio`
     /// is heard, and is idle otherwise.
     #[export(enum = (Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4))]
@@ -524,6 +529,12 @@ impl UmoAvatar3D {
         self.tell(Session::is_done).unwrap_or(false)
     }
 
+    /// Arousal of the voice at the newest frame shown or pulled, 0 to 1; 0.5 for an ordinary voice, and for none.
+    #[func]
+    fn arousal(&self) -> f64 {
+        self.tell(Session::arousal).map_or(0.5, f64::from)
+    }
+
     /// Returns the complete state of the avatar's stream, for `restore_state`; empty while a chunk of it is being
     /// computed: try again in the next frame.
     #[func]
@@ -699,6 +710,13 @@ impl UmoAvatar3D {
     }
 
     #[func]
+    fn set_expression(&mut self, amount: f64) {
+        if self.set(ffi::PARAMETER_EXPRESSION, amount) {
+            self.expression = amount;
+        }
+    }
+
+    #[func]
     fn set_output_delay(&mut self, seconds: f64) {
         if self.set(ffi::PARAMETER_OUTPUT_DELAY, seconds) {
             self.output_delay = seconds;
@@ -797,6 +815,7 @@ impl UmoAvatar3D {
             (ffi::PARAMETER_LAYER_NODS, self.layer_nods),
             (ffi::PARAMETER_LAYER_MOOD, self.layer_mood),
             (ffi::PARAMETER_LAYER_FEET, self.layer_feet),
+            (ffi::PARAMETER_EXPRESSION, self.expression),
             (ffi::PARAMETER_ATTENTION, f64::from(self.attention)),
             (ffi::PARAMETER_OUTPUT_DELAY, self.output_delay),
         ];

@@ -488,6 +488,15 @@ impl Session {
         Ok(frames)
     }
 
+    /// Arousal of the voice at the newest frame pulled or sampled.
+    pub(crate) fn arousal(&self) -> Result<f32, String> {
+        let mut arousal = 0.0;
+        // SAFETY: `arousal` is writable.
+        let status = unsafe { (self.model.library.session_arousal)(self.session, &mut arousal) };
+        self.check(status)?;
+        Ok(arousal)
+    }
+
     /// Writes the pose at a time into `frame`.
     pub(crate) fn sample(&self, seconds: f64, frame: &mut Vec<f32>) -> Result<Shown, String> {
         /// Floats before a frame's values, for its index.

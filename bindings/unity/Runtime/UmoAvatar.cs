@@ -41,6 +41,8 @@ namespace Umo.Unity
         [Tooltip("The mood of face and posture.")]
         public Mood mood = Mood.Neutral;
         [Range(0, 1)] public float moodStrength = 1;
+        [Tooltip("How far body and face follow the arousal of the voice.")]
+        [Range(0, 1)] public float expression = 0.5f;
         [Tooltip("Object to look at, such as the player's head.")]
         public Transform lookAt;
         [Range(0, 1)] public float lookAtStrength = 1;
@@ -106,7 +108,7 @@ namespace Umo.Unity
         private double quiet, restLength, hostTime;
         private int blocks;
         private bool any, restart;
-        private readonly double[] sent = new double[12];
+        private readonly double[] sent = new double[13];
         private Idle sentIdle;
         private string sentPrompt;
         private Mood sentMood;
@@ -402,6 +404,7 @@ namespace Umo.Unity
             for (int i = 0; i < sent.Length; i++) sent[i] = 1;
             sent[AttentionIndex] = (double)Attention.Auto;
             sent[DelayIndex] = 0;
+            sent[ExpressionIndex] = 0.5;
             sentIdle = config.Idle;
             sentPrompt = "";
             sentMood = Mood.Neutral;
@@ -574,8 +577,8 @@ namespace Umo.Unity
             return Works(session.PushOtherAudio(otherSamples, 0, count * channels));
         }
 
-        /// Indices of the attention and the output delay in `sent`.
-        private const int AttentionIndex = 10, DelayIndex = 11;
+        /// Indices of the attention, the output delay and the expression in `sent`.
+        private const int AttentionIndex = 10, DelayIndex = 11, ExpressionIndex = 12;
 
         /// Sends settings that were changed in the inspector or by a script.
         private bool Send()
@@ -586,7 +589,8 @@ namespace Umo.Unity
                 && Send(6, Parameter.LayerAsymmetry, asymmetryLayer, 1) && Send(7, Parameter.LayerNods, nodsLayer, 1)
                 && Send(8, Parameter.LayerMood, moodLayer, 1) && Send(9, Parameter.LayerFeet, feetLayer, 1)
                 && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking)
-                && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2);
+                && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2)
+                && Send(ExpressionIndex, Parameter.Expression, expression, 1);
             float strength = Mathf.Clamp(moodStrength, 0, 1);
             if (works && (mood != sentMood || strength != sentMoodStrength))
             {

@@ -468,6 +468,12 @@ export class Session {
     return this.#library.view.getUint32(this.#library.scratch, true);
   }
 
+  /** Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none. */
+  get arousal() {
+    this.#call("umo_session_arousal", this.#library.scratch);
+    return this.#library.view.getFloat32(this.#library.scratch, true);
+  }
+
   /** Whether `finish` was called and all frames were pulled. */
   get isDone() {
     this.#call("umo_session_is_done", this.#library.scratch);

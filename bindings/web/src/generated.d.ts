@@ -27,6 +27,8 @@ export const Parameter: Readonly<{
   outputDelay: 6;
   /** Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is. */
   activity: 7;
+  /** Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice. */
+  expression: 8;
   /** Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1. */
   layerGaze: 32;
   /** Strength of breath, sway, weight shifts and fingers. */

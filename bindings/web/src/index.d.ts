@@ -129,6 +129,8 @@ export class Session {
   /** The pose at motion time `seconds`. */
   samplePose(seconds: number, pose?: Pose): Pose;
   readonly ready: number;
+  /** Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none. */
+  readonly arousal: number;
   readonly isDone: boolean;
   setClock(seconds: number): void;
   set(parameter: number, value: number): void;

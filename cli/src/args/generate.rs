@@ -19,8 +19,11 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
     pub layers: Vec<(Option<Layer>, f32)>,
     /// How often hands leave rest, 0 to 1 [default: 0.5, the model's own amount]
-    #[arg(long, value_name = "AMOUNT", value_parser = activity, hide_short_help = true)]
+    #[arg(long, value_name = "AMOUNT", value_parser = share, hide_short_help = true)]
     pub activity: Option<f32>,
+    /// How far body and face follow the arousal of the voice, 0 to 1 [default: 0.5]
+    #[arg(long, value_name = "AMOUNT", value_parser = share, hide_short_help = true)]
+    pub expression: Option<f32>,
     /// Play a gesture over the motion; may be repeated
     ///
     /// Its name, the time of its stroke in seconds (`wave@2.5`; without a time as soon as possible), then after
@@ -66,8 +69,8 @@ fn temperature(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|value| (0.0..=100.0).contains(value)).ok_or_else(|| "expected 0 to 100".to_owned())
 }
 
-/// An activity of the hands.
-fn activity(text: &str) -> Result<f32, String> {
+/// A number from 0 to 1.
+fn share(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|value| (0.0..=1.0).contains(value)).ok_or_else(|| "expected 0 to 1".to_owned())
 }
 

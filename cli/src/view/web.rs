@@ -25,9 +25,10 @@ const MODEL: &str = "model.safetensors.gz";
 const PACKAGES: [&str; 2] = ["node_modules/umo-web", "bindings/web"];
 /// Licence files of the package that are copied if present.
 const LICENCES: [&str; 3] = ["LICENSE-MIT", "LICENSE-APACHE", "third-party.txt"];
-/// Ids of `umo_parameter`: the temperature, the hands' activity, and the first layer's gain.
+/// Ids of `umo_parameter`: the temperature, the hands' activity, the voice's expression, and the first layer's gain.
 const TEMPERATURE: u32 = 1;
 const ACTIVITY: u32 = 7;
+const EXPRESSION: u32 = 8;
 const FIRST_LAYER: u32 = 32;
 
 /// Writes the folder.
@@ -95,6 +96,9 @@ fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {
     }
     if generate.activity.is_some() {
         parameters.push((ACTIVITY, avatar.sampler.activity));
+    }
+    if generate.expression.is_some() {
+        parameters.push((EXPRESSION, avatar.sampler.expression));
     }
     if !generate.layers.is_empty() {
         let gain = |layer| (FIRST_LAYER + layer as u32, session.layers.gain(layer));

@@ -189,6 +189,24 @@ pub unsafe extern "C" fn umo_session_ready_frames(session: *mut UmoSession, coun
     })
 }
 
+/// Gets the arousal of the voice at the newest frame that was pulled or sampled: how lively it speaks, 0 to 1, ten
+/// times a second. It is 0.5 for an ordinary voice, and without one. `UMO_PARAMETER_EXPRESSION` does not change it.
+///
+/// Threads: any; not during a pull. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
+///
+/// # Safety
+/// `arousal` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_session_arousal(session: *mut UmoSession, arousal: *mut f32) -> UmoStatus {
+    on(session, |handle| {
+        wanted(arousal, "arousal")?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { put(arousal, "arousal", handle.session.arousal()?) }
+    })
+}
+
 /// Whether the stream has ended: `done` becomes 1 once `umo_session_finish` was called and all frames
 /// were handed out by pulls or samples; before that it is 0. This is how a host that only samples learns
 /// that no more frames will come.

@@ -4,6 +4,7 @@
 #![deny(unsafe_code)]
 
 pub mod aligned;
+pub mod arousal;
 pub mod clock;
 pub mod defect;
 pub mod error;

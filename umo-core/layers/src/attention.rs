@@ -236,6 +236,7 @@ mod tests {
             weights: Weights::default(),
             glance: None,
             rig: &trial.rig,
+            lively: 0.0,
             gain: 1.0,
         })
     }

@@ -18,6 +18,9 @@ use super::rig::{
 };
 use super::{Mood, Tick};
 
+/// How far a dull voice looks down where it does not look at the listener.
+const LOW_GAZE: f32 = 8.0 * DEGREE;
+
 /// Turn of an ARKit eye at 1.0, radians: sideways, and up or down (`motion::pose`).
 const EYE_SHAPE_ANGLE: Angles = [30.0 * DEGREE, 25.0 * DEGREE];
 
@@ -222,6 +225,9 @@ impl Gaze {
         let (eyes, head) = rig.head(&frame.pose);
         let (listener, mut distance) = direction(eyes, self.listener(rig));
         let mut goal: Angles = std::array::from_fn(|axis| listener[axis] + self.fixation.offset[axis]);
+        if !self.fixation.is_contact {
+            goal[1] += LOW_GAZE * (-tick.lively).max(0.0);
+        }
         if let Some([aside, down]) = tick.glance {
             goal = [wrapped(self.heading() + aside), down];
         }

@@ -6,12 +6,14 @@ use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat};
-use umo_core_pose::skeleton::FIRST_FINGER;
+use umo_core_pose::skeleton::{FIRST_FINGER, JAW};
 
 use super::Tick;
+use super::inhale::Inhale;
 use super::noise::{Stream, smooth, uniform};
 use super::rig::{
-    DEGREE, HEAD, NECK, SPINE, angle_between, ease, length_of_two, step, turn_in_own, turn_in_parent, turn_vector,
+    DEGREE, HEAD, NECK, SPINE, angle_between, arkit, ease, length_of_two, step, turn_in_own, turn_in_parent,
+    turn_vector,
 };
 
 const PELVIS: usize = 0;
@@ -32,6 +34,17 @@ const BREATH_RATE_VARIATION: f32 = 0.3;
 /// Share of a breath that is inhalation.
 const INHALATION_SHARE: f32 = 0.42;
 
+/// By how much an idle breath is faster and deeper after long shouting.
+const HARD_RATE: f32 = 1.2;
+const HARD_DEPTH: f32 = 1.5;
+
+/// Inhalation before a phrase, relative to an idle breath; the head's lift, and the jaw at it and at a jawOpen of 1.
+const INHALATION: f32 = 1.4;
+const HEAD_LIFT_DEGREES: f32 = 1.2;
+const LIPS_PARTED: f32 = 0.1;
+const JAW_DEGREES: f32 = 20.0;
+const JAW_OPEN: usize = arkit("jawOpen");
+
 /// Direction changes per second of the sway, the arms' drift and the fingers.
 const SWAY_RATE: f64 = 0.35;
 const ARM_RATE: f64 = 0.5;
@@ -51,6 +64,8 @@ const TRUNK_SWAY: [f32; 3] = [0.35, 0.5, 0.3];
 const SHIFT_INTERVAL_SECONDS: [f32; 2] = [6.0, 15.0];
 const SHIFT_DURATION_SECONDS: [f32; 2] = [1.3, 2.2];
 const SHIFT_DISTANCE: [f32; 2] = [0.013, 0.026];
+/// Share by which the liveliest voice shifts the weight further and sooner, and lets the arms drift further and faster.
+const LIVELY_SHARE: f32 = 0.3;
 
 /// Pelvis rotation per metre of a shift, degrees: roll and yaw.
 const SHIFT_ROLL_PER_METRE: f32 = 70.0;
@@ -110,6 +125,7 @@ pub(super) struct Idle {
     /// Phases of the breath and of the arms' drift, 0 to 1.
     breath: f32,
     drift: f32,
+    inhale: Inhale,
     shift: Shift,
     arms: [Arm; 2],
 }
@@ -120,6 +136,7 @@ impl Idle {
             is_started: false,
             breath: 0.0,
             drift: 0.0,
+            inhale: Inhale::new(),
             shift: Shift::default(),
             arms: [Arm::default(), Arm::default()],
         }
@@ -137,9 +154,10 @@ impl Idle {
         }
         let lively = [0, 1].map(|side| self.arms[side].measure(arm_of(&frame.pose, side), tick.seconds));
         let pace = smooth(tick.seed, PACE, tick.time(), ARM_RATE);
-        self.breathe(&mut frame.pose, tick, pace[2]);
+        self.breathe(frame, tick, pace[2]);
         self.stand(&mut frame.pose, tick);
-        self.drift = advanced(self.drift, ARM_DRIFT_RATE * (1.0 + ARM_DRIFT_RATE_VARIATION * pace[0]) * tick.seconds);
+        let rate = ARM_DRIFT_RATE * (1.0 + ARM_DRIFT_RATE_VARIATION * pace[0]) * (1.0 + LIVELY_SHARE * tick.lively);
+        self.drift = advanced(self.drift, rate * tick.seconds);
         for (side, lively) in lively.into_iter().enumerate() {
             self.move_arm(&mut frame.pose, tick, side, pace[1], lively);
             move_hand(&mut frame.pose, tick, side, lively);
@@ -147,24 +165,33 @@ impl Idle {
     }
 
     /// Raises and lowers chest and shoulders.
-    fn breathe(&mut self, pose: &mut Pose, tick: &Tick, pace: f32) {
-        self.breath = advanced(self.breath, BREATHS_PER_SECOND * (1.0 + BREATH_RATE_VARIATION * pace) * tick.seconds);
+    fn breathe(&mut self, frame: &mut OwnedFrame, tick: &Tick, pace: f32) {
+        let hard = self.inhale.hard(tick);
+        let rate = BREATHS_PER_SECOND * (1.0 + BREATH_RATE_VARIATION * pace) * (1.0 + HARD_RATE * hard);
+        self.breath = advanced(self.breath, rate * tick.seconds);
         let at = self.breath;
         let air = if at < INHALATION_SHARE {
             ease(at / INHALATION_SHARE)
         } else {
             ease((1.0 - at) / (1.0 - INHALATION_SHARE))
         };
-        let deep = tick.gain * (air - 0.5) * DEGREE;
-        let rotations = &mut pose.rotations;
+        let [more, parted] = self.inhale.advance(tick);
+        let deep = tick.gain * ((1.0 + HARD_DEPTH * hard) * (air - 0.5) + INHALATION * more) * DEGREE;
+        let rotations = &mut frame.pose.rotations;
         turn_in_parent(&mut rotations[SPINE[1]], [-0.7 * deep, 0.0, 0.0]);
         turn_in_parent(&mut rotations[SPINE[2]], [-1.2 * deep, 0.0, 0.0]);
         // The head stays level.
         turn_in_parent(&mut rotations[NECK], [1.2 * deep, 0.0, 0.0]);
-        turn_in_parent(&mut rotations[HEAD], [0.4 * deep, 0.0, 0.0]);
+        turn_in_parent(&mut rotations[HEAD], [0.4 * deep - HEAD_LIFT_DEGREES * tick.gain * more * DEGREE, 0.0, 0.0]);
         for (side, sign) in SIDES.into_iter().enumerate() {
             turn_in_parent(&mut rotations[COLLARS[side]], [0.0, -0.6 * sign * deep, 2.0 * sign * deep]);
             turn_in_parent(&mut rotations[SHOULDERS[side]], [0.6 * deep, 0.0, -1.3 * sign * deep]);
+        }
+        if parted > 0.0 {
+            let open = tick.rig.shape(&frame.face, JAW_OPEN);
+            let parted = (1.0 - open) * LIPS_PARTED * tick.gain * parted;
+            tick.rig.set_shape(&mut frame.face, JAW_OPEN, open + parted);
+            turn_in_parent(&mut frame.pose.rotations[JAW], [JAW_DEGREES * parted * DEGREE, 0.0, 0.0]);
         }
     }
 
@@ -210,7 +237,8 @@ impl Idle {
         let (sin, cos) = (phase * std::f32::consts::TAU).sin_cos();
         let late = ((phase - FOREARM_LAG_CYCLES) * std::f32::consts::TAU).sin();
         let noise = smooth(tick.seed, ARMS[side], tick.time(), ARM_RATE);
-        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * DEGREE;
+        let size = 1.0 + LIVELY_SHARE * tick.lively;
+        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * size * DEGREE;
         let sign = SIDES[side];
         let rotations = &mut pose.rotations;
         // Forward and back, and outward only, never into the body.
@@ -227,6 +255,7 @@ impl Idle {
         pass.switch("idle motion", &mut self.is_started)?;
         pass.share(&mut self.breath)?;
         pass.share(&mut self.drift)?;
+        self.inhale.state(pass)?;
         self.shift.state(pass)?;
         self.arms.iter_mut().try_for_each(|arm| arm.state(pass))
     }
@@ -324,9 +353,11 @@ impl Shift {
             // To the other side; sometimes a short shift.
             let side = if self.from > 0.0 || self.from == 0.0 && way < 0.5 { -1.0 } else { 1.0 };
             let size = between(SHIFT_DISTANCE, way);
+            let size = size * (1.0 + LIVELY_SHARE * tick.lively);
             self.to = side * if rests < 0.2 { 0.3 * size } else { size };
             (self.passed, self.lasts) = (0.0, between(SHIFT_DURATION_SECONDS, lasts));
-            self.left = self.lasts + between(SHIFT_INTERVAL_SECONDS, when) - SHIFT_DURATION_SECONDS[0];
+            let interval = between(SHIFT_INTERVAL_SECONDS, when) * (1.0 - LIVELY_SHARE * tick.lively);
+            self.left = self.lasts + interval - SHIFT_DURATION_SECONDS[0];
         }
         self.from + (self.to - self.from) * smoother(self.passed / self.lasts.max(0.1))
     }

@@ -9,7 +9,7 @@
 //! | order | module | contents |
 //! |---|---|---|
 //! | 1 | `gesture`, `words` | gestures on command and for words, over the model's motion |
-//! | 2 | `mood` | face and posture of a mood; neutral only removes an unintended frown |
+//! | 2 | `voiced`, `mood` | size, posture and face by the voice's arousal; face and posture of a mood; neutral only removes an unintended frown |
 //! | 3 | `attention` | idle, listening, thinking, speaking: weights that the other layers read |
 //! | 4 | `idle` | breath, sway, weight shifts, fingers |
 //! | 5 | `nods` | head motion on accents and while listening |
@@ -32,6 +32,7 @@ mod gains;
 mod gaze;
 pub mod gesture;
 mod idle;
+mod inhale;
 mod leg;
 pub(crate) mod lips;
 mod mood;
@@ -40,6 +41,7 @@ mod noise;
 mod rig;
 #[cfg(test)]
 mod trial;
+mod voiced;
 mod words;
 
 use attention::Weights;
@@ -134,6 +136,8 @@ pub struct Controls {
     pub look_at_strength: f32,
     /// Attention of the avatar.
     pub attention: Attention,
+    /// How far body and face follow the arousal of the voice, 0 to 1.
+    pub expression: f32,
     /// Mood of the avatar.
     pub mood: Mood,
     /// Strength of the mood, 0 to 1.
@@ -163,6 +167,7 @@ impl Controls {
             look_at: [0.0; 3],
             look_at_strength: 0.0,
             attention: Attention::Auto,
+            expression: 0.0,
             mood: Mood::Neutral,
             mood_strength: 0.0,
             gestures: gesture::Requests::NONE,
@@ -174,7 +179,11 @@ impl Controls {
     /// Saves or loads the controls.
     pub fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.places(&mut self.look_at)?;
-        for share in self.layers.gains.iter_mut().chain([&mut self.look_at_strength, &mut self.mood_strength]) {
+        for share in self.layers.gains.iter_mut().chain([
+            &mut self.look_at_strength,
+            &mut self.mood_strength,
+            &mut self.expression,
+        ]) {
             pass.share(share)?;
         }
         self.gestures.state(pass)?;
@@ -207,6 +216,8 @@ pub(crate) struct Tick<'a> {
     /// Where a word's gesture takes the eyes: to the left and down from the body's heading, radians.
     pub(crate) glance: Option<[f32; 2]>,
     pub(crate) rig: &'a Rig,
+    /// How lively the voice is, times the expression: 0 for an ordinary one.
+    pub(crate) lively: f32,
     /// Gain of the layer.
     pub(crate) gain: f32,
 }
@@ -228,6 +239,7 @@ pub struct LayerStack {
     gains: gains::Gains,
     gesture: gesture::Player,
     words: words::Words,
+    voiced: voiced::Voiced,
     mood: mood::Expression,
     attention: attention::State,
     idle: idle::Idle,
@@ -259,6 +271,7 @@ impl LayerStack {
             gains: gains::Gains::new(),
             gesture: gesture::Player::new(gestures),
             words: words::Words::new(words),
+            voiced: voiced::Voiced::new(),
             mood: mood::Expression::new(),
             attention: attention::State::new(),
             idle: idle::Idle::new(),
@@ -324,6 +337,7 @@ impl LayerStack {
         self.gesture.reset(epoch, &controls.gestures);
         self.lips.interrupt(epoch, &controls.hints);
         self.words.reset(epoch, &controls.words);
+        self.voiced = voiced::Voiced::new();
         self.mood = mood::Expression::new();
         self.attention = attention::State::new();
         self.idle = idle::Idle::new();
@@ -352,19 +366,25 @@ impl LayerStack {
             weights: Weights::default(),
             glance: None,
             rig: &self.rig,
+            lively: 0.0,
             gain: 1.0,
         };
         tick.weights = self.attention.advance(&tick);
+        tick.lively = self.voiced.advance(&tick);
         self.gaze.read(frame, &self.rig);
         if let Some(heard) = heard {
             self.words.apply(&mut self.gesture, frame, &tick, heard);
         }
         tick.glance = self.gesture.glance(&tick);
-        self.gesture.apply(frame, &tick);
         let at = |layer: Layer, tick: &mut Tick| {
             tick.gain = gains[layer as usize];
             tick.gain > 0.0
         };
+        // Gestures on command have their own size.
+        if at(Layer::Mood, &mut tick) {
+            voiced::Voiced::apply(frame, &tick);
+        }
+        self.gesture.apply(frame, &tick);
         if at(Layer::Mood, &mut tick) {
             self.mood.apply(frame, &tick);
         }
@@ -396,6 +416,7 @@ impl LayerStack {
         self.gains.state(pass)?;
         self.gesture.state(pass)?;
         self.words.state(pass)?;
+        self.voiced.state(pass)?;
         self.mood.state(pass)?;
         self.attention.state(pass)?;
         self.idle.state(pass)?;

@@ -37,6 +37,9 @@ const MIN_NOD_SHARE: f32 = 0.15;
 const ACCENT_NOD_PROBABILITY: f32 = 0.7;
 const MIN_ACCENT_GAP_SECONDS: f32 = 0.45;
 
+/// Share by which turns of the head grow with the liveliest voice.
+const LIVELY_SHARE: f32 = 0.4;
+
 /// Share of accents that raise the brows.
 const BROW_FLASH_PROBABILITY: f32 = 0.35;
 
@@ -114,8 +117,9 @@ impl Nods {
         }
         // A listener tilts the head slightly.
         turn[2] += weights.listening * 2.0 * slow[3];
+        let size = tick.gain * (1.0 + LIVELY_SHARE * tick.lively);
         for (joint, share) in [(NECK, 0.4), (HEAD, 0.6)] {
-            turn_in_parent(&mut frame.pose.rotations[joint], turn.map(|angle| share * tick.gain * angle * DEGREE));
+            turn_in_parent(&mut frame.pose.rotations[joint], turn.map(|angle| share * size * angle * DEGREE));
         }
         if brows > 0.0 {
             for (shape, share) in BROWS {

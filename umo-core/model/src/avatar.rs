@@ -4,6 +4,7 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use umo_core_base::arousal::ORDINARY;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{Fingerprint, StateError, StatePass};
@@ -30,6 +31,10 @@ const END_SECONDS: f32 = 1.0;
 /// Bias towards rest in silence, and from an activity of 0.5 to one of 0, nats.
 const REST_NATS: f32 = 8.0;
 const ACTIVE_NATS: f32 = 4.0;
+/// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
+/// second: a voice may be flat because it is cold.
+const LIVELY_NATS: f32 = 1.8;
+const DULL_NATS: f32 = 1.1;
 
 /// Settings of an avatar.
 #[derive(Clone, Debug)]
@@ -107,6 +112,10 @@ impl AvatarConfig {
         let activity = self.sampler.activity;
         if !(0.0..=1.0).contains(&activity) {
             return Err(LoadError::argument("activity", format!("expected 0 to 1, got {activity}")));
+        }
+        let expression = self.sampler.expression;
+        if !(0.0..=1.0).contains(&expression) {
+            return Err(LoadError::argument("expression", format!("expected 0 to 1, got {expression}")));
         }
         let most = if depth::is_guidable(config) { MAX_GUIDANCE } else { 1.0 };
         if !(1.0..=most).contains(&self.guidance) {
@@ -198,6 +207,8 @@ pub struct Avatar {
     pub total: Option<usize>,
     pub(crate) audio: Option<AudioStream>,
     pauses: Pauses,
+    /// Arousal of the voice at each keyframe of the next chunk.
+    arousal: Slice<f32>,
     /// Audio of the next chunk, silence after the end of the stream. Sized for the first chunk, which also takes the
     /// keyframes up to the horizon.
     samples: Slice<f32>,
@@ -291,6 +302,7 @@ impl Avatar {
                 c.keyframe_stride as f32 / c.frame_rate as f32,
                 arena,
             ),
+            arousal: arena.filled(ORDINARY, config.target),
             keyframe_samples: if audio.is_some() { c.samples_per_keyframe() } else { 0 },
             audio,
             units: arena.filled(0, window),
@@ -308,6 +320,7 @@ impl Avatar {
             audio.reset();
         }
         self.pauses.reset();
+        self.arousal.fill(ORDINARY);
         self.window.rest();
         self.run.reset();
     }
@@ -425,6 +438,11 @@ impl Avatar {
         self.audio.as_mut().map(|audio| (audio, &self.samples[..count], &mut *self.units))
     }
 
+    /// Arousal of the voice at each keyframe of the next chunk, 0 to 1: set before each chunk, ordinary if nobody does.
+    pub fn arousal_mut(&mut self) -> &mut [f32] {
+        &mut self.arousal
+    }
+
     /// Hears the pauses in the next chunk's samples.
     pub(crate) fn hear(&mut self) {
         let count = self.chunk_samples();
@@ -436,8 +454,10 @@ impl Avatar {
 
     /// Bias towards rest of the phase of a gesture at a keyframe of the chunk, in nats (SPEC 2.21).
     pub(crate) fn rest(&self, config: &Config, keyframe: usize) -> f32 {
-        let activity = self.sampler.activity;
-        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity);
+        let Sampler { activity, expression, .. } = self.sampler;
+        let lively = 2.0 * expression * 2.0 * (self.arousal[keyframe] - ORDINARY);
+        let nats = if lively > 0.0 { LIVELY_NATS } else { DULL_NATS };
+        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity) - nats * lively;
         // A prompt says what to do, in silence too.
         if !self.has_audio() || self.text_len > 0 {
             return usual;

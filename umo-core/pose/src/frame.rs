@@ -1,5 +1,6 @@
 //! A frame that owns its memory, and what layers read beside its pose.
 
+use umo_core_base::arousal::ORDINARY;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 
@@ -12,13 +13,24 @@ pub const MAX_INDEX: u64 = 1 << 40;
 pub const MAX_SAMPLE: u64 = 1 << 50;
 
 /// Data of a frame besides its pose that the layers read.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cue {
     /// Root mean square of the frame's sound, full scale 1; 0 without sound.
     pub level: f32,
+    /// Arousal of the voice, 0 to 1; [`ORDINARY`] without a voice.
+    pub arousal: f32,
+    /// Seconds until the next phrase begins; 0 if none is near, below 0 where that cannot be known.
+    pub onset: f32,
     /// Model's confidence that each foot joint is planted, 0 to 1: left ankle and foot, right ankle and
     /// foot.
     pub contacts: [f32; 4],
+}
+
+impl Default for Cue {
+    /// A frame without sound.
+    fn default() -> Self {
+        Self { level: 0.0, arousal: ORDINARY, onset: 0.0, contacts: [0.0; 4] }
+    }
 }
 
 /// A frame that owns its memory.
@@ -57,6 +69,8 @@ impl OwnedFrame {
         pass.rotations(&mut self.pose.rotations)?;
         pass.places(&mut self.pose.translation)?;
         pass.f32s(std::slice::from_mut(&mut self.cue.level))?;
+        pass.share(&mut self.cue.arousal)?;
+        pass.within(&mut self.cue.onset, -1.0..=1.0)?;
         pass.moderate(&mut self.cue.contacts)?;
         pass.moderate(&mut self.face)
     }

@@ -291,7 +291,7 @@ impl Animation {
             return Ok(false);
         }
         batch.begin([due].into_iter())?;
-        track.begin(avatar, due);
+        track.begin(avatar, due, model);
         let mut sink = |raw: FrameRef| track.take(raw, frame);
         loop {
             match batch.step(model, cx, std::slice::from_mut(avatar), &mut sink) {
@@ -321,7 +321,8 @@ impl Track {
         let frame_rate = *frame_rate;
         let known = (gestures.clone(), WordRules::english());
         let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, known);
-        let layers = Layers::new(stack, Controls::new(gains), HINT_UNITS * frame_rate);
+        let controls = Controls { expression: config.sampler.expression, ..Controls::new(gains) };
+        let layers = Layers::new(stack, controls, HINT_UNITS * frame_rate);
         Ok(Self {
             source: None,
             pending: Vec::new(),
@@ -373,7 +374,7 @@ impl Track {
     }
 
     /// Passes the next chunk's samples to the avatar.
-    fn begin(&mut self, avatar: &mut Avatar, due: Due) {
+    fn begin(&mut self, avatar: &mut Avatar, due: Due, model: &Model) {
         if due == Due::Chunk {
             let count = avatar.chunk_samples().min(self.pending.len());
             let (here, ended) = avatar.samples_mut().split_at_mut(count);
@@ -381,6 +382,7 @@ impl Track {
             ended.fill(0.0);
             self.pending.drain(..count);
             self.levels.push(avatar.samples_mut());
+            self.levels.tell(avatar, model.config());
         }
     }
 
@@ -512,7 +514,7 @@ impl Group {
         }
         batch.begin(due.iter().copied())?;
         for ((avatar, track), &due) in avatars.iter_mut().zip(tracks.iter_mut()).zip(due.iter()) {
-            track.begin(avatar, due);
+            track.begin(avatar, due, model);
         }
         let mut sink = Layered { tracks, frame };
         loop {

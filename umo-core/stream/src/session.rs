@@ -275,6 +275,16 @@ impl Session {
         Ok(output.ready(&self.shared))
     }
 
+    /// Arousal of the voice at the newest frame that was pulled or sampled, 0 to 1: 0.5 for an ordinary voice, and for none
+    /// (SPEC 2.22).
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread pulls.
+    pub fn arousal(&self) -> Result<f32, SessionError> {
+        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+        Ok(output.arousal(&self.shared))
+    }
+
     /// Message and location of the panic that ended the session with
     /// [`SessionError::Panicked`].
     pub fn defect(&self) -> Option<&Defect> {
@@ -443,6 +453,19 @@ impl Session {
             return Err(SessionError::Range(Argument::Activity));
         }
         self.set(|settings| settings.sampler.activity = activity)
+    }
+
+    /// Sets how far body and face follow the arousal of the voice, 0 to 1 (SPEC 2.22): the body from the next chunk on,
+    /// the layers from the next frame on. 0 ignores the voice.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] if it is not in 0 to 1; [`SessionError::Busy`] if another thread sets something.
+    pub fn set_expression(&self, expression: f32) -> Result<(), SessionError> {
+        if !(0.0..=1.0).contains(&expression) {
+            return Err(SessionError::Range(Argument::Expression));
+        }
+        self.set(|settings| settings.sampler.expression = expression)?;
+        self.control(|controls| controls.expression = expression)
     }
 
     /// Sets the idle mode.
@@ -637,6 +660,14 @@ impl Session {
     /// [`SessionError::Busy`] if another thread sets something.
     pub fn activity(&self) -> Result<f32, SessionError> {
         Ok(self.settings()?.sampler.activity)
+    }
+
+    /// Current expression of the voice.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread sets something.
+    pub fn expression(&self) -> Result<f32, SessionError> {
+        Ok(self.settings()?.sampler.expression)
     }
 
     fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<(), SessionError> {

@@ -114,6 +114,9 @@ pub(crate) const PARAMETER_OUTPUT_DELAY: u32 = 6;
 /// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as
 /// it is.
 pub(crate) const PARAMETER_ACTIVITY: u32 = 7;
+/// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0
+/// ignores the voice.
+pub(crate) const PARAMETER_EXPRESSION: u32 = 8;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub(crate) const PARAMETER_LAYER_GAZE: u32 = 32;
 /// Strength of breath, sway, weight shifts and fingers.

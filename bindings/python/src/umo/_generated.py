@@ -153,6 +153,7 @@ PARAMETERS: dict[str, int] = {
     "attention": 5,
     "output_delay": 6,
     "activity": 7,
+    "expression": 8,
     "layer_gaze": 32,
     "layer_idle": 33,
     "layer_asymmetry": 34,
@@ -477,8 +478,8 @@ class ParameterInfo(Structure):
         # `sizeof(ParameterInfo)`.
         ("struct_size", c_uint32),
         # Number of the parameter, `"temperature"`, `"top_k"`, `"top_p"`, `"idle"`, `"gain_face"`, `"gain_hands"`,
-        # `"gain_upper"`, `"gain_lower"`, `"attention"`, `"output_delay"`, `"activity"`, `"layer_gaze"`, `"layer_idle"`,
-        # `"layer_asymmetry"`, `"layer_nods"`, `"layer_mood"`, `"layer_feet"`.
+        # `"gain_upper"`, `"gain_lower"`, `"attention"`, `"output_delay"`, `"activity"`, `"expression"`, `"layer_gaze"`,
+        # `"layer_idle"`, `"layer_asymmetry"`, `"layer_nods"`, `"layer_mood"`, `"layer_feet"`.
         ("id", c_uint32),
         # `PARAMETER_WHOLE` or 0.
         ("flags", c_uint32),

@@ -98,6 +98,9 @@ class Session(_library.Handle):
         "output_delay", "Latency of the output device in seconds, which `sample` compensates. About 0.2 for Bluetooth."
     )
     activity = Parameter[float]("activity", "How often hands leave rest, 0 to 1; 0.5 leaves the model as it is.")
+    expression = Parameter[float](
+        "expression", "How far body and face follow the arousal of the voice, 0 to 1; 0 ignores the voice."
+    )
     gain_face = Parameter[float]("gain_face", "Amount of face motion: 0 at rest, 1 as computed, 2 exaggerated.")
     gain_hands = Parameter[float]("gain_hands", "Amount of finger motion.")
     gain_upper = Parameter[float]("gain_upper", "Amount of motion of spine, neck, head and arms.")
@@ -210,6 +213,13 @@ class Session(_library.Handle):
         count = ctypes.c_size_t()
         self._check(lib.umo_session_ready_frames(self._handle, byref(count)))
         return count.value
+
+    @property
+    def arousal(self) -> float:
+        """Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none."""
+        arousal = ctypes.c_float()
+        self._check(lib.umo_session_arousal(self._handle, byref(arousal)))
+        return arousal.value
 
     @property
     def is_done(self) -> bool:

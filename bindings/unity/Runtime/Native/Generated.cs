@@ -229,6 +229,11 @@ namespace Umo
         OutputDelay = 6,
         /// <summary>Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.</summary>
         Activity = 7,
+        /// <summary>
+        /// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the
+        /// voice.
+        /// </summary>
+        Expression = 8,
         /// <summary>Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.</summary>
         LayerGaze = 32,
         /// <summary>Strength of breath, sway, weight shifts and fingers.</summary>

@@ -221,6 +221,16 @@ namespace Umo
             return status;
         }
 
+        /// <summary>Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none.</summary>
+        public Status Arousal(out float arousal)
+        {
+            float got;
+            Status status = Native.umo_session_arousal(handle.Raw, &got);
+            GC.KeepAlive(this);
+            arousal = status == Status.Ok ? got : 0.5f;
+            return status;
+        }
+
         /// <summary>Whether <see cref="Finish"/> was called and all frames were pulled; Failed or Closed if the rest will never arrive.</summary>
         public Status IsDone(out bool done)
         {

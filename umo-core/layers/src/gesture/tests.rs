@@ -91,6 +91,7 @@ impl Stage {
             weights: Weights::default(),
             glance: None,
             rig: &self.rig,
+            lively: 0.0,
             gain: 1.0,
         };
         self.player.apply(&mut frame, &tick);

@@ -19,6 +19,8 @@ pub struct Sampler {
     pub seed: u64,
     /// How often hands leave rest, 0 to 1: 0.5 leaves the model as it is.
     pub activity: f32,
+    /// How far the motion follows the voice's arousal, 0 to 1; 0 leaves the model as it is.
+    pub expression: f32,
 }
 
 /// The [`Sampler::activity`] of the people that a model learned from.
@@ -26,8 +28,12 @@ pub(crate) const USUAL_ACTIVITY: f32 = 0.5;
 
 impl Sampler {
     /// Always selects the code with the largest logit.
-    pub const GREEDY: Self =
-        Self { sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 }, seed: 0, activity: USUAL_ACTIVITY };
+    pub const GREEDY: Self = Self {
+        sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 },
+        seed: 0,
+        activity: USUAL_ACTIVITY,
+        expression: 0.0,
+    };
 
     /// Returns the sampler of a part that may have its own `sampling`. That replaces this sampler's, unless
     /// this one is greedy.
@@ -55,7 +61,7 @@ impl Sampler {
             *top_k = kept as usize;
         }
         pass.within(&mut self.activity, 0.0..=1.0)?;
-        Ok(())
+        pass.within(&mut self.expression, 0.0..=1.0)
     }
 
     /// Samples a code from `logits`; ties go to the lower code. `ranks` is scratch of at least the length of

@@ -256,8 +256,8 @@ impl LiveVoice {
         if let Some(jaw) = self.jaw {
             frame.pose.rotations[JAW] = axis_angle_to_quat([JAW_OPEN * self.last[jaw], 0.0, 0.0]);
         }
-        // Level of the sound heard now, not of the body's.
-        frame.cue = Cue { level, ..frame.cue };
+        // Level of the sound heard now, not of the body's; its next phrase is still unknown.
+        frame.cue = Cue { level, onset: -1.0, ..frame.cue };
     }
 
     /// Describes it.

@@ -30,6 +30,9 @@ pub(super) const MAX_QUEUE: usize = 1 << 16;
 /// keeps the strokes.
 const SMOOTHING: f32 = 1.2;
 
+/// Default [`expression`](umo_core_model::lm::sampler::Sampler::expression) of a session.
+const EXPRESSION: f32 = 0.5;
+
 /// Packets of a session (SPEC 2.18).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketConfig {
@@ -90,6 +93,7 @@ impl SessionConfig {
             avatar: {
                 let mut avatar = AvatarConfig::new(config);
                 avatar.smoothing = SMOOTHING;
+                avatar.sampler.expression = EXPRESSION;
                 avatar
             },
             layers: LayerGains::ON,

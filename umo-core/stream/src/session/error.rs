@@ -27,6 +27,8 @@ pub enum Argument {
     Sampling,
     /// Activity of the hands.
     Activity,
+    /// Expression of the voice.
+    Expression,
     /// Gain of a part of the body.
     PartGain,
     /// Gain of a layer.
@@ -58,6 +60,7 @@ impl fmt::Display for Argument {
             Self::PromptLength => "a prompt has 128 tokens at most",
             Self::Sampling => "temperature must be 0 to 100, and top_p 0 to 1",
             Self::Activity => "the activity must be 0 to 1",
+            Self::Expression => "the expression must be 0 to 1",
             Self::PartGain => "the gain of a part must be 0 to 2",
             Self::LayerGain => "the gain of a layer must be 0 to 1",
             Self::LookAt => "a look-at needs a point within 10 km and a strength of 0 to 1",

@@ -47,13 +47,14 @@ impl Output {
             avatar.sampler.seed,
             (session.gestures.clone(), session.words.clone()),
         );
+        let controls = Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) };
         Self {
             to_rest: ToRest::new(frame()),
             source: Source::new(voice, chunk_frames, rates),
             // With packets, `gap` eases.
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
-            layers: Layers::new(stack, Controls::new(session.layers), session.sample_rate),
+            layers: Layers::new(stack, controls, session.sample_rate),
             window: Window::new(frame),
             sample: Sample::new(frame(), frame_rate),
             idle: IdleBlend::new(frame, session.idle_after, session.ease, frame_rate),
@@ -165,6 +166,12 @@ impl Output {
         self.sync_epoch(shared);
         let waiting = self.source.ready(&shared.link, &shared.stats.dropped_frames);
         usize::from(self.window.has_next) + self.to_rest.left() as usize + waiting
+    }
+
+    /// Arousal of the voice at the newest frame shown.
+    pub(super) fn arousal(&mut self, shared: &Shared) -> f32 {
+        self.sync_epoch(shared);
+        self.window.last.frame.cue.arousal
     }
 
     /// Whether every frame of a stream of `total` frames was shown.

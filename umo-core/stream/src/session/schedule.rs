@@ -424,14 +424,19 @@ impl Member {
         let taken = shared.link.take_audio(view, &mut room[..there]);
         room[taken..].fill(0.0);
         levels.push(room);
+        let is_endless = taken < room.len() && endless;
+        let silent = (room.len() - taken) as u64;
+        if due == Due::Chunk {
+            levels.tell(avatar, config);
+        }
         if let Some(mouth) = held_mouth
             && due != Due::Flush
         {
             mouth.begin(chunk, due == Due::Held, busy.then_some(start * *frame_rate / *model_rate));
         }
-        if taken < room.len() && endless {
+        if is_endless {
             shared.link.silence_given();
-            silence.add(start + taken as u64, (room.len() - taken) as u64);
+            silence.add(start + taken as u64, silent);
         }
     }
 }

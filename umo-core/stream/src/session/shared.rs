@@ -212,7 +212,7 @@ impl Shared {
             link,
             host: Host::new(
                 init.clock,
-                Controls::new(session.layers),
+                Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) },
                 (session.gestures.clone(), session.words.clone()),
                 session.idle,
             ),

@@ -343,6 +343,11 @@ bool UUmoComponent::SetMood(EUmoMood NewMood, float Strength)
 	return Avatar && Avatar->set_mood(static_cast<uint32>(NewMood), Strength) == UMO_STATUS_OK;
 }
 
+bool UUmoComponent::SetExpression(float Amount)
+{
+	return Avatar && Avatar->set(UMO_PARAMETER_EXPRESSION, Amount) == UMO_STATUS_OK;
+}
+
 bool UUmoComponent::SetLayer(EUmoLayer Layer, float Strength)
 {
 	return Avatar && Avatar->set(UMO_PARAMETER_LAYER_GAZE + static_cast<uint32>(Layer), Strength) == UMO_STATUS_OK;
@@ -419,6 +424,11 @@ bool UUmoComponent::IsLive() const
 float UUmoComponent::GetDelay() const
 {
 	return Avatar ? static_cast<float>(Avatar->delay()) : 0.0f;
+}
+
+float UUmoComponent::GetArousal() const
+{
+	return Avatar ? Avatar->arousal() : 0.5f;
 }
 
 FString UUmoComponent::GetLastError() const

@@ -316,6 +316,10 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetMood(EUmoMood NewMood, float Strength = 1.0f);
 
+	/** How far body and face follow the arousal of the voice, 0 to 1; 0.5 by default. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool SetExpression(float Amount);
+
 	/** Strength of a layer over the model's motion, 0 to 1. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetLayer(EUmoLayer Layer, float Strength);
@@ -370,6 +374,10 @@ public:
 	/** Seconds from incoming speech to its motion, and to its sound if bDelaySpeech is on. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetDelay() const;
+
+	/** Arousal of the voice that is shown, 0 to 1; 0.5 for an ordinary voice, and for none. */
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	float GetArousal() const;
 
 	/** Reason why the last call returned false. */
 	UFUNCTION(BlueprintPure, Category = "Umo")

@@ -158,6 +158,8 @@ public:
     double time() const { return motion_.time(); }
     double heard(double now) const { return audio_.read(now).seconds - delay_seconds_ - settings_.output_latency; }
     umo_stats stats() const { return session_.stats(); }
+    /// Game thread: arousal of the voice that is shown.
+    float arousal() { return session_.arousal().value; }
     /// The skeleton with this session's rest position.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
