@@ -256,6 +256,12 @@ private:
     std::vector<std::uint64_t> words_;
 };
 
+/// Arousal of a voice, and its change per second.
+struct voice_arousal {
+    float arousal = 0.5F;
+    float trend = 0.0F;
+};
+
 /// A session: see `umo_session_…` for the thread that may make each call.
 class session : public detail::handle<umo_session, detail::free_session> {
 public:
@@ -331,11 +337,12 @@ public:
         const umo_status status = umo_session_ready_frames(get(), &count);
         return {status, count};
     }
-    /// Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none.
-    result<float> arousal() noexcept {
-        float arousal = 0.5F;
-        const umo_status status = umo_session_arousal(get(), &arousal);
-        return {status, arousal};
+    /// Arousal of the voice at the newest frame pulled or sampled, 0 to 1, 0.5 for an ordinary voice and for none; and its
+    /// change per second.
+    result<voice_arousal> arousal() noexcept {
+        voice_arousal heard;
+        const umo_status status = umo_session_arousal(get(), &heard.arousal, &heard.trend);
+        return {status, heard};
     }
     /// Whether the stream has ended and all frames were pulled.
     result<bool> is_done() noexcept {

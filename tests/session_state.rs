@@ -184,13 +184,15 @@ impl<'a> Run<'a> {
                 // A working engine may have added frames in the meantime.
                 assert!(pulled >= ready.min(*most), "{pulled} frames of {most}, where {ready} were ready");
                 assert!(!*settled || pulled == ready.min(*most), "{pulled} frames of {most}, {ready} were ready");
-                seen.push(session.arousal().unwrap().to_bits().into());
+                let (arousal, trend) = session.arousal().unwrap();
+                seen.extend([arousal, trend].map(|value| value.to_bits().into()));
             }
             Call::Sample(frames) => {
                 *time += frames / 30.0;
                 let sampled = session.sample_pose(*time, |frame| show(frame, seen)).unwrap();
                 seen.extend([sampled.oldest.to_bits(), sampled.newest.to_bits(), sampled.is_ahead.into()]);
-                seen.push(session.arousal().unwrap().to_bits().into());
+                let (arousal, trend) = session.arousal().unwrap();
+                seen.extend([arousal, trend].map(|value| value.to_bits().into()));
             }
             Call::Interrupt(ms) => session.interrupt(Duration::from_millis(*ms)).unwrap(),
             Call::Reset => {

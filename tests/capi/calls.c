@@ -359,9 +359,12 @@ static void sessions_refuse_calls(void) {
     OK(umo_session_pull_frames(avatar, &layout, frames, 29 * (size_t)layout.frame_stride, &count));
     OK(umo_session_is_done(avatar, &done));
     CHECK(count == 29 && done == 0);
-    float arousal = -1.0f;
-    OK(umo_session_arousal(avatar, &arousal));
+    float arousal = -1.0f, trend = 9.0f;
+    OK(umo_session_arousal(avatar, &arousal, NULL));
     CHECK(arousal >= 0.0f && arousal <= 1.0f);
+    OK(umo_session_arousal(avatar, &arousal, &trend));
+    CHECK(trend >= -1.0f && trend <= 1.0f);
+    FAILS(NULL_POINTER, umo_session_arousal(avatar, NULL, &trend));
     OK(umo_session_pull_frames(avatar, &layout, frames, sizeof frames, &count));
     OK(umo_session_is_done(avatar, &done));
     CHECK(count == 1 && done == 1);

@@ -378,6 +378,18 @@ internal static unsafe class Tests
     }
 
     [Test]
+    private static void the_arousal_of_a_voice_is_heard()
+    {
+        using (Session session = NewSession())
+        {
+            float arousal, trend;
+            Equal(Status.Ok, session.Arousal(out arousal, out trend));
+            True(arousal == 0.5f && trend == 0, "an ordinary voice before the first frame");
+            Equal(Status.Ok, session.Set(Parameter.Expression, 1));
+        }
+    }
+
+    [Test]
     private static void hosts_give_their_time()
     {
         using (Session session = new Session(engine))

@@ -532,7 +532,13 @@ impl UmoAvatar3D {
     /// Arousal of the voice at the newest frame shown or pulled, 0 to 1; 0.5 for an ordinary voice, and for none.
     #[func]
     fn arousal(&self) -> f64 {
-        self.tell(Session::arousal).map_or(0.5, f64::from)
+        self.tell(Session::arousal).map_or(0.5, |[arousal, _]| arousal.into())
+    }
+
+    /// Change of the arousal per second, over the last seconds.
+    #[func]
+    fn arousal_trend(&self) -> f64 {
+        self.tell(Session::arousal).map_or(0.0, |[_, trend]| trend.into())
     }
 
     /// Returns the complete state of the avatar's stream, for `restore_state`; empty while a chunk of it is being

@@ -73,7 +73,7 @@ library! {
     session_reset(Handle) -> Status;
     session_pull_frames(Handle, *const FrameLayout, *mut f32, usize, *mut usize) -> Status;
     session_ready_frames(Handle, *mut usize) -> Status;
-    session_arousal(Handle, *mut f32) -> Status;
+    session_arousal(Handle, *mut f32, *mut f32) -> Status;
     session_is_done(Handle, *mut u32) -> Status;
     session_set_clock(Handle, f64) -> Status;
     session_sample_pose(Handle, f64, *const FrameLayout, *mut f32, usize, *mut Sampled) -> Status;

@@ -488,13 +488,13 @@ impl Session {
         Ok(frames)
     }
 
-    /// Arousal of the voice at the newest frame pulled or sampled.
-    pub(crate) fn arousal(&self) -> Result<f32, String> {
-        let mut arousal = 0.0;
-        // SAFETY: `arousal` is writable.
-        let status = unsafe { (self.model.library.session_arousal)(self.session, &mut arousal) };
+    /// Arousal of the voice at the newest frame pulled or sampled, and its change per second.
+    pub(crate) fn arousal(&self) -> Result<[f32; 2], String> {
+        let [mut arousal, mut trend] = [0.0; 2];
+        // SAFETY: both are writable.
+        let status = unsafe { (self.model.library.session_arousal)(self.session, &mut arousal, &mut trend) };
         self.check(status)?;
-        Ok(arousal)
+        Ok([arousal, trend])
     }
 
     /// Writes the pose at a time into `frame`.

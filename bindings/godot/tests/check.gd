@@ -423,6 +423,7 @@ func test_a_restored_avatar_gives_the_same_bits_again() -> void:
 			frames[0].append_array(other.pull_frames())
 			return other.is_done())
 		expect(frames[0].to_byte_array() == reference.to_byte_array(), "the reference's bits, got %d floats" % frames[0].size())
+		expect(other.arousal() != 0.5 and absf(other.arousal_trend()) < 1.0, "the arousal of the voice")
 	state[100] ^= 1
 	expect(not avatar.restore_state(state), "a damaged state refused")
 

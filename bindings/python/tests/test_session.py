@@ -130,6 +130,16 @@ def test_sample_gives_poses_between_frames(model, hello, live):
         assert session.sample(1e6).is_ahead
 
 
+def test_the_arousal_of_a_voice_is_heard(model, hello):
+    with umo.Engine(model, polled=True) as engine, engine.session(hello[1]) as session:
+        assert (session.arousal, session.arousal_trend, session.expression) == (0.5, 0.0, 0.5)
+        session.push(hello[0])
+        engine.poll()
+        session.sample(1.5)
+        assert 0 < session.arousal < 1 and session.arousal != 0.5
+        assert 0 < abs(session.arousal_trend) < 1
+
+
 def test_interrupt_drops_what_was_not_shown_and_reset_starts_again(model, hello, live):
     with umo.Engine(model, polled=True) as engine, engine.session(hello[1], idle=umo.Idle.HOLD) as session:
 

@@ -348,6 +348,8 @@ void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host
     EXPECT_NEAR(median, 0, 0.05);
     EXPECT(avatar->failure().empty());
     EXPECT(avatar->set(UMO_PARAMETER_GAIN_FACE, 0.5) == UMO_STATUS_OK);
+    EXPECT(avatar->set(UMO_PARAMETER_EXPRESSION, 1.5) == UMO_STATUS_INVALID_ARGUMENT);
+    EXPECT(avatar->arousal() >= 0 && avatar->arousal() <= 1 && std::fabs(avatar->arousal_trend()) < 1);
     EXPECT(avatar->set(UMO_PARAMETER_GAIN_FACE, -1) == UMO_STATUS_INVALID_ARGUMENT);
     EXPECT(!avatar->last_error().empty());
     EXPECT(avatar->set(UMO_PARAMETER_ATTENTION, UMO_ATTENTION_THINKING) == UMO_STATUS_OK);

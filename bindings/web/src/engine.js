@@ -470,8 +470,14 @@ export class Session {
 
   /** Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none. */
   get arousal() {
-    this.#call("umo_session_arousal", this.#library.scratch);
+    this.#call("umo_session_arousal", this.#library.scratch, 0);
     return this.#library.view.getFloat32(this.#library.scratch, true);
+  }
+
+  /** Change of the arousal per second, over the last seconds. */
+  get arousalTrend() {
+    this.#call("umo_session_arousal", this.#library.scratch, this.#library.scratch + 4);
+    return this.#library.view.getFloat32(this.#library.scratch + 4, true);
   }
 
   /** Whether `finish` was called and all frames were pulled. */

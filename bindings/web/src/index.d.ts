@@ -131,6 +131,8 @@ export class Session {
   readonly ready: number;
   /** Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none. */
   readonly arousal: number;
+  /** Change of the arousal per second, over the last seconds. */
+  readonly arousalTrend: number;
   readonly isDone: boolean;
   setClock(seconds: number): void;
   set(parameter: number, value: number): void;

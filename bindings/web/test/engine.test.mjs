@@ -38,6 +38,15 @@ test("the module uses SIMD, and imports nothing: no threads, files or clock", ()
   assert.deepEqual(WebAssembly.Module.imports(wasm), []);
 });
 
+test("the arousal of a voice is heard", () => {
+  const session = model.session();
+  assert.deepEqual([session.arousal, session.arousalTrend], [0.5, 0]);
+  frames(session);
+  assert.ok(session.arousal > 0 && session.arousal < 1 && session.arousal !== 0.5, `${session.arousal}`);
+  assert.ok(session.arousalTrend !== 0 && Math.abs(session.arousalTrend) < 1, `${session.arousalTrend}`);
+  session.free();
+});
+
 test("frames are native's, bit for bit, where exp, sin and their like are the same functions", async () => {
   const native = await readFile(process.env.NATIVE);
   const session = model.session();

@@ -350,8 +350,8 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
         Call::Ready(which) => {
             let mut done = 0;
             check(unsafe { umo_session_is_done(session(*which), &mut done) });
-            let mut arousal = 0.0;
-            check(unsafe { umo_session_arousal(session(*which), &mut arousal) });
+            let [mut arousal, mut trend] = [0.0; 2];
+            check(unsafe { umo_session_arousal(session(*which), &mut arousal, &mut trend) });
             unsafe { umo_session_ready_frames(session(*which), &mut count) }
         }
         Call::Prompt(which, text) => unsafe {

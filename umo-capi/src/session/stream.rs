@@ -190,20 +190,31 @@ pub unsafe extern "C" fn umo_session_ready_frames(session: *mut UmoSession, coun
 }
 
 /// Gets the arousal of the voice at the newest frame that was pulled or sampled: how lively it speaks, 0 to 1, ten
-/// times a second. It is 0.5 for an ordinary voice, and without one. `UMO_PARAMETER_EXPRESSION` does not change it.
+/// times a second. It is 0.5 for an ordinary voice, and without one. `trend` is its change per second over the last
+/// seconds. `UMO_PARAMETER_EXPRESSION` changes neither.
 ///
 /// Threads: any; not during a pull. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
 ///
 /// # Safety
-/// `arousal` is NULL or writable.
+/// `arousal` and `trend` are NULL or writable; `trend` may be NULL.
 #[unsafe(no_mangle)]
 #[must_use]
-pub unsafe extern "C" fn umo_session_arousal(session: *mut UmoSession, arousal: *mut f32) -> UmoStatus {
+pub unsafe extern "C" fn umo_session_arousal(
+    session: *mut UmoSession,
+    arousal: *mut f32,
+    trend: *mut f32,
+) -> UmoStatus {
     on(session, |handle| {
         wanted(arousal, "arousal")?;
+        let (value, change) = handle.session.arousal()?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        unsafe { put(arousal, "arousal", handle.session.arousal()?) }
+        unsafe { put(arousal, "arousal", value)? };
+        if !trend.is_null() {
+            // SAFETY: guaranteed by the caller (see # Safety).
+            unsafe { put(trend, "trend", change)? };
+        }
+        Ok(())
     })
 }
 

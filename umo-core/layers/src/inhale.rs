@@ -5,7 +5,8 @@ use umo_core_base::state::{StateError, StatePass};
 use super::Tick;
 use super::rig::ease;
 
-/// Seconds of the quickest inhalation and of the deepest, and of the way back.
+/// Seconds of the quickest inhalation and of the deepest, and of the way back; least time before a phrase for one.
+const LEAST_SECONDS: f32 = 0.1;
 const QUICK_SECONDS: f32 = 0.17;
 const DEEP_SECONDS: f32 = 0.25;
 const OUT_SECONDS: f32 = 1.8;
@@ -54,7 +55,9 @@ impl Inhale {
         let gap = (self.time - LEAST_GAP_SECONDS) / (DEEP_GAP_SECONDS - LEAST_GAP_SECONDS);
         let lasts = QUICK_SECONDS + (DEEP_SECONDS - QUICK_SECONDS) * gap;
         let onset = tick.cue.onset;
-        let is_due = if onset < 0.0 { tick.weights.own.ends } else { onset > 0.0 && onset <= lasts };
+        let is_due = if onset < 0.0 { tick.weights.own.ends } else { (LEAST_SECONDS..=lasts).contains(&onset) };
+        // A phrase that is known late leaves less time.
+        let lasts = if onset < 0.0 { lasts } else { lasts.min(onset) };
         let amount = (2.0 * tick.controls.expression).min(1.0);
         if is_due && gap >= 0.0 && amount > 0.0 {
             self.from = self.air();
@@ -82,7 +85,7 @@ impl Inhale {
     /// Saves or loads the layer between two ticks.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.within(&mut self.time, 0.0..=DEEP_GAP_SECONDS)?;
-        pass.within(&mut self.lasts, QUICK_SECONDS..=DEEP_SECONDS)?;
+        pass.within(&mut self.lasts, LEAST_SECONDS..=DEEP_SECONDS)?;
         pass.within(&mut self.from, 0.0..=2.0)?;
         pass.within(&mut self.depth, 0.0..=2.0)?;
         pass.share(&mut self.exhaustion)

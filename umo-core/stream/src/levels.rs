@@ -12,7 +12,7 @@ use umo_core_pose::pose::FIRST_CONTACT;
 use umo_core_pose::frame::Cue;
 
 /// Least pause before a phrase, and longest time before one at which it is told, seconds.
-const MIN_PAUSE_SECONDS: f32 = 0.4;
+const MIN_PAUSE_SECONDS: f32 = 0.3;
 const ONSET_SECONDS: f32 = 0.4;
 /// Cap of the counted silence, seconds.
 const MAX_SILENCE_SECONDS: f32 = 1e3;
@@ -102,7 +102,7 @@ impl Levels {
     }
 
     /// Arousal of the voice at a frame; the newest if that is not known yet.
-    fn arousal(&self, frame: u64) -> f32 {
+    pub(crate) fn arousal(&self, frame: u64) -> f32 {
         let index = (frame * u64::from(RATE) / self.frame_rate).min(self.known.saturating_sub(1));
         if self.known == 0 { ORDINARY } else { self.values[place(index, self.values.len())].clamp(0.0, 1.0) }
     }

@@ -16,7 +16,7 @@ use umo_core_base::error::StepError;
 use umo_core_model::model::Model;
 
 /// The version of packets that this library writes and reads.
-const VERSION: u8 = 1;
+const VERSION: u8 = 2;
 /// Flag in the first byte, beside the version: this is the last packet of the stream.
 const LAST: u8 = 0x10;
 /// Size of the head, bytes, in packets before the last.
@@ -25,6 +25,8 @@ const HEAD: usize = 26;
 const MAX_PLACE: f32 = 1e7;
 /// Bytes of the frame count, in the last packet.
 const TOTAL: usize = 4;
+/// Bytes of a new keyframe's sound: its audio level and its arousal.
+pub const SOUND: usize = 2;
 
 /// Error from pushing a packet. The decoder is unchanged, except after [`Self::Step`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +116,7 @@ impl PacketLayout {
 
     /// Size of the longest packet, bytes.
     pub fn most_bytes(&self) -> usize {
-        HEAD + TOTAL + self.prefix + (self.prefix * self.keyframe_bits).div_ceil(8)
+        HEAD + TOTAL + SOUND * self.prefix + (self.prefix * self.keyframe_bits).div_ceil(8)
     }
 
     /// Codes per keyframe.
@@ -130,23 +132,29 @@ impl PacketLayout {
     /// Size of a packet with this number of new and of repeated keyframes, bytes.
     pub fn bytes(&self, keyframes: usize, history: usize, is_last: bool) -> usize {
         let total = if is_last { TOTAL } else { 0 };
-        HEAD + total + keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
+        HEAD + total + SOUND * keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
     }
 
-    /// Writes a packet with the audio `levels` of the new keyframes, as SPEC 2.18 defines them, and `codes [history +
-    /// keyframes, codes of a keyframe]`, oldest first; returns its length. Never allocates.
+    /// Writes a packet with the `sounds` of the new keyframes, level and arousal as SPEC 2.18 defines them, and `codes
+    /// [history + keyframes, codes of a keyframe]`, oldest first; returns its length. Never allocates.
     ///
     /// # Errors
     /// [`StepError`] if `out` is too small, the numbers of keyframes disagree or exceed the model's `prefix`, or a
     /// code is out of range.
-    pub fn encode(&self, head: &PacketHead, levels: &[u8], codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
+    pub fn encode(
+        &self,
+        head: &PacketHead,
+        sounds: &[[u8; SOUND]],
+        codes: &[u16],
+        out: &mut [u8],
+    ) -> Result<usize, StepError> {
         let keyframes = head.history + head.keyframes;
         let limit = self.prefix.min(u8::MAX.into());
         if keyframes > limit {
             return Err(StepError::TooLong { what: "keyframes of a packet", got: keyframes, limit });
         }
-        if codes.len() != keyframes * self.codes() || levels.len() != head.keyframes {
-            return Err(StepError::Disagree("a packet's codes or levels and its number of keyframes"));
+        if codes.len() != keyframes * self.codes() || sounds.len() != head.keyframes {
+            return Err(StepError::Disagree("a packet's codes or sounds and its number of keyframes"));
         }
         let wrong = codes.iter().zip(self.limits.iter().cycle()).find(|(code, limit)| code >= limit);
         if let Some((&code, &limit)) = wrong {
@@ -170,8 +178,9 @@ impl PacketLayout {
             out[HEAD..HEAD + TOTAL].copy_from_slice(&total.to_le_bytes());
             start += TOTAL;
         }
-        out[start..start + levels.len()].copy_from_slice(levels);
-        start += levels.len();
+        let sounds = sounds.as_flattened();
+        out[start..start + sounds.len()].copy_from_slice(sounds);
+        start += sounds.len();
         let mut at = 8 * start;
         for (&code, &bits) in codes.iter().zip(self.bits.iter().cycle()) {
             for bit in 0..bits {
@@ -182,29 +191,34 @@ impl PacketLayout {
         Ok(want)
     }
 
-    /// Reads a packet. Writes its levels and codes to the start of `levels` and `codes`, which have room for
+    /// Reads a packet. Writes its sounds and codes to the start of `sounds` and `codes`, which have room for
     /// [`Self::max_keyframes`]. Never allocates.
     ///
     /// # Errors
-    /// [`PacketError`] if it is not a packet of this version and model; the contents of `levels` and `codes` are then
+    /// [`PacketError`] if it is not a packet of this version and model; the contents of `sounds` and `codes` are then
     /// unspecified.
-    pub fn decode(&self, bytes: &[u8], levels: &mut [u8], codes: &mut [u16]) -> Result<PacketHead, PacketError> {
+    pub fn decode(
+        &self,
+        bytes: &[u8],
+        sounds: &mut [[u8; SOUND]],
+        codes: &mut [u16],
+    ) -> Result<PacketHead, PacketError> {
         let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
             return Err(PacketError::Malformed("it is too short"));
         };
         match head[0] & 0x0F {
             VERSION => {}
-            _ => return Err(PacketError::Malformed("its version is not 1")),
+            _ => return Err(PacketError::Malformed("its version is not 2: use the same version of umo on both sides")),
         }
         if head[0] & !(0x0F | LAST) != 0 {
-            return Err(PacketError::Malformed("it has flags that version 1 does not have"));
+            return Err(PacketError::Malformed("it has flags that version 2 does not have"));
         }
         if u16::from_le_bytes(field(head, 2)) != self.model {
             return Err(PacketError::Other("model"));
         }
         let (keyframes, history) = (usize::from(head[24]), usize::from(head[25]));
         let (count, is_last) = (keyframes + history, head[0] & LAST != 0);
-        if count > self.prefix || count * self.codes() > codes.len() || keyframes > levels.len() {
+        if count > self.prefix || count * self.codes() > codes.len() || keyframes > sounds.len() {
             return Err(PacketError::Malformed("it has more keyframes than the model's history"));
         }
         if bytes.len() != self.bytes(keyframes, history, is_last) {
@@ -221,8 +235,8 @@ impl PacketLayout {
             return Err(PacketError::Malformed("it has no keyframes and does not end the stream"));
         }
         let total = is_last.then(|| u32::from_le_bytes(field(rest, 0)));
-        let (heard, packed) = rest[if is_last { TOTAL } else { 0 }..].split_at(keyframes);
-        levels[..keyframes].copy_from_slice(heard);
+        let (heard, packed) = rest[if is_last { TOTAL } else { 0 }..].split_at(SOUND * keyframes);
+        sounds[..keyframes].as_flattened_mut().copy_from_slice(heard);
         self.unpack(packed, &mut codes[..count * self.codes()])?;
         Ok(PacketHead {
             stream: head[1],
@@ -257,6 +271,8 @@ impl PacketLayout {
 
 /// Steps of a level byte per factor of ten.
 const LEVEL_STEPS: f32 = 50.0;
+/// Steps of an arousal byte from 0 to 1.
+const AROUSAL_STEPS: f32 = 254.0;
 
 /// Whether a well-formed packet is the last of its stream.
 pub(crate) fn is_last(packet: &[u8]) -> bool {
@@ -272,6 +288,17 @@ pub fn level_byte(level: f32) -> u8 {
 /// Decodes a level byte to the root mean square.
 pub fn byte_level(byte: u8) -> f32 {
     if byte == 0 { 0.0 } else { 10.0_f32.powf((f32::from(byte) - 255.0) / LEVEL_STEPS) }
+}
+
+/// Encodes an arousal of 0 to 1 as a byte, so that an ordinary one is exact: 254 for 1.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
+pub fn arousal_byte(arousal: f32) -> u8 {
+    (AROUSAL_STEPS * arousal).round().clamp(0.0, AROUSAL_STEPS) as u8
+}
+
+/// Decodes an arousal byte.
+pub fn byte_arousal(byte: u8) -> f32 {
+    (f32::from(byte) / AROUSAL_STEPS).min(1.0)
 }
 
 /// Reads `N` bytes at `at`; the caller has checked the length.

@@ -29,6 +29,7 @@ mod idle;
 mod layers;
 mod sample;
 mod source;
+mod trend;
 mod voice;
 
 use umo_core_pose::frame::OwnedFrame;
@@ -47,6 +48,7 @@ pub(crate) use layers::Layers;
 pub use sample::Sampled;
 pub(crate) use sample::{Sample, Window};
 pub(crate) use source::Source;
+pub(crate) use trend::Trend;
 pub use voice::Voice;
 pub(crate) use voice::{JAW_OPEN, LiveVoice, TO_REST};
 

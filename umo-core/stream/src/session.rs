@@ -275,12 +275,12 @@ impl Session {
         Ok(output.ready(&self.shared))
     }
 
-    /// Arousal of the voice at the newest frame that was pulled or sampled, 0 to 1: 0.5 for an ordinary voice, and for none
-    /// (SPEC 2.22).
+    /// Arousal of the voice at the newest frame that was pulled or sampled, 0 to 1: 0.5 for an ordinary voice, and for none;
+    /// and its trend, the change per second over the last seconds (SPEC 2.22).
     ///
     /// # Errors
     /// [`SessionError::Busy`] if another thread pulls.
-    pub fn arousal(&self) -> Result<f32, SessionError> {
+    pub fn arousal(&self) -> Result<(f32, f32), SessionError> {
         let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         Ok(output.arousal(&self.shared))
     }

@@ -87,7 +87,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_reset": [_HANDLE],
     "umo_session_pull_frames": [_HANDLE, POINTER(_generated.FrameLayout), c_void_p, _SIZE, POINTER(_SIZE)],
     "umo_session_ready_frames": [_HANDLE, POINTER(_SIZE)],
-    "umo_session_arousal": [_HANDLE, POINTER(ctypes.c_float)],
+    "umo_session_arousal": [_HANDLE, POINTER(ctypes.c_float), POINTER(ctypes.c_float)],
     "umo_session_is_done": [_HANDLE, POINTER(_U32)],
     "umo_session_state_size": [_HANDLE, POINTER(_SIZE)],
     "umo_session_save": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],

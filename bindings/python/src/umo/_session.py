@@ -218,8 +218,15 @@ class Session(_library.Handle):
     def arousal(self) -> float:
         """Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none."""
         arousal = ctypes.c_float()
-        self._check(lib.umo_session_arousal(self._handle, byref(arousal)))
+        self._check(lib.umo_session_arousal(self._handle, byref(arousal), None))
         return arousal.value
+
+    @property
+    def arousal_trend(self) -> float:
+        """Change of the arousal per second, over the last seconds."""
+        arousal, trend = ctypes.c_float(), ctypes.c_float()
+        self._check(lib.umo_session_arousal(self._handle, byref(arousal), byref(trend)))
+        return trend.value
 
     @property
     def is_done(self) -> bool:

@@ -76,7 +76,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_reset(IntPtr session);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_pull_frames(IntPtr session, FrameLayout* layout, void* frames, UIntPtr size, UIntPtr* count);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_ready_frames(IntPtr session, UIntPtr* count);
-        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_arousal(IntPtr session, float* arousal);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_arousal(IntPtr session, float* arousal, float* trend);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_is_done(IntPtr session, uint* done);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_clock(IntPtr session, double seconds);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_sample_pose(IntPtr session, double seconds, FrameLayout* layout, void* frame, UIntPtr size, Sampled* sampled);

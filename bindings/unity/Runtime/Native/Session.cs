@@ -221,13 +221,14 @@ namespace Umo
             return status;
         }
 
-        /// <summary>Arousal of the voice at the newest frame pulled or sampled, 0 to 1; 0.5 for an ordinary voice, and for none.</summary>
-        public Status Arousal(out float arousal)
+        /// <summary>Arousal of the voice at the newest frame pulled or sampled, 0 to 1, 0.5 for an ordinary voice and for none; and its change per second.</summary>
+        public Status Arousal(out float arousal, out float trend)
         {
-            float got;
-            Status status = Native.umo_session_arousal(handle.Raw, &got);
+            float got, change;
+            Status status = Native.umo_session_arousal(handle.Raw, &got, &change);
             GC.KeepAlive(this);
             arousal = status == Status.Ok ? got : 0.5f;
+            trend = status == Status.Ok ? change : 0;
             return status;
         }
 

@@ -1,5 +1,6 @@
 //! The receiving side of a stream of packets.
 
+use umo_core_base::arousal::ORDINARY;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{self, Arena, filled, with_capacity};
 use umo_core_model::avatar::AvatarConfig;
@@ -10,7 +11,10 @@ use umo_core_model::linear::Compute;
 use umo_core_model::model::Model;
 use umo_core_model::motion::{FrameRef, MotionScratch, Smoothing};
 
-use super::{PacketError, PacketHead, PacketLayout, byte_level};
+use super::{PacketError, PacketHead, PacketLayout, SOUND, byte_arousal, byte_level};
+
+/// Sound of a keyframe of which nothing is known.
+const SILENCE: [f32; SOUND] = [0.0, ORDINARY];
 
 /// Maximum number of packets that wait for a missing one.
 const WAITING: usize = 4;
@@ -35,8 +39,8 @@ pub(crate) trait PacketSink {
     fn room(&self) -> usize;
     /// Called when a later stream begins.
     fn begin(&mut self);
-    /// Receives the next frame, with its audio level.
-    fn frame(&mut self, frame: FrameRef, level: f32);
+    /// Receives the next frame, with its audio level and arousal.
+    fn frame(&mut self, frame: FrameRef, sound: [f32; SOUND]);
 }
 
 /// Sink with unlimited room.
@@ -49,7 +53,7 @@ impl PacketSink for Frames<'_> {
 
     fn begin(&mut self) {}
 
-    fn frame(&mut self, frame: FrameRef, _: f32) {
+    fn frame(&mut self, frame: FrameRef, _: [f32; SOUND]) {
         (self.0)(frame);
     }
 }
@@ -78,11 +82,11 @@ pub struct Decoder {
     /// Frames of the current stream, once its last packet was used.
     total: Option<u32>,
     waiting: Vec<Slot>,
-    /// Levels and codes of the packet that just arrived.
-    arrived_levels: Box<[u8]>,
+    /// Sounds and codes of the packet that just arrived.
+    arrived_sounds: Box<[[u8; SOUND]]>,
     arrived: Box<[u16]>,
-    /// Audio level of keyframe `k`, at index `k % len`; 0 if unknown.
-    levels: Box<[f32]>,
+    /// Audio level and arousal of keyframe `k`, at index `k % len`; `SILENCE` if unknown.
+    sounds: Box<[[f32; SOUND]]>,
     /// `[P + N, codes of a keyframe]`: codes of the chunk being assembled.
     chunk: Box<[u16]>,
     /// The last keyframe.
@@ -101,7 +105,7 @@ pub struct Decoder {
 #[derive(Debug)]
 struct Slot {
     head: Option<PacketHead>,
-    levels: Box<[u8]>,
+    sounds: Box<[[u8; SOUND]]>,
     codes: Box<[u16]>,
 }
 
@@ -138,17 +142,17 @@ impl Place {
     }
 
     /// Emits the frame with the root corrected. Without a correction it is bit-identical to the decoded frame.
-    fn put(&mut self, frame: FrameRef, level: f32, out: &mut dyn PacketSink) {
+    fn put(&mut self, frame: FrameRef, sound: [f32; SOUND], out: &mut dyn PacketSink) {
         self.own = [frame.pose.translation[0], frame.pose.translation[2]];
         self.done = (self.done + 1).min(self.frames);
         let shift = self.shift();
         if shift == [0.0; 2] {
-            return out.frame(frame, level);
+            return out.frame(frame, sound);
         }
         let mut pose = *frame.pose;
         pose.translation[0] += shift[0];
         pose.translation[2] += shift[1];
-        out.frame(FrameRef { pose: &pose, ..frame }, level);
+        out.frame(FrameRef { pose: &pose, ..frame }, sound);
     }
 }
 
@@ -179,7 +183,7 @@ impl Decoder {
         let mut waiting = with_capacity(WAITING);
         waiting.extend((0..WAITING).map(|_| Slot {
             head: None,
-            levels: filled(0, c.prefix).into(),
+            sounds: filled([0; SOUND], c.prefix).into(),
             codes: filled(0, c.prefix * count).into(),
         }));
         Ok(Self {
@@ -198,10 +202,10 @@ impl Decoder {
             is_over: false,
             total: None,
             waiting,
-            arrived_levels: filled(0, c.prefix).into(),
+            arrived_sounds: filled([0; SOUND], c.prefix).into(),
             arrived: filled(0, c.prefix * count).into(),
-            // Levels of the frames held back, of a chunk, and one more.
-            levels: filled(0.0, lookahead.div_ceil(stride) + 2 * (config.target + 1)).into(),
+            // Of the frames held back, of a chunk, and one more.
+            sounds: filled(SILENCE, lookahead.div_ceil(stride) + 2 * (config.target + 1)).into(),
             chunk: filled(0, (c.prefix + config.target) * count).into(),
             held: rest(c).into(),
             rest: rest(c).into(),
@@ -245,7 +249,7 @@ impl Decoder {
         self.run.reset();
         self.waiting.iter_mut().for_each(|slot| slot.head = None);
         self.held.copy_from_slice(&self.rest);
-        self.levels.fill(0.0);
+        self.sounds.fill(SILENCE);
         (self.next, self.base, self.is_first, self.is_over) = (0, 0, true, false);
         self.total = None;
         self.place = Place::default();
@@ -299,7 +303,7 @@ impl Decoder {
         bytes: &[u8],
         sink: &mut dyn PacketSink,
     ) -> Result<(), PacketError> {
-        let head = self.layout.decode(bytes, &mut self.arrived_levels, &mut self.arrived)?;
+        let head = self.layout.decode(bytes, &mut self.arrived_sounds, &mut self.arrived)?;
         if head.keyframes != 0 && head.keyframes != self.target {
             return Err(PacketError::Other("target"));
         }
@@ -332,7 +336,7 @@ impl Decoder {
             self.take(model, cx, &head, None, sink)?;
         } else if let Some(slot) = self.waiting.iter_mut().find(|slot| slot.head.is_none()) {
             slot.head = Some(head);
-            slot.levels.copy_from_slice(&self.arrived_levels);
+            slot.sounds.copy_from_slice(&self.arrived_sounds);
             slot.codes.copy_from_slice(&self.arrived);
         }
         self.received.packets += 1;
@@ -393,7 +397,7 @@ impl Decoder {
             for chunk in 0..lost {
                 for i in 0..n {
                     let keyframe = (self.next as usize + chunk) * n + i;
-                    *level_of(&mut self.levels, keyframe) = 0.0;
+                    *sound_of(&mut self.sounds, keyframe) = SILENCE;
                     // Distance from this keyframe to the packet's first new one.
                     let back = keyframes - (chunk * n + i);
                     if back <= said {
@@ -417,9 +421,10 @@ impl Decoder {
             let new = &codes[head.history * count..(head.history + n) * count];
             self.chunk[..n * count].copy_from_slice(new);
             self.held.copy_from_slice(&new[(n - 1) * count..]);
-            let heard = slot.map_or(&*self.arrived_levels, |slot| &self.waiting[slot].levels);
-            for (i, &level) in heard[..n].iter().enumerate() {
-                *level_of(&mut self.levels, head.sequence as usize * n + i) = byte_level(level);
+            let heard = slot.map_or(&*self.arrived_sounds, |slot| &self.waiting[slot].sounds);
+            for (i, &[level, arousal]) in heard[..n].iter().enumerate() {
+                let sound = [byte_level(level), byte_arousal(arousal)];
+                *sound_of(&mut self.sounds, head.sequence as usize * n + i) = sound;
             }
         }
         self.compute(model, cx, head.keyframes, total, sink)?;
@@ -435,7 +440,7 @@ impl Decoder {
         self.window.rest();
         self.window.correct(&codes[..head.history * count]);
         self.run.reset();
-        self.levels.fill(0.0);
+        self.sounds.fill(SILENCE);
         (self.is_first, self.base) = (true, head.sequence as usize * self.target * self.stride);
         self.place = Place { offset: head.root, ..Place::default() };
     }
@@ -449,12 +454,12 @@ impl Decoder {
         total: Option<usize>,
         sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
-        let Self { window, run, interp, scratch, place, base, levels, stride, .. } = self;
+        let Self { window, run, interp, scratch, place, base, sounds, stride, .. } = self;
         let decoder = model.motion();
         let mut out = |raw: FrameRef| {
             if total.is_none_or(|total| raw.index < total) {
                 let index = *base + raw.index;
-                place.put(FrameRef { index, ..raw }, *level_of(levels, index / *stride), sink);
+                place.put(FrameRef { index, ..raw }, *sound_of(sounds, index / *stride), sink);
             }
         };
         if keyframes > 0 {
@@ -480,10 +485,10 @@ fn codes_of<'a>(waiting: &'a [Slot], arrived: &'a [u16], slot: Option<usize>) ->
     slot.map_or(arrived, |slot| &waiting[slot].codes)
 }
 
-/// Audio level of a keyframe.
-fn level_of(levels: &mut [f32], keyframe: usize) -> &mut f32 {
-    let place = keyframe % levels.len();
-    &mut levels[place]
+/// Audio level and arousal of a keyframe.
+fn sound_of(sounds: &mut [[f32; SOUND]], keyframe: usize) -> &mut [f32; SOUND] {
+    let place = keyframe % sounds.len();
+    &mut sounds[place]
 }
 
 /// Rest codes, in the order of a keyframe.

@@ -5,13 +5,13 @@ use umo_core_base::memory::filled;
 use umo_core_model::avatar::{Avatar, Due};
 use umo_core_model::config::Config;
 
-use super::{PacketHead, PacketLayout, level_byte};
+use super::{PacketHead, PacketLayout, SOUND, arousal_byte, level_byte};
 use crate::levels::Levels;
 
 /// Buffers for the contents of a packet.
 #[derive(Debug)]
 pub(crate) struct PacketRoom {
-    levels: Box<[u8]>,
+    sounds: Box<[[u8; SOUND]]>,
     codes: Box<[u16]>,
 }
 
@@ -19,7 +19,7 @@ impl PacketRoom {
     /// Creates buffers for any avatar of a model.
     pub(crate) fn new(config: &Config) -> Self {
         let count = config.prefix * config.codes_per_keyframe();
-        Self { levels: filled(0, config.prefix).into(), codes: filled(0, count).into() }
+        Self { sounds: filled([0; SOUND], config.prefix).into(), codes: filled(0, count).into() }
     }
 
     /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
@@ -54,10 +54,10 @@ impl PacketRoom {
             history,
             total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
         };
-        let heard = &mut self.levels[..keyframes];
-        for (i, level) in heard.iter_mut().enumerate() {
+        let heard = &mut self.sounds[..keyframes];
+        for (i, sound) in heard.iter_mut().enumerate() {
             let first = (sequence * avatar.target as u64 + i as u64) * config.keyframe_stride as u64;
-            *level = level_byte(levels.mean(first, config.keyframe_stride));
+            *sound = [level_byte(levels.mean(first, config.keyframe_stride)), arousal_byte(levels.arousal(first))];
         }
         let codes = &mut self.codes[..(history + keyframes) * layout.codes()];
         avatar.window.last(codes);

@@ -20,46 +20,46 @@ const PLAIN: PacketHead = PacketHead {
 fn the_bits_are_those_of_the_specification() {
     let layout = layout(&[256, 5, 1, 2]);
     let mut bytes = [0; 64];
-    let len = layout.encode(&PLAIN, &[0xEE], &[0x81, 4, 0, 1, 0xFF, 3, 0, 0], &mut bytes).unwrap();
+    let len = layout.encode(&PLAIN, &[[0xEE, 0x7F]], &[0x81, 4, 0, 1, 0xFF, 3, 0, 0], &mut bytes).unwrap();
     let head = [
-        &[0x01, 3, 0xCD, 0xAB, 4, 3, 2, 1, 0x80, 0xBB, 0, 0, 0, 0, 0, 0][..],
+        &[0x02, 3, 0xCD, 0xAB, 4, 3, 2, 1, 0x80, 0xBB, 0, 0, 0, 0, 0, 0][..],
         &1.5_f32.to_le_bytes(),
         &(-2.0_f32).to_le_bytes(),
         &[1, 1],
-        // Audio level of the new keyframe.
-        &[0xEE],
+        // Audio level and arousal of the new keyframe.
+        &[0xEE, 0x7F],
     ];
     // 8 bits of 0x81, 3 bits of 4, 0 bits, 1 bit of 1; 8 of 0xFF, 3 of 3, 0, 1 of 0: lowest first.
     let packed = 0x81_u32 | 4 << 8 | 1 << 11 | 0xFF << 12 | 3 << 20;
     assert_eq!(bytes[..len], [&head.concat()[..], &packed.to_le_bytes()[..3]].concat());
     let last = PacketHead { keyframes: 0, history: 0, total: Some(7), ..PLAIN };
     let len = layout.encode(&last, &[], &[], &mut bytes).unwrap();
-    assert_eq!((bytes[0], &bytes[26..len]), (0x11, &[7, 0, 0, 0][..]));
+    assert_eq!((bytes[0], &bytes[26..len]), (0x12, &[7, 0, 0, 0][..]));
 }
 
 #[test]
 fn what_is_no_packet_is_refused() {
     let layout = layout(&[200, 5, 7]);
-    let (mut bytes, mut levels, mut codes) = ([0; 64], [0; 10], [0; 30]);
-    let len = layout.encode(&PLAIN, &[9], &[199, 4, 6, 0, 1, 2], &mut bytes).unwrap();
+    let (mut bytes, mut sounds, mut codes) = ([0; 64], [[0; SOUND]; 10], [0; 30]);
+    let len = layout.encode(&PLAIN, &[[9, 127]], &[199, 4, 6, 0, 1, 2], &mut bytes).unwrap();
     let good = &bytes[..len];
-    assert!(layout.decode(good, &mut levels, &mut codes).is_ok());
+    assert!(layout.decode(good, &mut sounds, &mut codes).is_ok());
     for cut in 0..len {
-        assert!(layout.decode(&good[..cut], &mut levels, &mut codes).is_err(), "{cut} bytes");
+        assert!(layout.decode(&good[..cut], &mut sounds, &mut codes).is_err(), "{cut} bytes");
     }
-    assert!(layout.decode(&[good, &[0]].concat(), &mut levels, &mut codes).is_err());
+    assert!(layout.decode(&[good, &[0]].concat(), &mut sounds, &mut codes).is_err());
     let mut refused = |at: usize, value: u8, wanted: PacketError| {
         let mut bad = good.to_vec();
         bad[at] = value;
-        assert_eq!(layout.decode(&bad, &mut levels, &mut codes), Err(wanted), "byte {at}");
+        assert_eq!(layout.decode(&bad, &mut sounds, &mut codes), Err(wanted), "byte {at}");
     };
-    refused(0, 2, PacketError::Malformed("its version is not 1"));
-    refused(0, 0x21, PacketError::Malformed("it has flags that version 1 does not have"));
+    refused(0, 1, PacketError::Malformed("its version is not 2: use the same version of umo on both sides"));
+    refused(0, 0x22, PacketError::Malformed("it has flags that version 2 does not have"));
     refused(2, 0, PacketError::Other("model"));
     refused(19, 0x7F, PacketError::Malformed("its root is out of range"));
     refused(24, 200, PacketError::Malformed("it has more keyframes than the model's history"));
     refused(24, 2, PacketError::Malformed("its length is not that of its keyframes"));
-    refused(27, 0xFF, PacketError::Malformed("a code is out of range"));
+    refused(28, 0xFF, PacketError::Malformed("a code is out of range"));
     refused(len - 1, good[len - 1] | 0x80, PacketError::Malformed("bits after the codes are not 0"));
 }
 
@@ -68,19 +68,19 @@ fn what_no_packet_can_say_is_an_error() {
     let layout = layout(&[200, 5]);
     let mut bytes = [0; 64];
     let head = PacketHead { keyframes: 2, history: 0, ..PLAIN };
-    assert!(matches!(layout.encode(&head, &[0; 2], &[0; 3], &mut bytes), Err(StepError::Disagree(_))));
-    assert!(matches!(layout.encode(&head, &[0; 1], &[0; 4], &mut bytes), Err(StepError::Disagree(_))));
+    assert!(matches!(layout.encode(&head, &[[0; SOUND]; 2], &[0; 3], &mut bytes), Err(StepError::Disagree(_))));
+    assert!(matches!(layout.encode(&head, &[[0; SOUND]; 1], &[0; 4], &mut bytes), Err(StepError::Disagree(_))));
     assert!(matches!(
-        layout.encode(&head, &[0; 2], &[0, 0, 0, 5], &mut bytes),
+        layout.encode(&head, &[[0; SOUND]; 2], &[0, 0, 0, 5], &mut bytes),
         Err(StepError::OutOfRange { got: 5, .. })
     ));
     assert!(matches!(
-        layout.encode(&head, &[0; 2], &[0; 4], &mut bytes[..30]),
-        Err(StepError::TooLong { got: 31, .. })
+        layout.encode(&head, &[[0; SOUND]; 2], &[0; 4], &mut bytes[..30]),
+        Err(StepError::TooLong { got: 33, .. })
     ));
     let many = PacketHead { keyframes: 6, history: 5, ..PLAIN };
     assert!(matches!(
-        layout.encode(&many, &[0; 6], &[0; 22], &mut bytes),
+        layout.encode(&many, &[[0; SOUND]; 6], &[0; 22], &mut bytes),
         Err(StepError::TooLong { got: 11, limit: 10, .. })
     ));
 }
@@ -98,7 +98,15 @@ fn levels_are_kept_within_a_step() {
     assert!((0..=255).all(|byte| level_byte(byte_level(byte)) == byte));
 }
 
-fn case() -> impl Strategy<Value = (Vec<u16>, PacketHead, Vec<u8>, Vec<u16>)> {
+/// An arousal's round trip has an error of at most half a step; an ordinary one has none.
+#[test]
+fn arousal_is_kept_within_a_step() {
+    assert_eq!([0.0, 0.5, 1.0].map(|arousal| byte_arousal(arousal_byte(arousal))), [0.0, 0.5, 1.0]);
+    assert_eq!((arousal_byte(f32::NAN), byte_arousal(255)), (0, 1.0));
+    assert!((0..=254).all(|byte| arousal_byte(byte_arousal(byte)) == byte));
+}
+
+fn case() -> impl Strategy<Value = (Vec<u16>, PacketHead, Vec<[u8; SOUND]>, Vec<u16>)> {
     let limits = prop::collection::vec(prop_oneof![1..=256_u16, Just(1), Just(65_535)], 1..12);
     let counts = (0..=5_usize, 0..=5_usize);
     (
@@ -112,19 +120,19 @@ fn case() -> impl Strategy<Value = (Vec<u16>, PacketHead, Vec<u8>, Vec<u16>)> {
             let total = if keyframes == 0 { Some(total.unwrap_or(9)) } else { total };
             let head = PacketHead { stream, sequence, sample, root, keyframes, history, total };
             let codes = limits.iter().cycle().take(limits.len() * (keyframes + history)).map(|&limit| 0..limit);
-            (Just(limits.clone()), Just(head), prop::collection::vec(any::<u8>(), keyframes), codes.collect::<Vec<_>>())
+            (Just(limits.clone()), Just(head), prop::collection::vec(any::<[u8; SOUND]>(), keyframes), codes.collect::<Vec<_>>())
         })
 }
 
 proptest! {
     #[test]
-    fn packets_say_what_was_put_in((limits, head, levels, codes) in case()) {
+    fn packets_say_what_was_put_in((limits, head, sounds, codes) in case()) {
         let layout = layout(&limits);
-        let (mut bytes, mut heard, mut found) = (vec![0xFF; 4096], [3; 10], vec![9; 10 * limits.len()]);
-        let len = layout.encode(&head, &levels, &codes, &mut bytes).unwrap();
+        let (mut bytes, mut heard, mut found) = (vec![0xFF; 4096], [[3; SOUND]; 10], vec![9; 10 * limits.len()]);
+        let len = layout.encode(&head, &sounds, &codes, &mut bytes).unwrap();
         prop_assert_eq!(len, layout.bytes(head.keyframes, head.history, head.total.is_some()));
         prop_assert_eq!(layout.decode(&bytes[..len], &mut heard, &mut found).unwrap(), head);
-        prop_assert_eq!(&heard[..levels.len()], &levels[..]);
+        prop_assert_eq!(&heard[..sounds.len()], &sounds[..]);
         prop_assert_eq!(&found[..codes.len()], &codes[..]);
     }
 
@@ -132,14 +140,14 @@ proptest! {
     fn any_bytes_are_refused_or_a_packet(mut bytes in prop::collection::vec(any::<u8>(), 0..80), good in any::<bool>()) {
         let layout = layout(&[256, 5, 1, 2]);
         if good && bytes.len() > 25 {
-            bytes[..4].copy_from_slice(&[1, 0, 0xCD, 0xAB]);
+            bytes[..4].copy_from_slice(&[2, 0, 0xCD, 0xAB]);
             bytes[24] %= 4;
             bytes[25] %= 4;
         }
-        let (mut levels, mut codes, mut again) = ([0; 10], [0; 40], [0; 80]);
-        if let Ok(head) = layout.decode(&bytes, &mut levels, &mut codes) {
+        let (mut sounds, mut codes, mut again) = ([[0; SOUND]; 10], [0; 40], [0; 80]);
+        if let Ok(head) = layout.decode(&bytes, &mut sounds, &mut codes) {
             let count = 4 * (head.keyframes + head.history);
-            let len = layout.encode(&head, &levels[..head.keyframes], &codes[..count], &mut again).unwrap();
+            let len = layout.encode(&head, &sounds[..head.keyframes], &codes[..count], &mut again).unwrap();
             prop_assert_eq!(&again[..len], &bytes[..]);
         }
     }

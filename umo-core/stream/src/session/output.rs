@@ -12,8 +12,8 @@ use super::packets::PacketQueue;
 use super::shared::SessionInit;
 use super::{SessionConfig, Shared};
 use crate::playback::{
-    Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Window,
-    frames_of,
+    Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Trend,
+    Window, frames_of,
 };
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
@@ -25,6 +25,7 @@ pub(crate) struct Output {
     /// If frames come from packets.
     gap: Option<Gap>,
     layers: Layers,
+    trend: Trend,
     window: Window,
     sample: Sample,
     idle: IdleBlend,
@@ -55,6 +56,7 @@ impl Output {
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
             layers: Layers::new(stack, controls, session.sample_rate),
+            trend: Trend::new(frame_rate),
             window: Window::new(frame),
             sample: Sample::new(frame(), frame_rate),
             idle: IdleBlend::new(frame, session.idle_after, session.ease, frame_rate),
@@ -69,7 +71,7 @@ impl Output {
         if epoch == before {
             return;
         }
-        let Self { to_rest, source, arrival, gap, layers, window, sample, idle, gained, rest } = self;
+        let Self { to_rest, source, arrival, gap, layers, trend, window, sample, idle, gained, rest } = self;
         let is_reset = epoch.resets != before.resets;
         if window.reset(is_reset, rest) {
             shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
@@ -86,6 +88,7 @@ impl Output {
             gap.reset(&start);
         }
         layers.reset(&start, &shared.host);
+        trend.reset();
         sample.reset(&start);
         idle.reset(&start);
         gained.reset(&start);
@@ -105,7 +108,7 @@ impl Output {
 
     /// Fetches the frame after the one shown; returns whether there is one.
     fn fetch(&mut self, shared: &Shared) -> bool {
-        let Self { to_rest, source, arrival, gap, layers, window, rest, .. } = self;
+        let Self { to_rest, source, arrival, gap, layers, trend, window, rest, .. } = self;
         if window.has_next {
             return true;
         }
@@ -126,6 +129,7 @@ impl Output {
         }
         window.next.raw.copy(frame);
         layers.apply_for(&shared.host, frame);
+        trend.follow(frame.cue.arousal);
         window.has_next = true;
         true
     }
@@ -168,10 +172,10 @@ impl Output {
         usize::from(self.window.has_next) + self.to_rest.left() as usize + waiting
     }
 
-    /// Arousal of the voice at the newest frame shown.
-    pub(super) fn arousal(&mut self, shared: &Shared) -> f32 {
+    /// Arousal of the voice at the newest frame shown, and its change per second.
+    pub(super) fn arousal(&mut self, shared: &Shared) -> (f32, f32) {
         self.sync_epoch(shared);
-        self.window.last.frame.cue.arousal
+        (self.window.last.frame.cue.arousal, self.trend.value())
     }
 
     /// Whether every frame of a stream of `total` frames was shown.
@@ -199,12 +203,13 @@ impl Output {
 
     /// Describes the frame side, in the order of the format. Rest is the model's and is not saved.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let Self { to_rest, source, arrival, layers, window, sample, idle, gained, .. } = self;
+        let Self { to_rest, source, arrival, layers, trend, window, sample, idle, gained, .. } = self;
         source.epoch_state(pass)?;
         window.flags_state(pass)?;
         idle.state(pass)?;
         window.state(pass)?;
         layers.state(pass)?;
+        trend.state(pass)?;
         source.voice_state(pass)?;
         layers.controls_state(pass)?;
         idle.still_state(pass)?;

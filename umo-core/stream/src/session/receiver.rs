@@ -18,12 +18,13 @@ use umo_core_model::audio::resample::Resampler;
 use umo_core_model::linear::Compute;
 use umo_core_model::model::Model;
 use umo_core_model::motion::FrameRef;
+use umo_core_pose::frame::Cue;
 
 use super::shared::{SessionInit, Shared, try_lock};
 use super::{Session, SessionConfig, SessionError, Source, Voice};
 use crate::engine::EngineError;
 use crate::link::{Epoch, Stamp};
-use crate::packet::{Decoder, PacketError, PacketSink, Received};
+use crate::packet::{Decoder, PacketError, PacketSink, Received, SOUND};
 use crate::playback::frames_of;
 
 /// Name of the call, for [`SessionError::Busy`].
@@ -61,10 +62,12 @@ impl PacketSink for Frames<'_> {
         link.start_input(*self.epoch, 0);
     }
 
-    fn frame(&mut self, frame: FrameRef, level: f32) {
+    fn frame(&mut self, frame: FrameRef, [level, arousal]: [f32; SOUND]) {
         let index = frame.index as u64;
         let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.format.sample_of(index) };
-        let written = self.shared.link.frames.push(stamp, crate::levels::cue(&frame, level), frame.pose, frame.face);
+        // What comes later is not known.
+        let cue = Cue { arousal, onset: -1.0, ..crate::levels::cue(&frame, level) };
+        let written = self.shared.link.frames.push(stamp, cue, frame.pose, frame.face);
         debug_assert!(written, "a packet is taken only where its frames have room");
         self.count += 1;
     }

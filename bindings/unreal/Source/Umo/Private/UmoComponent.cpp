@@ -431,6 +431,11 @@ float UUmoComponent::GetArousal() const
 	return Avatar ? Avatar->arousal() : 0.5f;
 }
 
+float UUmoComponent::GetArousalTrend() const
+{
+	return Avatar ? Avatar->arousal_trend() : 0.0f;
+}
+
 FString UUmoComponent::GetLastError() const
 {
 	return Avatar ? FString(UTF8_TO_TCHAR(Avatar->last_error().c_str())) : FString(TEXT("the avatar is not open"));

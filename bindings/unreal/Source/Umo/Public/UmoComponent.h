@@ -379,6 +379,10 @@ public:
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetArousal() const;
 
+	/** Change of the arousal per second, over the last seconds. */
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	float GetArousalTrend() const;
+
 	/** Reason why the last call returned false. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	FString GetLastError() const;

@@ -159,7 +159,9 @@ public:
     double heard(double now) const { return audio_.read(now).seconds - delay_seconds_ - settings_.output_latency; }
     umo_stats stats() const { return session_.stats(); }
     /// Game thread: arousal of the voice that is shown.
-    float arousal() { return session_.arousal().value; }
+    float arousal() { return session_.arousal().value.arousal; }
+    /// Game thread: its change per second.
+    float arousal_trend() { return session_.arousal().value.trend; }
     /// The skeleton with this session's rest position.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
