@@ -1,5 +1,5 @@
 //! Cost of the calls on the audio and game threads, from C and from Rust: 10 ms of sound in, a
-//! pose out, at three rates; the live mouth; the layers over the decoders' frames; and words.
+//! pose out, at three rates; the live mouth; the layers over the decoders' frames; the voice's arousal; and words.
 
 use std::hint::black_box;
 use std::ptr::null_mut;
@@ -24,6 +24,8 @@ use umo_core::{
     Clock, Engine, EngineConfig, Layer, LayerGains, Model, ModelFile, Precision, Resampler, Session, SessionConfig,
     Threads,
 };
+use umo_core_base::arousal::Arousal;
+use umo_core_base::memory::Arena;
 use umo_core_model::mouth::{Mouth, MouthStream};
 use umo_core_model::weights::Loader;
 use umo_core_words::{Hints, Planner, UNITS, WordRules};
@@ -116,6 +118,28 @@ fn layers(c: &mut Criterion) {
             });
         });
     }
+}
+
+/// Cost of a voice's arousal: a second of speech-like sound, ten values.
+fn arousal(c: &mut Criterion) {
+    let rate = 16_000;
+    // A buzz whose pitch and level move as syllables do, with a breath of noise.
+    let samples: Vec<f32> = (0..rate)
+        .map(|i| {
+            let seconds = i as f32 / rate as f32;
+            let syllable = (12.0 * seconds).sin().abs();
+            let phase = 150.0 * seconds + 2.0 * (6.0 * seconds).sin();
+            syllable * (0.3 * (2.0 * phase.fract() - 1.0) + 0.02 * (i as f32 * 12.9898).sin())
+        })
+        .collect();
+    let mut heard = Arousal::new_in(rate, &Arena::system());
+    c.bench_function("arousal/1 s of a voice", |b| {
+        b.iter(|| {
+            let mut sum = 0.0;
+            heard.push(black_box(&samples), |value| sum += value);
+            sum
+        });
+    });
 }
 
 /// Cost of words: ten seconds of speech with three words a second, given and decided in 300 frames.
@@ -238,5 +262,5 @@ fn resampling(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, calls, mouth, layers, words, resampling);
+criterion_group!(benches, calls, mouth, layers, arousal, words, resampling);
 criterion_main!(benches);

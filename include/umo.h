@@ -1453,17 +1453,19 @@ umo_status umo_session_ready_frames(struct umo_session *session,
 UMO_NOEXCEPT;
 
 // Gets the arousal of the voice at the newest frame that was pulled or sampled: how lively it speaks, 0 to 1, ten
-// times a second. It is 0.5 for an ordinary voice, and without one. `UMO_PARAMETER_EXPRESSION` does not change it.
+// times a second. It is 0.5 for an ordinary voice, and without one. `trend` is its change per second over the last
+// seconds. `UMO_PARAMETER_EXPRESSION` changes neither.
 //
 // Threads: any; not during a pull. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
 //
 // Pointers:
-// `arousal` is NULL or writable.
+// `arousal` and `trend` are NULL or writable; `trend` may be NULL.
 UMO_API
 UMO_MUST_USE
 umo_status umo_session_arousal(struct umo_session *session,
-                               float *arousal)
+                               float *arousal,
+                               float *trend)
 UMO_NOEXCEPT;
 
 // Whether the stream has ended: `done` becomes 1 once `umo_session_finish` was called and all frames

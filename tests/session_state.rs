@@ -185,14 +185,14 @@ impl<'a> Run<'a> {
                 assert!(pulled >= ready.min(*most), "{pulled} frames of {most}, where {ready} were ready");
                 assert!(!*settled || pulled == ready.min(*most), "{pulled} frames of {most}, {ready} were ready");
                 let (arousal, trend) = session.arousal().unwrap();
-                seen.extend([arousal, trend].map(|value| value.to_bits().into()));
+                seen.extend([arousal, trend].map(|value| u64::from(value.to_bits())));
             }
             Call::Sample(frames) => {
                 *time += frames / 30.0;
                 let sampled = session.sample_pose(*time, |frame| show(frame, seen)).unwrap();
                 seen.extend([sampled.oldest.to_bits(), sampled.newest.to_bits(), sampled.is_ahead.into()]);
                 let (arousal, trend) = session.arousal().unwrap();
-                seen.extend([arousal, trend].map(|value| value.to_bits().into()));
+                seen.extend([arousal, trend].map(|value| u64::from(value.to_bits())));
             }
             Call::Interrupt(ms) => session.interrupt(Duration::from_millis(*ms)).unwrap(),
             Call::Reset => {
