@@ -41,7 +41,7 @@ const HARD_DEPTH: f32 = 1.5;
 /// Inhalation before a phrase, relative to an idle breath; the head's lift, and the jaw at it and at a jawOpen of 1.
 const INHALATION: f32 = 1.4;
 const HEAD_LIFT_DEGREES: f32 = 1.2;
-const LIPS_PARTED: f32 = 0.1;
+const LIPS_PARTED: f32 = 0.05;
 const JAW_DEGREES: f32 = 20.0;
 const JAW_OPEN: usize = arkit("jawOpen");
 
