@@ -57,6 +57,10 @@ namespace Umo.Serve
         [DataMember(Name = "horizon", EmitDefaultValue = false)] public int? Horizon { get; set; }
         /// <summary>Strength of the layers, 0 to 1.</summary>
         [DataMember(Name = "layers", EmitDefaultValue = false)] public double? Layers { get; set; }
+        /// <summary>Name of the room that the session joins.</summary>
+        [DataMember(Name = "room", EmitDefaultValue = false)] public string Room { get; set; }
+        /// <summary>Place in the room: x and z in metres, and degrees to the left of +Z.</summary>
+        [DataMember(Name = "place", EmitDefaultValue = false)] public double[] Place { get; set; }
         /// <summary>Whether the client accepts the session's state when the server stops.</summary>
         [DataMember(Name = "handover", EmitDefaultValue = false)] public bool? Handover { get; set; }
         /// <summary>Number of samples at the start that a restored session already has.</summary>
