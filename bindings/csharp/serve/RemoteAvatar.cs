@@ -254,6 +254,12 @@ namespace Umo.Serve
             return SayAsync(new Request { Type = "words", Text = text, Start = start, End = end }, cancel);
         }
 
+        /// <summary>Moves in the room: x and z in metres, and degrees to the left of +Z.</summary>
+        public Task SetPlaceAsync(double x, double z, double degrees, CancellationToken cancel = default(CancellationToken))
+        {
+            return SayAsync(new Request { Type = "place", Place = new[] { x, z, degrees } }, cancel);
+        }
+
         /// <summary>Turns eyes, head and trunk to a point, in metres.</summary>
         public Task LookAtAsync(float x, float y, float z, double strength = 1, CancellationToken cancel = default(CancellationToken))
         {
@@ -430,6 +436,7 @@ namespace Umo.Serve
             [DataMember(Name = "packets", EmitDefaultValue = false)] internal int? Packets;
             [DataMember(Name = "ease", EmitDefaultValue = false)] internal double? Ease;
             [DataMember(Name = "mood", EmitDefaultValue = false)] internal string Mood;
+            [DataMember(Name = "place", EmitDefaultValue = false)] internal double[] Place;
             [DataMember(Name = "name", EmitDefaultValue = false)] internal string Name;
             [DataMember(Name = "at", EmitDefaultValue = false)] internal double? At;
             [DataMember(Name = "text", EmitDefaultValue = false)] internal string Text;
