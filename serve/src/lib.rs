@@ -7,6 +7,7 @@
 //! | `door` | accepted origins, and limits on connections without a session |
 //! | `hub` | session slots, in all and by client, and whether new sessions are accepted |
 //! | [`protocol`] | the messages |
+//! | `room` | sessions that see each other |
 //! | `session` | one client: audio to the engine, frames to the client |
 //! | `socket` | its WebSocket: limits, reading, writing, close |
 //! | [`page`] | a page for browsers on this machine, and its character |
@@ -30,6 +31,7 @@ mod hub;
 mod metrics;
 pub mod page;
 pub mod protocol;
+mod room;
 mod server;
 mod session;
 mod socket;

@@ -84,6 +84,12 @@ pub struct Hello {
     /// Whether the client takes the session's state when the server stops.
     #[serde(default)]
     pub handover: bool,
+    /// Room that the session joins: those in it see each other.
+    #[serde(default)]
+    pub room: Option<String>,
+    /// Place in the room: x and z in metres, and degrees to the left of +Z.
+    #[serde(default)]
+    pub place: Option<[f32; 3]>,
     /// Length in bytes of a state that follows in binary messages and that the session resumes from.
     #[serde(default)]
     pub restore: Option<usize>,
@@ -246,6 +252,11 @@ pub enum Request {
         /// Strength, 0 to 1.
         #[serde(default = "one")]
         strength: f32,
+    },
+    /// Moves in the room.
+    Place {
+        /// The new place, as in the hello.
+        place: [f32; 3],
     },
     /// Requests a copy of the session's state; the session continues.
     Save,

@@ -111,7 +111,8 @@ impl Server {
         let hub = Hub::new(config.sessions, config.per_client);
         let is_loopback = address.ip().is_loopback();
         let lobby = Arc::default();
-        let shared = Arc::new(Shared { hub, lobby, is_loopback, engine, metrics: Metrics::new(), config });
+        let rooms = Arc::default();
+        let shared = Arc::new(Shared { hub, lobby, rooms, is_loopback, engine, metrics: Metrics::new(), config });
         Ok(Self { listener, address, shared })
     }
 

@@ -27,6 +27,7 @@ use crate::door::Lobby;
 use crate::hub::{Hub, Phase, Place, Refusal};
 use crate::metrics::Metrics;
 use crate::protocol::{self, AudioKind, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request};
+use crate::room::{Membership, Rooms};
 use crate::socket::{Broken, Writer, Written, leave, next};
 use audio::Audio;
 use character::Character;
@@ -34,6 +35,8 @@ use opus::Packets;
 
 /// Interval at which the engine is polled for output.
 const TICK: Duration = Duration::from_millis(10);
+/// Number of waiting frames from which a session in a room catches up.
+const PILE: usize = 45;
 
 /// State shared by all sessions of a server.
 #[derive(Debug)]
@@ -42,6 +45,7 @@ pub(crate) struct Shared {
     pub(crate) engine: Engine,
     pub(crate) hub: Arc<Hub>,
     pub(crate) lobby: Arc<Lobby>,
+    pub(crate) rooms: Arc<Rooms>,
     /// Whether the server listens on loopback only.
     pub(crate) is_loopback: bool,
     pub(crate) metrics: Metrics,
@@ -192,8 +196,13 @@ async fn with_place(
     };
     let begun = async { Ok((Character::of(hello, &shared.config)?, begin(hello, stream, shared).await?)) };
     let (character, session) = match begun.await {
-        Ok(begun) => begun,
+        Ok((character, session)) => (character, Arc::new(session)),
         Err(end) => return (end, false),
+    };
+    let membership = hello.room.as_ref().map(|room| shared.rooms.join(room, hello.place, &session)).transpose();
+    let membership = match membership {
+        Ok(membership) => membership,
+        Err(wrong) => return (End::bad(wrong), false),
     };
     shared.metrics.started.inc();
     let config = &shared.config;
@@ -211,6 +220,7 @@ async fn with_place(
         // A restored session includes the statistics of its previous server.
         late_frames: session.stats().late_frames,
         session,
+        membership,
         packet: Vec::new(),
         character,
         heard: Instant::now(),
@@ -289,7 +299,9 @@ enum Saving {
 /// A running session.
 #[derive(Debug)]
 struct Live {
-    session: Session,
+    session: Arc<Session>,
+    /// Where the session sees others.
+    membership: Option<Membership>,
     shared: Arc<Shared>,
     rate: usize,
     output: Output,
@@ -437,6 +449,10 @@ impl Live {
             }
             Request::Words { text, start, end } => session.hint_words(&text, start, end).map_err(of_session)?,
             Request::LookAt { point, strength } => session.look_at(point, strength).map_err(of_session)?,
+            Request::Place { place } => {
+                let Some(membership) = &self.membership else { return Err(End::bad("place: only in a room")) };
+                membership.place(place).map_err(End::bad)?;
+            }
             Request::Save if self.saving == Saving::No => self.saving = Saving::Copy,
             Request::Save => {}
         }
@@ -456,7 +472,7 @@ impl Live {
         }
         if self.saving == Saving::No {
             self.push(now)?;
-            self.pull(writer)?;
+            self.pull(now, writer)?;
             if std::mem::take(&mut self.wants_stats) {
                 self.say(writer, &self.stats()).await?;
             }
@@ -503,15 +519,31 @@ impl Live {
         Ok(())
     }
 
+    /// Number of frames that may be sent: in a room as many as it has ticked, and twice as many while they pile up.
+    fn most_frames(&mut self, now: Instant) -> Result<usize, End> {
+        let Some(membership) = &mut self.membership else { return Ok(usize::MAX) };
+        let due = membership.due(now);
+        if due > 0 && membership.has_company() {
+            // Who listens to others is not idle.
+            self.active = now;
+        }
+        let is_behind = self.session.ready_frames().or_else(later(0))? > PILE;
+        Ok(if is_behind { 2 * due } else { due })
+    }
+
     /// Queues available output while the queue has room.
-    fn pull(&mut self, writer: &Writer) -> Result<(), End> {
+    fn pull(&mut self, now: Instant, writer: &Writer) -> Result<(), End> {
+        let mut most = self.most_frames(now)?;
         let metrics = &self.shared.metrics;
-        while let Some(place) = writer.place() {
+        while most > 0
+            && let Some(place) = writer.place()
+        {
             let bytes = match self.output {
                 Output::Frames => {
-                    let Some((bytes, count)) = pull_frames(&self.session, self.floats, &mut self.character)? else {
+                    let Some((bytes, count)) = pull_frames(&self.session, (self.floats, most), &mut self.character)? else {
                         break;
                     };
+                    most = most.saturating_sub(usize::try_from(count).unwrap_or(usize::MAX));
                     self.frames += count;
                     metrics.frames.inc_by(count);
                     bytes
@@ -588,10 +620,10 @@ impl Live {
 /// Returns a message of the available frames and their number, if there are any.
 fn pull_frames(
     session: &Session,
-    floats: usize,
+    (floats, most): (usize, usize),
     character: &mut Option<Character>,
 ) -> Result<Option<(Vec<u8>, u64)>, End> {
-    let most = protocol::frames_at_once(floats);
+    let most = protocol::frames_at_once(floats).min(most);
     let (mut message, mut added) = (None, Ok(()));
     let pulled = session.pull_frames(most, |frame| {
         let message = message.get_or_insert_with(|| FrameMessage::new(floats, most));

@@ -18,7 +18,7 @@ use std::net::SocketAddr;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
-use client::{Client, FrameBits, bits, http};
+use client::{Client, Event, FrameBits, bits, http};
 use serde_json::json;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -226,6 +226,43 @@ async fn commands_reach_the_session() {
         panic!("a language without rules")
     };
     assert!(code == "bad_request" && reason.contains("en, de"), "{reason}");
+}
+
+/// Mean of the head's turn to its left over the frames of a listener, who sends no audio, while another one speaks there.
+async fn turned_to(server: &Running, room: &str, speaker: [f32; 3]) -> f32 {
+    let listener = json!({ "room": room, "place": [0, 0, 0] });
+    let mut listener = Client::new(server.address, listener).await.unwrap();
+    let mut speaker = Client::new(server.address, json!({ "room": room, "place": speaker })).await.unwrap();
+    speaker.speak(&speech(48_000, 5), 16_000).await;
+    let head = 4 * JOINT_NAMES.iter().position(|&name| name == "head").unwrap() + 1;
+    let mut turns = Vec::new();
+    while turns.len() < 75 {
+        let Event::Frames(frames) = listener.next().await else { panic!("frames without audio") };
+        turns.extend(frames.iter().map(|frame| f32::from_bits(frame.bits[head])));
+    }
+    speaker.text(r#"{"type":"place","place":[0,1,180]}"#).await;
+    speaker.text(r#"{"type":"finish"}"#).await;
+    assert_eq!(speaker.frames_until_done().await.0.len(), 90);
+    turns[30..].iter().sum::<f32>() / (turns.len() - 30) as f32
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn sessions_in_a_room_see_each_other() {
+    let server = Running::new(|_| ()).await;
+    let (left, right) = tokio::join!(
+        turned_to(&server, "left", [1.0, 0.5, -110.0]),
+        turned_to(&server, "right", [-1.0, 0.5, 110.0])
+    );
+    assert!(left - right > 0.2, "{left} {right}");
+    for (hello, wanted) in [
+        (json!({ "place": [0, 0, 0] }), "only in a room"),
+        (json!({ "room": "" }), "1 to 64 bytes"),
+        (json!({ "room": "a", "place": [1e30, 0, 0] }), "place"),
+        (json!({ "room": "a", "output": "packets" }), "packets"),
+    ] {
+        let Err((code, reason, _)) = Client::new(server.address, hello).await else { panic!("{wanted}") };
+        assert!(code == "bad_request" && reason.contains(wanted), "{reason}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

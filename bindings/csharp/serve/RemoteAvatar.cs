@@ -57,6 +57,10 @@ namespace Umo.Serve
         [DataMember(Name = "horizon", EmitDefaultValue = false)] public int? Horizon { get; set; }
         /// <summary>Strength of the layers, 0 to 1.</summary>
         [DataMember(Name = "layers", EmitDefaultValue = false)] public double? Layers { get; set; }
+        /// <summary>Name of the room that the session joins.</summary>
+        [DataMember(Name = "room", EmitDefaultValue = false)] public string Room { get; set; }
+        /// <summary>Place in the room: x and z in metres, and degrees to the left of +Z.</summary>
+        [DataMember(Name = "place", EmitDefaultValue = false)] public double[] Place { get; set; }
         /// <summary>Whether the client accepts the session's state when the server stops.</summary>
         [DataMember(Name = "handover", EmitDefaultValue = false)] public bool? Handover { get; set; }
         /// <summary>Number of samples at the start that a restored session already has.</summary>
@@ -250,6 +254,12 @@ namespace Umo.Serve
             return SayAsync(new Request { Type = "words", Text = text, Start = start, End = end }, cancel);
         }
 
+        /// <summary>Moves in the room: x and z in metres, and degrees to the left of +Z.</summary>
+        public Task SetPlaceAsync(double x, double z, double degrees, CancellationToken cancel = default(CancellationToken))
+        {
+            return SayAsync(new Request { Type = "place", Place = new[] { x, z, degrees } }, cancel);
+        }
+
         /// <summary>Turns eyes, head and trunk to a point, in metres.</summary>
         public Task LookAtAsync(float x, float y, float z, double strength = 1, CancellationToken cancel = default(CancellationToken))
         {
@@ -426,6 +436,7 @@ namespace Umo.Serve
             [DataMember(Name = "packets", EmitDefaultValue = false)] internal int? Packets;
             [DataMember(Name = "ease", EmitDefaultValue = false)] internal double? Ease;
             [DataMember(Name = "mood", EmitDefaultValue = false)] internal string Mood;
+            [DataMember(Name = "place", EmitDefaultValue = false)] internal double[] Place;
             [DataMember(Name = "name", EmitDefaultValue = false)] internal string Name;
             [DataMember(Name = "at", EmitDefaultValue = false)] internal double? At;
             [DataMember(Name = "text", EmitDefaultValue = false)] internal string Text;

@@ -34,6 +34,9 @@ export interface Hello {
   target?: number;
   horizon?: number;
   layers?: number;
+  /** Room whose members see each other, and the place there: x and z in metres, degrees to the left of +Z. */
+  room?: string;
+  place?: [number, number, number];
   handover?: boolean;
   /** Number of samples at the start that a restored session already has. */
   skip?: number;
@@ -77,6 +80,8 @@ export class RemoteAvatar {
   finish(): void;
   interrupt(ease?: number): void;
   setMood(mood: string, strength?: number): void;
+  /** Moves in the room. */
+  setPlace(place: [number, number, number]): void;
   playGesture(name: string, options?: { at?: number; speed?: number; strength?: number; side?: string; target?: number[]; variant?: number }): void;
   hintWords(text: string, start: number, end: number): void;
   lookAt(point: Iterable<number>, strength?: number): void;

@@ -72,6 +72,9 @@ export class RemoteAvatar {
   /** Drops unsent frames and eases to rest; audio pushed afterwards starts a new speech. */
   interrupt(ease = 0.2) { this.#say({ type: "interrupt", ease }); }
 
+  /** Moves in the room: x and z in metres, degrees to the left of +Z. */
+  setPlace(place) { this.#say({ type: "place", place }); }
+
   setMood(mood, strength = 1) { this.#say({ type: "mood", mood, strength }); }
 
   playGesture(name, options = {}) { this.#say({ type: "gesture", name, ...options }); }

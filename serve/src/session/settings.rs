@@ -1,7 +1,7 @@
 //! Session settings from a hello.
 
 use umo_core::{
-    AvatarConfig, Layer, LayerGains, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice, WordRules,
+    AvatarConfig, Idle, Layer, LayerGains, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice, WordRules,
 };
 use umo_core_model::lm::layout::Template;
 
@@ -9,7 +9,7 @@ use crate::protocol::{Hello, Output, VoiceKind};
 
 /// Message for a packet client that sends a mood, gesture or look-at.
 pub(super) const NOT_IN_PACKETS: &str =
-    "packets do not carry mood, gestures, words and look-at: set them on the viewers' decoders";
+    "packets do not carry mood, gestures, words, look-at and looks in a room: set them on the viewers' decoders";
 
 /// Returns the settings of a hello, with `defaults` for missing ones; or an error message for the client.
 pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model) -> Result<SessionConfig, String> {
@@ -42,8 +42,14 @@ pub(super) fn of(hello: &Hello, defaults: Option<&SessionConfig>, model: &Model)
         }
         settings.voice = Voice::Live;
     }
+    if hello.room.is_some() {
+        // Who listens has a body too.
+        settings.idle = Idle::Live;
+    } else if hello.place.is_some() {
+        return Err("place: only in a room".to_owned());
+    }
     if hello.output == Output::Packets {
-        if hello.mood.is_some() {
+        if hello.mood.is_some() || hello.room.is_some() {
             return Err(NOT_IN_PACKETS.to_owned());
         }
         if hello.voice == VoiceKind::Live {

@@ -1,5 +1,5 @@
-"""`python -m umo_train.metrics`: `eval`, `mismatch`, `conditions`, `languages`, `agreement`, `sheet`, `autoencoder` and
-`table`."""
+"""`python -m umo_train.metrics`: `eval`, `mismatch`, `conditions`, `languages`, `conversation`, `agreement`, `sheet`,
+`autoencoder` and `table`."""
 
 import argparse
 import json
@@ -164,6 +164,17 @@ def _languages(args: argparse.Namespace) -> None:
         _fail(languages.failures(found))
 
 
+def _conversation(args: argparse.Namespace) -> None:
+    from umo_train.metrics import conversation
+
+    umo, readers, found = program.find(args.umo), [conversation.sentences(one) for one in args.voices], []
+    for seed in range(args.seed, args.seed + args.draws):
+        laid_out = conversation.lay_out(readers, args.seconds, seed)
+        motions = conversation.animate(umo, laid_out, args.output / f"conversation-{seed}", seed)
+        found.append(conversation.measure(laid_out, motions))
+    _write(args.output / "conversation", conversation.markdown(found), {"conversations": found})
+
+
 def _two_paths(args: argparse.Namespace) -> tuple[Subject, "Mouth"]:
     """The program, and the live mouth of the same model as it runs here: the engine's is held to it by a test."""
     from umo_train.mouth.run import Mouth
@@ -294,6 +305,13 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument(
         "--work", type=Path, help="folder that keeps motion for the next run (default: motion in the output)"
     )
+    one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
+
+    one = command("conversation", _conversation, "Lay out two readers' turns, animate them, measure looks and nods")
+    one.add_argument("--voices", type=Path, nargs=2, required=True, help="folders of recordings, each of one speaker")
+    one.add_argument("--umo", type=Path, help="the program (default: on PATH or target/release/umo)")
+    one.add_argument("--seconds", type=float, default=180, help="length of a conversation")
+    one.add_argument("--draws", type=int, default=3, help="conversations")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
 
     one = command("agreement", _agreement, "Compare greedy codes of quantised models with the exact model's")

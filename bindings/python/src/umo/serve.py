@@ -107,6 +107,10 @@ class Avatar:
         """Sets the mood: `"joy"`, `"sad"`, `"angry"`, `"surprised"`, `"disgusted"`, `"afraid"` or `"neutral"`."""
         await self._say(type="mood", mood=mood, strength=strength)
 
+    async def set_place(self, x: float, z: float, degrees: float) -> None:
+        """Moves in the room: x and z in metres, and degrees to the left of +Z."""
+        await self._say(type="place", place=[x, z, degrees])
+
     async def play_gesture(self, name: str, **options: Any) -> None:
         """Plays a gesture over the motion; options are `at`, `speed`, `strength`, `side`, `target` and `variant`."""
         await self._say(type="gesture", name=name, **options)
