@@ -242,7 +242,7 @@ async fn turned_to(server: &Running, room: &str, speaker: [f32; 3]) -> f32 {
     }
     speaker.text(r#"{"type":"place","place":[0,1,180]}"#).await;
     speaker.text(r#"{"type":"finish"}"#).await;
-    assert_eq!(speaker.frames_until_done().await.0.len(), 90);
+    assert!(speaker.frames_until_done().await.0.len() >= 90);
     turns[30..].iter().sum::<f32>() / (turns.len() - 30) as f32
 }
 
