@@ -193,7 +193,7 @@ def animate(umo: Path, conversation: Conversation, folder: Path, seed: int, *mor
     speech, made = ([folder / f"{one}.{kind}" for one in "ab"] for kind in ("wav", "npz"))
     for path, voice in zip(speech, conversation.voices, strict=True):
         soundfile.write(path, voice, SAMPLE_RATE)
-    places = ";".join(",".join(f"{value:g}" for value in place) for place in PLACES)
+    places = " ".join(",".join(f"{value:g}" for value in place) for place in PLACES)
     outputs = [argument for path in made for argument in ("-o", path)]
     program.run(umo, "converse", *speech, *outputs, f"--places={places}", "--seed", seed, *more)
     return [read(path) for path in made]
