@@ -95,7 +95,8 @@ impl Membership {
     /// Advances the room to now; returns the number of frames that the session may send.
     pub(crate) fn due(&mut self, now: Instant) -> usize {
         let mut room = locked(&self.room);
-        let ticks = (now.saturating_duration_since(room.begun).as_secs_f64() * f64::from(RATE)) as u64;
+        let ticks = now.saturating_duration_since(room.begun).as_micros() * u128::from(RATE) / 1_000_000;
+        let ticks = u64::try_from(ticks).unwrap_or(u64::MAX);
         for _ in 0..ticks.saturating_sub(room.ticks).min(CATCH_UP) {
             // Under this lock no other call is in progress.
             let _ = room.scene.update(TICK);
@@ -126,7 +127,7 @@ fn at([x, z, degrees]: [f32; 3]) -> Place {
 
 /// A seat around the centre, which it faces: the first two opposite each other, the next ones between them.
 fn at_seat(seat: usize) -> Place {
-    let turn = (seat as u32).reverse_bits() as f32 / 2.0_f32.powi(32);
+    let turn = u32::try_from(seat).unwrap_or(0).reverse_bits() as f32 / 2.0_f32.powi(32);
     let radius = RADIUS + SPREAD * (seat as f32 / MAX_MEMBERS as f32);
     let (sin, cos) = (TAU * turn).sin_cos();
     Place { position: [radius * sin, 0.0, radius * cos], facing: TAU * turn + PI, ..Place::default() }
