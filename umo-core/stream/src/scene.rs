@@ -21,6 +21,8 @@ mod looks;
 mod posture;
 mod room;
 mod state;
+#[cfg(test)]
+mod tests;
 mod voice;
 
 use std::fmt;
