@@ -154,7 +154,8 @@ pub(crate) fn perform(
         ..EngineConfig::default()
     };
     let engine = Engine::new(Arc::clone(model), &engine).map_err(Failure::input)?;
-    let sessions: Vec<Session> = members.iter().map(|member| session(&engine, args, member)).collect::<Result<_, _>>()?;
+    let sessions: Vec<Session> =
+        members.iter().map(|member| session(&engine, args, member)).collect::<Result<_, _>>()?;
     let scene = Scene::new(members.first().map_or(0, |member| member.seed)).map_err(Failure::environment)?;
     let eye_height = eye_height(&config.skeleton);
     for (session, member) in sessions.iter().zip(&*members) {
@@ -288,11 +289,12 @@ impl Outputs {
             let built = args.figure.iter().take(members.len());
             let built = built.map(|figure| BuiltFigure::new(*figure, &clips[0])).collect::<Result<Vec<_>, _>>();
             let built = built.map_err(Failure::environment)?;
-            let member = |(at, clip)| {
+            let member = |at: usize| {
                 let Place { position, facing, .. } = members[at].place;
-                glb::Member { name: &names[at], clip, figure: Some(&built[at % built.len()]), position, facing }
+                let figure = Some(&built[at % built.len()]);
+                glb::Member { name: names[at].as_str(), clip: &clips[at], figure, position, facing }
             };
-            let room: Vec<glb::Member> = clips.iter().enumerate().map(member).collect();
+            let room: Vec<glb::Member> = (0..clips.len()).map(member).collect();
             for output in self.rooms {
                 atomic_file::commit(output, |out| glb::write_room(&room, out))?;
             }

@@ -64,12 +64,7 @@ fn keys(scene: &[&Line], settings: &str) -> Result<Vec<String>, Failure> {
     scene.iter().enumerate().map(|(index, line)| line.key(&format!("{index} {all}"))).collect()
 }
 
-fn animate(
-    args: &Batch,
-    generator: &Generator,
-    scene: &[&Line],
-    rules: &WordRules,
-) -> Result<Vec<Clip>, Failure> {
+fn animate(args: &Batch, generator: &Generator, scene: &[&Line], rules: &WordRules) -> Result<Vec<Clip>, Failure> {
     let places = half_circle(scene.len());
     let member = |(line, (index, place))| member(args, line, index, place, rules);
     let mut members: Vec<Member> =
@@ -77,13 +72,7 @@ fn animate(
     converse::perform(&generator.model, model::threads(&args.compute)?, &args.generate, &mut members, |_| ())
 }
 
-fn member(
-    args: &Batch,
-    line: &Line,
-    index: usize,
-    place: Place,
-    rules: &WordRules,
-) -> Result<Member, Failure> {
+fn member(args: &Batch, line: &Line, index: usize, place: Place, rules: &WordRules) -> Result<Member, Failure> {
     let speech = Speech::open(&line.file, args.repair)?;
     let script = line.words.as_deref().map(|path| Script::read(path, &speech, rules)).transpose()?;
     let seed = line.seed.unwrap_or(args.generate.seed.wrapping_add(index as u64));

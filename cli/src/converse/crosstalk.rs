@@ -99,7 +99,10 @@ mod tests {
     /// Level between two times, relative to the other signal's, dB.
     fn change(after: &[f32], before: &[f32], from: f32, to: f32) -> f64 {
         let power = |x: &[f32]| {
-            x[(from * RATE as f32) as usize..(to * RATE as f32) as usize].iter().map(|x| f64::from(*x).powi(2)).sum::<f64>()
+            x[(from * RATE as f32) as usize..(to * RATE as f32) as usize]
+                .iter()
+                .map(|x| f64::from(*x).powi(2))
+                .sum::<f64>()
         };
         10.0 * (power(after) / power(before)).log10()
     }

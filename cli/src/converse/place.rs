@@ -73,9 +73,7 @@ mod tests {
     fn a_half_circle_faces_its_centre_and_neighbours_are_near() {
         for members in 2..=32 {
             let places = half_circle(members);
-            let distance = |a: &Place, b: &Place| {
-                (a.position[0] - b.position[0]).hypot(a.position[2] - b.position[2])
-            };
+            let distance = |a: &Place, b: &Place| (a.position[0] - b.position[0]).hypot(a.position[2] - b.position[2]);
             assert!(places.windows(2).all(|pair| (distance(&pair[0], &pair[1]) - APART).abs() < 1e-3));
             for Place { position: [x, _, z], facing, .. } in &places {
                 let radius = x.hypot(*z);

@@ -228,7 +228,12 @@ fn describe<'a>(scene: &'a Scene, orders: &[Order]) -> Description<'a> {
         },
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
         mesh: describe_mesh(&scene.mesh, &orders[0]),
-        other_meshes: scene.other_meshes.iter().zip(&orders[1..]).map(|(mesh, order)| describe_mesh(mesh, order)).collect(),
+        other_meshes: scene
+            .other_meshes
+            .iter()
+            .zip(&orders[1..])
+            .map(|(mesh, order)| describe_mesh(mesh, order))
+            .collect(),
         room: scene.room.iter().map(describe_member).collect(),
         character: scene.character.as_ref().map(|worn| Character {
             nodes: worn.nodes.to_vec(),
@@ -352,7 +357,10 @@ impl Elements {
         self.block(&name("colors"), order.sort(&mesh.colors).flatten());
         self.block(&name("roughness"), order.sort(&mesh.finishes).map(|finish| finish.roughness));
         self.block(&name("joints"), order.sort(&mesh.joints).flatten());
-        self.block(&name("weights"), order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()));
+        self.block(
+            &name("weights"),
+            order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()),
+        );
         let sorted = details(mesh).into_iter().flat_map(|detail| corners(mesh, detail));
         self.block(&name("indices"), sorted.flat_map(|vertex| order.place(vertex).to_le_bytes()));
         let places = order.sort(&mesh.detail_places).skip(order.moving).take(order.detailed);

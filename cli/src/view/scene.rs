@@ -210,7 +210,11 @@ impl Scene {
         let title = names.join(", ");
         let first = &clips[0];
         check_length(Path::new(&title), first.len() as f64 / f64::from(first.frame_rate))?;
-        let mut scene = Self::new(Path::new(&title), Clip::new(first.frame_rate, first.skeleton.clone(), first.face.clone()), figures[0])?;
+        let mut scene = Self::new(
+            Path::new(&title),
+            Clip::new(first.frame_rate, first.skeleton.clone(), first.face.clone()),
+            figures[0],
+        )?;
         for &figure in figures.iter().take(members.len()).skip(1) {
             scene.other_meshes.push(mesh(figure, first)?);
         }
