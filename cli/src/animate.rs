@@ -1,6 +1,7 @@
 //! `umo animate`, and the code it shares with `umo text`: runs an animation to its end and collects a clip.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umo_core::{
@@ -50,7 +51,7 @@ pub(crate) struct Generator<'a> {
     args: &'a GenerateArgs,
     precision: Precision,
     file: ModelFile,
-    pub(crate) model: Model,
+    pub(crate) model: Arc<Model>,
     load_time: Duration,
     team: Team,
 }
@@ -63,7 +64,7 @@ impl<'a> Generator<'a> {
         Ok(Self {
             args,
             precision,
-            model: Model::load(&file, precision, isa)?,
+            model: Arc::new(Model::load(&file, precision, isa)?),
             load_time: start.elapsed(),
             file,
             team: model::team(compute)?,

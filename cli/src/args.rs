@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+mod converse;
 mod engine;
 mod generate;
 mod live;
@@ -17,6 +18,7 @@ use clap::{Args as ClapArgs, CommandFactory, Parser, Subcommand, ValueEnum};
 use umo_figure::Figure;
 
 pub use bench::{Bench, Doctor, Neighbour};
+pub use converse::Converse;
 pub use engine::{Compute, EngineArgs, PrecisionArg, PriorityArg};
 pub use generate::{GenerateArgs, GestureArg, GestureClip};
 pub use live::{Live, Page, Shown, VoiceArg};
@@ -46,6 +48,8 @@ pub struct Args {
 pub enum Command {
     /// Animate a speech recording
     Animate(Animate),
+    /// Animate a conversation: avatars that see and hear each other
+    Converse(Converse),
     /// Write a page that shows an avatar speak, and open it
     View(Page),
     /// Move an avatar while somebody speaks, on a page or in another program
@@ -215,7 +219,7 @@ pub struct Batch {
     /// Folder of recordings, or a manifest
     ///
     /// A manifest (.csv with a header row, or .jsonl) has file and optionally output, seed, prompt, mood, start_pose,
-    /// speaker, words; paths are relative to its folder.
+    /// speaker, words, scene, place; paths are relative to its folder. Lines with the same scene are one conversation.
     pub input: PathBuf,
     /// Output folder [default: the input's]
     #[arg(short, long, value_name = "FOLDER")]

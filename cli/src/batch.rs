@@ -6,11 +6,13 @@
 //! | module | part |
 //! |---|---|
 //! | `manifest` | the lines to process: a folder, CSV, JSON lines |
+//! | `scenes` | lines that are one conversation |
 //! | `results` | finished lines, with hashes |
 
 mod hash;
 mod manifest;
 mod results;
+mod scenes;
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -37,7 +39,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     let formats = args.format.iter().map(|name| Format::parse(name)).collect::<Result<Vec<_>, _>>()?;
     let lines = manifest::read(args, &formats)?;
     let lines: Vec<Line> = match args.shard {
-        Some((index, count)) => lines.into_iter().filter(|line| line.number % count == index - 1).collect(),
+        Some((index, count)) => of_shard(lines, index - 1, count),
         None => lines,
     };
     let rules = words::rules(&args.rules)?;
@@ -47,7 +49,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     }
     let generator = Generator::new(&args.generate, &args.compute, file)?;
     let mut results = Results::open(args.results_path())?;
-    let settings = settings(args, &generator, &rules);
+    let (before, settings) = (results.known(), settings(args, &generator, &rules));
     let mut bar = progress::lines(lines.len());
     let (mut failed, mut kept, mut frames) = (0, 0, 0);
     std::thread::scope(|scope| -> Result<(), Failure> {
@@ -55,11 +57,15 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         let (read, ready) = sync_channel(args.jobs);
         let (made, to_write) = sync_channel(args.jobs);
         let (say, said) = sync_channel(args.jobs);
-        let (before, also_say) = (results.known(), say.clone());
-        let (generator, lines, under) = (&generator, &lines, (settings.as_str(), &rules));
-        scope.spawn(move || read_lines(args, generator, lines, under, &before, &read, &also_say));
+        let (before, also_say, scenes_say) = (&before, say.clone(), say.clone());
+        let (generator, lines, settings) = (&generator, &lines, Settings { text: &settings, rules: &rules });
+        scope.spawn(move || read_lines(args, generator, lines, settings, before, &read, &also_say));
         scope.spawn(move || write_lines(args, generator, &to_write, &say));
-        let computing = scope.spawn(move || compute(args, generator, &ready, &made));
+        let computing = scope.spawn(move || {
+            compute(args, generator, &ready, &made)?;
+            scenes::compute(args, generator, lines, settings, before, (&made, &scenes_say));
+            Ok(())
+        });
         // Ends when the reader, the writer and the group are done.
         for done in said {
             match &done.error {
@@ -88,6 +94,23 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         0 => Ok(()),
         _ => Err(Failure::Input(format!("{failed} of {} lines failed, the rest is done", lines.len()))),
     }
+}
+
+/// Returns the lines of one of `count` shards: every n-th, and a conversation with its first line.
+fn of_shard(lines: Vec<Line>, index: usize, count: usize) -> Vec<Line> {
+    let mut homes = HashMap::new();
+    for line in lines.iter().rev() {
+        homes.insert(line.scene.clone(), line.number);
+    }
+    let home = |line: &Line| if line.scene.is_some() { homes[&line.scene] } else { line.number };
+    lines.into_iter().filter(|line| home(line) % count == index).collect()
+}
+
+/// Everything outside the lines that their frames and files depend on.
+#[derive(Clone, Copy)]
+struct Settings<'a> {
+    text: &'a str,
+    rules: &'a WordRules,
 }
 
 /// Returns every setting outside the line that its frames and files depend on.
@@ -132,19 +155,19 @@ struct Made {
     took: Duration,
 }
 
-/// Prepares every line that is not done.
+/// Prepares every line that is not done and belongs to no conversation.
 fn read_lines(
     args: &Batch,
     generator: &Generator,
     lines: &[Line],
-    (settings, rules): (&str, &WordRules),
+    settings: Settings,
     before: &HashMap<String, Done>,
     ready: &SyncSender<Ready>,
     say: &SyncSender<Done>,
 ) {
-    for line in lines {
+    for line in lines.iter().filter(|line| line.scene.is_none()) {
         let wrong = |key: &str, failure: &Failure| say.send(Done::failed(line, key, failure)).is_ok();
-        let key = match line.key(settings) {
+        let key = match line.key(settings.text) {
             Ok(key) => key,
             Err(failure) if wrong("", &failure) => continue,
             Err(_) => return,
@@ -158,7 +181,7 @@ fn read_lines(
             }
             continue;
         }
-        let sent = match prepare(args, generator, rules, line) {
+        let sent = match prepare(args, generator, settings.rules, line) {
             Ok((animation, frames, script)) => {
                 ready.send(Ready { line: line.clone(), key, animation, frames, script }).is_ok()
             }

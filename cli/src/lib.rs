@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`args`] | the command line |
 //! | `animate`, `text`, `gestures` | speech or text to an animation; gestures over it |
+//! | `converse` | recordings of a conversation to avatars that see and hear each other |
 //! | `speech` | a recording, block by block |
 //! | `words`, `transcript` | words of a recording, out of files; what their rules would do |
 //! | `batch` | many recordings with one model, computed together |
@@ -31,6 +32,7 @@ pub mod atomic_file;
 mod batch;
 mod bench;
 mod bvh;
+mod converse;
 mod convert;
 mod doctor;
 mod draw;
@@ -106,6 +108,7 @@ fn run(command: Command) -> Result<(), Failure> {
     }
     match command {
         Command::Animate(args) => animate::run(&args),
+        Command::Converse(args) => converse::run(&args),
         Command::Batch(args) => batch::run(&args),
         Command::Text(args) => text::run(&args),
         Command::Gestures => gestures::run(),

@@ -79,6 +79,20 @@ impl Speech {
         })
     }
 
+    /// Reads all samples of every channel, with the level that they have in the file.
+    pub(crate) fn channels(&self) -> Result<Vec<Vec<f32>>, Failure> {
+        let mut reader = Reader::open(&self.path).map_err(Failure::input)?;
+        let mut channels = vec![Vec::new(); reader.channels().into()];
+        while let Some(block) =
+            reader.next_block().map_err(|error| Failure::input(ReadError::new(&self.path, error)))?
+        {
+            for frame in block.chunks_exact(channels.len()) {
+                channels.iter_mut().zip(frame).for_each(|(channel, sample)| channel.push(*sample));
+            }
+        }
+        Ok(channels)
+    }
+
     /// Reads all samples, mono, at `rate`.
     pub(crate) fn mono(&self, rate: usize) -> Result<Vec<f32>, Failure> {
         let (mut samples, mut all) = (self.samples(rate)?, Vec::new());

@@ -25,8 +25,12 @@ mod web;
 use std::io::Write;
 use std::path::Path;
 
+use umo_core_pose::clip::Clip;
+use umo_figure::Figure;
+
 use crate::args::Page;
 use crate::atomic_file;
+use crate::converse::Member;
 use crate::failure::Failure;
 use crate::retarget::is_character;
 use scene::Scene;
@@ -54,6 +58,16 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
         browser::open(&browser::address(&path));
     }
     Ok(())
+}
+
+/// Returns the page of a conversation.
+pub(crate) fn conversation(
+    members: &[Member],
+    names: &[String],
+    clips: Vec<Clip>,
+    figures: &[Figure],
+) -> Result<String, Failure> {
+    page::html(&Scene::of_conversation(members, names, clips, figures)?)
 }
 
 /// Returns the recording or animation of a page with one.

@@ -10,6 +10,8 @@ mod animate;
 mod batch;
 #[path = "cli/bench.rs"]
 mod bench;
+#[path = "cli/converse.rs"]
+mod converse;
 #[path = "cli/draw.rs"]
 mod draw;
 #[path = "cli/outputs.rs"]
@@ -47,14 +49,14 @@ fn help(args: &[&str]) -> Vec<String> {
 }
 
 #[test]
-fn help_shows_eight_commands_and_then_the_others() {
+fn help_shows_nine_commands_and_then_the_others() {
     let lines = help(&["--help"]);
     let below = |heading: &str| -> Vec<String> {
         let rows = lines.iter().skip_while(|line| *line != heading).skip(1);
         let rows = rows.take_while(|line| line.starts_with("  "));
         rows.map(|line| line.split_whitespace().next().unwrap().to_owned()).collect()
     };
-    let first = ["animate", "view", "live", "serve", "batch", "retarget", "text", "doctor"];
+    let first = ["animate", "converse", "view", "live", "serve", "batch", "retarget", "text", "doctor"];
     assert_eq!(below("Commands:"), [&first[..], &["help"]].concat());
     assert_eq!(below("More commands:"), ["model", "bench", "inspect", "figure", "draw", "gestures", "words"]);
     assert!(lines.len() <= 30, "{}", lines.len());

@@ -1,8 +1,8 @@
 //! Exports umo's animations as binary glTF 2.0.
 //!
-//! [`glb::write`] writes the skeleton's animation, with a figure and its face or with the bones alone;
-//! [`vrma::write`] writes it for VRM avatars; [`avatar::write`] writes a figure alone, for animation by other
-//! programs.
+//! [`glb::write`] writes the skeleton's animation, with a figure and its face or with the bones alone,
+//! [`glb::write_room`] those of several characters at their places; [`vrma::write`] writes it for VRM avatars;
+//! [`avatar::write`] writes a figure alone, for animation by other programs.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,6 +1,6 @@
-// Frames of the page for docs/img/preview.webp: `half-000.png` etc. for half body, `whole-000.png` etc. for whole body.
-// UMO, CHROMIUM and OUT name the program, the browser and a folder; SPEECH a recording; RATE and SECONDS determine the
-// number of frames.
+// Frames of the page for docs/img/preview.webp: `half-000.png` etc. for half body, `whole-000.png` etc. for whole body; of
+// a conversation `all-000.png` etc. UMO, CHROMIUM and OUT name the program, the browser and a folder; SPEECH a recording, or
+// one of each member in lines; START, RATE and SECONDS determine the frames.
 
 import { execFileSync } from "node:child_process";
 import fs from "node:fs";
@@ -9,17 +9,20 @@ import { pathToFileURL } from "node:url";
 
 import { Chromium, pictures } from "./chromium.mjs";
 
-const { UMO: umo, CHROMIUM: chromium, OUT: out, SPEECH: speech, RATE: rate, SECONDS: seconds } = process.env;
+const { UMO: umo, CHROMIUM: chromium, OUT: out, SPEECH: speech, RATE: rate, SECONDS: seconds, START: start } = process.env;
+const voices = speech.split("\n");
 const MEDIA = [
   { name: "prefers-reduced-motion", value: "reduce" },
   { name: "prefers-color-scheme", value: "dark" },
 ];
-const VIEWS = { half: { width: 420, height: 400 }, whole: { width: 250, height: 400 } };
+const ONE = { half: { width: 420, height: 400 }, whole: { width: 250, height: 400 } };
+const VIEWS = voices.length > 1 ? { all: { width: 560, height: 400 } } : ONE;
 
 const html = path.join(out, "preview.html");
-execFileSync(umo, ["view", speech, "-o", html, "--no-open"]);
+if (voices.length > 1) execFileSync(umo, ["converse", ...voices, "-o", html, "--figure", "alex,bea"]);
+else execFileSync(umo, ["view", speech, "-o", html, "--no-open"]);
 const profile = fs.mkdtempSync(path.join(out, "profile-"));
-const browser = new Chromium(chromium, profile, speech);
+const browser = new Chromium(chromium, profile, voices[0]);
 try {
   for (const [name, size] of Object.entries(VIEWS)) {
     const page = await browser.open(pathToFileURL(html).href, { ...size, media: MEDIA });
@@ -30,7 +33,7 @@ try {
     })), window.dispatchEvent(new Event("resize"))`);
     await page.value(`umo.camera(${JSON.stringify(name)})`);
     for (let i = 0; i < Math.round(rate * seconds); i++) {
-      await page.value(`umo.seek(${i / rate})`);
+      await page.value(`umo.seek(${Number(start) + i / rate})`);
       await pictures(page, 1);
       await page.picture(path.join(out, `${name}-${String(i).padStart(3, "0")}.png`));
     }

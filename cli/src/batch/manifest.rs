@@ -7,11 +7,12 @@ use std::path::{Component, Path, PathBuf};
 
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
-use umo_core::Mood;
+use umo_core::{Mood, Place};
 
 use super::hash::file_hash;
 use crate::args::Batch;
 use crate::atomic_file::refuse_inputs;
+use crate::converse::{self, place};
 use crate::export::Format;
 use crate::failure::Failure;
 
@@ -28,6 +29,22 @@ pub(super) struct Line {
     pub(super) start_pose: Option<PathBuf>,
     pub(super) speaker: Option<String>,
     pub(super) words: Option<PathBuf>,
+    /// Name of the conversation that it belongs to.
+    pub(super) scene: Option<String>,
+    /// Its place there.
+    pub(super) place: Option<Place>,
+}
+
+/// The lines of each conversation, in the order of their first lines.
+pub(super) fn scenes(lines: &[Line]) -> Vec<Vec<&Line>> {
+    let mut scenes: Vec<Vec<&Line>> = Vec::new();
+    for line in lines.iter().filter(|line| line.scene.is_some()) {
+        match scenes.iter_mut().find(|scene| scene[0].scene == line.scene) {
+            Some(scene) => scene.push(line),
+            None => scenes.push(vec![line]),
+        }
+    }
+    scenes
 }
 
 impl Line {
@@ -69,6 +86,10 @@ struct Row {
     speaker: Option<String>,
     #[serde(default)]
     words: Option<String>,
+    #[serde(default)]
+    scene: Option<String>,
+    #[serde(default)]
+    place: Option<String>,
 }
 
 /// One file or several; CSV separates several with semicolons.
@@ -119,6 +140,7 @@ pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failur
     let more = lines.iter().flat_map(|line| [&line.start_pose, &line.words]).flatten().map(PathBuf::as_path);
     let inputs: Vec<_> = lines.iter().map(|line| &*line.file).chain(more).chain([input.as_path()]).collect();
     refuse_inputs(&outputs, &inputs)?;
+    check_scenes(args, &lines).map_err(|problem| Failure::input(format!("{}: {problem}", input.display())))?;
     Ok(lines)
 }
 
@@ -198,7 +220,30 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
         start_pose: some(row.start_pose).map(|path| base.join(path)),
         speaker,
         words: some(row.words).map(|path| base.join(path)),
+        scene: some(row.scene),
+        place: some(row.place).map(|text| place::parse(&text)).transpose().map_err(|failure| failure.to_string())?,
     })
+}
+
+/// Refuses conversations that cannot be made.
+fn check_scenes(args: &Batch, lines: &[Line]) -> Result<(), String> {
+    let say = |failure: Failure| failure.to_string();
+    if let Some(line) = lines.iter().find(|line| line.place.is_some() && line.scene.is_none()) {
+        return Err(format!("line {} has a place and no scene", line.number + 1));
+    }
+    for scene in scenes(lines) {
+        let name = scene[0].scene.as_deref().unwrap_or_default();
+        let wrong = |problem: String| format!("scene {name}: {problem}");
+        converse::refuse_alone(&args.generate).map_err(say).map_err(wrong)?;
+        converse::check_count(scene.len()).map_err(say).map_err(wrong)?;
+        if args.retime || scene.iter().any(|line| line.start_pose.is_some()) {
+            return Err(wrong("--retime and start_pose do not go with a conversation".to_owned()));
+        }
+        if scene.iter().any(|line| line.place.is_some() != scene[0].place.is_some()) {
+            return Err(wrong("some of its lines have a place and others have none".to_owned()));
+        }
+    }
+    Ok(())
 }
 
 /// Whether a path leaves the folder that it is relative to.

@@ -8,7 +8,7 @@ use umo_core::{FaceKind, JOINT_NAMES};
 use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Given;
 
-use super::scene::{self, JudgeInfo, PageEngine, Record, Scene};
+use super::scene::{self, Audio, JudgeInfo, PageEngine, Record, RoomMember, Scene};
 use umo_figure::Mesh;
 use umo_figure::detail::Detail;
 
@@ -24,6 +24,8 @@ struct Description<'a> {
     face: Face<'a>,
     model: Option<Model<'a>>,
     mesh: MeshInfo,
+    other_meshes: Vec<MeshInfo>,
+    room: Vec<Member<'a>>,
     character: Option<Character<'a>>,
     audio: Option<AudioInfo>,
     record: Option<RecordInfo<'a>>,
@@ -77,6 +79,18 @@ struct HelperInfo {
 struct MorphInfo {
     name: &'static str,
     count: usize,
+}
+
+/// A member of a conversation.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct Member<'a> {
+    name: &'a str,
+    position: [f32; 3],
+    facing: f32,
+    /// Its mesh: 0 for `mesh`, others follow.
+    figure: usize,
+    sample_rate: u32,
 }
 
 /// The character that wears the motion in place of the mesh.
@@ -142,16 +156,23 @@ struct Rest<'a> {
 /// # Errors
 /// Errors of the JSON writer.
 pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
-    let order = Order::moving_first(&scene.mesh);
+    let orders: Vec<Order> = [&scene.mesh].into_iter().chain(&scene.other_meshes).map(Order::moving_first).collect();
     let mut page = Elements(String::new());
-    page.description(&describe(scene, &order))?;
-    page.mesh(&scene.mesh, &order);
+    page.description(&describe(scene, &orders))?;
+    page.mesh(&scene.mesh, &orders[0], "");
+    for (number, (mesh, order)) in scene.other_meshes.iter().zip(&orders[1..]).enumerate() {
+        page.mesh(mesh, order, &format!("-{}", number + 1));
+    }
     page.block("frames", frames(&scene.clip));
+    for (number, member) in scene.room.iter().enumerate() {
+        page.block(&format!("frames-{number}"), frames(&member.clip));
+        page.block(&format!("audio-{number}"), samples(&member.audio));
+    }
     if let Some(worn) = &scene.character {
         page.block("character", worn.file.iter().copied());
     }
     if let Some(audio) = &scene.audio {
-        page.block("audio", audio.samples.iter().copied().flat_map(i16::to_le_bytes));
+        page.block("audio", samples(audio));
     }
     if let Some(record) = &scene.record {
         page.block("codes", record.codes.iter().flatten().copied().flat_map(u16::to_le_bytes));
@@ -180,7 +201,7 @@ fn describe_mesh(mesh: &umo_figure::Mesh, order: &Order) -> MeshInfo {
     }
 }
 
-fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
+fn describe<'a>(scene: &'a Scene, orders: &[Order]) -> Description<'a> {
     let part = |part: &'a scene::CodedPart| CodedPart { name: &part.name, levels: part.levels, codes: part.codes };
     let record = |record: &'a Record| RecordInfo {
         parts: record.parts.iter().map(part).collect(),
@@ -206,7 +227,14 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             names: &clip.face.names,
         },
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
-        mesh: describe_mesh(&scene.mesh, order),
+        mesh: describe_mesh(&scene.mesh, &orders[0]),
+        other_meshes: scene
+            .other_meshes
+            .iter()
+            .zip(&orders[1..])
+            .map(|(mesh, order)| describe_mesh(mesh, order))
+            .collect(),
+        room: scene.room.iter().map(describe_member).collect(),
         character: scene.character.as_ref().map(|worn| Character {
             nodes: worn.nodes.to_vec(),
             seconds: worn.seconds,
@@ -228,6 +256,15 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             face: &live.rest_face,
         }),
     }
+}
+
+fn describe_member(member: &RoomMember) -> Member<'_> {
+    let RoomMember { name, place, figure, audio, .. } = member;
+    Member { name, position: place.position, facing: place.facing, figure: *figure, sample_rate: audio.sample_rate }
+}
+
+fn samples(audio: &Audio) -> impl Iterator<Item = u8> {
+    audio.samples.iter().copied().flat_map(i16::to_le_bytes)
 }
 
 /// Returns each frame's rotations, root translation and face values in sequence.
@@ -313,26 +350,30 @@ impl Elements {
         self.block(name, rows.flatten().flat_map(f32::to_le_bytes));
     }
 
-    fn mesh(&mut self, mesh: &Mesh, order: &Order) {
-        self.floats("positions", order.sort(&mesh.positions));
-        self.floats("normals", order.sort(&mesh.normals));
-        self.block("colors", order.sort(&mesh.colors).flatten());
-        self.block("roughness", order.sort(&mesh.finishes).map(|finish| finish.roughness));
-        self.block("joints", order.sort(&mesh.joints).flatten());
-        self.block("weights", order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()));
+    fn mesh(&mut self, mesh: &Mesh, order: &Order, end: &str) {
+        let name = |name: &str| format!("{name}{end}");
+        self.floats(&name("positions"), order.sort(&mesh.positions));
+        self.floats(&name("normals"), order.sort(&mesh.normals));
+        self.block(&name("colors"), order.sort(&mesh.colors).flatten());
+        self.block(&name("roughness"), order.sort(&mesh.finishes).map(|finish| finish.roughness));
+        self.block(&name("joints"), order.sort(&mesh.joints).flatten());
+        self.block(
+            &name("weights"),
+            order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()),
+        );
         let sorted = details(mesh).into_iter().flat_map(|detail| corners(mesh, detail));
-        self.block("indices", sorted.flat_map(|vertex| order.place(vertex).to_le_bytes()));
+        self.block(&name("indices"), sorted.flat_map(|vertex| order.place(vertex).to_le_bytes()));
         let places = order.sort(&mesh.detail_places).skip(order.moving).take(order.detailed);
-        self.block("detail-places", places.flatten().flat_map(f32::to_le_bytes));
+        self.block(&name("detail-places"), places.flatten().flat_map(f32::to_le_bytes));
         for (detail, map) in details(mesh).into_iter().filter_map(|detail| Some((detail, detail.normal_map()?))) {
             let mut png = Vec::new();
             map.write(&mut png).expect("memory takes all that is written");
-            self.block(&format!("detail-{}", detail.name()), png.into_iter());
+            self.block(&name(&format!("detail-{}", detail.name())), png.into_iter());
         }
         let vertices = mesh.morphs.iter().flat_map(|morph| &morph.vertices);
-        self.block("morph-vertices", vertices.flat_map(|&vertex| order.place(vertex).to_le_bytes()));
-        self.floats("morph-positions", mesh.morphs.iter().flat_map(|morph| morph.positions.iter().copied()));
-        self.floats("morph-normals", mesh.morphs.iter().flat_map(|morph| morph.normals.iter().copied()));
+        self.block(&name("morph-vertices"), vertices.flat_map(|&vertex| order.place(vertex).to_le_bytes()));
+        self.floats(&name("morph-positions"), mesh.morphs.iter().flat_map(|morph| morph.positions.iter().copied()));
+        self.floats(&name("morph-normals"), mesh.morphs.iter().flat_map(|morph| morph.normals.iter().copied()));
     }
 }
 

@@ -17,10 +17,10 @@ macro_rules! modules {
 }
 
 /// The modules: name and source.
-const MODULES: [(&str, &str); 31] = modules!(
+const MODULES: [(&str, &str); 32] = modules!(
     "body.js" "bones.js" "camera.js" "character.js" "clock.js" "drop.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
     "inspect.js" "judge.js" "keys.js" "lanes.js" "light.js" "live.js" "local.js" "main.js" "mask.js" "math.js" "microphone.js"
-    "motion.js" "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js" "trials.js" "video.js"
+    "motion.js" "panel.js" "picture.js" "record.js" "room.js" "scene.js" "timeline.js" "tracks.js" "trials.js" "video.js"
 );
 
 /// Returns a page that shows a scene.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::Serialize;
-use umo_core::{Animation, AvatarConfig, Config, Face, FaceKind, Part, Pose};
+use umo_core::{Animation, AvatarConfig, Config, Face, FaceKind, Part, Place, Pose};
 use umo_core_model::config::PartSpec;
 use umo_core_model::lm::tally::kind_names;
 use umo_core_pose::clip::Clip;
@@ -12,6 +12,7 @@ use umo_core_rig::glb::Glb;
 use super::stream::StreamPage;
 use crate::animate::Generator;
 use crate::args::{Page, Shown};
+use crate::converse::Member;
 use crate::failure::Failure;
 use crate::retarget::{Wearer, Worn, is_character};
 use crate::speech::Speech;
@@ -40,6 +41,20 @@ pub(super) struct Scene {
     pub(super) live: Option<LiveInfo>,
     /// Pieces of motion to judge, if this is that page.
     pub(super) judge: Option<JudgeInfo>,
+    /// The members of a conversation, in place of `clip` and `audio`.
+    pub(super) room: Vec<RoomMember>,
+    /// Figures of members beside `mesh`.
+    pub(super) other_meshes: Vec<Mesh>,
+}
+
+/// A member of a conversation.
+pub(super) struct RoomMember {
+    pub(super) name: String,
+    pub(super) place: Place,
+    /// Its figure: 0 is the scene's mesh, others follow.
+    pub(super) figure: usize,
+    pub(super) clip: Clip,
+    pub(super) audio: Audio,
 }
 
 /// Equally long pieces of several takes: `clip` and `audio` hold them one after the other.
@@ -185,6 +200,37 @@ impl Scene {
         Ok(scene)
     }
 
+    /// Returns the members of a conversation with their clips.
+    pub(super) fn of_conversation(
+        members: &[Member],
+        names: &[String],
+        clips: Vec<Clip>,
+        figures: &[Figure],
+    ) -> Result<Self, Failure> {
+        let title = names.join(", ");
+        let first = &clips[0];
+        check_length(Path::new(&title), first.len() as f64 / f64::from(first.frame_rate))?;
+        let mut scene = Self::new(
+            Path::new(&title),
+            Clip::new(first.frame_rate, first.skeleton.clone(), first.face.clone()),
+            figures[0],
+        )?;
+        for &figure in figures.iter().take(members.len()).skip(1) {
+            scene.other_meshes.push(mesh(figure, first)?);
+        }
+        for (index, (member, clip)) in members.iter().zip(clips).enumerate() {
+            let rate = member.voice.sample_rate().min(MAX_RATE);
+            scene.room.push(RoomMember {
+                name: names[index].clone(),
+                place: member.place,
+                figure: index % figures.len(),
+                clip,
+                audio: Audio::of(rate, &member.voice.mono(rate)?),
+            });
+        }
+        Ok(scene)
+    }
+
     /// Reads a character's file with its animation.
     fn of_character(path: &Path, args: &Page) -> Result<Self, Failure> {
         let worn = Wearer::read(path, args.shown.mapping.as_deref())?.own_motion()?;
@@ -203,9 +249,7 @@ impl Scene {
     }
 
     pub(super) fn new(path: &Path, clip: Clip, figure: Figure) -> Result<Self, Failure> {
-        let mesh = figure.mesh(&clip.skeleton)?;
-        let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
-        Ok(Self { mesh, ..Self::plain(path, clip) })
+        Ok(Self { mesh: mesh(figure, &clip)?, ..Self::plain(path, clip) })
     }
 
     /// Returns a scene with neither figure nor character.
@@ -222,6 +266,8 @@ impl Scene {
             record: None,
             live: None,
             judge: None,
+            room: Vec::new(),
+            other_meshes: Vec::new(),
         }
     }
 
@@ -244,6 +290,12 @@ impl Scene {
         self.notice = config.notice.clone().unwrap_or_default();
         self.model = Some(ModelInfo { name: config.name.clone(), stride: config.keyframe_stride });
     }
+}
+
+/// Returns the figure's mesh for clips like this.
+fn mesh(figure: Figure, clip: &Clip) -> Result<Mesh, Failure> {
+    let mesh = figure.mesh(&clip.skeleton)?;
+    Ok(if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() })
 }
 
 /// Returns the character that is to wear the motion, if requested.

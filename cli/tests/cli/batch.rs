@@ -172,3 +172,43 @@ fn wrong_manifests_are_refused_before_any_work() {
     assert!(umo(&["batch", &folder.at("nowhere")]).err.contains("nowhere"));
     assert!(folder.names().iter().all(|name| !name.ends_with(".glb")), "{:?}", folder.names());
 }
+
+#[test]
+fn lines_of_a_scene_are_one_conversation() {
+    let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
+    folder.speech();
+    folder.wav("late.wav", &[vec![0.0; 8000], super::program::voice(8000)].concat());
+    let rows = "file,output,scene,seed\n\
+                speech.wav,a.jsonl,inn,0\n\
+                speech.wav,alone.jsonl,,0\n\
+                late.wav,b.jsonl,inn,1\n";
+    let manifest = folder.file("lines.csv", rows.as_bytes());
+    let out = folder.at("out");
+    let batch = ["batch", &manifest, "-o", &out, "--model", &model];
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("3 made, 0 kept, 0 failed"), "{}", ended.out);
+    // The bits of the command, and not those of a line alone.
+    let [a, b] = ["a.jsonl", "b.jsonl"].map(|name| folder.at(name));
+    let speech = [folder.at("speech.wav"), folder.at("late.wav")];
+    umo(&["converse", &speech[0], &speech[1], "--model", &model, "-o", &a, "-o", &b]).success();
+    for name in ["a.jsonl", "b.jsonl"] {
+        assert!(folder.read(name) == folder.read(&format!("out/{name}")), "{name}");
+    }
+    assert_ne!(folder.read("a.jsonl"), folder.read("out/alone.jsonl"));
+    assert!(umo(&batch).success().out.contains("0 made, 3 kept, 0 failed"));
+    // Each member's frames depend on every recording of its scene.
+    folder.wav("late.wav", &super::program::voice(16_000));
+    assert!(umo(&batch).success().out.contains("2 made, 1 kept, 0 failed"));
+    let shard = |shard: &str| umo(&[&batch[..], &["--shard", shard]].concat()).success().out;
+    assert!(shard("1/2").contains("2 made, 0 kept") && shard("2/2").contains("1 made, 0 kept"));
+
+    for (rows, word) in [
+        ("file,scene\nspeech.wav,inn\n", "scene inn: a conversation has 2 to 32 members, this one 1"),
+        ("file,place\nspeech.wav,\"0,0,0\"\n", "line 1 has a place and no scene"),
+        ("file,output,scene,place\nspeech.wav,a.npz,inn,\"0,0,0\"\nspeech.wav,b.npz,inn,\n", "some of its lines"),
+    ] {
+        let manifest = folder.file("wrong.csv", rows.as_bytes());
+        let ended = umo(&["batch", &manifest, "--model", &model]);
+        assert!(ended.code == 2 && ended.err.contains(word), "{}", ended.err);
+    }
+}

@@ -4,7 +4,7 @@ use gltf::{Gltf, Node};
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 
-use crate::glb::BuiltFigure;
+use crate::glb::{BuiltFigure, Member, write_room};
 
 /// A file as parsed by the `gltf` crate.
 struct File {
@@ -386,4 +386,80 @@ fn a_built_figure_serves_every_clip_of_its_skeleton_and_face() {
         let error = figure.write(&other, &mut Vec::new()).unwrap_err();
         assert_eq!(error.kind(), std::io::ErrorKind::InvalidInput);
     }
+}
+
+/// Members of a room with a figure each.
+fn room<'a>(clips: &'a [Clip], figures: &'a [BuiltFigure]) -> Vec<Member<'a>> {
+    let member = |(at, (clip, figure)): (usize, (&'a Clip, &'a BuiltFigure))| Member {
+        name: ["ada", "bob", "cy"][at],
+        clip,
+        figure: Some(figure),
+        position: [at as f32, 0.0, 0.25],
+        facing: -0.7 * at as f32,
+    };
+    clips.iter().zip(figures.iter().cycle()).enumerate().map(member).collect()
+}
+
+fn written(members: &[Member<'_>]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write_room(members, &mut bytes).unwrap();
+    bytes
+}
+
+#[test]
+fn a_room_puts_every_member_at_its_place_under_its_name() {
+    let clips = [10, 20, 30].map(|seed| sample::clip(FaceKind::Arkit, 4, seed));
+    let figures = [Figure::default()].map(|figure| BuiltFigure::new(figure, &clips[0]).unwrap());
+    let members = room(&clips, &figures);
+    let file = File::parsed(&written(&members));
+    let names: Vec<&str> = file.gltf.nodes().map(|node| node.name().unwrap()).collect();
+    assert!((1..names.len()).all(|i| !names[..i].contains(&names[i])), "{names:?}");
+    let (found, tracks) = (file.positions(3), file.tracks());
+    for (at, member) in members.iter().enumerate() {
+        let prefix = if at == 0 { String::new() } else { format!("{}-", member.name) };
+        let (sine, cosine) = f64::from(member.facing).sin_cos();
+        for (joint, [x, y, z]) in JOINT_NAMES.iter().zip(positions(member.clip, 3)) {
+            let turned = [x * cosine + z * sine, y, z * cosine - x * sine];
+            let wanted = std::array::from_fn(|axis| turned[axis] + f64::from(member.position[axis]));
+            assert!(distance(found[&format!("{prefix}{joint}")], wanted) < 1e-5, "{prefix}{joint}");
+        }
+        let face = file.node(&format!("{prefix}face"));
+        assert_eq!(tracks[&face.index()].weights, member.clip.face_values);
+        let skin = face.skin().unwrap();
+        assert!(skin.joints().all(|joint| joint.name().unwrap().starts_with(&prefix)));
+        // A skinned node below another is drawn elsewhere by some readers.
+        let roots: Vec<usize> = file.gltf.default_scene().unwrap().nodes().map(|node| node.index()).collect();
+        assert!(roots.contains(&face.index()) && roots.contains(&file.node(member.name).index()));
+    }
+    assert_eq!(file.gltf.animations().count(), 1);
+}
+
+#[test]
+fn members_of_a_room_share_their_figures() {
+    let clips = [10, 20, 30].map(|seed| sample::clip(FaceKind::Arkit, 2, seed));
+    let figures = [Figure::Alex, Figure::Bea].map(|figure| BuiltFigure::new(figure, &clips[0]).unwrap());
+    let counts = |members: &[Member<'_>]| {
+        let file = File::parsed(&written(members));
+        [file.gltf.meshes().count(), file.gltf.images().count(), file.gltf.skins().count(), file.bin.len()]
+    };
+    let members = room(&clips, &figures);
+    let ([one, pair, all], single) = ([1, 2, 3].map(|most| counts(&members[..most])), written(&members[..1]));
+    assert_eq!(single, written(&[Member { position: [3.0; 3], name: "eve", ..members[0] }]));
+    let mut alone = Vec::new();
+    figures[0].write(&clips[0], &mut alone).unwrap();
+    assert!(single == alone, "a single member is written as ever");
+    assert_eq!((one[0], pair[0], all[0]), (2, 4, 4));
+    assert_eq!((pair[1], all[2]), (all[1], 3));
+    assert!(all[3] - pair[3] < 40_000, "{} bytes for two frames", all[3] - pair[3]);
+}
+
+#[test]
+fn rooms_that_do_not_fit_together_are_refused() {
+    let clips = [4, 5].map(|frames| sample::clip(FaceKind::Arkit, frames, 1));
+    let figures = [BuiltFigure::new(Figure::default(), &clips[0]).unwrap()];
+    let refused = |members: &[Member<'_>]| write_room(members, &mut Vec::new()).unwrap_err().to_string();
+    assert!(refused(&[]).contains("needs a member"));
+    assert!(refused(&room(&clips, &figures)).contains("length"));
+    let other = sample::clip(FaceKind::SmplxExpression, 4, 1);
+    assert!(refused(&[Member { clip: &other, ..room(&clips, &figures)[0] }]).contains("another skeleton"));
 }

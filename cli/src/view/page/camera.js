@@ -8,13 +8,17 @@ const EASE = 6;
 const FOLLOW = 2.5;
 /** Minimum share of the picture that stays free of overlaid buttons. */
 const LEAST_FREE = 0.4;
+/** Share of a member's direction from which the camera sees it. */
+const ASIDE = 0.5;
 
 /** Target of each preset, and half of the width and height that it must show, metres. */
 function presets(body) {
   const { height, crown } = body;
   const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => body.joint(name));
   const above = (share) => (places, ground) => [places[0][0], ground + share * height, places[0][2]];
+  const { centre, reach } = body.room ?? { centre: null, reach: 0 };
   return {
+    all: { at: (_, ground) => [centre[0], ground + 0.55 * height, centre[2]], half: [reach + 0.3 * height, 0.5 * height], yaw: 0, pitch: 0.08 },
     face: { at: (places) => add(places[head], [0, 0.34 * crown, 0.2 * crown]), half: [0.72 * crown, 0.88 * crown], yaw: 0.2, pitch: 0.02 },
     half: { at: above(0.74), half: [0.2 * height, 0.282 * height], yaw: 0.22, pitch: 0.03 },
     whole: { at: above(0.5), half: [0.3 * height, 0.55 * height], yaw: 0.3, pitch: 0.08 },
@@ -29,6 +33,7 @@ function presets(body) {
 
 export class Camera {
   constructor(body, still) {
+    this.body = body;
     this.presets = presets(body);
     this.still = still;
     this.use("half");
@@ -38,13 +43,16 @@ export class Camera {
 
   /** Switches to another body from the next frame on. */
   show(body) {
+    this.body = body;
     this.presets = presets(body);
     this.target = null;
   }
 
   use(name) {
     this.name = name;
-    const { yaw, pitch, half } = this.presets[name];
+    const { yaw: from, pitch, half } = this.presets[name];
+    // A member of a room from the side to which the room is open: others may stand before it.
+    const yaw = from + (name === "all" ? 0 : ASIDE * (this.body.facing ?? 0));
     this.goal = { yaw, pitch, zoom: 1, x: 0, y: 0, wide: half[0], high: half[1] };
   }
 

@@ -20,7 +20,7 @@ export class Clock {
   get time() {
     if (!this.playing) return this.at;
     const { audio } = this;
-    const now = audio && !audio.ended ? audio.currentTime : this.since.at + ((performance.now() - this.since.now) / 1000) * this.rate;
+    const now = audio && !audio.ended ? audio.currentTime : this.since.at + (this.now() - this.since.now) * this.rate;
     this.at = Math.min(Math.max(this.at, now), this.seconds);
     if (audio && !audio.ended) this.mark();
     if (this.at >= this.seconds) {
@@ -30,8 +30,13 @@ export class Clock {
     return this.at;
   }
 
+  /** Seconds of a clock that goes on. */
+  now() {
+    return performance.now() / 1000;
+  }
+
   mark() {
-    this.since = { at: this.at, now: performance.now() };
+    this.since = { at: this.at, now: this.now() };
   }
 
   /** Starts playback; browsers refuse it before the user has interacted with the page. */

@@ -71,8 +71,8 @@ void main() {
   result = vec4(shown(lit(paint, n, wet, rough)), 1.0);
 }`;
 
-/** Decodes the maps of the figure's reliefs. */
-export async function readReliefs({ mesh }) {
+/** Decodes the maps of a mesh's reliefs. */
+export async function readReliefs(mesh) {
   const decode = ({ map }) => {
     if (map.length === 0) return null;
     const blob = new Blob([map], { type: "image/png" });
@@ -83,7 +83,8 @@ export async function readReliefs({ mesh }) {
 }
 
 export class Figure {
-  constructor(gl, scene) {
+  /** `like` is a figure of the same mesh, whose programs and maps it uses. */
+  constructor(gl, scene, like) {
     this.gl = gl;
     this.scene = scene;
     this.mesh = scene.mesh;
@@ -96,14 +97,14 @@ export class Figure {
     this.normals = scene.mesh.normals.slice(0, 3 * this.moving);
     this.bones = new Float32Array(12 * this.rest.length);
     this.shown = "";
-    this.upload();
+    this.upload(like);
   }
 
-  upload() {
+  upload(like) {
     const { gl, mesh } = this;
     const sized = (shader) => shader.replace("JOINTS", this.rest.length);
-    this.drawing = program(gl, sized(VERTEX), FRAGMENT);
-    this.shadowing = program(gl, sized(DEPTH), "void main() {}");
+    this.drawing = like?.drawing ?? program(gl, sized(VERTEX), FRAGMENT);
+    this.shadowing = like?.shadowing ?? program(gl, sized(DEPTH), "void main() {}");
     this.array = gl.createVertexArray();
     gl.bindVertexArray(this.array);
     const usage = gl.DYNAMIC_DRAW;
@@ -118,7 +119,7 @@ export class Figure {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.indices, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
-    this.reliefs = mesh.details.map(({ image }) => (image ? this.relief(image) : null));
+    this.reliefs = like?.reliefs ?? mesh.details.map(({ image }) => (image ? this.relief(image) : null));
     this.shown = "";
   }
 

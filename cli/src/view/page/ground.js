@@ -1,4 +1,4 @@
-// The floor: a pool of light that fades out, with the avatar's soft shadow and contact shadows under its feet.
+// The floor: a pool of light that fades out, with soft shadows, and contact shadows under the feet.
 
 import { attribute, program } from "umo/gl.js";
 
@@ -7,12 +7,13 @@ layout(location = 0) in vec2 corner;
 uniform mat4 view;
 uniform mat4 light;
 uniform vec3 middle;
+uniform float size;
 out vec2 spot;
 out vec2 world;
 out vec4 shade;
 void main() {
   spot = corner;
-  vec4 place = vec4(middle + 3.2 * vec3(corner.x, 0.0, corner.y), 1.0);
+  vec4 place = vec4(middle + size * vec3(corner.x, 0.0, corner.y), 1.0);
   world = place.xz;
   shade = light * place;
   gl_Position = view * place;
@@ -26,9 +27,9 @@ uniform vec3 tint;
 uniform float darkness;
 uniform float contact;
 // Heel, ball and height of each foot.
-uniform vec2 heels[2];
-uniform vec2 balls[2];
-uniform float heights[2];
+uniform vec2 heels[FEET];
+uniform vec2 balls[FEET];
+uniform float heights[FEET];
 uniform mediump sampler2DShadow shadow;
 out vec4 result;
 const int TAPS = 20;
@@ -56,17 +57,23 @@ void main() {
   lit /= float(TAPS);
   float far = length(spot);
   float fade = exp(-5.0 * far * far) * (1.0 - smoothstep(0.6, 1.0, far));
-  float dark = 1.0 - (1.0 - under(heels[0], balls[0], heights[0])) * (1.0 - under(heels[1], balls[1], heights[1]));
-  vec3 color = tint * (1.0 - darkness * (1.0 - lit)) * (1.0 - contact * dark);
+  float open = 1.0;
+  for (int i = 0; i < FEET; i++) open *= 1.0 - under(heels[i], balls[i], heights[i]);
+  vec3 color = tint * (1.0 - darkness * (1.0 - lit)) * (1.0 - contact * (1.0 - open));
   // Dithering: neighbouring greys would show as rings.
   color += (noise() - 0.5) / 255.0;
   result = vec4(color, 1.0) * fade;
 }`;
 
+/** Half of the pool's width around a single avatar, metres. */
+const SIZE = 3.2;
+
 export class Ground {
-  constructor(gl) {
+  /** For a number of feet, and a distance that they may be away from the middle. */
+  constructor(gl, feet, reach) {
     this.gl = gl;
-    this.drawing = program(gl, VERTEX, FRAGMENT);
+    this.size = SIZE + reach;
+    this.drawing = program(gl, VERTEX, FRAGMENT.replaceAll("FEET", feet));
     this.array = gl.createVertexArray();
     gl.bindVertexArray(this.array);
     attribute(gl, 0, new Float32Array([-1, -1, -1, 1, 1, -1, 1, 1]), 2);
@@ -80,6 +87,7 @@ export class Ground {
     gl.uniformMatrix4fv(u.view, false, view);
     gl.uniformMatrix4fv(u.light, false, light);
     gl.uniform3fv(u.middle, middle);
+    gl.uniform1f(u.size, this.size);
     gl.uniform3fv(u.tint, lighting.ground);
     gl.uniform1f(u.darkness, lighting.darkness);
     gl.uniform1f(u.contact, lighting.contact);

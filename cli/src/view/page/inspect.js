@@ -29,6 +29,8 @@ export function inspector({ scene, motion, clock, camera, picture, live, last, a
       const { pose, placed } = last();
       return scene.joints.map((name, i) => ({ name, place: placed.places[i], rotation: pose.rotations[i] }));
     },
+    /** Joint positions of each member of a conversation in the last drawn frame. */
+    members: () => scene.room.map(({ name }, i) => ({ name, places: last().all[i].placed.places })),
     /** Non-zero morph targets of the last drawn frame. */
     weights: () => picture.figure.weights(last().pose.face),
     /** Position of a joint in the last drawn frame, in CSS pixels from the upper left corner. */
@@ -38,7 +40,7 @@ export function inspector({ scene, motion, clock, camera, picture, live, last, a
     },
     /** Raw values of one frame: rotations, root, face. */
     frame: (index) => Array.from(motion.frame(index)),
-    /** play, pause, seek (draws at once, including the camera), camera, details, skeleton, theme. */
+    /** play, pause, seek (draws at once, including the camera), camera, details, follow (a member, by its number), skeleton, theme. */
     ...actions,
   };
 }

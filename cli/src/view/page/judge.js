@@ -19,7 +19,7 @@ const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const scene = readScene();
 const { judge } = scene;
-await readReliefs(scene);
+await readReliefs(scene.mesh);
 const showMask = addMask(scene);
 const motion = new Motion(scene);
 const body = new FigureBody(scene, motion);

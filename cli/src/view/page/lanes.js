@@ -5,6 +5,7 @@ import { drawTrack } from "umo/tracks.js";
 
 export const RULER = 20;
 const SPEECH = 46;
+const VOICE = 28;
 const CHUNKS = 17;
 const PART = 15;
 const LEVEL = 4;
@@ -20,7 +21,8 @@ export function layOut({ scene, record, tracks }) {
     lanes.push({ kind, name, top, height, ...more });
     top += height;
   };
-  if (scene.samples.length > 0) lane("speech", "speech", SPEECH);
+  if (scene.samples.length > 0) lane("speech", "speech", SPEECH, { voice: { samples: scene.samples, sampleRate: scene.audio.sampleRate } });
+  for (const member of scene.room) lane("speech", member.name, VOICE, { voice: member });
   top += GAP;
   if (record.chunks.length > 0) lane("chunks", "chunks", CHUNKS);
   if (record.isKnown) {
@@ -65,14 +67,13 @@ function chunks(t, { top, height }, color) {
   }
 }
 
-function speech(t, { top, height }, color) {
-  const { context, scene } = t;
-  const { samples } = scene;
-  const rate = scene.audio.sampleRate;
+function speech(t, { top, height, voice }, color) {
+  const { context } = t;
+  const { samples, sampleRate: rate } = voice;
   const middle = top + height / 2;
   context.fillStyle = color("--speech");
   const [left, right] = [t.gutter, t.canvas.clientWidth];
-  const loudest = (t.loudest ??= loudestOf(samples));
+  const loudest = (samples.loudest ??= loudestOf(samples));
   for (let x = left; x < right; x++) {
     const [from, to] = [t.seconds(x), t.seconds(x + 1)].map((seconds) => Math.round(seconds * rate));
     if (from >= samples.length) break;

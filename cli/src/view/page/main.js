@@ -16,6 +16,7 @@ import { Motion } from "umo/motion.js";
 import { livePanel } from "umo/panel.js";
 import { Picture } from "umo/picture.js";
 import { Record } from "umo/record.js";
+import { MemberBody, RoomClock } from "umo/room.js";
 import { block, readScene } from "umo/scene.js";
 import { Timeline } from "umo/timeline.js";
 import { allTracks, trackList } from "umo/tracks.js";
@@ -32,13 +33,14 @@ if (scene.character) {
   await readTextures(body);
   if (scene.frames.length === 0 && !scene.live) body.becomeMotion();
 } else {
-  await readReliefs(scene);
+  await Promise.all(scene.meshes.map(readReliefs));
 }
 const motion = new Motion(scene);
 if (scene.live) body?.follow(motion);
-body ??= new FigureBody(scene, motion);
+for (const member of scene.room) member.body = new MemberBody(scene, member);
+body ??= scene.room[0]?.body ?? new FigureBody(scene, motion);
 const record = new Record(scene);
-const clock = scene.live ? new LiveClock(scene, motion) : new Clock(scene, motion.seconds);
+const clock = scene.live ? new LiveClock(scene, motion) : new (scene.room.length > 0 ? RoomClock : Clock)(scene, motion.seconds);
 const picture = new Picture($("#view"), scene);
 const camera = new Camera(body, still);
 const tracks = allTracks(scene, motion);
@@ -51,7 +53,7 @@ let skeleton = false;
 let dirty = true;
 let before = performance.now();
 let floor = usualFloor(body, motion);
-let shown = { ...body.at(0), time: 0 };
+let shown = { ...body.at(0), all: [], time: 0 };
 let drawn = 0;
 let insets = {};
 
@@ -107,6 +109,17 @@ function useCamera(name) {
     button.setAttribute("aria-pressed", String(button.dataset.camera === name));
   }
   touch();
+}
+
+/** Chooses the member that camera and curves show. */
+function showMember(index) {
+  const member = scene.room[index];
+  body = member.body;
+  motion.values = member.frames;
+  $("#member").value = String(index);
+  camera.show(body);
+  useCamera(camera.name === "all" ? "half" : camera.name);
+  timeline.draw();
 }
 
 /** Shows or hides the panels about how the motion was made. */
@@ -206,7 +219,8 @@ async function saveVideo() {
   if (live && !clock.playing) return;
   const mouth = live?.mouth ? [[live.mouth.stream, clock.delay]] : [];
   const sound = live ? (live.mouth ? null : live.audio) : clock.audio;
-  video = new Video($("#view"), { elements: sound ? [sound] : [], streams: mouth });
+  const voices = clock.stream ? [[clock.stream, 0]] : mouth;
+  video = new Video($("#view"), { elements: sound ? [sound] : [], streams: voices });
   showVideo(true);
   if (!live) await play();
 }
@@ -246,6 +260,8 @@ const KEYS = {
   2: () => useCamera("half"),
   3: () => useCamera("whole"),
   4: () => useCamera("hands"),
+  0: () => scene.room.length > 0 && useCamera("all"),
+  m: () => scene.room.length > 0 && showMember((Number($("#member").value) + 1) % scene.room.length),
   v: () => saveVideo().catch((error) => say(error.message, true)),
   d: () => setDetails(document.documentElement.dataset.details !== "true"),
   s: () => setSkeleton(!skeleton),
@@ -301,10 +317,13 @@ function loop(now) {
 function draw(time, seconds) {
   dirty = false;
   const { pose, placed } = body.at(time);
-  shown = { time, pose, placed };
+  const all = scene.room.length > 0 ? scene.room.map((member) => member.body.at(time)) : [{ pose, placed }];
+  const feet = all.flatMap((one, i) => (scene.room[i]?.body ?? body).feet(one.placed.places, floor));
+  shown = { time, pose, placed, all };
   if (camera.step(seconds, placed.places, floor)) touch();
   const theme = document.documentElement.dataset.theme;
-  picture.draw({ pose, placed, feet: body.feet(placed.places, floor), camera, floor, theme, skeleton, insets });
+  const from = picture.draw({ pose, placed, all, feet, camera, floor, theme, skeleton, insets });
+  if (from) clock.hear?.(from);
   showTime(time);
   if (live) {
     live.look();
@@ -336,6 +355,7 @@ function listen() {
   $("#back").addEventListener("click", () => stepKeyframe(-1));
   $("#on").addEventListener("click", () => stepKeyframe(1));
   $("#seek").addEventListener("input", (event) => seek(Number(event.target.value)));
+  $("#member").addEventListener("change", (event) => showMember(Number(event.target.value)));
   $("#speed").addEventListener("change", (event) => setRate(Number(event.target.value)));
   $("#skeleton").addEventListener("click", () => setSkeleton(!skeleton));
   $("#theme").addEventListener("click", KEYS.t);
@@ -369,6 +389,7 @@ window.umo = inspector({
     pause,
     camera: useCamera,
     details: setDetails,
+    follow: showMember,
     skeleton: setSkeleton,
     theme: setTheme,
     seek(seconds) {
@@ -380,7 +401,9 @@ window.umo = inspector({
 document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
 document.documentElement.dataset.live = String(Boolean(live));
 listen();
-useCamera("half");
+$("#member").append(...scene.room.map(({ name }, i) => new Option(name, String(i))));
+for (const one of [$("#member"), $("[data-camera=all]")]) one.hidden = scene.room.length === 0;
+useCamera(scene.room.length > 0 ? "all" : "half");
 setDetails(false);
 draw(0, 0);
 requestAnimationFrame(loop);

@@ -1,4 +1,4 @@
-// The picture: figure or character, floor, shadow and skeleton, redrawn when something has changed.
+// The picture: figures or character, floor, shadow and skeleton, redrawn when something has changed.
 
 import { Bones } from "umo/bones.js";
 import { Character } from "umo/character.js";
@@ -7,9 +7,10 @@ import { depthMap } from "umo/gl.js";
 import { Ground } from "umo/ground.js";
 import { LIGHTING, TO_LAMP, turnedLights } from "umo/light.js";
 import { add, lookAt, multiply, orthographic, scale } from "umo/math.js";
+import { extentOf } from "umo/room.js";
 
 const SHADOW_SIZE = 1024;
-/** Half of the area covered by the lamp's shadow map, metres. */
+/** Half of the area around an avatar that the lamp's shadow map covers, metres. */
 const SHADOW_HALF = 1.45;
 
 export class Picture {
@@ -31,10 +32,20 @@ export class Picture {
 
   prepare() {
     const { gl, scene } = this;
-    this.figure = scene.character ? new Character(gl, scene.character.body) : new Figure(gl, scene);
-    this.ground = new Ground(gl);
+    this.room = scene.room.length > 0 ? extentOf(scene.room) : null;
+    this.figures = [];
+    for (const { mesh } of scene.room) {
+      const like = this.figures.find((figure) => figure.mesh === mesh);
+      this.figures.push(new Figure(gl, { ...scene, mesh }, like));
+    }
+    if (!this.room) this.figures.push(scene.character ? new Character(gl, scene.character.body) : new Figure(gl, scene));
+    this.ground = new Ground(gl, 2 * this.figures.length, this.room?.reach ?? 0);
     this.bones = new Bones(gl, scene);
-    this.shadow = depthMap(gl, SHADOW_SIZE);
+    this.shadow = depthMap(gl, this.room ? 2 * SHADOW_SIZE : SHADOW_SIZE);
+  }
+
+  get figure() {
+    return this.figures[0];
   }
 
   /** Resizes the drawing buffer to the displayed canvas. */
@@ -46,35 +57,39 @@ export class Picture {
     return size;
   }
 
-  draw({ pose, placed, feet, camera, floor, theme, skeleton, insets }) {
-    if (this.lost) return;
-    const { gl, figure } = this;
+  /** Draws; `all` are the poses of the members of a room. Returns from where. */
+  draw({ pose, placed, all = [{ pose, placed }], feet, camera, floor, theme, skeleton, insets }) {
+    if (this.lost) return null;
+    const { gl, figures } = this;
     const lighting = LIGHTING[theme];
     const size = this.resize();
-    const { view, eye, axes } = camera.look(size[0] / size[1], insets);
-    const root = placed.places[0];
-    const middle = [root[0], floor + 0.85, root[2]];
-    const light = multiply(orthographic(SHADOW_HALF, 0.1, 7), lookAt(add(middle, scale(TO_LAMP, 3.5)), middle, [0, 1, 0]));
-    figure.follow({ pose, placed });
+    const from = camera.look(size[0] / size[1], insets);
+    const { view, eye, axes } = from;
+    const { centre: [x, , z], reach } = this.room ?? { centre: placed.places[0], reach: 0 };
+    const middle = [x, floor + 0.85, z];
+    const lamp = lookAt(add(middle, scale(TO_LAMP, 3.5 + reach)), middle, [0, 1, 0]);
+    const light = multiply(orthographic(SHADOW_HALF + reach, 0.1, 7 + 2 * reach), lamp);
+    figures.forEach((figure, i) => figure.follow(all[i]));
 
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow.frame);
-    gl.viewport(0, 0, SHADOW_SIZE, SHADOW_SIZE);
+    gl.viewport(0, 0, this.shadow.size, this.shadow.size);
     gl.clear(gl.DEPTH_BUFFER_BIT);
-    figure.drawDepth(light);
+    for (const figure of figures) figure.drawDepth(light);
 
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, ...size);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     const shadow = this.shadow.texture;
-    figure.draw({ view, eye, light, lighting, shadow, turned: turnedLights(axes) });
-    this.ground.draw({ view, light, lighting, shadow, middle: [root[0], floor, root[2]], feet });
-    figure.drawClear?.();
+    for (const figure of figures) figure.draw({ view, eye, light, lighting, shadow, turned: turnedLights(axes) });
+    this.ground.draw({ view, light, lighting, shadow, middle: [x, floor, z], feet });
+    for (const figure of figures) figure.drawClear?.();
     if (skeleton) {
       const width = 1.6 * (size[1] / this.canvas.clientHeight);
-      this.bones.draw({ view, places: placed.places, size, width, color: lighting.bones });
+      for (const { placed } of all) this.bones.draw({ view, places: placed.places, size, width, color: lighting.bones });
     }
+    return from;
   }
 }

@@ -11,37 +11,49 @@ export function block(name, type) {
   return new TYPES[type](bytes.buffer);
 }
 
+/** Fills in the arrays of a mesh, whose blocks have names with this end. */
+function readMesh(mesh, end) {
+  const read = (name, type) => block(name + end, type);
+  mesh.positions = read("positions", "f32");
+  mesh.normals = read("normals", "f32");
+  mesh.colors = read("colors", "u8");
+  mesh.roughness = read("roughness", "u8");
+  mesh.joints = read("joints", "u8");
+  mesh.weights = read("weights", "u16");
+  mesh.indices = read("indices", "u32");
+  /** Coordinates on a relief map, to the right and down; unused for vertices without relief. */
+  mesh.spots = new Float32Array((2 * mesh.positions.length) / 3);
+  mesh.spots.set(read("detail-places", "f32"), 2 * mesh.moving);
+  for (const detail of mesh.details) detail.map = read(`detail-${detail.name}`, "u8");
+  let start = 0;
+  const vertices = read("morph-vertices", "u32");
+  const moved = read("morph-positions", "f32");
+  const turned = read("morph-normals", "f32");
+  for (const morph of mesh.morphs) {
+    const last = start + morph.count;
+    morph.vertices = vertices.subarray(start, last);
+    morph.positions = moved.subarray(3 * start, 3 * last);
+    morph.normals = turned.subarray(3 * start, 3 * last);
+    start = last;
+  }
+}
+
 /** The description with its arrays. */
 export function readScene() {
   const scene = JSON.parse(document.getElementById("scene").textContent);
-  const { mesh, record } = scene;
-  mesh.positions = block("positions", "f32");
-  mesh.normals = block("normals", "f32");
-  mesh.colors = block("colors", "u8");
-  mesh.roughness = block("roughness", "u8");
-  mesh.joints = block("joints", "u8");
-  mesh.weights = block("weights", "u16");
-  mesh.indices = block("indices", "u32");
-  /** Coordinates on a relief map, to the right and down; unused for vertices without relief. */
-  mesh.spots = new Float32Array((2 * mesh.positions.length) / 3);
-  mesh.spots.set(block("detail-places", "f32"), 2 * mesh.moving);
-  for (const detail of mesh.details) detail.map = block(`detail-${detail.name}`, "u8");
-  let start = 0;
-  const vertices = block("morph-vertices", "u32");
-  const moved = block("morph-positions", "f32");
-  const turned = block("morph-normals", "f32");
-  for (const morph of mesh.morphs) {
-    const end = start + morph.count;
-    morph.vertices = vertices.subarray(start, end);
-    morph.positions = moved.subarray(3 * start, 3 * end);
-    morph.normals = turned.subarray(3 * start, 3 * end);
-    start = end;
-  }
+  const { record, room } = scene;
+  scene.meshes = [scene.mesh, ...scene.otherMeshes];
+  scene.meshes.forEach((mesh, i) => readMesh(mesh, i === 0 ? "" : `-${i}`));
+  room.forEach((member, i) => {
+    member.mesh = scene.meshes[member.figure];
+    member.frames = block(`frames-${i}`, "f32");
+    member.samples = block(`audio-${i}`, "i16");
+  });
   if (record) {
     record.codes = block("codes", "u16");
     record.routed = block("routed", "u32");
   }
-  scene.frames = block("frames", "f32");
+  scene.frames = room.length > 0 ? room[0].frames : block("frames", "f32");
   scene.samples = block("audio", "i16");
   return scene;
 }
