@@ -81,6 +81,7 @@ private:
 inline umo_status free_model(umo_model *raw) { return umo_model_free(raw); }
 inline umo_status free_engine(umo_engine *raw) { return umo_engine_free(raw); }
 inline umo_status free_session(umo_session *raw) { return umo_session_free(raw); }
+inline umo_status free_scene(umo_scene *raw) { return umo_scene_free(raw); }
 
 } // namespace detail
 
@@ -429,6 +430,97 @@ public:
     std::string last_error() const {
         char text[UMO_ERROR_SIZE] = "";
         return umo_session_last_error(get(), text, sizeof text, nullptr) == UMO_STATUS_OK ? text : "";
+    }
+};
+
+/// A place of a scene, in the axes of glTF unless said otherwise.
+inline umo_place place(const std::array<float, 3> &position, float facing = 0, float eye_height = 1.6F,
+                       std::uint32_t axes = UMO_AXES_GLTF) noexcept {
+    umo_place place{};
+    (void)!umo_place_init(&place, sizeof place);
+    for (std::size_t axis = 0; axis < 3; ++axis) place.position[axis] = position[axis];
+    place.facing = facing;
+    place.eye_height = eye_height;
+    place.axes = axes;
+    return place;
+}
+
+/// Avatars that know each other: see `umo_scene_…`.
+class scene : public detail::handle<umo_scene, detail::free_scene> {
+public:
+    using handle::handle;
+
+    static result<scene> make(std::uint64_t seed = 0) {
+        umo_scene *raw = nullptr;
+        const umo_status status = umo_scene_new(seed, &raw);
+        return {status, scene(raw)};
+    }
+
+    /// Number of the member. The session may be freed at any time: then it leaves.
+    result<std::uint32_t> add(session &session, const umo_place &place) noexcept {
+        std::uint32_t member = 0;
+        const umo_status status = umo_scene_add(get(), session.get(), &place, &member);
+        return {status, member};
+    }
+    /// Adds a person, who speaks by `push_audio`.
+    result<std::uint32_t> add(const umo_place &place) noexcept {
+        std::uint32_t member = 0;
+        const umo_status status = umo_scene_add(get(), nullptr, &place, &member);
+        return {status, member};
+    }
+    [[nodiscard]] umo_status remove(std::uint32_t member) noexcept { return umo_scene_remove(get(), member); }
+    [[nodiscard]] umo_status set_place(std::uint32_t member, const umo_place &place) noexcept {
+        return umo_scene_set_place(get(), member, &place);
+    }
+    /// Looks at another member, whatever is said; 0: as the scene chooses.
+    [[nodiscard]] umo_status set_target(std::uint32_t member, std::uint32_t other) noexcept {
+        return umo_scene_set_target(get(), member, other, UMO_AXES_GLTF, nullptr);
+    }
+    /// Looks at a point of the scene.
+    [[nodiscard]] umo_status set_target(std::uint32_t member, const std::array<float, 3> &point,
+                                        std::uint32_t axes = UMO_AXES_GLTF) noexcept {
+        return umo_scene_set_target(get(), member, 0, axes, point.data());
+    }
+    /// Parts that the scene plays: a sum of `UMO_SCENE_…`.
+    [[nodiscard]] umo_status set_allowed(std::uint32_t member, std::uint32_t parts) noexcept {
+        return umo_scene_set_allowed(get(), member, parts);
+    }
+    /// The voice of a member without a body.
+    [[nodiscard]] umo_status push_audio(std::uint32_t member, const float *samples, std::size_t count) noexcept {
+        return umo_scene_push_audio(get(), member, samples, count);
+    }
+    /// Once per picture, before frames are pulled or sampled.
+    [[nodiscard]] umo_status update(double seconds) noexcept { return umo_scene_update(get(), seconds); }
+    /// The member that has the floor, or 0.
+    result<std::uint32_t> floor() const noexcept {
+        std::uint32_t member = 0;
+        const umo_status status = umo_scene_floor(get(), &member);
+        return {status, member};
+    }
+    /// What a member does now.
+    result<umo_member> member(std::uint32_t member) const noexcept {
+        umo_member info{};
+        info.struct_size = sizeof info;
+        const umo_status status = umo_scene_member(get(), member, &info);
+        return {status, info};
+    }
+
+    /// The state of the scene and of its members' sessions; empty if it cannot be saved now.
+    result<std::vector<unsigned char>> save() {
+        std::size_t size = 0;
+        umo_status status = umo_scene_state_size(get(), &size);
+        std::vector<unsigned char> state(size);
+        if (status == UMO_STATUS_OK) status = umo_scene_save(get(), state.data(), state.size(), &size);
+        state.resize(status == UMO_STATUS_OK ? size : 0);
+        return {status, std::move(state)};
+    }
+    [[nodiscard]] umo_status restore(const std::vector<unsigned char> &state) noexcept {
+        return umo_scene_restore(get(), state.data(), state.size());
+    }
+    /// Detail of the last failed call.
+    std::string last_error() const {
+        char text[UMO_ERROR_SIZE] = "";
+        return umo_scene_last_error(get(), text, sizeof text, nullptr) == UMO_STATUS_OK ? text : "";
     }
 };
 

@@ -58,7 +58,7 @@ const fn group(prefix: &'static str, name: &'static str, table: &'static str, do
 }
 
 /// Constants of no group here are single.
-const GROUPS: [Group; 18] = [
+const GROUPS: [Group; 20] = [
     group("STATUS", "Status", "STATUSES", "Result of a call: OK, or a negative error code."),
     group("AXES", "Axes", "AXES", "Axes, handedness and unit of length."),
     group("ENGINE", "EngineMode", "ENGINE_MODES", "Threads that compute: the engine's own, or the host's."),
@@ -76,10 +76,12 @@ const GROUPS: [Group; 18] = [
     group("IDLE", "Idle", "IDLES", "Behaviour while no audio comes."),
     group("VOICE", "Voice", "VOICES", "Timing of the mouth."),
     group("PACKETS", "Packets", "PACKETS", "Output of chunks as packets."),
+    Group { is_bits: true, ..group("SCENE", "ScenePart", "SCENE_PARTS", "Parts that a scene plays of a member.") },
+    group("ROLE", "Role", "ROLES", "What a member of a scene does."),
     group("FORMAT", "FileFormat", "FORMATS", "Format of a file of frames."),
 ];
 /// Constants that have a group's prefix but number none of its values.
-const SINGLE: [&str; 1] = ["PARAMETER_WHOLE"];
+const SINGLE: [&str; 2] = ["PARAMETER_WHOLE", "SCENE_MEMBER_COUNT"];
 
 /// Fields that are not for hosts to set: the size, and those that a binding sets from other arguments.
 const NOT_SET: [&str; 4] = ["struct_size", "mode", "core_count", "reserved"];

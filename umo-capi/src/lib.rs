@@ -5,6 +5,7 @@
 //! | [`model`] | models: loading and properties |
 //! | [`engine`] | engines: threads and scheduling |
 //! | [`session`] | sessions: audio in, frames out |
+//! | [`scene`] | scenes: sessions that know each other |
 //! | [`recording`] | level of whole recordings |
 //! | [`frame`] | layout of frames in the host's memory |
 //! | [`clip`] | export of frames to files |
@@ -38,7 +39,9 @@ pub mod status;
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 pub mod web;
 
-// Last, so that umo.h declares it after the types it uses.
+// Last, so that umo.h declares them after the types they use.
+pub mod scene;
+
 pub mod clip;
 
 use std::ffi::c_char;

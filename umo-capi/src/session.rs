@@ -204,7 +204,7 @@ struct SessionHandle {
 }
 
 /// Detail of a session's last failure, kept without waiting: of two failures at once, one is kept.
-struct Detail {
+pub(crate) struct Detail {
     taken: AtomicBool,
     text: UnsafeCell<Text>,
 }
@@ -213,6 +213,27 @@ struct Detail {
 unsafe impl Sync for Detail {}
 
 impl Detail {
+    pub(crate) fn new() -> Self {
+        Self { taken: AtomicBool::new(false), text: UnsafeCell::new(Text::EMPTY) }
+    }
+
+    pub(crate) fn keep(&self, detail: &Text) {
+        self.with(|text| *text = *detail);
+    }
+
+    /// Copies it to a buffer of the host's.
+    ///
+    /// # Safety
+    /// As [`ffi::copy_text`].
+    pub(crate) unsafe fn copy(&self, buffer: *mut c_char, size: usize, length: *mut usize) -> UmoStatus {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        match self.with(|text| unsafe { ffi::copy_text(text, buffer, size, length) }) {
+            Some(Ok(())) => UMO_STATUS_OK,
+            Some(Err(failure)) => failure.status,
+            None => UMO_STATUS_BUSY,
+        }
+    }
+
     fn with<T>(&self, touch: impl FnOnce(&mut Text) -> T) -> Option<T> {
         if self.taken.swap(true, Ordering::Acquire) {
             return None;
@@ -229,6 +250,17 @@ fn get(session: *const UmoSession) -> Result<Guard<'static, SessionHandle>, UmoS
         return Err(UMO_STATUS_NULL_POINTER);
     }
     SESSIONS.get(session.addr()).map_err(|failure| failure.status)
+}
+
+/// Checks that a handle is that of a session.
+pub(crate) fn check(session: *const UmoSession) -> Result<(), Failure> {
+    SESSIONS.get(session.addr()).map(drop)
+}
+
+/// Calls `call` with the session of a handle, unless it was freed or has a defect.
+pub(crate) fn with<R>(handle: usize, call: impl FnOnce(&Session) -> R) -> Option<R> {
+    let handle = SESSIONS.get(handle).ok()?;
+    (!handle.poisoned.load(Ordering::Relaxed)).then(|| call(&handle.session))
 }
 
 /// Runs a call on a session; the detail of a failure is kept with the session. Uses no thread-local
@@ -253,7 +285,7 @@ fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<()
             Failure::defect(&defect)
         }
     };
-    handle.detail.with(|text| *text = failure.detail);
+    handle.detail.keep(&failure.detail);
     failure.status
 }
 
@@ -374,7 +406,7 @@ fn make(
         model: Arc::clone(&engine.model),
         log: engine.log,
         poisoned: AtomicBool::new(false),
-        detail: Detail { taken: AtomicBool::new(false), text: UnsafeCell::new(Text::EMPTY) },
+        detail: Detail::new(),
     }))
 }
 
@@ -514,16 +546,10 @@ pub unsafe extern "C" fn umo_session_last_error(
     size: usize,
     length: *mut usize,
 ) -> UmoStatus {
-    let handle = match get(session) {
-        Ok(handle) => handle,
-        Err(status) => return status,
-    };
-    // SAFETY: guaranteed by the caller (see # Safety).
-    let copied = handle.detail.with(|text| unsafe { ffi::copy_text(text, buffer, size, length) });
-    match copied {
-        Some(Ok(())) => UMO_STATUS_OK,
-        Some(Err(failure)) => failure.status,
-        None => UMO_STATUS_BUSY,
+    match get(session) {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        Ok(handle) => unsafe { handle.detail.copy(buffer, size, length) },
+        Err(status) => status,
     }
 }
 

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | load a model file | [`Model`], [`ModelFile`], [`Precision`], [`Isa`] |
 //! | animate live speech | [`Engine`], [`EngineConfig`], [`Session`], [`SessionConfig`], [`Frame`] |
+//! | let avatars know each other | [`Scene`], [`Place`], [`Target`] |
 //! | animate a recording | [`Animation`], [`AvatarConfig`], [`Compute`], [`Team`] |
 //! | send codes and decode them elsewhere | [`Session::pull_packets`], [`Session::decoder`]; [`Animation::packet`], [`Decoder`] |
 //! | read a pose | [`Pose`], [`Part`], [`JOINT_NAMES`], [`ARKIT_NAMES`], [`Visemes`] |
@@ -104,6 +105,8 @@ pub use umo_core_model::lm::sampler::Sampler;
 pub use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 #[doc(inline)]
 pub use umo_core_stream::engine::{Engine, EngineConfig, MAX_BATCH, MAX_SESSIONS, Poll, Priority, SubmitJobs, Threads};
+#[doc(inline)]
+pub use umo_core_stream::scene::{Allowed, Body, MAX_MEMBERS, MemberInfo, Place, Role, Scene, SceneError, Target};
 #[doc(inline)]
 pub use umo_core_stream::session::{
     AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_OUTPUT_DELAY, MAX_RATE, MIN_RATE,

@@ -4,13 +4,14 @@
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_base::voice::{SILENCE_DBFS, VoiceLevels, decibels};
 
-use super::Tick;
 use super::rig::step;
+use super::{Role, Tick};
 
 /// Attention of the avatar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Attention {
-    /// Automatic: speaking while its voice is heard, listening while the other's is, else idle.
+    /// Automatic: speaking while its voice is heard, listening while the other's is, else idle; in a scene, as
+    /// the scene says.
     #[default]
     Auto = 0,
     /// Attends to nothing in particular.
@@ -94,6 +95,11 @@ impl State {
         let own = self.own.hear(tick.cue.level, tick.seconds);
         let other = self.other.hear(tick.other_level, tick.seconds);
         let wanted = match tick.controls.attention {
+            Attention::Auto if tick.controls.company.is_on() => match tick.controls.company.role {
+                Some(Role::Speaking) => 3,
+                Some(Role::Listening) => 1,
+                Some(Role::Idle) | None => 0,
+            },
             Attention::Auto if self.own.silent < OWN_HOLD_SECONDS => 3,
             Attention::Auto if self.other.silent < OTHER_HOLD_SECONDS => 1,
             Attention::Auto | Attention::Idle => 0,
@@ -237,6 +243,7 @@ mod tests {
             glance: None,
             rig: &trial.rig,
             lively: 0.0,
+            shift: 0.0,
             gain: 1.0,
         })
     }

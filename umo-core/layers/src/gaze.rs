@@ -16,7 +16,7 @@ use super::rig::{
     DEGREE, EYES, HEAD, NECK, Rig, SPINE, Spring, add, after, arkit, ease, length_of_two, step, toward, turn,
     turn_in_parent, turn_vector, unit,
 };
-use super::{Mood, Tick};
+use super::{Attention, Mood, Tick};
 
 /// How far a dull voice looks down where it does not look at the listener.
 const LOW_GAZE: f32 = 8.0 * DEGREE;
@@ -36,6 +36,11 @@ const RECENTRE_SECONDS: f32 = 1.5;
 /// the listener's position follows the body's position and heading, seconds.
 const LISTENER_DISTANCE: f32 = 1.5;
 const LISTENER_FOLLOW_SECONDS: f32 = 3.0;
+
+/// Angles from the heading between which the look at the other of a scene fades out: nobody is looked at behind the back.
+const COMPANY_ANGLE: [f32; 2] = [110.0 * DEGREE, 150.0 * DEGREE];
+/// Distance by which that place jumps in a tick if it is another one's, metres.
+const COMPANY_JUMP: f32 = 0.1;
 
 /// Half the distance between the eyes, and the nearest point of convergence, metres.
 const HALF_EYE_DISTANCE: f32 = 0.032;
@@ -163,6 +168,8 @@ pub(super) struct Gaze {
     draws: u64,
     /// Low-passed body placement that the listener's position derives from: x and z of root and heading.
     stand: [f32; 4],
+    /// Place of the other of a scene at the previous tick.
+    partner: Option<[f32; 3]>,
     fixation: Fixation,
     saccade: Saccade,
     /// Return of the eyes towards the centre, relative to the wanted direction.
@@ -191,6 +198,7 @@ impl Gaze {
             is_started: false,
             draws: 0,
             stand: [0.0; 4],
+            partner: None,
             fixation: Fixation::default(),
             saccade: Saccade::default(),
             recentred: [0.0; 2],
@@ -216,14 +224,25 @@ impl Gaze {
             self.blink.left = 1.0 + 2.0 * self.draw(tick, BLINK);
         }
         self.follow(&frame.pose, tick, is_new);
-        self.choose(tick);
+        match tick.controls.company.looks_at() {
+            Some(place) if tick.controls.attention == Attention::Auto => self.accompany(tick, place),
+            _ => self.choose(tick),
+        }
         let (place, strength) = sought(tick);
-        self.turn(&mut frame.pose, tick, place, strength);
+        let partner = self.partner(&frame.pose, tick);
+        self.turn(&mut frame.pose, tick, partner, (place, strength));
 
         // Wanted direction in the avatar's space.
         let rig = tick.rig;
         let (eyes, head) = rig.head(&frame.pose);
-        let (listener, mut distance) = direction(eyes, self.listener(rig));
+        let (mut listener, mut distance) = direction(eyes, self.listener(rig));
+        let mut held = strength;
+        if let Some((place, share)) = partner {
+            let (there, away) = direction(eyes, place);
+            listener = mix(listener, there, share);
+            distance += share * (away - distance);
+            held = held.max(share);
+        }
         let mut goal: Angles = std::array::from_fn(|axis| listener[axis] + self.fixation.offset[axis]);
         if !self.fixation.is_contact {
             goal[1] += LOW_GAZE * (-tick.lively).max(0.0);
@@ -248,7 +267,7 @@ impl Gaze {
             let without = angle + tick.gain * self.faced(tick, axis);
             self.aside[axis] += share * (without - self.aside[axis]);
             let outside =
-                (1.0 - strength) * (angle - angle.clamp(-COMFORTABLE_EYE_ANGLE[axis], COMFORTABLE_EYE_ANGLE[axis]));
+                (1.0 - held) * (angle - angle.clamp(-COMFORTABLE_EYE_ANGLE[axis], COMFORTABLE_EYE_ANGLE[axis]));
             self.recentred[axis] += back * (outside - self.recentred[axis]);
         }
         let inside: Angles = std::array::from_fn(|axis| inside[axis] - self.recentred[axis]);
@@ -296,8 +315,38 @@ impl Gaze {
         ]
     }
 
+    /// Place of the eyes of the other of a scene, and how far it is within reach, 0 to 1.
+    fn partner(&self, pose: &Pose, tick: &Tick) -> Option<([f32; 3], f32)> {
+        let [x, y, z] = tick.controls.company.looks_at()?;
+        let place = [x, tick.rig.eye_height + y, z];
+        let (there, _) = direction(tick.rig.head(pose).0, place);
+        let [from, to] = COMPANY_ANGLE;
+        let share = 1.0 - ease((wrapped(there[0] - self.heading()).abs() - from) / (to - from));
+        (share > 0.0 && place.iter().all(|value| value.is_finite())).then_some((place, share))
+    }
+
+    /// Fixates the other of a scene, or past it, as the scene says; chooses where exactly.
+    fn accompany(&mut self, tick: &Tick, place: [f32; 3]) {
+        let before = self.partner.replace(place);
+        let is_same = |before: [f32; 3]| before.iter().zip(place).all(|(a, b)| (a - b).abs() < COMPANY_JUMP);
+        let is_new = !before.is_some_and(is_same);
+        let is_contact = tick.controls.company.is_contact;
+        self.fixation.left -= tick.seconds;
+        if !is_new && is_contact == self.fixation.is_contact && self.fixation.left > 0.0 {
+            return;
+        }
+        let state = State::most(tick);
+        (self.fixation.state, self.fixation.is_fresh) = (state, false);
+        if is_contact {
+            self.look_there(tick, state);
+        } else {
+            self.look_away(tick, state);
+        }
+    }
+
     /// Chooses the next fixation if it is due.
     fn choose(&mut self, tick: &Tick) {
+        self.partner = None;
         let weights = &tick.weights;
         self.fixation.left -= tick.seconds;
         // Speakers look away as they begin, and at the listener as they end.
@@ -355,6 +404,9 @@ impl Gaze {
     fn look_away(&mut self, tick: &Tick, state: State) {
         let [side, far, high, how_long] = std::array::from_fn(|_| self.draw(tick, CHOICE));
         let (sideways, upwards, range) = match state {
+            // Others see each other's eyes: past the face, not at its edge.
+            State::Listening if self.partner.is_some() => ([8.0, 16.0], [-4.0, 9.0], [0.7, 2.2]),
+            State::Speaking if self.partner.is_some() => ([9.0, 19.0], [-7.0, 9.0], [0.9, 2.9]),
             State::Idle => ([5.0, 15.0], [-4.0, 8.0], [1.1, 3.6]),
             State::Listening => ([3.0, 9.0], [-2.0, 6.0], [0.5, 1.5]),
             // Up for most thoughts, down for some.
@@ -377,7 +429,13 @@ impl Gaze {
     }
 
     /// Turns trunk and head towards the target, after the eyes.
-    fn turn(&mut self, pose: &mut Pose, tick: &Tick, place: [f32; 3], strength: f32) {
+    fn turn(
+        &mut self,
+        pose: &mut Pose,
+        tick: &Tick,
+        partner: Option<([f32; 3], f32)>,
+        (place, strength): ([f32; 3], f32),
+    ) {
         let offset = self.fixation.offset;
         let beyond = |angle: f32, from: f32| angle - angle.clamp(-from, from);
         let away = |axis: usize| AVERTED_HEAD_SHARE * beyond(offset[axis], AVERTED_HEAD_FROM) + self.faced(tick, axis);
@@ -388,14 +446,28 @@ impl Gaze {
             head = std::array::from_fn(|axis| GLANCE_HEAD_SHARE * left[axis] + self.faced(tick, axis));
         }
         let mut trunk = [0.0; 2];
-        if strength > 0.0 {
-            let (sought, _) = direction(tick.rig.head(pose).0, place);
+        let eyes = tick.rig.head(pose).0;
+        let aim = |place: [f32; 3], strength: f32| {
+            let (sought, _) = direction(eyes, place);
             let from_body = [wrapped(sought[0] - self.heading()), sought[1]];
-            for axis in 0..2 {
+            std::array::from_fn::<_, 2, _>(|axis| {
                 let turn = LOOK_AT_TRUNK_SHARE * beyond(from_body[axis], LOOK_AT_TRUNK_FROM);
-                trunk[axis] = strength * turn.clamp(-MAX_TRUNK_ANGLE[axis], MAX_TRUNK_ANGLE[axis]);
-                let rest = strength * LOOK_AT_HEAD_SHARE * from_body[axis] - trunk[axis];
-                head[axis] = (1.0 - strength) * head[axis] + rest.clamp(-MAX_HEAD_ANGLE[axis], MAX_HEAD_ANGLE[axis]);
+                let trunk = strength * turn.clamp(-MAX_TRUNK_ANGLE[axis], MAX_TRUNK_ANGLE[axis]);
+                let rest = strength * LOOK_AT_HEAD_SHARE * from_body[axis] - trunk;
+                (trunk, rest.clamp(-MAX_HEAD_ANGLE[axis], MAX_HEAD_ANGLE[axis]))
+            })
+        };
+        // The eyes leave the other's face, and the head hardly.
+        if let Some((place, share)) = partner {
+            for (axis, (turned, rest)) in aim(place, share).into_iter().enumerate() {
+                trunk[axis] = turned;
+                head[axis] = (head[axis] + rest).clamp(-MAX_HEAD_ANGLE[axis], MAX_HEAD_ANGLE[axis]);
+            }
+        }
+        if strength > 0.0 {
+            for (axis, (turned, rest)) in aim(place, strength).into_iter().enumerate() {
+                trunk[axis] = if partner.is_some() { (1.0 - strength) * trunk[axis] + turned } else { turned };
+                head[axis] = (1.0 - strength) * head[axis] + rest;
             }
         }
         for axis in 0..2 {
@@ -496,6 +568,12 @@ impl Gaze {
         pass.switch("gaze", &mut self.is_started)?;
         pass.number("draws of the gaze", &mut self.draws, MAX_DRAWS)?;
         pass.moderate(&mut self.stand)?;
+        let is_there = pass.flag("gaze", self.partner.is_some())?;
+        let mut partner = self.partner.unwrap_or_default();
+        pass.places(&mut partner)?;
+        if pass.loads() {
+            self.partner = is_there.then_some(partner);
+        }
         self.fixation.state(pass)?;
         self.saccade.state(pass)?;
         pass.moderate(&mut self.recentred)?;

@@ -199,7 +199,10 @@ impl Idle {
     fn stand(&mut self, pose: &mut Pose, tick: &Tick) {
         let sway = smooth(tick.seed, SWAYS, tick.time(), SWAY_RATE);
         let trunk = smooth(tick.seed, TRUNK, tick.time(), SWAY_RATE);
-        let shifted = self.shift.advance(tick);
+        let mut shifted = self.shift.advance(tick);
+        if tick.shift != 0.0 {
+            shifted += tick.shift;
+        }
         let gain = tick.gain;
         let aside = gain * (shifted + SWAY[0] / NOISE_DEVIATION * sway[0]);
         let ahead = gain * SWAY[1] / NOISE_DEVIATION * sway[1];

@@ -17,6 +17,7 @@
 //! | 7 | `asymmetry` | small differences between the left and right of the face |
 //! | 8 | `lips` | lip shapes of sounds whose times the host knows |
 //! | 9 | `feet` | a root that stays near its home, planted feet, steps |
+//! | | `company` | what the others of a scene ask for: `gaze` and `nods` answer to it; posture, half smiles, yielding |
 //!
 //! Implementation detail of `umo-core`, which re-exports what users need. No promise of stability.
 //!
@@ -26,6 +27,7 @@
 
 mod asymmetry;
 mod attention;
+mod company;
 mod error;
 mod feet;
 mod gains;
@@ -52,6 +54,7 @@ use umo_core_pose::frame::{Cue, OwnedFrame};
 use umo_core_pose::skeleton::Skeleton;
 
 pub use attention::Attention;
+pub use company::{Company, Role};
 pub use error::RequestError;
 pub use gesture::{Gesture, GestureOptions, GestureParts, Gestures, MAX_GESTURES, MAX_PENDING_GESTURES, Side};
 pub use lips::{LipShape, MAX_HINT_SECONDS, MAX_PENDING_HINTS};
@@ -148,6 +151,8 @@ pub struct Controls {
     pub hints: lips::Hints,
     /// Words and their times.
     pub words: umo_core_words::Hints,
+    /// The others of a scene.
+    pub company: Company,
 }
 
 /// Position of a frame in the host's audio.
@@ -173,6 +178,7 @@ impl Controls {
             gestures: gesture::Requests::NONE,
             hints: lips::Hints::NONE,
             words: umo_core_words::Hints::NONE,
+            company: Company::ALONE,
         }
     }
 
@@ -189,6 +195,7 @@ impl Controls {
         self.gestures.state(pass)?;
         self.hints.state(pass)?;
         self.words.state(pass)?;
+        self.company.state(pass)?;
         let attention = pass.limited("attention", self.attention as u64, Attention::ALL.len() as u64 - 1)?;
         let mood = pass.limited("mood", self.mood as u64, Mood::ALL.len() as u64 - 1)?;
         if pass.loads() {
@@ -218,6 +225,8 @@ pub(crate) struct Tick<'a> {
     pub(crate) rig: &'a Rig,
     /// How lively the voice is, times the expression: 0 for an ordinary one.
     pub(crate) lively: f32,
+    /// Shift of weight in company, metres to the left.
+    pub(crate) shift: f32,
     /// Gain of the layer.
     pub(crate) gain: f32,
 }
@@ -248,6 +257,7 @@ pub struct LayerStack {
     asymmetry: asymmetry::Asymmetry,
     lips: lips::Lips,
     feet: feet::Feet,
+    presence: company::Presence,
 }
 
 impl LayerStack {
@@ -280,6 +290,7 @@ impl LayerStack {
             asymmetry: asymmetry::Asymmetry::new(),
             lips: lips::Lips::new(),
             feet: feet::Feet::new(),
+            presence: company::Presence::new(),
             rig,
         }
     }
@@ -345,6 +356,7 @@ impl LayerStack {
         self.gaze = gaze::Gaze::new();
         self.asymmetry = asymmetry::Asymmetry::new();
         self.feet = feet::Feet::new();
+        self.presence = company::Presence::new();
     }
 
     /// Runs one tick: turns the decoders' next frame into the frame to show. `heard` is `None` for a frame
@@ -361,16 +373,18 @@ impl LayerStack {
             seconds: self.seconds,
             seed: self.seed,
             cue: frame.cue,
-            other_level,
+            other_level: if controls.company.is_on() { other_level.max(controls.company.level) } else { other_level },
             controls,
             weights: Weights::default(),
             glance: None,
             rig: &self.rig,
             lively: 0.0,
+            shift: 0.0,
             gain: 1.0,
         };
         tick.weights = self.attention.advance(&tick);
         tick.lively = self.voiced.advance(&tick);
+        tick.shift = self.presence.advance(&tick);
         self.gaze.read(frame, &self.rig);
         if let Some(heard) = heard {
             self.words.apply(&mut self.gesture, frame, &tick, heard);
@@ -383,13 +397,16 @@ impl LayerStack {
         // Gestures on command have their own size.
         if at(Layer::Mood, &mut tick) {
             voiced::Voiced::apply(frame, &tick);
+            self.presence.yield_floor(frame, &tick);
         }
         self.gesture.apply(frame, &tick);
         if at(Layer::Mood, &mut tick) {
             self.mood.apply(frame, &tick);
+            self.presence.smile(frame, &tick);
         }
         if at(Layer::Idle, &mut tick) {
             self.idle.apply(frame, &tick);
+            self.presence.lean(frame, &tick);
         }
         if at(Layer::Nods, &mut tick) {
             self.nods.apply(frame, &tick);
@@ -424,7 +441,8 @@ impl LayerStack {
         self.gaze.state(pass)?;
         self.asymmetry.state(pass)?;
         self.lips.state(pass)?;
-        self.feet.state(pass)
+        self.feet.state(pass)?;
+        self.presence.state(pass)
     }
 }
 

@@ -5,6 +5,7 @@ use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::rotation::{IDENTITY, Quat};
 
 use super::Tick;
+use super::company::Seen;
 use super::noise::{Stream, smooth, uniform};
 use super::rig::{DEGREE, HEAD, NECK, angle_between, arkit, ease, step, turn_in_parent};
 
@@ -74,6 +75,8 @@ pub(super) struct Nods {
     since_accent: f32,
     answer: f32,
     latest: f32,
+    /// Nods and brow raises that a scene has asked for.
+    asked: [Seen; 2],
 }
 
 impl Nods {
@@ -88,6 +91,7 @@ impl Nods {
             since_accent: MIN_ACCENT_GAP_SECONDS,
             answer: 0.0,
             latest: ANSWER_TIMEOUT_SECONDS,
+            asked: [Seen::default(); 2],
         }
     }
 
@@ -175,9 +179,19 @@ impl Nods {
 
     /// Nods and raises the brows at pauses of the interlocutor.
     fn listen(&mut self, tick: &Tick) {
+        let company = &tick.controls.company;
+        let counts = [company.nods, company.brows].map(|count| company.is_on().then_some(count));
+        let [nods, brows] = [0, 1].map(|which| self.asked[which].changes(counts[which]));
         self.answer = (self.answer - tick.seconds).max(0.0);
         if tick.weights.listening < 0.5 {
             self.latest = ANSWER_TIMEOUT_SECONDS;
+            return;
+        }
+        if company.is_on() {
+            if nods || brows {
+                let [_, size, twice, ..]: [f32; 5] = std::array::from_fn(|_| self.draw(tick));
+                self.respond(nods, if brows { 0.15 + 0.2 * size } else { 0.0 }, size, twice);
+            }
             return;
         }
         self.latest -= tick.seconds;
@@ -190,6 +204,11 @@ impl Nods {
         self.latest = ANSWER_TIMEOUT_SECONDS + EXTRA_ANSWER_TIMEOUT_SECONDS * latest;
         let is_nod = kind < 0.75;
         let rise = if kind > 0.55 { 0.15 + 0.2 * size } else { 0.0 };
+        self.respond(is_nod, rise, size, twice);
+    }
+
+    /// Begins a nod, once or twice, or raised brows alone.
+    fn respond(&mut self, is_nod: bool, rise: f32, size: f32, twice: f32) {
         let down = if is_nod { 2.2 + 2.3 * size } else { -0.8 };
         let lasts = 0.36 + 0.1 * size;
         let turn = [down, 0.2 * (size - 0.5), 0.6 * (size - 0.5)];
@@ -218,7 +237,7 @@ impl Nods {
         let mut values = [self.speed, self.since_accent, self.answer, self.latest];
         pass.moderate(&mut values)?;
         [self.speed, self.since_accent, self.answer, self.latest] = values;
-        Ok(())
+        self.asked.iter_mut().try_for_each(|asked| asked.state(pass))
     }
 }
 

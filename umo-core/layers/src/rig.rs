@@ -252,6 +252,11 @@ impl Spring {
         self.speed = (self.speed - rate * slope * seconds) * decay;
     }
 
+    /// Whether value and speed are at most `most`.
+    pub(super) fn is_within(&self, most: f32) -> bool {
+        self.at.abs() <= most && self.speed.abs() <= most
+    }
+
     /// Saves or loads the spring.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.moderate(std::slice::from_mut(&mut self.at))?;

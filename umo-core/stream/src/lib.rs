@@ -10,6 +10,7 @@ pub mod link;
 pub mod packet;
 pub(crate) mod playback;
 pub mod retime;
+pub mod scene;
 pub mod session;
 
 /// A source file of this crate and of each below it, as panics name them.

@@ -236,6 +236,7 @@ fn lids_and_looks_of_a_gesture_stay() {
             glance: None,
             rig: &trial.rig,
             lively: 0.0,
+            shift: 0.0,
             gain: 1.0,
         };
         trial.stack.gaze.apply(&mut frame, &tick);

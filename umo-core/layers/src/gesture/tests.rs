@@ -92,6 +92,7 @@ impl Stage {
             glance: None,
             rig: &self.rig,
             lively: 0.0,
+            shift: 0.0,
             gain: 1.0,
         };
         self.player.apply(&mut frame, &tick);

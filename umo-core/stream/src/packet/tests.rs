@@ -120,7 +120,12 @@ fn case() -> impl Strategy<Value = (Vec<u16>, PacketHead, Vec<[u8; SOUND]>, Vec<
             let total = if keyframes == 0 { Some(total.unwrap_or(9)) } else { total };
             let head = PacketHead { stream, sequence, sample, root, keyframes, history, total };
             let codes = limits.iter().cycle().take(limits.len() * (keyframes + history)).map(|&limit| 0..limit);
-            (Just(limits.clone()), Just(head), prop::collection::vec(any::<[u8; SOUND]>(), keyframes), codes.collect::<Vec<_>>())
+            (
+                Just(limits.clone()),
+                Just(head),
+                prop::collection::vec(any::<[u8; SOUND]>(), keyframes),
+                codes.collect::<Vec<_>>(),
+            )
         })
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use umo_core_base::clock::Clock;
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, Gestures, WordRules};
+use umo_core_layers::{Company, Controls, Gestures, WordRules};
 use umo_core_pose::part::PerPart;
 
 use crate::link::Handover;
@@ -25,6 +25,8 @@ pub(crate) struct Host {
     pub(crate) clock: HostClock,
     /// Requests to the layers.
     pub(crate) controls: Handover<Controls>,
+    /// The others of a scene, who are part of the controls once they are taken over.
+    pub(crate) company: Handover<Company>,
     /// Gestures that the avatar knows, and the number of requested ones that have begun.
     pub(crate) gestures: Gestures,
     pub(crate) begun_gestures: AtomicU64,
@@ -50,6 +52,7 @@ impl Host {
             other_time: AtomicU64::new(clock.nanos()),
             clock,
             controls: Handover::new(controls, true),
+            company: Handover::new(Company::ALONE, false),
             gestures,
             begun_gestures: AtomicU64::new(0),
             passed_hints: AtomicU64::new(0),

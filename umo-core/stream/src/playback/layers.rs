@@ -61,7 +61,8 @@ impl Layers {
 
     /// Takes over the host's requests; if the host is writing them, the next frame does.
     pub(super) fn follow(&mut self, host: &Host) {
-        host.controls.take(|controls| self.controls = *controls);
+        host.controls.take(|controls| self.controls = Controls { company: self.controls.company, ..*controls });
+        host.company.take(|company| self.controls.company = *company);
     }
 
     /// Publishes the numbers of begun gestures, passed hints and passed words for the host's setters.

@@ -12,8 +12,8 @@ use super::packets::PacketQueue;
 use super::shared::SessionInit;
 use super::{SessionConfig, Shared};
 use crate::playback::{
-    Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Trend,
-    Window, frames_of,
+    Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Trend, Window,
+    frames_of,
 };
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
@@ -176,6 +176,13 @@ impl Output {
     pub(super) fn arousal(&mut self, shared: &Shared) -> (f32, f32) {
         self.sync_epoch(shared);
         (self.window.last.frame.cue.arousal, self.trend.value())
+    }
+
+    /// Index of the newest frame shown and level of its sound; `None` before the first.
+    pub(super) fn voice(&mut self, shared: &Shared) -> Option<(u64, f32)> {
+        self.sync_epoch(shared);
+        let frame = &self.window.last.frame;
+        self.window.any.then_some((frame.index, frame.cue.level))
     }
 
     /// Whether every frame of a stream of `total` frames was shown.

@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::Controls;
+use umo_core_layers::{Company, Controls};
 use umo_core_model::model::Model;
 use umo_core_pose::part::Part;
 
@@ -35,6 +35,7 @@ struct Sides<'a> {
     output: &'a mut Output,
     settings: &'a mut Settings,
     controls: &'a mut Controls,
+    company: &'a mut Company,
 }
 
 /// Upper bound on the bytes of a new session's state.
@@ -44,11 +45,12 @@ pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) ->
     let mut settings = try_lock(&shared.settings.value).expect(free);
     let mut other = try_lock(&shared.other).expect(free);
     let mut controls = try_lock(&shared.host.controls.value).expect(free);
+    let mut company = try_lock(&shared.host.company.value).expect(free);
     let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
     assert!(try_lock(&shared.kept).expect(free).fits(member, model), "the engine's side has room to be kept");
     let mut pass = StatePass::size();
     let engine = EngineSide::Here(member);
-    Sides { shared, model, engine, input, other: &mut other, output, settings, controls }
+    Sides { shared, model, engine, input, other: &mut other, output, settings, controls, company: &mut company }
         .state(&mut pass)
         .expect("nothing is checked");
     pass.end().expect("nothing is checked")
@@ -95,11 +97,21 @@ impl Session {
     /// session, which it does as soon as there is audio for one, or at once if text alone drives
     /// the avatar. The session is unchanged after an error.
     pub fn restore(&self, bytes: &[u8]) -> Result<(), SessionError> {
+        self.restore_with(bytes, &mut || Ok(()))
+    }
+
+    /// [`Self::restore`], after `next` has succeeded; an error of either leaves the session unchanged.
+    pub(crate) fn restore_with(
+        &self,
+        bytes: &[u8],
+        next: &mut dyn FnMut() -> Result<(), SessionError>,
+    ) -> Result<(), SessionError> {
         let now = self.shared.host.clock.nanos();
         self.with_sides(false, |mut sides| {
             let mut pass = StatePass::check(bytes, now)?;
             sides.state(&mut pass)?;
             pass.end()?;
+            next()?;
             let mut pass = StatePass::load(bytes, now);
             sides.state(&mut pass).expect("these bytes were checked");
             Ok(())
@@ -122,12 +134,14 @@ impl Session {
             let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
             let mut settings = try_lock(&shared.settings.value).ok_or(SessionError::Busy(SETTER))?;
             let mut controls = try_lock(&shared.host.controls.value).ok_or(SessionError::Busy(SETTER))?;
+            let mut company = try_lock(&shared.host.company.value).ok_or(SessionError::Busy(SETTER))?;
             let (slot, mut f) = (self.slot()?, Some(f));
             let mut with = |engine: EngineSide<'_>| {
                 let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
                 let model = slot.model();
-                f.take()
-                    .map(|f| f(Sides { shared, model, engine, input, other: &mut other, output, settings, controls }))
+                let (other, company) = (&mut *other, &mut *company);
+                let sides = Sides { shared, model, engine, input, other, output, settings, controls, company };
+                f.take().map(|f| f(sides))
             };
             match slot.with_member(|member, _| with(EngineSide::Here(member))) {
                 Some(result) => result,
@@ -144,7 +158,7 @@ impl Session {
 
 impl Sides<'_> {
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let Self { shared, model, engine, input, other, output, settings, controls } = self;
+        let Self { shared, model, engine, input, other, output, settings, controls, company } = self;
         pass.model(model.fingerprint())?;
         input.identity(pass)?;
         engine.identity(pass)?;
@@ -159,11 +173,13 @@ impl Sides<'_> {
         shared.state(pass, engine.counted())?;
         settings.state(pass)?;
         controls.state(pass)?;
+        company.state(pass)?;
         word(pass, &shared.host.begun_gestures)?;
         word(pass, &shared.host.passed_hints)?;
         word(pass, &shared.host.passed_words)?;
         switch(pass, "settings", &shared.settings.is_unseen)?;
-        switch(pass, "controls", &shared.host.controls.is_unseen)
+        switch(pass, "controls", &shared.host.controls.is_unseen)?;
+        switch(pass, "company", &shared.host.company.is_unseen)
     }
 }
 

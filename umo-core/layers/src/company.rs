@@ -1,0 +1,272 @@
+//! What the others of a scene do to an avatar (SPEC 2.23): where they are, whether to look at them, when to answer; and the
+//! posture, smile and yielding that follow from it.
+
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::skeleton::JAW;
+
+use super::noise::{Stream, uniform};
+use super::rig::{DEGREE, HEAD, NECK, SPINE, Spring, arkit, ease, toward, turn_in_parent};
+use super::{Mood, Tick};
+
+/// Spring frequencies, radians a second: of lean and weight 95 % in 1.9 s, of yielding in 0.7 s, and on the way back from it
+/// in 1.4 s.
+const POSTURE_RATE: f32 = 2.5;
+const YIELD_RATE: f32 = 7.0;
+const RESUME_RATE: f32 = 3.5;
+/// Value and speed below which a spring that returns to 0 is at rest.
+const AT_REST: f32 = 1e-4;
+
+/// Degrees forward of a lean of 1, and share of them that neck and head take back.
+const LEAN_DEGREES: f32 = 5.0;
+const LEVEL_HEAD_SHARE: f32 = 0.7;
+/// Metres to the left of a weight of 1.
+pub(super) const WEIGHT_DISTANCE: f32 = 0.022;
+
+/// Share by which yielding takes arms and mouth to rest, and degrees by which the trunk leans back.
+const YIELD_SHARE: f32 = 0.85;
+const YIELD_DEGREES: f32 = 4.0;
+const ARMS: [usize; 8] = [13, 14, 16, 17, 18, 19, 20, 21];
+/// Shapes of an open mouth; the closing one among them, so that closed lips stay closed.
+const MOUTH: [usize; 8] = [
+    arkit("jawOpen"),
+    arkit("mouthClose"),
+    arkit("mouthFunnel"),
+    arkit("mouthPucker"),
+    arkit("mouthLowerDownLeft"),
+    arkit("mouthLowerDownRight"),
+    arkit("mouthUpperUpLeft"),
+    arkit("mouthUpperUpRight"),
+];
+
+/// Half a smile: seconds and amounts, from the least to the largest; share of it that rises; shapes and their shares.
+const SMILE_SECONDS: [f32; 2] = [1.5, 2.6];
+const SMILE_AMOUNT: [f32; 2] = [0.16, 0.3];
+const SMILE_RISE: f32 = 0.3;
+const SMILE: [(usize, f32); 4] = [
+    (arkit("mouthSmileLeft"), 1.0),
+    (arkit("mouthSmileRight"), 1.0),
+    (arkit("cheekSquintLeft"), 0.6),
+    (arkit("cheekSquintRight"), 0.6),
+];
+const SMILES: Stream = Stream(600);
+
+/// What an avatar does in a conversation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Role {
+    /// Nobody speaks.
+    #[default]
+    Idle = 0,
+    /// Another one speaks.
+    Listening = 1,
+    /// It speaks.
+    Speaking = 2,
+}
+
+impl Role {
+    /// All values in numeric order.
+    pub const ALL: [Self; 3] = [Self::Idle, Self::Listening, Self::Speaking];
+}
+
+/// The others of a scene as one avatar meets them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Company {
+    /// What the avatar does; `None` if it is alone, and nothing below counts.
+    pub role: Option<Role>,
+    /// Whether the avatar looks at the place below, and away from it as said there.
+    pub has_place: bool,
+    /// Eyes of the one it attends to: metres to its left, above its own eyes, and ahead of its place.
+    pub place: [f32; 3],
+    /// Whether it looks there now.
+    pub is_contact: bool,
+    /// Level of the others' voices where it stands, root mean square, full scale 1.
+    pub level: f32,
+    /// Numbers of nods, brow raises and half smiles that were asked for so far.
+    pub nods: u32,
+    /// See [`Self::nods`].
+    pub brows: u32,
+    /// See [`Self::nods`].
+    pub smiles: u32,
+    /// Lean forward and shift of weight to the left, -1 to 1.
+    pub lean: f32,
+    /// See [`Self::lean`].
+    pub weight: f32,
+    /// How far it yields to who interrupts it, 0 to 1: the mouth closes, hands drop, the trunk leans back.
+    pub yielding: f32,
+}
+
+impl Company {
+    /// An avatar that is alone.
+    pub const ALONE: Self = Self {
+        role: None,
+        has_place: false,
+        place: [0.0; 3],
+        is_contact: false,
+        level: 0.0,
+        nods: 0,
+        brows: 0,
+        smiles: 0,
+        lean: 0.0,
+        weight: 0.0,
+        yielding: 0.0,
+    };
+
+    /// Whether the avatar is in company.
+    pub fn is_on(&self) -> bool {
+        self.role.is_some()
+    }
+
+    /// The place of the one it attends to.
+    pub(super) fn looks_at(&self) -> Option<[f32; 3]> {
+        (self.is_on() && self.has_place).then_some(self.place)
+    }
+
+    /// Saves or loads it.
+    pub fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let role = pass.limited("company", self.role.map_or(0, |role| role as u64 + 1), Role::ALL.len() as u64)?;
+        if pass.loads() {
+            self.role = usize::try_from(role).unwrap_or_default().checked_sub(1).map(|role| Role::ALL[role]);
+        }
+        pass.switch("company", &mut self.has_place)?;
+        pass.switch("company", &mut self.is_contact)?;
+        pass.places(&mut self.place)?;
+        pass.within(&mut self.level, 0.0..=1e6)?;
+        for count in [&mut self.nods, &mut self.brows, &mut self.smiles] {
+            pass.ids(std::slice::from_mut(count))?;
+        }
+        pass.within(&mut self.lean, -1.0..=1.0)?;
+        pass.within(&mut self.weight, -1.0..=1.0)?;
+        pass.share(&mut self.yielding)
+    }
+}
+
+/// A count of requests, of which the new ones are answered.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Seen(Option<u32>);
+
+impl Seen {
+    /// Whether the count has changed since the last tick in company.
+    pub(super) fn changes(&mut self, count: Option<u32>) -> bool {
+        let before = std::mem::replace(&mut self.0, count);
+        before.is_some_and(|before| count.is_some_and(|count| count != before))
+    }
+
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let mut count = self.0.map(u64::from);
+        let there = pass.flag("company", count.is_some())?;
+        let value = pass.limited("company", count.unwrap_or_default(), u32::MAX.into())?;
+        count = there.then_some(value);
+        if pass.loads() {
+            self.0 = count.and_then(|count| u32::try_from(count).ok());
+        }
+        Ok(())
+    }
+}
+
+/// Posture, smile and yielding of an avatar in company.
+#[derive(Debug)]
+pub(super) struct Presence {
+    lean: Spring,
+    weight: Spring,
+    yielding: Spring,
+    smiles: Seen,
+    /// Seconds since the last smile began, those that it lasts, and its amount.
+    passed: f32,
+    lasts: f32,
+    amount: f32,
+}
+
+impl Presence {
+    pub(crate) fn new() -> Self {
+        let [lean, weight, yielding] = [Spring::default(); 3];
+        let (lasts, amount) = (SMILE_SECONDS[1], 0.0);
+        Self { lean, weight, yielding, smiles: Seen::default(), passed: lasts, lasts, amount }
+    }
+
+    /// Follows the company by one tick; returns the shift of weight, metres to the left.
+    pub(crate) fn advance(&mut self, tick: &Tick) -> f32 {
+        let company = if tick.controls.company.is_on() { tick.controls.company } else { Company::ALONE };
+        follow(&mut self.lean, company.lean.clamp(-1.0, 1.0), POSTURE_RATE, tick.seconds);
+        follow(&mut self.weight, company.weight.clamp(-1.0, 1.0), POSTURE_RATE, tick.seconds);
+        let yielding = company.yielding.clamp(0.0, 1.0);
+        let rate = if yielding > self.yielding.at { YIELD_RATE } else { RESUME_RATE };
+        follow(&mut self.yielding, yielding, rate, tick.seconds);
+        self.passed = (self.passed + tick.seconds).min(self.lasts);
+        if self.smiles.changes(company.role.map(|_| company.smiles)) {
+            let draw = |which: u64| uniform(tick.seed, SMILES, 2 * u64::from(company.smiles) + which);
+            let between = |[least, most]: [f32; 2], t: f32| least + (most - least) * t;
+            (self.passed, self.lasts) = (0.0, between(SMILE_SECONDS, draw(0)));
+            self.amount = between(SMILE_AMOUNT, draw(1));
+        }
+        WEIGHT_DISTANCE * self.weight.at
+    }
+
+    /// Takes the model's arms and mouth to rest.
+    pub(crate) fn yield_floor(&self, frame: &mut OwnedFrame, tick: &Tick) {
+        let amount = tick.gain * self.yielding.at;
+        if amount <= 0.0 {
+            return;
+        }
+        let share = YIELD_SHARE * amount;
+        let (rest, rotations) = (&tick.rig.rest.rotations, &mut frame.pose.rotations);
+        for joint in ARMS.into_iter().chain([JAW]) {
+            rotations[joint] = toward(rotations[joint], rest[joint], share);
+        }
+        for shape in MOUTH {
+            let value = tick.rig.shape(&frame.face, shape);
+            tick.rig.set_shape(&mut frame.face, shape, (1.0 - share) * value);
+        }
+    }
+
+    /// Adds half a smile, unless a mood has another face.
+    pub(crate) fn smile(&self, frame: &mut OwnedFrame, tick: &Tick) {
+        let t = self.passed / self.lasts;
+        if t >= 1.0 {
+            return;
+        }
+        let is_other = !matches!(tick.controls.mood, Mood::Neutral | Mood::Joy);
+        let left = if is_other { 1.0 - tick.controls.mood_strength.clamp(0.0, 1.0) } else { 1.0 };
+        let shown = if t < SMILE_RISE { ease(t / SMILE_RISE) } else { ease((1.0 - t) / (1.0 - SMILE_RISE)) };
+        for (shape, share) in SMILE {
+            let value = tick.rig.shape(&frame.face, shape);
+            let more = tick.gain * left * share * self.amount * shown;
+            tick.rig.set_shape(&mut frame.face, shape, value + (1.0 - value) * more);
+        }
+    }
+
+    /// Leans the trunk; the head stays level.
+    pub(crate) fn lean(&self, frame: &mut OwnedFrame, tick: &Tick) {
+        let degrees = LEAN_DEGREES * self.lean.at - YIELD_DEGREES * self.yielding.at;
+        if degrees == 0.0 {
+            return;
+        }
+        let forward = tick.gain * degrees * DEGREE;
+        let rotations = &mut frame.pose.rotations;
+        for joint in SPINE {
+            turn_in_parent(&mut rotations[joint], [forward / SPINE.len() as f32, 0.0, 0.0]);
+        }
+        for (joint, share) in [(NECK, 0.5), (HEAD, 0.5)] {
+            turn_in_parent(&mut rotations[joint], [-share * LEVEL_HEAD_SHARE * forward, 0.0, 0.0]);
+        }
+    }
+
+    /// Saves or loads it between two ticks.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        for spring in [&mut self.lean, &mut self.weight, &mut self.yielding] {
+            spring.state(pass)?;
+        }
+        self.smiles.state(pass)?;
+        pass.within(&mut self.passed, 0.0..=SMILE_SECONDS[1])?;
+        pass.within(&mut self.lasts, SMILE_SECONDS[0]..=SMILE_SECONDS[1])?;
+        pass.share(&mut self.amount)
+    }
+}
+
+/// Moves a spring; one that returns to 0 gets there.
+fn follow(spring: &mut Spring, goal: f32, rate: f32, seconds: f32) {
+    if goal == 0.0 && spring.is_within(AT_REST) {
+        *spring = Spring::default();
+    } else {
+        spring.follow(goal, rate, seconds);
+    }
+}
