@@ -324,6 +324,33 @@
 // Maximum length in bytes of an error's detail, including its terminating zero.
 #define UMO_ERROR_SIZE 512
 
+// The member's looks: at whom, and away.
+#define UMO_SCENE_LOOK 1
+
+// Nods and raised brows of the member while it listens.
+#define UMO_SCENE_NOD 2
+
+// Half smiles of the member while it listens.
+#define UMO_SCENE_SMILE 4
+
+// Lean and shifts of weight of the member, its own and those that follow another's.
+#define UMO_SCENE_MIRROR 8
+
+// Giving way to who interrupts the member.
+#define UMO_SCENE_YIELD 16
+
+// Nobody speaks.
+#define UMO_ROLE_IDLE 0
+
+// Another member speaks.
+#define UMO_ROLE_LISTENING 1
+
+// The member speaks.
+#define UMO_ROLE_SPEAKING 2
+
+// Upper bound on the members of a scene.
+#define UMO_SCENE_MEMBER_COUNT 32
+
 // Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 #define UMO_FORMAT_GLB 1
 
@@ -335,6 +362,9 @@ typedef struct umo_engine umo_engine;
 
 // A loaded model. A handle, never a pointer to memory.
 typedef struct umo_model umo_model;
+
+// A scene: up to `UMO_SCENE_MEMBER_COUNT` members. A handle, never a pointer to memory.
+typedef struct umo_scene umo_scene;
 
 // A session: one avatar. A handle, never a pointer to memory.
 typedef struct umo_session umo_session;
@@ -694,6 +724,44 @@ typedef struct umo_received {
     // Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
     uint64_t held;
 } umo_received;
+
+// Where a member stands. Initialise it with `umo_place_init`.
+typedef struct umo_place {
+    // `sizeof(umo_place)`.
+    uint32_t struct_size;
+    // Axes and units of the fields below: one of `UMO_AXES_…`.
+    uint32_t axes;
+    // Position on the floor, in the scene's space.
+    float position[3];
+    // Direction that it faces, in radians about the upward axis: 0 is the axis along which an avatar looks,
+    // and the sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and
+    // Unreal's.
+    float facing;
+    // Height of the eyes above the position.
+    float eye_height;
+} umo_place;
+
+// What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest.
+typedef struct umo_member {
+    // `sizeof(umo_member)`.
+    uint32_t struct_size;
+    // Whether it speaks: one of `UMO_ROLE_…`.
+    uint32_t role;
+    // Whom it attends to; 0 for nobody, or for a point of the host's.
+    uint32_t attends_to;
+    // 1 if it looks there now, 0 if it looks past.
+    uint32_t is_contact;
+    // Nods so far.
+    uint32_t nods;
+    // Brow raises so far.
+    uint32_t brows;
+    // Half smiles so far.
+    uint32_t smiles;
+    // How far it yields to who interrupts it, 0 or 1.
+    float yielding;
+    // Level of its voice, root mean square, full scale 1.
+    float level;
+} umo_member;
 
 // Frames to export, with their skeleton and channels. `umo_clip_init` fills in the model's fields; the
 // host sets `layout`, `frames` and `frame_count`. The memory that it points to is read only during the
@@ -1858,6 +1926,223 @@ UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 // Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
 // session: `umo_session_last_error`.
 UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
+
+// Fills a place with its defaults: at the origin, in the axes of glTF, eyes at 1.6 m. `size` is `sizeof *place`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `place` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_place_init(struct umo_place *place,
+                          size_t size)
+UMO_NOEXCEPT;
+
+// Creates an empty scene. Its random choices follow from `seed`: equal seeds, voices and times of updates give equal
+// frames.
+//
+// Threads: any but the audio thread. Allocates everything that the scene will ever need.
+// Errors: `NULL_POINTER`, `FULL` (1,024 scenes), `OUT_OF_MEMORY`.
+//
+// Pointers:
+// `scene` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_new(uint64_t seed,
+                         struct umo_scene **scene)
+UMO_NOEXCEPT;
+
+// Frees a scene. NULL is fine. Its sessions go on alone: free them before or after.
+//
+// Threads: any but the audio thread. Waits a millisecond or so for calls in progress.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_scene_free` again).
+UMO_API umo_status umo_scene_free(struct umo_scene *scene) UMO_NOEXCEPT;
+
+// Adds a member at a place (NULL: the default), and writes its number to `member`: from 1 on, never used again
+// in this scene. `session` is an avatar, of any engine, or a decoder; it may be in one scene at a time. A session that
+// is freed leaves the scene with the next update. With NULL the member has no body: a person, whose voice comes
+// by `umo_scene_push_audio`.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE` (of the scene or the session), `STRUCT_SIZE`, `INVALID_ARGUMENT` (unknown
+// axes, a number that is not finite or too large), `FULL` (`UMO_SCENE_MEMBER_COUNT`), `BUSY` (another thread is in a call
+// on the scene), `PANIC`.
+//
+// Pointers:
+// `place` is NULL or as long as its `struct_size` says; `member` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_add(struct umo_scene *scene,
+                         struct umo_session *session,
+                         const struct umo_place *place,
+                         uint32_t *member)
+UMO_NOEXCEPT;
+
+// Removes a member. Its session goes on alone, and the others look elsewhere.
+//
+// Threads: one at a time. Never allocates; waits at most for a copy of a few bytes.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no such member), `BUSY`, `PANIC`.
+UMO_API UMO_MUST_USE umo_status umo_scene_remove(struct umo_scene *scene, uint32_t member) UMO_NOEXCEPT;
+
+// Moves a member.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: as `umo_scene_remove`, and `STRUCT_SIZE`, `INVALID_ARGUMENT` (as `umo_scene_add`).
+//
+// Pointers:
+// `place` is NULL or as long as its `struct_size` says.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_set_place(struct umo_scene *scene,
+                               uint32_t member,
+                               const struct umo_place *place)
+UMO_NOEXCEPT;
+
+// Sets what a member looks at, whatever is said: another member, `other`, or a point of the scene in `axes`
+// (`UMO_AXES_…`), three values. With an `other` of 0 and NULL the scene chooses again.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: as `umo_scene_remove`, and `INVALID_ARGUMENT` (both `other` and `point`, the member itself, unknown axes, a
+// point that is not finite or beyond 10 km).
+//
+// Pointers:
+// `point` is NULL or has three readable values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_set_target(struct umo_scene *scene,
+                                uint32_t member,
+                                uint32_t other,
+                                uint32_t axes,
+                                const float *point)
+UMO_NOEXCEPT;
+
+// Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. What it does not play is
+// the session's own, or the host's.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: as `umo_scene_remove`, and `INVALID_ARGUMENT` (unknown bits).
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_set_allowed(struct umo_scene *scene,
+                                 uint32_t member,
+                                 uint32_t parts)
+UMO_NOEXCEPT;
+
+// Feeds the voice of a member without a body: `count` samples, full scale 1, at any rate, of any number of channels.
+// Only their loudness is used; NaN and infinite samples count as silence. A voice without samples for a quarter of a
+// second of the scene is silent.
+//
+// Threads: any, concurrently with any other call; meant for the recording thread. Never allocates, never waits, makes no
+// system call.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no such member, or one with a body), `PANIC`.
+//
+// Pointers:
+// `samples` is NULL or has `count` readable values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_push_audio(struct umo_scene *scene,
+                                uint32_t member,
+                                const float *samples,
+                                size_t count)
+UMO_NOEXCEPT;
+
+// Advances the scene by `seconds`: once per picture, before frames are pulled or sampled. Reads the voice of each
+// session at the frame that was pulled or sampled last, and tells each session what to do from its next frame on. Of a time
+// longer than a second the rest is left out. `umo_session_look_at`, attention, mood and gestures of a session come first.
+//
+// Threads: one at a time, meant for the game thread. Never allocates, never waits, makes no system call.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (negative or not finite), `BUSY`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_update(struct umo_scene *scene,
+                            double seconds)
+UMO_NOEXCEPT;
+
+// Gets the member that has the floor; 0 for nobody.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `PANIC`.
+//
+// Pointers:
+// `member` is NULL or writable.
+UMO_API UMO_MUST_USE umo_status umo_scene_floor(struct umo_scene *scene, uint32_t *member) UMO_NOEXCEPT;
+
+// Gets what a member does now.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: as `umo_scene_remove`, and `STRUCT_SIZE`.
+//
+// Pointers:
+// `info` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_member(struct umo_scene *scene,
+                            uint32_t member,
+                            struct umo_member *info)
+UMO_NOEXCEPT;
+
+// Gets the number of bytes that `umo_scene_save` writes at most; it changes with the members.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `PANIC`.
+//
+// Pointers:
+// `size` is NULL or writable.
+UMO_API UMO_MUST_USE umo_status umo_scene_state_size(struct umo_scene *scene, size_t *size) UMO_NOEXCEPT;
+
+// Saves the scene and the sessions of all its members to `state`, which has `size` bytes; `written` gets their
+// number. Decoders have no state: their senders do.
+//
+// Threads: one at a time; not during a push, a pull or a setter of a member's session. Never allocates, never waits
+// for a chunk.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (also as `umo_session_save`, of any member), `FAILED`
+// and `CLOSED` of a member's session, `PANIC`. Then the bytes are not a state.
+//
+// Pointers:
+// `state` is NULL or has `size` writable bytes; `written` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_save(struct umo_scene *scene,
+                          void *state,
+                          size_t size,
+                          size_t *written)
+UMO_NOEXCEPT;
+
+// Restores a state of this scene, or of another one to which the same members were added in the same order, with
+// sessions of the same models and configurations: equal calls then give equal frames. After an error neither the scene
+// nor any session has changed.
+//
+// Threads: one at a time; not during a push, a pull or a setter of a member's session. Never allocates, never waits
+// for a chunk.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (`umo_scene_last_error` says what disagrees), `BUSY` (also as
+// `umo_session_restore`, of any member), `FAILED` and `CLOSED` of a member's session, `PANIC`.
+//
+// Pointers:
+// `state` is NULL or has `size` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_restore(struct umo_scene *scene,
+                             const void *state,
+                             size_t size)
+UMO_NOEXCEPT;
+
+// Copies the detail of the last failed call on the scene, from any thread, to `buffer`, which has `size` bytes;
+// `UMO_ERROR_SIZE` is enough. `length`, which may be NULL, gets its length without the terminating zero.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is failing at this moment).
+//
+// Pointers:
+// `buffer` is NULL or has `size` writable bytes; `length` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_scene_last_error(const struct umo_scene *scene,
+                                char *buffer,
+                                size_t size,
+                                size_t *length)
+UMO_NOEXCEPT;
 
 // Returns the name of a figure, such as `alex`: static, or NULL if `index` is past the last one. The
 // first is the default. Always NULL in a library built without the glTF writer.

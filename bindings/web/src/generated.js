@@ -17,6 +17,8 @@ export const PARAMETER_WHOLE = 1;
 export const SELF_TEST_SIZE = 8192;
 /** Maximum length in bytes of an error's detail, including its terminating zero. */
 export const ERROR_SIZE = 512;
+/** Upper bound on the members of a scene. */
+export const SCENE_MEMBER_COUNT = 32;
 /** Result of a call: OK, or a negative error code. */
 export const STATUSES = Object.freeze({
   /** Success. */
@@ -279,6 +281,28 @@ export const PACKETS = Object.freeze({
   /** Chunks are output as packets only, for a server whose avatars are shown elsewhere. */
   only: 2,
 });
+/** Parts that a scene plays of a member. */
+export const SCENE_PARTS = Object.freeze({
+  /** The member's looks: at whom, and away. */
+  look: 1,
+  /** Nods and raised brows of the member while it listens. */
+  nod: 2,
+  /** Half smiles of the member while it listens. */
+  smile: 4,
+  /** Lean and shifts of weight of the member, its own and those that follow another's. */
+  mirror: 8,
+  /** Giving way to who interrupts the member. */
+  yield: 16,
+});
+/** What a member of a scene does. */
+export const ROLES = Object.freeze({
+  /** Nobody speaks. */
+  idle: 0,
+  /** Another member speaks. */
+  listening: 1,
+  /** The member speaks. */
+  speaking: 2,
+});
 /** Format of a file of frames. */
 export const FORMATS = Object.freeze({
   /** Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone. */
@@ -486,6 +510,30 @@ export const RECEIVED = {
     late: [16, "BigUint64"],
     lost: [24, "BigUint64"],
     held: [32, "BigUint64"],
+  },
+};
+export const PLACE = {
+  size: 28,
+  fields: {
+    structSize: [0, "Uint32"],
+    axes: [4, "Uint32", AXES],
+    position: [8, "Float32"],
+    facing: [20, "Float32"],
+    eyeHeight: [24, "Float32"],
+  },
+};
+export const MEMBER = {
+  size: 36,
+  fields: {
+    structSize: [0, "Uint32"],
+    role: [4, "Uint32", ROLES],
+    attendsTo: [8, "Uint32"],
+    isContact: [12, "Uint32"],
+    nods: [16, "Uint32"],
+    brows: [20, "Uint32"],
+    smiles: [24, "Uint32"],
+    yielding: [28, "Float32"],
+    level: [32, "Float32"],
   },
 };
 export const CLIP = {

@@ -185,6 +185,24 @@ pub(crate) const PACKETS_BESIDE_FRAMES: u32 = 1;
 pub(crate) const PACKETS_ONLY: u32 = 2;
 /// Maximum length in bytes of an error's detail, including its terminating zero.
 pub(crate) const ERROR_SIZE: usize = 512;
+/// The member's looks: at whom, and away.
+pub(crate) const SCENE_LOOK: u32 = 1;
+/// Nods and raised brows of the member while it listens.
+pub(crate) const SCENE_NOD: u32 = 2;
+/// Half smiles of the member while it listens.
+pub(crate) const SCENE_SMILE: u32 = 4;
+/// Lean and shifts of weight of the member, its own and those that follow another's.
+pub(crate) const SCENE_MIRROR: u32 = 8;
+/// Giving way to who interrupts the member.
+pub(crate) const SCENE_YIELD: u32 = 16;
+/// Nobody speaks.
+pub(crate) const ROLE_IDLE: u32 = 0;
+/// Another member speaks.
+pub(crate) const ROLE_LISTENING: u32 = 1;
+/// The member speaks.
+pub(crate) const ROLE_SPEAKING: u32 = 2;
+/// Upper bound on the members of a scene.
+pub(crate) const SCENE_MEMBER_COUNT: usize = 32;
 /// Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 pub(crate) const FORMAT_GLB: u32 = 1;
 /// VRM Animation 1.0, `.vrma`, for any VRM avatar.
@@ -612,6 +630,48 @@ pub(crate) struct Received {
     pub(crate) lost: u64,
     /// Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
     pub(crate) held: u64,
+}
+
+/// Where a member stands. Initialise it with `umo_place_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Place {
+    /// `sizeof(Place)`.
+    pub(crate) struct_size: u32,
+    /// Axes and units of the fields below: one of `AXES_…`.
+    pub(crate) axes: u32,
+    /// Position on the floor, in the scene's space.
+    pub(crate) position: [f32; 3],
+    /// Direction that it faces, in radians about the upward axis: 0 is the axis along which an avatar
+    /// looks, and the sign is that of a yaw in these axes: positive to the left in glTF's, to the right in
+    /// Unity's and Unreal's.
+    pub(crate) facing: f32,
+    /// Height of the eyes above the position.
+    pub(crate) eye_height: f32,
+}
+
+/// What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Member {
+    /// `sizeof(Member)`.
+    pub(crate) struct_size: u32,
+    /// Whether it speaks: one of `ROLE_…`.
+    pub(crate) role: u32,
+    /// Whom it attends to; 0 for nobody, or for a point of the host's.
+    pub(crate) attends_to: u32,
+    /// 1 if it looks there now, 0 if it looks past.
+    pub(crate) is_contact: u32,
+    /// Nods so far.
+    pub(crate) nods: u32,
+    /// Brow raises so far.
+    pub(crate) brows: u32,
+    /// Half smiles so far.
+    pub(crate) smiles: u32,
+    /// How far it yields to who interrupts it, 0 or 1.
+    pub(crate) yielding: f32,
+    /// Level of its voice, root mean square, full scale 1.
+    pub(crate) level: f32,
 }
 
 /// Frames to export, with their skeleton and channels. `umo_clip_init` fills in the model's fields; the

@@ -25,6 +25,8 @@ PARAMETER_WHOLE = 1
 SELF_TEST_SIZE = 8192
 # Maximum length in bytes of an error's detail, including its terminating zero.
 ERROR_SIZE = 512
+# Upper bound on the members of a scene.
+SCENE_MEMBER_COUNT = 32
 
 
 class Status(enum.IntEnum):
@@ -220,6 +222,27 @@ PACKETS: dict[str, int] = {
     "beside_frames": 1,
     "only": 2,
 }
+# Parts that a scene plays of a member.
+SCENE_PARTS: dict[str, int] = {
+    "look": 1,
+    "nod": 2,
+    "smile": 4,
+    "mirror": 8,
+    "yield": 16,
+}
+
+
+class Role(enum.IntEnum):
+    """What a member of a scene does."""
+
+    IDLE = 0
+    """Nobody speaks."""
+    LISTENING = 1
+    """Another member speaks."""
+    SPEAKING = 2
+    """The member speaks."""
+
+
 # Format of a file of frames.
 FORMATS: dict[str, int] = {
     "glb": 1,
@@ -663,6 +686,53 @@ class RawReceived(Structure):
         ("lost", c_uint64),
         # Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
         ("held", c_uint64),
+    ]
+
+
+class Place(Structure):
+    """Where a member stands. Initialise it with `umo_place_init`."""
+
+    _fields_ = [
+        # `sizeof(Place)`.
+        ("struct_size", c_uint32),
+        # Axes and units of the fields below: one of `"gltf"`, `"unreal"`, `"unity"`.
+        ("axes", c_uint32),
+        # Position on the floor, in the scene's space.
+        ("position", c_float * 3),
+        # Direction that it faces, in radians about the upward axis: 0 is the axis along which an avatar looks, and the
+        # sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and Unreal's.
+        ("facing", c_float),
+        # Height of the eyes above the position.
+        ("eye_height", c_float),
+    ]
+    # Names of the values of fields.
+    choices = {
+        "axes": AXES,
+    }
+
+
+class Member(Structure):
+    """What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest."""
+
+    _fields_ = [
+        # `sizeof(Member)`.
+        ("struct_size", c_uint32),
+        # Whether it speaks: one of `Role`.
+        ("role", c_uint32),
+        # Whom it attends to; 0 for nobody, or for a point of the host's.
+        ("attends_to", c_uint32),
+        # 1 if it looks there now, 0 if it looks past.
+        ("is_contact", c_uint32),
+        # Nods so far.
+        ("nods", c_uint32),
+        # Brow raises so far.
+        ("brows", c_uint32),
+        # Half smiles so far.
+        ("smiles", c_uint32),
+        # How far it yields to who interrupts it, 0 or 1.
+        ("yielding", c_float),
+        # Level of its voice, root mean square, full scale 1.
+        ("level", c_float),
     ]
 
 

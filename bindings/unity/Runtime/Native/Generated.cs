@@ -25,6 +25,8 @@ namespace Umo
         public const int SelfTestSize = 8192;
         /// <summary>Maximum length in bytes of an error's detail, including its terminating zero.</summary>
         public const int ErrorSize = 512;
+        /// <summary>Upper bound on the members of a scene.</summary>
+        public const int SceneMemberCount = 32;
     }
 
     /// <summary>Result of a call: OK, or a negative error code.</summary>
@@ -329,6 +331,33 @@ namespace Umo
         BesideFrames = 1,
         /// <summary>Chunks are output as packets only, for a server whose avatars are shown elsewhere.</summary>
         Only = 2,
+    }
+
+    /// <summary>Parts that a scene plays of a member.</summary>
+    [Flags]
+    public enum ScenePart : uint
+    {
+        /// <summary>The member's looks: at whom, and away.</summary>
+        Look = 1,
+        /// <summary>Nods and raised brows of the member while it listens.</summary>
+        Nod = 2,
+        /// <summary>Half smiles of the member while it listens.</summary>
+        Smile = 4,
+        /// <summary>Lean and shifts of weight of the member, its own and those that follow another's.</summary>
+        Mirror = 8,
+        /// <summary>Giving way to who interrupts the member.</summary>
+        Yield = 16,
+    }
+
+    /// <summary>What a member of a scene does.</summary>
+    public enum Role : uint
+    {
+        /// <summary>Nobody speaks.</summary>
+        Idle = 0,
+        /// <summary>Another member speaks.</summary>
+        Listening = 1,
+        /// <summary>The member speaks.</summary>
+        Speaking = 2,
     }
 
     /// <summary>Format of a file of frames.</summary>
@@ -794,6 +823,49 @@ namespace Umo
         public ulong Lost;
         /// <summary>Keyframes of lost chunks that no other packet repeated, so that the last pose was held.</summary>
         public ulong Held;
+    }
+
+    /// <summary>Where a member stands. Initialise it with umo_place_init.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct Place
+    {
+        /// <summary>sizeof(Place).</summary>
+        public uint StructSize;
+        /// <summary>Axes and units of the fields below: one of Axes.</summary>
+        public Axes Axes;
+        /// <summary>Position on the floor, in the scene's space.</summary>
+        public fixed float Position[3];
+        /// <summary>
+        /// Direction that it faces, in radians about the upward axis: 0 is the axis along which an avatar looks, and the
+        /// sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and Unreal's.
+        /// </summary>
+        public float Facing;
+        /// <summary>Height of the eyes above the position.</summary>
+        public float EyeHeight;
+    }
+
+    /// <summary>What a member of a scene does now. Set StructSize; umo_scene_member writes the rest.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public partial struct Member
+    {
+        /// <summary>sizeof(Member).</summary>
+        public uint StructSize;
+        /// <summary>Whether it speaks: one of Role.</summary>
+        public Role Role;
+        /// <summary>Whom it attends to; 0 for nobody, or for a point of the host's.</summary>
+        public uint AttendsTo;
+        /// <summary>1 if it looks there now, 0 if it looks past.</summary>
+        public uint IsContact;
+        /// <summary>Nods so far.</summary>
+        public uint Nods;
+        /// <summary>Brow raises so far.</summary>
+        public uint Brows;
+        /// <summary>Half smiles so far.</summary>
+        public uint Smiles;
+        /// <summary>How far it yields to who interrupts it, 0 or 1.</summary>
+        public float Yielding;
+        /// <summary>Level of its voice, root mean square, full scale 1.</summary>
+        public float Level;
     }
 
     /// <summary>
