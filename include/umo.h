@@ -348,7 +348,8 @@
 // The member speaks.
 #define UMO_ROLE_SPEAKING 2
 
-
+// Upper bound on the members of a scene.
+#define UMO_SCENE_MEMBER_COUNT 32
 
 // Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 #define UMO_FORMAT_GLB 1

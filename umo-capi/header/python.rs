@@ -4,7 +4,7 @@ use super::NOTICE;
 use super::interface::{Constant, Field, Group, Interface, Kind, Spelling, Structure, pascal, wrapped};
 
 /// Groups that are classes; the others are dictionaries.
-const CLASSES: [&str; 3] = ["Status", "Idle", "Attention"];
+const CLASSES: [&str; 4] = ["Status", "Idle", "Attention", "Role"];
 /// Structures whose values the package returns as tuples.
 const RESULTS: [&str; 3] = ["latency", "stats", "received"];
 const WIDTH: usize = 110;

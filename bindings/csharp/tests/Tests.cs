@@ -682,8 +682,13 @@ internal static unsafe class Tests
     {
         Frames frames = new Frames(model, 16, Axes.Unity), pose = new Frames(model, 1, Axes.Unity);
         float[] block = new float[160];
+        using (Scene scene = new Scene())
         using (Session session = NewSession())
         {
+            uint avatar, person, floor;
+            Member info;
+            Equal(Status.Ok, scene.Add(session, new Place(Axes.Unity, 0, 0, 0), out avatar));
+            Equal(Status.Ok, scene.Add(null, new Place(Axes.Unity, 0, 0, 2), out person));
             Status worst = Status.Ok;
             object kept = null;
             Action<int> work = calls =>
@@ -700,6 +705,10 @@ internal static unsafe class Tests
                     Status c = i % 2 == 0 ? session.PullFrames(frames, out count) : session.SamplePose(i / 100.0, pose, out sampled);
                     Status d = session.Set(Parameter.GainFace, 1), e = session.Get(Parameter.GainFace, out value);
                     Status f = session.GetStats(out stats), g = session.GetLatency(out latency);
+                    Status h = scene.SetPlace(avatar, new Place(Axes.Unity, 0, 0, i % 9)), j = scene.SetTarget(avatar, Axes.Unity, 0, 1, 2);
+                    Status k = scene.PushAudio(person, block, 0, block.Length), l = scene.Update(0.01);
+                    Status m = scene.Floor(out floor), n = scene.GetMember(avatar, out info);
+                    worst = (Status)Math.Min((int)worst, Math.Min(Math.Min(Math.Min((int)h, (int)j), Math.Min((int)k, (int)l)), Math.Min((int)m, (int)n)));
                     // A failing call allocates no more than a successful one.
                     session.PushAudio(block, 100, 100, out taken);
                     session.Interrupt(99999);
@@ -770,6 +779,127 @@ internal static unsafe class Tests
         Equal(Status.Ok, session.PullFrames(frames, out got));
         Equal(count, got);
         return frames.Words.SelectMany(BitConverter.GetBytes).ToArray();
+    }
+
+    private static float[] voice, quiet;
+
+    /// Two sessions that have heard three seconds: the recording, and silence.
+    private static Session[] Voices(Engine polled)
+    {
+        voice = speech.Take(3 * Rate).Select(sample => sample / 32768f).ToArray();
+        quiet = new float[voice.Length];
+        return new[] { voice, quiet }.Select(samples =>
+        {
+            int taken;
+            Session session = new Session(polled);
+            Equal(Status.Ok, session.PushAudio(samples, 0, samples.Length, out taken));
+            Equal(samples.Length, taken);
+            Equal(Status.Ok, session.Finish());
+            return session;
+        }).ToArray();
+    }
+
+    private static Engine Polled()
+    {
+        EngineConfig config = Engine.Defaults;
+        config.Mode = EngineMode.Polled;
+        config.Threads = 1;
+        return new Engine(model, config);
+    }
+
+    /// Turn of neck and head to the right in Unity's axes, radians.
+    private static double Yaw(Frames frame)
+    {
+        float[] rotations = new float[4 * Native.JointCount];
+        frame.Rotations(0, rotations);
+        const int Neck = 12, Head = 15;
+        return 2 * Math.Atan2(rotations[4 * Neck + 1], rotations[4 * Neck + 3]) + 2 * Math.Atan2(rotations[4 * Head + 1], rotations[4 * Head + 3]);
+    }
+
+    [Test]
+    private static void who_speaks_has_the_floor_and_the_listener_turns_there()
+    {
+        Frames frame = new Frames(model, 1, Axes.Unity);
+        double[] turns = new double[2];
+        using (Engine polled = Polled())
+        {
+            for (int side = 0; side < 2; side++)
+            {
+                Session[] sessions = Voices(polled);
+                bool more = true;
+                while (more) Equal(Status.Ok, polled.Poll(100000, out more));
+                Scene scene = new Scene(1);
+                uint speaker, listener, floor = 0;
+                Equal(Status.Ok, scene.Add(sessions[0], new Place(Axes.Unity, side == 0 ? 1 : -1, 0, 1, (float)Math.PI), out speaker));
+                Equal(Status.Ok, scene.Add(sessions[1], new Place(Axes.Unity, 0, 0, 0), out listener));
+                Equal(Status.Ok, scene.SetAllowed(listener, ScenePart.Look));
+                for (int i = 0; i < 75; i++)
+                {
+                    Equal(Status.Ok, scene.Update(1 / 30.0));
+                    foreach (Session session in sessions)
+                    {
+                        int count;
+                        Equal(Status.Ok, session.PullFrames(frame, out count));
+                        Equal(1, count);
+                    }
+                    if (i < 45) continue;
+                    Equal(Status.Ok, scene.Floor(out floor));
+                    Equal(speaker, floor, "floor");
+                    turns[side] += Yaw(frame) / 30;
+                }
+                Member info;
+                Equal(Status.Ok, scene.GetMember(listener, out info));
+                Equal(Role.Listening, info.Role);
+                // Freed in either order.
+                if (side == 0) scene.Dispose();
+                foreach (Session session in sessions) session.Dispose();
+                if (side == 1) Equal(Status.Ok, scene.Update(0.1));
+                scene.Dispose();
+                Equal(Status.InvalidHandle, scene.Update(0.1));
+            }
+        }
+        True(turns[0] - turns[1] > 0.2, "turned by " + turns[0] + " and " + turns[1]);
+    }
+
+    [Test]
+    private static void a_scene_is_saved_and_takes_persons_targets_and_parts()
+    {
+        using (Engine polled = Polled())
+        using (Scene scene = new Scene())
+        {
+            Session[] sessions = Voices(polled);
+            uint[] members = new uint[3];
+            for (int i = 0; i < 2; i++) Equal(Status.Ok, scene.Add(sessions[i], new Place(Axes.Unity, 2 * i, 0, 0), out members[i]));
+            Equal(Status.Ok, scene.Add(null, new Place(Axes.Unreal, 0, 100, 0, 0, 170), out members[2]));
+            Pull(polled, sessions[1], 30);
+            Equal(Status.Ok, scene.Update(1));
+            int size, written;
+            Equal(Status.Ok, scene.StateSize(out size));
+            byte[] state = new byte[size];
+            Equal(Status.BufferTooSmall, scene.Save(new byte[10], out written));
+            Equal(Status.Ok, scene.Save(state, out written));
+            byte[] wanted = Pull(polled, sessions[1], 20);
+            Equal(Status.Ok, scene.Restore(state, written));
+            True(Pull(polled, sessions[1], 20).SequenceEqual(wanted), "frames differ");
+            Equal(Status.State, scene.Restore(state, written - 1));
+            True(scene.LastError().Length > 0, "the reason is missing");
+
+            Equal(Status.Ok, scene.SetTarget(members[0], members[2]));
+            Equal(Status.Ok, scene.SetTarget(members[0], Axes.Unity, 0, 1, 2));
+            Equal(Status.Ok, scene.SetTarget(members[0], 0));
+            Equal(Status.InvalidArgument, scene.SetTarget(members[0], members[0]));
+            Equal(Status.InvalidArgument, scene.SetAllowed(members[0], (ScenePart)32));
+            Equal(Status.Ok, scene.SetAllowed(members[0], Scene.AllParts));
+            Equal(Status.Ok, scene.SetPlace(members[0], new Place(Axes.Unity, 0, 0, 1)));
+            Equal(Status.InvalidArgument, scene.SetPlace(members[0], new Place(Axes.Unity, float.NaN, 0, 1)));
+            Equal(Status.Ok, scene.PushAudio(members[2], voice, 0, voice.Length));
+            Equal(Status.InvalidArgument, scene.PushAudio(members[0], voice, 0, voice.Length));
+            Equal(Status.InvalidArgument, scene.PushAudio(members[2], voice, 1, voice.Length));
+            Equal(Status.NullPointer, scene.PushAudio(members[2], null, 0, 0));
+            Equal(Status.Ok, scene.Remove(members[1]));
+            Equal(Status.InvalidArgument, scene.Remove(members[1]));
+            foreach (Session session in sessions) session.Dispose();
+        }
     }
 
     [Test]

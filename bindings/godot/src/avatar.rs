@@ -912,12 +912,26 @@ impl UmoAvatar3D {
         self.session.is_none() || self.tell(|session| session.set_mood(mood, strength)).is_some()
     }
 
-    /// Converts a point from world space to the avatar's space: the skeleton's, or the node's if there is no skeleton.
-    fn to_avatar(&self, point: Vector3) -> [f32; 3] {
+    /// The avatar's session, if it is open.
+    pub(crate) fn session(&self) -> Option<&Session> {
+        self.session.as_ref()
+    }
+
+    /// The avatar's space in the world: the skeleton's, or the node's if there is no skeleton.
+    pub(crate) fn space(&self) -> Transform3D {
         let skeleton = if self.skeleton.is_empty() { None } else { self.base().get_node_or_null(&self.skeleton) };
         let space = skeleton.and_then(|node| node.try_cast::<Node3D>().ok()).unwrap_or_else(|| self.to_gd().upcast());
-        let Vector3 { x, y, z } = space.get_global_transform().affine_inverse() * point;
-        [x, y, z]
+        space.get_global_transform()
+    }
+
+    /// Where the eyes are in the avatar's space, once a skeleton with a head was shown.
+    pub(crate) fn eyes(&self) -> Option<Vector3> {
+        self.rig.as_ref().and_then(Rig::eyes)
+    }
+
+    /// Converts a point from world space to the avatar's space.
+    fn to_avatar(&self, point: Vector3) -> [f32; 3] {
+        (self.space().affine_inverse() * point).to_array()
     }
 
     fn names(&self, count: usize, name: impl Fn(&Model, u32) -> String) -> PackedStringArray {

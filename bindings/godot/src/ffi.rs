@@ -11,7 +11,7 @@ mod generated;
 pub(crate) use generated::*;
 
 pub(crate) type Status = i32;
-/// `umo_model`, `umo_engine`, `umo_session`: opaque handles, never pointers to memory.
+/// `umo_model`, `umo_engine`, `umo_session`, `umo_scene`: opaque handles, never pointers to memory.
 pub(crate) type Handle = *mut c_void;
 
 /// The library's functions by their names in `umo.h`, without `umo_`.
@@ -90,6 +90,18 @@ library! {
     session_restore(Handle, *const u8, usize) -> Status;
     session_latency(Handle, *mut Latency) -> Status;
     session_stats(Handle, *mut Stats) -> Status;
+    scene_new(u64, *mut Handle) -> Status;
+    scene_free(Handle) -> Status;
+    scene_last_error(Handle, *mut c_char, usize, *mut usize) -> Status;
+    scene_add(Handle, Handle, *const Place, *mut u32) -> Status;
+    scene_remove(Handle, u32) -> Status;
+    scene_set_place(Handle, u32, *const Place) -> Status;
+    scene_set_target(Handle, u32, u32, u32, *const f32) -> Status;
+    scene_set_allowed(Handle, u32, u32) -> Status;
+    scene_push_audio(Handle, u32, *const f32, usize) -> Status;
+    scene_update(Handle, f64) -> Status;
+    scene_floor(Handle, *mut u32) -> Status;
+    scene_member(Handle, u32, *mut Member) -> Status;
 }
 
 impl Library {

@@ -1,9 +1,10 @@
 //! umo for Godot 4: the node [`UmoAvatar3D`](avatar::UmoAvatar3D), which moves a skeleton and blend
-//! shapes to the sound of an audio player. All of the work is done by umo, behind its C interface.
+//! shapes to the sound of an audio player, and [`UmoScene3D`](scene::UmoScene3D), by which such nodes know each other. All of the work is done by umo, behind its C interface.
 //!
 //! | module | contents |
 //! |---|---|
 //! | `avatar` | the node: properties, methods, signals, and the clock from sound to motion |
+//! | `scene` | the node of a scene: members, their places and targets |
 //! | `source` | samples of an audio player |
 //! | `wave` | decoder for the data of an `AudioStreamWAV` |
 //! | `rig` | mapping of joints to bones and of channels to blend shapes |
@@ -13,6 +14,7 @@
 mod avatar;
 mod ffi;
 mod rig;
+mod scene;
 mod source;
 mod umo;
 mod wave;

@@ -27,6 +27,10 @@ struct Bone {
     rest: Quaternion,
 }
 
+/// Joint of the head, and height of the eyes in heights of its bone: an adult's are 8 cm above it.
+const HEAD: usize = 15;
+const EYES_OF_HEAD: f32 = 1.05;
+
 /// The bones of a skeleton with the joints that move them.
 pub(crate) struct Rig {
     skeleton: InstanceId,
@@ -37,6 +41,8 @@ pub(crate) struct Rig {
     /// The hips; where umo's origin, on the floor, is in the skeleton; from there to the hips'
     /// parent; a metre of umo's.
     root: Option<(i32, Vector3, Transform3D, f32)>,
+    /// Where the eyes are in the skeleton at rest.
+    eyes: Option<Vector3>,
     turned: Vec<Quaternion>,
     problem: Option<String>,
 }
@@ -78,6 +84,7 @@ impl Rig {
             bones,
             parents: model.parents,
             root: root(skeleton, model, &bone_of),
+            eyes: bone_of[HEAD].map(|bone| skeleton.get_bone_global_rest(bone).origin * EYES_OF_HEAD),
             turned: Vec::new(),
             problem,
         }
@@ -86,6 +93,11 @@ impl Rig {
     /// The reason why the names form no humanoid, if they do not.
     pub(crate) fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
+    }
+
+    /// Where the eyes are in the skeleton at rest, if it has a head.
+    pub(crate) fn eyes(&self) -> Option<Vector3> {
+        self.eyes
     }
 
     /// Whether it still describes that skeleton.

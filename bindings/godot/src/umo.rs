@@ -1,4 +1,4 @@
-//! Safe objects over the C interface: a model with its engine, and sessions.
+//! Safe objects over the C interface: a model with its engine, sessions, and scenes.
 //!
 //! Errors are readable texts: umo's message for the status, and the detail of this error.
 
@@ -347,6 +347,11 @@ impl Session {
         Ok(Self { model: Rc::clone(model), session, sample_rate, channels, is_live, rest_seconds, pushed })
     }
 
+    /// Number of the session in this process, never used again.
+    pub(crate) fn id(&self) -> usize {
+        self.session.addr()
+    }
+
     fn check(&self, status: Status) -> Result<(), String> {
         if status == 0 {
             return Ok(());
@@ -590,6 +595,141 @@ impl Session {
         // SAFETY: the structure says its own size.
         let status = unsafe { (self.model.library.session_stats)(self.session, &mut stats) };
         self.check(status).map(|()| stats)
+    }
+}
+
+/// Where a member of a scene stands: glTF's axes, which are Godot's.
+pub(crate) struct Standing {
+    /// On the floor.
+    pub(crate) position: [f32; 3],
+    /// 0 is +Z, positive to its left, radians.
+    pub(crate) facing: f32,
+    pub(crate) eye_height: f32,
+}
+
+impl Standing {
+    fn place(&self) -> ffi::Place {
+        ffi::Place {
+            struct_size: ffi::size::<ffi::Place>(),
+            axes: ffi::AXES_GLTF,
+            position: self.position,
+            facing: self.facing,
+            eye_height: self.eye_height,
+        }
+    }
+}
+
+/// What a member of a scene is made to look at.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Target {
+    Free,
+    Member(u32),
+    Point([f32; 3]),
+}
+
+/// Avatars that know each other, and people with microphones.
+pub(crate) struct Scene {
+    library: &'static Library,
+    scene: Handle,
+}
+
+impl Scene {
+    /// Makes a scene with the library that computes `session`.
+    pub(crate) fn new(session: &Session, seed: u64) -> Result<Self, String> {
+        let library = session.model.library;
+        let mut scene = null_mut();
+        // SAFETY: `scene` is writable.
+        let status = unsafe { (library.scene_new)(seed, &mut scene) };
+        check(library, status)?;
+        Ok(Self { library, scene })
+    }
+
+    fn check(&self, status: Status) -> Result<(), String> {
+        if status == 0 {
+            return Ok(());
+        }
+        let mut buffer = [0; ffi::ERROR_SIZE];
+        let last_error = self.library.scene_last_error;
+        // SAFETY: the buffer has its size.
+        let told = unsafe { last_error(self.scene, buffer.as_mut_ptr(), buffer.len(), null_mut()) };
+        // SAFETY: zeros, or what the library ended with a zero byte.
+        let detail = if told == 0 { unsafe { ffi::text(buffer.as_ptr()) } } else { String::new() };
+        Err(error_text(self.library, status, &detail))
+    }
+
+    /// Adds an avatar, or without a session a person. Returns the member's number.
+    pub(crate) fn add(&self, session: Option<&Session>, standing: &Standing) -> Result<u32, String> {
+        let mut member = 0;
+        let session = session.map_or(null_mut(), |session| session.session);
+        // SAFETY: the place says its own size, `member` is writable.
+        let status = unsafe { (self.library.scene_add)(self.scene, session, &standing.place(), &mut member) };
+        self.check(status).map(|()| member)
+    }
+
+    /// Removes a member, unless it has left with its session.
+    pub(crate) fn remove(&self, member: u32) {
+        // SAFETY: takes no pointers but the handle.
+        unsafe { (self.library.scene_remove)(self.scene, member) };
+    }
+
+    pub(crate) fn set_place(&self, member: u32, standing: &Standing) -> Result<(), String> {
+        // SAFETY: the place says its own size.
+        let status = unsafe { (self.library.scene_set_place)(self.scene, member, &standing.place()) };
+        self.check(status)
+    }
+
+    pub(crate) fn set_target(&self, member: u32, target: Target) -> Result<(), String> {
+        let (other, point) = match &target {
+            Target::Free => (0, std::ptr::null()),
+            Target::Member(other) => (*other, std::ptr::null()),
+            Target::Point(point) => (0, point.as_ptr()),
+        };
+        // SAFETY: the point is NULL or has three values.
+        let status = unsafe { (self.library.scene_set_target)(self.scene, member, other, ffi::AXES_GLTF, point) };
+        self.check(status)
+    }
+
+    /// Sets the parts that the scene plays of a member.
+    pub(crate) fn set_allowed(&self, member: u32, parts: u32) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.library.scene_set_allowed)(self.scene, member, parts) };
+        self.check(status)
+    }
+
+    /// Feeds a person's voice.
+    pub(crate) fn push(&self, member: u32, samples: &[f32]) -> Result<(), String> {
+        let push = self.library.scene_push_audio;
+        // SAFETY: `samples` has its length.
+        let status = unsafe { push(self.scene, member, samples.as_ptr(), samples.len()) };
+        self.check(status)
+    }
+
+    pub(crate) fn update(&self, seconds: f64) -> Result<(), String> {
+        // SAFETY: takes any number.
+        let status = unsafe { (self.library.scene_update)(self.scene, seconds) };
+        self.check(status)
+    }
+
+    /// The member that has the floor; 0 for nobody.
+    pub(crate) fn floor(&self) -> Result<u32, String> {
+        let mut member = 0;
+        // SAFETY: `member` is writable.
+        let status = unsafe { (self.library.scene_floor)(self.scene, &mut member) };
+        self.check(status).map(|()| member)
+    }
+
+    pub(crate) fn member(&self, member: u32) -> Result<ffi::Member, String> {
+        let mut info = ffi::Member { struct_size: ffi::size::<ffi::Member>(), ..ffi::Member::default() };
+        // SAFETY: the structure says its own size.
+        let status = unsafe { (self.library.scene_member)(self.scene, member, &mut info) };
+        self.check(status).map(|()| info)
+    }
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        // SAFETY: made by `scene_new`, and no other thread is in a call on it.
+        unsafe { (self.library.scene_free)(self.scene) };
     }
 }
 

@@ -515,6 +515,83 @@ func test_it_looks_listens_and_gestures() -> void:
 	expect(told.size() == 4, "an error for each, got %s" % [told])
 
 
+func test_the_listener_turns_to_who_speaks() -> void:
+	var turns := [0.0, 0.0]
+	for side in 2:
+		var scene := UmoScene3D.new()
+		root.add_child(scene)
+		scene.set_process(false)
+		var avatars: Array[UmoAvatar3D] = []
+		for i in 2:
+			var avatar := UmoAvatar3D.new()
+			avatar.model = MODEL
+			scene.add_child(avatar)
+			avatars.append(avatar)
+		var samples := hello().slice(0, 48000)
+		expect(avatars[0].push_audio(samples) == 48000, "the speech")
+		samples.fill(0.0)
+		expect(avatars[1].push_audio(samples) == 48000, "silence")
+		avatars[0].position = Vector3(1.5 if side == 0 else -1.5, 0, 1)
+		avatars[0].rotation.y = PI
+		scene.set_allowed(avatars[1], UmoScene3D.LOOK)
+		await until(func() -> bool: return avatars[0].stats().frames >= 78 and avatars[1].stats().frames >= 78)
+		for i in 75:
+			scene.advance(1 / 30.0)
+			avatars[0].sample_pose(i / 30.0)
+			var frame := avatars[1].sample_pose(i / 30.0)
+			if i >= 45:
+				expect(scene.floor() == avatars[0], "the speaker has the floor")
+				for joint in [12, 15]:
+					var q := quaternion(frame, joint)
+					turns[side] += 2 * atan2(q.y, q.w) / 30
+		expect(scene.get_member(avatars[1]).role == 1, "a listener")
+		# In any order.
+		if side == 0:
+			avatars[0].free()
+			scene.advance(0.1)
+			expect(scene.floor() == null, "nobody's floor")
+		scene.free()
+	expect(turns[0] - turns[1] > 0.2, "a turn to the speaker, got %s" % [turns])
+
+
+func test_a_person_in_a_scene_speaks_and_is_looked_at() -> void:
+	var scene := UmoScene3D.new()
+	var avatar := make()
+	avatar.name = "One"
+	var camera := Camera3D.new()
+	camera.name = "Eyes"
+	root.add_child(camera)
+	camera.position = Vector3(0, 1.7, 2)
+	var heard := []
+	scene.floor_changed.connect(func(member: Node3D) -> void: heard.append(member))
+	scene.failed.connect(func(message: String) -> void: told.append(message))
+	scene.members = [^"/root/One", ^"/root/Eyes"] as Array[NodePath]
+	root.add_child(scene)
+	scene.set_process(false)
+	expect(not scene.push_audio(camera, PackedFloat32Array([0.1])), "nobody there yet")
+	scene.advance(0)
+	var samples := hello()
+	for i in 45:
+		expect(scene.push_audio(camera, samples.slice(i * 533, i * 533 + 533)), "a voice")
+		scene.advance(1 / 30.0)
+	expect(scene.floor() == camera and scene.get_member(camera).role == 2, "the person has the floor")
+	scene.set_target(avatar, camera)
+	scene.advance(0.1)
+	expect(scene.get_member(avatar).attends_to == camera, "a look at the person")
+	# An avatar that is opened again is another member.
+	avatar.open()
+	scene.advance(0.1)
+	expect(scene.get_member(avatar).attends_to == camera, "a look at the person, by the new session")
+	await process_frame
+	camera.free()
+	scene.advance(0.1)
+	expect(scene.floor() == null, "nobody's floor")
+	avatar.free()
+	scene.advance(0.1)
+	await process_frame
+	expect(heard.size() == 2 and told.is_empty(), "two changes of the floor, got %s and %s" % [heard, told])
+
+
 ## Opening of the lips.
 func opening(avatar: UmoAvatar3D, frame: PackedFloat32Array) -> float:
 	var names := avatar.get_channel_names()

@@ -31,6 +31,9 @@ namespace Umo.Unity
             { 52, HumanBodyBones.RightThumbProximal }, { 53, HumanBodyBones.RightThumbIntermediate }, { 54, HumanBodyBones.RightThumbDistal },
         };
 
+        /// Height of eyes above the head bone, as a share of that bone's height: an adult's are 8 cm above it.
+        private const float EyesAboveHead = 0.05f;
+
         private readonly Transform root;
         private readonly List<Transform> transforms = new List<Transform>();
         private readonly List<int> joints = new List<int>();
@@ -39,6 +42,7 @@ namespace Umo.Unity
         public HumanFigure(Animator animator, bool withFace)
         {
             root = animator.transform;
+            EyeHeight = HeightOfEyes(animator);
             List<Transform> back = new List<Transform>();
             foreach (HumanBodyBones bone in Back)
             {
@@ -62,6 +66,18 @@ namespace Umo.Unity
         public int Count { get { return transforms.Count; } }
 
         public Transform Root { get { return root; } }
+
+        /// <summary>Height of the eyes above the root when it was made.</summary>
+        public float EyeHeight { get; private set; }
+
+        private static float HeightOfEyes(Animator animator)
+        {
+            Transform eye = animator.GetBoneTransform(HumanBodyBones.LeftEye);
+            float floor = animator.transform.position.y;
+            if (eye != null) return eye.position.y - floor;
+            Transform head = animator.GetBoneTransform(HumanBodyBones.Head);
+            return head == null ? 1.6f : (1 + EyesAboveHead) * (head.position.y - floor);
+        }
 
         /// <summary>Current rotations and positions, in the root's frame.</summary>
         public void Capture(out Quaternion[] rotations, out Vector3[] places)

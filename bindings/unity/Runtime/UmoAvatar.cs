@@ -143,6 +143,12 @@ namespace Umo.Unity
         /// <summary>The session, for anything this component does not offer; null if there is none.</summary>
         public Session Session { get { return session; } }
 
+        /// What stands on the floor and faces ahead.
+        internal Transform Body { get { return figure == null ? transform : figure.Root; } }
+
+        /// Height of the eyes above the floor in metres.
+        internal float EyeHeight { get { return figure == null ? 1.6f : figure.EyeHeight; } }
+
         private void OnEnable()
         {
             source = GetComponent<AudioSource>();
@@ -498,7 +504,7 @@ namespace Umo.Unity
         }
 
         /// Duration of a frame: that of the captured film while capturing, else real time.
-        private static double FrameSeconds
+        internal static double FrameSeconds
         {
             get { return Time.captureFramerate > 0 ? 1.0 / Time.captureFramerate : Time.unscaledDeltaTime; }
         }
@@ -557,7 +563,7 @@ namespace Umo.Unity
         /// Converts a world position to the model's space and size; false if it is not finite.
         private bool Place(Vector3 world, out Vec at)
         {
-            Vector3 place = (figure == null ? transform : figure.Root).InverseTransformPoint(world);
+            Vector3 place = Body.InverseTransformPoint(world);
             at = new Vec(place.x, place.y, place.z);
             if (figure != null) at = retarget.Place(at);
             float distance = at.Length;

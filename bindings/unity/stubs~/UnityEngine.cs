@@ -177,6 +177,7 @@ namespace UnityEngine
             get { return parent == null ? localPosition : parent.TransformPoint(localPosition); }
             set { localPosition = parent == null ? value : parent.InverseTransformPoint(value); }
         }
+        public Vector3 forward { get { return rotation * new Vector3(0, 0, 1); } }
         public Vector3 TransformPoint(Vector3 point) { return position + rotation * point; }
         public Vector3 InverseTransformPoint(Vector3 point) { return Quaternion.Inverse(rotation) * (point - position); }
     }

@@ -39,6 +39,7 @@ using ANSICHAR = char;
 #define STUB_JOIN(a, b, c) STUB_JOIN3(a, b, c)
 #define GENERATED_BODY() STUB_JOIN(STUB_BODY, CURRENT_FILE_ID, __LINE__)
 #define UMETA(...)
+#define UPARAM(...)
 
 const TCHAR *StubToTchar(const char *);
 const char *StubToUtf8(const TCHAR *);
@@ -81,6 +82,7 @@ public:
     int32 Add(const T &);
     void Reset();
     void SetNumZeroed(int32);
+    void RemoveAt(int32);
     T *GetData();
     const T *GetData() const;
     T &operator[](int32);
@@ -121,6 +123,8 @@ template <class T, ESPMode M = ESPMode::ThreadSafe, class... A> TSharedPtr<T, M>
 }
 template <class T> class TObjectPtr {
 public:
+    TObjectPtr();
+    TObjectPtr(T *);
     operator T *() const;
     T &operator*() const;
     T *operator->() const;
@@ -157,6 +161,7 @@ struct FQuat {
     static FQuat Slerp(const FQuat &, const FQuat &, double);
 };
 struct FRotator {
+    double Pitch, Yaw, Roll;
     FVector UnrotateVector(const FVector &) const;
 };
 struct FTransform {
@@ -173,6 +178,7 @@ struct FGuid {};
 struct FMath {
     template <class T> static T Clamp(T, T, T);
     template <class T> static T Max(T, T);
+    template <class T> static T DegreesToRadians(const T &);
     template <class T, class U> static T Lerp(const T &, const T &, const U &);
 };
 struct FMemory {
@@ -323,6 +329,8 @@ public:
 class USceneComponent : public UActorComponent {
 public:
     FVector GetComponentLocation() const;
+    virtual bool DoesSocketExist(FName) const;
+    virtual FVector GetSocketLocation(FName) const;
 };
 class USkeletalMeshComponent : public USceneComponent {};
 class AActor : public UObject {
@@ -330,6 +338,7 @@ public:
     template <class T> T *FindComponentByClass() const;
     FVector GetActorLocation() const;
     FRotator GetActorRotation() const;
+    virtual void GetActorEyesViewPoint(FVector &, FRotator &) const;
 };
 template <class T> class TInlineComponentArray {
 public:

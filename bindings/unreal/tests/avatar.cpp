@@ -8,8 +8,6 @@
 #include <chrono>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <new>
 #include <string>
 #include <thread>
@@ -17,6 +15,7 @@
 
 #include "Avatar.h"
 #include "Expect.h"
+#include "Recording.h"
 
 namespace {
 
@@ -43,20 +42,6 @@ umo_engine_config one_thread() {
     umo_engine_config config = umo::engine::defaults();
     config.threads = 1;
     return config;
-}
-
-/// The samples of a 16-bit mono recording of 16 kHz with a header of 44 bytes, as the file in assets/ is.
-std::vector<float> recording(const char *path) {
-    std::ifstream file(path, std::ios::binary);
-    const std::vector<char> bytes{std::istreambuf_iterator<char>(file), {}};
-    std::vector<float> samples;
-    if (bytes.size() < 44 || std::memcmp(bytes.data() + 36, "data", 4) != 0) return samples;
-    for (std::size_t i = 44; i + 1 < bytes.size(); i += 2) {
-        std::int16_t value = 0;
-        std::memcpy(&value, bytes.data() + i, 2);
-        samples.push_back(static_cast<float>(value) / 32768);
-    }
-    return samples;
 }
 
 /// Turns the layers off: they never stand still and follow the clock while there are no frames, so poses could not be

@@ -2,8 +2,8 @@
 // worker (`avatar.js`, `worker.js`); in Node it can be called directly.
 
 import {
-  ABI_VERSION, ABSENT, AXES, ENGINE_CONFIG, FRAME_LAYOUT, GESTURE_OPTIONS, LATENCY, MODEL_CONFIG, MODEL_INFO, MODEL_TEXTS, RECEIVED, SAMPLED,
-  SESSION_CONFIG, STATUSES, VISEME_COUNT,
+  ABI_VERSION, ABSENT, AXES, ENGINE_CONFIG, FRAME_LAYOUT, GESTURE_OPTIONS, LATENCY, MEMBER, MODEL_CONFIG, MODEL_INFO, MODEL_TEXTS, PLACE, RECEIVED,
+  ROLES, SAMPLED, SCENE_PARTS, SESSION_CONFIG, STATUSES, VISEME_COUNT,
 } from "./generated.js";
 
 /** Names of the statuses by their numbers. */
@@ -17,6 +17,9 @@ export class UmoError extends Error {
     this.status = status;
   }
 }
+
+/** Key of a session's handle, for scenes. */
+const HANDLE = Symbol("handle");
 
 /** Bytes for structures and texts, and samples that one call pushes. */
 const SCRATCH = 4096;
@@ -104,9 +107,9 @@ export class Library {
     const status = this.run(name, ...args);
     if (status === 0) return;
     let detail = this.text(this.run("umo_last_error"));
-    if (/^umo_(session|decoder)_(?!new)/.test(name) && args[0] && this.run("umo_session_last_error", args[0], this.scratch + 2048, 512, 0) === 0) {
-      detail = this.text(this.scratch + 2048) || detail;
-    }
+    const [, kind] = /^umo_(session|decoder|scene)_(?!new)/.exec(name) ?? [];
+    const last = kind === "scene" ? "umo_scene_last_error" : "umo_session_last_error";
+    if (kind && args[0] && this.run(last, args[0], this.scratch + 2048, 512, 0) === 0) detail = this.text(this.scratch + 2048) || detail;
     throw new UmoError(STATUS_NAMES.get(status) ?? `status ${status}`, detail || this.text(this.run("umo_status_message", status)));
   }
 }
@@ -174,6 +177,7 @@ export class Model {
   #engine = 0;
   #frame = 0;
   #sessions = new Set();
+  #scenes = new Set();
 
   /**
    * Loads a model. `wasm` and `model` are URLs, responses or bytes; `wasm` may be a `WebAssembly.Module`. The other options are those of
@@ -256,6 +260,16 @@ export class Model {
     return this.#make("umo_decoder_new", () => this.#model, options);
   }
 
+  /** Creates a scene: sessions of this model that know each other. */
+  scene({ seed = 0 } = {}) {
+    const library = this.#library;
+    this.#open();
+    library.call("umo_scene_new", BigInt(seed), library.scratch);
+    const scene = new Scene(library, library.view.getUint32(library.scratch, true), () => this.#scenes.delete(scene));
+    this.#scenes.add(scene);
+    return scene;
+  }
+
   /** Sets the engine's rules, which a new session keeps. */
   #setWordRules(language, toml) {
     const library = this.#library;
@@ -308,11 +322,11 @@ export class Model {
     return this.#model;
   }
 
-  /** Frees the model and its sessions. Calling it twice is harmless. */
+  /** Frees the model, its scenes and its sessions. Calling it twice is harmless. */
   free() {
     const library = this.#library;
     if (this.#model === 0) return;
-    for (const session of [...this.#sessions]) session.free();
+    for (const made of [...this.#scenes, ...this.#sessions]) made.free();
     const [model, engine] = [this.#model, this.#engine];
     this.#model = 0;
     if (library.trap) return;
@@ -347,9 +361,13 @@ export class Session {
     this.mouthSamples = library.get(library.scratch, LATENCY, "mouthSamples");
   }
 
-  #call(name, ...args) {
+  get [HANDLE]() {
     if (this.#session === 0) throw new UmoError("INVALID_HANDLE", "the session was freed");
-    this.#library.call(name, this.#session, ...args);
+    return this.#session;
+  }
+
+  #call(name, ...args) {
+    this.#library.call(name, this[HANDLE], ...args);
   }
 
   /** Takes audio as interleaved 32-bit floats; returns the number of samples taken. */
@@ -538,5 +556,142 @@ export class Session {
     this.#session = 0;
     this.#freed();
     if (!this.#library.trap) this.#library.call("umo_session_free", session);
+  }
+}
+
+/** Avatars that know each other, and people with microphones: up to 32 members, each a number from 1 on. */
+export class Scene {
+  #library;
+  #scene;
+  #freed;
+
+  constructor(library, scene, freed) {
+    this.#library = library;
+    this.#scene = scene;
+    this.#freed = freed;
+  }
+
+  #call(name, ...args) {
+    if (this.#scene === 0) throw new UmoError("INVALID_HANDLE", "the scene was freed");
+    this.#library.call(name, this.#scene, ...args);
+  }
+
+  /** Writes three values to memory. */
+  #point(at, values) {
+    values.forEach((value, i) => this.#library.view.setFloat32(at + 4 * i, value, true));
+    return at;
+  }
+
+  #place({ position = [0, 0, 0], ...rest }) {
+    const library = this.#library;
+    const at = library.scratch + 8;
+    library.call("umo_place_init", at, PLACE.size);
+    const unknown = Object.keys(rest).find((name) => name !== "facing" && name !== "eyeHeight");
+    if (unknown !== undefined) throw new UmoError("INVALID_ARGUMENT", `a place has no option ${unknown}`);
+    library.set(at, PLACE, rest);
+    this.#point(at + PLACE.fields.position[0], position);
+    return at;
+  }
+
+  /** Adds a session, or with `null` a person, whose voice comes by `push`; returns the member's number. */
+  add(session, place = {}) {
+    const library = this.#library;
+    this.#call("umo_scene_add", session === null ? 0 : session[HANDLE], this.#place(place), library.scratch);
+    return library.view.getUint32(library.scratch, true);
+  }
+
+  /** Removes a member. Its session goes on alone. */
+  remove(member) {
+    this.#call("umo_scene_remove", member);
+  }
+
+  /** Moves a member. */
+  setPlace(member, place) {
+    this.#call("umo_scene_set_place", member, this.#place(place));
+  }
+
+  /** Makes a member look at another, or at a point of the scene, whatever is said; `null` ends it. */
+  setTarget(member, target) {
+    const [other, point] = typeof target === "number" ? [target, 0] : [0, target ? this.#point(this.#library.scratch, target) : 0];
+    this.#call("umo_scene_set_target", member, other, AXES.gltf, point);
+  }
+
+  /** Sets the parts that the scene plays of a member: of "look", "nod", "smile", "mirror" and "yield"; all at first. */
+  setAllowed(member, parts) {
+    let bits = 0;
+    for (const part of parts) {
+      if (!Object.hasOwn(SCENE_PARTS, part)) throw new UmoError("INVALID_ARGUMENT", `part ${part}: expected one of ${Object.keys(SCENE_PARTS)}`);
+      bits |= SCENE_PARTS[part];
+    }
+    this.#call("umo_scene_set_allowed", member, bits);
+  }
+
+  /** Feeds the voice of a member without a session: samples of any rate, of which only the loudness is used. */
+  push(member, samples) {
+    const library = this.#library;
+    for (let at = 0; at < samples.length; at += CHUNK) {
+      const part = samples.subarray(at, at + CHUNK);
+      new Float32Array(library.exports.memory.buffer, library.audio, part.length).set(part);
+      this.#call("umo_scene_push_audio", member, library.audio, part.length);
+    }
+  }
+
+  /** Advances the scene: once per picture, before poses are pulled or sampled. */
+  update(seconds) {
+    this.#call("umo_scene_update", seconds);
+  }
+
+  /** The member that has the floor; 0 for nobody. */
+  get floor() {
+    this.#call("umo_scene_floor", this.#library.scratch);
+    return this.#library.view.getUint32(this.#library.scratch, true);
+  }
+
+  /** What a member does now. */
+  member(member) {
+    const library = this.#library;
+    const at = library.scratch;
+    library.set(at, MEMBER, { structSize: MEMBER.size });
+    this.#call("umo_scene_member", member, at);
+    const [role, attendsTo, isContact, nods, brows, smiles, yielding, level] = [
+      "role", "attendsTo", "isContact", "nods", "brows", "smiles", "yielding", "level",
+    ].map((field) => library.get(at, MEMBER, field));
+    const roleName = Object.keys(ROLES).find((name) => ROLES[name] === role);
+    return { role: roleName, attendsTo, isContact: isContact === 1, nods, brows, smiles, yielding, level };
+  }
+
+  /** Saves the scene and the sessions of its members. */
+  save() {
+    const library = this.#library;
+    this.#call("umo_scene_state_size", library.scratch);
+    const size = library.view.getUint32(library.scratch, true);
+    const state = library.allocate(size);
+    try {
+      this.#call("umo_scene_save", state, size, library.scratch);
+      return library.bytes(state, library.view.getUint32(library.scratch, true)).slice();
+    } finally {
+      if (!library.trap) library.run("umo_web_free", state, size);
+    }
+  }
+
+  /** Restores a state of this scene, or of one to which the same members were added in the same order. */
+  restore(state) {
+    const library = this.#library;
+    const at = library.allocate(state.length);
+    library.bytes(at, state.length).set(state);
+    try {
+      this.#call("umo_scene_restore", at, state.length);
+    } finally {
+      if (!library.trap) library.run("umo_web_free", at, state.length);
+    }
+  }
+
+  /** Frees the scene; its sessions go on alone. Calling it twice is harmless. */
+  free() {
+    if (this.#scene === 0) return;
+    const scene = this.#scene;
+    this.#scene = 0;
+    this.#freed();
+    if (!this.#library.trap) this.#library.call("umo_scene_free", scene);
   }
 }

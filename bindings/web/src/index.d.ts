@@ -100,6 +100,8 @@ export class Model implements ModelDescription {
   session(options?: SessionOptions & WordOptions): Session;
   /** Creates an avatar that is animated by received packets. */
   decoder(options?: SessionOptions): Session;
+  /** Creates a scene: sessions of this model that know each other. */
+  scene(options?: { seed?: number | bigint }): Scene;
   /** Computes due work for at most `milliseconds`, but at least one layer; returns whether there is more. */
   compute(milliseconds?: number): boolean;
   free(): void;
@@ -142,6 +144,57 @@ export class Session {
   /** Gives words and their time, in seconds of the pushed audio: some become gestures. */
   hintWords(text: string, start: number, end: number): void;
   gesture(name: string, options?: GestureOptions): void;
+  free(): void;
+}
+
+/** Where a member of a scene stands: glTF's axes, metres. */
+export interface PlaceOptions {
+  /** On the floor. */
+  position?: [number, number, number];
+  /** Radians about the upward axis: 0 is +z, positive to its left. */
+  facing?: number;
+  /** 1.6 if not given. */
+  eyeHeight?: number;
+}
+
+/** What a member of a scene does now. */
+export interface MemberInfo {
+  role: "idle" | "listening" | "speaking";
+  /** Whom it attends to; 0 for nobody, or for a point. */
+  attendsTo: number;
+  /** Whether it looks there now, rather than past. */
+  isContact: boolean;
+  /** Nods, brow raises and half smiles so far. */
+  nods: number;
+  brows: number;
+  smiles: number;
+  /** How far it yields to who interrupts it, 0 or 1. */
+  yielding: number;
+  /** Level of its voice, root mean square, full scale 1. */
+  level: number;
+}
+
+/** Avatars that know each other, and people with microphones: up to 32 members, each a number from 1 on. */
+export class Scene {
+  private constructor();
+  /** Adds a session of the same model, or with `null` a person; returns the member's number. */
+  add(session: Session | null, place?: PlaceOptions): number;
+  remove(member: number): void;
+  setPlace(member: number, place: PlaceOptions): void;
+  /** Makes a member look at another, or at a point of the scene, whatever is said; `null` ends it. */
+  setTarget(member: number, target: number | [number, number, number] | null): void;
+  /** Sets the parts that the scene plays of a member; all at first. */
+  setAllowed(member: number, parts: Iterable<"look" | "nod" | "smile" | "mirror" | "yield">): void;
+  /** Feeds the voice of a person: any rate, full scale 1. */
+  push(member: number, samples: Float32Array): void;
+  /** Advances the scene: once per picture, before poses are pulled or sampled. */
+  update(seconds: number): void;
+  /** The member that has the floor; 0 for nobody. */
+  readonly floor: number;
+  member(member: number): MemberInfo;
+  /** Saves the scene and the sessions of its members. */
+  save(): Uint8Array;
+  restore(state: Uint8Array): void;
   free(): void;
 }
 

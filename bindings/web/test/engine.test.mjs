@@ -162,6 +162,77 @@ test("words become gestures at their time", () => {
   for (const each of [plain, session]) each.free();
 });
 
+/** Turn of neck and head to the left, radians, averaged over the second half of two seconds in which another speaks at x. */
+function turn(x, change = () => {}) {
+  const speech = samples.subarray(0, 40_000);
+  const sessions = [speech, new Float32Array(speech.length)].map((voice) => {
+    const session = model.session();
+    session.push(voice);
+    session.finish();
+    return session;
+  });
+  while (model.compute());
+  const scene = model.scene({ seed: 1 });
+  const [speaker, listener] = sessions.map((session, i) => scene.add(session, i === 0 ? { position: [x, 0, 1], facing: Math.PI } : {}));
+  scene.setAllowed(listener, ["look"]);
+  change(scene, speaker, listener);
+  const pose = new Pose(model);
+  let sum = 0;
+  for (let i = 0; i < 60; i++) {
+    scene.update(1 / 30);
+    for (const session of sessions) assert.ok(session.pull(pose));
+    const yaw = (joint) => 2 * Math.atan2(pose.rotations[4 * joint + 1], pose.rotations[4 * joint + 3]);
+    if (i >= 30) sum += yaw(model.jointNames.indexOf("neck")) + yaw(model.jointNames.indexOf("head"));
+  }
+  const found = { floor: scene.floor, speaker, listener: scene.member(listener), turn: sum / 30 };
+  // Freed in any order.
+  const freed = x > 0 ? [scene, ...sessions] : [...sessions, scene];
+  freed.forEach((each) => each.free());
+  return found;
+}
+
+test("who speaks has the floor, and the listener turns there", () => {
+  const [left, right] = [turn(1), turn(-1)];
+  assert.equal(left.floor, left.speaker);
+  assert.equal(left.listener.role, "listening");
+  assert.ok(left.turn - right.turn > 0.2, `turned by ${left.turn} and ${right.turn}`);
+  // A target is looked at, whatever is said.
+  const told = turn(1, (scene, _, listener) => scene.setTarget(listener, [-1, 1.6, 1]));
+  assert.ok(left.turn - told.turn > 0.2, `turned by ${told.turn}`);
+});
+
+test("a scene has people, is saved and says what is wrong", () => {
+  const scene = model.scene();
+  const session = model.session();
+  const person = scene.add(null, { position: [0, 0, 2], facing: Math.PI, eyeHeight: 1.7 });
+  const avatar = scene.add(session);
+  for (let at = 0; at < 24_000; at += 533) {
+    scene.push(person, samples.subarray(at, at + 533));
+    scene.update(1 / 30);
+  }
+  assert.equal(scene.floor, person);
+  const state = scene.save();
+  scene.update(1);
+  scene.update(1);
+  assert.equal(scene.floor, 0);
+  scene.restore(state);
+  assert.equal(scene.floor, person);
+  scene.setTarget(avatar, person);
+  scene.setTarget(avatar, null);
+  scene.setPlace(avatar, { position: [1, 0, 0] });
+  fails(() => scene.restore(state.subarray(1)), "STATE", /./);
+  fails(() => scene.setAllowed(avatar, ["wink"]), "INVALID_ARGUMENT", /wink/);
+  fails(() => scene.setTarget(avatar, avatar), "INVALID_ARGUMENT", /./);
+  fails(() => scene.add(null, { height: 1 }), "INVALID_ARGUMENT", /height/);
+  fails(() => scene.push(avatar, samples), "INVALID_ARGUMENT", /member/);
+  scene.remove(person);
+  fails(() => scene.member(person), "INVALID_ARGUMENT", /member/);
+  scene.free();
+  scene.free();
+  fails(() => scene.update(1), "INVALID_HANDLE", /freed/);
+  session.free();
+});
+
 test("names and the skeleton", () => {
   assert.equal(model.jointNames.length, 55);
   assert.equal(model.jointNames[15], "head");

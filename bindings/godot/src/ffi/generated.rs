@@ -201,6 +201,8 @@ pub(crate) const ROLE_IDLE: u32 = 0;
 pub(crate) const ROLE_LISTENING: u32 = 1;
 /// The member speaks.
 pub(crate) const ROLE_SPEAKING: u32 = 2;
+/// Upper bound on the members of a scene.
+pub(crate) const SCENE_MEMBER_COUNT: usize = 32;
 /// Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 pub(crate) const FORMAT_GLB: u32 = 1;
 /// VRM Animation 1.0, `.vrma`, for any VRM avatar.

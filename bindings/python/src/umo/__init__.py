@@ -5,6 +5,7 @@
 | `animate(samples, rate)` | a whole recording to a `Motion` of numpy arrays |
 | `stream(chunks, rate)` | frames as they are computed from arriving audio |
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
+| `Scene` | avatars and people that know each other: who speaks, and who looks at whom |
 | `Session.pull_packets`, `Decoder` | an avatar computed in one place and shown in others |
 | `self_test()` | checks this machine's results and speed: a report to publish |
 | `umo.serve`, `umo.agents`, `umo.ray` | a client of `umo serve`; avatars of voice agents; recordings on a Ray cluster |
@@ -16,12 +17,13 @@ _DISTRIBUTION = "umo-avatar"
 
 from ._animate import animate, stream
 from ._engine import Engine
-from ._generated import Attention, Idle, Latency, Received, Stats, Status
+from ._generated import Attention, Idle, Latency, Received, Role, Stats, Status
 from ._gltf import FIGURES
 from ._library import Error, lib as _lib
 from ._model import Model, SelfTest, self_test
 from ._motion import Frame, Motion
 from ._names import JOINTS, VISEMES
+from ._scene import Member, Scene
 from ._session import Decoder, Parameter, Sampled, Session
 
 __version__: str = _lib.umo_version().decode()
@@ -37,11 +39,14 @@ __all__ = [
     "Frame",
     "Idle",
     "Latency",
+    "Member",
     "Model",
     "Motion",
     "Parameter",
     "Received",
+    "Role",
     "Sampled",
+    "Scene",
     "SelfTest",
     "Session",
     "Stats",

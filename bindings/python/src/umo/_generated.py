@@ -25,6 +25,8 @@ PARAMETER_WHOLE = 1
 SELF_TEST_SIZE = 8192
 # Maximum length in bytes of an error's detail, including its terminating zero.
 ERROR_SIZE = 512
+# Upper bound on the members of a scene.
+SCENE_MEMBER_COUNT = 32
 
 
 class Status(enum.IntEnum):
@@ -228,12 +230,19 @@ SCENE_PARTS: dict[str, int] = {
     "mirror": 8,
     "yield": 16,
 }
-# What a member of a scene does.
-ROLES: dict[str, int] = {
-    "idle": 0,
-    "listening": 1,
-    "speaking": 2,
-}
+
+
+class Role(enum.IntEnum):
+    """What a member of a scene does."""
+
+    IDLE = 0
+    """Nobody speaks."""
+    LISTENING = 1
+    """Another member speaks."""
+    SPEAKING = 2
+    """The member speaks."""
+
+
 # Format of a file of frames.
 FORMATS: dict[str, int] = {
     "glb": 1,
@@ -708,7 +717,7 @@ class Member(Structure):
     _fields_ = [
         # `sizeof(Member)`.
         ("struct_size", c_uint32),
-        # Whether it speaks: one of `"idle"`, `"listening"`, `"speaking"`.
+        # Whether it speaks: one of `Role`.
         ("role", c_uint32),
         # Whom it attends to; 0 for nobody, or for a point of the host's.
         ("attends_to", c_uint32),
@@ -725,10 +734,6 @@ class Member(Structure):
         # Level of its voice, root mean square, full scale 1.
         ("level", c_float),
     ]
-    # Names of the values of fields.
-    choices = {
-        "role": ROLES,
-    }
 
 
 class Clip(Structure):

@@ -111,6 +111,22 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_decoder_new": [_HANDLE, POINTER(_generated.SessionConfig), _OUT],
     "umo_decoder_push_packet": [_HANDLE, c_void_p, _SIZE],
     "umo_decoder_stats": [_HANDLE, POINTER(_generated.RawReceived)],
+    "umo_place_init": [POINTER(_generated.Place), _SIZE],
+    "umo_scene_new": [c_uint64, _OUT],
+    "umo_scene_free": [_HANDLE],
+    "umo_scene_add": [_HANDLE, _HANDLE, POINTER(_generated.Place), POINTER(_U32)],
+    "umo_scene_remove": [_HANDLE, _U32],
+    "umo_scene_set_place": [_HANDLE, _U32, POINTER(_generated.Place)],
+    "umo_scene_set_target": [_HANDLE, _U32, _U32, _U32, POINTER(c_float)],
+    "umo_scene_set_allowed": [_HANDLE, _U32, _U32],
+    "umo_scene_push_audio": [_HANDLE, _U32, c_void_p, _SIZE],
+    "umo_scene_update": [_HANDLE, c_double],
+    "umo_scene_floor": [_HANDLE, POINTER(_U32)],
+    "umo_scene_member": [_HANDLE, _U32, POINTER(_generated.Member)],
+    "umo_scene_state_size": [_HANDLE, POINTER(_SIZE)],
+    "umo_scene_save": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
+    "umo_scene_restore": [_HANDLE, c_void_p, _SIZE],
+    "umo_scene_last_error": [_HANDLE, _TEXT, _SIZE, POINTER(_SIZE)],
 }
 _RESULTS = {
     "umo_abi_version": _U32,
@@ -160,11 +176,19 @@ def check(status: int) -> None:
 
 def check_session(handle: int, status: int) -> None:
     """Raises if a call on a session failed."""
-    if status == Status.OK:
-        return
+    if status != Status.OK:
+        raise error(status, _detail(lib.umo_session_last_error, handle))
+
+
+def check_scene(handle: int, status: int) -> None:
+    """Raises if a call on a scene failed."""
+    if status != Status.OK:
+        raise error(status, _detail(lib.umo_scene_last_error, handle))
+
+
+def _detail(last_error: Callable[[int, Any, int, None], int], handle: int) -> str:
     text = ctypes.create_string_buffer(ERROR_SIZE)
-    got = lib.umo_session_last_error(handle, text, ERROR_SIZE, None)
-    raise error(status, text.value.decode() if got == Status.OK else "")
+    return text.value.decode() if last_error(handle, text, ERROR_SIZE, None) == Status.OK else ""
 
 
 def filled(kind: Any, fill: Callable[[Any], int]) -> Any:

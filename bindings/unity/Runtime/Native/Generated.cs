@@ -25,6 +25,8 @@ namespace Umo
         public const int SelfTestSize = 8192;
         /// <summary>Maximum length in bytes of an error's detail, including its terminating zero.</summary>
         public const int ErrorSize = 512;
+        /// <summary>Upper bound on the members of a scene.</summary>
+        public const int SceneMemberCount = 32;
     }
 
     /// <summary>Result of a call: OK, or a negative error code.</summary>

@@ -56,4 +56,10 @@ namespace Umo
         internal SessionHandle(IntPtr raw) : base(raw) { }
         protected override Status Free(IntPtr raw) { return Native.umo_session_free(raw); }
     }
+
+    internal sealed class SceneHandle : Handle
+    {
+        internal SceneHandle(IntPtr raw) : base(raw) { }
+        protected override Status Free(IntPtr raw) { return Native.umo_scene_free(raw); }
+    }
 }

@@ -9,7 +9,7 @@ using System.Text;
 
 namespace Umo
 {
-    /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/> and <see cref="Session"/> are safe to use.</summary>
+    /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/>, <see cref="Session"/> and <see cref="Scene"/> are safe to use.</summary>
     public static unsafe partial class Native
     {
         // On these platforms native code is linked statically, so there is no library to load.
@@ -101,6 +101,23 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_new(IntPtr model, SessionConfig* config, IntPtr* decoder);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_push_packet(IntPtr decoder, void* packet, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_stats(IntPtr decoder, Received* stats);
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_place_init(Place* place, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_new(ulong seed, IntPtr* scene);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_free(IntPtr scene);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_add(IntPtr scene, IntPtr session, Place* place, uint* member);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_remove(IntPtr scene, uint member);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_set_place(IntPtr scene, uint member, Place* place);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_set_target(IntPtr scene, uint member, uint other, Axes axes, float* point);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_set_allowed(IntPtr scene, uint member, ScenePart parts);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_push_audio(IntPtr scene, uint member, float* samples, UIntPtr count);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_update(IntPtr scene, double seconds);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_floor(IntPtr scene, uint* member);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_member(IntPtr scene, uint member, Member* info);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_state_size(IntPtr scene, UIntPtr* size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_save(IntPtr scene, void* state, UIntPtr size, UIntPtr* written);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_restore(IntPtr scene, void* state, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_last_error(IntPtr scene, byte* buffer, UIntPtr size, UIntPtr* length);
 
         /// <summary>Throws if libumo cannot be loaded, listing the places searched.</summary>
         internal static void Require()

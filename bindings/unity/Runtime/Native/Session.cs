@@ -48,6 +48,9 @@ namespace Umo
             return new Session(raw);
         }
 
+        /// <summary>The handle, freed or not.</summary>
+        internal IntPtr Raw { get { return handle.Raw; } }
+
         /// <summary>The engine that computes it; null for a decoder.</summary>
         public Engine Engine { get; }
 

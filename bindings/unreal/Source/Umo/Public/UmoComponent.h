@@ -395,6 +395,8 @@ public:
 	virtual void TickComponent(float DeltaTime, ELevelTick TickType, FActorComponentTickFunction* ThisTickFunction) override;
 
 private:
+	friend class UUmoSceneComponent;
+
 	void Open(int32 SampleRate);
 	void OpenLiveLink();
 	void Close();

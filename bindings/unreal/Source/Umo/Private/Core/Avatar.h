@@ -168,6 +168,8 @@ public:
     Avatar(std::shared_ptr<Host> host, umo::session session, const Settings &settings, bool is_live, double delay_seconds);
 
 private:
+    friend class Scene;
+
     void keep(const umo::frame &frame);
     void leave_mouth_to_jaw();
     umo_status note(umo_status status) noexcept;
