@@ -20,7 +20,8 @@ from umo_train.skeleton import JOINT, JOINTS, places
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 GAP_S, GAP_DEVIATION_S, GAPS_S = 0.2, 0.4, (-0.6, 1.2)
-LEAST_TURN_S, MOST_TURN_S = 1.2, 9.0
+LEAST_TURN_S, MOST_TURN_S, TURN_MEDIAN_S, TURN_DEVIATION = 1.2, 12.0, 4.0, 0.6
+BETWEEN_SENTENCES_S = 0.35
 MHM_S, MHM_AFTER_S, MHM_TURN_S = 0.35, 2.5, 4.0
 INTERRUPTS, OVERLAP_S = 6, 1.2
 # Places of the two: 1.2 m apart, face to face.
@@ -28,8 +29,8 @@ PLACES = ((-0.6, 0.0, 90.0), (0.6, 0.0, -90.0))
 # A look is at somebody if the eyes are within this angle of theirs.
 CONTACT_DEGREES = 6.0
 PAUSE_S, PHASE_S = 0.2, 1.2
-# A nod: the head goes down by this much and back, within 1 to 5 Hz.
-NOD_DEGREES, NOD_HZ, NOD_GAP_S = 1.2, (0.8, 5.0), 0.9
+# A nod: the head goes down and back by this much, faster than a standing body sways.
+NOD_DEGREES, NOD_HZ, NOD_GAP_S = 2.5, (1.2, 5.0), 0.9
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def sentences(folder: Path) -> list[np.ndarray]:
         mono *= 0.1 / max(float(np.sqrt(np.mean(mono**2))), 1e-6)
         loud = np.flatnonzero(np.abs(mono) > 0.02)
         if len(loud) and (loud[-1] - loud[0]) / SAMPLE_RATE >= LEAST_TURN_S:
-            out.append(mono[loud[0] : loud[-1]][: int(MOST_TURN_S * SAMPLE_RATE)])
+            out.append(mono[loud[0] : loud[-1]])
     return out
 
 
@@ -76,7 +77,7 @@ def lay_out(readers: Sequence[Sequence[np.ndarray]], seconds: float, seed: int) 
 
     at, who, number = 0.5, 0, 0
     while True:
-        samples = readers[who][int(draw.integers(len(readers[who])))]
+        samples = said(readers[who], draw)
         end = at + len(samples) / SAMPLE_RATE
         if end > seconds - 1:
             return Conversation((voices[0], voices[1]), tuple(turns))
@@ -91,6 +92,17 @@ def lay_out(readers: Sequence[Sequence[np.ndarray]], seconds: float, seed: int) 
         after = end - OVERLAP_S if is_cut else end + gap
         turns.append(Turn(who, at, min(end, after)))
         at, who, number = after, 1 - who, number + 1
+
+
+def said(reader: Sequence[np.ndarray], draw: np.random.Generator) -> np.ndarray:
+    """Sentences of a turn, whose length is drawn; the last one ends where it may."""
+    drawn = TURN_MEDIAN_S * np.exp(TURN_DEVIATION * draw.standard_normal())
+    length = float(np.clip(drawn, LEAST_TURN_S, MOST_TURN_S))
+    out = [reader[int(draw.integers(len(reader)))]]
+    while sum(map(len, out)) < length * SAMPLE_RATE:
+        out += [np.zeros(int(BETWEEN_SENTENCES_S * SAMPLE_RATE), np.float32)]
+        out += [reader[int(draw.integers(len(reader)))]]
+    return np.concatenate(out)[: int(MOST_TURN_S * SAMPLE_RATE)]
 
 
 @dataclass(frozen=True)
@@ -134,7 +146,7 @@ def seen(motions: Sequence[Posed]) -> list[Seen]:
 def nods(pitch: np.ndarray) -> np.ndarray:
     """Frames at the bottom of each nod."""
     swing = sosfiltfilt(butter(2, NOD_HZ, "bandpass", fs=FRAME_RATE, output="sos"), pitch)
-    return find_peaks(swing, prominence=2 * NOD_DEGREES, distance=int(NOD_GAP_S * FRAME_RATE))[0]
+    return find_peaks(swing, prominence=NOD_DEGREES, distance=int(NOD_GAP_S * FRAME_RATE))[0]
 
 
 def measure(conversation: Conversation, motions: Sequence[Posed]) -> dict[str, float]:
