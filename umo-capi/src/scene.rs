@@ -34,7 +34,8 @@ pub const UMO_ROLE_LISTENING: u32 = 1;
 pub const UMO_ROLE_SPEAKING: u32 = 2;
 
 /// Upper bound on the members of a scene.
-pub const UMO_SCENE_MEMBER_COUNT: usize = umo_core::MAX_MEMBERS;
+pub const UMO_SCENE_MEMBER_COUNT: usize = 32;
+const _: () = assert!(UMO_SCENE_MEMBER_COUNT == umo_core::MAX_MEMBERS);
 
 /// Maximum number of scenes at once.
 const MAX_SCENES: usize = 1024;

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use counting::{allocator_calls, check_counter};
 use umo_core::{
-    Allowed, Engine, EngineConfig, MAX_MEMBERS, Model, ModelFile, Place, Poll, Precision, Scene, Session, SessionConfig,
-    Target, Threads,
+    Allowed, Engine, EngineConfig, MAX_MEMBERS, Model, ModelFile, Place, Poll, Precision, Scene, Session,
+    SessionConfig, Target, Threads,
 };
 use umo_kernels::Isa;
 

@@ -352,7 +352,7 @@ impl<B: Body> Scene<B> {
         match target {
             Target::Point(point) if !is_point(point) => return Err(SceneError::Target),
             Target::Member(other) if other == id => return Err(SceneError::Target),
-            Target::Member(other) => drop(inner.slot(other)?),
+            Target::Member(other) => inner.slot(other).map(|_| ())?,
             Target::Point(_) | Target::Free => {}
         }
         inner.room.members[slot].target = target;
