@@ -89,7 +89,7 @@ fn costs(model: &Arc<Model>) {
     let scene = Scene::new(7).expect("memory");
     let ids = sessions.iter().enumerate().map(|(i, session)| scene.add(Some(session), place(i)).expect("a place"));
     assert_eq!(ids.count(), MAX_MEMBERS);
-    // The least of some rounds: what else the machine does is not the scene's.
+    // The least of some rounds: other work of the machine does not count.
     let rounds = (0..20).map(|_| {
         let start = Instant::now();
         (0..50).for_each(|_| scene.update(1.0 / 30.0).expect("nobody else calls"));

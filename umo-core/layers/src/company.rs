@@ -1,4 +1,4 @@
-//! What the others of a scene do to an avatar (SPEC 2.23): where they are, whether to look at them, when to answer; and the
+//! The others of a scene as one avatar meets them (SPEC 2.23): where they are, whether to look at them, when to answer; and the
 //! posture, smile and yielding that follow from it.
 
 use umo_core_base::state::{StateError, StatePass};
@@ -51,7 +51,7 @@ const SMILE: [(usize, f32); 4] = [
 ];
 const SMILES: Stream = Stream(600);
 
-/// What an avatar does in a conversation.
+/// Part of an avatar in a conversation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
     /// Nobody speaks.
@@ -71,7 +71,7 @@ impl Role {
 /// The others of a scene as one avatar meets them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Company {
-    /// What the avatar does; `None` if it is alone, and nothing below counts.
+    /// Part of the avatar; `None` if it is alone, and nothing below counts.
     pub role: Option<Role>,
     /// Whether the avatar looks at the place below, and away from it as said there.
     pub has_place: bool,
@@ -91,7 +91,7 @@ pub struct Company {
     pub lean: f32,
     /// See [`Self::lean`].
     pub weight: f32,
-    /// How far it yields to who interrupts it, 0 to 1: the mouth closes, hands drop, the trunk leans back.
+    /// Amount of yielding to another one that interrupts, 0 to 1: the mouth closes, hands drop, the trunk leans back.
     pub yielding: f32,
 }
 

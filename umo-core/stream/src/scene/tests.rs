@@ -71,7 +71,7 @@ fn talk(count: usize, minutes: usize, seed: u64) -> Talk {
     Talk { turns, aside }
 }
 
-/// What was seen of a talk.
+/// Figures of a talk.
 #[derive(Debug, Default)]
 struct Found {
     /// Share of contact with the speaker while listening, and with anybody while speaking.
@@ -277,7 +277,7 @@ fn a_posture_is_followed_late_and_a_third_as_far() {
                 && (aside + weight / 3.0).abs() < 1e-4
         })
     };
-    // Those of the speaker that follow the listener are not followed again.
+    // The speaker's steps that follow the listener are not followed again.
     let followed = speaker.iter().filter(|step| follows(step)).count();
     assert!((5..=20).contains(&followed), "{followed} of {}", speaker.len());
 }
