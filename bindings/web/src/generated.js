@@ -17,6 +17,8 @@ export const PARAMETER_WHOLE = 1;
 export const SELF_TEST_SIZE = 8192;
 /** Maximum length in bytes of an error's detail, including its terminating zero. */
 export const ERROR_SIZE = 512;
+/** Upper bound on the members of a scene. */
+export const SCENE_MEMBER_COUNT = 32;
 /** Result of a call: OK, or a negative error code. */
 export const STATUSES = Object.freeze({
   /** Success. */

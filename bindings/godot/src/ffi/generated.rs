@@ -201,6 +201,8 @@ pub(crate) const ROLE_IDLE: u32 = 0;
 pub(crate) const ROLE_LISTENING: u32 = 1;
 /// The member speaks.
 pub(crate) const ROLE_SPEAKING: u32 = 2;
+/// Upper bound on the members of a scene.
+pub(crate) const SCENE_MEMBER_COUNT: usize = 32;
 /// Binary glTF 2.0, `.glb`: a skinned figure, or the skeleton alone.
 pub(crate) const FORMAT_GLB: u32 = 1;
 /// VRM Animation 1.0, `.vrma`, for any VRM avatar.
@@ -648,7 +650,7 @@ pub(crate) struct Place {
     pub(crate) eye_height: f32,
 }
 
-/// What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest.
+/// State of a member of a scene. Set `struct_size`; `umo_scene_member` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Member {
@@ -666,7 +668,7 @@ pub(crate) struct Member {
     pub(crate) brows: u32,
     /// Half smiles so far.
     pub(crate) smiles: u32,
-    /// How far it yields to who interrupts it, 0 or 1.
+    /// Amount of yielding to another one that interrupts, 0 or 1.
     pub(crate) yielding: f32,
     /// Level of its voice, root mean square, full scale 1.
     pub(crate) level: f32,

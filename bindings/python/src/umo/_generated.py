@@ -25,6 +25,8 @@ PARAMETER_WHOLE = 1
 SELF_TEST_SIZE = 8192
 # Maximum length in bytes of an error's detail, including its terminating zero.
 ERROR_SIZE = 512
+# Upper bound on the members of a scene.
+SCENE_MEMBER_COUNT = 32
 
 
 class Status(enum.IntEnum):
@@ -703,7 +705,7 @@ class Place(Structure):
 
 
 class Member(Structure):
-    """What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest."""
+    """State of a member of a scene. Set `struct_size`; `umo_scene_member` writes the rest."""
 
     _fields_ = [
         # `sizeof(Member)`.
@@ -720,7 +722,7 @@ class Member(Structure):
         ("brows", c_uint32),
         # Half smiles so far.
         ("smiles", c_uint32),
-        # How far it yields to who interrupts it, 0 or 1.
+        # Amount of yielding to another one that interrupts, 0 or 1.
         ("yielding", c_float),
         # Level of its voice, root mean square, full scale 1.
         ("level", c_float),
