@@ -1,4 +1,4 @@
-//! A minute of a scene allocates nothing, and a member costs less than 10 µs per picture.
+//! Twenty seconds of a scene allocate nothing, and a member costs less than 10 µs per picture.
 
 mod counting;
 
@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use counting::{allocator_calls, check_counter};
 use umo_core::{
-    Allowed, Engine, EngineConfig, MAX_MEMBERS, Model, ModelFile, Place, Poll, Precision, Scene, Session, SessionConfig,
-    Target, Threads,
+    Allowed, Engine, EngineConfig, MAX_MEMBERS, Model, ModelFile, Place, Poll, Precision, Scene, Session,
+    SessionConfig, Target, Threads,
 };
 use umo_kernels::Isa;
 
@@ -43,7 +43,7 @@ fn talks(model: &Arc<Model>) {
     let mut state = vec![0; scene.state_size().expect("nobody else calls")];
     let mut nods = 0;
     let calls = allocator_calls(|| {
-        for picture in 0..1800 {
+        for picture in 0..600 {
             let turn = picture / 90 % 3;
             if turn < 2 {
                 sessions[turn].push_audio(&audio[..533]).expect("it runs");
@@ -76,8 +76,8 @@ fn talks(model: &Arc<Model>) {
         }
     });
     assert_eq!(calls, 0, "allocations");
-    assert!(nods > 2, "{nods}");
-    println!("no allocation in a minute of a scene");
+    assert!(nods > 0, "{nods}");
+    println!("no allocation in 20 seconds of a scene");
 }
 
 /// Time of an update of a full scene.
@@ -89,7 +89,7 @@ fn costs(model: &Arc<Model>) {
     let scene = Scene::new(7).expect("memory");
     let ids = sessions.iter().enumerate().map(|(i, session)| scene.add(Some(session), place(i)).expect("a place"));
     assert_eq!(ids.count(), MAX_MEMBERS);
-    // The least of some rounds: what else the machine does is not the scene's.
+    // The least of some rounds: other work of the machine does not count.
     let rounds = (0..20).map(|_| {
         let start = Instant::now();
         (0..50).for_each(|_| scene.update(1.0 / 30.0).expect("nobody else calls"));

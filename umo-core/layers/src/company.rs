@@ -1,4 +1,4 @@
-//! What the others of a scene do to an avatar (SPEC 2.23): where they are, whether to look at them, when to answer; and the
+//! The others of a scene as one avatar meets them (SPEC 2.23): where they are, whether to look at them, when to answer; and the
 //! posture, smile and yielding that follow from it.
 
 use umo_core_base::state::{StateError, StatePass};
@@ -51,7 +51,7 @@ const SMILE: [(usize, f32); 4] = [
 ];
 const SMILES: Stream = Stream(600);
 
-/// What an avatar does in a conversation.
+/// Part of an avatar in a conversation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
     /// Nobody speaks.
@@ -71,7 +71,7 @@ impl Role {
 /// The others of a scene as one avatar meets them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Company {
-    /// What the avatar does; `None` if it is alone, and nothing below counts.
+    /// Part of the avatar; `None` if it is alone, and nothing below counts.
     pub role: Option<Role>,
     /// Whether the avatar looks at the place below, and away from it as said there.
     pub has_place: bool,
@@ -91,7 +91,7 @@ pub struct Company {
     pub lean: f32,
     /// See [`Self::lean`].
     pub weight: f32,
-    /// How far it yields to who interrupts it, 0 to 1: the mouth closes, hands drop, the trunk leans back.
+    /// Amount of yielding to another one that interrupts, 0 to 1: the mouth closes, hands drop, the trunk leans back.
     pub yielding: f32,
 }
 
@@ -301,7 +301,8 @@ mod tests {
         let down = trial.ticks(45);
         trial.controls.company.yielding = 0.0;
         let back = trial.ticks(120);
-        let raised = |frame: &OwnedFrame| angle_between(trial.rig.rest.rotations[16], frame.pose.rotations[16]) / DEGREE;
+        let raised =
+            |frame: &OwnedFrame| angle_between(trial.rig.rest.rotations[16], frame.pose.rotations[16]) / DEGREE;
         let [first, low, last] = [&before, &down[44], &back[119]];
         assert!(raised(low) < 0.4 * raised(first) && raised(last) > 0.8 * raised(first), "{}", raised(low));
         assert!(shape(low, "jawOpen") < 0.2 && shape(last, "jawOpen") > 0.5);
@@ -323,7 +324,8 @@ mod tests {
         ticks(&mut trial, 5);
         trial.controls.company.smiles += 1;
         let (shown, usual) = ticks(&mut trial, 90);
-        let smiles = |shown: &[OwnedFrame]| shown.iter().map(|frame| shape(frame, "mouthSmileLeft")).fold(0.0, f32::max);
+        let smiles =
+            |shown: &[OwnedFrame]| shown.iter().map(|frame| shape(frame, "mouthSmileLeft")).fold(0.0, f32::max);
         assert!((0.12..0.35).contains(&(smiles(&shown) - smiles(&usual))));
         assert!(most_turned(&shown) < 1.5, "{}", most_turned(&shown));
         let aside = shown[89].pose.translation[0] - usual[89].pose.translation[0];
@@ -342,7 +344,8 @@ mod tests {
             trial.controls.company = company;
             trial.speak(300)
         };
-        let odd = Company { role: None, has_place: true, place: [1.0; 3], level: 0.5, nods: 4, lean: 1.0, ..Company::ALONE };
+        let odd =
+            Company { role: None, has_place: true, place: [1.0; 3], level: 0.5, nods: 4, lean: 1.0, ..Company::ALONE };
         let odd = Company { yielding: 1.0, weight: 1.0, smiles: 3, is_contact: true, ..odd };
         for (a, b) in run(Company::ALONE).iter().zip(&run(odd)) {
             assert!(a.pose.rotations == b.pose.rotations && a.pose.translation == b.pose.translation);

@@ -47,7 +47,7 @@ pub(super) struct Look {
     reaction: u32,
 }
 
-/// What one member meets at a tick.
+/// Surroundings of one member at a tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     pub(super) slot: usize,
