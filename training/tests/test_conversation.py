@@ -47,8 +47,8 @@ def test_looks_and_nods_are_found():
     found = conversation.measure(speaks, [motion(0 * nodding + 20, 0 * nodding), motion(0 * nodding, nodding)])
     assert found["looks at the speaker while listening"] > 0.75
     assert found["looks at the listener while speaking"] == 0 and found["mutual gaze"] == 0
-    assert 8 < found["nods a minute of listening"] < 12
-    assert found["nods within 1.2 s of a phrase's end"] == 1 and found["by chance"] < 0.4
+    assert 8 < found["dips of the head by 2.5°, a minute of listening"] < 12
+    assert found["of them within 1.2 s of a phrase's end"] == 1 and found["by chance"] < 0.4
 
 
 def test_a_look_that_comes_late_is_timed():

@@ -29,7 +29,7 @@ PLACES = ((-0.6, 0.0, 90.0), (0.6, 0.0, -90.0))
 # A look is at somebody if the eyes are within this angle of theirs.
 CONTACT_DEGREES = 6.0
 PAUSE_S, PHASE_S = 0.2, 1.2
-# A nod: the head goes down and back by this much, faster than a standing body sways.
+# A dip: the head goes down and back by this much, faster than a standing body sways for the most part.
 NOD_DEGREES, NOD_HZ, NOD_GAP_S = 2.5, (1.2, 5.0), 0.9
 
 
@@ -178,8 +178,8 @@ def measure(conversation: Conversation, motions: Sequence[Posed]) -> dict[str, f
         "looks at the listener while speaking": float(np.mean(np.concatenate(speaking))),
         "mutual gaze": float(mutual.mean()),
         "first look at a new speaker, s, median": float(np.median(first)) if first else float("nan"),
-        "nods a minute of listening": float(60 * FRAME_RATE * found / listened),
-        "nods within 1.2 s of a phrase's end": float(near / max(found, 1)),
+        "dips of the head by 2.5°, a minute of listening": float(60 * FRAME_RATE * found / listened),
+        "of them within 1.2 s of a phrase's end": float(near / max(found, 1)),
         "by chance": float(ends / listened),
         "eyes, degrees a frame, 99.9 %": float(np.percentile([one.turned[:frames] for one in both], 99.9)),
     }

@@ -24,7 +24,9 @@ const BEGINS_AWAY: f32 = 0.7;
 const BEGIN_AWAY: [f32; 2] = [0.5, 1.5];
 /// Share of phrases that end with a look at a listener, and its seconds.
 const ENDS_THERE: f32 = 0.85;
-const END_THERE: [f32; 2] = [0.6, 1.4];
+const END_THERE: [f32; 2] = [0.5, 1.1];
+/// Least rest of a look that is there already, seconds.
+const END_RESTS: f32 = 0.3;
 
 /// Seconds of looks at each other and away while nobody speaks.
 const IDLE_THERE: [f32; 2] = [0.8, 2.5];
@@ -101,7 +103,9 @@ impl Look {
             if seen.begins && draws.next() < BEGINS_AWAY {
                 return self.look_away(BEGIN_AWAY, draws);
             }
-            if seen.ends && draws.next() < ENDS_THERE {
+            if seen.ends && self.is_contact {
+                self.left = self.left.max(long_ticks(END_RESTS));
+            } else if seen.ends && draws.next() < ENDS_THERE {
                 return self.look(self.at.or_else(|| draws.one_of(seen.others)), END_THERE, draws);
             }
         }
