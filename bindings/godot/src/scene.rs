@@ -12,9 +12,8 @@ use crate::umo::{Scene, Standing, Target};
 /// Height of a person's eyes, and of an avatar's without a skeleton.
 const EYE_HEIGHT: f32 = 1.6;
 const ALL_PARTS: u32 = 31;
-const _: () = assert!(
-    ffi::SCENE_LOOK | ffi::SCENE_NOD | ffi::SCENE_SMILE | ffi::SCENE_MIRROR | ffi::SCENE_YIELD == ALL_PARTS
-);
+const _: () =
+    assert!(ffi::SCENE_LOOK | ffi::SCENE_NOD | ffi::SCENE_SMILE | ffi::SCENE_MIRROR | ffi::SCENE_YIELD == ALL_PARTS);
 
 /// A member that the node knows of.
 struct Known {
