@@ -741,7 +741,7 @@ typedef struct umo_place {
     float eye_height;
 } umo_place;
 
-// What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest.
+// State of a member of a scene. Set `struct_size`; `umo_scene_member` writes the rest.
 typedef struct umo_member {
     // `sizeof(umo_member)`.
     uint32_t struct_size;
@@ -757,7 +757,7 @@ typedef struct umo_member {
     uint32_t brows;
     // Half smiles so far.
     uint32_t smiles;
-    // How far it yields to who interrupts it, 0 or 1.
+    // Amount of yielding to another one that interrupts, 0 or 1.
     float yielding;
     // Level of its voice, root mean square, full scale 1.
     float level;
@@ -2000,7 +2000,7 @@ umo_status umo_scene_set_place(struct umo_scene *scene,
                                const struct umo_place *place)
 UMO_NOEXCEPT;
 
-// Sets what a member looks at, whatever is said: another member, `other`, or a point of the scene in `axes`
+// Sets the target of a member's look, whatever is said: another member, `other`, or a point of the scene in `axes`
 // (`UMO_AXES_…`), three values. With an `other` of 0 and NULL the scene chooses again.
 //
 // Threads: one at a time. Never allocates, never waits.
@@ -2018,7 +2018,7 @@ umo_status umo_scene_set_target(struct umo_scene *scene,
                                 const float *point)
 UMO_NOEXCEPT;
 
-// Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. What it does not play is
+// Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. Other parts are
 // the session's own, or the host's.
 //
 // Threads: one at a time. Never allocates, never waits.
@@ -2069,7 +2069,7 @@ UMO_NOEXCEPT;
 // `member` is NULL or writable.
 UMO_API UMO_MUST_USE umo_status umo_scene_floor(struct umo_scene *scene, uint32_t *member) UMO_NOEXCEPT;
 
-// Gets what a member does now.
+// Gets the state of a member.
 //
 // Threads: one at a time. Never allocates, never waits.
 // Errors: as `umo_scene_remove`, and `STRUCT_SIZE`.

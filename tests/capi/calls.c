@@ -77,7 +77,7 @@ static void models_say_what_they_have(void) {
         umo_parameter_info info = {.struct_size = sizeof info};
         umo_status status = umo_parameter_get_info(i, &info);
         if (status == UMO_STATUS_INVALID_ARGUMENT) {
-            CHECK(i == 17);
+            CHECK(i == 18);
             break;
         }
         CHECK(status == UMO_STATUS_OK && info.minimum == 0 && info.maximum > 0 && strlen(info.name) > 0);
@@ -620,6 +620,113 @@ static void a_full_engine_says_so(void) {
     OK(umo_session_free(avatars[1]));
 }
 
+/* Two avatars and a person in one room; one avatar is freed while it is there. */
+static void scenes_know_their_members(void) {
+    static float samples[CHUNK];
+    static char frames[1 << 20], state[1 << 22];
+    umo_session *avatars[2] = {NULL, NULL};
+    umo_scene *scene = NULL, *none = NULL;
+    umo_place place;
+    umo_frame_layout layout;
+    umo_member info = {.struct_size = sizeof info};
+    uint32_t ids[3] = {0, 0, 0}, id = 0, speaker = 9;
+    size_t size = 0, written = 0, count = 0;
+    FAILS(NULL_POINTER, umo_scene_new(1, NULL));
+    FAILS(NULL_POINTER, umo_scene_update(NULL, 0.1));
+    FAILS(INVALID_HANDLE, umo_scene_update((umo_scene *)(uintptr_t)made_up(0x50), 0.1));
+    OK(umo_scene_new(1, &scene));
+    OK(umo_frame_layout_init(&layout, sizeof layout, model));
+    FAILS(STRUCT_SIZE, umo_place_init(&place, sizeof place - 1));
+    OK(umo_place_init(&place, sizeof place));
+    CHECK(place.axes == UMO_AXES_GLTF && place.position[2] == 0 && place.facing == 0 && place.eye_height > 1.5f);
+    for (int i = 0; i < 2; i++) {
+        OK(umo_session_new(engine, NULL, &avatars[i]));
+        place.position[0] = i == 0 ? 0.7f : -0.7f;
+        OK(umo_scene_add(scene, avatars[i], &place, &ids[i]));
+    }
+    /* In Unreal's axes and units: 1.5 m ahead of the origin, turned round. */
+    umo_place person = {.struct_size = sizeof person, .axes = UMO_AXES_UNREAL, .position = {150, 0, 0}};
+    person.facing = 3.14159f;
+    person.eye_height = 170;
+    OK(umo_scene_add(scene, NULL, &person, &ids[2]));
+    CHECK(ids[0] == 1 && ids[1] == 2 && ids[2] == 3);
+    FAILS(NULL_POINTER, umo_scene_add(scene, NULL, &place, NULL));
+    FAILS(INVALID_HANDLE, umo_scene_add(scene, (umo_session *)(void *)scene, &place, &id));
+    place.axes = 3;
+    FAILS(INVALID_ARGUMENT, umo_scene_add(scene, NULL, &place, &id));
+    place.axes = UMO_AXES_GLTF;
+    place.eye_height = (float)NAN;
+    FAILS(INVALID_ARGUMENT, umo_scene_set_place(scene, ids[0], &place));
+    FAILS(NULL_POINTER, umo_scene_set_place(scene, ids[0], NULL));
+    FAILS(INVALID_ARGUMENT, umo_scene_set_place(scene, 99, &person));
+    FAILS(INVALID_ARGUMENT, umo_scene_set_allowed(scene, ids[0], 32));
+    OK(umo_scene_set_allowed(scene, ids[0], UMO_SCENE_LOOK | UMO_SCENE_YIELD));
+    FAILS(INVALID_ARGUMENT, umo_scene_update(scene, -1));
+    char detail[UMO_ERROR_SIZE];
+    OK(umo_scene_last_error(scene, detail, sizeof detail, NULL));
+    CHECK(strstr(detail, "seconds"));
+
+    /* The person speaks; the first avatar listens. */
+    speak(samples, CHUNK, 0);
+    FAILS(INVALID_ARGUMENT, umo_scene_push_audio(scene, ids[0], samples, 533)); /* has a body */
+    FAILS(NULL_POINTER, umo_scene_push_audio(scene, ids[2], NULL, 533));
+    OK(umo_session_push_audio(avatars[0], samples, CHUNK, NULL));
+    compute(engine);
+    int contact = 0;
+    for (int picture = 0; picture < 45; picture++) {
+        OK(umo_scene_push_audio(scene, ids[2], samples + 300 * picture, 533));
+        OK(umo_scene_update(scene, 1.0 / 60));
+        OK(umo_scene_update(scene, 1.0 / 60));
+        OK(umo_scene_member(scene, ids[0], &info));
+        contact += info.is_contact == 1 && info.attends_to == ids[2];
+    }
+    CHECK(contact > 15);
+    OK(umo_scene_floor(scene, &speaker));
+    OK(umo_scene_member(scene, ids[0], &info));
+    CHECK(speaker == ids[2] && info.role == UMO_ROLE_LISTENING);
+    OK(umo_scene_member(scene, ids[2], &info));
+    CHECK(info.role == UMO_ROLE_SPEAKING && info.level > 0.05f && info.attends_to == 0);
+    OK(umo_session_pull_frames(avatars[0], &layout, frames, layout.frame_stride, &count));
+    CHECK(count == 1);
+
+    /* Targets: a member, a point, and not both. */
+    const float point[3] = {1, 2, 3};
+    OK(umo_scene_set_target(scene, ids[0], ids[1], 0, NULL));
+    OK(umo_scene_member(scene, ids[0], &info));
+    CHECK(info.attends_to == ids[1] && info.is_contact == 1);
+    OK(umo_scene_set_target(scene, ids[0], 0, UMO_AXES_UNITY, point));
+    OK(umo_scene_set_target(scene, ids[0], 0, 77, NULL));
+    FAILS(INVALID_ARGUMENT, umo_scene_set_target(scene, ids[0], 0, 77, point));
+    FAILS(INVALID_ARGUMENT, umo_scene_set_target(scene, ids[0], ids[1], UMO_AXES_GLTF, point));
+    FAILS(INVALID_ARGUMENT, umo_scene_set_target(scene, ids[0], ids[0], UMO_AXES_GLTF, NULL));
+
+    /* Saved and restored as a whole. */
+    OK(umo_scene_state_size(scene, &size));
+    CHECK(size > 1000 && size <= sizeof state);
+    FAILS(BUFFER_TOO_SMALL, umo_scene_save(scene, state, size - 1, &written));
+    OK(umo_scene_save(scene, state, size, &written));
+    OK(umo_scene_restore(scene, state, written));
+    FAILS(STATE, umo_scene_restore(scene, state, written - 1));
+    FAILS(STATE, umo_session_restore(avatars[0], state, written));
+    state[written / 2] ^= 1;
+    FAILS(STATE, umo_scene_restore(scene, state, written));
+
+    /* A session that is freed leaves. */
+    OK(umo_session_free(avatars[0]));
+    OK(umo_scene_update(scene, 1.0 / 30));
+    FAILS(INVALID_ARGUMENT, umo_scene_member(scene, ids[0], &info));
+    OK(umo_scene_remove(scene, ids[1]));
+    FAILS(INVALID_ARGUMENT, umo_scene_remove(scene, ids[1]));
+    OK(umo_scene_add(scene, avatars[1], NULL, &id));
+    CHECK(id == 4);
+    for (int i = 0; i < UMO_SCENE_MEMBER_COUNT - 2; i++) OK(umo_scene_add(scene, NULL, NULL, &id));
+    FAILS(FULL, umo_scene_add(scene, NULL, NULL, &id));
+    OK(umo_scene_free(scene));
+    FAILS(INVALID_HANDLE, umo_scene_free(scene));
+    OK(umo_scene_free(none));
+    OK(umo_session_free(avatars[1]));
+}
+
 int main(int argc, char **argv) {
     CHECK(argc == 3);
     CHECK(strlen(umo_status_message(UMO_STATUS_BUSY)) > 0 && strlen(umo_status_message(12345)) > 0);
@@ -637,6 +744,7 @@ int main(int argc, char **argv) {
     gestures_refuse();
     gestures_come_out_of_files(argv[2]);
     a_full_engine_says_so();
+    scenes_know_their_members();
     OK(umo_engine_free(engine));
     OK(umo_model_free(model));
     FAILS(INVALID_HANDLE, umo_model_get_text(model, UMO_MODEL_NAME, &(const char *){NULL}));

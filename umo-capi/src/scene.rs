@@ -68,7 +68,7 @@ unsafe impl Sized32 for UmoPlace {
     const FIRST: usize = 28;
 }
 
-/// What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest.
+/// State of a member of a scene. Set `struct_size`; `umo_scene_member` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoMember {
@@ -86,7 +86,7 @@ pub struct UmoMember {
     pub brows: u32,
     /// Half smiles so far.
     pub smiles: u32,
-    /// How far it yields to who interrupts it, 0 or 1.
+    /// Amount of yielding to another one that interrupts, 0 or 1.
     pub yielding: f32,
     /// Level of its voice, root mean square, full scale 1.
     pub level: f32,
@@ -292,7 +292,7 @@ pub unsafe extern "C" fn umo_scene_set_place(scene: *mut UmoScene, member: u32, 
     })
 }
 
-/// Sets what a member looks at, whatever is said: another member, `other`, or a point of the scene in `axes`
+/// Sets the target of a member's look, whatever is said: another member, `other`, or a point of the scene in `axes`
 /// (`UMO_AXES_…`), three values. With an `other` of 0 and NULL the scene chooses again.
 ///
 /// Threads: one at a time. Never allocates, never waits.
@@ -326,7 +326,7 @@ pub unsafe extern "C" fn umo_scene_set_target(
     })
 }
 
-/// Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. What it does not play is
+/// Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. Other parts are
 /// the session's own, or the host's.
 ///
 /// Threads: one at a time. Never allocates, never waits.
@@ -395,7 +395,7 @@ pub unsafe extern "C" fn umo_scene_floor(scene: *mut UmoScene, member: *mut u32)
     })
 }
 
-/// Gets what a member does now.
+/// Gets the state of a member.
 ///
 /// Threads: one at a time. Never allocates, never waits.
 /// Errors: as `umo_scene_remove`, and `STRUCT_SIZE`.

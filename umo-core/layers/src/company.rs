@@ -1,4 +1,4 @@
-//! What the others of a scene do to an avatar (SPEC 2.23): where they are, whether to look at them, when to answer; and the
+//! The others of a scene as one avatar meets them (SPEC 2.23): where they are, whether to look at them, when to answer; and the
 //! posture, smile and yielding that follow from it.
 
 use umo_core_base::state::{StateError, StatePass};
@@ -51,7 +51,7 @@ const SMILE: [(usize, f32); 4] = [
 ];
 const SMILES: Stream = Stream(600);
 
-/// What an avatar does in a conversation.
+/// Part of an avatar in a conversation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
     /// Nobody speaks.
@@ -71,7 +71,7 @@ impl Role {
 /// The others of a scene as one avatar meets them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Company {
-    /// What the avatar does; `None` if it is alone, and nothing below counts.
+    /// Part of the avatar; `None` if it is alone, and nothing below counts.
     pub role: Option<Role>,
     /// Whether the avatar looks at the place below, and away from it as said there.
     pub has_place: bool,
@@ -91,7 +91,7 @@ pub struct Company {
     pub lean: f32,
     /// See [`Self::lean`].
     pub weight: f32,
-    /// How far it yields to who interrupts it, 0 to 1: the mouth closes, hands drop, the trunk leans back.
+    /// Amount of yielding to another one that interrupts, 0 to 1: the mouth closes, hands drop, the trunk leans back.
     pub yielding: f32,
 }
 
@@ -268,5 +268,114 @@ fn follow(spring: &mut Spring, goal: f32, rate: f32, seconds: f32) {
         *spring = Spring::default();
     } else {
         spring.follow(goal, rate, seconds);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Layer;
+    use super::super::rig::angle_between;
+    use super::super::trial::{Trial, assert_sound, shape, turned};
+    use super::*;
+
+    /// Largest turn of a joint from one frame to the next, degrees.
+    fn most_turned(shown: &[OwnedFrame]) -> f32 {
+        let pairs = shown.windows(2).flat_map(|pair| pair[0].pose.rotations.iter().zip(&pair[1].pose.rotations));
+        pairs.map(|(&a, &b)| angle_between(a, b)).fold(0.0, f32::max) / DEGREE
+    }
+
+    /// A figure that gestures with an open mouth.
+    fn trial() -> Trial {
+        let mut trial = Trial::new(&[Layer::Mood, Layer::Idle], 3);
+        trial.frame.pose.rotations[16] = toward(trial.frame.pose.rotations[17], trial.frame.pose.rotations[16], 0.3);
+        trial.frame.face[arkit("jawOpen")] = 0.6;
+        trial
+    }
+
+    #[test]
+    fn who_yields_closes_the_mouth_and_drops_the_hands_and_comes_back() {
+        let mut trial = trial();
+        trial.controls.company.role = Some(Role::Speaking);
+        let before = trial.ticks(30).pop().unwrap();
+        trial.controls.company.yielding = 1.0;
+        let down = trial.ticks(45);
+        trial.controls.company.yielding = 0.0;
+        let back = trial.ticks(120);
+        let raised =
+            |frame: &OwnedFrame| angle_between(trial.rig.rest.rotations[16], frame.pose.rotations[16]) / DEGREE;
+        let [first, low, last] = [&before, &down[44], &back[119]];
+        assert!(raised(low) < 0.4 * raised(first) && raised(last) > 0.8 * raised(first), "{}", raised(low));
+        assert!(shape(low, "jawOpen") < 0.2 && shape(last, "jawOpen") > 0.5);
+        let pitch = |frame: &OwnedFrame| turned(&trial, frame, SPINE[2])[1];
+        assert!(pitch(low) < pitch(first) - 2.0, "leans back: {} {}", pitch(low), pitch(first));
+        assert!(most_turned(&down) < 9.0 && most_turned(&back) < 6.0, "{} {}", most_turned(&down), most_turned(&back));
+    }
+
+    #[test]
+    fn posture_and_smiles_come_softly_and_leave_no_trace() {
+        let (mut trial, mut alone) = (trial(), trial());
+        let mut ticks = |trial: &mut Trial, count: usize| {
+            let shown = trial.ticks(count);
+            shown.iter().for_each(assert_sound);
+            (shown, alone.ticks(count))
+        };
+        let company = Company { role: Some(Role::Listening), lean: 1.0, weight: -1.0, ..Company::ALONE };
+        trial.controls.company = company;
+        ticks(&mut trial, 5);
+        trial.controls.company.smiles += 1;
+        let (shown, usual) = ticks(&mut trial, 90);
+        let smiles =
+            |shown: &[OwnedFrame]| shown.iter().map(|frame| shape(frame, "mouthSmileLeft")).fold(0.0, f32::max);
+        assert!((0.12..0.35).contains(&(smiles(&shown) - smiles(&usual))));
+        assert!(most_turned(&shown) < 1.5, "{}", most_turned(&shown));
+        let aside = shown[89].pose.translation[0] - usual[89].pose.translation[0];
+        assert!((aside + WEIGHT_DISTANCE).abs() < 0.003, "{aside}");
+        trial.controls.company = Company::ALONE;
+        ticks(&mut trial, 300);
+        let (shown, usual) = ticks(&mut trial, 2);
+        assert!(shown[1].pose.rotations == usual[1].pose.rotations && shown[1].face[..] == usual[1].face[..]);
+        assert_eq!(shown[1].pose.translation, usual[1].pose.translation);
+    }
+
+    #[test]
+    fn an_avatar_that_is_alone_keeps_every_bit() {
+        let run = |company: Company| {
+            let mut trial = Trial::new(&Layer::ALL, 5);
+            trial.controls.company = company;
+            trial.speak(300)
+        };
+        let odd =
+            Company { role: None, has_place: true, place: [1.0; 3], level: 0.5, nods: 4, lean: 1.0, ..Company::ALONE };
+        let odd = Company { yielding: 1.0, weight: 1.0, smiles: 3, is_contact: true, ..odd };
+        for (a, b) in run(Company::ALONE).iter().zip(&run(odd)) {
+            assert!(a.pose.rotations == b.pose.rotations && a.pose.translation == b.pose.translation);
+            assert_eq!(a.face[..], b.face[..]);
+        }
+    }
+
+    #[test]
+    fn company_is_part_of_a_state() {
+        let run = |trial: &mut Trial, ticks: std::ops::Range<u32>| -> Vec<OwnedFrame> {
+            let each = ticks.map(|tick| {
+                let role = Some(Role::ALL[tick as usize / 70 % 3]);
+                let place = [[0.8, 0.0, 1.0], [-0.8, 0.1, 1.2]][tick as usize / 50 % 2];
+                let (nods, smiles, lean) = (tick / 40, tick / 90, (tick as f32 * 0.01).sin());
+                let (yielding, is_contact) = (f32::from(u8::from(tick / 60 % 4 == 1)), tick / 35 % 2 == 0);
+                let seen = Company { role, has_place: true, place, is_contact, ..Company::ALONE };
+                trial.controls.company = Company { nods, smiles, lean, weight: -lean, yielding, ..seen };
+                trial.tick()
+            });
+            each.collect()
+        };
+        let mut trial = Trial::new(&Layer::ALL, 5);
+        run(&mut trial, 0..333);
+        let state = trial.save();
+        let wanted = run(&mut trial, 333..600);
+        let mut other = Trial::new(&Layer::ALL, 5);
+        run(&mut other, 100..250);
+        other.load(&state);
+        for (a, b) in wanted.iter().zip(&run(&mut other, 333..600)) {
+            assert!(a.pose.rotations == b.pose.rotations && a.face[..] == b.face[..]);
+        }
     }
 }

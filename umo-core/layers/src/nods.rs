@@ -291,7 +291,7 @@ fn bump(t: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::super::trial::{Trial, assert_sound, deviation, shape, speech, turned, yawed};
-    use super::super::{Attention, Layer};
+    use super::super::{Attention, Company, Layer, Role};
     use super::*;
 
     #[test]
@@ -374,5 +374,35 @@ mod tests {
         let heard = count(&mut trial, Attention::Listening);
         assert!((5..=14).contains(&heard), "{heard}");
         assert_eq!(count(&mut trial, Attention::Idle), 0);
+    }
+
+    #[test]
+    fn in_company_a_listener_nods_when_asked_and_not_by_itself() {
+        let mut trial = Trial::new(&[Layer::Nods], 2);
+        trial.controls.company = Company { role: Some(Role::Listening), nods: 7, brows: 3, ..Company::ALONE };
+        let mut begun = Vec::new();
+        for tick in 0..1800 {
+            trial.other = speech(tick);
+            let before = trial.stack.nods.next;
+            trial.controls.company.nods += u32::from(tick % 300 == 200);
+            trial.controls.company.brows += u32::from(tick % 300 == 250);
+            trial.tick();
+            if before != trial.stack.nods.next {
+                begun.push(tick);
+            }
+        }
+        let wanted: Vec<usize> = (0..6).flat_map(|i| [300 * i + 200, 300 * i + 250]).collect();
+        assert_eq!(begun, wanted);
+        // A speaker does not answer, nor one that the host makes think.
+        trial.other = 0.0;
+        for (role, attention) in [(Role::Speaking, Attention::Auto), (Role::Listening, Attention::Thinking)] {
+            trial.controls.company.role = Some(role);
+            trial.controls.attention = attention;
+            trial.ticks(60);
+            let before = trial.stack.nods.next;
+            trial.controls.company.nods += 1;
+            trial.ticks(10);
+            assert_eq!(trial.stack.nods.next, before, "{role:?}");
+        }
     }
 }

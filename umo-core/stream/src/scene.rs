@@ -21,6 +21,8 @@ mod looks;
 mod posture;
 mod room;
 mod state;
+#[cfg(test)]
+mod tests;
 mod voice;
 
 use std::fmt;
@@ -93,10 +95,10 @@ impl Place {
     }
 }
 
-/// What a member looks at.
+/// Target of a member's look.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Target {
-    /// What the scene chooses.
+    /// Chosen by the scene.
     #[default]
     Free,
     /// Another member's eyes, whatever is said.
@@ -258,7 +260,7 @@ struct Inner<B> {
 #[derive(Debug)]
 struct Joined<B> {
     body: B,
-    /// What the session was told last.
+    /// The company that the session was told last.
     told: Option<Company>,
 }
 
@@ -340,7 +342,7 @@ impl<B: Body> Scene<B> {
         Ok(())
     }
 
-    /// Sets what a member looks at, until it is [`Target::Free`] again, or the target leaves.
+    /// Sets the target of a member's look, until it is [`Target::Free`] again, or the target leaves.
     ///
     /// # Errors
     /// [`SceneError::NoMember`], `Target` for a point out of range or the member itself, `Busy`.
@@ -350,7 +352,7 @@ impl<B: Body> Scene<B> {
         match target {
             Target::Point(point) if !is_point(point) => return Err(SceneError::Target),
             Target::Member(other) if other == id => return Err(SceneError::Target),
-            Target::Member(other) => drop(inner.slot(other)?),
+            Target::Member(other) => inner.slot(other).map(|_| ())?,
             Target::Point(_) | Target::Free => {}
         }
         inner.room.members[slot].target = target;
@@ -447,7 +449,7 @@ impl<B: Body> Scene<B> {
         Ok(inner.room.floor.holder.map(|slot| inner.room.members[slot].id))
     }
 
-    /// What a member does now.
+    /// State of a member now.
     ///
     /// # Errors
     /// [`SceneError::NoMember`], `Busy`.

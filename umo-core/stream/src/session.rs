@@ -14,7 +14,7 @@
 //! | `input`, `other`, `output`, `schedule` | the sides of the host's audio thread, of its game thread, and of the engine |
 //! | `shared`, `backlog`, `outcome` | the state they share; their protocol is in `stream`, and the stages of `output` are in `playback` |
 //! | `slots` | where the engine finds its sessions |
-//! | `company` | what a scene reads of a session and tells it |
+//! | `company` | calls of a scene |
 //! | `packets`, `receiver` | chunks as packets, and sessions whose frames come from packets |
 //! | `state` | saving and restoring |
 //! | `config`, `error`, `delay` | settings, errors, the compute-time histogram |

@@ -650,7 +650,7 @@ pub(crate) struct Place {
     pub(crate) eye_height: f32,
 }
 
-/// What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest.
+/// State of a member of a scene. Set `struct_size`; `umo_scene_member` writes the rest.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Member {
@@ -668,7 +668,7 @@ pub(crate) struct Member {
     pub(crate) brows: u32,
     /// Half smiles so far.
     pub(crate) smiles: u32,
-    /// How far it yields to who interrupts it, 0 or 1.
+    /// Amount of yielding to another one that interrupts, 0 or 1.
     pub(crate) yielding: f32,
     /// Level of its voice, root mean square, full scale 1.
     pub(crate) level: f32,

@@ -712,7 +712,7 @@ class Place(Structure):
 
 
 class Member(Structure):
-    """What a member of a scene does now. Set `struct_size`; `umo_scene_member` writes the rest."""
+    """State of a member of a scene. Set `struct_size`; `umo_scene_member` writes the rest."""
 
     _fields_ = [
         # `sizeof(Member)`.
@@ -729,7 +729,7 @@ class Member(Structure):
         ("brows", c_uint32),
         # Half smiles so far.
         ("smiles", c_uint32),
-        # How far it yields to who interrupts it, 0 or 1.
+        # Amount of yielding to another one that interrupts, 0 or 1.
         ("yielding", c_float),
         # Level of its voice, root mean square, full scale 1.
         ("level", c_float),

@@ -844,7 +844,7 @@ namespace Umo
         public float EyeHeight;
     }
 
-    /// <summary>What a member of a scene does now. Set StructSize; umo_scene_member writes the rest.</summary>
+    /// <summary>State of a member of a scene. Set StructSize; umo_scene_member writes the rest.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public partial struct Member
     {
@@ -862,7 +862,7 @@ namespace Umo
         public uint Brows;
         /// <summary>Half smiles so far.</summary>
         public uint Smiles;
-        /// <summary>How far it yields to who interrupts it, 0 or 1.</summary>
+        /// <summary>Amount of yielding to another one that interrupts, 0 or 1.</summary>
         public float Yielding;
         /// <summary>Level of its voice, root mean square, full scale 1.</summary>
         public float Level;

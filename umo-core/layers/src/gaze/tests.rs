@@ -3,7 +3,7 @@
 use umo_core_pose::skeleton::JOINTS;
 
 use super::super::trial::{SECONDS, Trial, assert_sound, degrees, shape, turned, yawed};
-use super::super::{Attention, Layer};
+use super::super::{Attention, Company, Layer, Role};
 use super::*;
 
 /// Ticks at which the left lid closes beyond `least`.
@@ -253,4 +253,58 @@ fn the_models_own_blinks_go_with_the_gain() {
     trial.controls.layers = trial.controls.layers.with(Layer::Gaze, 0.25);
     trial.ticks(12);
     assert!(trial.ticks(300).iter().all(|frame| shape(frame, "eyeBlinkLeft") >= 0.75 - 1e-3));
+}
+
+/// Degrees from each eye's direction to a place, the larger one.
+fn off(trial: &Trial, frame: &OwnedFrame, place: [f32; 3]) -> f32 {
+    let ((places, _), looks) = (trial.rig.world(&frame.pose), trial.looks(frame));
+    let away = |eye: usize| degrees(looks[eye], add(place, places[EYES[eye]].map(|v| -v)));
+    away(0).max(away(1))
+}
+
+#[test]
+fn the_others_of_a_scene_are_looked_at_and_past_without_a_jump() {
+    let mut trial = Trial::new(&[Layer::Gaze], 6);
+    trial.ticks(60);
+    let eyes = trial.rig.eye_height;
+    let mut before: Option<OwnedFrame> = None;
+    let places = [[0.9, 0.0, 1.2], [-1.4, 0.1, 0.8], [0.2, -0.2, 1.5], [1.5, 0.0, -0.1], [-0.1, 0.0, 2.0]];
+    for (turn, place) in places.into_iter().cycle().take(20).enumerate() {
+        trial.controls.company = Company { role: Some(Role::ALL[turn % 3]), has_place: true, place, ..Company::ALONE };
+        for is_contact in [true, false] {
+            trial.controls.company.is_contact = is_contact;
+            let shown = trial.ticks(90);
+            shown.iter().for_each(assert_sound);
+            let there = [place[0], eyes + place[1], place[2]];
+            let on = shown[30..].iter().filter(|frame| off(&trial, frame, there) < 4.5).count();
+            assert!(if is_contact { on > 55 } else { on < 12 }, "{place:?} {is_contact}: {on} of 60");
+            let first = before.as_ref().unwrap_or(&shown[0]);
+            let mut last = first;
+            for frame in &shown {
+                for joint in [HEAD, SPINE[2]] {
+                    let speed = (turned(&trial, frame, joint)[0] - turned(&trial, last, joint)[0]).abs();
+                    assert!(speed < 12.0, "{place:?}: {speed} degrees in a tick");
+                }
+                last = frame;
+            }
+            if is_contact && turn > 0 {
+                // The eyes lead, the head follows.
+                let yaw = |frame: &OwnedFrame| turned(&trial, frame, HEAD)[0];
+                let whole = yaw(&shown[89]) - yaw(first);
+                assert!((yaw(&shown[2]) - yaw(first)).abs() < 0.5 * whole.abs() + 3.0, "{place:?}");
+            }
+            before = Some(shown[89].clone());
+        }
+    }
+    // Nobody is looked at behind the back, and a place that is none changes nothing.
+    trial.controls.company.place = [0.1, 0.0, -1.5];
+    let behind = trial.ticks(120).pop().unwrap();
+    assert!(turned(&trial, &behind, HEAD)[0].abs() < 25.0);
+    trial.controls.company.place = [f32::NAN; 3];
+    trial.ticks(30).iter().for_each(assert_sound);
+    // The host's target comes first.
+    trial.controls.company.place = [-1.0, 0.0, 1.0];
+    (trial.controls.look_at, trial.controls.look_at_strength) = ([0.8, eyes, 1.0], 1.0);
+    let host = trial.ticks(90).pop().unwrap();
+    assert!(off(&trial, &host, [0.8, eyes, 1.0]) < 2.0);
 }

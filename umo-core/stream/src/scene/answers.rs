@@ -1,4 +1,4 @@
-//! How listeners answer without words: nods, raised brows, half smiles.
+//! Answers of listeners without words: nods, raised brows, half smiles.
 
 use umo_core_base::state::{StateError, StatePass};
 

@@ -9,7 +9,7 @@ pub(super) struct Draws {
     words: [u32; 4],
 }
 
-/// What choices are for: draws of different purposes are independent.
+/// Purpose of a choice: draws of different purposes are independent.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Purpose {
     Looks = 1,

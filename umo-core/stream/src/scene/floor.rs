@@ -22,7 +22,7 @@ const OWN_HOLD: u32 = ticks(0.6);
 #[derive(Debug)]
 pub(super) struct Floor {
     pub(super) holder: Option<usize>,
-    /// Who is heard: the holder, or whoever sounds while the holder is silent.
+    /// Who is heard: the holder, or another one that sounds while the holder is silent.
     pub(super) focus: Option<usize>,
     /// For how long each has sounded together with the holder.
     over: [u32; MEMBERS],

@@ -7,7 +7,7 @@ use super::draw::{Draws, between, short};
 use super::{long_ticks, slot_state};
 
 /// Seconds from hearing another one speak to the look there, less the 0.1 s until it is heard.
-const REACTION: [f32; 2] = [0.06, 0.33];
+const REACTION: [f32; 2] = [0.1, 0.36];
 
 /// Seconds of a listener's look at the speaker, past it, and at another listener; share of the latter in groups.
 const LISTENS_THERE: [f32; 2] = [1.6, 6.4];
@@ -16,7 +16,7 @@ const GLANCE: [f32; 2] = [0.5, 1.2];
 const GLANCE_SHARE: f32 = 0.3;
 
 /// Seconds of a speaker's look at a listener, and past it; share of looks past it that another one follows.
-const SPEAKS_THERE: [f32; 2] = [0.8, 2.2];
+const SPEAKS_THERE: [f32; 2] = [0.6, 1.8];
 const SPEAKS_AWAY: [f32; 2] = [0.5, 2.0];
 const AWAY_AGAIN: f32 = 0.3;
 /// Share of phrases that begin with a look away, and its seconds.
@@ -24,7 +24,7 @@ const BEGINS_AWAY: f32 = 0.7;
 const BEGIN_AWAY: [f32; 2] = [0.5, 1.5];
 /// Share of phrases that end with a look at a listener, and its seconds.
 const ENDS_THERE: f32 = 0.85;
-const END_THERE: [f32; 2] = [0.8, 1.8];
+const END_THERE: [f32; 2] = [0.6, 1.4];
 
 /// Seconds of looks at each other and away while nobody speaks.
 const IDLE_THERE: [f32; 2] = [0.8, 2.5];
@@ -47,7 +47,7 @@ pub(super) struct Look {
     reaction: u32,
 }
 
-/// What one member meets at a tick.
+/// Surroundings of one member at a tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     pub(super) slot: usize,

@@ -60,7 +60,7 @@ impl Posture {
         }
     }
 
-    /// Lean and weight to show. Whoever stands opposite shifts to the other side: a mirror's image.
+    /// Lean and weight to show. The weight goes to the other side, as in a mirror.
     pub(super) fn shown(&self) -> Stance {
         [self.own[0] + SHARE * self.followed[0], self.own[1] - SHARE * self.followed[1]]
     }

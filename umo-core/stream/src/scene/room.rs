@@ -72,7 +72,7 @@ impl Member {
     }
 }
 
-/// What a member does now.
+/// State of a member now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MemberInfo {
     /// Whether it speaks, listens, or neither.
@@ -81,7 +81,7 @@ pub struct MemberInfo {
     pub attends_to: Option<u32>,
     /// Whether it looks there now.
     pub is_contact: bool,
-    /// How far it yields to who interrupts it, 0 or 1.
+    /// Amount of yielding to another one that interrupts, 0 or 1.
     pub yielding: f32,
     /// Numbers of its nods, brow raises and half smiles so far.
     pub answers: [u32; 3],
@@ -113,7 +113,7 @@ impl Room {
         self.members.iter().position(|member| member.is_there() && member.id == id)
     }
 
-    /// Adds a member to an empty slot; `None` if there is none.
+    /// Adds a member to an empty slot; `None` if all are taken.
     pub(super) fn add(&mut self, place: Place, has_body: bool) -> Option<(usize, u32)> {
         let slot = self.members.iter().position(|member| !member.is_there())?;
         self.members_so_far = self.members_so_far.wrapping_add(1).max(1);
@@ -146,7 +146,7 @@ impl Room {
     /// Advances the time and returns the number of ticks that are due, without making them.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of ticks")]
     pub(super) fn due(&mut self, seconds: f64) -> u64 {
-        // A tenth of a tick early: times that sum up to a tick but for rounding are one.
+        // A tenth of a tick early: times that sum up to a tick except for rounding are one.
         self.seconds += seconds;
         ((self.seconds * f64::from(TICKS_PER_SECOND) + 0.1) as u64).saturating_sub(self.ticks)
     }
@@ -243,7 +243,7 @@ impl Room {
         f32::from(u8::from(member.yielding > 0 && member.allowed.has(Allowed::YIELD)))
     }
 
-    /// What a member does now.
+    /// State of a member now.
     pub(super) fn info(&self, slot: usize) -> MemberInfo {
         let member = &self.members[slot];
         let (attends_to, is_contact) = match member.target {

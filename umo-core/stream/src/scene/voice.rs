@@ -1,4 +1,4 @@
-//! What is heard of one member: when it sounds, and where its phrases begin and end.
+//! Voice of one member: when it sounds, and where its phrases begin and end.
 
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_base::voice::{VoiceLevels, decibels};
@@ -77,7 +77,7 @@ impl Voice {
         }
     }
 
-    /// Whether it sounds, but for short gaps.
+    /// Whether it sounds, short gaps included.
     pub(super) fn sounds(&self) -> bool {
         self.silent < GAP && self.heard >= HEARD
     }

@@ -1,4 +1,4 @@
-//! What a [scene](crate::scene) reads of a session and tells it.
+//! Calls of a [scene](crate::scene) on a session.
 
 use umo_core_layers::Company;
 
