@@ -12,9 +12,8 @@ use crate::umo::{Scene, Standing, Target};
 /// Height of a person's eyes, and of an avatar's without a skeleton.
 const EYE_HEIGHT: f32 = 1.6;
 const ALL_PARTS: u32 = 31;
-const _: () = assert!(
-    ffi::SCENE_LOOK | ffi::SCENE_NOD | ffi::SCENE_SMILE | ffi::SCENE_MIRROR | ffi::SCENE_YIELD == ALL_PARTS
-);
+const _: () =
+    assert!(ffi::SCENE_LOOK | ffi::SCENE_NOD | ffi::SCENE_SMILE | ffi::SCENE_MIRROR | ffi::SCENE_YIELD == ALL_PARTS);
 
 /// A member that the node knows of.
 struct Known {
@@ -22,10 +21,10 @@ struct Known {
     id: u32,
     /// Number of its session; none for a person.
     session: Option<usize>,
-    /// What it was told to look at.
+    /// Its target.
     target: Option<InstanceId>,
     parts: u32,
-    /// What the scene was told last.
+    /// Target and parts that the scene has.
     sent: (Target, u32),
 }
 
@@ -138,7 +137,7 @@ impl UmoScene3D {
         scene.push(id, samples.as_slice()).is_ok()
     }
 
-    /// What a member does now: `role` (0 idle, 1 listening, 2 speaking), `attends_to` (a node, or null), `is_contact`,
+    /// State of a member: `role` (0 idle, 1 listening, 2 speaking), `attends_to` (a node, or null), `is_contact`,
     /// `nods`, `brows`, `smiles`, `yielding`, `level`. Empty if it is not in the scene.
     #[func]
     fn get_member(&self, member: Gd<Node3D>) -> VarDictionary {
@@ -271,7 +270,7 @@ fn standing(origin: Vector3, ahead: Vector3, eye_height: f32) -> Standing {
     Standing { position: origin.to_array(), facing: ahead.x.atan2(ahead.z), eye_height: eye_height.max(0.0) }
 }
 
-/// Sends what changed of a member's target and parts.
+/// Sends changes of a member's target and parts.
 fn tell(scene: &Scene, known: &mut HashMap<InstanceId, Known>, node: InstanceId) -> Result<(), String> {
     let Some(member) = known.get(&node).filter(|known| known.id != 0) else { return Ok(()) };
     let looked_at = member.target.and_then(|target| known.get(&target)).map_or(0, |other| other.id);

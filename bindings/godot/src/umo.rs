@@ -619,7 +619,7 @@ impl Standing {
     }
 }
 
-/// What a member of a scene is made to look at.
+/// Target of a member's looks.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Target {
     Free,

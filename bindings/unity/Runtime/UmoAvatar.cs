@@ -143,7 +143,7 @@ namespace Umo.Unity
         /// <summary>The session, for anything this component does not offer; null if there is none.</summary>
         public Session Session { get { return session; } }
 
-        /// What stands on the floor and faces ahead.
+        /// Stands on the floor and faces ahead.
         internal Transform Body { get { return figure == null ? transform : figure.Root; } }
 
         /// Height of the eyes above the floor in metres.

@@ -83,7 +83,7 @@ namespace Umo.Unity
             Leave(member);
         }
 
-        /// <summary>What a member does now: its role, its nods, whom it attends to. False if it is not in the scene.</summary>
+        /// <summary>State of a member: its role, its nods, whom it attends to. False if it is not in the scene.</summary>
         public bool GetInfo(UmoSceneMember member, out Member info)
         {
             info = default(Member);

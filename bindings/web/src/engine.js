@@ -647,7 +647,7 @@ export class Scene {
     return this.#library.view.getUint32(this.#library.scratch, true);
   }
 
-  /** What a member does now. */
+  /** State of a member. */
   member(member) {
     const library = this.#library;
     const at = library.scratch;

@@ -157,7 +157,7 @@ export interface PlaceOptions {
   eyeHeight?: number;
 }
 
-/** What a member of a scene does now. */
+/** State of a member of a scene. */
 export interface MemberInfo {
   role: "idle" | "listening" | "speaking";
   /** Whom it attends to; 0 for nobody, or for a point. */
@@ -168,7 +168,7 @@ export interface MemberInfo {
   nods: number;
   brows: number;
   smiles: number;
-  /** How far it yields to who interrupts it, 0 or 1. */
+  /** 1 while it yields to who interrupts it, else 0. */
   yielding: number;
   /** Level of its voice, root mean square, full scale 1. */
   level: number;

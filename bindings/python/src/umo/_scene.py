@@ -17,7 +17,7 @@ from ._session import Session, audio
 
 
 class Member(NamedTuple):
-    """What a member of a scene does now."""
+    """State of a member of a scene."""
 
     role: Role
     """Whether it speaks, listens, or neither."""
@@ -32,7 +32,7 @@ class Member(NamedTuple):
     smiles: int
     """Half smiles so far."""
     yielding: float
-    """How far it yields to who interrupts it, 0 or 1."""
+    """1 while it yields to who interrupts it, else 0."""
     level: float
     """Level of its voice, root mean square, full scale 1."""
 
@@ -134,7 +134,7 @@ class Scene(_library.Handle):
         return member.value or None
 
     def member(self, member: int) -> Member:
-        """What a member does now."""
+        """State of a member."""
         raw = _generated.Member(struct_size=ctypes.sizeof(_generated.Member))
         self._check(lib.umo_scene_member(self._handle, _number(member), byref(raw)))
         return Member(

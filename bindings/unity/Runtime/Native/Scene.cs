@@ -125,7 +125,7 @@ namespace Umo
             return status;
         }
 
-        /// <summary>What a member does now.</summary>
+        /// <summary>State of a member.</summary>
         public Status GetMember(uint member, out Member info)
         {
             Member found = new Member { StructSize = (uint)sizeof(Member) };

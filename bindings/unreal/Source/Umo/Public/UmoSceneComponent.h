@@ -35,7 +35,7 @@ enum class EUmoScenePart : uint8
 	Yield = 16,
 };
 
-/** What a member of a scene does: values of UMO_ROLE_. */
+/** Role of a member of a scene: values of UMO_ROLE_. */
 UENUM(BlueprintType)
 enum class EUmoRole : uint8
 {
@@ -60,7 +60,7 @@ struct UMO_API FUmoSceneMember
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo", meta = (ClampMin = "0"))
 	float EyeHeight = 0.0f;
 
-	/** What it looks at, whatever is said: a member, or any actor. None: the scene chooses. */
+	/** Target of its looks, whatever is said: a member, or any actor. None: the scene chooses. */
 	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
 	TObjectPtr<AActor> LookAt;
 

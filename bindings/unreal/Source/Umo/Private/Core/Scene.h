@@ -30,7 +30,7 @@ public:
     static std::unique_ptr<Scene> make(std::uint64_t seed, std::string &problem);
     explicit Scene(umo::scene scene) : scene_(std::move(scene)) {}
 
-    /// Takes a slot for a member, which is not in the scene before `follow`; below 0 if there is none.
+    /// Takes a slot for a member, which joins with `follow`; below 0 if all are taken.
     int take();
     /// The member of a slot leaves; the slot is free.
     void give_back(int slot);
