@@ -104,7 +104,7 @@ impl UmoScene3D {
     fn advance(&mut self, seconds: f64) {
         if let Err(error) = self.step(seconds) {
             godot_error!("umo: {error}");
-            self.to_gd().call_deferred("emit_signal", vslice!["failed", &error]);
+            self.to_gd().call_deferred("emit_signal", vslice!["failed", error.as_str()]);
             self.close();
         }
     }
@@ -147,7 +147,7 @@ impl UmoScene3D {
         let other = self.node_of(info.attends_to).and_then(|id| Gd::<Node3D>::try_from_instance_id(id).ok());
         vdict! {
             "role" => info.role,
-            "attends_to" => other,
+            "attends_to" => &other.to_variant(),
             "is_contact" => info.is_contact == 1,
             "nods" => info.nods,
             "brows" => info.brows,
