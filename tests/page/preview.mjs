@@ -16,10 +16,12 @@ const MEDIA = [
   { name: "prefers-color-scheme", value: "dark" },
 ];
 const ONE = { half: { width: 420, height: 400 }, whole: { width: 250, height: 400 } };
+/** Two members who stand at an angle, as on a stage. */
+const HALF_TURNED = voices.length === 2 ? ["--places", "-0.55,0,60 0.55,0,-60"] : [];
 const VIEWS = voices.length > 1 ? { all: { width: 560, height: 400 } } : ONE;
 
 const html = path.join(out, "preview.html");
-if (voices.length > 1) execFileSync(umo, ["converse", ...voices, "-o", html, "--figure", "alex,bea"]);
+if (voices.length > 1) execFileSync(umo, ["converse", ...voices, "-o", html, "--figure", "bea,alex", ...HALF_TURNED]);
 else execFileSync(umo, ["view", speech, "-o", html, "--no-open"]);
 const profile = fs.mkdtempSync(path.join(out, "profile-"));
 const browser = new Chromium(chromium, profile, voices[0]);

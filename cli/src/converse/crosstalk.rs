@@ -98,12 +98,9 @@ mod tests {
 
     /// Level between two times, relative to the other signal's, dB.
     fn change(after: &[f32], before: &[f32], from: f32, to: f32) -> f64 {
-        let power = |x: &[f32]| {
-            x[(from * RATE as f32) as usize..(to * RATE as f32) as usize]
-                .iter()
-                .map(|x| f64::from(*x).powi(2))
-                .sum::<f64>()
-        };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in ten seconds")]
+        let [from, to] = [from, to].map(|seconds| (seconds * RATE as f32) as usize);
+        let power = |x: &[f32]| x[from..to].iter().map(|x| f64::from(*x).powi(2)).sum::<f64>();
         10.0 * (power(after) / power(before)).log10()
     }
 

@@ -18,7 +18,7 @@ function presets(body) {
   const above = (share) => (places, ground) => [places[0][0], ground + share * height, places[0][2]];
   const { centre, reach } = body.room ?? { centre: null, reach: 0 };
   return {
-    all: { at: (_, ground) => [centre[0], ground + 0.55 * height, centre[2]], half: [reach + 0.3 * height, 0.5 * height], yaw: 0, pitch: 0.08 },
+    all: { at: (_, ground) => [centre[0], ground + 0.5 * height, centre[2]], half: [reach + 0.3 * height, 0.55 * height], yaw: 0, pitch: 0.08 },
     face: { at: (places) => add(places[head], [0, 0.34 * crown, 0.2 * crown]), half: [0.72 * crown, 0.88 * crown], yaw: 0.2, pitch: 0.02 },
     half: { at: above(0.74), half: [0.2 * height, 0.282 * height], yaw: 0.22, pitch: 0.03 },
     whole: { at: above(0.5), half: [0.3 * height, 0.55 * height], yaw: 0.3, pitch: 0.08 },
