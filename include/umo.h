@@ -737,7 +737,7 @@ typedef struct umo_place {
     // and the sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and
     // Unreal's.
     float facing;
-    // Height of the eyes above the position.
+    // Height of the eyes above the position; the default is 1.6 m in glTF's axes.
     float eye_height;
 } umo_place;
 
@@ -2019,7 +2019,7 @@ umo_status umo_scene_set_target(struct umo_scene *scene,
 UMO_NOEXCEPT;
 
 // Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. Other parts are
-// the session's own, or the host's.
+// the session's own, or the host's; with 0 the session moves as if alone.
 //
 // Threads: one at a time. Never allocates, never waits.
 // Errors: as `umo_scene_remove`, and `INVALID_ARGUMENT` (unknown bits).

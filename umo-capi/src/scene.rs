@@ -59,7 +59,7 @@ pub struct UmoPlace {
     /// and the sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and
     /// Unreal's.
     pub facing: f32,
-    /// Height of the eyes above the position.
+    /// Height of the eyes above the position; the default is 1.6 m in glTF's axes.
     pub eye_height: f32,
 }
 
@@ -327,7 +327,7 @@ pub unsafe extern "C" fn umo_scene_set_target(
 }
 
 /// Sets the parts that the scene plays of a member: the sum of `UMO_SCENE_…`; all at first. Other parts are
-/// the session's own, or the host's.
+/// the session's own, or the host's; with 0 the session moves as if alone.
 ///
 /// Threads: one at a time. Never allocates, never waits.
 /// Errors: as `umo_scene_remove`, and `INVALID_ARGUMENT` (unknown bits).

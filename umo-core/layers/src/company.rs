@@ -10,10 +10,11 @@ use super::rig::{DEGREE, HEAD, NECK, SPINE, Spring, arkit, ease, toward, turn_in
 use super::{Mood, Tick};
 
 /// Spring frequencies, radians a second: of lean and weight 95 % in 1.9 s, of yielding in 0.7 s, and on the way back from it
-/// in 1.4 s.
+/// in 1.4 s; of arms that rest in 2.2 s.
 const POSTURE_RATE: f32 = 2.5;
 const YIELD_RATE: f32 = 7.0;
 const RESUME_RATE: f32 = 3.5;
+const REST_RATE: f32 = 2.2;
 /// Value and speed below which a spring that returns to 0 is at rest.
 const AT_REST: f32 = 1e-4;
 
@@ -25,7 +26,9 @@ pub(super) const WEIGHT_DISTANCE: f32 = 0.022;
 
 /// Share by which yielding takes arms and mouth to rest, and degrees by which the trunk leans back.
 const YIELD_SHARE: f32 = 0.85;
-const YIELD_DEGREES: f32 = 4.0;
+const YIELD_DEGREES: f32 = 6.0;
+/// Share by which the arms of a listener go to rest.
+const REST_SHARE: f32 = 0.6;
 const ARMS: [usize; 8] = [13, 14, 16, 17, 18, 19, 20, 21];
 /// Shapes of an open mouth; the closing one among them, so that closed lips stay closed.
 const MOUTH: [usize; 8] = [
@@ -93,6 +96,8 @@ pub struct Company {
     pub weight: f32,
     /// Amount of yielding to another one that interrupts, 0 to 1: the mouth closes, hands drop, the trunk leans back.
     pub yielding: f32,
+    /// Amount by which the arms rest while another one speaks, 0 to 1.
+    pub resting: f32,
 }
 
 impl Company {
@@ -109,6 +114,7 @@ impl Company {
         lean: 0.0,
         weight: 0.0,
         yielding: 0.0,
+        resting: 0.0,
     };
 
     /// Whether the avatar is in company.
@@ -136,7 +142,8 @@ impl Company {
         }
         pass.within(&mut self.lean, -1.0..=1.0)?;
         pass.within(&mut self.weight, -1.0..=1.0)?;
-        pass.share(&mut self.yielding)
+        pass.share(&mut self.yielding)?;
+        pass.share(&mut self.resting)
     }
 }
 
@@ -169,6 +176,7 @@ pub(super) struct Presence {
     lean: Spring,
     weight: Spring,
     yielding: Spring,
+    resting: Spring,
     smiles: Seen,
     /// Seconds since the last smile began, those that it lasts, and its amount.
     passed: f32,
@@ -178,9 +186,9 @@ pub(super) struct Presence {
 
 impl Presence {
     pub(crate) fn new() -> Self {
-        let [lean, weight, yielding] = [Spring::default(); 3];
+        let [lean, weight, yielding, resting] = [Spring::default(); 4];
         let (lasts, amount) = (SMILE_SECONDS[1], 0.0);
-        Self { lean, weight, yielding, smiles: Seen::default(), passed: lasts, lasts, amount }
+        Self { lean, weight, yielding, resting, smiles: Seen::default(), passed: lasts, lasts, amount }
     }
 
     /// Follows the company by one tick; returns the shift of weight, metres to the left.
@@ -191,6 +199,9 @@ impl Presence {
         let yielding = company.yielding.clamp(0.0, 1.0);
         let rate = if yielding > self.yielding.at { YIELD_RATE } else { RESUME_RATE };
         follow(&mut self.yielding, yielding, rate, tick.seconds);
+        let resting = company.resting.clamp(0.0, 1.0);
+        let rate = if resting > self.resting.at { REST_RATE } else { RESUME_RATE };
+        follow(&mut self.resting, resting, rate, tick.seconds);
         self.passed = (self.passed + tick.seconds).min(self.lasts);
         if self.smiles.changes(company.role.map(|_| company.smiles)) {
             let draw = |which: u64| uniform(tick.seed, SMILES, 2 * u64::from(company.smiles) + which);
@@ -203,15 +214,18 @@ impl Presence {
 
     /// Takes the model's arms and mouth to rest.
     pub(crate) fn yield_floor(&self, frame: &mut OwnedFrame, tick: &Tick) {
-        let amount = tick.gain * self.yielding.at;
-        if amount <= 0.0 {
+        let share = tick.gain * YIELD_SHARE * self.yielding.at;
+        let arms = share.max(tick.gain * REST_SHARE * self.resting.at);
+        let (rest, rotations) = (&tick.rig.rest.rotations, &mut frame.pose.rotations);
+        if arms > 0.0 {
+            for joint in ARMS {
+                rotations[joint] = toward(rotations[joint], rest[joint], arms);
+            }
+        }
+        if share <= 0.0 {
             return;
         }
-        let share = YIELD_SHARE * amount;
-        let (rest, rotations) = (&tick.rig.rest.rotations, &mut frame.pose.rotations);
-        for joint in ARMS.into_iter().chain([JAW]) {
-            rotations[joint] = toward(rotations[joint], rest[joint], share);
-        }
+        rotations[JAW] = toward(rotations[JAW], rest[JAW], share);
         for shape in MOUTH {
             let value = tick.rig.shape(&frame.face, shape);
             tick.rig.set_shape(&mut frame.face, shape, (1.0 - share) * value);
@@ -252,7 +266,7 @@ impl Presence {
 
     /// Saves or loads it between two ticks.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        for spring in [&mut self.lean, &mut self.weight, &mut self.yielding] {
+        for spring in [&mut self.lean, &mut self.weight, &mut self.yielding, &mut self.resting] {
             spring.state(pass)?;
         }
         self.smiles.state(pass)?;
@@ -309,6 +323,20 @@ mod tests {
         let pitch = |frame: &OwnedFrame| turned(&trial, frame, SPINE[2])[1];
         assert!(pitch(low) < pitch(first) - 2.0, "leans back: {} {}", pitch(low), pitch(first));
         assert!(most_turned(&down) < 9.0 && most_turned(&back) < 6.0, "{} {}", most_turned(&down), most_turned(&back));
+    }
+
+    #[test]
+    fn the_arms_of_a_listener_rest() {
+        let mut trial = trial();
+        let listens = Company { role: Some(Role::Listening), resting: 1.0, ..Company::ALONE };
+        let raised = |trial: &Trial, frame: &OwnedFrame| {
+            angle_between(trial.rig.rest.rotations[16], frame.pose.rotations[16]) / DEGREE
+        };
+        let before = trial.tick();
+        trial.controls.company = listens;
+        let rest = trial.ticks(90);
+        assert!(raised(&trial, &rest[89]) < 0.5 * raised(&trial, &before), "{}", raised(&trial, &rest[89]));
+        assert!(most_turned(&rest) < 4.0 && shape(&rest[89], "jawOpen") > 0.5, "{}", most_turned(&rest));
     }
 
     #[test]

@@ -406,7 +406,7 @@ impl Gaze {
         let (sideways, upwards, range) = match state {
             // Others see each other's eyes: past the face, not at its edge.
             State::Listening if self.partner.is_some() => ([8.0, 16.0], [-4.0, 9.0], [0.7, 2.2]),
-            State::Speaking if self.partner.is_some() => ([9.0, 19.0], [-7.0, 9.0], [0.9, 2.9]),
+            State::Speaking if self.partner.is_some() => ([11.0, 25.0], [-6.0, 13.0], [0.9, 2.9]),
             State::Idle => ([5.0, 15.0], [-4.0, 8.0], [1.1, 3.6]),
             State::Listening => ([3.0, 9.0], [-2.0, 6.0], [0.5, 1.5]),
             // Up for most thoughts, down for some.

@@ -120,7 +120,7 @@ impl Allowed {
     pub const SMILE: Self = Self(4);
     /// Lean and shifts of weight, its own and those that follow another's.
     pub const MIRROR: Self = Self(8);
-    /// Giving way to who interrupts it.
+    /// Giving way to who interrupts it, and arms that rest while another one speaks.
     pub const YIELD: Self = Self(16);
     /// No part.
     pub const NONE: Self = Self(0);

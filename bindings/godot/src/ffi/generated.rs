@@ -646,7 +646,7 @@ pub(crate) struct Place {
     /// looks, and the sign is that of a yaw in these axes: positive to the left in glTF's, to the right in
     /// Unity's and Unreal's.
     pub(crate) facing: f32,
-    /// Height of the eyes above the position.
+    /// Height of the eyes above the position; the default is 1.6 m in glTF's axes.
     pub(crate) eye_height: f32,
 }
 

@@ -702,7 +702,7 @@ class Place(Structure):
         # Direction that it faces, in radians about the upward axis: 0 is the axis along which an avatar looks, and the
         # sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and Unreal's.
         ("facing", c_float),
-        # Height of the eyes above the position.
+        # Height of the eyes above the position; the default is 1.6 m in glTF's axes.
         ("eye_height", c_float),
     ]
     # Names of the values of fields.

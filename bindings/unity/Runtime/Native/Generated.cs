@@ -840,7 +840,7 @@ namespace Umo
         /// sign is that of a yaw in these axes: positive to the left in glTF's, to the right in Unity's and Unreal's.
         /// </summary>
         public float Facing;
-        /// <summary>Height of the eyes above the position.</summary>
+        /// <summary>Height of the eyes above the position; the default is 1.6 m in glTF's axes.</summary>
         public float EyeHeight;
     }
 

@@ -16,14 +16,14 @@ const GLANCE: [f32; 2] = [0.5, 1.2];
 const GLANCE_SHARE: f32 = 0.3;
 
 /// Seconds of a speaker's look at a listener, and past it; share of looks past it that another one follows.
-const SPEAKS_THERE: [f32; 2] = [0.6, 1.8];
-const SPEAKS_AWAY: [f32; 2] = [0.5, 2.0];
+const SPEAKS_THERE: [f32; 2] = [0.5, 1.5];
+const SPEAKS_AWAY: [f32; 2] = [0.7, 2.4];
 const AWAY_AGAIN: f32 = 0.3;
 /// Share of phrases that begin with a look away, and its seconds.
 const BEGINS_AWAY: f32 = 0.7;
 const BEGIN_AWAY: [f32; 2] = [0.5, 1.5];
 /// Share of phrases that end with a look at a listener, and its seconds.
-const ENDS_THERE: f32 = 0.85;
+const ENDS_THERE: f32 = 0.6;
 const END_THERE: [f32; 2] = [0.5, 1.1];
 /// Least rest of a look that is there already, seconds.
 const END_RESTS: f32 = 0.3;

@@ -215,7 +215,8 @@ impl Room {
             Target::Point(point) => Some(point),
             Target::Member(id) => self.slot(id).map(|slot| self.members[slot].eyes()),
         };
-        if target.is_none() && others().next().is_none() {
+        let is_alone = others().next().is_none() || member.allowed == Allowed::NONE;
+        if target.is_none() && is_alone {
             return Company::ALONE;
         }
         let looks = member.look.at.map(|at| self.members[at].eyes()).filter(|_| member.allowed.has(Allowed::LOOK));
@@ -235,6 +236,7 @@ impl Room {
             lean,
             weight,
             yielding: self.yielding(slot),
+            resting: f32::from(u8::from(member.role == Role::Listening && member.allowed.has(Allowed::YIELD))),
         }
     }
 

@@ -285,8 +285,12 @@ fn parts_can_be_forbidden_and_targets_forced() {
     room.members[2].target = Target::Point([5.0, 1.0, 5.0]);
     for tick in 0..2 * MINUTE {
         sound(&mut room, 1, if tick % 90 < 70 { &[0] } else { &[] });
+        assert_eq!(room.company(1), Company::ALONE);
+        room.members[1].allowed = Allowed::YIELD;
         let (free, forced) = (room.company(1), room.company(2));
         assert!(!free.has_place && free.lean == 0.0 && free.weight == 0.0 && free.role.is_some());
+        assert!(tick < 90 || free.resting == f32::from(u8::from(free.role == Some(Role::Listening))));
+        room.members[1].allowed = Allowed::NONE;
         assert!(forced.has_place && forced.is_contact);
         assert_eq!(room.info(2).attends_to, None);
     }
