@@ -15,7 +15,7 @@ const SILENT_SHARE: f64 = 0.25;
 const OWN: f64 = 4.0;
 /// Greatest power of a leak, relative to its source: -6 dB. A louder one is no leak: both channels hear one room.
 const MOST_LEAK: f64 = 0.25;
-/// Hops for which a channel stays open before and after its own voice.
+/// Hops for which a channel is open before and after loud parts of its own voice.
 const BEFORE: usize = 5;
 const AFTER: usize = 15;
 /// Gain of a closed channel: -40 dB.
@@ -25,7 +25,7 @@ const CLOSED: f32 = 0.01;
 pub(super) fn attenuate(channels: &mut [Vec<f32>], rate: usize) {
     let hop = (rate / HOPS).max(1);
     let powers: Vec<Vec<f64>> = channels.iter().map(|channel| powers(channel, hop)).collect();
-    let open: Vec<Vec<bool>> = (0..channels.len()).map(|own| widened(&open(&powers, own))).collect();
+    let open: Vec<Vec<bool>> = (0..channels.len()).map(|own| held(&open(&powers, own), &powers[own])).collect();
     for (channel, open) in channels.iter_mut().zip(&open) {
         let gain = |hop: usize| if open.get(hop).or(open.last()).is_none_or(|open| *open) { 1.0 } else { CLOSED };
         for (at, sample) in channel.iter_mut().enumerate() {
@@ -66,10 +66,13 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.get(at).copied().unwrap_or(0.0)
 }
 
-/// Opens before and after what is open.
-fn widened(open: &[bool]) -> Vec<bool> {
-    let near = |at: usize| at.saturating_sub(AFTER)..(at + BEFORE + 1).min(open.len());
-    (0..open.len()).map(|at| open[near(at)].contains(&true)).collect()
+/// Opens before and after loud parts of the own voice; between parts of a leak the channel stays closed.
+fn held(open: &[bool], powers: &[f64]) -> Vec<bool> {
+    let loud = LOUD * quantile(powers.to_vec(), LOUD_SHARE);
+    let near = |at: usize, before: usize, after: usize| at.saturating_sub(before)..(at + after + 1).min(open.len());
+    let is_voice = |at: usize| open[at] && powers[at] > loud;
+    let is_held = |at: usize| near(at, AFTER, BEFORE).any(is_voice) || near(at, 1, 1).all(|at| open[at]);
+    (0..open.len()).map(is_held).collect()
 }
 
 #[cfg(test)]
