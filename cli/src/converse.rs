@@ -110,7 +110,9 @@ pub(crate) fn check_count(members: usize) -> Result<(), Failure> {
 fn voices(args: &Converse) -> Result<Vec<Voice>, Failure> {
     match &args.channels {
         Some(path) => Voice::channels(path, args.repair),
-        None => args.speech.iter().map(|path| Ok(Voice::Recording(Speech::open(path, args.repair)?))).collect(),
+        None => {
+            args.speech.iter().map(|path| Ok(Voice::Recording(Box::new(Speech::open(path, args.repair)?)))).collect()
+        }
     }
 }
 

@@ -540,7 +540,8 @@ impl Live {
         {
             let bytes = match self.output {
                 Output::Frames => {
-                    let Some((bytes, count)) = pull_frames(&self.session, (self.floats, most), &mut self.character)? else {
+                    let Some((bytes, count)) = pull_frames(&self.session, (self.floats, most), &mut self.character)?
+                    else {
                         break;
                     };
                     most = most.saturating_sub(usize::try_from(count).unwrap_or(usize::MAX));

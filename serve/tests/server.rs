@@ -249,10 +249,8 @@ async fn turned_to(server: &Running, room: &str, speaker: [f32; 3]) -> f32 {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn sessions_in_a_room_see_each_other() {
     let server = Running::new(|_| ()).await;
-    let (left, right) = tokio::join!(
-        turned_to(&server, "left", [1.0, 0.5, -110.0]),
-        turned_to(&server, "right", [-1.0, 0.5, 110.0])
-    );
+    let (left, right) =
+        tokio::join!(turned_to(&server, "left", [1.0, 0.5, -110.0]), turned_to(&server, "right", [-1.0, 0.5, 110.0]));
     assert!(left - right > 0.2, "{left} {right}");
     for (hello, wanted) in [
         (json!({ "place": [0, 0, 0] }), "only in a room"),

@@ -71,7 +71,9 @@ impl Trio {
     /// Pushes 4 s of the conversation in pieces.
     fn talk(&self, piece: usize) {
         for (session, (from, to)) in self.sessions.iter().zip([(0.0, 1.8), (2.0, 3.6), (5.0, 5.0)]) {
-            speech(from, to).chunks(piece).for_each(|piece| drop(session.push_audio(piece).expect("it runs")));
+            for piece in speech(from, to).chunks(piece) {
+                session.push_audio(piece).expect("it runs");
+            }
             session.finish().expect("it runs");
         }
     }

@@ -76,7 +76,7 @@ fn member(args: &Batch, line: &Line, index: usize, place: Place, rules: &WordRul
     let speech = Speech::open(&line.file, args.repair)?;
     let script = line.words.as_deref().map(|path| Script::read(path, &speech, rules)).transpose()?;
     let seed = line.seed.unwrap_or(args.generate.seed.wrapping_add(index as u64));
-    let member = Member::new(Voice::Recording(speech), line.place.unwrap_or(place), seed);
+    let member = Member::new(Voice::Recording(Box::new(speech)), line.place.unwrap_or(place), seed);
     let words = script.map(|script| (script, rules.clone()));
     Ok(Member { prompt: line.prompt.clone(), mood: line.mood, words, ..member })
 }

@@ -12,7 +12,7 @@ use crate::speech::Speech;
 /// The voice of a member.
 pub(crate) enum Voice {
     /// A recording.
-    Recording(Speech),
+    Recording(Box<Speech>),
     /// A channel of one.
     Channel { rate: usize, samples: Vec<f32> },
 }
