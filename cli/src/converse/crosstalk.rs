@@ -13,7 +13,7 @@ const LOUD_SHARE: f64 = 0.95;
 const SILENT_SHARE: f64 = 0.25;
 /// Power above the leak, as a factor, that is a voice of the channel's own: 6 dB.
 const OWN: f64 = 4.0;
-/// Greatest power of a leak, relative to its source: -6 dB. A louder one is no leak: both channels hear one room.
+/// Greatest power of a leak, relative to its source: -6 dB. A louder one means that both channels hear one room.
 const MOST_LEAK: f64 = 0.25;
 /// Hops for which a channel is open before and after loud parts of its own voice.
 const BEFORE: usize = 5;

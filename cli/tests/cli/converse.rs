@@ -45,7 +45,7 @@ fn every_member_has_a_file_in_any_format() {
     let outputs = ["ada.jsonl", "bob.npz"].map(|name| folder.at(name));
     converse(&[&ada, &bob, "-o", &outputs[0], "-o", &outputs[1], "-o", &folder.at("page.html")]).success();
     let lines = String::from_utf8(folder.read("ada.jsonl")).unwrap();
-    assert_eq!(lines.lines().filter(|line| line.contains("\"rotations\"")).count(), 30, "silent after its end");
+    assert_eq!(lines.lines().count(), 1 + 30, "silent after its end");
     assert!(folder.read("bob.npz").starts_with(b"PK"));
     let page = String::from_utf8(folder.read("page.html")).unwrap();
     let description = page.split("id=\"scene\">").nth(1).unwrap().split("</script>").next().unwrap();
@@ -94,7 +94,7 @@ fn conversations_that_cannot_be_are_refused_before_the_work() {
     assert!(refused(&[&ada, &bob, "-o", &npz]).contains("1 outputs for 2 members"));
     assert!(refused(&[&ada, &bob, "-o", &npz, "-o", &scene, "-o", &folder.at("b.bvh")]).contains("3 outputs for 2"));
     assert!(refused(&[&ada, &bob, "-o", &scene, "--places", "0,0,0"]).contains("1 places for 2 members"));
-    assert!(refused(&[&ada, &bob, "-o", &scene, "--places", "0,0 1,0,0"]).contains("`0,0` is no place"));
+    assert!(refused(&[&ada, &bob, "-o", &scene, "--places", "0,0 1,0,0"]).contains("`0,0`: expected a place"));
     assert!(refused(&["--channels", &ada, "-o", &scene]).contains("this one 1"));
     assert!(refused(&[&ada, &bob, "-o", &scene, "--gesture", "wave"]).contains("--gesture does not go"));
     assert!(refused(&[&ada, &folder.at("none.wav"), "-o", &scene]).contains("none.wav"));
