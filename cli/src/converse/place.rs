@@ -90,7 +90,9 @@ mod tests {
         let found = places(Some("-0.6,0,90\n0.6,0.5,-90 "), 2).unwrap();
         assert_eq!((found[0].position, found[1].position), ([-0.6, 0.0, 0.0], [0.6, 0.0, 0.5]));
         assert!((found[0].facing - FRAC_PI_2).abs() < 1e-6);
-        for (text, word) in [("1,2,3", "1 places for 2"), ("1,2 3,4", "`1,2`: expected a place"), ("1,2,nan 0,0,0", "nan")] {
+        for (text, word) in
+            [("1,2,3", "1 places for 2"), ("1,2 3,4", "`1,2`: expected a place"), ("1,2,nan 0,0,0", "nan")]
+        {
             let Err(Failure::Input(problem)) = places(Some(text), 2) else { panic!("{text} was accepted") };
             assert!(problem.contains(word), "{problem}");
         }
