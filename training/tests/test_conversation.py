@@ -1,4 +1,4 @@
-"""Conversations: the turns that are laid out, and what is measured in frames."""
+"""Conversations: turns that are laid out, and measures of frames."""
 
 from itertools import pairwise
 

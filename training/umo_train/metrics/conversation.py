@@ -150,7 +150,7 @@ def nods(pitch: np.ndarray) -> np.ndarray:
 
 
 def measure(conversation: Conversation, motions: Sequence[Posed]) -> dict[str, float]:
-    """What is seen; times of the frames are those of the sound."""
+    """Measures of the frames, whose times are the sound's."""
     both = seen(motions)
     frames = min(len(one.looks) for one in both)
     clock = (np.arange(frames) + 0.5) / FRAME_RATE

@@ -24,7 +24,7 @@ PEAK_S, SYLLABLE_S, NOW_S, PHRASE_S, PROSODY_S, SPEAKER_S = 0.05, 0.4, 0.6, 2.0,
 # Mean and deviation among readers, and weight.
 FIGURES = {"slope": (0.62, 0.15, 0.35), "rate": (2.5, 0.6, 0.2), "rise": (4.3, 0.8, 0.5), "tilt": (-3.8, 2.5, 0.2)}
 MOST_DEVIATIONS = 2.0
-# What readers have of all this on average over a recording.
+# Mean of all this over readers' recordings.
 USUAL = 0.12
 OWN_WEIGHTS = {"level": 0.4, "pitch": 0.15, "tilt": 0.1}
 LEAST_VOICED, WHISPER, EVIDENCE_STEPS = 0.4, 3.0, 16.0

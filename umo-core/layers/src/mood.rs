@@ -52,6 +52,9 @@ const MOODS: usize = Mood::ALL.len() - 1;
 /// 1 s.
 const STRENGTH_FILTER_SECONDS: f32 = 0.21;
 
+/// Share by which the liveliest voice scales a mood.
+const VOICE_SHARE: f32 = 0.3;
+
 /// Value up to which a frown shape is left unchanged, and upper bound of the compressed value, if no
 /// mood frowns.
 const FROWN_KNEE: f32 = 0.04;
@@ -299,7 +302,7 @@ impl Expression {
         let lips: f32 = LIPS.iter().map(|&shape| rig.shape(face, shape)).fold(0.0, f32::max);
         let speaks = (1.0 - 0.7 * open.min(1.0)) * (1.0 - 0.7 * lips.min(1.0));
         for (mood, &strength) in self.strengths.iter().enumerate() {
-            let strength = strength * tick.gain;
+            let strength = strength * tick.gain * scale(mood, tick.lively);
             if strength < MIN_STRENGTH {
                 continue;
             }
@@ -355,6 +358,11 @@ impl Expression {
     }
 }
 
+/// Factor of a mood's strength by the voice: a lively one shows more of it, or of sadness less.
+fn scale(mood: usize, lively: f32) -> f32 {
+    1.0 + VOICE_SHARE * if mood + 1 == Mood::Sad as usize { -lively } else { lively }
+}
+
 /// Strength below which a mood has no effect.
 const MIN_STRENGTH: f32 = 1e-3;
 
@@ -370,8 +378,8 @@ fn calmed(value: f32, more: f32) -> f32 {
 mod tests {
     use umo_core_pose::skeleton::ARKIT_NAMES;
 
-    use super::super::Layer;
     use super::super::trial::{Trial, assert_sound, shape, turned};
+    use super::super::{Cue, Layer};
     use super::*;
 
     fn set(trial: &mut Trial, mood: Mood, strength: f32) {
@@ -445,6 +453,22 @@ mod tests {
                 assert!(step < 0.08, "{mood:?} {step}");
             }
         }
+    }
+
+    #[test]
+    fn the_voice_scales_a_mood() {
+        let smile = |mood: Mood, shape_name: &'static str, arousal: f32, expression: f32| {
+            let mut trial = Trial::new(&[Layer::Mood], 3);
+            set(&mut trial, mood, 0.5);
+            trial.controls.expression = expression;
+            trial.frame.cue = Cue { arousal, level: 0.1, ..Cue::default() };
+            shape(&trial.ticks(90)[89], shape_name)
+        };
+        let joy = |arousal, expression| smile(Mood::Joy, "mouthSmileLeft", arousal, expression);
+        assert!(joy(0.9, 0.5) > 1.15 * joy(0.5, 0.5) && joy(0.1, 0.5) < 0.85 * joy(0.5, 0.5));
+        assert_eq!(joy(0.9, 0.0).to_bits(), joy(0.5, 0.5).to_bits());
+        let sad = |arousal| smile(Mood::Sad, "mouthFrownLeft", arousal, 0.5);
+        assert!(sad(0.1) > 1.15 * sad(0.5) && sad(0.9) < 0.85 * sad(0.5), "{} {}", sad(0.1), sad(0.5));
     }
 
     #[test]
