@@ -117,7 +117,8 @@ impl Voiced {
             let room = if share > 0.0 { 1.0 - value } else { value };
             tick.rig.set_shape(&mut frame.face, shape, value + amount.abs().min(1.0) * share * room);
         }
-        speak(frame, tick, amount);
+        // At rest the mouth stays where it is, however slowly the voice is forgotten.
+        speak(frame, tick, amount * tick.weights.speaking);
     }
 
     /// Saves or loads the layer between two ticks.
