@@ -195,6 +195,8 @@ void hints_close_the_lips_and_words_raise_a_hand(const std::shared_ptr<Host> &ho
         EXPECT(avatar->hint_lips(3, 1, 0.1) == UMO_STATUS_INVALID_ARGUMENT);
         EXPECT(avatar->hint_lips(UMO_LIPS_CLOSED, -1, 0.1) == UMO_STATUS_INVALID_ARGUMENT);
         EXPECT(!is_hinted || avatar->hint_lips(UMO_LIPS_CLOSED, 1, 0.5) == UMO_STATUS_OK);
+        // Without the voice, so that the model's own arms are down when the word comes.
+        EXPECT(avatar->set(UMO_PARAMETER_EXPRESSION, 0) == UMO_STATUS_OK);
         EXPECT(avatar->hint_words("now", 2, 1.9) == UMO_STATUS_INVALID_ARGUMENT);
         EXPECT(!is_hinted || avatar->hint_words("now", 2, 2.4) == UMO_STATUS_OK);
         constexpr std::size_t block = 160;
