@@ -243,14 +243,14 @@
 // Strength of planted feet, steps, and the root's return to where it stood.
 #define UMO_PARAMETER_LAYER_FEET 37
 
-// Speaking while its own audio is heard, listening while audio of `umo_session_push_other_audio` is
-// heard, otherwise idle.
+// Speaking while its own audio is heard, otherwise idle; in a scene, and after `umo_session_push_other_audio`, also
+// listening.
 #define UMO_ATTENTION_AUTO 0
 
 // Nothing in particular.
 #define UMO_ATTENTION_IDLE 1
 
-// The interlocutor: the avatar looks there, nods, and raises its brows at pauses.
+// The one who speaks: the avatar looks there, nods, and raises its brows.
 #define UMO_ATTENTION_LISTENING 2
 
 // An answer to give: the avatar looks away.
@@ -1437,9 +1437,10 @@ umo_status umo_session_push_audio_i16(struct umo_session *session,
                                       size_t *taken)
 UMO_NOEXCEPT;
 
-// Feeds the interlocutor's audio, so that the avatar listens: `count` interleaved samples at the
-// session's rate and channels, full scale 1. Only their loudness is used; NaN and infinite samples count
-// as silence.
+// Feeds the voice of a person at a microphone: `count` interleaved samples at the session's rate and
+// channels, full scale 1. From then on the person stands 1.5 m ahead of the avatar, until a reset, and the
+// two are as in a scene: the avatar looks there and away, listens, nods, and gives way. In a scene of the
+// host's, its members count instead. Only the loudness is used; NaN and infinite samples count as silence.
 //
 // Threads: one at a time, concurrently with any other call; meant for the recording thread. Never
 // allocates, never waits, makes no system call.

@@ -99,7 +99,7 @@ static void threads_start(void) {
     size_t before;
     do {
         before = atomic_load(&calls);
-        thrd_sleep(&(struct timespec){.tv_nsec = 100000000}, NULL);
+        thrd_sleep(&(struct timespec){.tv_nsec = 500000000}, NULL);
     } while (atomic_load(&calls) != before);
 }
 

@@ -47,12 +47,12 @@ pub const UMO_PARAMETER_LAYER_MOOD: u32 = 36;
 /// Strength of planted feet, steps, and the root's return to where it stood.
 pub const UMO_PARAMETER_LAYER_FEET: u32 = 37;
 
-/// Speaking while its own audio is heard, listening while audio of `umo_session_push_other_audio` is
-/// heard, otherwise idle.
+/// Speaking while its own audio is heard, otherwise idle; in a scene, and after `umo_session_push_other_audio`, also
+/// listening.
 pub const UMO_ATTENTION_AUTO: u32 = 0;
 /// Nothing in particular.
 pub const UMO_ATTENTION_IDLE: u32 = 1;
-/// The interlocutor: the avatar looks there, nods, and raises its brows at pauses.
+/// The one who speaks: the avatar looks there, nods, and raises its brows.
 pub const UMO_ATTENTION_LISTENING: u32 = 2;
 /// An answer to give: the avatar looks away.
 pub const UMO_ATTENTION_THINKING: u32 = 3;

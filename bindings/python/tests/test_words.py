@@ -54,6 +54,7 @@ def test_words_become_gestures_of_a_session(hello, model):
     shoulder = umo.JOINTS.index("right_shoulder")
 
     def run(session, said):
+        session.expression = 0  # without the voice's own movement
         for word in said:
             session.hint_words(*word)
         session.push(samples[: 3 * rate])
@@ -72,7 +73,7 @@ def test_words_become_gestures_of_a_session(hello, model):
         engine.set_word_rules("en", RULES)
         with engine.session(rate) as session:
             moved = np.abs(run(session, [words.Word("now", 2.0, 2.4)]) - plain).max(axis=1)
-            assert moved[:30].max() == 0 and moved[66] > 0.15
+            assert moved[:30].max() == 0 and moved[60:73].max() > 0.15
             with pytest.raises(umo.Error, match="words need"):
                 session.hint_words("no", 1.0, 0.9)
             with pytest.raises(ValueError, match="zero"):

@@ -215,11 +215,14 @@ export const Parameter = Object.freeze({
 });
 /** Attention of the avatar. */
 export const Attention = Object.freeze({
-  /** Speaking while its own audio is heard, listening while audio of `umo_session_push_other_audio` is heard, otherwise idle. */
+  /**
+   * Speaking while its own audio is heard, otherwise idle; in a scene, and after `umo_session_push_other_audio`, also
+   * listening.
+   */
   auto: 0,
   /** Nothing in particular. */
   idle: 1,
-  /** The interlocutor: the avatar looks there, nods, and raises its brows at pauses. */
+  /** The one who speaks: the avatar looks there, nods, and raises its brows. */
   listening: 2,
   /** An answer to give: the avatar looks away. */
   thinking: 3,

@@ -69,9 +69,10 @@ unsafe fn push<T>(
     })
 }
 
-/// Feeds the interlocutor's audio, so that the avatar listens: `count` interleaved samples at the
-/// session's rate and channels, full scale 1. Only their loudness is used; NaN and infinite samples count
-/// as silence.
+/// Feeds the voice of a person at a microphone: `count` interleaved samples at the session's rate and
+/// channels, full scale 1. From then on the person stands 1.5 m ahead of the avatar, until a reset, and the
+/// two are as in a scene: the avatar looks there and away, listens, nods, and gives way. In a scene of the
+/// host's, its members count instead. Only the loudness is used; NaN and infinite samples count as silence.
 ///
 /// Threads: one at a time, concurrently with any other call; meant for the recording thread. Never
 /// allocates, never waits, makes no system call.

@@ -1,5 +1,5 @@
 //! Attention of the avatar: idle, listening, thinking, speaking, and the transitions between them;
-//! and the analysis of both voices that it follows in automatic mode.
+//! and the analysis of its voice that it follows in automatic mode.
 
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_base::voice::{SILENCE_DBFS, VoiceLevels, decibels};
@@ -10,8 +10,7 @@ use super::{Role, Tick};
 /// Attention of the avatar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Attention {
-    /// Automatic: speaking while its voice is heard, listening while the other's is, else idle; in a scene, as
-    /// the scene says.
+    /// Automatic: speaking while its voice is heard, else idle; in company, as the scene says.
     #[default]
     Auto = 0,
     /// Attends to nothing in particular.
@@ -38,8 +37,6 @@ pub(crate) struct Weights {
     pub(crate) speaking: f32,
     /// The avatar's voice.
     pub(super) own: Heard,
-    /// The interlocutor's voice.
-    pub(super) other: Heard,
 }
 
 /// Analysis of a voice at a tick.
@@ -60,9 +57,6 @@ pub(super) struct Heard {
 /// Seconds that speaking continues after the avatar's last sound.
 const OWN_HOLD_SECONDS: f32 = 0.6;
 
-/// Seconds that listening continues after the interlocutor's last sound.
-const OTHER_HOLD_SECONDS: f32 = 2.0;
-
 /// Time constant of each of the two low-passes over the weights, seconds: 95 % of a change takes
 /// 0.5 s.
 const WEIGHT_FILTER_SECONDS: f32 = 0.105;
@@ -71,7 +65,6 @@ const WEIGHT_FILTER_SECONDS: f32 = 0.105;
 #[derive(Debug)]
 pub(super) struct State {
     own: Voice,
-    other: Voice,
     /// Weights after the first and the second low-pass, in the order of [`Weights`].
     halfway: [f32; 4],
     weights: [f32; 4],
@@ -81,19 +74,12 @@ pub(super) struct State {
 
 impl State {
     pub(crate) fn new() -> Self {
-        Self {
-            own: Voice::new(),
-            other: Voice::new(),
-            halfway: [1.0, 0.0, 0.0, 0.0],
-            weights: [1.0, 0.0, 0.0, 0.0],
-            is_started: false,
-        }
+        Self { own: Voice::new(), halfway: [1.0, 0.0, 0.0, 0.0], weights: [1.0, 0.0, 0.0, 0.0], is_started: false }
     }
 
     /// Advances by one tick and returns its weights.
     pub(crate) fn advance(&mut self, tick: &Tick) -> Weights {
         let own = self.own.hear(tick.cue.level, tick.seconds);
-        let other = self.other.hear(tick.other_level, tick.seconds);
         let wanted = match tick.controls.attention {
             Attention::Auto if tick.controls.company.is_on() => match tick.controls.company.role {
                 Some(Role::Speaking) => 3,
@@ -101,7 +87,6 @@ impl State {
                 Some(Role::Idle) | None => 0,
             },
             Attention::Auto if self.own.silent < OWN_HOLD_SECONDS => 3,
-            Attention::Auto if self.other.silent < OTHER_HOLD_SECONDS => 1,
             Attention::Auto | Attention::Idle => 0,
             Attention::Listening => 1,
             Attention::Thinking => 2,
@@ -118,13 +103,12 @@ impl State {
         // The weights of a loaded state may all be 0.
         let sum = self.weights.iter().sum::<f32>().max(1e-6);
         let [idle, listening, thinking, speaking] = self.weights.map(|weight| weight / sum);
-        Weights { idle, listening, thinking, speaking, own, other }
+        Weights { idle, listening, thinking, speaking, own }
     }
 
     /// Saves or loads the weights.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         self.own.state(pass)?;
-        self.other.state(pass)?;
         self.halfway.iter_mut().chain(&mut self.weights).try_for_each(|weight| pass.share(weight))?;
         pass.switch("attention", &mut self.is_started)?;
         Ok(())
@@ -231,13 +215,12 @@ mod tests {
     const SECONDS: f32 = 1.0 / 30.0;
 
     /// Advances the weights by one tick.
-    fn advance(state: &mut State, trial: &Trial, controls: &Controls, own: f32, other: f32) -> Weights {
+    fn advance(state: &mut State, trial: &Trial, controls: &Controls, own: f32) -> Weights {
         state.advance(&Tick {
             number: 0,
             seconds: SECONDS,
             seed: 0,
             cue: Cue { level: own, ..Cue::default() },
-            other_level: other,
             controls,
             weights: Weights::default(),
             glance: None,
@@ -260,7 +243,7 @@ mod tests {
         let mut largest = 0.0_f32;
         for tick in 0..900 {
             controls.attention = Attention::ALL[tick / 37 % 5];
-            let weights = as_array(&advance(&mut state, &trial, &controls, speech(tick), 0.1));
+            let weights = as_array(&advance(&mut state, &trial, &controls, speech(tick)));
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5, "{weights:?}");
             assert!(weights.iter().all(|weight| (0.0..=1.0 + 1e-6).contains(weight)), "{weights:?}");
             if let Some(before) = before {
@@ -274,29 +257,23 @@ mod tests {
     }
 
     #[test]
-    fn auto_follows_voices_however_quiet() {
+    fn auto_follows_the_voice_however_quiet() {
         let trial = Trial::new(&[Layer::Gaze], 0);
         for loudness in [1.0, 0.1, 0.01] {
             let (mut state, controls) = (State::new(), Controls::new(LayerGains::ON));
-            let mut tell = |ticks: usize, own: f32, other: f32| {
+            let mut tell = |ticks: usize, own: f32| {
                 let mut weights = Weights::default();
                 for tick in 0..ticks {
                     // A pause begins after some time of speech.
-                    let voice = speech(tick) * loudness;
-                    weights = advance(&mut state, &trial, &controls, own * voice, other * voice);
+                    weights = advance(&mut state, &trial, &controls, own * speech(tick) * loudness);
                 }
                 as_array(&weights)
             };
-            assert!(tell(60, 0.0, 0.0)[0] > 0.99);
-            assert!(tell(57, 1.0, 0.0)[3] > 0.95, "{loudness}");
+            assert!(tell(60, 0.0)[0] > 0.99);
+            assert!(tell(57, 1.0)[3] > 0.95, "{loudness}");
             // Speaking continues for 0.6 s.
-            assert!(tell(12, 0.0, 0.0)[3] > 0.95);
-            assert!(tell(40, 0.0, 0.0)[0] > 0.9);
-            assert!(tell(57, 0.0, 1.0)[1] > 0.95, "{loudness}");
-            assert!(tell(50, 0.0, 0.0)[1] > 0.95);
-            assert!(tell(60, 0.0, 0.0)[0] > 0.95);
-            // A speaker does not listen.
-            assert!(tell(57, 1.0, 1.0)[3] > 0.95);
+            assert!(tell(12, 0.0)[3] > 0.95);
+            assert!(tell(40, 0.0)[0] > 0.9);
         }
     }
 

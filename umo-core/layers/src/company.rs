@@ -82,8 +82,6 @@ pub struct Company {
     pub place: [f32; 3],
     /// Whether it looks there now.
     pub is_contact: bool,
-    /// Level of the others' voices where it stands, root mean square, full scale 1.
-    pub level: f32,
     /// Numbers of nods, brow raises and half smiles that were asked for so far.
     pub nods: u32,
     /// See [`Self::nods`].
@@ -107,7 +105,6 @@ impl Company {
         has_place: false,
         place: [0.0; 3],
         is_contact: false,
-        level: 0.0,
         nods: 0,
         brows: 0,
         smiles: 0,
@@ -136,7 +133,6 @@ impl Company {
         pass.switch("company", &mut self.has_place)?;
         pass.switch("company", &mut self.is_contact)?;
         pass.places(&mut self.place)?;
-        pass.within(&mut self.level, 0.0..=1e6)?;
         for count in [&mut self.nods, &mut self.brows, &mut self.smiles] {
             pass.ids(std::slice::from_mut(count))?;
         }
@@ -372,8 +368,7 @@ mod tests {
             trial.controls.company = company;
             trial.speak(300)
         };
-        let odd =
-            Company { role: None, has_place: true, place: [1.0; 3], level: 0.5, nods: 4, lean: 1.0, ..Company::ALONE };
+        let odd = Company { role: None, has_place: true, place: [1.0; 3], nods: 4, lean: 1.0, ..Company::ALONE };
         let odd = Company { yielding: 1.0, weight: 1.0, smiles: 3, is_contact: true, ..odd };
         for (a, b) in run(Company::ALONE).iter().zip(&run(odd)) {
             assert!(a.pose.rotations == b.pose.rotations && a.pose.translation == b.pose.translation);

@@ -151,7 +151,7 @@ pub struct Controls {
     pub hints: lips::Hints,
     /// Words and their times.
     pub words: umo_core_words::Hints,
-    /// The others of a scene.
+    /// The others of a scene, or the person at a microphone.
     pub company: Company,
 }
 
@@ -215,8 +215,6 @@ pub(crate) struct Tick<'a> {
     pub(crate) seconds: f32,
     pub(crate) seed: u64,
     pub(crate) cue: Cue,
-    /// Level of the interlocutor's voice, as [`Cue::level`].
-    pub(crate) other_level: f32,
     pub(crate) controls: &'a Controls,
     /// Weight of each attention state at this tick.
     pub(crate) weights: Weights,
@@ -295,6 +293,16 @@ impl LayerStack {
         }
     }
 
+    /// Seed of the random draws.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Duration of a tick, seconds.
+    pub fn seconds(&self) -> f32 {
+        self.seconds
+    }
+
     /// Whether a tick leaves the frame unchanged.
     pub fn is_off(&self, controls: &Controls) -> bool {
         self.gains.are_off(&controls.layers)
@@ -361,7 +369,7 @@ impl LayerStack {
 
     /// Runs one tick: turns the decoders' next frame into the frame to show. `heard` is `None` for a frame
     /// without audio. Never allocates.
-    pub fn apply(&mut self, frame: &mut OwnedFrame, controls: &Controls, other_level: f32, heard: Option<Heard>) {
+    pub fn apply(&mut self, frame: &mut OwnedFrame, controls: &Controls, heard: Option<Heard>) {
         let is_off = self.is_off(controls);
         let gains = self.gains.advance(&controls.layers, self.seconds);
         if is_off {
@@ -373,7 +381,6 @@ impl LayerStack {
             seconds: self.seconds,
             seed: self.seed,
             cue: frame.cue,
-            other_level: if controls.company.is_on() { other_level.max(controls.company.level) } else { other_level },
             controls,
             weights: Weights::default(),
             glance: None,

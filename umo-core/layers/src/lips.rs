@@ -321,7 +321,7 @@ mod tests {
 
     fn tick(trial: &mut Trial, heard: Option<Heard>) -> OwnedFrame {
         let mut frame = trial.frame.clone();
-        trial.stack.apply(&mut frame, &trial.controls, trial.other, heard);
+        trial.stack.apply(&mut frame, &trial.controls, heard);
         frame
     }
 

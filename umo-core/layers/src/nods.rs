@@ -44,13 +44,9 @@ const LIVELY_SHARE: f32 = 0.4;
 /// Share of accents that raise the brows.
 const BROW_FLASH_PROBABILITY: f32 = 0.35;
 
-/// Least seconds between two responses of a listener, and upper bound of the random extra.
-const MIN_ANSWER_GAP_SECONDS: f32 = 2.0;
-const EXTRA_ANSWER_GAP_SECONDS: f32 = 2.0;
-
-/// Seconds until a listener responds without a pause in the other's speech, and bound of the extra.
-const ANSWER_TIMEOUT_SECONDS: f32 = 5.0;
-const EXTRA_ANSWER_TIMEOUT_SECONDS: f32 = 4.0;
+/// Least seconds between two responses of a listener whom the host makes listen, and upper bound of the random extra.
+const ANSWER_SECONDS: f32 = 5.0;
+const EXTRA_ANSWER_SECONDS: f32 = 4.0;
 
 const DRAWS: Stream = Stream(300);
 const SLOW: Stream = Stream(301);
@@ -70,12 +66,10 @@ pub(super) struct Nods {
     pulses: [Pulse; MAX_PULSES],
     /// Index of the pulse to replace next.
     next: u64,
-    /// Seconds since the last response to an accent; seconds until a listener may respond; and seconds
-    /// until one responds without a pause.
+    /// Seconds since the last response to an accent, and until a listener responds.
     since_accent: f32,
     answer: f32,
-    latest: f32,
-    /// Nods and brow raises that a scene has asked for.
+    /// Nods and brow raises that the company has asked for.
     asked: [Seen; 2],
 }
 
@@ -89,8 +83,7 @@ impl Nods {
             pulses: [Pulse::default(); MAX_PULSES],
             next: 0,
             since_accent: MIN_ACCENT_GAP_SECONDS,
-            answer: 0.0,
-            latest: ANSWER_TIMEOUT_SECONDS,
+            answer: ANSWER_SECONDS,
             asked: [Seen::default(); 2],
         }
     }
@@ -177,31 +170,28 @@ impl Nods {
         });
     }
 
-    /// Nods and raises the brows at pauses of the interlocutor.
+    /// Nods and raises the brows as the company asks for it, or now and then.
     fn listen(&mut self, tick: &Tick) {
         let company = &tick.controls.company;
         let counts = [company.nods, company.brows].map(|count| company.is_on().then_some(count));
         let [nods, brows] = [0, 1].map(|which| self.asked[which].changes(counts[which]));
-        self.answer = (self.answer - tick.seconds).max(0.0);
         if tick.weights.listening < 0.5 {
-            self.latest = ANSWER_TIMEOUT_SECONDS;
+            self.answer = ANSWER_SECONDS;
             return;
         }
         if company.is_on() {
             if nods || brows {
-                let [_, size, twice, ..]: [f32; 5] = std::array::from_fn(|_| self.draw(tick));
+                let [size, twice] = std::array::from_fn(|_| self.draw(tick));
                 self.respond(nods, if brows { 0.15 + 0.2 * size } else { 0.0 }, size, twice);
             }
             return;
         }
-        self.latest -= tick.seconds;
-        let is_pause = tick.weights.other.ends && self.answer <= 0.0;
-        if !(is_pause || self.latest <= 0.0) {
+        self.answer -= tick.seconds;
+        if self.answer > 0.0 {
             return;
         }
-        let [kind, size, twice, gap, latest] = std::array::from_fn(|_| self.draw(tick));
-        self.answer = MIN_ANSWER_GAP_SECONDS + EXTRA_ANSWER_GAP_SECONDS * gap;
-        self.latest = ANSWER_TIMEOUT_SECONDS + EXTRA_ANSWER_TIMEOUT_SECONDS * latest;
+        let [kind, size, twice, gap] = std::array::from_fn(|_| self.draw(tick));
+        self.answer = ANSWER_SECONDS + EXTRA_ANSWER_SECONDS * gap;
         let is_nod = kind < 0.75;
         let rise = if kind > 0.55 { 0.15 + 0.2 * size } else { 0.0 };
         self.respond(is_nod, rise, size, twice);
@@ -234,9 +224,9 @@ impl Nods {
         for pulse in &mut self.pulses {
             pulse.state(pass)?;
         }
-        let mut values = [self.speed, self.since_accent, self.answer, self.latest];
+        let mut values = [self.speed, self.since_accent, self.answer];
         pass.moderate(&mut values)?;
-        [self.speed, self.since_accent, self.answer, self.latest] = values;
+        [self.speed, self.since_accent, self.answer] = values;
         self.asked.iter_mut().try_for_each(|asked| asked.state(pass))
     }
 }
@@ -290,7 +280,7 @@ fn bump(t: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::trial::{Trial, assert_sound, deviation, shape, speech, turned, yawed};
+    use super::super::trial::{Trial, assert_sound, deviation, shape, turned, yawed};
     use super::super::{Attention, Company, Layer, Role};
     use super::*;
 
@@ -332,35 +322,8 @@ mod tests {
     }
 
     #[test]
-    fn a_listener_answers_at_pauses_and_not_more_often_than_every_2_s() {
+    fn whom_the_host_makes_listen_nods_now_and_then() {
         let mut trial = Trial::new(&[Layer::Nods], 2);
-        let mut answers = Vec::new();
-        let mut before = trial.stack.nods.next;
-        for tick in 0..5400 {
-            trial.other = speech(tick);
-            trial.tick();
-            if trial.stack.nods.next != before {
-                answers.push(tick);
-            }
-            before = trial.stack.nods.next;
-        }
-        assert!((30..=85).contains(&answers.len()), "{}", answers.len());
-        assert!(answers.windows(2).all(|pair| pair[1] - pair[0] >= 60));
-        // Most are within pauses.
-        let inside = answers.iter().filter(|&&tick| tick % 78 >= 60).count();
-        assert!(inside * 10 > answers.len() * 8, "{inside} of {}", answers.len());
-        // The bound also holds if pauses are closer together.
-        let mut last = None;
-        for tick in 0..1800 {
-            trial.other = speech(2 * tick);
-            trial.tick();
-            if std::mem::replace(&mut before, trial.stack.nods.next) != trial.stack.nods.next {
-                assert!(last.is_none_or(|last| tick - last >= 60), "{last:?} {tick}");
-                last = Some(tick);
-            }
-        }
-        // A listener who hears nothing also nods; an idle avatar does not.
-        trial.other = 0.0;
         let count = |trial: &mut Trial, attention| {
             trial.controls.attention = attention;
             trial.ticks(90);
@@ -382,7 +345,6 @@ mod tests {
         trial.controls.company = Company { role: Some(Role::Listening), nods: 7, brows: 3, ..Company::ALONE };
         let mut begun = Vec::new();
         for tick in 0..1800 {
-            trial.other = speech(tick);
             let before = trial.stack.nods.next;
             trial.controls.company.nods += u32::from(tick % 300 == 200);
             trial.controls.company.brows += u32::from(tick % 300 == 250);
@@ -394,7 +356,6 @@ mod tests {
         let wanted: Vec<usize> = (0..6).flat_map(|i| [300 * i + 200, 300 * i + 250]).collect();
         assert_eq!(begun, wanted);
         // A speaker does not answer, nor one that the host makes think.
-        trial.other = 0.0;
         for (role, attention) in [(Role::Speaking, Attention::Auto), (Role::Listening, Attention::Thinking)] {
             trial.controls.company.role = Some(role);
             trial.controls.attention = attention;

@@ -8,7 +8,7 @@ use umo_core_pose::rotation::{product, quat_to_matrix};
 use umo_core_pose::skeleton::{ARKIT_NAMES, JOINTS, Skeleton};
 
 use super::rig::{DEGREE, EYES, Rig, arkit, turn, turn_vector};
-use super::{Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood, WordRules};
+use super::{Company, Controls, Cue, Gestures, Layer, LayerGains, LayerStack, Mood, Role, WordRules};
 
 pub(super) const SECONDS: f32 = 1.0 / 30.0;
 
@@ -63,7 +63,6 @@ pub(super) struct Trial {
     pub(super) controls: Controls,
     /// The decoders' frame.
     pub(super) frame: OwnedFrame,
-    pub(super) other: f32,
 }
 
 impl Trial {
@@ -80,14 +79,13 @@ impl Trial {
             stack: LayerStack::of(rig(), SECONDS, seed, Gestures::default(), WordRules::english()),
             controls: Controls::new(config),
             frame: OwnedFrame::new(*rest, &vec![0.0; face.names.len()]),
-            other: 0.0,
         }
     }
 
     /// Runs one tick and returns the frame shown.
     pub(super) fn tick(&mut self) -> OwnedFrame {
         let mut frame = self.frame.clone();
-        self.stack.apply(&mut frame, &self.controls, self.other, None);
+        self.stack.apply(&mut frame, &self.controls, None);
         frame
     }
 
@@ -183,11 +181,25 @@ pub(super) fn yawed(q: [f32; 4], degrees: f32) -> [f32; 4] {
     product(turn([0.0, degrees * DEGREE, 0.0]), q)
 }
 
+/// A person who speaks, with a nod asked for every 3 s.
+fn person(tick: usize) -> Company {
+    Company {
+        role: Some(Role::Listening),
+        has_place: true,
+        place: [0.2, 0.1, 1.5],
+        is_contact: tick % 90 < 60,
+        nods: u32::try_from(tick / 90).unwrap(),
+        resting: 1.0,
+        ..Company::ALONE
+    }
+}
+
 /// Runs a dialogue with every layer.
 fn dialogue(trial: &mut Trial, ticks: std::ops::Range<usize>) -> Vec<OwnedFrame> {
     let shown = ticks.map(|tick| {
-        let (own, other) = if tick / 300 % 2 == 0 { (speech(tick), 0.0) } else { (0.0, speech(tick)) };
-        (trial.frame.cue.level, trial.other) = (own, other);
+        let speaks = tick / 300 % 2 == 0;
+        trial.frame.cue.level = if speaks { speech(tick) } else { 0.0 };
+        trial.controls.company = if speaks { Company::ALONE } else { person(tick) };
         let is_asked = tick / 200 % 3 == 1;
         (trial.controls.look_at, trial.controls.look_at_strength) = ([0.8, 1.4, 1.0], f32::from(u8::from(is_asked)));
         trial.controls.mood = Mood::ALL[tick / 150 % Mood::ALL.len()];
@@ -278,7 +290,7 @@ fn odd_bodies_and_faces_stay_sound() {
             trial.frame.pose.rotations.iter_mut().for_each(|q| *q = super::rig::unit([draw(), draw(), draw(), draw()]));
             trial.frame.face.iter_mut().for_each(|value| *value = draw().abs());
             trial.frame.cue.level = draw().abs();
-            trial.other = draw().abs();
+            trial.controls.company = Company { place: [9.0 * draw(), 9.0 * draw(), 9.0 * draw()], ..person(case) };
             trial.controls.look_at = [9.0 * draw(), 9.0 * draw(), 9.0 * draw()];
             trial.controls.look_at_strength = draw().abs();
             assert_sound(&trial.tick());

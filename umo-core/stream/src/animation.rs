@@ -405,7 +405,7 @@ impl Track {
             return raw;
         }
         frame.take(raw.index as u64, (raw.pose, raw.face), cue, (HINT_UNITS * raw.index) as u64);
-        layers.apply(frame, 0.0);
+        layers.apply(frame);
         FrameRef { pose: &frame.pose, face: &frame.face, ..raw }
     }
 

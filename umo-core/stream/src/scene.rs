@@ -11,6 +11,7 @@
 //! | `room` | members, and the order of a tick |
 //! | `voice`, `floor` | who sounds, who has the floor, who interrupts whom |
 //! | `looks`, `answers`, `posture` | what each member does |
+//! | `pair` | one avatar and one person, within a session |
 //! | `draw` | random choices of seed, member and tick |
 //! | `state` | saving and restoring |
 
@@ -18,6 +19,7 @@ mod answers;
 mod draw;
 mod floor;
 mod looks;
+mod pair;
 mod posture;
 mod room;
 mod state;
@@ -38,6 +40,7 @@ pub use umo_core_layers::Role;
 use crate::link::try_lock;
 use crate::session::{Session, SessionError};
 
+pub(crate) use pair::Pair;
 pub use room::{MEMBERS as MAX_MEMBERS, MemberInfo};
 
 use room::{MEMBERS, Room};
@@ -248,7 +251,7 @@ pub struct Scene<B: Body> {
 
 #[derive(Debug)]
 struct Inner<B> {
-    room: Room,
+    room: Room<MEMBERS>,
     bodies: [Option<Joined<B>>; MEMBERS],
     /// Level of each voice, ticks since it was heard last, and one more than the frame that it was heard of.
     levels: [f32; MEMBERS],

@@ -215,9 +215,11 @@ impl Session {
         input.push(shared, samples, float)
     }
 
-    /// Feeds the interlocutor's audio, as interleaved samples at the session's rate and channels,
-    /// so that the avatar listens: it looks at the interlocutor, and nods and raises its brows at
-    /// pauses. Only the loudness is used. Samples that are NaN or infinite count as silence.
+    /// Feeds the voice of a person at a microphone, as interleaved samples at the session's rate and
+    /// channels. From then on the person stands 1.5 m ahead of the avatar, until a reset, and the two
+    /// are as in a [scene](crate::scene::Scene): the avatar looks there and away, listens, nods, and gives way.
+    /// In a scene of the host's, its members count instead. Only the loudness is used. Samples that are NaN or infinite
+    /// count as silence.
     ///
     /// Wait-free; any thread may call it while other calls run. Meant for the thread that records.
     ///

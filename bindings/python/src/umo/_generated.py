@@ -169,13 +169,13 @@ class Attention(enum.IntEnum):
     """Attention of the avatar."""
 
     AUTO = 0
-    """Speaking while its own audio is heard, listening while audio of `umo_session_push_other_audio` is heard,
-    otherwise idle.
+    """Speaking while its own audio is heard, otherwise idle; in a scene, and after `umo_session_push_other_audio`,
+    also listening.
     """
     IDLE = 1
     """Nothing in particular."""
     LISTENING = 2
-    """The interlocutor: the avatar looks there, nods, and raises its brows at pauses."""
+    """The one who speaks: the avatar looks there, nods, and raises its brows."""
     THINKING = 3
     """An answer to give: the avatar looks away."""
     SPEAKING = 4

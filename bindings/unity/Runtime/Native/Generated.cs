@@ -254,13 +254,13 @@ namespace Umo
     public enum Attention : uint
     {
         /// <summary>
-        /// Speaking while its own audio is heard, listening while audio of umo_session_push_other_audio is heard,
-        /// otherwise idle.
+        /// Speaking while its own audio is heard, otherwise idle; in a scene, and after umo_session_push_other_audio,
+        /// also listening.
         /// </summary>
         Auto = 0,
         /// <summary>Nothing in particular.</summary>
         Idle = 1,
-        /// <summary>The interlocutor: the avatar looks there, nods, and raises its brows at pauses.</summary>
+        /// <summary>The one who speaks: the avatar looks there, nods, and raises its brows.</summary>
         Listening = 2,
         /// <summary>An answer to give: the avatar looks away.</summary>
         Thinking = 3,

@@ -230,7 +230,6 @@ fn lids_and_looks_of_a_gesture_stay() {
             seconds: SECONDS,
             seed: 3,
             cue: frame.cue,
-            other_level: 0.0,
             controls: &controls,
             weights: Default::default(),
             glance: None,

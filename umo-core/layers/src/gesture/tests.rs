@@ -86,7 +86,6 @@ impl Stage {
             seconds: 1.0 / 30.0,
             seed: 0,
             cue: Cue::default(),
-            other_level: 0.0,
             controls: &self.controls,
             weights: Weights::default(),
             glance: None,

@@ -19,7 +19,7 @@ fn run(trial: &mut Trial, ticks: u64) -> Vec<OwnedFrame> {
         let mut frame = trial.frame.clone();
         frame.index = at;
         let heard = Heard { sample: at * RATE as u64 / 30, rate: RATE };
-        trial.stack.apply(&mut frame, &trial.controls, 0.0, Some(heard));
+        trial.stack.apply(&mut frame, &trial.controls, Some(heard));
         frame
     };
     (0..ticks).map(tick).collect()
@@ -70,7 +70,7 @@ fn spoken(text: &str, seed: u64, factor: f32) -> (Trial, Vec<OwnedFrame>) {
             false if is_pause => 0.0,
             false => 0.1,
         };
-        trial.stack.apply(&mut frame, &trial.controls, 0.0, Some(Heard { sample: at * RATE as u64 / 30, rate: RATE }));
+        trial.stack.apply(&mut frame, &trial.controls, Some(Heard { sample: at * RATE as u64 / 30, rate: RATE }));
         frame
     });
     let frames = frames.collect();
@@ -214,7 +214,7 @@ fn a_state_goes_on_with_its_words_and_an_interrupt_drops_them() {
         let trial = if at < 95 { &mut first } else { &mut second };
         let mut frame = trial.frame.clone();
         frame.index = at;
-        trial.stack.apply(&mut frame, &trial.controls, 0.0, heard(at));
+        trial.stack.apply(&mut frame, &trial.controls, heard(at));
         let wanted = &expected[usize::try_from(at).unwrap()];
         assert!(is_same(&frame, wanted), "{at}");
         if at == 94 {

@@ -16,7 +16,7 @@ use super::Idle;
 /// starts.
 const MAX_HOST_TIME: u64 = 1 << 60;
 
-/// Age in nanoseconds at which the interlocutor's level expires and counts as silence.
+/// Age in nanoseconds from which the interlocutor's level counts as silence.
 const STALE: u64 = 250_000_000;
 
 /// Settings, requests and times that the stages read.
@@ -49,7 +49,8 @@ impl Host {
     pub(crate) fn new(clock: Clock, controls: Controls, (gestures, words): (Gestures, WordRules), idle: Idle) -> Self {
         let clock = HostClock::new(clock);
         Self {
-            other_time: AtomicU64::new(clock.nanos()),
+            // Nothing was heard yet.
+            other_time: AtomicU64::new(0),
             clock,
             controls: Handover::new(controls, true),
             company: Handover::new(Company::ALONE, false),
@@ -73,10 +74,10 @@ impl Host {
         }
     }
 
-    /// Current loudness of the interlocutor.
-    pub(crate) fn other_level(&self) -> f32 {
+    /// Current loudness of the interlocutor, if one is heard.
+    pub(crate) fn other_level(&self) -> Option<f32> {
         let age = self.clock.now().saturating_sub(self.other_time.load(Ordering::Relaxed));
-        if age > STALE { 0.0 } else { f32::from_bits(self.other_level.load(Ordering::Relaxed)) }
+        (age <= STALE).then(|| f32::from_bits(self.other_level.load(Ordering::Relaxed)))
     }
 
     /// Sets the loudness of the interlocutor.

@@ -3,29 +3,37 @@
 use std::sync::atomic::Ordering;
 
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, Heard, LayerStack};
+use umo_core_layers::{Company, Controls, Heard, LayerStack};
 use umo_core_pose::frame::OwnedFrame;
 
 use super::Start;
 use super::host::Host;
+use crate::scene::Pair;
 
 /// The layers of one avatar, and the requests in force.
 #[derive(Debug)]
 pub(crate) struct Layers {
     pub(crate) stack: LayerStack,
     pub(crate) controls: Controls,
+    /// The others of a scene, and the person at the session's own microphone, who counts without them.
+    scene: Company,
+    pair: Pair,
+    /// Seconds of a frame.
+    seconds: f32,
     /// Rate of the frames' samples, per second.
     rate: usize,
 }
 
 impl Layers {
     pub(crate) fn new(stack: LayerStack, controls: Controls, rate: usize) -> Self {
-        Self { stack, controls, rate }
+        let (pair, seconds) = (Pair::new(stack.seed()), stack.seconds());
+        Self { stack, controls, scene: Company::ALONE, pair, seconds, rate }
     }
 
     pub(crate) fn reset(&mut self, start: &Start, host: &Host) {
         self.follow(host);
         if start.is_reset {
+            self.pair.reset();
             self.stack.reset(start.epoch.number, &self.controls);
         } else {
             self.stack.interrupt(start.epoch.number, start.ease, &self.controls);
@@ -38,31 +46,41 @@ impl Layers {
         self.stack.is_off(&self.controls)
     }
 
-    /// Completes the next frame of the stream with a tick of the layers. `other_level` is the level
-    /// of the interlocutor's voice.
-    pub(crate) fn apply(&mut self, frame: &mut OwnedFrame, other_level: f32) {
+    /// Completes the next frame of the stream with a tick of the layers.
+    pub(crate) fn apply(&mut self, frame: &mut OwnedFrame) {
         let heard = Heard { sample: frame.sample, rate: self.rate };
-        self.stack.apply(frame, &self.controls, other_level, Some(heard));
+        self.stack.apply(frame, &self.controls, Some(heard));
     }
 
     /// [`Self::apply`] with the host's newest requests. Publishes the number of those that have
     /// begun.
     pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame) {
         self.follow(host);
-        self.apply(frame, host.other_level());
+        self.meet(host, frame);
+        self.apply(frame);
         self.publish(host);
     }
 
     /// Applies a tick of the layers to a frame without audio, outside of the stream.
     pub(super) fn apply_to_still(&mut self, host: &Host, frame: &mut OwnedFrame) {
-        self.stack.apply(frame, &self.controls, host.other_level(), None);
+        self.meet(host, frame);
+        self.stack.apply(frame, &self.controls, None);
         host.begun_gestures.store(self.stack.begun_gestures(), Ordering::Release);
     }
 
     /// Takes over the host's requests; if the host is writing them, the next frame does.
     pub(super) fn follow(&mut self, host: &Host) {
         host.controls.take(|controls| self.controls = Controls { company: self.controls.company, ..*controls });
-        host.company.take(|company| self.controls.company = *company);
+        host.company.take(|company| self.scene = *company);
+    }
+
+    /// Meets the others of the scene at a frame, or the person at the session's microphone.
+    fn meet(&mut self, host: &Host, frame: &OwnedFrame) {
+        self.controls.company = if self.scene.is_on() {
+            self.scene
+        } else {
+            self.pair.advance(frame.cue.level, host.other_level(), self.seconds)
+        };
     }
 
     /// Publishes the numbers of begun gestures, passed hints and passed words for the host's setters.
@@ -79,6 +97,8 @@ impl Layers {
 
     /// Describes the requests in force.
     pub(crate) fn controls_state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        self.controls.state(pass)
+        self.controls.state(pass)?;
+        self.scene.state(pass)?;
+        self.pair.state(pass)
     }
 }

@@ -2,7 +2,7 @@
 
 use umo_core_base::state::{StateError, StatePass};
 
-use super::room::{MEMBERS, Member};
+use super::room::Member;
 use super::voice::Voice;
 use super::{slot_state, ticks};
 
@@ -20,19 +20,19 @@ const OWN_HOLD: u32 = ticks(0.6);
 
 /// The floor, and whom all attend to.
 #[derive(Debug)]
-pub(super) struct Floor {
+pub(super) struct Floor<const N: usize> {
     pub(super) holder: Option<usize>,
     /// Who is heard: the holder, or another one that sounds while the holder is silent.
     pub(super) focus: Option<usize>,
     /// For how long each has sounded together with the holder.
-    over: [u32; MEMBERS],
+    over: [u32; N],
     /// Who yields at this tick.
     pub(super) yields: Option<usize>,
 }
 
-impl Floor {
+impl<const N: usize> Floor<N> {
     pub(super) fn new() -> Self {
-        Self { holder: None, focus: None, over: [0; MEMBERS], yields: None }
+        Self { holder: None, focus: None, over: [0; N], yields: None }
     }
 
     /// Forgets a member that leaves.
@@ -44,17 +44,17 @@ impl Floor {
     }
 
     /// Follows the voices by one tick.
-    pub(super) fn advance(&mut self, members: &[Member; MEMBERS]) {
+    pub(super) fn advance(&mut self, members: &[Member; N]) {
         self.yields = None;
         let voice = |slot: usize| members[slot].is_there().then_some(&members[slot].voice);
         if let Some(holder) = self.holder {
             self.hold(holder, &voice);
         }
         if self.holder.is_none() {
-            self.give(longest(&voice, None, |voice| voice.heard >= TAKES));
+            self.give(longest::<N>(&voice, None, |voice| voice.heard >= TAKES));
         }
         let heard = self.holder.filter(|&holder| voice(holder).is_some_and(Voice::sounds));
-        let other = || longest(&voice, self.holder, |_| true);
+        let other = || longest::<N>(&voice, self.holder, |_| true);
         self.focus = heard.or_else(other).or(self.holder);
     }
 
@@ -66,7 +66,7 @@ impl Floor {
 
     fn hold<'a>(&mut self, holder: usize, voice: &impl Fn(usize) -> Option<&'a Voice>) {
         let Some(own) = voice(holder) else { return self.give(None) };
-        for slot in (0..MEMBERS).filter(|&slot| slot != holder) {
+        for slot in (0..N).filter(|&slot| slot != holder) {
             let Some(other) = voice(slot) else { continue };
             let over = self.over[slot];
             if !other.sounds() {
@@ -82,7 +82,7 @@ impl Floor {
             return;
         }
         let over = self.over;
-        let interrupts = (0..MEMBERS).filter(|&slot| slot != holder && over[slot] >= INTERRUPTION);
+        let interrupts = (0..N).filter(|&slot| slot != holder && over[slot] >= INTERRUPTION);
         if let Some(next) = interrupts.max_by_key(|&slot| (over[slot], std::cmp::Reverse(slot))) {
             self.yields = Some(holder);
             return self.give(Some(next));
@@ -90,7 +90,7 @@ impl Floor {
         if own.silent >= FREE {
             let free = own.silent - FREE;
             let takes = |voice: &Voice| voice.run >= MHM || voice.heard >= TAKES && voice.run <= free;
-            match longest(voice, Some(holder), takes) {
+            match longest::<N>(voice, Some(holder), takes) {
                 Some(next) => self.give(Some(next)),
                 None if own.silent >= EMPTY => self.give(None),
                 None => {}
@@ -99,7 +99,7 @@ impl Floor {
     }
 
     fn give(&mut self, holder: Option<usize>) {
-        (self.holder, self.over) = (holder, [0; MEMBERS]);
+        (self.holder, self.over) = (holder, [0; N]);
     }
 
     pub(super) fn state(&mut self, pass: &mut StatePass, there: u32) -> Result<(), StateError> {
@@ -111,7 +111,7 @@ impl Floor {
 }
 
 /// Of those that sound, and of whom `is` is true, the one that has sounded longest.
-fn longest<'a>(
+fn longest<'a, const N: usize>(
     voice: &impl Fn(usize) -> Option<&'a Voice>,
     but: Option<usize>,
     is: impl Fn(&Voice) -> bool,
@@ -120,5 +120,5 @@ fn longest<'a>(
         let voice = voice(slot).filter(|voice| Some(slot) != but && voice.sounds() && is(voice))?;
         Some((voice.run, std::cmp::Reverse(slot), slot))
     };
-    (0..MEMBERS).filter_map(run).max().map(|(_, _, slot)| slot)
+    (0..N).filter_map(run).max().map(|(_, _, slot)| slot)
 }

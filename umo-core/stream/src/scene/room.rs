@@ -14,10 +14,10 @@ use super::{Allowed, Place, TICKS_PER_SECOND, Target, count, ticks};
 /// Upper bound on the members of a scene.
 pub const MEMBERS: usize = 32;
 
+/// Ticks that may be due after the longest update.
+const MOST_DUE: u64 = TICKS_PER_SECOND as u64 + 1;
 /// Time for which a member yields.
 const YIELD: u32 = ticks(1.5);
-/// Distance below which a voice is as loud as there, metres.
-const NEAR: f32 = 0.5;
 
 /// One member.
 #[derive(Debug)]
@@ -89,23 +89,27 @@ pub struct MemberInfo {
     pub level: f32,
 }
 
-/// The room.
+/// A room for `N` members.
 #[derive(Debug)]
-pub(super) struct Room {
+pub(super) struct Room<const N: usize> {
     seed: u64,
     /// Ticks so far, and members so far.
     ticks: u64,
     members_so_far: u32,
     /// Seconds so far.
     seconds: f64,
-    pub(super) members: [Member; MEMBERS],
-    pub(super) floor: Floor,
+    pub(super) members: [Member; N],
+    pub(super) floor: Floor<N>,
 }
 
-impl Room {
+impl<const N: usize> Room<N> {
     pub(super) fn new(seed: u64) -> Self {
         let members = std::array::from_fn(|_| Member::empty());
         Self { seed, ticks: 0, members_so_far: 0, seconds: 0.0, members, floor: Floor::new() }
+    }
+
+    pub(super) fn seed(&self) -> u64 {
+        self.seed
     }
 
     /// Slot of a member.
@@ -148,7 +152,9 @@ impl Room {
     pub(super) fn due(&mut self, seconds: f64) -> u64 {
         // A tenth of a tick early: times that sum up to a tick except for rounding are one.
         self.seconds += seconds;
-        ((self.seconds * f64::from(TICKS_PER_SECOND) + 0.1) as u64).saturating_sub(self.ticks)
+        let due = ((self.seconds * f64::from(TICKS_PER_SECOND) + 0.1) as u64).saturating_sub(self.ticks);
+        // More are due of a forged state alone.
+        due.min(MOST_DUE)
     }
 
     /// Bits of the slots with members.
@@ -158,7 +164,7 @@ impl Room {
     }
 
     /// Makes a tick; `levels` of the members' voices, full scale 1.
-    pub(super) fn tick(&mut self, levels: &[f32; MEMBERS]) {
+    pub(super) fn tick(&mut self, levels: &[f32; N]) {
         let everybody = self.everybody();
         let Self { seed, ticks, members, floor, .. } = self;
         for (member, &level) in members.iter_mut().zip(levels).filter(|(member, _)| member.is_there()) {
@@ -168,7 +174,7 @@ impl Room {
         let focus = floor.focus;
         let ends = focus.is_some_and(|focus| members[focus].voice.ends);
         let is_heard = focus.is_some_and(|focus| members[focus].voice.silent < YIELD);
-        for slot in 0..MEMBERS {
+        for slot in 0..N {
             let member = &members[slot];
             if !member.is_there() {
                 continue;
@@ -223,13 +229,11 @@ impl Room {
         let place = target.or(looks);
         let [lean, weight] = if member.allowed.has(Allowed::MIRROR) { member.posture.shown() } else { [0.0; 2] };
         let [nods, brows, smiles] = member.answers.counts;
-        let level = others().map(|(_, other)| other.voice.level / distance(other.eyes(), member.eyes()).max(NEAR));
         Company {
             role: Some(member.role),
             has_place: place.is_some(),
             place: place.map_or([0.0; 3], |place| member.seen_from(place)),
             is_contact: target.is_some() || member.look.is_contact,
-            level: level.fold(0.0, f32::max),
             nods,
             brows,
             smiles,
@@ -294,8 +298,4 @@ impl Member {
         self.posture.state(pass, there)?;
         count(pass, &mut self.yielding, YIELD)
     }
-}
-
-fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
 }

@@ -110,7 +110,7 @@ impl<B: Body> Inner<B> {
 
 fn describe(
     pass: &mut StatePass,
-    room: &mut Room,
+    room: &mut Room<MEMBERS>,
     levels: &mut [f32; MEMBERS],
     (ages, frames): (&mut [u64; MEMBERS], &mut [u64; MEMBERS]),
 ) -> Result<(), StateError> {

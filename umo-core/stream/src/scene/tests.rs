@@ -10,7 +10,7 @@ use super::*;
 const MINUTE: usize = 60 * TICKS_PER_SECOND as usize;
 
 /// A room with members in a circle, who look at its middle.
-fn room(count: usize, seed: u64) -> Room {
+fn room(count: usize, seed: u64) -> Room<MEMBERS> {
     let mut room = Room::new(seed);
     for i in 0..count {
         let angle = i as f32 / count as f32 * std::f32::consts::TAU;
@@ -27,7 +27,7 @@ fn syllables(tick: usize) -> f32 {
 }
 
 /// Makes ticks in which these members sound.
-fn sound(room: &mut Room, ticks: usize, who: &[usize]) {
+fn sound(room: &mut Room<MEMBERS>, ticks: usize, who: &[usize]) {
     for tick in 0..ticks {
         let mut levels = [0.0; MEMBERS];
         who.iter().for_each(|&slot| levels[slot] = syllables(tick));
@@ -174,7 +174,8 @@ fn a_new_speaker_is_found_after_a_fifth_to_two_fifths_of_a_second() {
     for (seed, silence) in (0..100).zip(60..) {
         let mut room = room(4, seed);
         sound(&mut room, silence, &[]);
-        let looks = |room: &Room, slot: usize| room.info(slot).is_contact && room.info(slot).attends_to == Some(1);
+        let looks =
+            |room: &Room<MEMBERS>, slot: usize| room.info(slot).is_contact && room.info(slot).attends_to == Some(1);
         let mut waiting = [1, 2, 3].map(|slot| !looks(&room, slot));
         for tick in 1..30 {
             sound(&mut room, 1, &[0]);
@@ -195,7 +196,7 @@ fn a_new_speaker_is_found_after_a_fifth_to_two_fifths_of_a_second() {
 #[test]
 fn the_floor_goes_to_who_sounds_and_an_mhm_does_not_take_it() {
     let mut room = room(3, 1);
-    let holder = |room: &Room| room.floor.holder;
+    let holder = |room: &Room<MEMBERS>| room.floor.holder;
     sound(&mut room, 3, &[1]);
     assert_eq!(holder(&room), None, "0.1 s does not take it");
     sound(&mut room, 5, &[1]);
@@ -232,7 +233,7 @@ fn who_falls_silent_first_yields() {
         assert!((0..3).all(|slot| room.info(slot).yielding == 0.0));
         sound(&mut room, 12, &[goes_on]);
         assert_eq!(room.floor.holder, Some(goes_on));
-        let yielding = |room: &Room| [0, 1, 2].map(|slot| room.info(slot).yielding);
+        let yielding = |room: &Room<MEMBERS>| [0, 1, 2].map(|slot| room.info(slot).yielding);
         let mut wanted = [0.0; 3];
         wanted[stops] = 1.0;
         assert_eq!(yielding(&room), wanted);
@@ -308,18 +309,13 @@ fn parts_can_be_forbidden_and_targets_forced() {
 }
 
 #[test]
-fn voices_fall_with_distance_and_places_are_the_members_own() {
-    let mut room = Room::new(0);
+fn places_are_the_members_own() {
+    let mut room = Room::<3>::new(0);
     let place = |position, facing| Place { position, facing, eye_height: 1.5 };
     let half = std::f32::consts::FRAC_PI_2;
     let (listener, _) = room.add(place([1.0, 0.0, 1.0], half), true).unwrap();
     let (near, _) = room.add(Place { eye_height: 1.8, ..place([3.0, 0.5, 1.0], -half) }, true).unwrap();
     room.add(place([1.0, 0.0, -3.0], 0.0), false).unwrap();
-    let mut levels = [0.0; MEMBERS];
-    (levels[near], levels[2]) = (0.2, 0.3);
-    (0..30).for_each(|_| room.tick(&levels));
-    let company = room.company(listener);
-    assert!((company.level - 0.2 / (4.0_f32 + 0.64).sqrt()).abs() < 1e-3, "{company:?}");
     room.members[listener].target = Target::Member(room.members[near].id);
     let [left, up, ahead] = room.company(listener).place;
     assert!(left.abs() < 1e-5 && (up - 0.8).abs() < 1e-5 && (ahead - 2.0).abs() < 1e-5, "{left} {up} {ahead}");
@@ -329,7 +325,7 @@ fn voices_fall_with_distance_and_places_are_the_members_own() {
     assert!((left - 4.0).abs() < 1e-5 && ahead.abs() < 1e-5, "{left} {ahead}");
 }
 
-fn save(room: &mut Room) -> Vec<u8> {
+fn save(room: &mut Room<MEMBERS>) -> Vec<u8> {
     let mut size = StatePass::size();
     room.state(&mut size).unwrap();
     let mut bytes = vec![0; size.end().unwrap()];
@@ -342,7 +338,7 @@ fn save(room: &mut Room) -> Vec<u8> {
 #[test]
 fn a_restored_room_goes_on_the_same() {
     let talk = talk(4, 3, 9);
-    let run = |room: &mut Room, ticks: std::ops::Range<usize>| -> Vec<_> {
+    let run = |room: &mut Room<MEMBERS>, ticks: std::ops::Range<usize>| -> Vec<_> {
         let each = ticks.map(|tick| {
             let (speaker, is_on) = talk.turns[tick];
             let mut levels = [0.0; MEMBERS];
@@ -374,7 +370,7 @@ fn a_restored_room_goes_on_the_same() {
 #[test]
 fn times_that_sum_up_to_a_tick_are_one_and_long_ones_are_cut() {
     for rate in [24_u32, 30, 60, 72, 90, 120, 144, 240] {
-        let mut room = Room::new(0);
+        let mut room = Room::<MEMBERS>::new(0);
         let mut made = 0;
         for picture in 1..=3000_u32 {
             let due = room.due(1.0 / f64::from(rate));
@@ -446,4 +442,41 @@ fn what_is_out_of_range_is_refused() {
     state[100] ^= 1;
     assert!(scene.restore(&state[..length]).is_err());
     ids.iter().for_each(|&id| scene.remove(id).unwrap());
+}
+
+#[test]
+fn a_person_at_the_microphone_is_met_as_in_a_scene_of_two() {
+    let mut pair = Pair::new(5);
+    let mut tell = |ticks: usize, own: bool, person: Option<bool>| {
+        let mut all = Vec::new();
+        for tick in 0..ticks {
+            let level = |sounds: bool| if sounds { syllables(tick) } else { 0.0 };
+            all.push(pair.advance(level(own), person.map(level), TICK_SECONDS));
+        }
+        all
+    };
+    // Nobody was heard yet: alone.
+    assert!(tell(60, true, None).iter().all(|company| *company == Company::ALONE));
+    let listens = |company: &Company| company.role == Some(Role::Listening);
+    let mut nods = 0;
+    for _ in 0..10 {
+        tell(20, false, Some(false));
+        let heard = tell(100, false, Some(true));
+        assert!(heard[10..].iter().all(|company| listens(company) && company.resting == 1.0));
+        let there = heard.iter().filter(|company| company.is_contact).count();
+        assert!(there > 40, "{there}");
+        let [left, up, ahead] = heard[99].place;
+        assert!(left.abs() < 1e-5 && up == 0.0 && (ahead - 1.5).abs() < 1e-5, "{left} {up} {ahead}");
+        nods = heard[99].nods;
+    }
+    // 40 s of it: 6 to 10 a minute.
+    assert!((4..=7).contains(&nods), "{nods}");
+    // The microphone is off, the person still there. The avatar answers; the person interrupts, and it stops.
+    tell(60, false, None);
+    let own = tell(90, true, None);
+    assert!(own[20..].iter().all(|company| company.role == Some(Role::Speaking) && company.yielding == 0.0));
+    tell(40, true, Some(true));
+    assert!(tell(15, false, Some(true)).iter().any(|company| company.yielding == 1.0));
+    pair.reset();
+    assert_eq!(pair.advance(0.1, None, TICK_SECONDS), Company::ALONE);
 }
