@@ -157,7 +157,8 @@ impl Seen {
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let mut count = self.0.map(u64::from);
         let there = pass.flag("company", count.is_some())?;
-        let value = pass.limited("company", count.unwrap_or_default(), u32::MAX.into())?;
+        let most = if there { u32::MAX } else { 0 };
+        let value = pass.limited("company", count.unwrap_or_default(), most.into())?;
         count = there.then_some(value);
         if pass.loads() {
             self.0 = count.and_then(|count| u32::try_from(count).ok());

@@ -9,6 +9,7 @@ use umo_core_base::state::{StateError, StatePass};
 use super::room::{MEMBERS, Room};
 use super::{
     Allowed, Body, Inner, MAX_DISTANCE, MAX_EYE_HEIGHT, MAX_FACING, MAX_LEVEL, Place, Scene, SceneError, Target,
+    is_point,
 };
 use crate::session::{Session, SessionError};
 
@@ -173,16 +174,22 @@ impl Allowed {
 
 impl Target {
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let (mut kind, mut id, mut point) = match *self {
+        let (kind, id, point) = match *self {
             Self::Free => (0, 0, [0.0; 3]),
             Self::Member(id) => (1, id, [0.0; 3]),
             Self::Point(point) => (2, 0, point),
         };
-        super::count(pass, &mut kind, 2)?;
-        super::count(pass, &mut id, u32::MAX)?;
-        for value in &mut point {
-            pass.within(value, -MAX_DISTANCE..=MAX_DISTANCE)?;
-        }
+        // Exactly 0 where it does not count: a restored state is saved identically.
+        let mut word = |value: u32, counts: bool| {
+            let word = pass.limited("target", value.into(), if counts { u32::MAX.into() } else { 0 })?;
+            Ok::<_, StateError>(u32::try_from(word).unwrap_or_default())
+        };
+        let kind = word(kind, true)?;
+        let id = word(id, kind == 1)?;
+        let point = point.map(|value| word(value.to_bits(), kind == 2));
+        let [x, y, z] = point;
+        let point = [x?, y?, z?].map(f32::from_bits);
+        pass.must(kind <= 2 && is_point(point), "target")?;
         if pass.loads() {
             *self = match kind {
                 0 => Self::Free,
