@@ -11,7 +11,7 @@ use umo_core_base::state::{Fingerprint, StateError, StatePass};
 
 use crate::audio::AudioStream;
 use crate::config::Config;
-use crate::layout::{Run, Shape, Window};
+use crate::layout::{FREE, Run, Shape, Window};
 use crate::lm::generate::ChunkSampling;
 use crate::lm::layout::{MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
 use crate::lm::sampler::{Sampler, USUAL_ACTIVITY};
@@ -241,7 +241,7 @@ struct WholeFile {
 pub enum Due {
     /// A chunk can be computed.
     Chunk,
-    /// A chunk can be computed without the language model: the body holds its pose.
+    /// A chunk can be computed without the language model: the body holds its pose, or all codes are set.
     Held,
     /// All chunks are done; the frames held back at the end are due.
     Flush,
@@ -400,6 +400,20 @@ impl Avatar {
         self.window.set(codes)
     }
 
+    /// Sets codes `[N, codes of a keyframe]` of the next chunk's keyframes, [`FREE`](crate::layout::FREE) for those that the model
+    /// draws: after codes that are set, and those of the same keyframe before them. If all are set, the chunk is due as
+    /// [`Due::Held`]: the language model has nothing to draw.
+    ///
+    /// # Errors
+    /// [`StepError`] for another number of codes, if one is out of range, or if only some are set in layout `parts`.
+    pub fn want(&mut self, codes: &[u16]) -> Result<(), StepError> {
+        let some = codes.iter().any(|&code| code != FREE) && codes.contains(&FREE);
+        if some && !matches!(self.run, Run::Frames(_)) {
+            return Err(StepError::Missing("keyframes whose codes can be set one by one (layout `frames`)"));
+        }
+        self.window.want(codes)
+    }
+
     /// Uses the units of a whole recording instead of the stream's: the paper's offline setting. The stream's are
     /// still computed, for comparison ([`Self::unit_disagreement`]).
     pub fn use_whole_file_units(&mut self, units: Vec<u32>, silence: u32) {
@@ -507,12 +521,16 @@ impl Avatar {
     /// Next work, given `available` samples that no chunk has used.
     pub fn due(&self, config: &Config, available: usize) -> Due {
         match (self.total, self.chunks(config)) {
-            (Some(_), Some(chunks)) if self.chunk < chunks => Due::Chunk,
+            (Some(_), Some(chunks)) if self.chunk < chunks => self.next_chunk(),
             (Some(total), _) if self.chunk > 0 && self.run.emitted() < total => Due::Flush,
             (Some(_), _) => Due::Nothing,
-            (None, _) if available >= self.chunk_samples() => Due::Chunk,
+            (None, _) if available >= self.chunk_samples() => self.next_chunk(),
             (None, _) => Due::Audio,
         }
+    }
+
+    fn next_chunk(&self) -> Due {
+        if self.window.is_given() { Due::Held } else { Due::Chunk }
     }
 
     /// Number of frames whose codes are known after this number of chunks: up to the last keyframe.

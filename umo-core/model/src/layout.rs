@@ -28,7 +28,7 @@ use crate::lm::decoder::Sequence;
 use crate::motion::{FrameRef, MotionDecoder, MotionScratch, Push, Smoothing};
 use crate::record::Codes;
 use crate::weights::Loader;
-pub use window::Window;
+pub use window::{FREE, Window};
 
 /// Networks of a model.
 #[derive(Debug)]

@@ -239,6 +239,14 @@ impl Animation {
         Ok(())
     }
 
+    /// Sets codes of the next chunk's keyframes instead of drawing them, as [`Avatar::want`].
+    ///
+    /// # Errors
+    /// As of [`Avatar::want`].
+    pub fn want(&mut self, codes: &[u16]) -> Result<(), StepError> {
+        self.avatar.want(codes)
+    }
+
     /// Number of frames that wait to be retimed.
     #[doc(hidden)]
     pub fn waiting(&self) -> usize {
@@ -370,12 +378,12 @@ impl Track {
     fn due(&self, model: &Model, avatar: &Avatar) -> Due {
         let due = avatar.due(model.config(), self.pending.len());
         let endless = avatar.total.is_none() && !avatar.has_audio();
-        if endless || !matches!(due, Due::Chunk | Due::Flush) { Due::Nothing } else { due }
+        if endless || !matches!(due, Due::Chunk | Due::Held | Due::Flush) { Due::Nothing } else { due }
     }
 
     /// Passes the next chunk's samples to the avatar.
     fn begin(&mut self, avatar: &mut Avatar, due: Due, model: &Model) {
-        if due == Due::Chunk {
+        if matches!(due, Due::Chunk | Due::Held) {
             let count = avatar.chunk_samples().min(self.pending.len());
             let (here, ended) = avatar.samples_mut().split_at_mut(count);
             here.copy_from_slice(&self.pending[..count]);
@@ -413,7 +421,7 @@ impl Track {
     fn end(&mut self, model: &Model, avatar: &Avatar, stepped: Due, frame: &mut dyn FnMut(FrameRef)) {
         let is_over = self.due(model, avatar) == Due::Nothing && avatar.total.is_some();
         let Some(retiming) = &mut self.retiming else { return };
-        if stepped == Due::Chunk {
+        if matches!(stepped, Due::Chunk | Due::Held) {
             avatar.append_units(model.config(), &mut retiming.units);
         }
         if !is_over {

@@ -56,6 +56,7 @@ impl Networks {
             scratch: self.depth.scratch(width),
             tasks: with_capacity(width),
             before: with_capacity(width * self.depth.codes()),
+            wanted: with_capacity(width * self.depth.codes()),
             heard: with_capacity(width * per_member * places * config.lm.d_model),
             keyframe: 0,
             vocab: config.vocab.size,
@@ -189,6 +190,8 @@ pub(crate) struct Draw {
     tasks: Vec<Task>,
     /// `[tasks, codes of a keyframe]`: the keyframe before each task's.
     before: Vec<u16>,
+    /// Of the same shape: codes that are set beforehand.
+    wanted: Vec<u16>,
     /// `[rows of the decoder pass, places, d_model]`: encoder states at the tokens of the keyframe, if the depth network
     /// reads them.
     heard: Vec<f32>,
@@ -258,12 +261,14 @@ impl Draw {
     fn list_tasks(&mut self, config: &Config, pass: &Pass, avatars: &[Avatar]) {
         self.tasks.clear();
         self.before.clear();
+        self.wanted.clear();
         let mut row = 0;
         for (member, (sequences, avatar)) in pass.sequences.chunks_exact(pass.per_member).zip(avatars).enumerate() {
             let rows = sequences.iter().filter(|sequence| !sequence.ids().is_empty()).count();
             if rows > 0 {
                 let sampling = avatar.chunk_sampling();
                 self.before.extend_from_slice(avatar.window.before(self.keyframe));
+                self.wanted.extend_from_slice(avatar.window.wanted(self.keyframe));
                 self.tasks.push(Task {
                     member,
                     row,
@@ -293,10 +298,11 @@ impl Draw {
             self.list_heard(config, &pass, avatars);
             self.list_tasks(config, &pass, avatars);
         }
-        let Self { depth, scratch, tasks, before, heard, keyframe, .. } = self;
+        let Self { depth, scratch, tasks, before, wanted, heard, keyframe, .. } = self;
         let (codes, more) = (depth.codes(), BOUNDED_CODES / (tasks.len() - first).max(1));
         let end = if pass.bounded { codes.min(code + more.clamp(1, MEMBER_CODES)) } else { codes };
-        let (states, tasks) = ((pass.lm.states(), heard.as_slice()), (&tasks[first..], &before[first * codes..]));
+        let tasks = (&tasks[first..], &before[first * codes..], &wanted[first * codes..]);
+        let states = (pass.lm.states(), heard.as_slice());
         let done = depth.draw(cx, scratch, states, tasks, code..end, |task, drawn| {
             avatars[task.member].window.targets_mut()[*keyframe * codes..][..codes].copy_from_slice(drawn);
         })?;

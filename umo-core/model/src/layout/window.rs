@@ -7,11 +7,16 @@ use umo_core_pose::part::Part;
 
 use crate::config::Config;
 
+/// Stands for a code that is drawn, among those that are set beforehand.
+pub const FREE: u16 = u16::MAX;
+
 /// Codes of one stream's window: `P` keyframes of history, and `N` new ones.
 #[derive(Debug)]
 pub struct Window {
     /// `[P + N, codes of a keyframe]`, oldest first.
     codes: Slice<u16>,
+    /// `[N, codes of a keyframe]`: codes of the new keyframes that are not drawn; [`FREE`] for the others.
+    wanted: Slice<u16>,
     /// Exclusive upper bound of each code of a keyframe.
     limits: Slice<usize>,
     /// Rest codes.
@@ -39,6 +44,7 @@ impl Window {
         let rest = codes(config).map(|(_, rest)| rest);
         Self {
             codes: arena.collect_len((prefix + target) * count, rest.clone().cycle()),
+            wanted: arena.filled(FREE, target * count),
             limits: arena.collect_len(count, codes(config).map(|(limit, _)| limit)),
             rest: arena.collect_len(count, rest),
             prefix,
@@ -53,6 +59,7 @@ impl Window {
 
     /// Resets the history to rest codes.
     pub fn rest(&mut self) {
+        self.wanted.fill(FREE);
         self.codes.chunks_exact_mut(self.rest.len()).for_each(|codes| codes.copy_from_slice(&self.rest));
     }
 
@@ -76,6 +83,30 @@ impl Window {
         pad.chunks_exact_mut(count).for_each(|pad| pad.copy_from_slice(&codes[..count]));
         rest.copy_from_slice(last);
         Ok(())
+    }
+
+    /// Sets codes `[N, codes of a keyframe]` of the new keyframes, [`FREE`] for those that the model draws.
+    pub(crate) fn want(&mut self, codes: &[u16]) -> Result<(), StepError> {
+        if codes.len() != self.wanted.len() {
+            return Err(StepError::Disagree("codes and the keyframes of a chunk"));
+        }
+        for (&code, &limit) in codes.iter().zip(self.limits.iter().cycle()) {
+            if code != FREE && usize::from(code) >= limit {
+                return Err(StepError::OutOfRange { what: "code", got: code.into(), limit });
+            }
+        }
+        self.wanted.copy_from_slice(codes);
+        Ok(())
+    }
+
+    /// The codes of a new keyframe that are set, and [`FREE`].
+    pub(super) fn wanted(&self, keyframe: usize) -> &[u16] {
+        &self.wanted[keyframe * self.count()..][..self.count()]
+    }
+
+    /// Whether every code of the new keyframes is set.
+    pub fn is_given(&self) -> bool {
+        !self.wanted.contains(&FREE)
     }
 
     /// Describes the history, its codes in `order`. Each chunk writes the new keyframes before it reads them.
@@ -119,8 +150,12 @@ impl Window {
         &self.codes[(self.prefix + keyframe - 1) * self.count()..][..self.count()]
     }
 
-    /// Sets the new keyframes to the last one of the history.
+    /// Sets the new keyframes without drawing: to the codes that are all set, or to the last keyframe of the history.
     pub(crate) fn hold(&mut self) {
+        if self.is_given() {
+            let first = self.prefix * self.count();
+            return self.codes[first..].copy_from_slice(&self.wanted);
+        }
         let (count, first) = (self.count(), self.prefix * self.count());
         let (history, new) = self.codes.split_at_mut(first);
         new.chunks_exact_mut(count).for_each(|codes| codes.copy_from_slice(&history[first - count..]));
@@ -156,6 +191,7 @@ impl Window {
 
     /// Moves the window by one chunk.
     pub fn advance(&mut self) {
+        self.wanted.fill(FREE);
         let count = self.count();
         self.codes.copy_within(self.target * count.., 0);
     }

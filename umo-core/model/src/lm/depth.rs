@@ -18,6 +18,7 @@ use umo_kernels::{Isa, Mat, MatMut};
 
 use super::sampler::{Rank, Sampler};
 use crate::config::{Config, Sampling, TemplateItem};
+use crate::layout::FREE;
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader, Table};
 
@@ -252,6 +253,7 @@ impl DepthNet {
     ///   that is another place, for the body. Zeros if there are none; empty if the network does not use
     ///   them.
     /// - `before [tasks, codes of a keyframe]`: the keyframe before each task's.
+    /// - `wanted`, of the same shape: codes that are not drawn but set, [`FREE`] for the others.
     ///
     /// After the last code, `write(task, codes)` receives each task's codes in the order of the config's
     /// parts, levels ascending.
@@ -263,11 +265,11 @@ impl DepthNet {
         cx: Compute,
         scratch: &mut DepthScratch,
         (states, heard): (&[f32], &[f32]),
-        (tasks, before): (&[Task], &[u16]),
+        (tasks, before, wanted): (&[Task], &[u16], &[u16]),
         codes: Range<usize>,
         mut write: impl FnMut(&Task, &[u16]),
     ) -> Result<usize, StepError> {
-        if before.len() != tasks.len() * self.codes() {
+        if [before, wanted].iter().any(|codes| codes.len() != tasks.len() * self.codes()) {
             return Err(StepError::Disagree("tasks and codes of the keyframes before them"));
         }
         let groups = scratch.lanes.len().min(cx.team.threads()).min(tasks.len()).max(1);
@@ -283,8 +285,9 @@ impl DepthNet {
             |range, lanes| {
                 for (lane, group) in lanes.iter_mut().zip(range) {
                     let mine = bounds(group)..bounds(group + 1);
-                    let before = &before[mine.start * self.codes()..mine.end * self.codes()];
-                    lane.draw(self, cx.isa, (states, heard), &tasks[mine], before, codes.clone())?;
+                    let [before, wanted] =
+                        [before, wanted].map(|codes| &codes[mine.start * self.codes()..mine.end * self.codes()]);
+                    lane.draw(self, cx.isa, (states, heard), (&tasks[mine], before, wanted), codes.clone())?;
                 }
                 Ok(())
             },
@@ -375,14 +378,13 @@ impl Lane {
         }
     }
 
-    /// Samples the codes `drawn` of every task; `before` holds the codes of the previous keyframes.
+    /// Samples the codes `drawn` of every task but those `wanted`; `before` holds the codes of the previous keyframes.
     fn draw(
         &mut self,
         net: &DepthNet,
         isa: Isa,
         states: (&[f32], &[f32]),
-        tasks: &[Task],
-        before: &[u16],
+        (tasks, before, wanted): (&[Task], &[u16], &[u16]),
         drawn: Range<usize>,
     ) -> Result<(), StepError> {
         let count = net.slots.len();
@@ -397,7 +399,7 @@ impl Lane {
             self.step(net, isa, j, rows)?;
             let (mut row, codes) = (0, slot.head.outputs());
             check_finite(&self.logits[..rows * codes], "depth network's logits")?;
-            for task in tasks {
+            for (task, wanted) in tasks.iter().zip(wanted.chunks_exact(count)) {
                 let (logits, below) = self.logits[row * codes..].split_at_mut(codes);
                 if task.unprompted.is_some() {
                     guide(logits, &below[..codes], task.guidance);
@@ -407,10 +409,12 @@ impl Lane {
                 }
                 #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
                 let place = [task.keyframe, j as u32 + 1];
-                let code = task.sampler.of(slot.sampling).sample_at(logits, &mut self.ranks, task.chunk, place);
+                #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+                let code = match wanted[j] {
+                    FREE => task.sampler.of(slot.sampling).sample_at(logits, &mut self.ranks, task.chunk, place) as u16,
+                    code => code,
+                };
                 for row in row..row + task.rows() {
-                    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-                    let code = code as u16;
                     self.codes[row * count + j] = code;
                 }
                 row += task.rows();

@@ -3,6 +3,7 @@
 use umo_core_base::error::StepError;
 use umo_core_model::config::{Config, PartSpec};
 use umo_core_model::interp::vectors::VectorInterp;
+use umo_core_model::layout::FREE;
 use umo_core_model::linear::Compute;
 use umo_core_model::lm::decoder::Sequence;
 use umo_core_model::lm::depth::{DepthNet, Task};
@@ -159,13 +160,14 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     let mut before = keyframes(config, inputs, "history")?;
     let last = before.len().checked_sub(config.codes_per_keyframe()).ok_or(StepError::Empty("codes of history"))?;
     before.drain(..last);
+    let free = vec![FREE; before.len()];
     Encoded::new(cx, loader, inputs, target)?.decode(cx, config, target, |keyframe, state, heard| {
         let keyframe = u32::try_from(keyframe).expect("chunks have few keyframes");
         let sampler = options.sampler;
         let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, rest: 0.0, sampler, chunk: 0, keyframe };
         let mut drawn = Vec::new();
         let write = |_: &Task, codes: &[u16]| drawn.extend_from_slice(codes);
-        net.draw(cx, &mut scratch, (state, heard), (&[task], &before), 0..net.codes(), write)?;
+        net.draw(cx, &mut scratch, (state, heard), (&[task], &before, &free), 0..net.codes(), write)?;
         before.copy_from_slice(&drawn);
         all.extend_from_slice(&drawn);
         Ok(drawn)
