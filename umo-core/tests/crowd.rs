@@ -7,7 +7,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use umo_core::{Clock, Engine, EngineConfig, LayerGains, Model, ModelFile, Precision, Session, SessionConfig, Threads};
+use umo_core::{
+    Clock, Engine, EngineConfig, Idle, LayerGains, Model, ModelFile, Poll, Precision, Session, SessionConfig, Threads,
+};
 use umo_kernels::Isa;
 
 const MILLISECOND: u64 = 1_000_000;
@@ -184,4 +186,50 @@ fn over_capacity_bodies_are_held_evenly_mouths_go_on_and_it_ends_with_the_load()
     let (held, late) = (crowd.held(), crowd.late());
     crowd.go_on(4.0, FEW);
     assert_eq!((crowd.held(), crowd.late()), (held, late), "it ends with the load");
+}
+
+/// Of motion on silence, who listens and has hands at rest needs that of the layers alone.
+#[test]
+fn who_listens_costs_held_bodies() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
+    let model = Model::load(&ModelFile::open(&path).unwrap(), Precision::Stored, Isa::detect()).unwrap();
+    let nanos = Arc::new(AtomicU64::new(0));
+    let config = EngineConfig {
+        threads: Threads::Host(0),
+        clock: Clock::Manual(Arc::clone(&nanos)),
+        max_sessions: 2,
+        ..EngineConfig::default()
+    };
+    let engine = Engine::new(Arc::new(model), &config).unwrap();
+    let config = SessionConfig { idle: Idle::Live, ..SessionConfig::new(engine.model().config()) };
+    let sessions = [(); 2].map(|()| engine.session(&config).unwrap());
+    let (mut heads, mut picture) = (Vec::new(), 0);
+    let mut show = |pictures: usize, speaks: bool| {
+        for _ in 0..pictures {
+            nanos.fetch_add(1_000 * MILLISECOND / 30, Ordering::Relaxed);
+            picture += 1;
+            // A person speaks to the first of them.
+            let level = if speaks && picture % 90 < 70 { 0.2 } else { 0.0 };
+            let said: Vec<f32> = (0..16_000 / 30 + 1).map(|at| level * (at as f32 * 0.3).sin()).collect();
+            sessions[0].push_other_audio(&said).unwrap();
+            while engine.poll(Duration::from_secs(1)).unwrap() != Poll::Idle {}
+            for session in &sessions {
+                let mut head = None;
+                session.pull_frames(1, |frame| head = Some(frame.pose.rotations[15])).unwrap();
+                heads.extend(head.filter(|_| std::ptr::eq(session, &raw const sessions[0])));
+            }
+        }
+    };
+    show(30, false);
+    show(150, true);
+    let [(chunks, held), (others, none)] =
+        [0, 1].map(|which: usize| sessions[which].stats()).map(|stats| (stats.chunks, stats.held_chunks));
+    assert!(held >= 8 && held < chunks && none == 0 && others >= 8, "{held} of {chunks}, {none} of {others}");
+    // It is alive, and does not jump.
+    let steps = heads.windows(2).map(|pair| {
+        let dot: f32 = pair[0].iter().zip(pair[1]).map(|(a, b)| a * b).sum();
+        2.0 * dot.abs().min(1.0).acos().to_degrees()
+    });
+    let (moved, most) = steps.fold((0.0, 0.0_f32), |(sum, most), step| (sum + step, most.max(step)));
+    assert!(moved > 5.0 && most < 6.0, "{moved} degrees, {most} at once");
 }

@@ -219,6 +219,8 @@ pub struct Avatar {
     /// Tokens of the window that lie after the horizon.
     hidden_units: usize,
     whole: Option<WholeFile>,
+    /// Index of the phase of a gesture among the codes of a keyframe, if the model has it.
+    intent: Option<usize>,
     /// Codes of the window.
     pub window: Window,
     /// State that the layout's chunks keep.
@@ -308,6 +310,7 @@ impl Avatar {
             units: arena.filled(0, window),
             hidden_units,
             whole: None,
+            intent: depth::intent(c),
             window: Window::new_in(c, config.target, arena),
             run: model.layout.run_in(c, &model.motion, Shape { target: config.target, lookahead, smoothing }, arena),
         })
@@ -527,6 +530,11 @@ impl Avatar {
             (None, _) if available >= self.chunk_samples() => self.next_chunk(),
             (None, _) => Due::Audio,
         }
+    }
+
+    /// Whether the hands rest at the last keyframe; `false` for a model that does not know.
+    pub fn rests(&self) -> bool {
+        self.intent.is_some_and(|at| self.window.before(0)[at] == depth::REST)
     }
 
     fn next_chunk(&self) -> Due {

@@ -146,7 +146,7 @@ impl Window {
     }
 
     /// The codes of the keyframe before a new one.
-    pub(super) fn before(&self, keyframe: usize) -> &[u16] {
+    pub(crate) fn before(&self, keyframe: usize) -> &[u16] {
         &self.codes[(self.prefix + keyframe - 1) * self.count()..][..self.count()]
     }
 

@@ -17,7 +17,7 @@ use umo_kernels::product::Bf16Form;
 use umo_kernels::{Isa, Mat, MatMut};
 
 use super::sampler::{Rank, Sampler};
-use crate::config::{Config, Sampling, TemplateItem};
+use crate::config::{Config, PartSpec, Sampling, TemplateItem};
 use crate::layout::FREE;
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::weights::{AlignedBox, Loader, Table};
@@ -185,7 +185,7 @@ impl DepthNet {
                 let name = format!("depth.head.{}.weight", spec.name);
                 let head = loader.linear_rows(&name, rows, first..first + spec.codes, d)?;
                 let place = if spec.is_face(&config.face) { 0 } else { places - 1 };
-                let is_intent = spec.name == INTENT && spec.is_annotation();
+                let is_intent = is_intent(spec);
                 slots.push(Slot { part, first, head, sampling: spec.sampling, place, is_intent });
             }
         }
@@ -551,6 +551,20 @@ fn lean(logits: &mut [f32], rest: f32) {
         // Code 0 is rest, then each phase has three.
         *logit += rest * TOWARDS_REST[code.div_ceil(3).min(TOWARDS_REST.len() - 1)];
     }
+}
+
+/// Code of the phase of a gesture in which arms rest.
+pub const REST: u16 = 0;
+
+/// Index of the phase of a gesture among the codes of a keyframe.
+pub fn intent(config: &Config) -> Option<usize> {
+    let parts = config.parts.as_deref()?;
+    let at = parts.iter().position(is_intent)?;
+    Some(parts[..at].iter().map(|part| part.levels).sum())
+}
+
+fn is_intent(part: &PartSpec) -> bool {
+    part.name == INTENT && part.is_annotation()
 }
 
 /// Whether sessions of a model can be guided: a depth network samples its keyframes, and one of its templates

@@ -1,6 +1,6 @@
 //! What the host sets for the frame side, from any thread.
 
-use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use umo_core_base::clock::Clock;
@@ -35,6 +35,8 @@ pub(crate) struct Host {
     /// Rules of words, and the number of words that were decided or dropped.
     pub(crate) words: WordRules,
     pub(crate) passed_words: AtomicU64,
+    /// Whether the avatar listens in company.
+    pub(crate) listens: AtomicBool,
     /// Value of an [`Idle`].
     pub(crate) idle: AtomicU8,
     /// Gain of each part, as the bits of floats.
@@ -59,6 +61,7 @@ impl Host {
             passed_hints: AtomicU64::new(0),
             words,
             passed_words: AtomicU64::new(0),
+            listens: AtomicBool::new(false),
             idle: AtomicU8::new(idle as u8),
             gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
             other_level: AtomicU32::new(0.0_f32.to_bits()),

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Company, Controls, Heard, LayerStack};
+use umo_core_layers::{Company, Controls, Heard, LayerStack, Role};
 use umo_core_pose::frame::OwnedFrame;
 
 use super::Start;
@@ -81,6 +81,7 @@ impl Layers {
         } else {
             self.pair.advance(frame.cue.level, host.other_level(), self.seconds)
         };
+        host.listens.store(self.controls.company.role == Some(Role::Listening), Ordering::Relaxed);
     }
 
     /// Publishes the numbers of begun gestures, passed hints and passed words for the host's setters.

@@ -346,7 +346,12 @@ impl Member {
                 }
                 let due = avatar.due(model.config(), samples);
                 let silence = due == Due::Audio && shared.host.idle() == Idle::Live && shared.link.is_silence_wanted();
-                if silence { Due::Chunk } else { due }
+                match silence {
+                    // Who listens, with hands that rest, needs no other motion than that of the layers.
+                    true if shared.host.listens.load(Ordering::Relaxed) && avatar.rests() => Due::Held,
+                    true => Due::Chunk,
+                    false => due,
+                }
             }
         }
     }

@@ -179,7 +179,8 @@ impl Sides<'_> {
         word(pass, &shared.host.passed_words)?;
         switch(pass, "settings", &shared.settings.is_unseen)?;
         switch(pass, "controls", &shared.host.controls.is_unseen)?;
-        switch(pass, "company", &shared.host.company.is_unseen)
+        switch(pass, "company", &shared.host.company.is_unseen)?;
+        switch(pass, "company", &shared.host.listens)
     }
 }
 
