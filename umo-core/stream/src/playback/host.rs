@@ -9,6 +9,7 @@ use umo_core_layers::{Company, Controls, Gestures, WordRules};
 use umo_core_pose::part::PerPart;
 
 use crate::link::Handover;
+use crate::take::Passed;
 
 use super::Idle;
 
@@ -70,6 +71,16 @@ impl Host {
             1 => Idle::Rest,
             2 => Idle::Live,
             _ => Idle::Hold,
+        }
+    }
+
+    /// Numbers of requests that have begun or passed.
+    pub(crate) fn passed(&self) -> Passed {
+        let read = |count: &AtomicU64| count.load(Ordering::Acquire);
+        Passed {
+            gestures: read(&self.begun_gestures),
+            lips: read(&self.passed_hints),
+            words: read(&self.passed_words),
         }
     }
 

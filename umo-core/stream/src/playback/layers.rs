@@ -8,19 +8,22 @@ use umo_core_pose::frame::OwnedFrame;
 
 use super::Start;
 use super::host::Host;
+use crate::session::spin_lock;
+use crate::take::{Event, Known, Passed};
 
 /// The layers of one avatar, and the requests in force.
 #[derive(Debug)]
 pub(crate) struct Layers {
     pub(crate) stack: LayerStack,
     pub(crate) controls: Controls,
-    /// Rate of the frames' samples, per second.
+    /// Rates of the frames' samples and of frames, per second.
     rate: usize,
+    frame_rate: usize,
 }
 
 impl Layers {
-    pub(crate) fn new(stack: LayerStack, controls: Controls, rate: usize) -> Self {
-        Self { stack, controls, rate }
+    pub(crate) fn new(stack: LayerStack, controls: Controls, (rate, frame_rate): (usize, usize)) -> Self {
+        Self { stack, controls, rate, frame_rate }
     }
 
     pub(crate) fn reset(&mut self, start: &Start, host: &Host) {
@@ -38,6 +41,11 @@ impl Layers {
         self.stack.is_off(&self.controls)
     }
 
+    /// Lets a frame pass while they are off.
+    pub(crate) fn skip(&mut self) {
+        self.stack.skip(&self.controls);
+    }
+
     /// Completes the next frame of the stream with a tick of the layers. `other_level` is the level
     /// of the interlocutor's voice.
     pub(crate) fn apply(&mut self, frame: &mut OwnedFrame, other_level: f32) {
@@ -45,11 +53,26 @@ impl Layers {
         self.stack.apply(frame, &self.controls, other_level, Some(heard));
     }
 
-    /// [`Self::apply`] with the host's newest requests. Publishes the number of those that have
-    /// begun.
-    pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame) {
-        self.follow(host);
-        self.apply(frame, host.other_level());
+    /// Passes what a take's host asked for to the host's requests. What the present host has no room for is dropped.
+    pub(crate) fn ask(&self, host: &Host, event: &Event, epoch: u32) {
+        let (gestures, rules) = (&host.gestures, &host.words);
+        let known = Known { gestures, rules, frame_rate: self.frame_rate, sample_rate: self.rate };
+        if let Ok(mut controls) = spin_lock(&host.controls.value)
+            && event.apply(&mut controls, &known, (epoch, self.passed())).is_ok()
+        {
+            host.controls.changed();
+        }
+    }
+
+    /// Numbers of requests that have begun or passed.
+    pub(crate) fn passed(&self) -> Passed {
+        let Self { stack, .. } = self;
+        Passed { gestures: stack.begun_gestures(), lips: stack.passed_hints(), words: stack.passed_words() }
+    }
+
+    /// [`Self::apply`] for a host. Publishes the number of its requests that have begun.
+    pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame, other_level: f32) {
+        self.apply(frame, other_level);
         self.publish(host);
     }
 
@@ -60,7 +83,7 @@ impl Layers {
     }
 
     /// Takes over the host's requests; if the host is writing them, the next frame does.
-    pub(super) fn follow(&mut self, host: &Host) {
+    pub(crate) fn follow(&mut self, host: &Host) {
         host.controls.take(|controls| self.controls = Controls { company: self.controls.company, ..*controls });
         host.company.take(|company| self.controls.company = *company);
     }
