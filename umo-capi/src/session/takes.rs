@@ -39,7 +39,8 @@ pub struct UmoTakeInfo {
     pub seed: u64,
     /// Fingerprint of the model.
     pub model: u64,
-    /// Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at the model's rate.
+    /// Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at
+    /// the model's rate.
     pub audio: u64,
     /// Number of those samples.
     pub audio_samples: u64,
@@ -60,11 +61,12 @@ impl From<TakeError> for Failure {
     }
 }
 
-/// Reads a take from memory, as `umo animate` or `umo_session_take` wrote it; copies the bytes. Takes of all earlier versions
-/// are read. Free it with `umo_take_free`; sessions that play it go on.
+/// Reads a take from memory, as `umo animate` or `umo_session_take` wrote it; copies the bytes. Takes of all
+/// earlier versions are read. Free it with `umo_take_free`; sessions that play it go on.
 ///
 /// Threads: any but the audio thread. Allocates.
-/// Errors: `NULL_POINTER`, `TAKE` (`umo_last_error` says what is damaged), `FULL` (16,384 takes), `OUT_OF_MEMORY`.
+/// Errors: `NULL_POINTER`, `TAKE` (`umo_last_error` says what is damaged), `FULL` (16,384 takes),
+/// `OUT_OF_MEMORY`.
 ///
 /// # Safety
 /// `bytes` is NULL or has `size` readable bytes; `take` is NULL or writable.
@@ -122,13 +124,15 @@ pub unsafe extern "C" fn umo_take_get_info(take: *const UmoTake, info: *mut UmoT
     })
 }
 
-/// Creates a decoder that plays a take, with the model that the take was made with: `umo_decoder_push_take` takes the place of
-/// packets, and everything that shows or changes frames works as in any session. Where this host asks for nothing of its own,
-/// the frames are the recorded ones, bit for bit; `umo_session_reset` begins the take anew. Of `config`, which may be NULL, the
-/// idle mode, the ease and the queue count; the rest is the take's. `allocator` must be NULL.
+/// Creates a decoder that plays a take, with the model that the take was made with: `umo_decoder_push_take`
+/// takes the place of packets, and everything that shows or changes frames works as in any session. Where
+/// this host asks for nothing of its own, the frames are the recorded ones, bit for bit; `umo_session_reset`
+/// begins the take anew. Of `config`, which may be NULL, the idle mode, the ease and the queue count; the
+/// rest is the take's. `allocator` must be NULL.
 ///
 /// Threads: any but the audio thread. Allocates everything that the decoder will ever need.
-/// Errors: as `umo_decoder_new`; `INVALID_ARGUMENT` also for a take of another model, or with a gesture that is not built in.
+/// Errors: as `umo_decoder_new`; `INVALID_ARGUMENT` also for a take of another model, or with a gesture that
+/// is not built in.
 ///
 /// # Safety
 /// `config` is NULL or as long as its `struct_size` says; `decoder` is NULL or writable.
@@ -147,14 +151,14 @@ pub unsafe extern "C" fn umo_decoder_new_of_take(
     })
 }
 
-/// Computes the frames of the take's next packet, if the queue has room for them. `more`, which may be NULL, gets 0 once every
-/// packet was taken, otherwise 1. Call it more often than chunks begin, for example before each pose: most calls find no room,
-/// and return at once.
+/// Computes the frames of the take's next packet, if the queue has room for them. `more`, which may be NULL,
+/// gets 0 once every packet was taken, otherwise 1. Call it more often than chunks begin, for example before
+/// each pose: most calls find no room, and return at once.
 ///
-/// Threads: one at a time, concurrently with any other call. Never allocates, never waits; takes the time of a chunk's motion
-/// decoders.
-/// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session plays no take), `BUSY` (another thread pushes), `PACKET`,
-/// `FAILED`, `PANIC`.
+/// Threads: one at a time, concurrently with any other call. Never allocates, never waits; takes the time of
+/// a chunk's motion decoders.
+/// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session plays no take), `BUSY` (another thread pushes),
+/// `PACKET`, `FAILED`, `PANIC`.
 ///
 /// # Safety
 /// `more` is NULL or writable.
@@ -168,11 +172,12 @@ pub unsafe extern "C" fn umo_decoder_push_take(decoder: *mut UmoSession, more: *
     })
 }
 
-/// Gets the size in bytes of the take that the session has recorded so far; its configuration has `take_bytes`.
+/// Gets the size in bytes of the take that the session has recorded so far; its configuration has
+/// `take_bytes`.
 ///
 /// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session records no take), `BUSY` (the take is being
-/// written to), `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session records no take), `BUSY` (the
+/// take is being written to), `PANIC`.
 ///
 /// # Safety
 /// `size` is NULL or writable.
@@ -186,13 +191,16 @@ pub unsafe extern "C" fn umo_session_take_size(session: *const UmoSession, size:
     })
 }
 
-/// Writes the take of the frames that the session has shown so far to `take`, which has `size` bytes; `written` gets the number
-/// used. The take begins at the session's start or its last reset. It ends at an interrupt, where its memory ends, and at what
-/// a take cannot say: a restored state, company in a scene, silence that the engine inserts, a held body, a gap in the frames.
+/// Writes the take of the frames that the session has shown so far to `take`, which has `size` bytes;
+/// `written` gets the number used. The take begins at the session's start or its last reset. It ends at an
+/// interrupt, where its memory ends, and at what a take cannot say: a restored state, company in a scene,
+/// silence that the engine inserts, a held body, a gap in the frames.
 ///
-/// Threads: any. Never allocates, never waits; calls on the session that show or ask for something wait while it is copied.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session records no take), `BUFFER_TOO_SMALL` (fewer than
-/// `umo_session_take_size` by now), `BUSY` (the take is being written to), `PANIC`.
+/// Threads: any. Never allocates, never waits; calls on the session that show or ask for something wait
+/// while it is copied.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session records no take),
+/// `BUFFER_TOO_SMALL` (fewer than `umo_session_take_size` by now), `BUSY` (the take is being written to),
+/// `PANIC`.
 ///
 /// # Safety
 /// `take` is NULL or has `size` writable bytes; `written` is NULL or writable.

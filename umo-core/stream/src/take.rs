@@ -1,4 +1,5 @@
-//! Takes: a motion as a file, of its packets, its sound as the layers hear it, and what its host asked for (SPEC 2.24).
+//! Takes: a motion as a file, of its packets, its sound as the layers hear it, and what its host asked for (SPEC
+//! 2.24).
 //!
 //! | module | contents |
 //! |---|---|
@@ -118,8 +119,8 @@ pub struct TakeInfo {
     pub sample_rate: u32,
     /// Fingerprint of its model.
     pub model: u64,
-    /// Fingerprint of the audio that the avatar heard, mono at the model's rate: FNV-1a of 64 bits over the bytes of its
-    /// samples.
+    /// Fingerprint of the audio that the avatar heard, mono at the model's rate: FNV-1a of 64 bits over the bytes of
+    /// its samples.
     pub audio: u64,
     /// Number of those samples.
     pub samples: u64,
@@ -127,9 +128,9 @@ pub struct TakeInfo {
     pub rules: u64,
 }
 
-/// A motion that was made: its packets, the sound of its frames, and what its host asked for, in time. A session made by
-/// [`Session::of_take`](crate::session::Session::of_take) plays it without audio and without the language model, with the same
-/// bits. A clone is cheap and shares the bytes.
+/// A motion that was made: its packets, the sound of its frames, and what its host asked for, in time. A session made
+/// by [`Session::of_take`](crate::session::Session::of_take) plays it without audio and without the language model,
+/// with the same bits. A clone is cheap and shares the bytes.
 #[derive(Clone, Debug)]
 pub struct Take {
     bytes: Arc<[u8]>,

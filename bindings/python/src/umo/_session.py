@@ -87,8 +87,8 @@ class Session(_library.Handle):
     sync. `smoothing` is the low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; `guidance`
     the strength of the prompt, 1 to 3, and `horizon` the number of keyframes of future speech, for models that support
     them. With `packets` (`"beside_frames"` or `"only"`) chunks are output to `pull_packets` for remote `Decoder`s; each
-    packet repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 600 bytes
-    a second. None stands for the model's default.
+    packet repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 600
+    bytes a second. None stands for the model's default.
     """
 
     temperature = Parameter[float]("temperature", "Sampling temperature: 0 always takes the most probable code.")
@@ -279,8 +279,8 @@ class Session(_library.Handle):
                 return packets
 
     def take(self) -> Take:
-        """The take of the frames shown so far, of a session created with `take_bytes`. It begins at the session's start or its
-        last reset, and ends at an interrupt or where its memory ends.
+        """The take of the frames shown so far, of a session created with `take_bytes`. It begins at the session's start
+        or its last reset, and ends at an interrupt or where its memory ends.
         """
         size, written = ctypes.c_size_t(), ctypes.c_size_t()
         self._check(lib.umo_session_take_size(self._handle, byref(size)))
@@ -425,8 +425,9 @@ class Decoder(Session):
     session.
 
     It needs no engine. The model must be the sender's file at the same precision; `target`, `lookahead` and `smoothing`
-    must match the sender's. `reorder_window` is the number of later packets that may arrive before a missing one counts as
-    lost, 0 to 4. With a `take`, the packets and these settings are the take's: call `push_take` in place of `push_packet`.
+    must match the sender's. `reorder_window` is the number of later packets that may arrive before a missing one counts
+    as lost, 0 to 4. With a `take`, the packets and these settings are the take's: call `push_take` in place of
+    `push_packet`.
     """
 
     def __init__(
@@ -478,8 +479,8 @@ class Decoder(Session):
         self._check(lib.umo_decoder_push_packet(self._handle, bytes(packet), len(packet)))
 
     def push_take(self) -> bool:
-        """Computes the frames of the take's next chunk, if the queue has room; returns whether there may be more. Call it
-        before each pull or sample.
+        """Computes the frames of the take's next chunk, if the queue has room; returns whether there may be more. Call
+        it before each pull or sample.
         """
         more = ctypes.c_uint32()
         self._check(lib.umo_decoder_push_take(self._handle, byref(more)))

@@ -11,8 +11,8 @@ from ._library import lib
 
 
 class Take(_library.Handle):
-    """A motion that was recorded: its chunks, and what its host asked for. `Decoder(model, take=...)` plays it, without the
-    audio and without the language model.
+    """A motion that was recorded: its chunks, and what its host asked for. `Decoder(model, take=...)` plays it, without
+    the audio and without the language model.
 
     `data` are the bytes of a `.umo` file: of `umo animate`, or of `Session.take`. Damaged ones raise `umo.Error` with
     `Status.TAKE`.

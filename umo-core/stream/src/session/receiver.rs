@@ -188,10 +188,10 @@ impl Session {
         }
     }
 
-    /// Computes the frames of the next packet of the take that it plays, if the queue has room for them; returns whether
-    /// there may be more. Call it more often than chunks begin, for example before each image: most calls find no room, and
-    /// return at once.
-    /// Never allocates and never waits. A packet takes the time of a chunk's motion decoders.
+    /// Computes the frames of the next packet of the take that it plays, if the queue has room for them; returns
+    /// whether there may be more. Call it more often than chunks begin, for example before each image: most calls find
+    /// no room, and return at once. Never allocates and never waits. A packet takes the time of a chunk's motion
+    /// decoders.
     ///
     /// # Errors
     /// [`SessionError::Packet`] if a step fails; [`SessionError::Busy`] if another thread pushes; [`SessionError::Take`] for

@@ -1,7 +1,7 @@
 //! Takes of sessions: those that sessions record, and sessions that play one (SPEC 2.24).
 //!
-//! Its packets take the way of a decoder's. What its host asked for reaches the layers before the frame that it was in force
-//! at, through the present host's requests: whoever asks last is heard.
+//! Its packets take the way of a decoder's. What its host asked for reaches the layers before the frame that it was in
+//! force at, through the present host's requests: whoever asks last is heard.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use crate::engine::EngineError;
 use crate::take::Take;
 
 impl Session {
-    /// Creates a session that plays a take: [`Self::push_take`] replaces audio, and everything that shows or changes frames
-    /// works as in a session with an engine. Where this host asks for nothing of its own, its frames are the take's, bit for
-    /// bit on one instruction set. [`Self::reset`] begins the take anew.
+    /// Creates a session that plays a take: [`Self::push_take`] replaces audio, and everything that shows or changes
+    /// frames works as in a session with an engine. Where this host asks for nothing of its own, its frames are the
+    /// take's, bit for bit on one instruction set. [`Self::reset`] begins the take anew.
     ///
-    /// Of `config`, gestures, word rules, idle mode, ease and queue count; the avatar, the layers' gains and the sample rate
-    /// are the take's. Needs no engine. Allocates everything that it will need.
+    /// Of `config`, gestures, word rules, idle mode, ease and queue count; the avatar, the layers' gains and the
+    /// sample rate are the take's. Needs no engine. Allocates everything that it will need.
     ///
     /// # Errors
     /// [`EngineError`] if the take does not fit the model, or a number is out of range.
@@ -31,10 +31,10 @@ impl Session {
         memory::catch(|| Self::make_decoder(model, &config, Some(take)))?
     }
 
-    /// Writes the take of the frames that were shown so far to the start of `bytes`; returns its length. It begins at the
-    /// session's start or its last reset, and goes on until an interrupt, until its memory is full, or until something that
-    /// a take cannot say: a restored state, company in a scene, silence that the engine inserts, a held body, a gap in the
-    /// frames.
+    /// Writes the take of the frames that were shown so far to the start of `bytes`; returns its length. It begins at
+    /// the session's start or its last reset, and goes on until an interrupt, until its memory is full, or until
+    /// something that a take cannot say: a restored state, company in a scene, silence that the engine inserts, a held
+    /// body, a gap in the frames.
     ///
     /// Never allocates and never waits; the session's other calls, and its engine, wait while a take is copied.
     ///

@@ -91,7 +91,8 @@ impl Put<'_> {
 pub(crate) struct Head(Slice<u8>);
 
 impl Head {
-    /// Head of a motion with these settings. `history` has the codes of the keyframes before its start, empty for rest.
+    /// Head of a motion with these settings. `history` has the codes of the keyframes before its start, empty for
+    /// rest.
     pub(crate) fn new(
         (config, model): (&Config, u64),
         avatar: &AvatarConfig,
@@ -228,8 +229,8 @@ impl Log {
         head.0.len() + self.store.bytes().len()
     }
 
-    /// Writes the take so far to the start of `out`, which has [`Self::length`] bytes. `rules` is the fingerprint of its word
-    /// rules.
+    /// Writes the take so far to the start of `out`, which has [`Self::length`] bytes. `rules` is the fingerprint of
+    /// its word rules.
     pub(crate) fn take(&self, head: &Head, rules: u64, out: &mut [u8]) {
         let length = self.length(head);
         let out = &mut out[..length];

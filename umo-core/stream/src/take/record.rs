@@ -5,8 +5,8 @@
 //!  engine   computes a chunk ────► packet ┼──► log
 //!  output   takes over what was asked for, and shows a frame ──► frame ─┘
 //! ```
-//! Who asks holds the log while the layers' requests change, and so does the output while it takes them over: an event is in
-//! front of the first frame that it was in force at.
+//! Who asks holds the log while the layers' requests change, and so does the output while it takes them over: an event
+//! is in front of the first frame that it was in force at.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
@@ -66,8 +66,8 @@ impl Recorder {
         Ok(recording)
     }
 
-    /// The recording, held, for a side that cannot call again: without it the take ends. Tries for longer than a take is
-    /// copied.
+    /// The recording, held, for a side that cannot call again: without it the take ends. Tries for longer than a take
+    /// is copied.
     pub(crate) fn keep(&self) -> Option<MutexGuard<'_, Recording>> {
         let recording = (0..TRIES).find_map(|_| self.lock().ok());
         if recording.is_none() {
@@ -94,8 +94,8 @@ impl Recorder {
 }
 
 impl Recording {
-    /// Enters a side's epoch if it is new: a reset begins the take anew, an interrupt ends it. Returns whether what happens in
-    /// this epoch is recorded.
+    /// Enters a side's epoch if it is new: a reset begins the take anew, an interrupt ends it. Returns whether what
+    /// happens in this epoch is recorded.
     fn enter(&mut self, epoch: Epoch) -> bool {
         let later = epoch.number.wrapping_sub(self.epoch.number);
         if later != 0 && later < 1 << 31 {
