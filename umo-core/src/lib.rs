@@ -128,9 +128,9 @@ pub use umo_core_stream::animation::{Animation, AudioSource};
 
 // Packets, takes.
 #[doc(inline)]
-pub use umo_core_stream::take::{Event, Take, TakeError, TakeInfo};
-#[doc(inline)]
 pub use umo_core_stream::packet::{Decoder, PacketError, PacketHead, PacketLayout, Received};
+#[doc(inline)]
+pub use umo_core_stream::take::{Event, Take, TakeError, TakeInfo};
 
 // Poses.
 #[doc(inline)]

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use counting::{allocator_calls, check_counter};
 use umo_core::{
-    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, FrameRef, GestureOptions, Isa, Model, ModelFile, Mood, PacketConfig,
-    PacketLayout, Poll, Precision, Session, SessionConfig, Take, Team, Threads,
+    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, FrameRef, GestureOptions, Isa, Model, ModelFile,
+    Mood, PacketConfig, PacketLayout, Poll, Precision, Session, SessionConfig, Take, Team, Threads,
 };
 
 fn main() {

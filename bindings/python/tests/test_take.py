@@ -37,5 +37,5 @@ def test_what_is_no_take_is_refused(model):
     with pytest.raises(umo.Error, match="not a take") as refused:
         umo.Take(b"RIFF")
     assert refused.value.status == umo.Status.TAKE
-    with umo.Engine(model, polled=True) as engine, engine.session() as session, pytest.raises(umo.Error, match="records no"):
-        session.take()
+    with umo.Engine(model, polled=True) as engine, engine.session() as plain, pytest.raises(umo.Error, match="no take"):
+        plain.take()

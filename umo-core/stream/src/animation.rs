@@ -6,9 +6,7 @@ use std::fmt;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
-use umo_core_layers::{
-    Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules,
-};
+use umo_core_layers::{Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};
@@ -331,8 +329,7 @@ impl Animation {
         let is_there = self.compute(model, cx, frame)?;
         let Self { avatar, track, said, stepped, recorder, .. } = self;
         if let (Some(Recorder { layout, packet, .. }), Some(log)) = (recorder, &mut track.log)
-            && let Some(length) =
-                said.write(avatar, model.config(), layout, *stepped, (0, 0), &track.levels, packet)?
+            && let Some(length) = said.write(avatar, model.config(), layout, *stepped, (0, 0), &track.levels, packet)?
         {
             log.packet(&packet[..length]);
         }

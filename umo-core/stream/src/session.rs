@@ -52,8 +52,8 @@ use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
 use umo_core_pose::part::Part;
 
 use crate::link::Epoch;
-use crate::take::{Event, Known, Recorder};
 pub use crate::playback::{Frame, Idle, MAX_GAIN, Sampled, Voice};
+use crate::take::{Event, Known, Recorder};
 pub(crate) use config::check_words;
 pub use config::{AUDIO_SECONDS, MAX_CHANNELS, MAX_EASE, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig};
 pub use error::{Argument, SessionError};
@@ -428,13 +428,13 @@ impl Session {
             return Err(SessionError::Range(Argument::PromptLength));
         }
         self.slot()?;
-        self.set(|settings| {
-            settings.text[..ids.len()].copy_from_slice(ids);
-            settings.text_len = ids.len();
-        })?;
         let mut bytes = [[0; 4]; MAX_PROMPT_TOKENS];
         bytes.iter_mut().zip(ids).for_each(|(bytes, id)| *bytes = id.to_le_bytes());
-        self.record(&Event::Prompt(&bytes[..ids.len()]))
+        let change = |settings: &mut Settings| {
+            settings.text[..ids.len()].copy_from_slice(ids);
+            settings.text_len = ids.len();
+        };
+        self.set_recorded(change, |_| Event::Prompt(&bytes[..ids.len()]))
     }
 
     /// Sets the sampling seed from the next chunk on. The layers keep the seed that the session was
@@ -628,14 +628,6 @@ impl Session {
         Ok(())
     }
 
-    /// Records what the host asked of the engine's side.
-    fn record(&self, event: &Event) -> Result<(), SessionError> {
-        if let Some(recorder) = &self.shared.recorder {
-            recorder.lock()?.event(self.shared.link.epoch(), event);
-        }
-        Ok(())
-    }
-
     /// Gain of a layer, as set.
     ///
     /// # Errors
@@ -682,14 +674,26 @@ impl Session {
     }
 
     fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<(), SessionError> {
-        self.shared.outcome.check()?;
+        self.set_recorded(change, |settings| Event::Sampler(settings.sampler))
+    }
+
+    /// Changes the settings of the engine's side, and records what they are now.
+    fn set_recorded<'a>(
+        &self,
+        change: impl FnOnce(&mut Settings),
+        event: impl FnOnce(&Settings) -> Event<'a>,
+    ) -> Result<(), SessionError> {
+        let Shared { outcome, link, recorder, settings: handover, .. } = &*self.shared;
+        outcome.check()?;
+        let recording = recorder.as_ref().map(Recorder::lock).transpose()?;
         let mut settings = self.settings()?;
-        let before = settings.sampler;
         change(&mut settings);
-        let sampler = settings.sampler;
+        if let Some(mut recording) = recording {
+            recording.event(link.epoch(), &event(&settings));
+        }
         drop(settings);
-        self.shared.settings.changed();
-        if sampler == before { Ok(()) } else { self.record(&Event::Sampler(sampler)) }
+        handover.changed();
+        Ok(())
     }
 
     /// Locks the settings. The engine holds this lock only while it copies them.

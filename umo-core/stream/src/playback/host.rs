@@ -77,11 +77,7 @@ impl Host {
     /// Numbers of requests that have begun or passed.
     pub(crate) fn passed(&self) -> Passed {
         let read = |count: &AtomicU64| count.load(Ordering::Acquire);
-        Passed {
-            gestures: read(&self.begun_gestures),
-            lips: read(&self.passed_hints),
-            words: read(&self.passed_words),
-        }
+        Passed { gestures: read(&self.begun_gestures), lips: read(&self.passed_hints), words: read(&self.passed_words) }
     }
 
     /// Current loudness of the interlocutor.
