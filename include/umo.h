@@ -369,6 +369,9 @@ typedef struct umo_scene umo_scene;
 // A session: one avatar. A handle, never a pointer to memory.
 typedef struct umo_session umo_session;
 
+// A take: a motion that was recorded, with what its host asked for. A handle, never a pointer to memory.
+typedef struct umo_take umo_take;
+
 // Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never reused.
 typedef int32_t umo_status;
 
@@ -644,6 +647,9 @@ typedef struct umo_session_config {
     uint32_t packet_history;
     // Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     uint32_t reorder_window;
+    // Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0 for none.
+    // Not with `UMO_VOICE_LIVE`, `UMO_PACKETS_ONLY` or decoders.
+    uint64_t take_bytes;
 } umo_session_config;
 
 // Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
@@ -724,6 +730,33 @@ typedef struct umo_received {
     // Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
     uint64_t held;
 } umo_received;
+
+// Properties of a take. Set `struct_size`; `umo_take_get_info` writes the rest.
+typedef struct umo_take_info {
+    // `sizeof(umo_take_info)`.
+    uint32_t struct_size;
+    // Version of its format.
+    uint32_t version;
+    // Frames.
+    uint32_t frames;
+    // Frames per second.
+    uint32_t frame_rate;
+    // Packets.
+    uint32_t packets;
+    // Sample rate of the host's audio in Hz: that of a frame's sample while the take plays.
+    uint32_t sample_rate;
+    // Seed of all sampling.
+    uint64_t seed;
+    // Fingerprint of the model.
+    uint64_t model;
+    // Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at
+    // the model's rate.
+    uint64_t audio;
+    // Number of those samples.
+    uint64_t audio_samples;
+    // Fingerprint of the word rules.
+    uint64_t rules;
+} umo_take_info;
 
 // Where a member stands. Initialise it with `umo_place_init`.
 typedef struct umo_place {
@@ -865,6 +898,9 @@ typedef struct umo_output {
 
 // The bytes are not a packet for this decoder. Nothing was changed.
 #define UMO_STATUS_PACKET -19
+
+// The bytes are not a take, or a damaged one.
+#define UMO_STATUS_TAKE -20
 
 #ifdef __cplusplus
 extern "C" {
@@ -1913,6 +1949,114 @@ UMO_API
 UMO_MUST_USE
 umo_status umo_decoder_stats(const struct umo_session *decoder,
                              struct umo_received *stats)
+UMO_NOEXCEPT;
+
+// Reads a take from memory, as `umo animate` or `umo_session_take` wrote it; copies the bytes. Takes of all
+// earlier versions are read. Free it with `umo_take_free`; sessions that play it go on.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `TAKE` (`umo_last_error` says what is damaged), `FULL` (16,384 takes),
+// `OUT_OF_MEMORY`.
+//
+// Pointers:
+// `bytes` is NULL or has `size` readable bytes; `take` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_take_new(const void *bytes,
+                        size_t size,
+                        struct umo_take **take)
+UMO_NOEXCEPT;
+
+// Frees a take. NULL is fine.
+//
+// Threads: any but the audio thread. Waits a millisecond or so for calls in progress.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_take_free` again).
+UMO_API umo_status umo_take_free(struct umo_take *take) UMO_NOEXCEPT;
+
+// Gets the properties of a take.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `info` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_take_get_info(const struct umo_take *take,
+                             struct umo_take_info *info)
+UMO_NOEXCEPT;
+
+// Creates a decoder that plays a take, with the model that the take was made with: `umo_decoder_push_take`
+// takes the place of packets, and everything that shows or changes frames works as in any session. Where
+// this host asks for nothing of its own, the frames are the recorded ones, bit for bit; `umo_session_reset`
+// begins the take anew. Of `config`, which may be NULL, the idle mode, the ease and the queue count; the
+// rest is the take's. `allocator` must be NULL.
+//
+// Threads: any but the audio thread. Allocates everything that the decoder will ever need.
+// Errors: as `umo_decoder_new`; `INVALID_ARGUMENT` also for a take of another model, or with a gesture that
+// is not built in.
+//
+// Pointers:
+// `config` is NULL or as long as its `struct_size` says; `decoder` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_decoder_new_of_take(const struct umo_model *model,
+                                   const struct umo_take *take,
+                                   const struct umo_session_config *config,
+                                   struct umo_session **decoder)
+UMO_NOEXCEPT;
+
+// Computes the frames of the take's next packet, if the queue has room for them. `more`, which may be NULL,
+// gets 0 once every packet was taken, otherwise 1. Call it more often than chunks begin, for example before
+// each pose: most calls find no room, and return at once.
+//
+// Threads: one at a time, concurrently with any other call. Never allocates, never waits; takes the time of
+// a chunk's motion decoders.
+// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session plays no take), `BUSY` (another thread pushes),
+// `PACKET`, `FAILED`, `PANIC`.
+//
+// Pointers:
+// `more` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_decoder_push_take(struct umo_session *decoder,
+                                 uint32_t *more)
+UMO_NOEXCEPT;
+
+// Gets the size in bytes of the take that the session has recorded so far; its configuration has
+// `take_bytes`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session records no take), `BUSY` (the
+// take is being written to), `PANIC`.
+//
+// Pointers:
+// `size` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_take_size(const struct umo_session *session,
+                                 size_t *size)
+UMO_NOEXCEPT;
+
+// Writes the take of the frames that the session has shown so far to `take`, which has `size` bytes;
+// `written` gets the number used. The take begins at the session's start or its last reset. It ends at an
+// interrupt, where its memory ends, and at what a take cannot say: a restored state, company in a scene,
+// silence that the engine inserts, a held body, a gap in the frames.
+//
+// Threads: any. Never allocates, never waits; calls on the session that show or ask for something wait
+// while it is copied.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (the session records no take),
+// `BUFFER_TOO_SMALL` (fewer than `umo_session_take_size` by now), `BUSY` (the take is being written to),
+// `PANIC`.
+//
+// Pointers:
+// `take` is NULL or has `size` writable bytes; `written` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_take(const struct umo_session *session,
+                            void *take,
+                            size_t size,
+                            size_t *written)
 UMO_NOEXCEPT;
 
 // Returns the message of a status, with a remedy: static, never NULL, in English.

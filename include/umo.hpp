@@ -81,6 +81,7 @@ private:
 inline umo_status free_model(umo_model *raw) { return umo_model_free(raw); }
 inline umo_status free_engine(umo_engine *raw) { return umo_engine_free(raw); }
 inline umo_status free_session(umo_session *raw) { return umo_session_free(raw); }
+inline umo_status free_take(umo_take *raw) { return umo_take_free(raw); }
 inline umo_status free_scene(umo_scene *raw) { return umo_scene_free(raw); }
 
 } // namespace detail
@@ -263,6 +264,24 @@ struct voice_arousal {
     float trend = 0.0F;
 };
 
+/// A take: a motion that was recorded.
+class take : public detail::handle<umo_take, detail::free_take> {
+public:
+    using handle::handle;
+
+    static result<take> read(const void *bytes, std::size_t size) {
+        umo_take *raw = nullptr;
+        const umo_status status = umo_take_new(bytes, size, &raw);
+        return {status, take(raw)};
+    }
+    result<umo_take_info> info() const noexcept {
+        umo_take_info info{};
+        info.struct_size = sizeof info;
+        const umo_status status = umo_take_get_info(get(), &info);
+        return {status, info};
+    }
+};
+
 /// A session: see `umo_session_…` for the thread that may make each call.
 class session : public detail::handle<umo_session, detail::free_session> {
 public:
@@ -287,6 +306,29 @@ public:
     }
     [[nodiscard]] umo_status push_packet(const void *packet, std::size_t size) noexcept {
         return umo_decoder_push_packet(get(), packet, size);
+    }
+    /// An avatar that plays a take.
+    static result<session> player(const model &model, const take &take, const umo_session_config *config = nullptr) {
+        umo_session *raw = nullptr;
+        const umo_status status = umo_decoder_new_of_take(model.get(), take.get(), config, &raw);
+        return {status, session(raw)};
+    }
+    /// Whether there may be more packets of the take.
+    result<bool> push_take() noexcept {
+        std::uint32_t more = 0;
+        const umo_status status = umo_decoder_push_take(get(), &more);
+        return {status, more != 0};
+    }
+    /// The take that the session, whose configuration has `take_bytes`, has recorded so far.
+    result<std::vector<unsigned char>> recorded() {
+        std::size_t size = 0;
+        umo_status status = umo_session_take_size(get(), &size);
+        std::vector<unsigned char> bytes(size);
+        if (status == UMO_STATUS_OK) {
+            status = umo_session_take(get(), bytes.data(), bytes.size(), &size);
+            bytes.resize(size);
+        }
+        return {status, std::move(bytes)};
     }
     /// Statistics of its packets.
     result<umo_received> received() noexcept {

@@ -273,6 +273,11 @@ fn packets_go_from_a_session_to_decoders() {
 }
 
 #[test]
+fn takes_are_recorded_and_played() {
+    run(&compile("tests/capi/takes.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
 fn a_crowd_is_seen_by_viewers() {
     let wav = format!("{ROOT}/assets/hello.wav");
     run(&compile("examples/c/crowd.c", Link::Shared), &[MODEL.as_ref(), wav.as_ref(), "2".as_ref(), "2".as_ref()]);

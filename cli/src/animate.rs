@@ -1,28 +1,33 @@
 //! `umo animate`, and the code it shares with `umo text`: runs an animation to its end and collects a clip.
 
-use std::path::Path;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umo_core::{
-    Animation, AvatarConfig, Compute, Config, Layer, LayerGains, Model, ModelFile, Precision, Sampler, SessionConfig,
-    StepError, Team,
+    Animation, AvatarConfig, Compute, Config, Face, Layer, LayerGains, Model, ModelFile, Precision, Sampler,
+    SessionConfig, StepError, Take, Team,
 };
+use umo_core_base::file::AtomicFile;
 use umo_core_model::lm::depth::is_guidable;
 use umo_core_model::weights::Loader;
 use umo_core_pose::clip::Clip;
 
-use crate::args::{self, Animate, GenerateArgs, Output};
+use crate::args::{self, Animate, Files, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::words::Script;
-use crate::{gestures, model, progress, start_pose};
+use crate::{atomic_file, gestures, model, progress, start_pose};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     let speech = Speech::open(&args.speech, args.repair)?;
     let job = Job::new(&args.output)?;
+    if args.retime && job.generator.records {
+        return Err(Failure::input("--retime does not go with a take: packets cannot say a retimed motion"));
+    }
     let generator = &job.generator;
     let frames = speech.frames(generator.model.config().frame_rate)?;
     let mut animation = generator.animation("audio_to_motion", args.prompt.as_deref())?;
@@ -54,6 +59,8 @@ pub(crate) struct Generator<'a> {
     pub(crate) model: Arc<Model>,
     load_time: Duration,
     team: Team,
+    /// Whether animations record a take.
+    pub(crate) records: bool,
 }
 
 impl<'a> Generator<'a> {
@@ -68,6 +75,7 @@ impl<'a> Generator<'a> {
             load_time: start.elapsed(),
             file,
             team: model::team(compute)?,
+            records: false,
         })
     }
 
@@ -124,6 +132,9 @@ impl<'a> Generator<'a> {
             let loader = Loader::new(&self.file, self.precision, self.model.isa());
             let cx = Compute { isa: self.model.isa(), team };
             start_pose::begin(cx, &loader, path, &mut animation)?;
+        }
+        if self.records {
+            animation.record(&self.model)?;
         }
         for gesture in &self.args.gesture {
             gestures::play(&mut animation, &gestures, &gesture.name, &gesture.options)?;
@@ -190,26 +201,66 @@ pub(crate) fn layers(args: &GenerateArgs) -> LayerGains {
     gains
 }
 
+/// Extension and name of a take's format.
+const TAKE: &str = "umo";
+
+/// The open files of a motion.
+pub(crate) struct Outputs<'a> {
+    args: &'a Files,
+    motions: Vec<export::Output>,
+    takes: Vec<AtomicFile>,
+}
+
+impl<'a> Outputs<'a> {
+    /// Checks the formats for a face, and opens the files.
+    pub(crate) fn open(args: &'a Files, face: &Face) -> Result<Self, Failure> {
+        let format = args.format.as_deref();
+        let is_take = |path: &&PathBuf| {
+            let name = format.or_else(|| path.extension().and_then(|extension| extension.to_str()));
+            name.is_some_and(|name| name.eq_ignore_ascii_case(TAKE))
+        };
+        let (takes, motions): (Vec<_>, Vec<_>) = args.output.iter().partition(is_take);
+        let format = format.filter(|_| takes.is_empty()).map(Format::parse).transpose()?;
+        let of = |path: &PathBuf| format.map_or_else(|| Format::from_extension(path), Ok);
+        let formats = motions.iter().map(|path| of(path)).collect::<Result<Vec<_>, _>>()?;
+        formats.iter().try_for_each(|format| format.check_face(face))?;
+        let motions = motions.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
+        Ok(Self {
+            args,
+            motions: motions.collect::<Result<_, _>>()?,
+            takes: takes.into_iter().map(|path| atomic_file::create(path)).collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Writes every file; returns their names.
+    pub(crate) fn write(self, clip: &Clip, take: Option<&Take>) -> Result<String, Failure> {
+        for motion in self.motions {
+            motion.write(clip, self.args.figure).map_err(Failure::environment)?;
+        }
+        for file in self.takes {
+            let take = take.ok_or_else(|| Failure::environment("internal: nothing was recorded"))?;
+            atomic_file::commit(file, |out| out.write_all(take.bytes()))?;
+        }
+        let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
+        Ok(names.join(", "))
+    }
+}
+
 /// A loaded model and its open outputs.
 pub(crate) struct Job<'a> {
     args: &'a Output,
     pub(crate) generator: Generator<'a>,
-    outputs: Vec<export::Output>,
+    outputs: Outputs<'a>,
 }
 
 impl<'a> Job<'a> {
     /// Checks the arguments, opens the outputs and loads the model, all before the work starts.
     pub(crate) fn new(args: &'a Output) -> Result<Self, Failure> {
-        let format = args.format.as_deref().map(Format::parse).transpose()?;
-        let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
-        let formats = formats.collect::<Result<Vec<_>, _>>()?;
         let file: ModelFile = model::open(args.compute.model.as_deref())?;
-        for format in &formats {
-            format.check_face(&file.config().face)?;
-        }
-        let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
-        let outputs = outputs.collect::<Result<_, _>>()?;
-        Ok(Self { args, generator: Generator::new(&args.generate, &args.compute, file)?, outputs })
+        let outputs = Outputs::open(&args.files, &file.config().face)?;
+        let mut generator = Generator::new(&args.generate, &args.compute, file)?;
+        generator.records = !outputs.takes.is_empty();
+        Ok(Self { args, generator, outputs })
     }
 
     /// Runs the animation to its end with the words of `script`, and writes every output.
@@ -218,11 +269,8 @@ impl<'a> Job<'a> {
         let start = Instant::now();
         let clip = self.generator.clip(animation, frames, script, |_| ())?;
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
-        for output in self.outputs {
-            output.write(&clip, self.args.figure).map_err(Failure::environment)?;
-        }
-        let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
-        println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
+        let names = self.outputs.write(&clip, animation.take().as_ref())?;
+        println!("{names}: {frames} frames, {seconds:.2} s, made in {took:.2} s");
         if self.args.timings {
             print_times(self.generator.load_time, animation, config);
         }

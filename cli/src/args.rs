@@ -65,6 +65,9 @@ pub enum Command {
     Text(Text),
     /// Test this machine: processor, kernels, the model's motion, speed
     Doctor(Doctor),
+    /// Play a take: its frames again, without the recording
+    #[command(hide = true)]
+    Play(Play),
     /// Convert, quantize, examine and test model files
     #[command(subcommand, hide = true)]
     Model(ModelCommand),
@@ -147,15 +150,9 @@ fn nested(name: &str) -> Option<String> {
 /// Outputs and settings that `animate` and `text` share.
 #[derive(Debug, ClapArgs)]
 pub struct Output {
-    /// File to write: .npz, .bvh, .glb, .vrma, .csv or .jsonl; may be repeated
-    #[arg(short, long = "output", value_name = "FILE", required = true)]
-    pub output: Vec<PathBuf>,
-    /// Figure that wears the motion in .glb files
-    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
-    pub figure: Figure,
-    /// Format of all outputs: npz, bvh, glb, vrma, csv or jsonl [default: by extension]
-    #[arg(long, value_name = "FORMAT", help_heading = TUNING, hide_short_help = true)]
-    pub format: Option<String>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub files: Files,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
@@ -165,6 +162,20 @@ pub struct Output {
     /// Print the time of each stage
     #[arg(long, help_heading = TESTING, hide_short_help = true)]
     pub timings: bool,
+}
+
+/// Files of a motion.
+#[derive(Debug, ClapArgs)]
+pub struct Files {
+    /// File to write: .npz, .bvh, .glb, .vrma, .csv, .jsonl, or .umo for a take; may be repeated
+    #[arg(short, long = "output", value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
+    /// Figure that wears the motion in .glb files
+    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
+    pub figure: Figure,
+    /// Format of all outputs: npz, bvh, glb, vrma, csv, jsonl or umo [default: by extension]
+    #[arg(long, value_name = "FORMAT", help_heading = TUNING, hide_short_help = true)]
+    pub format: Option<String>,
 }
 
 /// Names and looks of the figures.
@@ -211,6 +222,25 @@ pub struct Animate {
     /// Tokenise the whole recording at once, as the paper does offline, and print the difference from the stream
     #[arg(long, help_heading = TESTING, hide_short_help = true)]
     pub whole_file_units: bool,
+}
+
+/// Play a take.
+#[derive(Debug, ClapArgs)]
+pub struct Play {
+    /// Take: .umo, as `umo animate` writes it
+    pub take: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub files: Files,
+    /// Add a gesture of the take's host, as for `umo animate`
+    #[arg(long, value_name = "NAME=FILE[,SECONDS][,PART]", value_parser = generate::gesture_clip, help_heading = TUNING, hide_short_help = true)]
+    pub gesture_clip: Vec<GestureClip>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub rules: RuleArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
 }
 
 /// Animate many recordings.

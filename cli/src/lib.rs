@@ -45,6 +45,7 @@ mod inspect;
 mod interrupt;
 mod live;
 mod model;
+mod play;
 mod progress;
 mod quantize;
 mod random;
@@ -108,6 +109,7 @@ fn run(command: Command) -> Result<(), Failure> {
     }
     match command {
         Command::Animate(args) => animate::run(&args),
+        Command::Play(args) => play::run(&args),
         Command::Converse(args) => converse::run(&args),
         Command::Batch(args) => batch::run(&args),
         Command::Text(args) => text::run(&args),

@@ -24,6 +24,8 @@ mod refusals;
 mod retarget;
 #[path = "cli/stage.rs"]
 mod stage;
+#[path = "cli/take.rs"]
+mod take;
 #[path = "cli/view.rs"]
 mod view;
 
@@ -58,9 +60,9 @@ fn help_shows_nine_commands_and_then_the_others() {
     };
     let first = ["animate", "converse", "view", "live", "serve", "batch", "retarget", "text", "doctor"];
     assert_eq!(below("Commands:"), [&first[..], &["help"]].concat());
-    assert_eq!(below("More commands:"), ["model", "bench", "inspect", "figure", "draw", "gestures", "words"]);
+    assert_eq!(below("More commands:"), ["play", "model", "bench", "inspect", "figure", "draw", "gestures", "words"]);
     assert!(lines.len() <= 30, "{}", lines.len());
-    for name in first.into_iter().chain(["bench"]) {
+    for name in first.into_iter().chain(["bench", "play"]) {
         assert!(help(&[name, "-h"]).len() <= 30, "{name}: {}", help(&[name, "-h"]).len());
     }
     let (short, long) = (help(&["animate", "-h"]).join("\n"), help(&["animate", "--help"]).join("\n"));

@@ -6,7 +6,7 @@ use super::interface::{Constant, Field, Group, Interface, Kind, Spelling, Struct
 /// Groups that are classes; the others are dictionaries.
 const CLASSES: [&str; 4] = ["Status", "Idle", "Attention", "Role"];
 /// Structures whose values the package returns as tuples.
-const RESULTS: [&str; 3] = ["latency", "stats", "received"];
+const RESULTS: [&str; 4] = ["latency", "stats", "received", "take_info"];
 const WIDTH: usize = 110;
 
 struct Python;

@@ -12,6 +12,7 @@ use crate::memory::UmoAllocator;
 use crate::model::{UmoModelConfig, UmoModelInfo};
 use crate::parameter::UmoParameterInfo;
 use crate::session::packets::UmoReceived;
+use crate::session::takes::UmoTakeInfo;
 use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
 
 /// Programs are compiled with these numbers; `tests/capi/generated.h` has all.
@@ -24,12 +25,13 @@ fn structures_have_the_layout_that_c_has() {
     sized::<UmoFrameLayout>(48);
     sized::<UmoParameterInfo>(40);
     sized::<UmoEngineConfig>(56);
-    sized::<UmoSessionConfig>(88);
+    sized::<UmoSessionConfig>(96);
     sized::<UmoModelInfo>(72);
     sized::<UmoLatency>(72);
     sized::<UmoStats>(64);
     sized::<UmoSampled>(24);
     sized::<UmoReceived>(40);
+    sized::<UmoTakeInfo>(64);
     sized::<UmoGestureOptions>(48);
     sized::<UmoGestureClip>(32);
     sized::<UmoClip>(72);

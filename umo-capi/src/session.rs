@@ -9,6 +9,8 @@ pub mod state;
 
 pub mod packets;
 
+pub mod takes;
+
 use std::alloc::Layout;
 use std::cell::UnsafeCell;
 use std::ffi::c_char;
@@ -100,11 +102,14 @@ pub struct UmoSessionConfig {
     pub packet_history: u32,
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub reorder_window: u32,
+    /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0 for none.
+    /// Not with `UMO_VOICE_LIVE`, `UMO_PACKETS_ONLY` or decoders.
+    pub take_bytes: u64,
 }
 
 // SAFETY: `repr(C)`, starts with its size, numbers and pointers that may be NULL.
 unsafe impl Sized32 for UmoSessionConfig {
-    const FIRST: usize = 72 + 2 * size_of::<*const c_char>();
+    const FIRST: usize = 80 + 2 * size_of::<*const c_char>();
 }
 
 /// Delay of motion behind speech. Set `struct_size`; `umo_session_latency` writes the rest.
@@ -304,6 +309,7 @@ impl UmoSessionConfig {
             ease,
             queue_frames,
             packets: _,
+            take_bytes,
             reorder_window,
         } = SessionConfig::new(model.model.config());
         let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
@@ -328,6 +334,7 @@ impl UmoSessionConfig {
             packets: UMO_PACKETS_NONE,
             packet_history: count(PacketConfig::new(avatar.target).history),
             reorder_window: count(reorder_window),
+            take_bytes: take_bytes as u64,
         }
     }
 }
@@ -370,6 +377,8 @@ unsafe fn read_config(
     wanted.idle_after = Duration::from_millis(given.idle_after_ms.into());
     wanted.ease = Duration::from_millis(given.ease_ms.into());
     wanted.queue_frames = given.queue_frames as usize;
+    wanted.take_bytes = usize::try_from(given.take_bytes)
+        .map_err(|_| Failure::argument(format_args!("take_bytes {}: more than there is memory", given.take_bytes)))?;
     if !given.template_name.is_null() {
         // SAFETY: guaranteed by the caller (see # Safety).
         let name = unsafe { ffi::string(given.template_name, "config.template_name")? };

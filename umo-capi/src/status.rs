@@ -51,6 +51,8 @@ pub const UMO_STATUS_STATE: UmoStatus = -17;
 pub const UMO_STATUS_THREAD: UmoStatus = -18;
 /// The bytes are not a packet for this decoder. Nothing was changed.
 pub const UMO_STATUS_PACKET: UmoStatus = -19;
+/// The bytes are not a take, or a damaged one.
+pub const UMO_STATUS_TAKE: UmoStatus = -20;
 
 /// Message of a status, with a remedy.
 fn text(status: UmoStatus) -> &'static CStr {
@@ -77,6 +79,7 @@ fn text(status: UmoStatus) -> &'static CStr {
         UMO_STATUS_STATE => c"not a state of a session with this configuration",
         UMO_STATUS_THREAD => c"a worker thread could not be created or pinned",
         UMO_STATUS_PACKET => c"not a packet for this decoder",
+        UMO_STATUS_TAKE => c"not a take, or a damaged one",
         _ => c"not a status of this library",
     }
 }
@@ -176,6 +179,8 @@ impl From<SessionError> for Failure {
             | SessionError::Range(_)
             | SessionError::NotDecoder
             | SessionError::IsDecoder
+            | SessionError::Take
+            | SessionError::NoTake
             | SessionError::NoPackets
             | SessionError::Short { .. }
             | SessionError::UnknownGesture => UMO_STATUS_INVALID_ARGUMENT,
@@ -290,8 +295,8 @@ mod tests {
 
     #[test]
     fn every_status_has_a_text_of_its_own() {
-        let texts: std::collections::HashSet<_> = (UMO_STATUS_PACKET..=UMO_STATUS_OK).map(text).collect();
-        assert_eq!(texts.len(), 20);
+        let texts: std::collections::HashSet<_> = (UMO_STATUS_TAKE..=UMO_STATUS_OK).map(text).collect();
+        assert_eq!(texts.len(), 21);
         assert!(!texts.contains(text(1)));
         assert!(text(-1000).to_str().unwrap().starts_with("not a status"));
     }

@@ -126,9 +126,11 @@ pub use umo_core_model::motion::FrameRef;
 #[doc(inline)]
 pub use umo_core_stream::animation::{Animation, AudioSource};
 
-// Packets.
+// Packets, takes.
 #[doc(inline)]
 pub use umo_core_stream::packet::{Decoder, PacketError, PacketHead, PacketLayout, Received};
+#[doc(inline)]
+pub use umo_core_stream::take::{Event, Take, TakeError, TakeInfo};
 
 // Poses.
 #[doc(inline)]

@@ -1,5 +1,5 @@
 //! Writing and decoding packets never allocates, with losses, repetitions and new streams; nor do
-//! sessions that send packets or play them.
+//! sessions that send packets or play them, or record a take or play one.
 
 mod counting;
 
@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use counting::{allocator_calls, check_counter};
 use umo_core::{
-    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, FrameRef, Isa, Model, ModelFile, PacketConfig,
-    PacketLayout, Poll, Precision, Session, SessionConfig, Team, Threads,
+    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, FrameRef, GestureOptions, Isa, Model, ModelFile,
+    Mood, PacketConfig, PacketLayout, Poll, Precision, Session, SessionConfig, Take, Team, Threads,
 };
 
 fn main() {
@@ -21,6 +21,7 @@ fn main() {
         let model = Arc::new(model.expect("a golden model"));
         run(&model, name);
         sessions(&model, name);
+        takes(&model, name);
     }
     println!("no allocation in streams of packets");
 }
@@ -103,4 +104,43 @@ fn sessions(model: &Arc<Model>, name: &str) {
         sent > 10 && refused == sent as usize && shown > 50 && received.lost > 0,
         "{name}: {sent} {shown} {received:?}"
     );
+}
+
+/// A session that records a take with requests, and one that plays it twice; all layers are on.
+fn takes(model: &Arc<Model>, name: &str) {
+    let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(model), &config).expect("no thread is needed");
+    let config = SessionConfig { take_bytes: 1 << 14, ..SessionConfig::new(model.config()) };
+    let session = engine.session(&config).expect("sound settings");
+    let audio = vec![0.1; model.config().audio.sample_rate / 10];
+    let (mut bytes, mut length, mut frames) = (vec![0; 1 << 15], 0, 0);
+    let calls = allocator_calls(|| {
+        for tenth in 0..30_u32 {
+            session.push_audio(&audio).expect("one thread pushes");
+            match tenth {
+                3 => session.hint_words("no, never", 0.6, 1.2).expect("there is room"),
+                5 => session.play_gesture("wave", &GestureOptions::default()).expect("there is room"),
+                9 => session.set_mood(Mood::Joy, 1.0).expect("a strength"),
+                _ => {}
+            }
+            while engine.poll(Duration::from_secs(1)) != Ok(Poll::Idle) {}
+            frames += session.pull_frames(5, |_| ()).expect("one thread pulls");
+        }
+        length = session.take(&mut bytes).expect("there is room");
+    });
+    assert_eq!(calls, 0, "{name}: a take is recorded");
+    let take = Take::new(&bytes[..length]).expect("a take");
+    assert!(frames > 30 && take.info().frames as usize == frames, "{name}: {frames}");
+    let player = Session::of_take(model, &take, &SessionConfig::new(model.config())).expect("its model");
+    let mut shown = 0;
+    let calls = allocator_calls(|| {
+        for _ in 0..2 {
+            while !player.is_done().expect("it is sound") {
+                player.push_take().expect("good packets");
+                shown += player.pull_frames(3, |_| ()).expect("one thread pulls");
+            }
+            player.reset().expect("it is sound");
+        }
+    });
+    assert_eq!((calls, shown), (0, 2 * frames), "{name}: a take is played");
 }

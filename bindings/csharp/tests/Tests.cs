@@ -903,6 +903,41 @@ internal static unsafe class Tests
     }
 
     [Test]
+    private static void a_take_is_recorded_and_played()
+    {
+        EngineConfig config = Engine.Defaults;
+        config.Mode = EngineMode.Polled;
+        config.Threads = 1;
+        SessionConfig recording = Session.Defaults(model);
+        recording.TakeBytes = 1 << 14;
+        using (Engine polled = new Engine(model, config))
+        using (Session session = new Session(polled, recording))
+        using (Session plain = new Session(polled))
+        {
+            int taken;
+            byte[] bytes, none;
+            bool more = false;
+            Equal(Status.Ok, session.PushAudio(speech, 0, 3 * Rate, out taken));
+            byte[] wanted = Pull(polled, session, 60);
+            Equal(Status.Ok, session.GetTake(out bytes));
+            Equal(Status.InvalidArgument, plain.GetTake(out none));
+            Equal(Status.InvalidArgument, plain.PushTake(out more));
+            using (Take take = new Take(bytes))
+            using (Session player = Session.Player(model, take))
+            {
+                TakeInfo info;
+                Equal(Status.Ok, take.GetInfo(out info));
+                Equal(60u, info.Frames);
+                for (int i = 0; i < 20; i++) Equal(Status.Ok, player.PushTake(out more));
+                True(Pull(polled, player, 60).SequenceEqual(wanted), "frames differ");
+            }
+            bytes[400] ^= 1;
+            Throws<UmoException>(() => new Take(bytes));
+            Throws<ArgumentNullException>(() => new Take(null));
+        }
+    }
+
+    [Test]
     private static void a_decoder_has_the_frames_of_its_sender()
     {
         Parameter[] layers =

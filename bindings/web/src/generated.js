@@ -64,6 +64,8 @@ export const STATUSES = Object.freeze({
   THREAD: -18,
   /** The bytes are not a packet for this decoder. Nothing was changed. */
   PACKET: -19,
+  /** The bytes are not a take, or a damaged one. */
+  TAKE: -20,
 });
 /** Axes, handedness and unit of length. */
 export const AXES = Object.freeze({
@@ -442,7 +444,7 @@ export const ALLOCATOR = {
   },
 };
 export const SESSION_CONFIG = {
-  size: 80,
+  size: 88,
   fields: {
     structSize: [0, "Uint32"],
     sampleRate: [4, "Uint32"],
@@ -463,8 +465,9 @@ export const SESSION_CONFIG = {
     packets: [68, "Uint32", PACKETS],
     packetHistory: [72, "Uint32"],
     reorderWindow: [76, "Uint32"],
+    takeBytes: [80, "BigUint64"],
   },
-  options: ["sampleRate", "channels", "target", "lookahead", "idle", "idleAfterMs", "easeMs", "queueFrames", "voice", "seed", "smoothing", "guidance", "horizon", "packets", "packetHistory", "reorderWindow"],
+  options: ["sampleRate", "channels", "target", "lookahead", "idle", "idleAfterMs", "easeMs", "queueFrames", "voice", "seed", "smoothing", "guidance", "horizon", "packets", "packetHistory", "reorderWindow", "takeBytes"],
 };
 export const SAMPLED = {
   size: 24,
@@ -513,6 +516,22 @@ export const RECEIVED = {
     late: [16, "BigUint64"],
     lost: [24, "BigUint64"],
     held: [32, "BigUint64"],
+  },
+};
+export const TAKE_INFO = {
+  size: 64,
+  fields: {
+    structSize: [0, "Uint32"],
+    version: [4, "Uint32"],
+    frames: [8, "Uint32"],
+    frameRate: [12, "Uint32"],
+    packets: [16, "Uint32"],
+    sampleRate: [20, "Uint32"],
+    seed: [24, "BigUint64"],
+    model: [32, "BigUint64"],
+    audio: [40, "BigUint64"],
+    audioSamples: [48, "BigUint64"],
+    rules: [56, "BigUint64"],
   },
 };
 export const PLACE = {

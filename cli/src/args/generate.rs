@@ -141,7 +141,7 @@ pub struct GestureClip {
     pub parts: GestureParts,
 }
 
-fn gesture_clip(text: &str) -> Result<GestureClip, String> {
+pub(super) fn gesture_clip(text: &str) -> Result<GestureClip, String> {
     let (name, rest) = text.split_once('=').ok_or("expected NAME=FILE")?;
     let mut words = rest.split(',');
     let file = PathBuf::from(words.next().unwrap_or_default());

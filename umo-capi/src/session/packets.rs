@@ -1,11 +1,10 @@
 //! Packets: chunks from a session on one side to a decoder on the other.
 
-use std::cell::UnsafeCell;
 use std::ffi::c_void;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use umo_core::Session;
+use umo_core::{Session, Take};
 use umo_core_base::memory;
 
 use super::{Detail, SESSIONS, SessionHandle, UmoSession, UmoSessionConfig, on, read_config};
@@ -13,7 +12,7 @@ use crate::ffi::{self, Sized32, guard, put, wanted};
 use crate::handle;
 use crate::log::UMO_LOG_ERROR;
 use crate::model::{self, UmoModel};
-use crate::status::{Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
+use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
 
 /// Statistics of a decoder's packets. Set `struct_size`; `umo_decoder_stats` writes the rest.
 #[repr(C)]
@@ -114,31 +113,46 @@ pub unsafe extern "C" fn umo_decoder_new(
     config: *const UmoSessionConfig,
     decoder: *mut *mut UmoSession,
 ) -> UmoStatus {
-    guard(|| {
-        wanted(decoder, "decoder")?;
-        let model = model::get(model)?;
-        let made = memory::watch(|| {
-            // SAFETY: guaranteed by the caller (see # Safety).
-            let (config, allocator) = unsafe { read_config(config, &model)? };
-            if allocator.is_some() {
-                return Err(Failure::argument("`config.allocator`: a decoder's memory comes from the system"));
-            }
-            handle::boxed(SessionHandle {
-                session: Session::decoder(&model.model, &config)?,
-                model: Arc::clone(&model),
-                log: model.log,
-                poisoned: AtomicBool::new(false),
-                detail: Detail { taken: AtomicBool::new(false), text: UnsafeCell::new(Text::EMPTY) },
-            })
-        });
-        let made = made.map_err(Failure::from).flatten();
-        let handle = made.and_then(|made| SESSIONS.insert(made)).inspect_err(|failure| {
-            let detail = String::from_utf8_lossy(failure.detail.as_bytes());
-            model.log.say(UMO_LOG_ERROR, format_args!("no decoder: {detail}"));
-        })?;
+    // SAFETY: guaranteed by the caller (see # Safety).
+    guard(|| unsafe { new_decoder(model, None, config, decoder) })
+}
+
+/// Creates a decoder of packets that come, or of a take's.
+///
+/// # Safety
+/// As [`umo_decoder_new`].
+pub(super) unsafe fn new_decoder(
+    model: *const UmoModel,
+    take: Option<&Take>,
+    config: *const UmoSessionConfig,
+    decoder: *mut *mut UmoSession,
+) -> Result<(), Failure> {
+    wanted(decoder, "decoder")?;
+    let model = model::get(model)?;
+    let made = memory::watch(|| {
         // SAFETY: guaranteed by the caller (see # Safety).
-        unsafe { put(decoder, "decoder", std::ptr::without_provenance_mut(handle)) }
-    })
+        let (config, allocator) = unsafe { read_config(config, &model)? };
+        if allocator.is_some() {
+            return Err(Failure::argument("`config.allocator`: a decoder's memory comes from the system"));
+        }
+        handle::boxed(SessionHandle {
+            session: match take {
+                Some(take) => Session::of_take(&model.model, take, &config)?,
+                None => Session::decoder(&model.model, &config)?,
+            },
+            model: Arc::clone(&model),
+            log: model.log,
+            poisoned: AtomicBool::new(false),
+            detail: Detail::new(),
+        })
+    });
+    let made = made.map_err(Failure::from).flatten();
+    let handle = made.and_then(|made| SESSIONS.insert(made)).inspect_err(|failure| {
+        let detail = String::from_utf8_lossy(failure.detail.as_bytes());
+        model.log.say(UMO_LOG_ERROR, format_args!("no decoder: {detail}"));
+    })?;
+    // SAFETY: guaranteed by the caller (see # Safety).
+    unsafe { put(decoder, "decoder", std::ptr::without_provenance_mut(handle)) }
 }
 
 /// Decodes a packet of `size` bytes, and computes the frames that become final. Packets may be lost,

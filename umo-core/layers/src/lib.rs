@@ -367,15 +367,19 @@ impl LayerStack {
         self.presence = company::Presence::new();
     }
 
+    /// Lets a tick pass while the layers are off.
+    pub fn skip(&mut self, controls: &Controls) {
+        self.gains.advance(&controls.layers, self.seconds);
+        self.ticks += 1;
+    }
+
     /// Runs one tick: turns the decoders' next frame into the frame to show. `heard` is `None` for a frame
     /// without audio. Never allocates.
     pub fn apply(&mut self, frame: &mut OwnedFrame, controls: &Controls, heard: Option<Heard>) {
-        let is_off = self.is_off(controls);
-        let gains = self.gains.advance(&controls.layers, self.seconds);
-        if is_off {
-            self.ticks += 1;
-            return;
+        if self.is_off(controls) {
+            return self.skip(controls);
         }
+        let gains = self.gains.advance(&controls.layers, self.seconds);
         let mut tick = Tick {
             number: self.ticks,
             seconds: self.seconds,

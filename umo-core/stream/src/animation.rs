@@ -6,10 +6,7 @@ use std::fmt;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
-use umo_core_layers::gesture::Request;
-use umo_core_layers::{
-    Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, RequestError, WordRules,
-};
+use umo_core_layers::{Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};
@@ -25,6 +22,7 @@ use crate::packet::{PacketLayout, PacketRoom};
 use crate::playback::Layers;
 use crate::retime::{self, TimeMap};
 use crate::session::{Argument, SessionError, check_words};
+use crate::take::{Event, Head, Known, Log, Take};
 
 /// Audio source that an animation reads on demand.
 pub trait AudioSource: Send {
@@ -45,6 +43,18 @@ pub struct Animation {
     stepped: Due,
     /// Buffers for a packet's levels and codes.
     said: PacketRoom,
+    /// Settings, for a take.
+    config: AvatarConfig,
+    gains: LayerGains,
+    recorder: Option<Recorder>,
+}
+
+/// Head of a take, and what its packets are written with.
+#[derive(Debug)]
+struct Recorder {
+    head: Head,
+    layout: PacketLayout,
+    packet: Vec<u8>,
 }
 
 /// Audio of an avatar, and the stages of its frames.
@@ -64,6 +74,8 @@ struct Track {
     frame_rate: usize,
     /// Frames that wait for the end of the recording, to be retimed.
     retiming: Option<Retiming>,
+    /// Records of a take, if one is made.
+    log: Option<Log>,
 }
 
 impl fmt::Debug for Track {
@@ -114,6 +126,9 @@ impl Animation {
             batch: Batch::new(model, 1),
             stepped: Due::Nothing,
             said: PacketRoom::new(model.config()),
+            config: config.clone(),
+            gains,
+            recorder: None,
         })
     }
 
@@ -172,9 +187,7 @@ impl Animation {
     /// [`MAX_PENDING_GESTURES`](umo_core_layers::MAX_PENDING_GESTURES) are pending; [`SessionError::Range`] if an option is out
     /// of range.
     pub fn play_gesture(&mut self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
-        let request = Request::new(&self.track.gestures, name, options, self.track.frame_rate, 0)?;
-        let Layers { stack, controls, .. } = &mut *self.track.layers;
-        Ok(controls.gestures.push(request, stack.begun_gestures())?)
+        self.track.ask(&Event::Gesture { name, options: *options })
     }
 
     /// Schedules a viseme hint, like [`Session::hint_lips`](crate::session::Session::hint_lips).
@@ -183,9 +196,7 @@ impl Animation {
     /// [`SessionError::Range`] if a time is out of range; [`SessionError::HintsFull`] if
     /// [`MAX_PENDING_HINTS`](umo_core_layers::MAX_PENDING_HINTS) are pending.
     pub fn hint_lips(&mut self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
-        let rate = HINT_UNITS * self.track.frame_rate;
-        let Layers { stack, controls, .. } = &mut *self.track.layers;
-        Ok(controls.hints.push((start, duration), shape, rate, (0, stack.passed_hints()))?)
+        self.track.ask(&Event::Lips { shape, start, duration })
     }
 
     /// Sets the rules of the words, before the first ones. English without.
@@ -204,7 +215,7 @@ impl Animation {
     /// [`SessionError::Range`] if a time or the number of words is out of range; [`SessionError::WordsFull`] if more than
     /// [`MAX_PENDING_WORDS`](umo_core_layers::MAX_PENDING_WORDS) would be pending.
     pub fn hint_words(&mut self, text: &str, start: f64, end: f64) -> Result<(), SessionError> {
-        self.track.hint_words(text, (start, end))
+        self.track.ask(&Event::Words { text, start, end })
     }
 
     /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1, like
@@ -216,9 +227,41 @@ impl Animation {
         if !(0.0..=1.0).contains(&strength) {
             return Err(SessionError::Range(Argument::MoodStrength));
         }
-        let controls = &mut self.track.layers.controls;
-        (controls.mood, controls.mood_strength) = (mood, strength);
+        self.track.ask(&Event::Mood { mood, strength })
+    }
+
+    /// Records a take from now on, before the first chunk and before anything is asked of the avatar; [`Self::take`] has it.
+    ///
+    /// # Errors
+    /// [`StepError::Order`] after the first chunk, or if the motion is retimed, which packets cannot represent.
+    pub fn record(&mut self, model: &Model) -> Result<(), StepError> {
+        if self.avatar.chunk > 0 || self.track.retiming.is_some() {
+            return Err(StepError::Order("a take is recorded from the first chunk on, and not of a retimed motion"));
+        }
+        let layout = PacketLayout::new(model);
+        let config = model.config();
+        let mut history = vec![0; config.prefix * layout.codes()];
+        self.avatar.window.last(&mut history);
+        let head = Head::new(
+            (config, model.fingerprint()),
+            &self.config,
+            self.gains,
+            HINT_UNITS * self.track.frame_rate,
+            &history,
+            &Arena::system(),
+        );
+        let packet = vec![0; layout.most_bytes()];
+        self.recorder = Some(Recorder { head, layout, packet });
+        self.track.log = Some(Log::growing());
         Ok(())
+    }
+
+    /// The take so far; `None` without [`Self::record`].
+    pub fn take(&self) -> Option<Take> {
+        let (recorder, log) = (self.recorder.as_ref()?, self.track.log.as_ref()?);
+        let mut bytes = vec![0; log.length(&recorder.head)];
+        log.take(&recorder.head, self.track.layers.stack.word_rules().fingerprint(), &mut bytes);
+        Take::new(&bytes).ok()
     }
 
     /// Moves strokes of arms, hands, trunk and head onto the accents in the audio units, before layers are applied
@@ -232,8 +275,8 @@ impl Animation {
     pub fn retime(&mut self, model: &Model) -> Result<(), StepError> {
         let said = model.config().audio.accents.filter(|_| self.avatar.has_audio());
         let said = said.ok_or(StepError::Missing("audio units with accents (`audio.accents` of its config)"))?;
-        if self.avatar.chunk > 0 {
-            return Err(StepError::Order("retiming can only be enabled before the first chunk"));
+        if self.avatar.chunk > 0 || self.track.log.is_some() {
+            return Err(StepError::Order("retiming can only be enabled before the first chunk, and not for a take"));
         }
         self.track.retiming = Some(Retiming { said, units: Vec::new(), frames: Vec::new() });
         Ok(())
@@ -291,6 +334,17 @@ impl Animation {
     /// # Errors
     /// [`StepError`]; the animation must then be created anew.
     pub fn step(&mut self, model: &Model, cx: Compute, frame: &mut dyn FnMut(FrameRef)) -> Result<bool, StepError> {
+        let is_there = self.compute(model, cx, frame)?;
+        let Self { avatar, track, said, stepped, recorder, .. } = self;
+        if let (Some(Recorder { layout, packet, .. }), Some(log)) = (recorder, &mut track.log)
+            && let Some(length) = said.write(avatar, model.config(), layout, *stepped, (0, 0), &track.levels, packet)?
+        {
+            log.packet(&packet[..length]);
+        }
+        Ok(is_there)
+    }
+
+    fn compute(&mut self, model: &Model, cx: Compute, frame: &mut dyn FnMut(FrameRef)) -> Result<bool, StepError> {
         let Self { avatar, batch, track, .. } = self;
         track.fill(avatar)?;
         let due = track.due(model, avatar);
@@ -330,7 +384,7 @@ impl Track {
         let known = (gestures.clone(), WordRules::english());
         let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, known);
         let controls = Controls { expression: config.sampler.expression, ..Controls::new(gains) };
-        let layers = Layers::new(stack, controls, HINT_UNITS * frame_rate);
+        let layers = Layers::new(stack, controls, (HINT_UNITS * frame_rate, frame_rate));
         Ok(Self {
             source: None,
             pending: Vec::new(),
@@ -341,6 +395,7 @@ impl Track {
             gestures,
             frame_rate,
             retiming: None,
+            log: None,
         })
     }
 
@@ -352,11 +407,21 @@ impl Track {
         silence_unusable(&mut self.pending[start..])
     }
 
-    fn hint_words(&mut self, text: &str, times: (f64, f64)) -> Result<(), SessionError> {
+    /// Asks the layers for something, from the next frame on.
+    fn ask(&mut self, event: &Event) -> Result<(), SessionError> {
+        let passed = self.layers.passed();
         let Layers { stack, controls, .. } = &mut *self.layers;
-        let passed = stack.passed_words();
-        let pushed = controls.words.push(stack.word_rules(), text, times, (0, passed));
-        Ok(pushed.map_err(RequestError::from)?)
+        let known = Known {
+            gestures: &self.gestures,
+            rules: stack.word_rules(),
+            frame_rate: self.frame_rate,
+            sample_rate: HINT_UNITS * self.frame_rate,
+        };
+        event.apply(controls, &known, (0, passed))?;
+        if let Some(log) = &mut self.log {
+            log.event(event);
+        }
+        Ok(())
     }
 
     /// Reads the samples of the next chunk from the source.
@@ -388,6 +453,9 @@ impl Track {
             let (here, ended) = avatar.samples_mut().split_at_mut(count);
             here.copy_from_slice(&self.pending[..count]);
             ended.fill(0.0);
+            if let Some(log) = &mut self.log {
+                log.hear(&self.pending[..count]);
+            }
             self.pending.drain(..count);
             self.levels.push(avatar.samples_mut());
             self.levels.tell(avatar, model.config());
@@ -397,6 +465,9 @@ impl Track {
     /// Emits the decoders' next frame with its layers, or keeps it to be retimed.
     fn take(&mut self, raw: FrameRef, frame: &mut dyn FnMut(FrameRef)) {
         let cue = self.levels.cue(&raw);
+        if let Some(log) = &mut self.log {
+            log.frame(&cue, None);
+        }
         match &mut self.retiming {
             None => frame(self.layered(raw, cue)),
             Some(retiming) => {
@@ -410,6 +481,7 @@ impl Track {
     fn layered<'a>(&'a mut self, raw: FrameRef<'a>, cue: Cue) -> FrameRef<'a> {
         let Self { frame, layers, .. } = self;
         if layers.is_off() {
+            layers.skip();
             return raw;
         }
         frame.take(raw.index as u64, (raw.pose, raw.face), cue, (HINT_UNITS * raw.index) as u64);
@@ -547,7 +619,7 @@ impl Group {
     /// # Errors
     /// As there.
     pub fn hint_words(&mut self, index: usize, text: &str, start: f64, end: f64) -> Result<(), SessionError> {
-        self.tracks[index].hint_words(text, (start, end))
+        self.tracks[index].ask(&Event::Words { text, start, end })
     }
 
     /// Whether all frames of an animation were emitted.

@@ -150,6 +150,7 @@ impl Inner {
             signal: Arc::clone(&self.slots.signal),
             resampler: Resampler::new_in(config.sample_rate, model.config().audio.sample_rate, plan, arena),
             is_decoder: false,
+            take: None,
             arena,
         };
         let shared = arena.counted(Shared::new(init, config)?);

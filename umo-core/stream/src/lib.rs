@@ -12,6 +12,7 @@ pub(crate) mod playback;
 pub mod retime;
 pub mod scene;
 pub mod session;
+pub mod take;
 
 /// A source file of this crate and of each below it, as panics name them.
 pub const SOURCES: &[&str] =

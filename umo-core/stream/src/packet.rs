@@ -124,6 +124,11 @@ impl PacketLayout {
         self.limits.len()
     }
 
+    /// Number of values of each code of a keyframe.
+    pub(crate) fn limits(&self) -> &[u16] {
+        &self.limits
+    }
+
     /// Maximum number of keyframes in a packet.
     pub fn max_keyframes(&self) -> usize {
         self.prefix

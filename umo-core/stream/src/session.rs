@@ -16,6 +16,7 @@
 //! | `slots` | where the engine finds its sessions |
 //! | `company` | calls of a scene |
 //! | `packets`, `receiver` | chunks as packets, and sessions whose frames come from packets |
+//! | `take` | sessions that play a take |
 //! | `state` | saving and restoring |
 //! | `config`, `error`, `delay` | settings, errors, the compute-time histogram |
 
@@ -36,6 +37,7 @@ mod schedule;
 mod shared;
 mod slots;
 mod state;
+mod take;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard};
@@ -44,14 +46,14 @@ use std::time::Duration;
 use umo_core_base::defect::Defect;
 use umo_core_base::memory::Counted;
 pub use umo_core_base::state::StateError;
-use umo_core_layers::gesture::Request;
-use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood, RequestError};
+use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood};
 use umo_core_model::config::Sampling;
 use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
 use umo_core_pose::part::Part;
 
 use crate::link::Epoch;
 pub use crate::playback::{Frame, Idle, MAX_GAIN, Sampled, Voice};
+use crate::take::{Event, Known, Recorder};
 pub(crate) use config::check_words;
 pub use config::{AUDIO_SECONDS, MAX_CHANNELS, MAX_EASE, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig};
 pub use error::{Argument, SessionError};
@@ -78,7 +80,7 @@ pub const MAX_OUTPUT_DELAY: f64 = 2.0;
 const MAX_DISTANCE: f32 = 10_000.0;
 
 /// Takes a lock that the engine and the output hold only while they copy.
-fn spin_lock<T>(mutex: &Mutex<T>) -> Result<MutexGuard<'_, T>, SessionError> {
+pub(crate) fn spin_lock<T>(mutex: &Mutex<T>) -> Result<MutexGuard<'_, T>, SessionError> {
     const ATTEMPTS: usize = 10_000;
     for _ in 0..ATTEMPTS {
         if let Some(guard) = try_lock(mutex) {
@@ -407,6 +409,13 @@ impl Session {
     /// [`SessionError`] if the session has failed.
     pub fn reset(&self) -> Result<(), SessionError> {
         self.shared.outcome.check()?;
+        if let Some(take) = &self.shared.take {
+            let mut controls = spin_lock(&self.shared.host.controls.value)?;
+            let Controls { gestures, hints, words, .. } = *controls;
+            *controls = Controls { gestures, hints, words, ..take.controls() };
+            drop(controls);
+            self.shared.host.controls.changed();
+        }
         self.shared.link.begin_epoch(Epoch::reset);
         Ok(())
     }
@@ -421,10 +430,13 @@ impl Session {
             return Err(SessionError::Range(Argument::PromptLength));
         }
         self.slot()?;
-        self.set(|settings| {
+        let mut bytes = [[0; 4]; MAX_PROMPT_TOKENS];
+        bytes.iter_mut().zip(ids).for_each(|(bytes, id)| *bytes = id.to_le_bytes());
+        let change = |settings: &mut Settings| {
             settings.text[..ids.len()].copy_from_slice(ids);
             settings.text_len = ids.len();
-        })
+        };
+        self.set_recorded(change, |_| Event::Prompt(&bytes[..ids.len()]))
     }
 
     /// Sets the sampling seed from the next chunk on. The layers keep the seed that the session was
@@ -469,7 +481,7 @@ impl Session {
             return Err(SessionError::Range(Argument::Expression));
         }
         self.set(|settings| settings.sampler.expression = expression)?;
-        self.control(|controls| controls.expression = expression)
+        self.ask(&Event::Expression(expression))
     }
 
     /// Sets the idle mode.
@@ -507,7 +519,7 @@ impl Session {
         if !(0.0..=1.0).contains(&gain) {
             return Err(SessionError::Range(Argument::LayerGain));
         }
-        self.control(|controls| controls.layers = controls.layers.with(layer, gain))
+        self.ask(&Event::Layer { layer, gain })
     }
 
     /// Looks at a point in the avatar's space, metres, with a strength of 0 to 1, from the next
@@ -521,7 +533,7 @@ impl Session {
         if !point.iter().all(|value| value.abs() <= MAX_DISTANCE) || !(0.0..=1.0).contains(&strength) {
             return Err(SessionError::Range(Argument::LookAt));
         }
-        self.control(|controls| (controls.look_at, controls.look_at_strength) = (point, strength))
+        self.ask(&Event::Look { point, strength })
     }
 
     /// Sets the avatar's attention from the next frame on; changes blend over half a second.
@@ -529,7 +541,7 @@ impl Session {
     /// # Errors
     /// [`SessionError::Busy`] if another thread sets something.
     pub fn set_attention(&self, attention: Attention) -> Result<(), SessionError> {
-        self.control(|controls| controls.attention = attention)
+        self.ask(&Event::Attention(attention))
     }
 
     /// Sets the mood of face and posture from the next frame on, with a strength of 0 to 1; changes
@@ -542,7 +554,7 @@ impl Session {
         if !(0.0..=1.0).contains(&strength) {
             return Err(SessionError::Range(Argument::MoodStrength));
         }
-        self.control(|controls| (controls.mood, controls.mood_strength) = (mood, strength))
+        self.ask(&Event::Mood { mood, strength })
     }
 
     /// Plays a gesture over the model's motion, from the next frame on or at a given time. Its body
@@ -557,14 +569,7 @@ impl Session {
     /// [`MAX_PENDING_GESTURES`](umo_core_layers::MAX_PENDING_GESTURES) are pending; [`SessionError::Range`]
     /// if an option is out of range; [`SessionError::Busy`] if another thread sets something.
     pub fn play_gesture(&self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
-        let shared = &*self.shared;
-        shared.outcome.check()?;
-        let epoch = shared.link.epoch().number;
-        let request = Request::new(&shared.host.gestures, name, options, shared.format.frame_rate, epoch)?;
-        let begun = shared.host.begun_gestures.load(Ordering::Acquire);
-        spin_lock(&shared.host.controls.value)?.gestures.push(request, begun)?;
-        shared.host.controls.changed();
-        Ok(())
+        self.ask(&Event::Gesture { name, options: *options })
     }
 
     /// Schedules a viseme hint (bilabial, labiodental, rounded) at `start` for `duration`, in
@@ -580,18 +585,7 @@ impl Session {
     /// [`MAX_PENDING_HINTS`](umo_core_layers::MAX_PENDING_HINTS) are pending; [`SessionError::Busy`] if
     /// another thread sets something.
     pub fn hint_lips(&self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
-        let shared = &*self.shared;
-        shared.outcome.check()?;
-        let epoch = shared.link.epoch().number;
-        let passed = shared.host.passed_hints.load(Ordering::Acquire);
-        spin_lock(&shared.host.controls.value)?.hints.push(
-            (start, duration),
-            shape,
-            shared.format.sample_rate,
-            (epoch, passed),
-        )?;
-        shared.host.controls.changed();
-        Ok(())
+        self.ask(&Event::Lips { shape, start, duration })
     }
 
     /// Gives the words of a text and their time, in seconds of the audio pushed since the session's start or last
@@ -607,14 +601,7 @@ impl Session {
     /// [`MAX_PENDING_WORDS`](umo_core_layers::MAX_PENDING_WORDS) words; [`SessionError::WordsFull`] if more than so many
     /// would be pending; [`SessionError::Busy`] if another thread sets something.
     pub fn hint_words(&self, text: &str, start: f64, end: f64) -> Result<(), SessionError> {
-        let Shared { outcome, host, link, .. } = &*self.shared;
-        outcome.check()?;
-        let epoch = link.epoch().number;
-        let passed = host.passed_words.load(Ordering::Acquire);
-        let pushed = spin_lock(&host.controls.value)?.words.push(&host.words, text, (start, end), (epoch, passed));
-        pushed.map_err(RequestError::from)?;
-        host.controls.changed();
-        Ok(())
+        self.ask(&Event::Words { text, start, end })
     }
 
     /// Names of the gestures that the avatar knows.
@@ -622,10 +609,24 @@ impl Session {
         self.shared.host.gestures.names()
     }
 
-    fn control(&self, change: impl FnOnce(&mut Controls)) -> Result<(), SessionError> {
-        self.shared.outcome.check()?;
-        change(&mut *spin_lock(&self.shared.host.controls.value)?);
-        self.shared.host.controls.changed();
+    /// Asks the layers for something, from the next frame on.
+    fn ask(&self, event: &Event) -> Result<(), SessionError> {
+        let Shared { outcome, host, link, format, recorder, .. } = &*self.shared;
+        outcome.check()?;
+        // Held until the record is written, so that the output cannot take the request over before.
+        let recording = recorder.as_ref().map(Recorder::lock).transpose()?;
+        let (epoch, passed) = (link.epoch(), host.passed());
+        let known = Known {
+            gestures: &host.gestures,
+            rules: &host.words,
+            frame_rate: format.frame_rate,
+            sample_rate: format.sample_rate,
+        };
+        event.apply(&mut *spin_lock(&host.controls.value)?, &known, (epoch.number, passed))?;
+        host.controls.changed();
+        if let Some(mut recording) = recording {
+            recording.event(epoch, event);
+        }
         Ok(())
     }
 
@@ -675,9 +676,25 @@ impl Session {
     }
 
     fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<(), SessionError> {
-        self.shared.outcome.check()?;
-        change(&mut *self.settings()?);
-        self.shared.settings.changed();
+        self.set_recorded(change, |settings| Event::Sampler(settings.sampler))
+    }
+
+    /// Changes the settings of the engine's side, and records what they are now.
+    fn set_recorded<'a>(
+        &self,
+        change: impl FnOnce(&mut Settings),
+        event: impl FnOnce(&Settings) -> Event<'a>,
+    ) -> Result<(), SessionError> {
+        let Shared { outcome, link, recorder, settings: handover, .. } = &*self.shared;
+        outcome.check()?;
+        let recording = recorder.as_ref().map(Recorder::lock).transpose()?;
+        let mut settings = self.settings()?;
+        change(&mut settings);
+        if let Some(mut recording) = recording {
+            recording.event(link.epoch(), &event(&settings));
+        }
+        drop(settings);
+        handover.changed();
         Ok(())
     }
 

@@ -249,6 +249,8 @@ pub(crate) const STATUS_STATE: i32 = -17;
 pub(crate) const STATUS_THREAD: i32 = -18;
 /// The bytes are not a packet for this decoder. Nothing was changed.
 pub(crate) const STATUS_PACKET: i32 = -19;
+/// The bytes are not a take, or a damaged one.
+pub(crate) const STATUS_TAKE: i32 = -20;
 
 /// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` calls `submit` once
 /// for every compute thread except its own; the host then runs `job(context)` on another thread as soon
@@ -543,6 +545,9 @@ pub(crate) struct SessionConfig {
     pub(crate) packet_history: u32,
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub(crate) reorder_window: u32,
+    /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a
+    /// second; 0 for none. Not with `VOICE_LIVE`, `PACKETS_ONLY` or decoders.
+    pub(crate) take_bytes: u64,
 }
 
 /// Range of times available to `umo_session_sample_pose`. Set `struct_size`; the call writes the rest.
@@ -630,6 +635,35 @@ pub(crate) struct Received {
     pub(crate) lost: u64,
     /// Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
     pub(crate) held: u64,
+}
+
+/// Properties of a take. Set `struct_size`; `umo_take_get_info` writes the rest.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(crate) struct TakeInfo {
+    /// `sizeof(TakeInfo)`.
+    pub(crate) struct_size: u32,
+    /// Version of its format.
+    pub(crate) version: u32,
+    /// Frames.
+    pub(crate) frames: u32,
+    /// Frames per second.
+    pub(crate) frame_rate: u32,
+    /// Packets.
+    pub(crate) packets: u32,
+    /// Sample rate of the host's audio in Hz: that of a frame's sample while the take plays.
+    pub(crate) sample_rate: u32,
+    /// Seed of all sampling.
+    pub(crate) seed: u64,
+    /// Fingerprint of the model.
+    pub(crate) model: u64,
+    /// Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at
+    /// the model's rate.
+    pub(crate) audio: u64,
+    /// Number of those samples.
+    pub(crate) audio_samples: u64,
+    /// Fingerprint of the word rules.
+    pub(crate) rules: u64,
 }
 
 /// Where a member stands. Initialise it with `umo_place_init`.

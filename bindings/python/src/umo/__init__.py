@@ -7,6 +7,7 @@
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
 | `Scene` | avatars and people that know each other: who speaks, and who looks at whom |
 | `Session.pull_packets`, `Decoder` | an avatar computed in one place and shown in others |
+| `Take`, `Session.take` | a motion as a file, played again by a `Decoder` |
 | `self_test()` | checks this machine's results and speed: a report to publish |
 | `umo.serve`, `umo.agents`, `umo.ray` | a client of `umo serve`; avatars of voice agents; recordings on a Ray cluster |
 | `Error`, `Status` | errors, with umo's messages |
@@ -17,7 +18,7 @@ _DISTRIBUTION = "umo-avatar"
 
 from ._animate import animate, stream
 from ._engine import Engine
-from ._generated import Attention, Idle, Latency, Received, Role, Stats, Status
+from ._generated import Attention, Idle, Latency, Received, Role, Stats, Status, TakeInfo
 from ._gltf import FIGURES
 from ._library import Error, lib as _lib
 from ._model import Model, SelfTest, self_test
@@ -25,6 +26,7 @@ from ._motion import Frame, Motion
 from ._names import JOINTS, VISEMES
 from ._scene import Member, Scene
 from ._session import Decoder, Parameter, Sampled, Session
+from ._take import Take
 
 __version__: str = _lib.umo_version().decode()
 
@@ -51,6 +53,8 @@ __all__ = [
     "Session",
     "Stats",
     "Status",
+    "Take",
+    "TakeInfo",
     "__version__",
     "animate",
     "self_test",

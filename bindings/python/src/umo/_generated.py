@@ -75,6 +75,8 @@ class Status(enum.IntEnum):
     """A worker thread could not be created or pinned."""
     PACKET = -19
     """The bytes are not a packet for this decoder. Nothing was changed."""
+    TAKE = -20
+    """The bytes are not a take, or a damaged one."""
 
 
 # Axes, handedness and unit of length.
@@ -591,6 +593,9 @@ class SessionConfig(Structure):
         ("packet_history", c_uint32),
         # Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
         ("reorder_window", c_uint32),
+        # Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0
+        # for none. Not with `"live"`, `"only"` or decoders.
+        ("take_bytes", c_uint64),
     ]
     # Names of the values of fields.
     choices = {
@@ -686,6 +691,36 @@ class RawReceived(Structure):
         ("lost", c_uint64),
         # Keyframes of lost chunks that no other packet repeated, so that the last pose was held.
         ("held", c_uint64),
+    ]
+
+
+class RawTakeInfo(Structure):
+    """Properties of a take. Set `struct_size`; `umo_take_get_info` writes the rest."""
+
+    _fields_ = [
+        # `sizeof(RawTakeInfo)`.
+        ("struct_size", c_uint32),
+        # Version of its format.
+        ("version", c_uint32),
+        # Frames.
+        ("frames", c_uint32),
+        # Frames per second.
+        ("frame_rate", c_uint32),
+        # Packets.
+        ("packets", c_uint32),
+        # Sample rate of the host's audio in Hz: that of a frame's sample while the take plays.
+        ("sample_rate", c_uint32),
+        # Seed of all sampling.
+        ("seed", c_uint64),
+        # Fingerprint of the model.
+        ("model", c_uint64),
+        # Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at the model's
+        # rate.
+        ("audio", c_uint64),
+        # Number of those samples.
+        ("audio_samples", c_uint64),
+        # Fingerprint of the word rules.
+        ("rules", c_uint64),
     ]
 
 
@@ -844,6 +879,33 @@ class Received(NamedTuple):
     """Chunks whose packet did not arrive in time."""
     held: int
     """Keyframes of lost chunks that no other packet repeated, so that the last pose was held."""
+
+
+class TakeInfo(NamedTuple):
+    """Properties of a take."""
+
+    version: int
+    """Version of its format."""
+    frames: int
+    """Frames."""
+    frame_rate: int
+    """Frames per second."""
+    packets: int
+    """Packets."""
+    sample_rate: int
+    """Sample rate of the host's audio in Hz: that of a frame's sample while the take plays."""
+    seed: int
+    """Seed of all sampling."""
+    model: int
+    """Fingerprint of the model."""
+    audio: int
+    """Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at the model's
+    rate.
+    """
+    audio_samples: int
+    """Number of those samples."""
+    rules: int
+    """Fingerprint of the word rules."""
 
 
 class EngineArguments:

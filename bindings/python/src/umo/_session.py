@@ -15,6 +15,7 @@ from ._generated import Attention, Idle, Latency, Received, Stats
 from ._library import lib
 from ._model import Model, default_model
 from ._motion import Frame, Layout, Motion
+from ._take import Take
 
 if TYPE_CHECKING:
     from ._engine import Engine
@@ -86,7 +87,8 @@ class Session(_library.Handle):
     sync. `smoothing` is the low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; `guidance`
     the strength of the prompt, 1 to 3, and `horizon` the number of keyframes of future speech, for models that support
     them. With `packets` (`"beside_frames"` or `"only"`) chunks are output to `pull_packets` for remote `Decoder`s; each
-    packet repeats `packet_history` keyframes. None stands for the model's default.
+    packet repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 600
+    bytes a second. None stands for the model's default.
     """
 
     temperature = Parameter[float]("temperature", "Sampling temperature: 0 always takes the most probable code.")
@@ -133,12 +135,13 @@ class Session(_library.Handle):
         horizon: Optional[int] = None,
         packets: Optional[str] = None,
         packet_history: Optional[int] = None,
+        take_bytes: Optional[int] = None,
     ) -> None:
         self._engine = engine
         config, handle = _generated.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), engine.model._handle))
         _library.set_values(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
-        _library.set_values(config, packets=packets, packet_history=packet_history, voice=voice)
+        _library.set_values(config, packets=packets, packet_history=packet_history, take_bytes=take_bytes, voice=voice)
         _library.set_values(config, idle=idle, queue_frames=queue, idle_after_ms=idle_after, ease_ms=ease)
         _library.set_values(config, smoothing=smoothing, guidance=guidance, horizon=horizon)
         _library.set_fields(config, template_name=None if template is None else template.encode())
@@ -274,6 +277,16 @@ class Session(_library.Handle):
                 at += length
             if count.value < len(lengths):
                 return packets
+
+    def take(self) -> Take:
+        """The take of the frames shown so far, of a session created with `take_bytes`. It begins at the session's start
+        or its last reset, and ends at an interrupt or where its memory ends.
+        """
+        size, written = ctypes.c_size_t(), ctypes.c_size_t()
+        self._check(lib.umo_session_take_size(self._handle, byref(size)))
+        room = ctypes.create_string_buffer(size.value)
+        self._check(lib.umo_session_take(self._handle, room, len(room), byref(written)))
+        return Take(room.raw[: written.value])
 
     def set_clock(self, seconds: float) -> None:
         """Sets the host's time, from any origin: layers and easing follow it while no frames arrive."""
@@ -412,8 +425,9 @@ class Decoder(Session):
     session.
 
     It needs no engine. The model must be the sender's file at the same precision; `target`, `lookahead` and `smoothing`
-    must match the sender's. `reorder_window` is the number of later packets that may arrive before a missing one counts as
-    lost, 0 to 4.
+    must match the sender's. `reorder_window` is the number of later packets that may arrive before a missing one counts
+    as lost, 0 to 4. With a `take`, the packets and these settings are the take's: call `push_take` in place of
+    `push_packet`.
     """
 
     def __init__(
@@ -430,6 +444,7 @@ class Decoder(Session):
         idle_after: Optional[float] = None,
         ease: Optional[float] = None,
         queue: Optional[int] = None,
+        take: Optional[Take] = None,
     ) -> None:
         self._model = model or default_model()
         config, handle = _generated.SessionConfig(), ctypes.c_void_p()
@@ -437,7 +452,11 @@ class Decoder(Session):
         _library.set_values(config, target=target, lookahead=lookahead, seed=seed, smoothing=smoothing, reorder_window=reorder_window)
         _library.set_values(config, idle=idle, queue_frames=queue, idle_after_ms=idle_after, ease_ms=ease)
         self._layout = Layout(self._model, axes)
-        _library.check(lib.umo_decoder_new(self._model._handle, config, byref(handle)))
+        if take is None:
+            _library.check(lib.umo_decoder_new(self._model._handle, config, byref(handle)))
+        else:
+            _library.check(lib.umo_decoder_new_of_take(self._model._handle, take._handle, config, byref(handle)))
+            config.sample_rate = take.info.sample_rate
         _library.Handle.__init__(self, handle.value or 0, lib.umo_session_free)
         self._rate, self._channels, self._axes = int(config.sample_rate), 1, _generated.AXES[axes]
 
@@ -458,6 +477,14 @@ class Decoder(Session):
         full: pull or sample, then push it again.
         """
         self._check(lib.umo_decoder_push_packet(self._handle, bytes(packet), len(packet)))
+
+    def push_take(self) -> bool:
+        """Computes the frames of the take's next chunk, if the queue has room; returns whether there may be more. Call
+        it before each pull or sample.
+        """
+        more = ctypes.c_uint32()
+        self._check(lib.umo_decoder_push_take(self._handle, byref(more)))
+        return bool(more.value)
 
     @property
     def received(self) -> Received:

@@ -76,6 +76,8 @@ namespace Umo
         Thread = -18,
         /// <summary>The bytes are not a packet for this decoder. Nothing was changed.</summary>
         Packet = -19,
+        /// <summary>The bytes are not a take, or a damaged one.</summary>
+        Take = -20,
     }
 
     /// <summary>Axes, handedness and unit of length.</summary>
@@ -729,6 +731,11 @@ namespace Umo
         public uint PacketHistory;
         /// <summary>Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.</summary>
         public uint ReorderWindow;
+        /// <summary>
+        /// Bytes of memory for a take that is recorded while the session runs (umo_session_take), some 600 a second; 0
+        /// for none. Not with Voice.Live, Packets.Only or decoders.
+        /// </summary>
+        public ulong TakeBytes;
     }
 
     /// <summary>Range of times available to umo_session_sample_pose. Set StructSize; the call writes the rest.</summary>
@@ -823,6 +830,37 @@ namespace Umo
         public ulong Lost;
         /// <summary>Keyframes of lost chunks that no other packet repeated, so that the last pose was held.</summary>
         public ulong Held;
+    }
+
+    /// <summary>Properties of a take. Set StructSize; umo_take_get_info writes the rest.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public partial struct TakeInfo
+    {
+        /// <summary>sizeof(TakeInfo).</summary>
+        public uint StructSize;
+        /// <summary>Version of its format.</summary>
+        public uint Version;
+        /// <summary>Frames.</summary>
+        public uint Frames;
+        /// <summary>Frames per second.</summary>
+        public uint FrameRate;
+        /// <summary>Packets.</summary>
+        public uint Packets;
+        /// <summary>Sample rate of the host's audio in Hz: that of a frame's sample while the take plays.</summary>
+        public uint SampleRate;
+        /// <summary>Seed of all sampling.</summary>
+        public ulong Seed;
+        /// <summary>Fingerprint of the model.</summary>
+        public ulong Model;
+        /// <summary>
+        /// Fingerprint of the audio that the avatar heard: FNV-1a of 64 bits over its samples, mono floats at the model's
+        /// rate.
+        /// </summary>
+        public ulong Audio;
+        /// <summary>Number of those samples.</summary>
+        public ulong AudioSamples;
+        /// <summary>Fingerprint of the word rules.</summary>
+        public ulong Rules;
     }
 
     /// <summary>Where a member stands. Initialise it with umo_place_init.</summary>

@@ -57,6 +57,12 @@ namespace Umo
         protected override Status Free(IntPtr raw) { return Native.umo_session_free(raw); }
     }
 
+    internal sealed class TakeHandle : Handle
+    {
+        internal TakeHandle(IntPtr raw) : base(raw) { }
+        protected override Status Free(IntPtr raw) { return Native.umo_take_free(raw); }
+    }
+
     internal sealed class SceneHandle : Handle
     {
         internal SceneHandle(IntPtr raw) : base(raw) { }

@@ -102,6 +102,14 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_push_packet(IntPtr decoder, void* packet, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_stats(IntPtr decoder, Received* stats);
 
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_take_new(void* bytes, UIntPtr size, IntPtr* take);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_take_free(IntPtr take);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_take_get_info(IntPtr take, TakeInfo* info);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_new_of_take(IntPtr model, IntPtr take, SessionConfig* config, IntPtr* decoder);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_push_take(IntPtr decoder, uint* more);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_take_size(IntPtr session, UIntPtr* size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_take(IntPtr session, void* take, UIntPtr size, UIntPtr* written);
+
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_place_init(Place* place, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_new(ulong seed, IntPtr* scene);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_scene_free(IntPtr scene);

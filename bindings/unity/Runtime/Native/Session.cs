@@ -48,6 +48,22 @@ namespace Umo
             return new Session(raw);
         }
 
+        /// <summary>
+        /// An avatar that plays a take: call PushTake before each pull or sample. It needs no engine. The model must be the
+        /// one that the take was made with.
+        /// </summary>
+        public static Session Player(Model model, Take take, SessionConfig? config = null)
+        {
+            if (model == null) throw new ArgumentNullException(nameof(model));
+            if (take == null) throw new ArgumentNullException(nameof(take));
+            SessionConfig used = config ?? Defaults(model);
+            IntPtr raw;
+            UmoException.Check(Native.umo_decoder_new_of_take(model.Raw, take.Raw, &used, &raw));
+            GC.KeepAlive(model);
+            GC.KeepAlive(take);
+            return new Session(raw);
+        }
+
         /// <summary>The handle, freed or not.</summary>
         internal IntPtr Raw { get { return handle.Raw; } }
 
@@ -94,6 +110,32 @@ namespace Umo
             fixed (byte* first = packet)
             {
                 status = Native.umo_decoder_push_packet(handle.Raw, packet.Length == 0 ? &none : first, (UIntPtr)length);
+            }
+            GC.KeepAlive(this);
+            return status;
+        }
+
+        /// <summary>Computes the frames of the take's next chunk, if the queue has room. `more`: whether there may be more.</summary>
+        public Status PushTake(out bool more)
+        {
+            uint left = 0;
+            Status status = Native.umo_decoder_push_take(handle.Raw, &left);
+            GC.KeepAlive(this);
+            more = left != 0;
+            return status;
+        }
+
+        /// <summary>The take that the session, made with TakeBytes, has recorded so far. Allocates.</summary>
+        public Status GetTake(out byte[] bytes)
+        {
+            UIntPtr size;
+            bytes = null;
+            Status status = Native.umo_session_take_size(handle.Raw, &size);
+            if (status == Status.Ok)
+            {
+                byte[] found = new byte[(int)size];
+                fixed (byte* first = found) status = Native.umo_session_take(handle.Raw, first, size, &size);
+                if (status == Status.Ok) bytes = found;
             }
             GC.KeepAlive(this);
             return status;

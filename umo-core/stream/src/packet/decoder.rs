@@ -93,6 +93,8 @@ pub struct Decoder {
     held: Box<[u16]>,
     /// Rest codes.
     rest: Box<[u16]>,
+    /// Codes of the last keyframes before a stream's start; empty for rest.
+    history: Box<[u16]>,
     /// Whether no chunk has been computed since the motion began.
     is_first: bool,
     /// Number of frames before the motion's first.
@@ -209,6 +211,7 @@ impl Decoder {
             chunk: filled(0, (c.prefix + config.target) * count).into(),
             held: rest(c).into(),
             rest: rest(c).into(),
+            history: Box::default(),
             is_first: true,
             base: 0,
             place: Place::default(),
@@ -237,6 +240,12 @@ impl Decoder {
         (made_up + self.reorder_window + 1) * self.target * self.stride + self.lookahead
     }
 
+    /// Lets streams begin after keyframes of these codes, at most the history's, instead of rest.
+    pub(crate) fn begin_after(&mut self, history: &[u16]) {
+        self.history = history.into();
+        self.begin();
+    }
+
     /// Returns to the initial state, for any stream.
     pub fn reset(&mut self) {
         self.stream = None;
@@ -246,6 +255,7 @@ impl Decoder {
     /// Resets the state for the start of a stream.
     fn begin(&mut self) {
         self.window.rest();
+        self.window.correct(&self.history);
         self.run.reset();
         self.waiting.iter_mut().for_each(|slot| slot.head = None);
         self.held.copy_from_slice(&self.rest);

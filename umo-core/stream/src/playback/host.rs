@@ -9,6 +9,7 @@ use umo_core_layers::{Company, Controls, Gestures, WordRules};
 use umo_core_pose::part::PerPart;
 
 use crate::link::Handover;
+use crate::take::Passed;
 
 use super::Idle;
 
@@ -75,6 +76,12 @@ impl Host {
             2 => Idle::Live,
             _ => Idle::Hold,
         }
+    }
+
+    /// Numbers of requests that have begun or passed.
+    pub(crate) fn passed(&self) -> Passed {
+        let read = |count: &AtomicU64| count.load(Ordering::Acquire);
+        Passed { gestures: read(&self.begun_gestures), lips: read(&self.passed_hints), words: read(&self.passed_words) }
     }
 
     /// Current loudness of the interlocutor, if one is heard.

@@ -9,6 +9,8 @@ use umo_core_pose::frame::OwnedFrame;
 use super::Start;
 use super::host::Host;
 use crate::scene::Pair;
+use crate::session::spin_lock;
+use crate::take::{Event, Known, Passed};
 
 /// The layers of one avatar, and the requests in force.
 #[derive(Debug)]
@@ -18,21 +20,25 @@ pub(crate) struct Layers {
     /// The others of a scene, and the person at the session's own microphone, who counts without them.
     scene: Company,
     pair: Pair,
+    /// Whether there were ticks outside of the stream since its start.
+    idled: bool,
     /// Seconds of a frame.
     seconds: f32,
-    /// Rate of the frames' samples, per second.
+    /// Rates of the frames' samples and of frames, per second.
     rate: usize,
+    frame_rate: usize,
 }
 
 impl Layers {
-    pub(crate) fn new(stack: LayerStack, controls: Controls, rate: usize) -> Self {
+    pub(crate) fn new(stack: LayerStack, controls: Controls, (rate, frame_rate): (usize, usize)) -> Self {
         let (pair, seconds) = (Pair::new(stack.seed()), stack.seconds());
-        Self { stack, controls, scene: Company::ALONE, pair, seconds, rate }
+        Self { stack, controls, scene: Company::ALONE, pair, idled: false, seconds, rate, frame_rate }
     }
 
     pub(crate) fn reset(&mut self, start: &Start, host: &Host) {
         self.follow(host);
         if start.is_reset {
+            self.idled = false;
             self.pair.reset();
             self.stack.reset(start.epoch.number, &self.controls);
         } else {
@@ -46,41 +52,65 @@ impl Layers {
         self.stack.is_off(&self.controls)
     }
 
+    /// Whether the layers follow from the stream's frames, and from what a host may ask for, alone.
+    pub(crate) fn is_of_stream(&self) -> bool {
+        !self.scene.is_on() && !self.idled
+    }
+
+    /// Lets a frame pass while they are off.
+    pub(crate) fn skip(&mut self) {
+        self.stack.skip(&self.controls);
+    }
+
     /// Completes the next frame of the stream with a tick of the layers.
     pub(crate) fn apply(&mut self, frame: &mut OwnedFrame) {
         let heard = Heard { sample: frame.sample, rate: self.rate };
         self.stack.apply(frame, &self.controls, Some(heard));
     }
 
-    /// [`Self::apply`] with the host's newest requests. Publishes the number of those that have
-    /// begun.
-    pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame) {
-        self.follow(host);
-        self.meet(host, frame);
+    /// Passes what a take's host asked for to the host's requests. What the present host has no room for is dropped.
+    pub(crate) fn ask(&self, host: &Host, event: &Event, epoch: u32) {
+        let (gestures, rules) = (&host.gestures, &host.words);
+        let known = Known { gestures, rules, frame_rate: self.frame_rate, sample_rate: self.rate };
+        if let Ok(mut controls) = spin_lock(&host.controls.value)
+            && event.apply(&mut controls, &known, (epoch, self.passed())).is_ok()
+        {
+            host.controls.changed();
+        }
+    }
+
+    /// Numbers of requests that have begun or passed.
+    pub(crate) fn passed(&self) -> Passed {
+        let Self { stack, .. } = self;
+        Passed { gestures: stack.begun_gestures(), lips: stack.passed_hints(), words: stack.passed_words() }
+    }
+
+    /// [`Self::apply`] for a host; `other` is the level of the voice at the session's microphone, if one is heard.
+    /// Publishes the number of the requests that have begun.
+    pub(crate) fn apply_for(&mut self, host: &Host, frame: &mut OwnedFrame, other: Option<f32>) {
+        self.meet(host, frame, other);
         self.apply(frame);
         self.publish(host);
     }
 
     /// Applies a tick of the layers to a frame without audio, outside of the stream.
     pub(super) fn apply_to_still(&mut self, host: &Host, frame: &mut OwnedFrame) {
-        self.meet(host, frame);
+        self.idled |= !self.is_off();
+        self.meet(host, frame, host.other_level());
         self.stack.apply(frame, &self.controls, None);
         host.begun_gestures.store(self.stack.begun_gestures(), Ordering::Release);
     }
 
     /// Takes over the host's requests; if the host is writing them, the next frame does.
-    pub(super) fn follow(&mut self, host: &Host) {
+    pub(crate) fn follow(&mut self, host: &Host) {
         host.controls.take(|controls| self.controls = Controls { company: self.controls.company, ..*controls });
         host.company.take(|company| self.scene = *company);
     }
 
     /// Meets the others of the scene at a frame, or the person at the session's microphone.
-    fn meet(&mut self, host: &Host, frame: &OwnedFrame) {
-        self.controls.company = if self.scene.is_on() {
-            self.scene
-        } else {
-            self.pair.advance(frame.cue.level, host.other_level(), self.seconds)
-        };
+    fn meet(&mut self, host: &Host, frame: &OwnedFrame, other: Option<f32>) {
+        self.controls.company =
+            if self.scene.is_on() { self.scene } else { self.pair.advance(frame.cue.level, other, self.seconds) };
         host.listens.store(self.controls.company.role == Some(Role::Listening), Ordering::Relaxed);
     }
 

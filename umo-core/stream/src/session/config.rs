@@ -80,6 +80,9 @@ pub struct SessionConfig {
     pub queue_frames: usize,
     /// Packets for [`Session::decoder`](super::Session::decoder)s elsewhere, if any.
     pub packets: Option<PacketConfig>,
+    /// Bytes of memory for a take that is recorded while the session runs
+    /// ([`Session::take`](super::Session::take)), some 600 a second; 0 for none.
+    pub take_bytes: usize,
     /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
     /// may arrive before a missing one counts as lost.
     pub reorder_window: usize,
@@ -107,6 +110,7 @@ impl SessionConfig {
             ease: Duration::from_millis(500),
             queue_frames: 4 * config.max_target * config.keyframe_stride,
             packets: None,
+            take_bytes: 0,
             reorder_window: 0,
         }
     }
@@ -131,6 +135,11 @@ impl SessionConfig {
     pub fn check(&self) -> Result<(), LoadError> {
         in_range("sample_rate", self.sample_rate, MIN_RATE, MAX_RATE)?;
         in_range("channels", self.channels, 1, MAX_CHANNELS)?;
+        let has_frames = self.packets.is_none_or(|packets| packets.with_frames);
+        if self.take_bytes > 0 && (self.voice != Voice::Delayed || !has_frames) {
+            let problem = "a take is recorded of delayed frames: not with a live voice, nor of packets alone";
+            return Err(LoadError::argument("take_bytes", problem));
+        }
         check_words(&self.words, &self.gestures)
     }
 

@@ -101,6 +101,10 @@ pub enum SessionError {
     NotDecoder,
     /// The session is a decoder, which takes packets alone.
     IsDecoder,
+    /// The session plays a take, which has the packets; or the call is for such sessions alone.
+    Take,
+    /// The session records no take: [`SessionConfig::take_bytes`](super::SessionConfig::take_bytes) is 0.
+    NoTake,
     /// The session was made without packets.
     NoPackets,
     /// The avatar's computation failed: the session produces no more frames.
@@ -140,6 +144,8 @@ impl fmt::Display for SessionError {
             Self::Short { needed } => write!(f, "the buffer needs {needed} bytes"),
             Self::NotDecoder => write!(f, "packets are for decoders; this session takes audio"),
             Self::IsDecoder => write!(f, "a decoder takes no audio, text or state: its sender does"),
+            Self::Take => write!(f, "a session that plays a take has its packets: push the take; others cannot"),
+            Self::NoTake => write!(f, "the session records no take: make it with memory for one"),
             Self::NoPackets => write!(f, "the session was made without packets"),
             Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
             Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),

@@ -15,6 +15,7 @@ use crate::playback::{
     Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Trend, Window,
     frames_of,
 };
+use crate::take::{Play, Recorder};
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
 #[derive(Debug)]
@@ -24,6 +25,8 @@ pub(crate) struct Output {
     arrival: Arrival,
     /// If frames come from packets.
     gap: Option<Gap>,
+    /// If they come from a take.
+    play: Option<Play>,
     layers: Layers,
     trend: Trend,
     window: Window,
@@ -55,7 +58,8 @@ impl Output {
             // With packets, `gap` eases.
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
-            layers: Layers::new(stack, controls, session.sample_rate),
+            play: init.take.cloned().map(Play::new),
+            layers: Layers::new(stack, controls, rates),
             trend: Trend::new(frame_rate),
             window: Window::new(frame),
             sample: Sample::new(frame(), frame_rate),
@@ -71,7 +75,7 @@ impl Output {
         if epoch == before {
             return;
         }
-        let Self { to_rest, source, arrival, gap, layers, trend, window, sample, idle, gained, rest } = self;
+        let Self { to_rest, source, arrival, gap, play, layers, trend, window, sample, idle, gained, rest } = self;
         let is_reset = epoch.resets != before.resets;
         if window.reset(is_reset, rest) {
             shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
@@ -86,6 +90,9 @@ impl Output {
         arrival.reset(&start);
         if let Some(gap) = gap {
             gap.reset(&start);
+        }
+        if let Some(play) = play {
+            play.reset();
         }
         layers.reset(&start, &shared.host);
         trend.reset();
@@ -108,7 +115,8 @@ impl Output {
 
     /// Fetches the frame after the one shown; returns whether there is one.
     fn fetch(&mut self, shared: &Shared) -> bool {
-        let Self { to_rest, source, arrival, gap, layers, trend, window, rest, .. } = self;
+        let Self { to_rest, source, arrival, gap, play, layers, trend, window, rest, .. } = self;
+        let mut other = None;
         if window.has_next {
             return true;
         }
@@ -122,13 +130,32 @@ impl Output {
                     return false;
                 }
             }
+            if let Some(play) = play {
+                let epoch = source.epoch().number;
+                play.advance(frame.index, |event| layers.ask(&shared.host, &event, epoch));
+                play.cue(&mut frame.cue);
+                other = play.other();
+            }
             arrival.apply(frame, last);
             if let Some(gap) = gap {
                 gap.apply(frame, window.any.then_some(last));
             }
         }
         window.next.raw.copy(frame);
-        layers.apply_for(&shared.host, frame);
+        let other = shared.host.other_level().or(other);
+        {
+            // The host asks for nothing between the requests that this frame has and its record.
+            let mut recording = shared.recorder.as_ref().and_then(Recorder::keep);
+            layers.follow(&shared.host);
+            if let Some(recording) = &mut recording {
+                // Company is another session's; idle time, and silence that the engine inserts, have no place in a take's.
+                if !layers.is_of_stream() || frame.sample != shared.format.sample_of(frame.index) {
+                    recording.close();
+                }
+                recording.frame(source.epoch(), frame.index, &frame.cue, other);
+            }
+        }
+        layers.apply_for(&shared.host, frame, other);
         trend.follow(frame.cue.arousal);
         window.has_next = true;
         true

@@ -156,6 +156,18 @@ impl PacketWriter {
         Self { room: PacketRoom::new(model.config()), bytes: filled(0, layout.most_bytes()).into(), layout }
     }
 
+    /// The packet of the chunk that was just computed, alone, for a take.
+    pub(crate) fn record(
+        &mut self,
+        (avatar, model): (&Avatar, &Model),
+        stepped: Due,
+        levels: &Levels,
+    ) -> Result<Option<&[u8]>, StepError> {
+        let Self { layout, room, bytes } = self;
+        let length = room.write(avatar, model.config(), layout, stepped, (0, 0), levels, bytes)?;
+        Ok(length.map(|length| &self.bytes[..length]))
+    }
+
     /// Queues the packet of the chunk that was just computed.
     pub(crate) fn write(
         &mut self,

@@ -26,6 +26,7 @@ use crate::engine::EngineError;
 use crate::link::{Epoch, Stamp};
 use crate::packet::{Decoder, PacketError, PacketSink, Received, SOUND};
 use crate::playback::frames_of;
+use crate::take::{Packets, Take};
 
 /// Name of the call, for [`SessionError::Busy`].
 const PUSH: &str = "push_packet";
@@ -40,6 +41,11 @@ pub(super) struct Receiver {
     epoch: Epoch,
     /// Frames of the ease between two streams.
     ease: u16,
+    /// The take that the packets come from, if they come from one.
+    take: Option<Packets>,
+    /// Frames of the present stream so far, and how many it has at most.
+    frames: u64,
+    most: u64,
 }
 
 /// Sink of the decoder's frames.
@@ -48,6 +54,9 @@ struct Frames<'a> {
     epoch: &'a mut Epoch,
     ease: u16,
     count: u64,
+    /// Number of the stream's next frame, and how many it has at most.
+    next: &'a mut u64,
+    most: u64,
 }
 
 impl PacketSink for Frames<'_> {
@@ -64,11 +73,15 @@ impl PacketSink for Frames<'_> {
 
     fn frame(&mut self, frame: FrameRef, [level, arousal]: [f32; SOUND]) {
         let index = frame.index as u64;
+        if index >= self.most {
+            return;
+        }
         let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.format.sample_of(index) };
         // What comes later is not known.
         let cue = Cue { arousal, onset: -1.0, ..crate::levels::cue(&frame, level) };
         let written = self.shared.link.frames.push(stamp, cue, frame.pose, frame.face);
         debug_assert!(written, "a packet is taken only where its frames have room");
+        *self.next = index + 1;
         self.count += 1;
     }
 }
@@ -85,10 +98,15 @@ impl Session {
     /// [`EngineError`] if a number is out of range, the voice is live, or `config` asks for
     /// packets.
     pub fn decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
-        memory::catch(|| Self::make_decoder(model, config))?
+        memory::catch(|| Self::make_decoder(model, config, None))?
     }
 
-    fn make_decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
+    /// Creates a decoder, of a take's packets if one is given.
+    pub(super) fn make_decoder(
+        model: &Arc<Model>,
+        config: &SessionConfig,
+        take: Option<&Take>,
+    ) -> Result<Self, EngineError> {
         let mut config = config.clone();
         if config.voice != Voice::Delayed {
             return Err(LoadError::argument("voice", "a decoder has no live voice").into());
@@ -96,9 +114,17 @@ impl Session {
         if config.packets.is_some() {
             return Err(LoadError::argument("packets", "a decoder makes no packets").into());
         }
+        if config.take_bytes > 0 {
+            return Err(LoadError::argument("take_bytes", "a decoder records no take").into());
+        }
         // A decoder takes no audio.
         (config.sample_rate, config.channels) = (model.config().audio.sample_rate, 1);
-        let decoder = Decoder::new(model, &config.avatar, config.reorder_window)?;
+        let mut decoder = Decoder::new(model, &config.avatar, config.reorder_window)?;
+        if let Some(take) = take {
+            // Its words and lips have times of its own audio.
+            config.sample_rate = take.info().sample_rate as usize;
+            decoder.begin_after(take.history());
+        }
         // Room for the frames that wait for the host, and for the frames that one packet adds after
         // losses.
         config.queue_frames = config.queue_frames.saturating_add(decoder.most_frames());
@@ -116,6 +142,7 @@ impl Session {
             signal: Arc::default(),
             resampler: Resampler::new_in(rate, rate, None, &arena),
             is_decoder: true,
+            take,
             arena: &arena,
         };
         let receiver = Receiver {
@@ -124,6 +151,9 @@ impl Session {
             team: Team::new(1).map_err(EngineError::Thread)?,
             epoch: Epoch::default(),
             ease: frames_of(config.ease, model.config().frame_rate),
+            take: take.cloned().map(Packets::new),
+            frames: 0,
+            most: take.map_or(u64::MAX, |take| take.info().frames.into()),
         };
         let shared = arena.counted(Shared::new(init, &config)?);
         let source = Source::Packets(Box::new(Mutex::new(receiver)));
@@ -152,17 +182,57 @@ impl Session {
         let shared = &*self.shared;
         shared.outcome.check()?;
         let mut receiver = try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?;
-        let Receiver { model, decoder, team, epoch, ease } = &mut *receiver;
+        match receiver.take {
+            Some(_) => Err(SessionError::Take),
+            None => receiver.push(shared, bytes),
+        }
+    }
+
+    /// Computes the frames of the next packet of the take that it plays, if the queue has room for them; returns
+    /// whether there may be more. Call it more often than chunks begin, for example before each image: most calls find
+    /// no room, and return at once. Never allocates and never waits. A packet takes the time of a chunk's motion
+    /// decoders.
+    ///
+    /// # Errors
+    /// [`SessionError::Packet`] if a step fails; [`SessionError::Busy`] if another thread pushes; [`SessionError::Take`] for
+    /// a session that plays no take.
+    pub fn push_take(&self) -> Result<bool, SessionError> {
+        let shared = &*self.shared;
+        shared.outcome.check()?;
+        let mut receiver = try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?;
+        receiver.push_take(shared)
+    }
+
+    /// Statistics of the packets so far.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] if another thread pushes; [`SessionError::NotDecoder`] for a session with
+    /// an engine.
+    pub fn received(&self) -> Result<Received, SessionError> {
+        Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())
+    }
+}
+
+impl Receiver {
+    /// Enters the session's epoch if it is new; returns whether it was.
+    fn sync_epoch(&mut self, shared: &Shared) -> bool {
         let present = shared.link.epoch();
-        if present != *epoch {
-            // The host has reset the session: it joins the stream at this packet.
-            decoder.reset();
-            *epoch = present;
+        let is_new = present != self.epoch;
+        if is_new {
+            // The host has reset the session: it joins the stream at the next packet.
+            self.decoder.reset();
+            (self.epoch, self.frames) = (present, 0);
             shared.link.start_input(present, 0);
         }
+        is_new
+    }
+
+    fn push(&mut self, shared: &Shared, bytes: &[u8]) -> Result<(), SessionError> {
+        self.sync_epoch(shared);
+        let Self { model, decoder, team, epoch, ease, frames: next, most, .. } = self;
         let cx = Compute { isa: model.isa(), team };
         let taken = decoder.received().packets;
-        let mut frames = Frames { shared, epoch, ease: *ease, count: 0 };
+        let mut frames = Frames { shared, epoch, ease: *ease, count: 0, next, most: *most };
         let pushed = decoder.push_to(model, cx, bytes, &mut frames);
         let count = frames.count;
         shared.stats.frames.fetch_add(count, Ordering::Relaxed);
@@ -173,7 +243,7 @@ impl Session {
         match pushed {
             Ok(()) => {
                 if let Some(total) = decoder.total() {
-                    shared.link.end_input(total.into(), shared.host.clock.nanos());
+                    shared.link.end_input(u64::from(total).min(*most), shared.host.clock.nanos());
                 }
                 Ok(())
             }
@@ -187,12 +257,32 @@ impl Session {
         }
     }
 
-    /// Statistics of the packets so far.
-    ///
-    /// # Errors
-    /// [`SessionError::Busy`] if another thread pushes; [`SessionError::NotDecoder`] for a session with
-    /// an engine.
-    pub fn received(&self) -> Result<Received, SessionError> {
-        Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())
+    /// Pushes the next packet of the take; returns whether there are more.
+    fn push_take(&mut self, shared: &Shared) -> Result<bool, SessionError> {
+        let mut packets = self.take.take().ok_or(SessionError::Take)?;
+        let pushed = self.push_from(shared, &mut packets);
+        self.take = Some(packets);
+        pushed
+    }
+
+    fn push_from(&mut self, shared: &Shared, packets: &mut Packets) -> Result<bool, SessionError> {
+        if self.sync_epoch(shared) {
+            packets.reset();
+        }
+        let full = SessionError::Packet(PacketError::Full);
+        let pushed = packets.next(|packet| match self.push(shared, packet) {
+            Err(error) if error == full => None,
+            pushed => Some(pushed),
+        });
+        match pushed {
+            Some(pushed) => pushed.unwrap_or(Ok(())).map(|()| true),
+            None => {
+                // A take that was cut ends without a last packet.
+                if self.decoder.total().is_none() {
+                    shared.link.end_input(self.frames, shared.host.clock.nanos());
+                }
+                Ok(false)
+            }
+        }
     }
 }

@@ -20,6 +20,7 @@ use super::shared::try_lock;
 use super::{Failure, Idle, SessionConfig, Shared, Voice};
 use crate::levels::Levels;
 use crate::link::{EngineView, Input, Stamp};
+use crate::take::Recorder;
 
 /// Frames that a restored session can still produce before a position overflows its word.
 const MORE_FRAMES: u64 = 1 << 32;
@@ -187,11 +188,23 @@ impl Schedule {
         *finished = now;
     }
 
-    /// Queues the packet of a completed chunk, if the session has packets.
+    /// Queues the packet of a completed chunk, if the session has packets, and records it, if it records a take.
     pub(crate) fn write_packet(&self, writer: &mut PacketWriter, avatar: &Avatar, model: &Model, due: Due) {
-        let Some(queue) = self.shared.packets.as_ref().filter(|_| !self.begun.packet) else { return };
-        let epoch = self.view.epoch.number;
-        if let Err(error) = writer.write(queue, (avatar, model), due, epoch, &self.levels) {
+        let Self { shared, view, levels, begun, held_mouth, .. } = self;
+        let epoch = view.epoch;
+        if let Some(mut recording) = shared.recorder.as_ref().and_then(Recorder::keep) {
+            // A held body's mouth is not in packets.
+            if due == Due::Held && held_mouth.is_some() {
+                recording.close();
+            }
+            match writer.record((avatar, model), due, levels) {
+                Ok(Some(packet)) => recording.packet(epoch, packet),
+                Ok(None) => {}
+                Err(error) => self.fail(Failure::Step(error)),
+            }
+        }
+        let Some(queue) = shared.packets.as_ref().filter(|_| !begun.packet) else { return };
+        if let Err(error) = writer.write(queue, (avatar, model), due, epoch.number, levels) {
             self.fail(Failure::Step(error));
         }
     }
@@ -428,6 +441,9 @@ impl Member {
         let there = room.len().min(usize::try_from(begun.samples).unwrap_or(usize::MAX));
         let taken = shared.link.take_audio(view, &mut room[..there]);
         room[taken..].fill(0.0);
+        if let Some(mut recording) = shared.recorder.as_ref().and_then(Recorder::keep) {
+            recording.hear(view.epoch, &room[..taken]);
+        }
         levels.push(room);
         let is_endless = taken < room.len() && endless;
         let silent = (room.len() - taken) as u64;

@@ -27,6 +27,7 @@ use super::packets::PacketQueue;
 pub(super) use crate::link::try_lock;
 use crate::link::{FrameRing, Handover, Link, Signal};
 use crate::playback::{Host, LiveVoice, Voice};
+use crate::take::{Head, Log, Recorder, Take};
 
 /// Settings that may change while the session runs, taken over at the next chunk.
 #[derive(Debug)]
@@ -62,6 +63,10 @@ pub(crate) struct Shared {
     pub(super) other: Mutex<OtherInput>,
     /// Packets of the session's chunks, if it has any.
     pub(super) packets: Option<PacketQueue>,
+    /// The take that it plays, if it plays one.
+    pub(super) take: Option<Take>,
+    /// Recorder of its own take, if it records one.
+    pub(super) recorder: Option<Recorder>,
     /// The engine's side from before the chunk in work.
     pub(super) kept: Mutex<Kept>,
     pub(super) input: Mutex<Input>,
@@ -144,6 +149,8 @@ pub(crate) struct SessionInit<'a> {
     pub(crate) resampler: Resampler,
     /// Whether frames come from packets instead of audio.
     pub(crate) is_decoder: bool,
+    /// The take that it plays, if it plays one.
+    pub(crate) take: Option<&'a Take>,
     /// The allocator of all of it.
     pub(crate) arena: &'a Arena,
 }
@@ -223,6 +230,12 @@ impl Shared {
             packets: session.packets.map(|packets| {
                 let length = avatar.target * config.keyframe_stride;
                 PacketQueue::new_in(packets, init.model, (session.queue_frames, length), arena)
+            }),
+            take: init.take.cloned(),
+            recorder: (session.take_bytes > 0).then(|| {
+                let of = (config, init.model.fingerprint());
+                let head = Head::new(of, avatar, session.layers, session.sample_rate, &[], arena);
+                Recorder::new(head, session.words.fingerprint(), Log::bounded_in(session.take_bytes, arena))
             }),
             kept: Mutex::new(Kept::new_in(init.kept, arena)),
             input: Mutex::new(Input::new_in(init.resampler, session.sample_rate, session.channels, config, arena)),

@@ -18,6 +18,7 @@ use super::shared::{Counters, Settings, Shared, try_lock};
 use super::slots::lock;
 use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
 use crate::playback::{Host, gain_bits};
+use crate::take::Recorder;
 
 /// All sides of a session, locked.
 ///
@@ -112,6 +113,9 @@ impl Session {
             sides.state(&mut pass)?;
             pass.end()?;
             next()?;
+            if let Some(mut recording) = sides.shared.recorder.as_ref().and_then(Recorder::keep) {
+                recording.close();
+            }
             let mut pass = StatePass::load(bytes, now);
             sides.state(&mut pass).expect("these bytes were checked");
             Ok(())
