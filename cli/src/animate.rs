@@ -11,11 +11,13 @@ use umo_core::{
 use umo_core_model::lm::depth::is_guidable;
 use umo_core_model::weights::Loader;
 use umo_core_pose::clip::Clip;
+use umo_gltf::keys::Keying;
 
 use crate::args::{self, Animate, GenerateArgs, Output};
-use crate::export::{self, Format};
+use crate::export::{self, ExportError, FigureCache, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::strokes::Strokes;
 use crate::words::Script;
 use crate::{gestures, model, progress, start_pose};
 
@@ -204,8 +206,11 @@ impl<'a> Job<'a> {
         let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
         let formats = formats.collect::<Result<Vec<_>, _>>()?;
         let file: ModelFile = model::open(args.compute.model.as_deref())?;
-        for format in &formats {
+        for &format in &formats {
             format.check_face(&file.config().face)?;
+            if args.reduce.is_some() && !format.is_keyed() {
+                return Err(ExportError::NoKeys(format).into());
+            }
         }
         let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         let outputs = outputs.collect::<Result<_, _>>()?;
@@ -216,10 +221,25 @@ impl<'a> Job<'a> {
     pub(crate) fn finish(self, animation: &mut Animation, frames: usize, script: Script) -> Result<(), Failure> {
         let config = self.generator.model.config();
         let start = Instant::now();
-        let clip = self.generator.clip(animation, frames, script, |_| ())?;
+        let mut strokes = Strokes::new(config);
+        let mut markers = Vec::new();
+        if self.args.reduce.is_some() {
+            animation.keep_record(config);
+            markers.extend(script.markers());
+        }
+        let clip = self.generator.clip(animation, frames, script, |animation| {
+            if let (Some(strokes), Some(chunk)) = (&mut strokes, animation.chunk()) {
+                strokes.hear(chunk.first_frame, chunk.keyframes);
+            }
+        })?;
+        markers.extend(strokes.into_iter().flat_map(Strokes::markers));
+        markers.retain(|marker| marker.seconds < frames as f64 / config.frame_rate as f64);
+        markers.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+        let keying = self.args.reduce.map(|bound| Keying { bound, markers });
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
+        let mut figure = FigureCache::from(self.args.figure);
         for output in self.outputs {
-            output.write(&clip, self.args.figure).map_err(Failure::environment)?;
+            output.write_as(&clip, &mut figure, keying.as_ref()).map_err(Failure::environment)?;
         }
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
