@@ -13,11 +13,13 @@ use umo_core_base::file::AtomicFile;
 use umo_core_model::lm::depth::is_guidable;
 use umo_core_model::weights::Loader;
 use umo_core_pose::clip::Clip;
+use umo_gltf::keys::Keying;
 
 use crate::args::{self, Animate, Files, GenerateArgs, Output};
-use crate::export::{self, Format};
+use crate::export::{self, ExportError, FigureCache, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::strokes::Strokes;
 use crate::words::Script;
 use crate::{atomic_file, gestures, model, progress, start_pose};
 
@@ -212,8 +214,8 @@ pub(crate) struct Outputs<'a> {
 }
 
 impl<'a> Outputs<'a> {
-    /// Checks the formats for a face, and opens the files.
-    pub(crate) fn open(args: &'a Files, face: &Face) -> Result<Self, Failure> {
+    /// Checks the formats for a face, and, if `is_keyed`, for keys; and opens the files.
+    pub(crate) fn open(args: &'a Files, face: &Face, is_keyed: bool) -> Result<Self, Failure> {
         let format = args.format.as_deref();
         let is_take = |path: &&PathBuf| {
             let name = format.or_else(|| path.extension().and_then(|extension| extension.to_str()));
@@ -224,6 +226,9 @@ impl<'a> Outputs<'a> {
         let of = |path: &PathBuf| format.map_or_else(|| Format::from_extension(path), Ok);
         let formats = motions.iter().map(|path| of(path)).collect::<Result<Vec<_>, _>>()?;
         formats.iter().try_for_each(|format| format.check_face(face))?;
+        if let Some(&format) = formats.iter().find(|format| is_keyed && !format.is_keyed()) {
+            return Err(ExportError::NoKeys(format).into());
+        }
         let motions = motions.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         Ok(Self {
             args,
@@ -232,10 +237,11 @@ impl<'a> Outputs<'a> {
         })
     }
 
-    /// Writes every file; returns their names.
-    pub(crate) fn write(self, clip: &Clip, take: Option<&Take>) -> Result<String, Failure> {
+    /// Writes every file, motions with the keys and markers of `keying`; returns their names.
+    pub(crate) fn write(self, clip: &Clip, take: Option<&Take>, keying: Option<&Keying>) -> Result<String, Failure> {
+        let mut figure = FigureCache::from(self.args.figure);
         for motion in self.motions {
-            motion.write(clip, self.args.figure).map_err(Failure::environment)?;
+            motion.write_as(clip, &mut figure, keying).map_err(Failure::environment)?;
         }
         for file in self.takes {
             let take = take.ok_or_else(|| Failure::environment("internal: nothing was recorded"))?;
@@ -257,7 +263,7 @@ impl<'a> Job<'a> {
     /// Checks the arguments, opens the outputs and loads the model, all before the work starts.
     pub(crate) fn new(args: &'a Output) -> Result<Self, Failure> {
         let file: ModelFile = model::open(args.compute.model.as_deref())?;
-        let outputs = Outputs::open(&args.files, &file.config().face)?;
+        let outputs = Outputs::open(&args.files, &file.config().face, args.reduce.is_some())?;
         let mut generator = Generator::new(&args.generate, &args.compute, file)?;
         generator.records = !outputs.takes.is_empty();
         Ok(Self { args, generator, outputs })
@@ -267,9 +273,23 @@ impl<'a> Job<'a> {
     pub(crate) fn finish(self, animation: &mut Animation, frames: usize, script: Script) -> Result<(), Failure> {
         let config = self.generator.model.config();
         let start = Instant::now();
-        let clip = self.generator.clip(animation, frames, script, |_| ())?;
+        let mut strokes = Strokes::new(config);
+        let mut markers = Vec::new();
+        if self.args.reduce.is_some() {
+            animation.keep_record(config);
+            markers.extend(script.markers());
+        }
+        let clip = self.generator.clip(animation, frames, script, |animation| {
+            if let (Some(strokes), Some(chunk)) = (&mut strokes, animation.chunk()) {
+                strokes.hear(chunk.first_frame, chunk.keyframes);
+            }
+        })?;
+        markers.extend(strokes.into_iter().flat_map(Strokes::markers));
+        markers.retain(|marker| marker.seconds < frames as f64 / config.frame_rate as f64);
+        markers.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+        let keying = self.args.reduce.map(|bound| Keying { bound, markers });
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
-        let names = self.outputs.write(&clip, animation.take().as_ref())?;
+        let names = self.outputs.write(&clip, animation.take().as_ref(), keying.as_ref())?;
         println!("{names}: {frames} frames, {seconds:.2} s, made in {took:.2} s");
         if self.args.timings {
             print_times(self.generator.load_time, animation, config);

@@ -16,6 +16,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, StyledStr, TypedValuePa
 use clap::error::{ContextKind, ContextValue};
 use clap::{Args as ClapArgs, CommandFactory, Parser, Subcommand, ValueEnum};
 use umo_figure::Figure;
+use umo_gltf::keys::Bound;
 
 pub use bench::{Bench, Doctor, Neighbour};
 pub use converse::Converse;
@@ -153,6 +154,12 @@ pub struct Output {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub files: Files,
+    /// Write .glb, .vrma, .bvh and .csv with few keys, rotations off by at most this; and markers
+    ///
+    /// Lines between keys hold every frame: rotations within DEGREES (0.01 to 45), shapes within a hundredth for
+    /// each degree, the root within a centimetre. Markers name strokes and, with --words, words. A .bvh has every frame.
+    #[arg(long, value_name = "DEGREES", value_parser = bound)]
+    pub reduce: Option<Bound>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
@@ -176,6 +183,10 @@ pub struct Files {
     /// Format of all outputs: npz, bvh, glb, vrma, csv, jsonl or umo [default: by extension]
     #[arg(long, value_name = "FORMAT", help_heading = TUNING, hide_short_help = true)]
     pub format: Option<String>,
+}
+
+fn bound(text: &str) -> Result<Bound, String> {
+    text.parse().ok().and_then(Bound::new).ok_or_else(|| "expected 0.01 to 45 degrees".to_owned())
 }
 
 /// Names and looks of the figures.
@@ -212,7 +223,7 @@ pub struct Animate {
     /// Move strokes of arms, trunk and head onto the accents of the voice
     ///
     /// The frames then differ from those of a stream.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "reduce")]
     pub retime: bool,
     /// Read the usable parts of a damaged recording
     ///

@@ -55,6 +55,11 @@ impl Bvh {
         let marked = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut words = Words(marked.split_whitespace().peekable());
         words.expect("HIERARCHY")?;
+        // The markers of `umo animate --reduce`.
+        if words.0.peek().is_some_and(|word| word.starts_with('#')) {
+            let below = marked.trim_start().split_once('\n').map_or("", |(_, below)| below);
+            words = Words(below.split_whitespace().peekable());
+        }
         words.expect("ROOT")?;
         let joints = hierarchy(&mut words)?;
         let rest = words.0.peek().map_or(text.len(), |word| word.as_ptr() as usize - text.as_ptr() as usize);

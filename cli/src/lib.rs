@@ -55,6 +55,7 @@ mod serve;
 mod speech;
 mod stage;
 mod start_pose;
+mod strokes;
 mod text;
 mod transcript;
 mod view;

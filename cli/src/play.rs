@@ -15,7 +15,7 @@ pub(crate) fn run(args: &Play) -> Result<(), Failure> {
     let bytes = umo_core_base::file::read(&args.take).map_err(|error| wrong(error.to_string()))?;
     let take = Take::new(&bytes).map_err(|error| wrong(error.to_string()))?;
     let model = model::load(&args.compute)?;
-    let outputs = Outputs::open(&args.files, &model.config().face)?;
+    let outputs = Outputs::open(&args.files, &model.config().face, false)?;
     let config = SessionConfig {
         gestures: gestures::known(&args.gesture_clip, &model.config().skeleton)?,
         words: words::rules(&args.rules)?,
@@ -34,7 +34,7 @@ pub(crate) fn run(args: &Play) -> Result<(), Failure> {
     }
     let (frames, took) = (clip.len(), start.elapsed().as_secs_f64());
     let seconds = frames as f64 / f64::from(take.info().frame_rate);
-    let names = outputs.write(&clip, Some(&take))?;
+    let names = outputs.write(&clip, Some(&take), None)?;
     println!("{names}: {frames} frames, {seconds:.2} s, played in {took:.2} s");
     Ok(())
 }

@@ -9,6 +9,7 @@ use crate::args::{RuleArgs, WordArgs, Words};
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::transcript::{self, Timed, Transcript};
+use umo_gltf::keys::{Marker, MarkerKind};
 
 /// A frame.
 const FRAME: u64 = UNITS / 30;
@@ -144,6 +145,13 @@ impl Script {
         };
         words.sort_by(|a, b| a.start.total_cmp(&b.start));
         Ok(Self { words, next: 0 })
+    }
+
+    /// The words as markers.
+    pub(crate) fn markers(&self) -> impl Iterator<Item = Marker> {
+        let marker =
+            |word: &Timed| Marker { seconds: word.start, kind: MarkerKind::Word, name: word.text.trim().to_owned() };
+        self.words.iter().map(marker)
     }
 
     /// Passes as many words as there is room for to an animation's `hint`. Call it before every step.

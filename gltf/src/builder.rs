@@ -1,5 +1,6 @@
 //! The binary buffer and the glTF objects that reference it.
 
+use crate::keys::Keying;
 use crate::shapes::Shape;
 use gltf_json as json;
 use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse};
@@ -165,6 +166,12 @@ impl Builder {
     pub(crate) fn scene(&mut self, nodes: Vec<Index<Node>>) {
         let scene = self.root.push(json::Scene { nodes, name: None, extensions: None, extras: None });
         self.root.scene = Some(scene);
+    }
+
+    /// Adds markers to the scene, whose extras Blender keeps as the scene's properties; it drops an animation's.
+    pub(crate) fn mark(&mut self, keying: &Keying) {
+        let extras = serde_json::value::to_raw_value(&keying.extras()).expect("text and numbers are valid JSON");
+        self.root.scenes[0].extras = Some(extras);
     }
 
     /// Adds a surface: the vertices of `range` with that relief, and the triangles between them.

@@ -5,7 +5,6 @@ use std::io::{self, Write};
 use std::ops::Range;
 
 use gltf_json as json;
-use json::animation::Property;
 use json::validation::Checked::Valid;
 use json::{Index, Node, mesh};
 use umo_core_base::memory::collected;
@@ -16,6 +15,7 @@ use umo_figure::palette::Palette;
 use umo_figure::{Figure, Helper, Mesh};
 
 use crate::builder::{self, Builder, Textures};
+use crate::keys::Keying;
 use crate::shapes::{self, Shape};
 use crate::tracks::{Tracks, continuous, track};
 
@@ -27,7 +27,7 @@ use crate::tracks::{Tracks, continuous, track};
 pub fn write<W: Write>(clip: &Clip, figure: Option<Figure>, out: W) -> io::Result<()> {
     clip.check().map_err(invalid)?;
     let built = figure.map(|figure| BuiltFigure::new(figure, clip)).transpose()?;
-    write_checked(&[Member { name: "", clip, figure: built.as_ref(), position: [0.0; 3], facing: 0.0 }], out)
+    write_checked(&[Member::alone(clip, built.as_ref())], None, out)
 }
 
 /// A character of a room.
@@ -46,6 +46,12 @@ pub struct Member<'a> {
     pub facing: f32,
 }
 
+impl<'a> Member<'a> {
+    fn alone(clip: &'a Clip, figure: Option<&'a BuiltFigure>) -> Self {
+        Self { name: "", clip, figure, position: [0.0; 3], facing: 0.0 }
+    }
+}
+
 /// Writes several characters with one animation. A single member is written as by [`write()`], without its place.
 ///
 /// # Errors
@@ -62,7 +68,7 @@ pub fn write_room<W: Write>(members: &[Member<'_>], out: W) -> io::Result<()> {
             return Err(invalid(OTHER));
         }
     }
-    write_checked(members, out)
+    write_checked(members, None, out)
 }
 
 const OTHER: &str = "the figure was built for another skeleton or face";
@@ -106,15 +112,23 @@ impl BuiltFigure {
     /// # Errors
     /// As for [`write()`], or the clip does not [fit](Self::fits).
     pub fn write<W: Write>(&self, clip: &Clip, out: W) -> io::Result<()> {
+        self.write_keyed(clip, None, out)
+    }
+
+    /// [`Self::write`], with as few keys as a [`Keying`] allows, and its markers.
+    ///
+    /// # Errors
+    /// As for [`Self::write`].
+    pub fn write_keyed<W: Write>(&self, clip: &Clip, keying: Option<&Keying>, out: W) -> io::Result<()> {
         clip.check().map_err(invalid)?;
         if !self.fits(clip) {
             return Err(invalid(OTHER));
         }
-        write_checked(&[Member { name: "", clip, figure: Some(self), position: [0.0; 3], facing: 0.0 }], out)
+        write_checked(&[Member::alone(clip, Some(self))], keying, out)
     }
 }
 
-fn write_checked<W: Write>(members: &[Member<'_>], out: W) -> io::Result<()> {
+fn write_checked<W: Write>(members: &[Member<'_>], keying: Option<&Keying>, out: W) -> io::Result<()> {
     let mut builder = Builder::default();
     let mut bodies: Vec<Body> = Vec::with_capacity(members.len());
     for (at, member) in members.iter().enumerate() {
@@ -126,7 +140,7 @@ fn write_checked<W: Write>(members: &[Member<'_>], out: W) -> io::Result<()> {
         let body = add_body(&mut builder, member, like);
         bodies.push(body);
     }
-    let mut tracks = Tracks::new(&mut builder, members[0].clip);
+    let mut tracks = Tracks::new(&mut builder, members[0].clip, keying.map(|keying| keying.bound));
     for (member, body) in members.iter().zip(&bodies) {
         add_tracks(&mut builder, &mut tracks, member, body);
     }
@@ -137,6 +151,9 @@ fn write_checked<W: Write>(members: &[Member<'_>], out: W) -> io::Result<()> {
         roots.extend([root].into_iter().chain(body.nodes.into_iter().flatten()));
     }
     builder.scene(roots);
+    if let Some(keying) = keying {
+        builder.mark(keying);
+    }
     builder.write(out)
 }
 
@@ -328,19 +345,15 @@ fn add_tracks(builder: &mut Builder, tracks: &mut Tracks, member: &Member<'_>, b
     let Member { clip, figure, .. } = *member;
     let frames = clip.rotations.len();
     for (joint, &node) in body.joints.iter().enumerate() {
-        let values = builder.vectors(&track(clip, joint));
-        tracks.add(node, Property::Rotation, values);
+        tracks.rotations(builder, node, track(clip, joint));
     }
     for (helper, &node) in figure.iter().flat_map(|figure| &figure.mesh.helpers).zip(&body.helpers) {
         let turns = clip.rotations.iter().map(|frame| helper.local_turn(frame[helper.of]));
-        let values = builder.vectors(&continuous(turns));
-        tracks.add(node, Property::Rotation, values);
+        tracks.rotations(builder, node, continuous(turns));
     }
     let places = collected((0..frames).map(|f| clip.root_position(f)));
-    let places = builder.vectors(&places);
-    tracks.add(body.joints[0], Property::Translation, places);
+    tracks.places(builder, body.joints[0], places);
     if let (Some([_, face]), false) = (body.nodes, clip.face.names.is_empty()) {
-        let weights = builder.scalars(clip.face_values.iter().copied());
-        tracks.add(face, Property::MorphTargetWeights, weights);
+        tracks.weights(builder, face, &clip.face_values, clip.face.names.len());
     }
 }

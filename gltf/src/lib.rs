@@ -10,6 +10,7 @@
 //! | [`avatar`] | `.glb` and `.vrm`: export of a figure as an avatar |
 //! | [`vrma`] | `.vrma`: the animation alone, VRM Animation 1.0 |
 //! | [`vrm`] | names of VRM's bones and expressions |
+//! | [`keys`] | fewer keys that hold a motion within a bound, and markers |
 //! | `builder` | the binary buffer and the objects that reference it |
 //! | `tracks` | rotations, translations and weights over time |
 //! | `shapes` | the figure's shape for each face channel |
@@ -18,6 +19,7 @@
 pub mod avatar;
 mod builder;
 pub mod glb;
+pub mod keys;
 mod shapes;
 #[cfg(test)]
 mod tests;

@@ -8,6 +8,7 @@ use umo_figure::{Figure, sample};
 
 mod avatar;
 mod glb;
+mod keys;
 mod vrma;
 
 const KINDS: [FaceKind; 2] = [FaceKind::SmplxExpression, FaceKind::Arkit];

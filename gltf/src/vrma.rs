@@ -4,7 +4,6 @@
 use std::io::{self, Write};
 
 use gltf_json as json;
-use json::animation::Property;
 use json::{Index, Node};
 use serde_json::{Map, Value, json};
 use umo_core_base::memory::{collected, with_capacity};
@@ -15,6 +14,7 @@ use umo_core_pose::skeleton::JOINTS;
 use umo_core_rig::retarget::face::FaceMap;
 
 use crate::builder::{self, Builder};
+use crate::keys::Keying;
 use crate::tracks::{Tracks, track};
 use crate::vrm::{EXPRESSIONS, bone, standing_height, t_pose};
 
@@ -30,9 +30,17 @@ const SAID: [&str; 5] = ["jaw", "mouth", "tongue", "eyeBlink", "eyeLook"];
 /// # Errors
 /// The animation is inconsistent ([`Clip::check`]) or exceeds glTF's 4 GiB, or writing to `out` fails.
 pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    write_keyed(clip, None, out)
+}
+
+/// [`write()`], with as few keys as a [`Keying`] allows, and its markers.
+///
+/// # Errors
+/// As for [`write()`].
+pub fn write_keyed<W: Write>(clip: &Clip, keying: Option<&Keying>, out: W) -> io::Result<()> {
     clip.check().map_err(|what| io::Error::new(io::ErrorKind::InvalidInput, what))?;
     let mut builder = Builder::default();
-    let mut tracks = Tracks::new(&mut builder, clip);
+    let mut tracks = Tracks::new(&mut builder, clip, keying.map(|keying| keying.bound));
     let joints = add_bones(&mut builder, clip);
     let bones: Map<String, Value> = (0..JOINTS)
         .filter(|joint| !EYES.contains(joint))
@@ -41,19 +49,16 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
         .map(|joint| (bone(joint), json!({ "node": joints[joint].value() })))
         .collect();
     for joint in (0..JOINTS).filter(|joint| bones.contains_key(&bone(*joint))) {
-        let values = builder.vectors(&track(clip, joint));
-        tracks.add(joints[joint], Property::Rotation, values);
+        tracks.rotations(&mut builder, joints[joint], track(clip, joint));
     }
     let places = collected((0..clip.rotations.len()).map(|frame| clip.root_position(frame)));
-    let places = builder.vectors(&places);
-    tracks.add(joints[0], Property::Translation, places);
+    tracks.places(&mut builder, joints[0], places);
 
     let mut roots = vec![joints[0]];
     let mut add = |builder: &mut Builder, name: &str, values: Vec<f32>| -> Value {
         let node = builder.root.push(Node { name: Some(name.to_owned()), ..Node::default() });
         let rows = collected(values.iter().map(|&weight| [weight.clamp(0.0, 1.0), 0.0, 0.0]));
-        let rows = builder.vectors(&rows);
-        tracks.add(node, Property::Translation, rows);
+        tracks.places(builder, node, rows);
         roots.push(node);
         json!({ "node": node.value() })
     };
@@ -68,14 +73,16 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     }
 
     let gaze = builder.root.push(Node { name: Some("gaze".to_owned()), ..Node::default() });
-    let turns = builder.vectors(&gaze_of(clip));
-    tracks.add(gaze, Property::Rotation, turns);
+    tracks.rotations(&mut builder, gaze, gaze_of(clip));
     roots.push(gaze);
     let eyes = EYES.map(|joint| clip.skeleton.offsets_m[joint]);
     let from_head: [f32; 3] = std::array::from_fn(|axis| f32::midpoint(eyes[0][axis], eyes[1][axis]));
 
     builder.root.push(tracks.animation);
     builder.scene(roots);
+    if let Some(keying) = keying {
+        builder.mark(keying);
+    }
     let mut extension = json!({
         "specVersion": "1.0",
         "humanoid": { "humanBones": bones },

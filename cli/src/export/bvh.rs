@@ -4,6 +4,7 @@ use super::{rotation, tip};
 use std::io::{self, Write};
 use umo_core::{JOINT_NAMES, JOINTS};
 use umo_core_pose::clip::Clip;
+use umo_gltf::keys::{Keying, Marker};
 
 const CM: f64 = 100.0;
 
@@ -12,8 +13,31 @@ const CM: f64 = 100.0;
 ///
 /// # Errors
 /// Errors of `out`.
-pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
-    writeln!(out, "HIERARCHY")?;
+pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    write_keyed(clip, None, out)
+}
+
+/// [`write()`], with the values that a motion of few keys has, and markers.
+///
+/// The format knows no comments. The end of its first line is the place that every importer tried leaves alone
+/// (docs/formats.md).
+///
+/// # Errors
+/// Errors of `out`.
+pub fn write_keyed<W: Write>(clip: &Clip, keying: Option<&Keying>, mut out: W) -> io::Result<()> {
+    let Some(Keying { bound, markers }) = keying else {
+        writeln!(out, "HIERARCHY")?;
+        return write_body(clip, out);
+    };
+    write!(out, "HIERARCHY #")?;
+    for Marker { seconds, kind, name } in markers {
+        write!(out, " {seconds:.3} {} {};", kind.name(), name.split_whitespace().collect::<Vec<_>>().join("_"))?;
+    }
+    writeln!(out)?;
+    write_body(&bound.drawn(clip), out)
+}
+
+fn write_body<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     let mut order = Vec::with_capacity(JOINTS);
     write_joint(clip, 0, 0, &mut order, &mut out)?;
     writeln!(out, "MOTION")?;

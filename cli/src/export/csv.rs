@@ -4,6 +4,7 @@ use super::{FaceError, rotation};
 use std::io::{self, Write};
 use umo_core::{Face, FaceKind, JOINT_NAMES, JOINTS};
 use umo_core_pose::clip::Clip;
+use umo_gltf::keys::{Keying, MarkerKind};
 
 /// Names of the blendshape columns, in the app's order (which swaps some of Apple's left and right).
 const COLUMNS: [&str; 52] = [
@@ -74,6 +75,9 @@ const ANGLES: [&str; 9] = [
     "RightEyeRoll",
 ];
 
+/// Columns of a file with few rows, after the angles.
+const MARKERS: [(MarkerKind, &str); 2] = [(MarkerKind::Stroke, "Stroke"), (MarkerKind::Word, "Word")];
+
 /// Returns the index of each blendshape column among the face's channels.
 ///
 /// # Errors
@@ -115,24 +119,61 @@ pub(crate) fn angles(rotations: &[[f32; 4]; JOINTS]) -> [f64; 9] {
 /// # Errors
 /// Errors of `out`, and an error wrapping [`FaceError`] if the face is unsuitable.
 pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    write_keyed(clip, None, out)
+}
+
+/// [`write()`], with only those rows that hold every column within the bound, and markers in two more columns.
+///
+/// # Errors
+/// As for [`write()`].
+pub fn write_keyed<W: Write>(clip: &Clip, keying: Option<&Keying>, out: W) -> io::Result<()> {
     let places = columns(&clip.face)?;
     let mut rows = ::csv::Writer::from_writer(out);
     let start = ["Timecode", "BlendShapeCount"];
-    rows.write_record(start.iter().chain(&COLUMNS).chain(&ANGLES))?;
+    let end = if keying.is_some() { &MARKERS.map(|(_, column)| column)[..] } else { &[] };
+    rows.write_record(start.iter().chain(&COLUMNS).chain(&ANGLES).chain(end))?;
     let count = (COLUMNS.len() + ANGLES.len()).to_string();
-    for (frame, rotations) in clip.rotations.iter().enumerate() {
+    let frames = keying.map_or_else(|| (0..clip.len()).collect(), |keying| rows_of(clip, &places, keying));
+    for frame in frames {
         rows.write_field(timecode(frame, clip.frame_rate))?;
         rows.write_field(&count)?;
         let values = clip.face(frame);
         for &place in &places {
             rows.write_field(format!("{:.6}", values[place]))?;
         }
-        for angle in angles(rotations) {
+        for angle in angles(&clip.rotations[frame]) {
             rows.write_field(format!("{angle:.6}"))?;
+        }
+        for (kind, _) in MARKERS.iter().filter(|_| keying.is_some()) {
+            let here = keying.iter().flat_map(|keying| &keying.markers);
+            let here = here.filter(|marker| marker.kind == *kind && frame_at(clip, marker.seconds) == frame);
+            rows.write_field(here.map(|marker| &*marker.name).collect::<Vec<_>>().join(" "))?;
         }
         rows.write_record(None::<&[u8]>)?;
     }
     rows.flush()
+}
+
+/// Frames whose rows hold the others, and the rows of the markers.
+#[expect(clippy::cast_possible_truncation, reason = "angles, as the file has them")]
+fn rows_of(clip: &Clip, places: &[usize], keying: &Keying) -> Vec<usize> {
+    let mut is_marked = vec![false; clip.len()];
+    keying.markers.iter().for_each(|marker| is_marked[frame_at(clip, marker.seconds)] = true);
+    // A degree weighs as much as what a weight may be off for it.
+    let unit = f64::from(keying.bound.amount()) / f64::from(keying.bound.degrees()).to_radians();
+    let values: Vec<f32> = (0..clip.len())
+        .flat_map(|frame| {
+            let face = places.iter().map(move |&place| clip.face(frame)[place]);
+            face.chain(angles(&clip.rotations[frame]).map(|angle| (angle * unit) as f32))
+        })
+        .collect();
+    keying.bound.rows(&values, places.len() + ANGLES.len(), |frame| is_marked[frame])
+}
+
+/// The frame of a moment.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded below by the cast, above by min")]
+fn frame_at(clip: &Clip, seconds: f64) -> usize {
+    ((seconds * f64::from(clip.frame_rate)).round() as usize).min(clip.len() - 1)
 }
 
 /// Formats `HH:MM:SS:FF.mmm`: frames within the second, then thousandths of a frame.

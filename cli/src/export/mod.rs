@@ -90,6 +90,11 @@ impl Format {
             Self::Npz | Self::Bvh | Self::Glb | Self::Vrma | Self::Jsonl => Ok(()),
         }
     }
+
+    /// Whether the format can be written with fewer keys.
+    pub const fn is_keyed(self) -> bool {
+        !matches!(self, Self::Npz | Self::Jsonl)
+    }
 }
 
 /// Writes an animation with the default figure; without a `format`, the extension determines it.
@@ -111,6 +116,8 @@ pub enum ExportError {
     UnknownFormat(String),
     /// The path has no extension to determine the format.
     NoExtension(PathBuf),
+    /// The format has a value for every frame.
+    NoKeys(Format),
     /// The face lacks channels that the format needs.
     Face(FaceError),
     /// The animation is inconsistent; names the field and its problem.
@@ -129,6 +136,9 @@ impl fmt::Display for ExportError {
                 "cannot tell the format of `{}`: expected an extension or --format, one of {names}",
                 path.display()
             ),
+            Self::NoKeys(format) => {
+                write!(f, "--reduce: .{} has every frame; .glb, .vrma, .bvh and .csv take fewer keys", format.name())
+            }
             Self::Face(cause) => cause.fmt(f),
             Self::Clip(what) => write!(f, "cannot write the animation: {what}"),
             Self::Io(path, cause) => write!(f, "cannot write `{}`: {cause}", path.display()),

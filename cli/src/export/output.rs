@@ -7,6 +7,7 @@ use umo_core_base::file::AtomicFile;
 use umo_core_pose::clip::Clip;
 use umo_figure::Figure;
 use umo_gltf::glb::BuiltFigure;
+use umo_gltf::keys::Keying;
 use umo_gltf::vrma;
 
 /// A figure, built when the first animation needs it, and rebuilt for an animation with another skeleton.
@@ -64,15 +65,31 @@ impl Output {
     /// # Errors
     /// See [`Self::write`].
     pub fn write_with(self, clip: &Clip, figure: &mut FigureCache) -> Result<(), ExportError> {
+        self.write_as(clip, figure, None)
+    }
+
+    /// Like [`Self::write_with`]; with a `keying`, with as few keys as it allows, and its markers.
+    ///
+    /// # Errors
+    /// See [`Self::write`]; also if the format [has no keys](Format::is_keyed).
+    pub(crate) fn write_as(
+        self,
+        clip: &Clip,
+        figure: &mut FigureCache,
+        keying: Option<&Keying>,
+    ) -> Result<(), ExportError> {
         clip.check().map_err(ExportError::Clip)?;
+        if keying.is_some() && !self.format.is_keyed() {
+            return Err(ExportError::NoKeys(self.format));
+        }
         self.format.check_face(&clip.face)?;
         let path = self.file.path().to_owned();
         let written = self.file.commit(|out| match self.format {
             Format::Npz => npz::write(clip, out),
-            Format::Bvh => bvh::write(clip, out),
-            Format::Glb => figure.on(clip)?.write(clip, out),
-            Format::Vrma => vrma::write(clip, out),
-            Format::Csv => csv::write(clip, out),
+            Format::Bvh => bvh::write_keyed(clip, keying, out),
+            Format::Glb => figure.on(clip)?.write_keyed(clip, keying, out),
+            Format::Vrma => vrma::write_keyed(clip, keying, out),
+            Format::Csv => csv::write_keyed(clip, keying, out),
             Format::Jsonl => jsonl::write(clip, out),
         });
         written.map_err(|cause| ExportError::Io(path, cause))

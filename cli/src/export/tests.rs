@@ -4,6 +4,7 @@ use super::*;
 use proptest::prelude::*;
 use umo_core::{FaceKind, JOINTS};
 use umo_figure::sample;
+use umo_gltf::keys::{Bound, Keying, Marker, MarkerKind};
 
 mod bvh;
 mod csv;
@@ -82,6 +83,17 @@ fn positions(clip: &Clip, frame: usize) -> Vec<Point> {
 
 fn distance(a: Point, b: Point) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Few keys with three markers, of which the last is behind the end.
+fn keying(degrees: f32) -> Keying {
+    let marker = |seconds, kind, name: &str| Marker { seconds, kind, name: name.to_owned() };
+    let markers = vec![
+        marker(0.26, MarkerKind::Stroke, "left"),
+        marker(0.56, MarkerKind::Word, "so far"),
+        marker(9.0, MarkerKind::Stroke, "both"),
+    ];
+    Keying { bound: Bound::new(degrees).unwrap(), markers }
 }
 
 #[test]

@@ -54,6 +54,26 @@ fn the_same_seed_gives_the_same_files() {
 }
 
 #[test]
+fn fewer_keys_and_markers_are_written_and_formats_without_keys_are_refused() {
+    let folder = Folder::new();
+    let words = folder.file("words.srt", b"1\n00:00:00,100 --> 00:00:00,300\nhello\n");
+    let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
+    let paths = ["few.glb", "few.bvh", "few.csv"].map(|name| folder.at(name));
+    let mut args = vec!["animate", &speech, "--model", &model, "--reduce", "2", "--words", &words];
+    args.extend(paths.iter().flat_map(|path| ["-o", path]));
+    umo(&args).success();
+    let glb = folder.read("few.glb");
+    assert!(String::from_utf8_lossy(&glb).contains(r#""name":"hello""#));
+    let [bvh, csv] = ["few.bvh", "few.csv"].map(|name| String::from_utf8(folder.read(name)).unwrap());
+    assert!(bvh.starts_with("HIERARCHY # 0.100 word hello;\n") && bvh.contains(&format!("Frames: {FRAMES}")));
+    assert!(csv.lines().count() <= FRAMES + 1 && csv.lines().any(|line| line.ends_with(",,hello")), "{csv}");
+    let out = folder.at("o.npz");
+    let refused = folder.refused(&["animate", &speech, "--model", &model, "--reduce", "2", "-o", &out]);
+    assert!(refused.contains("--reduce: .npz has every frame"), "{refused}");
+    folder.refused(&["animate", &speech, "--model", &model, "--reduce", "0", "-o", &paths[0]]);
+}
+
+#[test]
 fn format_option_overrides_the_extension() {
     let folder = Folder::new();
     let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));

@@ -2,28 +2,33 @@ use super::*;
 use gltf::animation::util::ReadOutputs;
 use gltf::{Gltf, Node};
 use std::collections::HashMap;
+use std::io;
 use std::sync::{Mutex, PoisonError};
 
 use crate::glb::{BuiltFigure, Member, write_room};
 
+/// Bytes that `write` writes on the default figure, which is built once for each skeleton and face.
+pub(super) fn built(clip: &Clip, write: impl FnOnce(&BuiltFigure, &mut Vec<u8>) -> io::Result<()>) -> Vec<u8> {
+    static BUILT: Mutex<Vec<BuiltFigure>> = Mutex::new(Vec::new());
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    if !built.iter().any(|figure| figure.fits(clip)) {
+        built.push(BuiltFigure::new(Figure::default(), clip).unwrap());
+    }
+    let mut bytes = Vec::new();
+    write(built.iter().find(|figure| figure.fits(clip)).unwrap(), &mut bytes).unwrap();
+    bytes
+}
+
 /// A file as parsed by the `gltf` crate.
-struct File {
-    gltf: Gltf,
-    bin: Vec<u8>,
+pub(super) struct File {
+    pub(super) gltf: Gltf,
+    pub(super) bin: Vec<u8>,
 }
 
 impl File {
-    /// On the default figure, which is built once for each skeleton and face.
-    fn of(clip: &Clip) -> Self {
-        static BUILT: Mutex<Vec<BuiltFigure>> = Mutex::new(Vec::new());
-        let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-        if !built.iter().any(|figure| figure.fits(clip)) {
-            built.push(BuiltFigure::new(Figure::default(), clip).unwrap());
-        }
-        let mut bytes = Vec::new();
-        built.iter().find(|figure| figure.fits(clip)).unwrap().write(clip, &mut bytes).unwrap();
-        drop(built);
-        Self::parsed(&bytes)
+    /// On the default figure.
+    pub(super) fn of(clip: &Clip) -> Self {
+        Self::parsed(&built(clip, |figure, bytes| figure.write(clip, bytes)))
     }
 
     fn worn(clip: &Clip, figure: Option<Figure>) -> Self {
@@ -32,13 +37,13 @@ impl File {
         Self::parsed(&bytes)
     }
 
-    fn parsed(bytes: &[u8]) -> Self {
+    pub(super) fn parsed(bytes: &[u8]) -> Self {
         let mut gltf = Gltf::from_slice(bytes).unwrap();
         let bin = gltf.blob.take().unwrap();
         Self { gltf, bin }
     }
 
-    fn node(&self, name: &str) -> Node<'_> {
+    pub(super) fn node(&self, name: &str) -> Node<'_> {
         self.gltf.nodes().find(|node| node.name() == Some(name)).unwrap()
     }
 

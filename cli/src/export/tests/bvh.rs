@@ -160,3 +160,18 @@ fn bvh_angles_do_not_jump_between_frames() {
         assert!((largest - 20.0).abs() < 1e-2, "axis {axis}: {largest}");
     }
 }
+
+#[test]
+fn bvh_with_few_keys_has_every_frame_of_their_motion_and_markers_behind_its_first_word() {
+    let clip = sample::clip(FaceKind::Arkit, 40, 1);
+    let keying = super::keying(2.0);
+    let few = bytes_of(|clip, out| super::super::bvh::write_keyed(clip, Some(&keying), out), &clip);
+    let few = String::from_utf8(few).unwrap();
+    let drawn = bytes_of(|clip, out| super::super::bvh::write(clip, out), &keying.bound.drawn(&clip));
+    let (first, rest) = few.split_once('\n').unwrap();
+    assert_eq!(first, "HIERARCHY # 0.260 stroke left; 0.560 word so_far; 9.000 stroke both;");
+    assert_eq!(rest, String::from_utf8(drawn).unwrap().split_once('\n').unwrap().1);
+    let read = crate::bvh::Bvh::parse(&few).unwrap();
+    assert!(few[read.hierarchy..].starts_with("MOTION"));
+    assert_eq!(read.motion, crate::bvh::Bvh::parse(&format!("HIERARCHY\n{rest}")).unwrap().motion);
+}

@@ -98,3 +98,34 @@ fn csv_refuses_a_face_that_is_not_arkit() {
     let message = Format::Csv.check_face(&short).unwrap_err().to_string();
     assert!(message.contains("`JawOpen`"), "{message}");
 }
+
+#[test]
+fn csv_with_few_keys_has_the_rows_that_hold_the_others_and_markers() {
+    let clip = sample::clip(FaceKind::Arkit, 90, 1);
+    let keying = super::keying(2.0);
+    let whole = rows(&clip);
+    let bytes = bytes_of(|clip, out| super::super::csv::write_keyed(clip, Some(&keying), out), &clip);
+    let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
+    let columns: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
+    assert_eq!(columns[..63], header(&clip));
+    assert_eq!(columns[63..], ["Stroke", "Word"]);
+    let few: Vec<HashMap<String, String>> = reader.deserialize().map(|row| row.unwrap()).collect();
+    assert!(3 * few.len() < 2 * whole.len(), "{} rows", few.len());
+    let frame = |row: &HashMap<_, _>| whole.iter().position(|it| it["Timecode"] == row["Timecode"]).unwrap();
+    for pair in few.windows(2) {
+        let [from, to] = [frame(&pair[0]), frame(&pair[1])];
+        for (at, whole) in whole.iter().enumerate().take(to + 1).skip(from) {
+            for column in &columns[2..63] {
+                let [a, b, want] = [&pair[0], &pair[1], whole].map(|row| row[column].parse::<f64>().unwrap());
+                let read = a + (b - a) * (at - from) as f64 / (to - from) as f64;
+                let is_angle = ["Yaw", "Pitch", "Roll"].iter().any(|name| column.ends_with(name));
+                let most = if is_angle { 2_f64.to_radians() } else { 0.02 };
+                assert!((read - want).abs() < most + 1e-5, "{column} in frame {at}");
+            }
+        }
+    }
+    assert_eq!([frame(&few[0]), frame(few.last().unwrap())], [0, 89]);
+    let marked: Vec<_> = few.iter().filter(|row| !(row["Stroke"].is_empty() && row["Word"].is_empty())).collect();
+    let marked: Vec<_> = marked.iter().map(|row| (frame(row), &*row["Stroke"], &*row["Word"])).collect();
+    assert_eq!(marked, [(8, "left", ""), (17, "", "so far"), (89, "both", "")]);
+}
