@@ -647,7 +647,7 @@ typedef struct umo_session_config {
     uint32_t packet_history;
     // Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     uint32_t reorder_window;
-    // Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0 for none.
+    // Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0 for none.
     // Not with `UMO_VOICE_LIVE`, `UMO_PACKETS_ONLY` or decoders.
     uint64_t take_bytes;
 } umo_session_config;

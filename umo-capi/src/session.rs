@@ -102,7 +102,7 @@ pub struct UmoSessionConfig {
     pub packet_history: u32,
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub reorder_window: u32,
-    /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0 for none.
+    /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0 for none.
     /// Not with `UMO_VOICE_LIVE`, `UMO_PACKETS_ONLY` or decoders.
     pub take_bytes: u64,
 }

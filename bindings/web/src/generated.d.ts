@@ -154,7 +154,7 @@ export interface SessionOptions {
   /** Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4. */
   reorderWindow?: number;
   /**
-   * Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0 for none.
+   * Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0 for none.
    * Not with `"live"`, `"only"` or decoders.
    */
   takeBytes?: number | bigint;

@@ -545,7 +545,7 @@ pub(crate) struct SessionConfig {
     pub(crate) packet_history: u32,
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub(crate) reorder_window: u32,
-    /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a
+    /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a
     /// second; 0 for none. Not with `VOICE_LIVE`, `PACKETS_ONLY` or decoders.
     pub(crate) take_bytes: u64,
 }

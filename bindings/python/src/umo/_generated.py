@@ -593,7 +593,7 @@ class SessionConfig(Structure):
         ("packet_history", c_uint32),
         # Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
         ("reorder_window", c_uint32),
-        # Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 600 a second; 0
+        # Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0
         # for none. Not with `"live"`, `"only"` or decoders.
         ("take_bytes", c_uint64),
     ]

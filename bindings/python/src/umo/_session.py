@@ -87,7 +87,7 @@ class Session(_library.Handle):
     sync. `smoothing` is the low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; `guidance`
     the strength of the prompt, 1 to 3, and `horizon` the number of keyframes of future speech, for models that support
     them. With `packets` (`"beside_frames"` or `"only"`) chunks are output to `pull_packets` for remote `Decoder`s; each
-    packet repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 600
+    packet repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 700
     bytes a second. None stands for the model's default.
     """
 

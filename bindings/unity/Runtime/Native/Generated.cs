@@ -732,7 +732,7 @@ namespace Umo
         /// <summary>Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.</summary>
         public uint ReorderWindow;
         /// <summary>
-        /// Bytes of memory for a take that is recorded while the session runs (umo_session_take), some 600 a second; 0
+        /// Bytes of memory for a take that is recorded while the session runs (umo_session_take), some 700 a second; 0
         /// for none. Not with Voice.Live, Packets.Only or decoders.
         /// </summary>
         public ulong TakeBytes;

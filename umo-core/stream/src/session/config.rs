@@ -81,7 +81,7 @@ pub struct SessionConfig {
     /// Packets for [`Session::decoder`](super::Session::decoder)s elsewhere, if any.
     pub packets: Option<PacketConfig>,
     /// Bytes of memory for a take that is recorded while the session runs
-    /// ([`Session::take`](super::Session::take)), some 600 a second; 0 for none.
+    /// ([`Session::take`](super::Session::take)), some 700 a second; 0 for none.
     pub take_bytes: usize,
     /// For a [`Session::decoder`](super::Session::decoder): number of later packets, 0 to 4, that
     /// may arrive before a missing one counts as lost.
