@@ -357,9 +357,9 @@ pub struct Retarget {
     /// The character: .glb, .gltf or .vrm, or a skeleton, .bvh
     #[arg(long, value_name = "FILE")]
     pub onto: PathBuf,
-    /// File to write, in the character's format
+    /// File to write, in the character's format; one for each member of a conversation
     #[arg(short, long, value_name = "FILE", required_unless_present_any = ["print_mapping", "sheet"])]
-    pub output: Option<PathBuf>,
+    pub output: Vec<PathBuf>,
     /// Picture to write of the motion on the figure and on the character
     #[arg(long, value_name = "FILE.png")]
     pub sheet: Option<PathBuf>,

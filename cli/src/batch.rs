@@ -213,7 +213,7 @@ fn prepare(
     }
     let mut script = Script::default();
     if let Some(path) = &line.words {
-        script = Script::read(path, &speech, rules)?;
+        script = Script::read(path, rules, speech.seconds(), |rate| speech.mono(rate))?;
         animation.set_word_rules(rules.clone())?;
     }
     let frames = generator.hear(&mut animation, &speech)?;

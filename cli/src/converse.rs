@@ -17,8 +17,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umo_core::{
-    Engine, EngineConfig, MAX_BATCH, MAX_MEMBERS, Model, Mood, Place, Poll, Scene, SceneError, Session, SessionConfig,
-    Threads, WordRules,
+    Config, Engine, EngineConfig, MAX_BATCH, MAX_MEMBERS, Model, Mood, Place, Poll, Scene, SceneError, Session,
+    SessionConfig, Threads, WordRules,
 };
 use umo_core_base::file::AtomicFile;
 use umo_core_pose::clip::Clip;
@@ -29,10 +29,13 @@ use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::words::Script;
-use crate::{animate, atomic_file, model, progress, view};
+use crate::{animate, atomic_file, model, progress, view, words};
 use place::eye_height;
+use voice::Feed;
 pub(crate) use voice::Voice;
 
+/// Stands for the words of an avatar that has none.
+const NO_WORDS: &str = "-";
 /// Fewest members of a conversation.
 const LEAST: usize = 2;
 
@@ -45,11 +48,13 @@ pub(crate) struct Member {
     pub(crate) mood: Option<(Mood, f32)>,
     /// Words, and their rules.
     pub(crate) words: Option<(Script, WordRules)>,
+    /// Whether it is a person, who has no avatar.
+    pub(crate) is_person: bool,
 }
 
 impl Member {
     pub(crate) fn new(voice: Voice, place: Place, seed: u64) -> Self {
-        Self { voice, place, seed, prompt: None, mood: None, words: None }
+        Self { voice, place, seed, prompt: None, mood: None, words: None, is_person: false }
     }
 }
 
@@ -58,19 +63,24 @@ pub(crate) fn run(args: &Converse) -> Result<(), Failure> {
     let start = Instant::now();
     refuse_alone(&args.generate)?;
     if args.channels.is_none() {
-        check_count(args.speech.len())?;
+        check_count(args.speech.len() + args.person.len())?;
     }
     let voices = voices(args)?;
     check_count(voices.len())?;
+    let persons = persons(args, voices.len())?;
+    let avatars = persons.iter().filter(|is_person| !**is_person).count();
     let places = place::places(args.places.as_deref(), voices.len())?;
     let names = names(args, voices.len());
-    let outputs = Outputs::new(&args.output, voices.len())?;
+    let outputs = Outputs::new(&args.output, avatars)?;
+    check_turns(args, avatars)?;
+    let mut members: Vec<Member> = Vec::with_capacity(voices.len());
+    for (index, ((voice, place), is_person)) in voices.into_iter().zip(places).zip(persons).enumerate() {
+        let member = Member::new(voice, place, args.generate.seed.wrapping_add(index as u64));
+        members.push(Member { is_person, ..member });
+    }
+    give_words(args, members.iter_mut().filter(|member| !member.is_person))?;
     let model = model::load(&args.compute)?;
     outputs.check(&model)?;
-    let member = |(index, (voice, place)): (usize, (Voice, Place))| {
-        Member::new(voice, place, args.generate.seed.wrapping_add(index as u64))
-    };
-    let mut members: Vec<Member> = voices.into_iter().zip(places).enumerate().map(member).collect();
     let frames = frames(&members, model.config().frame_rate)?;
     let bar = progress::frames(frames);
     let threads = model::threads(&args.compute)?;
@@ -110,17 +120,69 @@ pub(crate) fn check_count(members: usize) -> Result<(), Failure> {
 fn voices(args: &Converse) -> Result<Vec<Voice>, Failure> {
     match &args.channels {
         Some(path) => Voice::channels(path, args.repair),
-        None => {
-            args.speech.iter().map(|path| Ok(Voice::Recording(Box::new(Speech::open(path, args.repair)?)))).collect()
+        None => recordings(args).map(|path| Ok(Voice::Recording(Box::new(Speech::open(path, args.repair)?)))).collect(),
+    }
+}
+
+/// The recordings, in the order of the members.
+fn recordings(args: &Converse) -> impl Iterator<Item = &PathBuf> {
+    args.speech.iter().chain(&args.person)
+}
+
+/// Which of the members are persons.
+fn persons(args: &Converse, members: usize) -> Result<Vec<bool>, Failure> {
+    let mut persons = vec![false; members];
+    match args.channels {
+        None => persons[args.speech.len()..].fill(true),
+        Some(_) => {
+            for given in &args.person {
+                let number = given.to_str().and_then(|text| text.parse::<usize>().ok()?.checked_sub(1));
+                let person = number.and_then(|number| persons.get_mut(number)).ok_or_else(|| {
+                    Failure::Input(format!("--person {}: expected a channel, 1 to {members}", given.display()))
+                })?;
+                *person = true;
+            }
         }
     }
+    match persons.contains(&false) {
+        true => Ok(persons),
+        false => Err(Failure::input("all members are persons: a conversation needs an avatar")),
+    }
+}
+
+/// Refuses prompts and words that do not go with the number of avatars.
+fn check_turns(args: &Converse, avatars: usize) -> Result<(), Failure> {
+    if !args.words.is_empty() && args.words.len() != avatars {
+        let problem = "expected --words for each, - for one without";
+        return Err(Failure::Input(format!("{} --words for {avatars} avatars: {problem}", args.words.len())));
+    }
+    match args.prompt.len() {
+        0 | 1 => Ok(()),
+        count if count == avatars => Ok(()),
+        count => {
+            Err(Failure::Input(format!("{count} --prompt for {avatars} avatars: expected one of all, or of each")))
+        }
+    }
+}
+
+/// Gives each avatar its prompt and its words.
+fn give_words<'a>(args: &Converse, avatars: impl Iterator<Item = &'a mut Member>) -> Result<(), Failure> {
+    let rules = words::rules(&args.rules)?;
+    for (avatar, member) in avatars.enumerate() {
+        member.prompt = args.prompt.get(avatar).or(args.prompt.first()).cloned();
+        let words = args.words.get(avatar).filter(|path| path.as_os_str() != NO_WORDS);
+        let script = words.map(|path| member.voice.script(path, &rules)).transpose()?;
+        member.words = script.map(|script| (script, rules.clone()));
+    }
+    Ok(())
 }
 
 /// Different names of the members: those of their files, or the numbers of their channels.
 fn names(args: &Converse, members: usize) -> Vec<String> {
     let mut taken = HashSet::new();
     let name = |member: usize| {
-        let stem = args.speech.get(member).and_then(|path| path.file_stem());
+        let recording = if args.channels.is_none() { recordings(args).nth(member) } else { None };
+        let stem = recording.and_then(|path| path.file_stem());
         let own = stem.map_or_else(|| format!("channel-{}", member + 1), |stem| stem.to_string_lossy().into_owned());
         let numbered = (2..).map(|number| format!("{own}-{number}"));
         let mut candidates = std::iter::once(own.clone()).chain(numbered);
@@ -135,8 +197,8 @@ fn frames(members: &[Member], rate: usize) -> Result<usize, Failure> {
     longest.filter(|&frames| frames > 0).ok_or_else(|| Failure::input("a conversation needs a frame of audio"))
 }
 
-/// Animates the members together, to the end of the longest recording; returns clips of one length. Calls `look` with
-/// the number of finished frames.
+/// Animates the members together, to the end of the longest recording; returns a clip of each that has an avatar, all of
+/// one length. Calls `look` with the number of finished frames.
 ///
 /// Every frame, the scene hears what each member has just said, and the members' next frames follow from it. So the
 /// result depends on neither threads nor time.
@@ -149,29 +211,31 @@ pub(crate) fn perform(
 ) -> Result<Vec<Clip>, Failure> {
     let config = model.config();
     let frames = frames(members, config.frame_rate)?;
+    let avatars = members.iter().filter(|member| !member.is_person).count();
     let engine = EngineConfig {
         threads: Threads::Host(threads - 1),
-        max_sessions: members.len(),
-        max_batch: members.len().clamp(1, MAX_BATCH),
+        max_sessions: avatars,
+        max_batch: avatars.clamp(1, MAX_BATCH),
         ..EngineConfig::default()
     };
     let engine = Engine::new(Arc::clone(model), &engine).map_err(Failure::input)?;
-    let sessions: Vec<Session> =
-        members.iter().map(|member| session(&engine, args, member)).collect::<Result<_, _>>()?;
+    let with_avatar = members.iter().filter(|member| !member.is_person);
+    let sessions: Vec<Session> = with_avatar.map(|member| session(&engine, args, member)).collect::<Result<_, _>>()?;
     let scene = Scene::new(members.first().map_or(0, |member| member.seed)).map_err(Failure::environment)?;
     let eye_height = eye_height(&config.skeleton);
-    for (session, member) in sessions.iter().zip(&*members) {
-        scene.add(Some(session), Place { eye_height, ..member.place })?;
-    }
-    let mut clips = vec![config.clip(); members.len()];
-    let mut feeds = Vec::with_capacity(members.len());
+    let rate = config.audio.sample_rate;
+    let (mut feeds, mut people, mut bodies) = (Vec::with_capacity(avatars), Vec::new(), sessions.iter());
     for member in &mut *members {
         let script = member.words.take().map_or_else(Script::default, |(script, _)| script);
-        feeds.push((member.voice.feed(config.audio.sample_rate)?, script));
+        let body = if member.is_person { None } else { bodies.next() };
+        let id = scene.add(body, Place { eye_height, ..member.place })?;
+        let feed = member.voice.feed(rate)?;
+        if member.is_person { people.push((id, feed)) } else { feeds.push((feed, script)) }
     }
+    let mut room = Performance { scene, sessions: &sessions, people, clips: vec![config.clip(); avatars] };
     let mut pushed = 0;
     for frame in 1..=frames {
-        let until = (frame * config.audio.sample_rate).div_ceil(config.frame_rate);
+        let until = (frame * rate).div_ceil(config.frame_rate);
         for (session, (feed, script)) in sessions.iter().zip(&mut feeds) {
             script.give(|text, start, end| session.hint_words(text, start, end))?;
             let taken = session.push_audio(feed.take(until - pushed)?).map_err(Failure::environment)?.taken;
@@ -183,36 +247,51 @@ pub(crate) fn perform(
             }
         }
         pushed = until;
-        pull(&engine, &scene, &sessions, config.frame_rate, &mut clips)?;
-        look(clips[0].len());
+        room.go_on(&engine)?;
+        look(room.clips[0].len());
     }
-    match clips.iter().all(|clip| clip.len() == frames) {
-        true => Ok(clips),
+    match room.clips.iter().all(|clip| clip.len() == frames) {
+        true => Ok(room.clips),
         false => Err(Failure::environment("internal: the conversation ended early")),
     }
 }
 
-/// Computes what is due, and pulls a frame of each member after the other while all have one.
-fn pull(
-    engine: &Engine,
-    scene: &Scene<&Session>,
-    sessions: &[Session],
-    rate: usize,
-    clips: &mut [Clip],
-) -> Result<(), Failure> {
-    loop {
-        while engine.poll(Duration::MAX).map_err(Failure::environment)? != Poll::Idle {}
-        let ready = sessions.iter().map(Session::ready_frames).collect::<Result<Vec<_>, _>>();
-        let ready = ready.map_err(Failure::environment)?.into_iter().min().unwrap_or(0);
-        if ready == 0 {
-            return Ok(());
-        }
-        for _ in 0..ready {
-            scene.update(1.0 / rate as f64)?;
-            for (session, clip) in sessions.iter().zip(&mut *clips) {
-                session.pull_frames(1, |frame| clip.push(frame.pose, frame.face)).map_err(Failure::environment)?;
+/// A conversation as it goes on.
+struct Performance<'a> {
+    scene: Scene<&'a Session>,
+    sessions: &'a [Session],
+    /// Number and voice of each person.
+    people: Vec<(u32, Feed<'a>)>,
+    /// The sessions' frames so far.
+    clips: Vec<Clip>,
+}
+
+impl Performance<'_> {
+    /// Computes what is due, and pulls a frame of each session after the other while all have one.
+    fn go_on(&mut self, engine: &Engine) -> Result<(), Failure> {
+        loop {
+            while engine.poll(Duration::MAX).map_err(Failure::environment)? != Poll::Idle {}
+            let ready = self.sessions.iter().map(Session::ready_frames).collect::<Result<Vec<_>, _>>();
+            let ready = ready.map_err(Failure::environment)?.into_iter().min().unwrap_or(0);
+            if ready == 0 {
+                return Ok(());
             }
+            (0..ready).try_for_each(|_| self.pull(engine.model().config()))?;
         }
+    }
+
+    fn pull(&mut self, config: &Config) -> Result<(), Failure> {
+        self.scene.update(1.0 / config.frame_rate as f64)?;
+        let shown = self.clips[0].len();
+        for (session, clip) in self.sessions.iter().zip(&mut self.clips) {
+            session.pull_frames(1, |frame| clip.push(frame.pose, frame.face)).map_err(Failure::environment)?;
+        }
+        // As of the sessions, the next update hears the frame that was shown.
+        let until = |frame: usize| (frame * config.audio.sample_rate).div_ceil(config.frame_rate);
+        for (id, voice) in &mut self.people {
+            self.scene.push_audio(*id, voice.take(until(shown + 1) - until(shown))?)?;
+        }
+        Ok(())
     }
 }
 
@@ -251,19 +330,19 @@ struct Outputs {
     rooms: Vec<AtomicFile>,
     /// Pages of all members.
     pages: Vec<AtomicFile>,
-    /// A file of each member, or none.
+    /// A file of each avatar, or none.
     each: Vec<(Format, export::Output)>,
 }
 
 impl Outputs {
     /// Opens the outputs.
-    fn new(paths: &[PathBuf], members: usize) -> Result<Self, Failure> {
+    fn new(paths: &[PathBuf], avatars: usize) -> Result<Self, Failure> {
         let is = |path: &Path, known: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(known));
         let (pages, files): (Vec<&PathBuf>, Vec<_>) = paths.iter().partition(|path| is(path, "html"));
         let is_room = matches!(&files[..], [one] if is(one, "glb"));
         let (rooms, each) = if is_room { (files, Vec::new()) } else { (Vec::new(), files) };
-        if !each.is_empty() && each.len() != members {
-            let problem = format!("{} outputs for {members} members: expected one for each", each.len());
+        if !each.is_empty() && each.len() != avatars {
+            let problem = format!("{} outputs for {avatars} avatars: expected one for each", each.len());
             return Err(Failure::Input(format!("{problem}, or a single .glb or .html of all")));
         }
         let open = |path: &&PathBuf| {
@@ -283,18 +362,21 @@ impl Outputs {
     }
 
     fn write(self, args: &Converse, members: &[Member], names: &[String], clips: Vec<Clip>) -> Result<(), Failure> {
+        let with_avatar: Vec<(&Member, &String)> =
+            members.iter().zip(names).filter(|(member, _)| !member.is_person).collect();
         let figure = |member: usize| args.figure[member % args.figure.len()];
         for (member, ((_, output), clip)) in self.each.into_iter().zip(&clips).enumerate() {
             output.write(clip, figure(member)).map_err(Failure::environment)?;
         }
         if !self.rooms.is_empty() {
-            let built = args.figure.iter().take(members.len());
+            let built = args.figure.iter().take(clips.len());
             let built = built.map(|figure| BuiltFigure::new(*figure, &clips[0])).collect::<Result<Vec<_>, _>>();
             let built = built.map_err(Failure::environment)?;
             let member = |at: usize| {
-                let Place { position, facing, .. } = members[at].place;
+                let (member, name) = with_avatar[at];
+                let Place { position, facing, .. } = member.place;
                 let figure = Some(&built[at % built.len()]);
-                glb::Member { name: names[at].as_str(), clip: &clips[at], figure, position, facing }
+                glb::Member { name: name.as_str(), clip: &clips[at], figure, position, facing }
             };
             let room: Vec<glb::Member> = (0..clips.len()).map(member).collect();
             for output in self.rooms {

@@ -78,33 +78,34 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         print(target.rig(), &mapping, &convention, &faces, &arkit);
     }
     checked?;
-    let Some(input) = args.input.as_ref().filter(|_| args.output.is_some() || args.sheet.is_some()) else {
+    let Some(input) = args.input.as_ref().filter(|_| !args.output.is_empty() || args.sheet.is_some()) else {
         return Ok(());
     };
-    if let Some(output) = &args.output {
-        target.check_output(output)?;
-    }
-    let out = args.output.as_deref().map(atomic_file::create).transpose()?;
+    args.output.iter().try_for_each(|output| target.check_output(output))?;
+    let outputs = args.output.iter().map(|path| atomic_file::create(path)).collect::<Result<Vec<_>, _>>()?;
     let sheet = args.sheet.as_deref().map(|sheet| target.check_sheet(sheet).map(|()| atomic_file::create(sheet)));
-    let sheet = sheet.transpose()?.transpose()?;
-    let clip = clip(input, args)?;
-    let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
-    let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
-    faces.release_bones(&clip.face, &mapping, &mut retarget);
-    let motion = motion(&retarget, &clip)?;
-    if let (Some(path), Some(out)) = (&args.output, out) {
-        let bytes = target.animated(&retarget, &motion, &faces, &clip).map_err(wrong)?;
-        atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
-        tell(path, &clip, &mapping, &convention, &faces);
-        target.notes(&mapping, &faces, &clip.face).iter().for_each(|note| eprintln!("note: {note}"));
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vrm")) {
-            eprintln!("{VRM_NOTE}");
+    let mut sheet = sheet.transpose()?.transpose()?;
+    let mut outputs = args.output.iter().zip(outputs);
+    for (number, clip) in clips(input, args)?.iter().enumerate() {
+        let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
+        let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
+        faces.release_bones(&clip.face, &mapping, &mut retarget);
+        let motion = motion(&retarget, clip)?;
+        if let Some((path, out)) = outputs.next() {
+            let bytes = target.animated(&retarget, &motion, &faces, clip).map_err(wrong)?;
+            atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
+            tell(path, clip, &mapping, &convention, &faces, number == 0);
+            let notes = target.notes(&mapping, &faces, &clip.face);
+            notes.iter().filter(|_| number == 0).for_each(|note| eprintln!("note: {note}"));
+        }
+        if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet.take()) {
+            let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, clip).map_err(wrong)?;
+            atomic_file::commit(out, |out| picture.write(out))?;
+            println!("{}: the motion on the figure and on the character", path.display());
         }
     }
-    if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet) {
-        let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).map_err(wrong)?;
-        atomic_file::commit(out, |out| picture.write(out))?;
-        println!("{}: the motion on the figure and on the character", path.display());
+    if args.output.iter().any(|path| path.extension().is_some_and(|own| own.eq_ignore_ascii_case("vrm"))) {
+        eprintln!("{VRM_NOTE}");
     }
     Ok(())
 }
@@ -124,19 +125,35 @@ pub(crate) fn is_character(path: &Path) -> bool {
     ["glb", "gltf", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
-/// Returns the animation of a recording, or reads a finished one.
-fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
+/// Returns the animation of a recording, or reads a finished one: of a conversation, each member's.
+fn clips(input: &Path, args: &args::Retarget) -> Result<Vec<Clip>, Failure> {
     if !umo_audio_file::has_extension(input) {
         args.words.refuse_with("an animation: it has its gestures already")?;
-        return import::read(input);
+        let members = import::members(input)?;
+        check_outputs(input, &members.iter().map(|member| member.name.as_str()).collect::<Vec<_>>(), args)?;
+        return Ok(members.into_iter().map(|member| member.clip).collect());
     }
+    check_outputs(input, &[""], args)?;
     let speech = Speech::open(input, args.repair)?;
     let generator =
         animate::Generator::new(&args.generate, &args.compute, model::open(args.compute.model.as_deref())?)?;
     let mut animation = generator.animation("audio_to_motion", None)?;
     let script = Script::begin(&args.words, &speech, &mut animation)?;
     let frames = generator.hear(&mut animation, &speech)?;
-    generator.clip(&mut animation, frames, script, |_| ())
+    Ok(vec![generator.clip(&mut animation, frames, script, |_| ())?])
+}
+
+/// Refuses outputs that are not one for each member, and a sheet of several.
+fn check_outputs(input: &Path, names: &[&str], args: &args::Retarget) -> Result<(), Failure> {
+    let (outputs, members) = (args.output.len(), format!("{} members, {}", names.len(), names.join(", ")));
+    let problem = match names.len() {
+        1 if outputs <= 1 => return Ok(()),
+        1 => format!("one motion, but {outputs} outputs"),
+        _ if args.sheet.is_some() => format!("{members}: --sheet draws one"),
+        count if count == outputs => return Ok(()),
+        _ => format!("{members}, but {outputs} outputs: expected -o for each"),
+    };
+    Err(Failure::input(format!("{}: {problem}", input.display())))
 }
 
 fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Retarget, String> {
@@ -284,8 +301,8 @@ fn print(rig: &Rig, mapping: &Mapping, convention: &str, faces: &Faces, face: &F
     faces.list(face).iter().for_each(|line| println!("{line}"));
 }
 
-/// Prints one line about the result, and notes on missing bones and shapes.
-fn tell(output: &Path, clip: &Clip, mapping: &Mapping, convention: &str, faces: &Faces) {
+/// Prints one line about the result, and notes on missing bones and shapes if asked.
+fn tell(output: &Path, clip: &Clip, mapping: &Mapping, convention: &str, faces: &Faces, notes: bool) {
     let entries = mapping.entries();
     let missing: Vec<_> = entries.iter().filter(|(_, bones)| bones.is_empty()).map(|(joint, _)| *joint).collect();
     let bones: usize = entries.iter().map(|(_, bones)| bones.len()).sum();
@@ -296,6 +313,9 @@ fn tell(output: &Path, clip: &Clip, mapping: &Mapping, convention: &str, faces: 
         clip.len(),
         faces.moved()
     );
+    if !notes {
+        return;
+    }
     if !missing.is_empty() {
         eprintln!("note: no bones for {}", missing.join(", "));
     }

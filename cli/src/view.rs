@@ -80,7 +80,7 @@ fn scene(input: &Path, args: &Page) -> Result<Scene, Failure> {
     let scene = if is_animation(input) {
         args.words.refuse_with("an animation: it has its gestures already")?;
         Scene::of_animation(input, args)?
-    } else if args.audio.is_some() {
+    } else if !args.audio.is_empty() {
         return Err(Failure::input("--audio goes with an animation: a recording is its own audio"));
     } else {
         Scene::of_speech(input, args)?

@@ -124,7 +124,8 @@ impl Script {
     pub(crate) fn of(args: &WordArgs, speech: &Speech) -> Result<Option<(Self, WordRules)>, Failure> {
         let Some(path) = &args.words else { return Ok(None) };
         let rules = rules(&args.rules)?;
-        Ok(Some((Self::read(path, speech, &rules)?, rules)))
+        let script = Self::read(path, &rules, speech.seconds(), |rate| speech.mono(rate))?;
+        Ok(Some((script, rules)))
     }
 
     /// [`Self::of`], with the rules set in the animation.
@@ -134,13 +135,18 @@ impl Script {
         Ok(script)
     }
 
-    /// Reads the words of a file; plain text is spread over the voice of the recording.
-    pub(crate) fn read(path: &Path, speech: &Speech, rules: &WordRules) -> Result<Self, Failure> {
+    /// Reads the words of a file; plain text is spread over the `voice` of the recording, which it returns at a rate.
+    pub(crate) fn read(
+        path: &Path,
+        rules: &WordRules,
+        seconds: f64,
+        voice: impl FnOnce(usize) -> Result<Vec<f32>, Failure>,
+    ) -> Result<Self, Failure> {
         let mut words = match transcript::read(path)? {
             Transcript::Timed(words) => words,
             Transcript::Plain(text) => {
-                let samples = speech.mono(transcript::VOICE_RATE)?;
-                transcript::spread(rules, &text, &transcript::voiced(&samples), speech.seconds())
+                let samples = voice(transcript::VOICE_RATE)?;
+                transcript::spread(rules, &text, &transcript::voiced(&samples), seconds)
             }
         };
         words.sort_by(|a, b| a.start.total_cmp(&b.start));

@@ -77,6 +77,7 @@ const OTHER: &str = "the figure was built for another skeleton or face";
 /// animation of that skeleton.
 #[derive(Debug)]
 pub struct BuiltFigure {
+    figure: Figure,
     offsets_m: Vec<[f32; 3]>,
     face: FaceKind,
     pub(crate) mesh: Mesh,
@@ -98,7 +99,8 @@ impl BuiltFigure {
         };
         let palette = Palette::new(&mesh);
         let textures = Textures::new(&mesh, &palette)?;
-        Ok(Self { offsets_m: clip.skeleton.offsets_m.clone(), face: clip.face.kind, mesh, palette, textures })
+        let offsets_m = clip.skeleton.offsets_m.clone();
+        Ok(Self { figure, offsets_m, face: clip.face.kind, mesh, palette, textures })
     }
 
     /// Whether the figure was built for clips like this.
@@ -197,7 +199,8 @@ fn add_body(builder: &mut Builder, member: &Member<'_>, like: Option<&Body>) -> 
     Body { joints, helpers, skin, meshes, nodes }
 }
 
-/// Adds the node of a member's place above its bones, and sets its name before the others.
+/// Adds the node of a member's place above its bones, and sets its name before the others. The node says which figure
+/// the member wears.
 fn add_place(builder: &mut Builder, member: &Member<'_>, body: &Body, is_first: bool) -> Index<Node> {
     if !is_first {
         let prefix = |name: &mut Option<String>| {
@@ -209,11 +212,13 @@ fn add_place(builder: &mut Builder, member: &Member<'_>, body: &Body, is_first: 
         prefix(&mut builder.root.skins[body.skin.value()].name);
     }
     let (sine, cosine) = (0.5 * member.facing).sin_cos();
+    let figure = member.figure.map(|built| serde_json::json!({ "figure": built.figure.name() }));
     builder.root.push(Node {
         name: Some(member.name.to_owned()),
         translation: Some(member.position),
         rotation: Some(json::scene::UnitQuaternion([0.0, sine, 0.0, cosine])),
         children: Some(vec![body.joints[0]]),
+        extras: figure.and_then(|figure| serde_json::value::to_raw_value(&figure).ok()),
         ..Node::default()
     })
 }

@@ -20,7 +20,9 @@ export function prepare({ run, at, speech }) {
   run("view", at("hello.npz"), "--audio", speech, "-o", at("npz.html"), "--no-open");
   run("view", at("hello.glb"), "-o", at("glb.html"), "--no-open");
   const pair = [speech, speech, "--places", "-0.7,0,60 0.7,0.2,-90"];
-  run("converse", ...pair, "-o", at("talk.html"), "--figure", "alex,bea");
+  run("converse", ...pair, "-o", at("talk.html"), "-o", at("talk.glb"), "--figure", "alex,bea");
+  run("view", at("talk.glb"), "--audio", speech, "--audio", speech, "-o", at("talk-read.html"), "--no-open");
+  run("view", at("talk.glb"), "-o", at("talk-mute.html"), "--no-open");
   run("converse", ...pair, "-o", at("ada.jsonl"), "-o", at("bob.jsonl"));
   run("model", "random", "--size", "tiny", "--layout", "frames", "-o", at("frames.safetensors"));
   run("view", speech, "--model", at("frames.safetensors"), "-o", at("frames.html"), "--no-open");
@@ -81,6 +83,38 @@ async function showsFrames(context, name, most) {
   await closed(page);
 }
 
+/** Checks that a page shows both members of the conversation, with their voices. */
+async function showsMembers(context, name, most) {
+  const page = await opened(context, name);
+  assert.deepEqual(await page.value("umo.scene.room.map(({ figure }) => figure)"), [0, 1]);
+  const turned = ([x, y, z], degrees, position) => {
+    const [s, c] = [Math.sin, Math.cos].map((of) => of((degrees * Math.PI) / 180));
+    return [position[0] + x * c + z * s, y, position[1] + z * c - x * s];
+  };
+  const members = [["ada", 60, [-0.7, 0]], ["bob", -90, [0.7, 0.2]]];
+  for (const index of [0, 77]) {
+    await page.value(`umo.seek(${index} / ${RATE})`);
+    const shown = await page.value("umo.members()");
+    members.forEach(([name, degrees, position], i) => {
+      const made = read(context.at(`${name}.jsonl`));
+      const wanted = places(made, made.frames[index]).map((place) => turned(place, degrees, position));
+      shown[i].places.forEach((place, joint) => near(place, wanted[joint], most, `${name}, frame ${index}, joint ${joint}`));
+    });
+  }
+  for (const member of [0, 1]) {
+    await page.value(`umo.follow(${member}); umo.camera("all"); umo.seek(2)`);
+    for (const joint of ["head", "spine2"]) {
+      assert.equal(await alpha(page, await page.value(`umo.onScreen("${joint}")`)), 255, `${joint} of member ${member}`);
+    }
+  }
+  await page.value("umo.seek(0); umo.play()");
+  await until(() => page.value("umo.playing && umo.time > 0.5"));
+  assert.equal(await page.value("umo.clock.sources.length"), 2);
+  await page.value("umo.pause()");
+  assert.equal(await page.value("umo.clock.sources.length"), 0);
+  await closed(page);
+}
+
 /** Alpha of the picture at a position: whether something is drawn there. */
 const alpha = (page, [x, y]) =>
   page.value(`(() => {
@@ -125,35 +159,16 @@ export const tests = [
     },
   ],
 
+  ["a conversation shows every member at its place, with the sound of all", (context) => showsMembers(context, "talk.html", 1e-5)],
+  ["a .glb of a conversation shows the same", (context) => showsMembers(context, "talk-read.html", 3e-5)],
+
   [
-    "a conversation shows every member at its place, with the sound of all",
+    "a conversation without sound plays",
     async (context) => {
-      const page = await opened(context, "talk.html");
-      const turned = ([x, y, z], degrees, position) => {
-        const [s, c] = [Math.sin, Math.cos].map((of) => of((degrees * Math.PI) / 180));
-        return [position[0] + x * c + z * s, y, position[1] + z * c - x * s];
-      };
-      const members = [["ada", 60, [-0.7, 0]], ["bob", -90, [0.7, 0.2]]];
-      for (const index of [0, 77]) {
-        await page.value(`umo.seek(${index} / ${RATE})`);
-        const shown = await page.value("umo.members()");
-        members.forEach(([name, degrees, position], i) => {
-          const made = read(context.at(`${name}.jsonl`));
-          const wanted = places(made, made.frames[index]).map((place) => turned(place, degrees, position));
-          shown[i].places.forEach((place, joint) => near(place, wanted[joint], 1e-5, `${name}, frame ${index}, joint ${joint}`));
-        });
-      }
-      for (const member of [0, 1]) {
-        await page.value(`umo.follow(${member}); umo.camera("all"); umo.seek(2)`);
-        for (const joint of ["head", "spine2"]) {
-          assert.equal(await alpha(page, await page.value(`umo.onScreen("${joint}")`)), 255, `${joint} of member ${member}`);
-        }
-      }
+      const page = await opened(context, "talk-mute.html");
+      assert.equal(await page.value("umo.members().length"), 2);
       await page.value("umo.seek(0); umo.play()");
       await until(() => page.value("umo.playing && umo.time > 0.5"));
-      assert.equal(await page.value("umo.clock.sources.length"), 2);
-      await page.value("umo.pause()");
-      assert.equal(await page.value("umo.clock.sources.length"), 0);
       await closed(page);
     },
   ],

@@ -18,7 +18,7 @@ def motion(eyes_degrees: np.ndarray, head_degrees: np.ndarray) -> Posed:
     turns[:, [JOINT["left_eye"], JOINT["right_eye"]], 1] = np.radians(eyes_degrees)[:, None]
     turns[:, JOINT["head"], 0] = np.radians(head_degrees)
     local = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(-1, JOINTS, 3, 3)
-    return Posed(local, np.zeros((len(turns), 3)))
+    return Posed(local, np.zeros((len(turns), 3)), np.zeros(len(turns)))
 
 
 def test_turns_follow_each_other_and_some_interrupt():
@@ -44,10 +44,15 @@ def test_looks_and_nods_are_found():
         end = int((at / 30 - 0.5) * SAMPLE_RATE)
         voice[max(end - int(4 * SAMPLE_RATE), 0) : end] = 0.1
     speaks = Conversation((voice, 0 * voice), (Turn(0, 0.5, 29.5),))
-    found = conversation.measure(speaks, [motion(0 * nodding + 20, 0 * nodding), motion(0 * nodding, nodding)])
+    # Both runs have the body's own motion, and the layer sways besides.
+    clock = np.arange(frames) / 30
+    body, sway = 3 * np.sin(2 * np.pi * 1.9 * clock), 2 * np.sin(2 * np.pi * 0.6 * clock)
+    one = motion(0 * nodding + 20, 0 * nodding)
+    still = [one, motion(0 * nodding, body)]
+    found = conversation.measure(speaks, [one, motion(0 * nodding, body + sway + nodding)], still)
     assert found["looks at the speaker while listening"] > 0.75
     assert found["looks at the listener while speaking"] == 0 and found["mutual gaze"] == 0
-    assert 8 < found["dips of the head by 2.5°, a minute of listening"] < 12
+    assert 8 < found["nods, a minute of listening"] < 12
     assert found["of them within 1.2 s of a phrase's end"] == 1 and found["by chance"] < 0.4
 
 
@@ -55,5 +60,16 @@ def test_a_look_that_comes_late_is_timed():
     still = np.zeros(300)
     silent = np.zeros(10 * SAMPLE_RATE, np.float32)
     late = motion(np.where(np.arange(300) < 39, 20.0, 0.0), still)
-    found = conversation.measure(Conversation((silent, silent), (Turn(0, 1.0, 9.0),)), [motion(still, still), late])
+    pair = [motion(still, still), late]
+    found = conversation.measure(Conversation((silent, silent), (Turn(0, 1.0, 9.0),)), pair, pair)
     assert abs(found["first look at a new speaker, s, median"] - 0.3) < 0.04
+
+
+def test_a_mouth_that_moves_with_anothers_voice_is_found():
+    silent = np.zeros(10 * SAMPLE_RATE, np.float32)
+    speaks = Conversation((silent + 0.1, silent), (Turn(0, 0.0, 5.0),))
+    assert np.allclose(conversation.leaky(speaks.voices)[1], 0.1 * conversation.LEAK)
+    one = motion(np.zeros(300), np.zeros(300))
+    jaw = np.where(np.arange(300) < 75, 0.3, 0.0)
+    assert conversation.open_mouths(speaks, [one, Posed(one.local, one.at, jaw)]) == 0.5
+    assert conversation.open_mouths(speaks, [Posed(one.local, one.at, jaw), one]) == 0

@@ -552,15 +552,11 @@ impl UmoAvatar3D {
     /// bit-identical motion. The player's current sound is ignored until it starts again.
     #[func]
     fn restore_state(&mut self, state: PackedByteArray) -> bool {
-        if self.tell(|session| session.restore(state.as_slice())).is_none() {
-            return false;
+        let is_restored = self.tell(|session| session.restore(state.as_slice())).is_some();
+        if is_restored {
+            self.go_on();
         }
-        self.start_clock();
-        self.heard = true;
-        if let Some(line) = &mut self.line {
-            line.source = Source::Dropped;
-        }
-        true
+        is_restored
     }
 
     /// Delay of the motion behind the speech: `samples` of future audio that a frame needs, and the same in `seconds`;
@@ -843,6 +839,16 @@ impl UmoAvatar3D {
 
     fn start_clock(&mut self) {
         (self.heard, self.time, self.clock, self.shown) = (false, 0.0, 0.0, Shown::default());
+    }
+
+    /// Goes on from a state that was restored, by itself or with its scene.
+    pub(crate) fn go_on(&mut self) {
+        self.session.iter().for_each(Session::forget_pushed);
+        self.start_clock();
+        self.heard = true;
+        if let Some(line) = &mut self.line {
+            line.source = Source::Dropped;
+        }
     }
 
     /// Calls the session and reports an error; `None` if there is no session or the call fails.

@@ -102,6 +102,9 @@ library! {
     scene_update(Handle, f64) -> Status;
     scene_floor(Handle, *mut u32) -> Status;
     scene_member(Handle, u32, *mut Member) -> Status;
+    scene_state_size(Handle, *mut usize) -> Status;
+    scene_save(Handle, *mut u8, usize, *mut usize) -> Status;
+    scene_restore(Handle, *const u8, usize) -> Status;
 }
 
 impl Library {

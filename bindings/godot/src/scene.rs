@@ -24,13 +24,13 @@ struct Known {
     /// Its target.
     target: Option<InstanceId>,
     parts: u32,
-    /// Target and parts that the scene has.
-    sent: (Target, u32),
+    /// Target and parts that the scene has; unknown after a state was restored.
+    sent: Option<(Target, u32)>,
 }
 
 impl Known {
     const fn new() -> Self {
-        Self { id: 0, session: None, target: None, parts: ALL_PARTS, sent: (Target::Free, ALL_PARTS) }
+        Self { id: 0, session: None, target: None, parts: ALL_PARTS, sent: None }
     }
 }
 
@@ -103,8 +103,7 @@ impl UmoScene3D {
     #[func]
     fn advance(&mut self, seconds: f64) {
         if let Err(error) = self.step(seconds) {
-            godot_error!("umo: {error}");
-            self.to_gd().call_deferred("emit_signal", vslice!["failed", error.as_str()]);
+            self.complain(&error);
             self.close();
         }
     }
@@ -156,9 +155,44 @@ impl UmoScene3D {
             "level" => info.level,
         }
     }
+
+    /// Returns the complete state of the scene and of its avatars' streams, for `restore_state`; empty while a chunk of one
+    /// is being computed: try again in the next frame.
+    #[func]
+    fn save_state(&self) -> PackedByteArray {
+        self.tell(Scene::save).unwrap_or_default()
+    }
+
+    /// Continues from a saved state of this scene, or of one with the same members in the same order, whose avatars have
+    /// the same properties: the same calls then give bit-identical motion. Targets and parts stay those of the node.
+    #[func]
+    fn restore_state(&mut self, state: PackedByteArray) -> bool {
+        if self.tell(|scene| scene.restore(state.as_slice())).is_none() {
+            return false;
+        }
+        for (node, known) in &mut self.known {
+            known.sent = None;
+            if known.session.is_some()
+                && let Ok(mut avatar) = Gd::<UmoAvatar3D>::try_from_instance_id(*node)
+            {
+                avatar.bind_mut().go_on();
+            }
+        }
+        true
+    }
 }
 
 impl UmoScene3D {
+    /// Calls the scene and reports an error; `None` if there is no scene yet or the call fails.
+    fn tell<T>(&self, call: impl FnOnce(&Scene) -> Result<T, String>) -> Option<T> {
+        call(self.scene.as_ref()?).map_err(|error| self.complain(&error)).ok()
+    }
+
+    fn complain(&self, error: &str) {
+        godot_error!("umo: {error}");
+        self.to_gd().call_deferred("emit_signal", vslice!["failed", error]);
+    }
+
     fn close(&mut self) {
         self.scene = None;
         self.floor = None;
@@ -249,7 +283,7 @@ fn follow(scene: &Scene, known: &mut Known, node: &Gd<Node3D>) -> Result<(), Str
         return scene.set_place(known.id, &standing);
     }
     known.id = scene.add(session, &standing)?;
-    (known.session, known.sent) = (number, (Target::Free, ALL_PARTS));
+    (known.session, known.sent) = (number, Some((Target::Free, ALL_PARTS)));
     Ok(())
 }
 
@@ -280,14 +314,14 @@ fn tell(scene: &Scene, known: &mut HashMap<InstanceId, Known>, node: InstanceId)
         _ => Target::Free,
     };
     let (id, sent, wanted) = (member.id, member.sent, (target, member.parts));
-    if sent.0 != wanted.0 {
+    if sent.is_none_or(|sent| sent.0 != wanted.0) {
         scene.set_target(id, wanted.0)?;
     }
-    if sent.1 != wanted.1 {
+    if sent.is_none_or(|sent| sent.1 != wanted.1) {
         scene.set_allowed(id, wanted.1)?;
     }
     if let Some(member) = known.get_mut(&node) {
-        member.sent = wanted;
+        member.sent = Some(wanted);
     }
     Ok(())
 }

@@ -554,8 +554,13 @@ impl Session {
     pub(crate) fn restore(&self, state: &[u8]) -> Result<(), String> {
         // SAFETY: `state` has its length.
         let status = unsafe { (self.model.library.session_restore)(self.session, state.as_ptr(), state.len()) };
-        self.pushed.set(None);
+        self.forget_pushed();
         self.check(status)
+    }
+
+    /// Its state was restored, which does not contain what was pushed.
+    pub(crate) fn forget_pushed(&self) {
+        self.pushed.set(None);
     }
 
     pub(crate) fn set_prompt(&self, text: &str) -> Result<(), String> {
@@ -664,6 +669,29 @@ impl Scene {
         // SAFETY: the place says its own size, `member` is writable.
         let status = unsafe { (self.library.scene_add)(self.scene, session, &standing.place(), &mut member) };
         self.check(status).map(|()| member)
+    }
+
+    /// The state of the scene and of its members' sessions.
+    pub(crate) fn save(&self) -> Result<PackedByteArray, String> {
+        let mut size = 0;
+        // SAFETY: `size` is writable.
+        let status = unsafe { (self.library.scene_state_size)(self.scene, &mut size) };
+        self.check(status)?;
+        let mut state = PackedByteArray::new();
+        state.resize(size);
+        // SAFETY: `state` has `size` bytes.
+        let status =
+            unsafe { (self.library.scene_save)(self.scene, state.as_mut_slice().as_mut_ptr(), size, &mut size) };
+        self.check(status)?;
+        state.resize(size);
+        Ok(state)
+    }
+
+    /// Restores a saved state.
+    pub(crate) fn restore(&self, state: &[u8]) -> Result<(), String> {
+        // SAFETY: `state` has its length.
+        let status = unsafe { (self.library.scene_restore)(self.scene, state.as_ptr(), state.len()) };
+        self.check(status)
     }
 
     /// Removes a member, unless it has left with its session.

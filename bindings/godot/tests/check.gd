@@ -554,6 +554,57 @@ func test_the_listener_turns_to_who_speaks() -> void:
 	expect(turns[0] - turns[1] > 0.2, "a turn to the speaker, got %s" % [turns])
 
 
+func test_a_scene_goes_on_from_a_saved_state() -> void:
+	var state := [PackedByteArray()]
+	var runs := []
+	told.clear()
+	for again in 2:
+		var scene := UmoScene3D.new()
+		scene.failed.connect(func(message: String) -> void: told.append(message))
+		root.add_child(scene)
+		scene.set_process(false)
+		expect(scene.save_state().is_empty() and not scene.restore_state(state[0]), "no scene yet")
+		var avatars: Array[UmoAvatar3D] = []
+		for i in 2:
+			var avatar := UmoAvatar3D.new()
+			avatar.model = MODEL
+			scene.add_child(avatar)
+			avatar.set_process(false)
+			avatar.position.x = 1.2 * i
+			avatars.append(avatar)
+		scene.advance(0)
+		if again == 0:
+			var samples := hello().slice(0, 48000)
+			avatars[0].push_audio(samples)
+			samples.fill(0.0)
+			avatars[1].push_audio(samples)
+			await until(func() -> bool: return avatars.all(func(avatar: UmoAvatar3D) -> bool: return avatar.stats().frames >= 78))
+			seconds_of_a_scene(scene, avatars, 0, 40)
+			expect(await until(func() -> bool:
+				state[0] = scene.save_state()
+				return not state[0].is_empty()), "a state that is saved")
+			runs.append(seconds_of_a_scene(scene, avatars, 40, 75))
+		expect(await until(func() -> bool: return scene.restore_state(state[0])), "a state that is taken")
+		runs.append(seconds_of_a_scene(scene, avatars, 40, 75))
+		expect(scene.floor() == avatars[0] and scene.get_member(avatars[1]).role == 1, "who speaks and who listens")
+		var damaged: PackedByteArray = state[0].slice(1)
+		expect(not scene.restore_state(damaged), "a damaged state refused")
+		await process_frame
+		expect(told.size() == again + 1, "an error for each damaged state, got %s" % [told])
+		scene.free()
+	expect(runs[0].size() > 0 and runs[0] == runs[1] and runs[0] == runs[2], "the same bits after the state")
+
+
+## Frames of all avatars while their scene goes on.
+func seconds_of_a_scene(scene: UmoScene3D, avatars: Array[UmoAvatar3D], from: int, to: int) -> PackedByteArray:
+	var bits := PackedByteArray()
+	for i in range(from, to):
+		scene.advance(1 / 30.0)
+		for avatar in avatars:
+			bits.append_array(avatar.sample_pose(i / 30.0).to_byte_array())
+	return bits
+
+
 func test_a_person_in_a_scene_speaks_and_is_looked_at() -> void:
 	var scene := UmoScene3D.new()
 	var avatar := make()

@@ -24,9 +24,9 @@ pub struct Shown {
     /// For names that are not recognised.
     #[arg(long, value_name = "FILE", help_heading = PAGE)]
     pub mapping: Option<PathBuf>,
-    /// Figure that wears the motion
-    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser(), help_heading = PAGE)]
-    pub figure: Figure,
+    /// Figure that wears the motion [default: alex, or those that the members of a conversation wear]
+    #[arg(long, value_name = "NAME", value_parser = figure_parser(), help_heading = PAGE)]
+    pub figure: Option<Figure>,
     /// Do not open a browser
     #[arg(long, help_heading = PAGE)]
     pub no_open: bool,
@@ -53,9 +53,9 @@ pub struct Page {
     /// Page to write [default: beside the input]
     #[arg(short, long, value_name = "FILE.html", conflicts_with = "web")]
     pub output: Option<PathBuf>,
-    /// Speech of a finished animation
+    /// Speech of a finished animation; of a conversation, one for each member, or one with a channel for each
     #[arg(long, value_name = "FILE", conflicts_with = "web")]
-    pub audio: Option<PathBuf>,
+    pub audio: Vec<PathBuf>,
     /// Write a page that asks a person which of two recordings goes with a motion, and counts
     ///
     /// Two recordings or more, of 8 s or more each. ANIMATION=RECORDING shows a finished or captured motion.

@@ -17,7 +17,6 @@ use crate::converse::{self, Member, Voice};
 use crate::failure::Failure;
 use crate::model;
 use crate::speech::Speech;
-use crate::words::Script;
 
 /// Animates every conversation that is not done, one after the other.
 pub(super) fn compute(
@@ -73,10 +72,10 @@ fn animate(args: &Batch, generator: &Generator, scene: &[&Line], rules: &WordRul
 }
 
 fn member(args: &Batch, line: &Line, index: usize, place: Place, rules: &WordRules) -> Result<Member, Failure> {
-    let speech = Speech::open(&line.file, args.repair)?;
-    let script = line.words.as_deref().map(|path| Script::read(path, &speech, rules)).transpose()?;
+    let voice = Voice::Recording(Box::new(Speech::open(&line.file, args.repair)?));
+    let script = line.words.as_deref().map(|path| voice.script(path, rules)).transpose()?;
     let seed = line.seed.unwrap_or(args.generate.seed.wrapping_add(index as u64));
-    let member = Member::new(Voice::Recording(Box::new(speech)), line.place.unwrap_or(place), seed);
+    let member = Member::new(voice, line.place.unwrap_or(place), seed);
     let words = script.map(|script| (script, rules.clone()));
     Ok(Member { prompt: line.prompt.clone(), mood: line.mood, words, ..member })
 }

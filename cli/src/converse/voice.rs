@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use umo_core::{AudioSource, Resampler, StepError};
+use umo_core::{AudioSource, Resampler, StepError, WordRules};
 use umo_core_base::level::Meter;
 
 use super::crosstalk;
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::words::Script;
 
 /// The voice of a member.
 pub(crate) enum Voice {
@@ -19,7 +20,7 @@ pub(crate) enum Voice {
 
 impl Voice {
     /// The voices of a recording with a channel for each.
-    pub(super) fn channels(path: &Path, repair: bool) -> Result<Vec<Self>, Failure> {
+    pub(crate) fn channels(path: &Path, repair: bool) -> Result<Vec<Self>, Failure> {
         let speech = Speech::open(path, repair)?;
         let (rate, mut channels) = (speech.sample_rate(), speech.channels()?);
         crosstalk::attenuate(&mut channels, rate);
@@ -53,6 +54,11 @@ impl Voice {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a length of a recording")]
         let frames = (self.seconds() * rate as f64 + 1e-6) as usize;
         frames
+    }
+
+    /// The words of a file; plain text is spread over the voice.
+    pub(crate) fn script(&self, path: &Path, rules: &WordRules) -> Result<Script, Failure> {
+        Script::read(path, rules, self.seconds(), |rate| self.mono(rate))
     }
 
     /// All samples at `rate`.

@@ -1,41 +1,85 @@
-//! Reader of `.glb` files written by `umo`: the 55 joints by name, one animation, named morph weights.
+//! Reader of `.glb` files written by `umo`: the 55 joints by name, one animation, named morph weights; of one character,
+//! or of the members of a conversation.
 
-use umo_core::{JOINTS, Skeleton};
+use umo_core::{JOINT_NAMES, JOINTS, Skeleton};
 use umo_core_pose::clip::Clip;
 use umo_core_pose::rotation::{IDENTITY, normalized};
 
-use super::MAX_FRAMES;
+use super::{MAX_FRAMES, Member};
 use umo_core_rig::glb::Glb;
 use umo_core_rig::glb::accessor::floats;
-use umo_core_rig::glb::document::{Animation, Document};
+use umo_core_rig::glb::document::{Animation, Document, Node};
 
-pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<Vec<Member>, String> {
     let file = Glb::split(bytes)?;
     let document = Document::parse(file.json)?;
-    let places = super::joints(document.nodes.iter().map(|node| node.name.as_deref()))?;
-    let skeleton = skeleton(&document, &places)?;
-    let tracks = Tracks::of(&document, file.bin)?;
+    let parents = document.parents()?;
+    let first = clip(&document, &parents, file.bin, "")?;
+    let others = others(&document, &parents);
+    if others.is_empty() {
+        return Ok(vec![Member::alone(first)]);
+    }
+    let hips = super::joints(document.nodes.iter().map(|node| node.name.as_deref()))?[0];
+    let place = parents[hips].ok_or("its first member has no place")?;
+    let mut members = vec![member(&document.nodes[place], first)];
+    for place in others {
+        let node = &document.nodes[place];
+        let prefix = format!("{}-", node.name.as_deref().unwrap_or_default());
+        members.push(member(node, clip(&document, &parents, file.bin, &prefix)?));
+    }
+    Ok(members)
+}
+
+/// Returns the nodes of the places of all members but the first: `bob` above `bob-pelvis`.
+fn others(document: &Document, parents: &[Option<usize>]) -> Vec<usize> {
+    let above = |(place, node): (usize, &Node)| {
+        let parent = parents[place]?;
+        let name = document.nodes[parent].name.as_deref()?;
+        let own = node.name.as_deref()?.strip_prefix(name)?.strip_prefix('-')?;
+        (own == JOINT_NAMES[0]).then_some(parent)
+    };
+    document.nodes.iter().enumerate().filter_map(above).collect()
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended")]
+fn member(place: &Node, clip: Clip) -> Member {
+    let [_, y, _, w] = place.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    Member {
+        name: place.name.clone().unwrap_or_default(),
+        position: place.translation.unwrap_or([0.0; 3]).map(|x| x as f32),
+        facing: (2.0 * y.atan2(w)) as f32,
+        figure: place.extras.get("figure").and_then(|name| name.as_str()?.parse().ok()),
+        clip,
+    }
+}
+
+/// Returns the motion of the character whose names have this prefix.
+fn clip(document: &Document, parents: &[Option<usize>], bin: &[u8], prefix: &str) -> Result<Clip, String> {
+    let names = document.nodes.iter().map(|node| node.name.as_deref()?.strip_prefix(prefix));
+    let places = super::joints(names)?;
+    let skeleton = skeleton(document, parents, &places)?;
+    let tracks = Tracks::of(document, bin)?;
     let frames = tracks.times.len();
     let root = skeleton.offsets_m[0];
-    let translation = match tracks.values(&document, places[0], "translation", "VEC3")? {
+    let translation = match tracks.values(document, places[0], "translation", "VEC3")? {
         Some(places) => places.as_chunks().0.iter().map(|&at| less(at, root)).collect(),
         None => vec![[0.0; 3]; frames],
     };
     let mut rotations = vec![[IDENTITY; JOINTS]; frames];
     for (joint, &place) in places.iter().enumerate() {
-        let Some(values) = tracks.values(&document, place, "rotation", "VEC4")? else { continue };
+        let Some(values) = tracks.values(document, place, "rotation", "VEC4")? else { continue };
         for (frame, &q) in rotations.iter_mut().zip(values.as_chunks().0) {
             frame[joint] = normalized(q);
         }
     }
-    let (names, face_values) = face(&document, &tracks)?;
+    let (names, face_values) = face(document, &tracks, prefix)?;
     let face = super::face(names);
     Ok(Clip { frame_rate: tracks.rate()?, skeleton, face, rotations, translation, face_values })
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is intended; the result is checked")]
-fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, String> {
-    let parents = super::parents(places, &document.parents()?)?;
+fn skeleton(document: &Document, parents: &[Option<usize>], places: &[usize; JOINTS]) -> Result<Skeleton, String> {
+    let parents = super::parents(places, parents)?;
     let mut offsets_m = Vec::with_capacity(JOINTS);
     for node in places.map(|place| &document.nodes[place]) {
         let turned = node.rotation.is_some_and(|[x, y, z, _]| [x, y, z] != [0.0; 3]);
@@ -47,9 +91,11 @@ fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, S
     Ok(Skeleton { parents, offsets_m })
 }
 
-/// Returns names and values `[frames, names]` of the first animated mesh with named shapes.
-fn face(document: &Document, tracks: &Tracks<'_>) -> Result<(Vec<String>, Vec<f32>), String> {
-    for (place, node) in document.nodes.iter().enumerate() {
+/// Returns names and values `[frames, names]` of the first animated mesh with named shapes, or that of the prefix.
+fn face(document: &Document, tracks: &Tracks<'_>, prefix: &str) -> Result<(Vec<String>, Vec<f32>), String> {
+    let named = |node: &Node| node.name.as_deref().and_then(|name| name.strip_prefix(prefix)) == Some("face");
+    let is_own = |node: &Node| prefix.is_empty() || named(node);
+    for (place, node) in document.nodes.iter().enumerate().filter(|(_, node)| is_own(node)) {
         let Some(names) = node.mesh.and_then(|mesh| document.meshes.get(mesh)?.shape_names()) else { continue };
         let Some(output) = tracks.output(place, "weights") else { continue };
         let values = floats(document, tracks.bin, output, "SCALAR")?;

@@ -11,6 +11,7 @@ use std::path::Path;
 
 use umo_core::{ARKIT_NAMES, Face, FaceKind, JOINT_NAMES, JOINTS};
 use umo_core_pose::clip::Clip;
+use umo_figure::Figure;
 
 use crate::export::Format;
 use crate::failure::Failure;
@@ -31,29 +32,60 @@ pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 /// # Errors
 /// A description of the problem, with the file's name.
 pub fn read(path: &Path) -> Result<Clip, Failure> {
+    let mut members = members(path)?;
+    if members.len() > 1 {
+        let names: Vec<_> = members.iter().map(|member| member.name.as_str()).collect();
+        let problem = format!("it has {} members, {}: expected the motion of one", names.len(), names.join(", "));
+        return Err(Failure::input(format!("{}: {problem}", path.display())));
+    }
+    Ok(members.swap_remove(0).clip)
+}
+
+/// A member of a file's conversation.
+pub(crate) struct Member {
+    /// Empty if it is alone, as the place is the origin.
+    pub(crate) name: String,
+    pub(crate) position: [f32; 3],
+    /// Direction about y, radians: 0 is +Z, a quarter turn +X.
+    pub(crate) facing: f32,
+    /// The figure it wears, if the file says so.
+    pub(crate) figure: Option<Figure>,
+    pub(crate) clip: Clip,
+}
+
+impl Member {
+    fn alone(clip: Clip) -> Self {
+        Self { name: String::new(), position: [0.0; 3], facing: 0.0, figure: None, clip }
+    }
+}
+
+/// Reads the motion of a file as [`read`] does, of every member of a conversation; returns at least one.
+pub(crate) fn members(path: &Path) -> Result<Vec<Member>, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let is_gltf = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
     let format = if is_gltf { Format::Glb } else { Format::from_extension(path)? };
     let bytes = || umo_core_base::file::read(path).map_err(|error| wrong(error.to_string()));
-    let clip = match format {
+    let members = match format {
         Format::Npz => {
             let (clip, notes) = npz::read(path).map_err(wrong)?;
             notes.iter().for_each(|note| eprintln!("note: {}: {note}", path.display()));
-            clip
+            vec![Member::alone(clip)]
         }
         Format::Glb => {
             let bytes = umo_core_rig::glb::read(path).map_err(|error| wrong(error.to_string()))?;
             glb::read(&bytes).map_err(wrong)?
         }
-        Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,
-        Format::Jsonl => jsonl::read(&bytes()?).map_err(wrong)?,
+        Format::Bvh => vec![Member::alone(bvh::read(&bytes()?).map_err(wrong)?)],
+        Format::Jsonl => vec![Member::alone(jsonl::read(&bytes()?).map_err(wrong)?)],
         Format::Vrma => {
             return Err(wrong("a .vrma file cannot be read back: expected npz, glb, bvh or jsonl".to_owned()));
         }
         Format::Csv => return Err(wrong("a csv file has a face only: expected npz, glb, bvh or jsonl".to_owned())),
     };
-    clip.check().map_err(|problem| wrong(problem.to_owned()))?;
-    Ok(clip)
+    for Member { clip, .. } in &members {
+        clip.check().map_err(|problem| wrong(problem.to_owned()))?;
+    }
+    Ok(members)
 }
 
 /// Returns a face with these channels: ARKit's if all of them are ARKit blendshapes.

@@ -26,6 +26,7 @@ struct Description<'a> {
     mesh: MeshInfo,
     other_meshes: Vec<MeshInfo>,
     room: Vec<Member<'a>>,
+    people: Vec<Person<'a>>,
     character: Option<Character<'a>>,
     audio: Option<AudioInfo>,
     record: Option<RecordInfo<'a>>,
@@ -90,6 +91,15 @@ struct Member<'a> {
     facing: f32,
     /// Its mesh: 0 for `mesh`, others follow.
     figure: usize,
+    sample_rate: u32,
+}
+
+/// Somebody without an avatar.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct Person<'a> {
+    name: &'a str,
+    position: [f32; 3],
     sample_rate: u32,
 }
 
@@ -168,6 +178,9 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
         page.block(&format!("frames-{number}"), frames(&member.clip));
         page.block(&format!("audio-{number}"), samples(&member.audio));
     }
+    for (number, person) in scene.people.iter().enumerate() {
+        page.block(&format!("person-{number}"), samples(&person.audio));
+    }
     if let Some(worn) = &scene.character {
         page.block("character", worn.file.iter().copied());
     }
@@ -235,6 +248,7 @@ fn describe<'a>(scene: &'a Scene, orders: &[Order]) -> Description<'a> {
             .map(|(mesh, order)| describe_mesh(mesh, order))
             .collect(),
         room: scene.room.iter().map(describe_member).collect(),
+        people: scene.people.iter().map(describe_person).collect(),
         character: scene.character.as_ref().map(|worn| Character {
             nodes: worn.nodes.to_vec(),
             seconds: worn.seconds,
@@ -261,6 +275,10 @@ fn describe<'a>(scene: &'a Scene, orders: &[Order]) -> Description<'a> {
 fn describe_member(member: &RoomMember) -> Member<'_> {
     let RoomMember { name, place, figure, audio, .. } = member;
     Member { name, position: place.position, facing: place.facing, figure: *figure, sample_rate: audio.sample_rate }
+}
+
+fn describe_person(person: &scene::Person) -> Person<'_> {
+    Person { name: &person.name, position: person.place.position, sample_rate: person.audio.sample_rate }
 }
 
 fn samples(audio: &Audio) -> impl Iterator<Item = u8> {

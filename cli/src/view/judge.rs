@@ -41,7 +41,7 @@ pub(super) fn scene(args: &Page) -> Result<Scene, Failure> {
         mono.resize(part.pieces * SECONDS * rate, 0.0);
         samples.append(&mut mono);
     }
-    let mut scene = Scene::new(Path::new("Find the speech"), clip, args.shown.figure)?;
+    let mut scene = Scene::new(Path::new("Find the speech"), clip, args.shown.figure.unwrap_or_default())?;
     scene.audio = Some(Audio::of(rate, &samples));
     scene.judge = Some(info);
     if let Some(generator) = generator {

@@ -30,7 +30,7 @@ pub(crate) fn run(args: &Live) -> Result<(), Failure> {
         session.avatar.template = animate::named(loaded.config(), &session.avatar.template, true)?;
     }
     let input = args.input.as_deref().map(|path| (path, args.repair));
-    let look = (args.voice, args.shown.figure);
+    let look = (args.voice, args.shown.figure.unwrap_or_default());
     let host = Host::new(StreamPage::new(input, Arc::clone(&loaded), session.clone(), look)?, wearer)?;
     let mut engine = model::engine_config(&args.engine)?;
     engine.max_batch = engine.max_batch.min(MAX_STREAMS);

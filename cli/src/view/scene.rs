@@ -12,7 +12,7 @@ use umo_core_rig::glb::Glb;
 use super::stream::StreamPage;
 use crate::animate::Generator;
 use crate::args::{Page, Shown};
-use crate::converse::Member;
+use crate::converse::{Member, Voice};
 use crate::failure::Failure;
 use crate::retarget::{Wearer, Worn, is_character};
 use crate::speech::Speech;
@@ -43,17 +43,26 @@ pub(super) struct Scene {
     pub(super) judge: Option<JudgeInfo>,
     /// The members of a conversation, in place of `clip` and `audio`.
     pub(super) room: Vec<RoomMember>,
+    /// Persons of a conversation, who are heard.
+    pub(super) people: Vec<Person>,
     /// Figures of members beside `mesh`.
     pub(super) other_meshes: Vec<Mesh>,
 }
 
-/// A member of a conversation.
+/// A member of a conversation who has an avatar.
 pub(super) struct RoomMember {
     pub(super) name: String,
     pub(super) place: Place,
     /// Its figure: 0 is the scene's mesh, others follow.
     pub(super) figure: usize,
     pub(super) clip: Clip,
+    pub(super) audio: Audio,
+}
+
+/// Somebody without an avatar.
+pub(super) struct Person {
+    pub(super) name: String,
+    pub(super) place: Place,
     pub(super) audio: Audio,
 }
 
@@ -161,7 +170,7 @@ impl Scene {
         let mut record = Record::new(config);
         let clip = generator.clip(&mut animation, frames, script, |animation| record.keep(animation))?;
         record.cut(frames);
-        let mut scene = Self::worn_by(path, clip, wearer, args.shown.figure)?;
+        let mut scene = Self::worn_by(path, clip, wearer, args.shown.figure.unwrap_or_default())?;
         scene.audio = Some(Audio::new(&speech)?);
         scene.record = Some(record);
         scene.set_model(config, &generator.avatar());
@@ -172,19 +181,49 @@ impl Scene {
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
         // A file not written by umo may be a character with an animation, with umo's joint names or others.
         let is_own = || umo_core_rig::glb::read(path).is_ok_and(|bytes| is_written_here(&bytes));
-        let mut scene = match import::read(path) {
+        let mut scene = match import::members(path) {
             Err(_) if args.shown.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
             Ok(_) if args.shown.onto.is_none() && is_character(path) && !is_own() => Self::of_character(path, args)?,
-            Ok(clip) => {
+            Ok(members) if members.len() > 1 => return Self::of_members(path, members, args),
+            Ok(mut members) => {
+                let clip = members.swap_remove(0).clip;
                 check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
-                Self::worn_by(path, clip, wearer(&args.shown)?, args.shown.figure)?
+                Self::worn_by(path, clip, wearer(&args.shown)?, args.shown.figure.unwrap_or_default())?
             }
             Err(problem) => return Err(problem),
         };
-        if let Some(speech) = &args.audio {
-            scene.audio = Some(Audio::new(&Speech::open(speech, args.repair)?)?);
+        match &args.audio[..] {
+            [] => Ok(scene),
+            [speech] => {
+                scene.audio = Some(Audio::new(&Speech::open(speech, args.repair)?)?);
+                Ok(scene)
+            }
+            several => {
+                Err(Failure::input(format!("{}: one motion, but --audio {} times", path.display(), several.len())))
+            }
         }
-        Ok(scene)
+    }
+
+    /// Returns the members of a conversation that was read.
+    fn of_members(path: &Path, members: Vec<import::Member>, args: &Page) -> Result<Self, Failure> {
+        if args.shown.onto.is_some() {
+            let problem = "the members of a conversation wear figures: `umo retarget` writes a character for each";
+            return Err(Failure::input(format!("{}: {problem}", path.display())));
+        }
+        let mut figures: Vec<Figure> = Vec::new();
+        let mut room = Vec::with_capacity(members.len());
+        let sounds = sounds(path, members.len(), args)?;
+        for (member, audio) in members.into_iter().zip(sounds) {
+            let figure = args.shown.figure.or(member.figure).unwrap_or_default();
+            let known = figures.iter().position(|own| *own == figure);
+            let figure = known.unwrap_or_else(|| {
+                figures.push(figure);
+                figures.len() - 1
+            });
+            let place = Place { position: member.position, facing: member.facing, ..Place::default() };
+            room.push(RoomMember { name: member.name, place, figure, audio, clip: member.clip });
+        }
+        Self::of_room(path, room, &figures)
     }
 
     /// Returns a page whose frames come later, from a stream.
@@ -207,28 +246,28 @@ impl Scene {
         clips: Vec<Clip>,
         figures: &[Figure],
     ) -> Result<Self, Failure> {
-        let title = names.join(", ");
-        let first = &clips[0];
-        check_length(Path::new(&title), first.len() as f64 / f64::from(first.frame_rate))?;
-        let mut scene = Self::new(
-            Path::new(&title),
-            Clip::new(first.frame_rate, first.skeleton.clone(), first.face.clone()),
-            figures[0],
-        )?;
-        for &figure in figures.iter().take(members.len()).skip(1) {
-            scene.other_meshes.push(mesh(figure, first)?);
+        let figures = &figures[..figures.len().min(clips.len())];
+        let (mut room, mut people, mut clips) = (Vec::new(), Vec::new(), clips.into_iter());
+        for (member, name) in members.iter().zip(names.iter().cloned()) {
+            let (place, audio) = (member.place, Audio::of_voice(&member.voice)?);
+            match if member.is_person { None } else { clips.next() } {
+                None => people.push(Person { name, place, audio }),
+                Some(clip) => {
+                    room.push(RoomMember { name, place, figure: room.len() % figures.len(), clip, audio });
+                }
+            }
         }
-        for (index, (member, clip)) in members.iter().zip(clips).enumerate() {
-            let rate = member.voice.sample_rate().min(MAX_RATE);
-            scene.room.push(RoomMember {
-                name: names[index].clone(),
-                place: member.place,
-                figure: index % figures.len(),
-                clip,
-                audio: Audio::of(rate, &member.voice.mono(rate)?),
-            });
-        }
-        Ok(scene)
+        Ok(Self { people, ..Self::of_room(Path::new(&names.join(", ")), room, figures)? })
+    }
+
+    /// Returns a room with these figures.
+    fn of_room(path: &Path, room: Vec<RoomMember>, figures: &[Figure]) -> Result<Self, Failure> {
+        let first = &room[0].clip;
+        check_length(path, first.len() as f64 / f64::from(first.frame_rate))?;
+        let no_frames = Clip::new(first.frame_rate, first.skeleton.clone(), first.face.clone());
+        let mut scene = Self::new(path, no_frames, figures[0])?;
+        scene.other_meshes = figures[1..].iter().map(|&figure| mesh(figure, first)).collect::<Result<_, _>>()?;
+        Ok(Self { room, ..scene })
     }
 
     /// Reads a character's file with its animation.
@@ -267,6 +306,7 @@ impl Scene {
             live: None,
             judge: None,
             room: Vec::new(),
+            people: Vec::new(),
             other_meshes: Vec::new(),
         }
     }
@@ -276,7 +316,11 @@ impl Scene {
         let rate = f64::from(self.clip.frame_rate);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a length that was checked")]
         let worn = |worn: &Worn| (worn.seconds * rate).round() as usize + 1;
-        if self.clip.is_empty() { self.character.as_ref().map_or(0, worn) } else { self.clip.len() }
+        match self.room.first() {
+            Some(member) => member.clip.len(),
+            None if self.clip.is_empty() => self.character.as_ref().map_or(0, worn),
+            None => self.clip.len(),
+        }
     }
 
     pub(super) fn set_model(&mut self, config: &Config, avatar: &AvatarConfig) {
@@ -341,7 +385,33 @@ pub(super) fn check_length(path: &Path, seconds: f64) -> Result<(), Failure> {
     Err(Failure::input(format!("{}: {problem}", path.display())))
 }
 
+/// Returns the sound of each member of a conversation: silence, a recording for each, or a channel for each of one.
+fn sounds(path: &Path, members: usize, args: &Page) -> Result<Vec<Audio>, Failure> {
+    let sounds: Vec<Audio> = match &args.audio[..] {
+        [] => return Ok(vec![Audio { sample_rate: 8000, samples: Vec::new() }; members]),
+        [one] => Voice::channels(one, args.repair)?.iter().map(Audio::of_voice).collect::<Result<_, _>>()?,
+        several => {
+            let open = |speech| Audio::new(&Speech::open(speech, args.repair)?);
+            several.iter().map(|speech| open(speech)).collect::<Result<_, _>>()?
+        }
+    };
+    match sounds.len() == members {
+        true => Ok(sounds),
+        false => {
+            let problem = "expected --audio for each, or one with a channel for each";
+            let (count, path) = (sounds.len(), path.display());
+            Err(Failure::input(format!("{path}: {members} members, but {count} voices: {problem}")))
+        }
+    }
+}
+
 impl Audio {
+    /// Converts the voice of a member.
+    fn of_voice(voice: &Voice) -> Result<Self, Failure> {
+        let rate = voice.sample_rate().min(MAX_RATE);
+        Ok(Self::of(rate, &voice.mono(rate)?))
+    }
+
     /// Mixes a recording's channels to mono, in 16 bits.
     pub(super) fn new(speech: &Speech) -> Result<Self, Failure> {
         let sample_rate = speech.sample_rate().min(MAX_RATE);

@@ -40,7 +40,7 @@ pub(super) fn run(args: &Page, folder: &Path) -> Result<(), Failure> {
     let loaded = model::load(&args.compute)?;
     let session = stream::session(&args.generate, loaded.config());
     let input = args.input.as_deref().map(|path| (path, args.repair));
-    let mut page = StreamPage::new(input, loaded, session, (args.voice, args.shown.figure))?;
+    let mut page = StreamPage::new(input, loaded, session, (args.voice, args.shown.figure.unwrap_or_default()))?;
     page.live.engine = Some(page_engine(args, &page.session));
     let (scene, _) = page.scene(wearer)?;
     let compressed = compressed(&model::bytes(args.compute.model.as_deref())?)?;

@@ -428,6 +428,8 @@ fn a_room_puts_every_member_at_its_place_under_its_name() {
             let wanted = std::array::from_fn(|axis| turned[axis] + f64::from(member.position[axis]));
             assert!(distance(found[&format!("{prefix}{joint}")], wanted) < 1e-5, "{prefix}{joint}");
         }
+        let worn = file.node(member.name).extras().as_ref().map(|extras| extras.get());
+        assert_eq!(worn, Some(r#"{"figure":"alex"}"#));
         let face = file.node(&format!("{prefix}face"));
         assert_eq!(tracks[&face.index()].weights, member.clip.face_values);
         let skin = face.skin().unwrap();

@@ -170,8 +170,21 @@ def _conversation(args: argparse.Namespace) -> None:
     umo, readers, found = program.find(args.umo), [conversation.sentences(one) for one in args.voices], []
     for seed in range(args.seed, args.seed + args.draws):
         laid_out = conversation.lay_out(readers, args.seconds, seed)
-        motions = conversation.animate(umo, laid_out, args.output / f"conversation-{seed}", seed)
-        found.append(conversation.measure(laid_out, motions))
+        folder = args.output / f"conversation-{seed}"
+        motions = conversation.animate(umo, laid_out.voices, folder, seed)
+        still = conversation.animate(umo, laid_out.voices, folder / "still", seed, "--layers", "nods=0")
+        one = conversation.measure(laid_out, motions, still)
+        leaky, share = conversation.leaky(laid_out.voices), f"{100 * conversation.LEAK:.0f} %"
+        for name, voices, is_stereo in (
+            ("mouth open while only the other speaks", None, False),
+            (f"the same, two channels with {share} crosstalk", leaky, True),
+            (f"the same, two recordings with {share} crosstalk", leaky, False),
+        ):
+            made = motions
+            if voices is not None:
+                made = conversation.animate(umo, voices, folder / f"leaky-{is_stereo}", seed, is_stereo=is_stereo)
+            one[name] = conversation.open_mouths(laid_out, made)
+        found.append(one)
     _write(args.output / "conversation", conversation.markdown(found), {"conversations": found})
 
 

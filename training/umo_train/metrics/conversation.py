@@ -29,8 +29,11 @@ PLACES = ((-0.6, 0.0, 90.0), (0.6, 0.0, -90.0))
 # A look is at somebody if the eyes are within this angle of theirs.
 CONTACT_DEGREES = 6.0
 PAUSE_S, PHASE_S = 0.2, 1.2
-# A dip: the head goes down and back by this much, faster than a standing body sways for the most part.
-NOD_DEGREES, NOD_HZ, NOD_GAP_S = 2.5, (1.2, 5.0), 0.9
+# A nod, in what the layer of nods adds to the head's pitch: down and back by this much, faster than it sways.
+NOD_DEGREES, NOD_HZ, NOD_GAP_S = 1.5, (1.5, 5.0), 0.9
+# Share of each voice in the other's channel, and an open mouth.
+LEAK = 0.06
+OPEN = 0.1
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,11 @@ def said(reader: Sequence[np.ndarray], draw: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Posed:
-    """Rotations of the joints in their parents' frames `[T, 55, 3, 3]`, and positions of the root `[T, 3]`."""
+    """Rotations in the parents' frames `[T, 55, 3, 3]`, places of the root `[T, 3]`, opening of the jaw `[T]`."""
 
     local: np.ndarray
     at: np.ndarray
+    jaw: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -144,20 +148,26 @@ def seen(motions: Sequence[Posed]) -> list[Seen]:
 
 
 def nods(pitch: np.ndarray) -> np.ndarray:
-    """Frames at the bottom of each nod."""
+    """Frames at the bottom of each nod in what the layer of nods adds to the pitch, which is nods and a slower sway."""
     swing = sosfiltfilt(butter(2, NOD_HZ, "bandpass", fs=FRAME_RATE, output="sos"), pitch)
     return find_peaks(swing, prominence=NOD_DEGREES, distance=int(NOD_GAP_S * FRAME_RATE))[0]
 
 
-def measure(conversation: Conversation, motions: Sequence[Posed]) -> dict[str, float]:
-    """Measures of the frames, whose times are the sound's."""
-    both = seen(motions)
-    frames = min(len(one.looks) for one in both)
+def alone(conversation: Conversation, frames: int) -> list[np.ndarray]:
+    """Frames in which each of the two speaks alone."""
     clock = (np.arange(frames) + 0.5) / FRAME_RATE
     speaks = np.zeros((2, frames), bool)
     for turn in conversation.turns:
         speaks[turn.who] |= (clock >= turn.start) & (clock < turn.end)
-    only = [speaks[one] & ~speaks[1 - one] for one in (0, 1)]
+    return [speaks[one] & ~speaks[1 - one] for one in (0, 1)]
+
+
+def measure(conversation: Conversation, motions: Sequence[Posed], still: Sequence[Posed]) -> dict[str, float]:
+    """Measures of the frames, whose times are the sound's; `still` are the same ones without the layer of nods."""
+    both = seen(motions)
+    added = [one.pitch - other.pitch for one, other in zip(both, seen(still), strict=True)]
+    frames = min(len(one.looks) for one in both)
+    only = alone(conversation, frames)
     listening, speaking, first = [], [], []
     for one in (0, 1):
         looks = both[one].looks[:frames]
@@ -171,14 +181,14 @@ def measure(conversation: Conversation, motions: Sequence[Posed]) -> dict[str, f
             if len(after):
                 first.append(after[0] / FRAME_RATE)
     mutual = both[0].looks[:frames] & both[1].looks[:frames]
-    counts = [answers(conversation.voices[1 - one], nods(both[one].pitch[:frames]), only[1 - one]) for one in (0, 1)]
+    counts = [answers(conversation.voices[1 - one], nods(added[one][:frames]), only[1 - one]) for one in (0, 1)]
     found, near, listened, ends = np.sum(counts, 0)
     return {
         "looks at the speaker while listening": float(np.mean(np.concatenate(listening))),
         "looks at the listener while speaking": float(np.mean(np.concatenate(speaking))),
         "mutual gaze": float(mutual.mean()),
         "first look at a new speaker, s, median": float(np.median(first)) if first else float("nan"),
-        "dips of the head by 2.5°, a minute of listening": float(60 * FRAME_RATE * found / listened),
+        "nods, a minute of listening": float(60 * FRAME_RATE * found / listened),
         "of them within 1.2 s of a phrase's end": float(near / max(found, 1)),
         "by chance": float(ends / listened),
         "eyes, degrees a frame, 99.9 %": float(np.percentile([one.turned[:frames] for one in both], 99.9)),
@@ -200,11 +210,29 @@ def answers(voice: np.ndarray, nodded: np.ndarray, listens: np.ndarray) -> tuple
     return len(found), int(near[found].sum()), int(counts.sum()), int((near & counts).sum())
 
 
-def animate(umo: Path, conversation: Conversation, folder: Path, seed: int, *more: object) -> list[Posed]:
+def leaky(voices: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """What the microphones of two people in one room record."""
+    return voices[0] + LEAK * voices[1], voices[1] + LEAK * voices[0]
+
+
+def open_mouths(conversation: Conversation, motions: Sequence[Posed]) -> float:
+    """Share of the frames in which the mouth is open while only the other speaks."""
+    only = alone(conversation, min(len(one.jaw) for one in motions))
+    jaws = [motion.jaw[: len(only[0])][only[1 - one]] for one, motion in enumerate(motions)]
+    return float(np.mean(np.concatenate(jaws) > OPEN))
+
+
+def animate(
+    umo: Path, voices: tuple[np.ndarray, np.ndarray], folder: Path, seed: int, *more: object, is_stereo: bool = False
+) -> list[Posed]:
+    """Animates the voices: a recording of each, or one with two channels."""
     folder.mkdir(parents=True, exist_ok=True)
     speech, made = ([folder / f"{one}.{kind}" for one in "ab"] for kind in ("wav", "npz"))
-    for path, voice in zip(speech, conversation.voices, strict=True):
+    for path, voice in zip(speech, voices, strict=True):
         soundfile.write(path, voice, SAMPLE_RATE)
+    if is_stereo:
+        soundfile.write(folder / "two.wav", np.stack(voices, 1), SAMPLE_RATE)
+        speech = ["--channels", folder / "two.wav"]
     places = " ".join(",".join(f"{value:g}" for value in place) for place in PLACES)
     outputs = [argument for path in made for argument in ("-o", path)]
     program.run(umo, "converse", *speech, *outputs, f"--places={places}", "--seed", seed, *more)
@@ -214,7 +242,8 @@ def animate(umo: Path, conversation: Conversation, folder: Path, seed: int, *mor
 def read(path: Path) -> Posed:
     with np.load(path) as file:
         turns = Rotation.from_rotvec(file["poses"].reshape(-1, 3)).as_matrix()
-        return Posed(turns.reshape(-1, JOINTS, 3, 3), np.asarray(file["trans"], np.float64))
+        jaw = file["arkit"][:, list(file["arkit_names"]).index("jawOpen")]
+        return Posed(turns.reshape(-1, JOINTS, 3, 3), np.asarray(file["trans"], np.float64), jaw)
 
 
 def markdown(found: Sequence[dict[str, float]]) -> str:

@@ -28,7 +28,7 @@ pub(super) const WEIGHT_DISTANCE: f32 = 0.022;
 const YIELD_SHARE: f32 = 0.85;
 const YIELD_DEGREES: f32 = 6.0;
 /// Share by which the arms of a listener go to rest.
-const REST_SHARE: f32 = 0.6;
+const REST_SHARE: f32 = 0.85;
 const ARMS: [usize; 8] = [13, 14, 16, 17, 18, 19, 20, 21];
 /// Shapes of an open mouth; the closing one among them, so that closed lips stay closed.
 const MOUTH: [usize; 8] = [

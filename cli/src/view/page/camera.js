@@ -8,6 +8,8 @@ const EASE = 6;
 const FOLLOW = 2.5;
 /** Minimum share of the picture that stays free of overlaid buttons. */
 const LEAST_FREE = 0.4;
+/** Distance by which members of a room leave their places, metres. */
+const STEP = 0.3;
 /** Share of a member's direction from which the camera sees it. */
 const ASIDE = 0.5;
 
@@ -16,9 +18,11 @@ function presets(body) {
   const { height, crown } = body;
   const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => body.joint(name));
   const above = (share) => (places, ground) => [places[0][0], ground + share * height, places[0][2]];
-  const { centre, reach } = body.room ?? { centre: null, reach: 0 };
+  const { centre, reach, depth } = body.room ?? { centre: null, reach: 0, depth: 0 };
+  // Who stands nearer, or steps ahead, is seen larger.
+  const nearer = (depth + STEP) * Math.tan(FOV / 2);
   return {
-    all: { at: (_, ground) => [centre[0], ground + 0.5 * height, centre[2]], half: [reach + 0.3 * height, 0.55 * height], yaw: 0, pitch: 0.08 },
+    all: { at: (_, ground) => [centre[0], ground + 0.5 * height, centre[2]], half: [reach + 0.3 * height, 0.55 * height + nearer], yaw: 0, pitch: 0.08 },
     face: { at: (places) => add(places[head], [0, 0.34 * crown, 0.2 * crown]), half: [0.72 * crown, 0.88 * crown], yaw: 0.2, pitch: 0.02 },
     half: { at: above(0.74), half: [0.2 * height, 0.282 * height], yaw: 0.22, pitch: 0.03 },
     whole: { at: above(0.5), half: [0.3 * height, 0.55 * height], yaw: 0.3, pitch: 0.08 },

@@ -22,7 +22,7 @@ export function layOut({ scene, record, tracks }) {
     top += height;
   };
   if (scene.samples.length > 0) lane("speech", "speech", SPEECH, { voice: { samples: scene.samples, sampleRate: scene.audio.sampleRate } });
-  for (const member of scene.room) lane("speech", member.name, VOICE, { voice: member });
+  for (const voice of scene.voices) lane("speech", voice.name, VOICE, { voice });
   top += GAP;
   if (record.chunks.length > 0) lane("chunks", "chunks", CHUNKS);
   if (record.isKnown) {

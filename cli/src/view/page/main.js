@@ -40,7 +40,7 @@ if (scene.live) body?.follow(motion);
 for (const member of scene.room) member.body = new MemberBody(scene, member);
 body ??= scene.room[0]?.body ?? new FigureBody(scene, motion);
 const record = new Record(scene);
-const clock = scene.live ? new LiveClock(scene, motion) : new (scene.room.length > 0 ? RoomClock : Clock)(scene, motion.seconds);
+const clock = scene.live ? new LiveClock(scene, motion) : new (scene.voices.some(({ samples }) => samples.length > 0) ? RoomClock : Clock)(scene, motion.seconds);
 const picture = new Picture($("#view"), scene);
 const camera = new Camera(body, still);
 const tracks = allTracks(scene, motion);

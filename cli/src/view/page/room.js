@@ -23,18 +23,19 @@ export class MemberBody extends FigureBody {
   }
 }
 
-/** Centre of a room, and the distance from there to the member farthest away, metres. */
+/** Centre of a room, the distance from there to the member farthest away, and half its depth, metres. */
 export function extentOf(room) {
   const [low, high] = [Math.min, Math.max].map((most) => [0, 1, 2].map((axis) => most(...room.map(({ position }) => position[axis]))));
   const centre = scale(add(low, high), 0.5);
-  return { centre, reach: Math.max(...room.map(({ position }) => Math.hypot(...subtract(position, centre)))) };
+  const depth = 0.5 * (high[2] - low[2]);
+  return { centre, depth, reach: Math.max(...room.map(({ position }) => Math.hypot(...subtract(position, centre)))) };
 }
 
 /** The time of the sound: all voices at once, each from its member's place. */
 export class RoomClock extends Clock {
   constructor(scene, seconds) {
     super({ samples: [] }, seconds);
-    this.members = scene.room;
+    this.speakers = scene.voices;
     this.sources = [];
   }
 
@@ -47,7 +48,7 @@ export class RoomClock extends Clock {
     if (this.context) return;
     this.context = new AudioContext();
     this.recorded = this.context.createMediaStreamDestination();
-    this.voices = this.members.map(({ samples, sampleRate, position: [x, y, z] }) => {
+    this.voices = this.speakers.map(({ samples, sampleRate, position: [x, y, z] }) => {
       const buffer = this.context.createBuffer(1, Math.max(samples.length, 1), sampleRate);
       buffer.getChannelData(0).set(Float32Array.from(samples, (sample) => sample / 32768));
       const place = { positionX: x, positionY: y, positionZ: z };

@@ -49,6 +49,11 @@ export function readScene() {
     member.frames = block(`frames-${i}`, "f32");
     member.samples = block(`audio-${i}`, "i16");
   });
+  scene.people.forEach((person, i) => {
+    person.samples = block(`person-${i}`, "i16");
+  });
+  /** Who is heard from a place. */
+  scene.voices = [...room, ...scene.people];
   if (record) {
     record.codes = block("codes", "u16");
     record.routed = block("routed", "u32");

@@ -66,6 +66,7 @@ pub struct Node {
     pub mesh: Option<usize>,
     pub skin: Option<usize>,
     pub weights: Option<Vec<f32>>,
+    pub extras: Value,
 }
 
 /// A mesh and its morph targets.
