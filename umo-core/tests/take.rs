@@ -1,4 +1,4 @@
-//! Takes: what plays them shows the bits that were recorded, layers and requests included; what is damaged is refused.
+//! Takes: players show the recorded bits, layers and requests included; damaged takes are refused.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -280,7 +280,7 @@ fn a_session_records_what_it_shows_while_it_runs() {
             assert_eq!(take.info().frames as usize, frames.len(), "{path}, {time}");
             let player = Session::of_take(&model, &take, &SessionConfig::new(model.config())).unwrap();
             assert!(play(&player) == frames, "{path}, {time}");
-            // What was in force before a reset is in force after it.
+            // Settings from before a reset are in force after it.
             session.reset().unwrap();
         }
         // An interrupt ends the take: later frames ease from it.

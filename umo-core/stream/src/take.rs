@@ -70,16 +70,16 @@ pub enum TakeError {
     Packet {
         /// Its number.
         number: u32,
-        /// What is wrong.
+        /// The reason.
         error: PacketError,
     },
     /// Something that the host asked for is refused.
     Event {
         /// Frame at which it was asked for.
         frame: u64,
-        /// What it is.
+        /// The request.
         what: String,
-        /// What is wrong.
+        /// The reason.
         error: SessionError,
     },
 }
@@ -103,7 +103,7 @@ impl fmt::Display for TakeError {
 
 impl std::error::Error for TakeError {}
 
-/// What a take says of itself.
+/// Properties of a take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct TakeInfo {
@@ -226,7 +226,7 @@ impl Take {
         &self.bytes
     }
 
-    /// What it says of itself.
+    /// Its properties.
     pub fn info(&self) -> &TakeInfo {
         &self.info
     }
@@ -251,7 +251,7 @@ impl Take {
         &self.history
     }
 
-    /// What the host asked for, each with the frame from which on it was in force, in order.
+    /// The host's requests in order, each with the first frame that it was in force at.
     pub fn events(&self) -> impl Iterator<Item = (u64, Event<'_>)> {
         let (mut records, mut frame) = (self.records(), 0);
         std::iter::from_fn(move || {

@@ -68,7 +68,7 @@ impl Layers {
         self.stack.apply(frame, &self.controls, Some(heard));
     }
 
-    /// Passes what a take's host asked for to the host's requests. What the present host has no room for is dropped.
+    /// Passes a take's request to the host's requests. A request without room is dropped.
     pub(crate) fn ask(&self, host: &Host, event: &Event, epoch: u32) {
         let (gestures, rules) = (&host.gestures, &host.words);
         let known = Known { gestures, rules, frame_rate: self.frame_rate, sample_rate: self.rate };

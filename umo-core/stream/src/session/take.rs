@@ -1,7 +1,7 @@
-//! Takes of sessions: those that sessions record, and sessions that play one (SPEC 2.24).
+//! Takes of sessions: recording one, and sessions that play one (SPEC 2.24).
 //!
-//! Its packets take the way of a decoder's. What its host asked for reaches the layers before the frame that it was in
-//! force at, through the present host's requests: whoever asks last is heard.
+//! The packets take the way of a decoder's. The recorded requests reach the layers just before their frame, through the
+//! present host's requests: the last request counts.
 
 use std::sync::Arc;
 

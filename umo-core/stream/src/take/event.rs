@@ -1,4 +1,4 @@
-//! What a host asks for, as bytes and for the layers.
+//! A host's requests, as bytes and for the layers.
 
 use std::fmt;
 
@@ -58,7 +58,7 @@ pub enum Event<'a> {
         shape: LipShape,
         /// When the sound begins, seconds of the audio.
         start: f64,
-        /// How long it lasts, seconds.
+        /// Its duration, seconds.
         duration: f64,
     },
     /// A mood.
@@ -88,11 +88,11 @@ pub enum Event<'a> {
     Expression(f32),
     /// A prompt: token ids, little-endian. In force from the next chunk on.
     Prompt(&'a [[u8; 4]]),
-    /// How codes are drawn. In force from the next chunk on.
+    /// Settings of the draws of codes. In force from the next chunk on.
     Sampler(Sampler),
 }
 
-/// What the layers know when an event reaches them.
+/// Data that the layers have when an event reaches them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known<'a> {
     pub(crate) gestures: &'a Gestures,
@@ -163,7 +163,7 @@ impl<'a> Event<'a> {
         Ok(())
     }
 
-    /// The event, and the number of what it sets, if that stays in force until it is set anew.
+    /// The event, and the number of the value that it sets, if that stays in force until it is set anew.
     pub(super) fn standing(&self) -> Option<(usize, Event<'static>)> {
         Some(match *self {
             Self::Mood { mood, strength } => (0, Event::Mood { mood, strength }),

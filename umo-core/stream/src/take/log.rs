@@ -105,7 +105,7 @@ impl Head {
         let mut out = Put { store: &mut store, is_full: false };
         let word = |value: usize| u32::try_from(value).unwrap_or(u32::MAX).to_le_bytes();
         let sampler = avatar.sampler;
-        // What is not known yet is filled in by `Log::take`.
+        // `Log::take` fills in the fields that are not known yet.
         out.bytes(MAGIC).bytes(&VERSION.to_le_bytes()).bytes(&[0; AUDIO + 16 - CHECKSUM]);
         out.bytes(&model.to_le_bytes()).bytes(&[0; 8]).bytes(&sampler.seed.to_le_bytes());
         for value in [config.frame_rate, sample_rate, avatar.target, avatar.lookahead, avatar.horizon] {
@@ -131,7 +131,7 @@ impl Head {
 #[derive(Debug)]
 pub(crate) struct Log {
     store: Store,
-    /// Whether a record had no room: what comes later is not recorded.
+    /// Whether a record had no room: later ones are not recorded.
     is_full: bool,
     sound: Sound,
     frames: u32,

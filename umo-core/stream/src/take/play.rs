@@ -9,7 +9,7 @@ use super::{Take, TakeError};
 
 /// Tag of a packet's record.
 pub(super) const PACKET: u8 = 0x40;
-/// A frame's record is a byte of these flags, and a number for each. What is not there is the frame before's.
+/// A frame's record is a byte of these flags, and a number for each; the others are the frame before's.
 pub(super) const LEVEL: u8 = 1;
 pub(super) const AROUSAL: u8 = 2;
 pub(super) const ONSET: u8 = 4;
@@ -18,7 +18,7 @@ pub(super) const OTHER: u8 = 8;
 /// Level of a voice that is not heard.
 pub(super) const NOT_HEARD: f32 = -1.0;
 
-/// What the layers hear at a frame.
+/// Sound of a frame, as the layers hear it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sound {
     pub(super) level: f32,

@@ -33,14 +33,14 @@ pub(crate) struct Recorder {
     is_broken: AtomicBool,
 }
 
-/// What was recorded of the present stream.
+/// The record of the present stream.
 #[derive(Debug)]
 pub(crate) struct Recording {
     log: Log,
     epoch: Epoch,
     /// Whether it goes on.
     is_open: bool,
-    /// What the host has set, for a take that begins later.
+    /// Values that the host has set, for a take that begins later.
     standing: [Option<Event<'static>>; STANDING],
     prompt: Option<usize>,
     ids: [[u8; 4]; MAX_PROMPT_TOKENS],
@@ -108,7 +108,7 @@ impl Recording {
         later < 1 << 31 && self.is_open
     }
 
-    /// Begins a take, with what is in force.
+    /// Begins a take, with the values in force.
     fn begin(&mut self) {
         self.log.clear();
         self.standing.iter().flatten().for_each(|event| self.log.event(event));
