@@ -11,6 +11,7 @@ use umo_core::{
     Threads,
 };
 use umo_core_model::audio::Tokenizer;
+use umo_core_model::layout::FREE;
 use umo_core_model::lm::decoder::Sequence;
 use umo_core_model::lm::depth::{DepthNet, DepthScratch, Task};
 use umo_core_model::lm::generate::{ChunkSampling, Generator, Heads};
@@ -175,6 +176,7 @@ pub struct Depth {
     tasks: Vec<Task>,
     /// `[avatars, codes of a keyframe]`
     before: Vec<u16>,
+    free: Vec<u16>,
 }
 
 impl Depth {
@@ -196,6 +198,7 @@ impl Depth {
             heard: (0..avatars * places * config.lm.d_model).map(|_| random.normal()).collect(),
             tasks: (0..avatars).map(task).collect(),
             before: vec![0; avatars * net.codes()],
+            free: vec![FREE; avatars * net.codes()],
             net,
         }
     }
@@ -209,9 +212,10 @@ impl Depth {
     pub fn draw(&mut self, cx: Compute) {
         let mut first = 0;
         while first < self.tasks.len() {
-            let (tasks, before) = (&self.tasks[first..], &self.before[first * self.net.codes()..]);
+            let codes = first * self.net.codes();
+            let tasks = (&self.tasks[first..], &self.before[codes..], &self.free[codes..]);
             let states = (&self.states[..], &self.heard[..]);
-            let drawn = self.net.draw(cx, &mut self.scratch, states, (tasks, before), 0..self.net.codes(), |_, _| ());
+            let drawn = self.net.draw(cx, &mut self.scratch, states, tasks, 0..self.net.codes(), |_, _| ());
             first += drawn.expect(OK);
         }
     }

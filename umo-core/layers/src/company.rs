@@ -6,7 +6,7 @@ use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::skeleton::JAW;
 
 use super::noise::{Stream, uniform};
-use super::rig::{DEGREE, HEAD, NECK, SPINE, Spring, arkit, ease, toward, turn_in_parent};
+use super::rig::{ARMS, DEGREE, HEAD, NECK, SPINE, Spring, arkit, ease, toward, turn_in_parent};
 use super::{Mood, Tick};
 
 /// Spring frequencies, radians a second: of lean and weight 95 % in 1.9 s, of yielding in 0.7 s, and on the way back from it
@@ -29,7 +29,6 @@ const YIELD_SHARE: f32 = 0.85;
 const YIELD_DEGREES: f32 = 6.0;
 /// Share by which the arms of a listener go to rest.
 const REST_SHARE: f32 = 0.85;
-const ARMS: [usize; 8] = [13, 14, 16, 17, 18, 19, 20, 21];
 /// Shapes of an open mouth; the closing one among them, so that closed lips stay closed.
 const MOUTH: [usize; 8] = [
     arkit("jawOpen"),
@@ -215,8 +214,8 @@ impl Presence {
         let arms = share.max(tick.gain * REST_SHARE * self.resting.at);
         let (rest, rotations) = (&tick.rig.rest.rotations, &mut frame.pose.rotations);
         if arms > 0.0 {
-            for joint in ARMS {
-                rotations[joint] = toward(rotations[joint], rest[joint], arms);
+            for (joint, down) in ARMS.into_iter().zip(tick.rig.arms_down) {
+                rotations[joint] = toward(rotations[joint], down, arms);
             }
         }
         if share <= 0.0 {
@@ -286,7 +285,7 @@ fn follow(spring: &mut Spring, goal: f32, rate: f32, seconds: f32) {
 mod tests {
     use super::super::Layer;
     use super::super::rig::angle_between;
-    use super::super::trial::{Trial, assert_sound, shape, turned};
+    use super::super::trial::{Trial, assert_sound, face, shape, skeleton, standing, turned};
     use super::*;
 
     /// Largest turn of a joint from one frame to the next, degrees.
@@ -401,5 +400,24 @@ mod tests {
         for (a, b) in wanted.iter().zip(&run(&mut other, 333..600)) {
             assert!(a.pose.rotations == b.pose.rotations && a.face[..] == b.face[..]);
         }
+    }
+
+    #[test]
+    fn both_arms_of_a_listener_hang_though_one_is_raised_at_rest() {
+        let mut rest = standing();
+        turn_in_parent(&mut rest.rotations[16], [0.0, 0.0, 60.0 * DEGREE]);
+        let mut trial = Trial::of(&[Layer::Mood], 3, &skeleton(), &face(true), &rest);
+        let wrists = |trial: &Trial, frame: &OwnedFrame| {
+            let (places, _) = trial.rig.world(&frame.pose);
+            [places[20][1], places[21][1]]
+        };
+        let [left, right] = wrists(&trial, &trial.frame);
+        assert!((left - right).abs() > 0.2, "{left} {right}");
+        trial.controls.company = Company { role: Some(Role::Listening), resting: 1.0, ..Company::ALONE };
+        let shown = trial.ticks(150);
+        let [now_left, now_right] = wrists(&trial, &shown[149]);
+        let low = left.min(right);
+        assert!(now_left < low + 0.12 && now_right < low + 0.12, "{now_left} {now_right}, {low} at rest");
+        shown.iter().for_each(assert_sound);
     }
 }

@@ -38,6 +38,8 @@ pub(crate) struct Rig {
     pub(crate) shapes: [Option<usize>; ARKIT_NAMES.len()],
     /// Rest pose of the model.
     pub(crate) rest: Pose,
+    /// Rotations of [`ARMS`] with both arms down: as at rest the arm whose wrist is lower, and its mirror's image.
+    pub(crate) arms_down: [Quat; ARMS.len()],
     /// Joints from the root to the head.
     head_chain: [usize; JOINTS],
     /// Number of those joints.
@@ -48,6 +50,15 @@ pub(crate) struct Rig {
     pub(super) eye_height: f32,
     /// Length of a leg from hip to ankle, metres; at least 0.1.
     pub(super) leg: f32,
+}
+
+/// Joints of the arms, the left and the right one of each in turn.
+pub(crate) const ARMS: [usize; 8] = [13, 14, 16, 17, 18, 19, 20, 21];
+const WRISTS: [usize; 2] = [20, 21];
+
+/// Returns a rotation mirrored between left and right.
+pub(super) fn mirrored([x, y, z, w]: Quat) -> Quat {
+    [x, -y, -z, w]
 }
 
 /// Returns the index of a shape in [`ARKIT_NAMES`].
@@ -85,6 +96,7 @@ impl Rig {
             offsets: std::array::from_fn(|joint| skeleton.offsets_m[joint]),
             shapes: std::array::from_fn(|shape| find(ARKIT_NAMES[shape]).filter(|_| is_arkit)),
             rest: *rest,
+            arms_down: [IDENTITY; ARMS.len()],
             head_chain: [HEAD; JOINTS],
             head_chain_len: 1,
             eyes: [0.0; 3],
@@ -101,6 +113,11 @@ impl Rig {
         }
         rig.head_chain[..rig.head_chain_len].reverse();
         let (places, turned) = rig.world(&rig.rest);
+        let lower = usize::from(places[WRISTS[1]][1] < places[WRISTS[0]][1]);
+        rig.arms_down = std::array::from_fn(|at| {
+            let rotation = rig.rest.rotations[ARMS[at - at % 2 + lower]];
+            if at % 2 == lower { rotation } else { mirrored(rotation) }
+        });
         let between: [f32; 3] = std::array::from_fn(|axis| 0.5 * (places[EYES[0]][axis] + places[EYES[1]][axis]));
         let from_head = std::array::from_fn(|axis| between[axis] - places[HEAD][axis]);
         rig.eyes = rotate(inverse(turned[HEAD]), from_head);

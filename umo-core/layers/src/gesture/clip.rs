@@ -10,8 +10,8 @@ use umo_core_pose::rotation::{Quat, normalized, slerp};
 use umo_core_pose::skeleton::{FIRST_FINGER, JOINTS};
 
 use super::curve::ease;
-use super::hand::mirrored;
 use super::set::{GestureParts, check_name};
+use crate::rig::mirrored;
 
 /// Longest fade-in and fade-out of a clip, seconds.
 const FADE_IN_SECONDS: f32 = 0.4;

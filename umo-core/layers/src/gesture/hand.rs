@@ -4,6 +4,8 @@ use std::f32::consts::PI;
 
 use umo_core_pose::rotation::{IDENTITY, Quat, axis_angle_to_quat, product};
 
+use crate::rig::mirrored;
+
 /// Finger joints of one hand: index, middle, pinky, ring, thumb, three each.
 pub(super) const FINGER_JOINTS: usize = 15;
 
@@ -218,9 +220,4 @@ pub(super) fn joints(shape: &Shape, is_left: bool) -> [Quat; FINGER_JOINTS] {
         joints.iter_mut().for_each(|joint| *joint = mirrored(*joint));
     }
     joints
-}
-
-/// Returns a rotation mirrored between left and right.
-pub(super) fn mirrored([x, y, z, w]: Quat) -> Quat {
-    [x, -y, -z, w]
 }
