@@ -403,7 +403,7 @@ impl Avatar {
         self.window.set(codes)
     }
 
-    /// Sets codes `[N, codes of a keyframe]` of the next chunk's keyframes, [`FREE`](crate::layout::FREE) for those that the model
+    /// Sets codes `[N, codes of a keyframe]` of the next chunk's keyframes, [`FREE`] for those that the model
     /// draws: after codes that are set, and those of the same keyframe before them. If all are set, the chunk is due as
     /// [`Due::Held`]: the language model has nothing to draw.
     ///
