@@ -124,7 +124,7 @@ for (const wide of ["two halves", "a BigInt"]) {
     words[(config + 8) >> 2] = 1;
     player.call("umo_engine_new", model, config, out);
     const engine = words[out >> 2];
-    player.call("umo_session_config_init", config, 80, model);
+    player.call("umo_session_config_init", config, 88, model);
     words[(config + 48) >> 2] = player.put("no such template");
     assert.notEqual(library.umo_session_new(engine, config, out), 0);
     assert.match(player.text(library.umo_last_error()), /no such template/);
