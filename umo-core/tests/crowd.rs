@@ -197,21 +197,22 @@ fn who_listens_costs_held_bodies() {
     let config = EngineConfig {
         threads: Threads::Host(0),
         clock: Clock::Manual(Arc::clone(&nanos)),
-        max_sessions: 2,
+        max_sessions: 3,
         ..EngineConfig::default()
     };
     let engine = Engine::new(Arc::new(model), &config).unwrap();
     let config = SessionConfig { idle: Idle::Live, ..SessionConfig::new(engine.model().config()) };
-    let sessions = [(); 2].map(|()| engine.session(&config).unwrap());
+    let bare = SessionConfig { layers: LayerGains::OFF, ..config.clone() };
+    let sessions = [&config, &config, &bare].map(|config| engine.session(config).unwrap());
     let (mut heads, mut picture) = (Vec::new(), 0);
     let mut show = |pictures: usize, speaks: bool| {
         for _ in 0..pictures {
             nanos.fetch_add(1_000 * MILLISECOND / 30, Ordering::Relaxed);
             picture += 1;
-            // A person speaks to the first of them.
+            // A person speaks to the first and to the one without layers.
             let level = if speaks && picture % 90 < 70 { 0.2 } else { 0.0 };
             let said: Vec<f32> = (0..16_000 / 30 + 1).map(|at| level * (at as f32 * 0.3).sin()).collect();
-            sessions[0].push_other_audio(&said).unwrap();
+            [0, 2].into_iter().for_each(|which: usize| sessions[which].push_other_audio(&said).unwrap());
             while engine.poll(Duration::from_secs(1)).unwrap() != Poll::Idle {}
             for session in &sessions {
                 let mut head = None;
@@ -225,6 +226,7 @@ fn who_listens_costs_held_bodies() {
     let [(chunks, held), (others, none)] =
         [0, 1].map(|which: usize| sessions[which].stats()).map(|stats| (stats.chunks, stats.held_chunks));
     assert!(held >= 8 && held < chunks && none == 0 && others >= 8, "{held} of {chunks}, {none} of {others}");
+    assert_eq!(sessions[2].stats().held_chunks, 0, "without layers it would be a statue");
     // It is alive, and does not jump.
     let steps = heads.windows(2).map(|pair| {
         let dot: f32 = pair[0].iter().zip(pair[1]).map(|(a, b)| a * b).sum();

@@ -36,7 +36,7 @@ pub(crate) struct Host {
     /// Rules of words, and the number of words that were decided or dropped.
     pub(crate) words: WordRules,
     pub(crate) passed_words: AtomicU64,
-    /// Whether the avatar listens in company.
+    /// Whether the avatar listens in company, with layers that keep it alive.
     pub(crate) listens: AtomicBool,
     /// Value of an [`Idle`].
     pub(crate) idle: AtomicU8,

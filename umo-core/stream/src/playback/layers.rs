@@ -52,7 +52,7 @@ impl Layers {
         self.stack.is_off(&self.controls)
     }
 
-    /// Whether the layers follow from the stream's frames, and from what a host may ask for, alone.
+    /// Whether the layers' state depends on nothing but the stream's frames and the host's requests.
     pub(crate) fn is_of_stream(&self) -> bool {
         !self.scene.is_on() && !self.idled
     }
@@ -111,7 +111,9 @@ impl Layers {
     fn meet(&mut self, host: &Host, frame: &OwnedFrame, other: Option<f32>) {
         self.controls.company =
             if self.scene.is_on() { self.scene } else { self.pair.advance(frame.cue.level, other, self.seconds) };
-        host.listens.store(self.controls.company.role == Some(Role::Listening), Ordering::Relaxed);
+        // Without layers a body that is held would be a statue.
+        let listens = self.controls.company.role == Some(Role::Listening) && !self.is_off();
+        host.listens.store(listens, Ordering::Relaxed);
     }
 
     /// Publishes the numbers of begun gestures, passed hints and passed words for the host's setters.
