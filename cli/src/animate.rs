@@ -21,10 +21,13 @@ use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::strokes::Strokes;
 use crate::words::Script;
-use crate::{atomic_file, gestures, model, progress, start_pose};
+use crate::{atomic_file, gestures, model, progress, score, start_pose};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
+    if let Some(take) = &args.edit.take {
+        return score::animate(args, take);
+    }
     let speech = Speech::open(&args.speech, args.repair)?;
     let job = Job::new(&args.output)?;
     if args.retime && job.generator.records {

@@ -32,6 +32,8 @@ pub use words::{RuleArgs, WordArgs, Words};
 
 /// Heading of options that few need; `-h` omits them.
 const TUNING: &str = "Tuning";
+/// Heading of options that change takes; `-h` omits them.
+const EDITING: &str = "Editing a take";
 /// Heading of options for tests; `-h` omits them.
 const TESTING: &str = "Testing";
 
@@ -69,6 +71,9 @@ pub enum Command {
     /// Play a take: its frames again, without the recording
     #[command(hide = true)]
     Play(Play),
+    /// Print what a take does, as text to change it by
+    #[command(hide = true)]
+    Score(Score),
     /// Convert, quantize, examine and test model files
     #[command(subcommand, hide = true)]
     Model(ModelCommand),
@@ -233,6 +238,66 @@ pub struct Animate {
     /// Tokenise the whole recording at once, as the paper does offline, and print the difference from the stream
     #[arg(long, help_heading = TESTING, hide_short_help = true)]
     pub whole_file_units: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub edit: EditArgs,
+}
+
+/// Changes of a take.
+#[derive(Debug, ClapArgs)]
+pub struct EditArgs {
+    /// Change this take of the recording: as --score says, or in --span
+    #[arg(long, value_name = "FILE.umo", requires = "changes", conflicts_with_all = EDIT_REFUSES, help_heading = EDITING, hide_short_help = true)]
+    pub take: Option<PathBuf>,
+    /// What the take is to do, as `umo score` prints it, and changed; its other frames stay as they are
+    #[arg(long, value_name = "FILE.toml", requires = "take", group = "changes", help_heading = EDITING, hide_short_help = true)]
+    pub score: Option<PathBuf>,
+    /// Draw this part of the take anew, seconds
+    #[arg(long, value_name = "FROM..TO", requires = "take", group = "changes", value_parser = span, help_heading = EDITING, hide_short_help = true)]
+    pub span: Option<std::ops::Range<f64>>,
+    /// Write N takes that differ in what is drawn anew: y-1.umo, y-2.umo and so on
+    #[arg(long, value_name = "N", requires = "take", value_parser = clap::value_parser!(u64).range(2..=100), help_heading = EDITING, hide_short_help = true)]
+    pub variants: Option<u64>,
+}
+
+/// Options that a take has settled.
+const EDIT_REFUSES: [&str; 19] = [
+    "seed",
+    "layers",
+    "activity",
+    "expression",
+    "gesture",
+    "start_pose",
+    "target",
+    "lookahead",
+    "horizon",
+    "guidance",
+    "smoothing",
+    "temperature",
+    "greedy",
+    "prompt",
+    "words",
+    "retime",
+    "reduce",
+    "timings",
+    "whole_file_units",
+];
+
+/// `4..6`: seconds.
+fn span(text: &str) -> Result<std::ops::Range<f64>, String> {
+    let span = text.split_once("..").and_then(|(from, to)| Some(from.parse::<f64>().ok()?..to.parse::<f64>().ok()?));
+    let span = span.filter(|span| span.start >= 0.0 && span.end > span.start && span.end.is_finite());
+    span.ok_or_else(|| "expected two times in seconds, as in 4..6".to_owned())
+}
+
+/// Print what a take does, as text that `umo animate --take --score` makes another take from.
+#[derive(Debug, ClapArgs)]
+pub struct Score {
+    /// Take: .umo, as `umo animate` writes it
+    pub take: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
 }
 
 /// Play a take.

@@ -6,6 +6,7 @@
 //! | `animate`, `text`, `gestures` | speech or text to an animation; gestures over it |
 //! | `converse` | recordings of a conversation to avatars that see and hear each other |
 //! | `speech` | a recording, block by block |
+//! | `play`, `score` | takes: their frames, and changes of what they do |
 //! | `words`, `transcript` | words of a recording, out of files; what their rules would do |
 //! | `batch` | many recordings with one model, computed together |
 //! | `stage`, `inspect`, `random` | a single stage; contents of a model or a character; a model of random weights |
@@ -50,6 +51,7 @@ mod progress;
 mod quantize;
 mod random;
 mod retarget;
+mod score;
 #[cfg(feature = "serve")]
 mod serve;
 mod speech;
@@ -111,6 +113,7 @@ fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Animate(args) => animate::run(&args),
         Command::Play(args) => play::run(&args),
+        Command::Score(args) => score::run(&args),
         Command::Converse(args) => converse::run(&args),
         Command::Batch(args) => batch::run(&args),
         Command::Text(args) => text::run(&args),

@@ -1,8 +1,9 @@
 //! `umo play`: the frames of a take.
 
+use std::sync::Arc;
 use std::time::Instant;
 
-use umo_core::{Session, SessionConfig, SessionError, Take};
+use umo_core::{Gestures, Model, Session, SessionConfig, SessionError, Take, WordRules};
 
 use crate::animate::Outputs;
 use crate::args::Play;
@@ -16,16 +17,23 @@ pub(crate) fn run(args: &Play) -> Result<(), Failure> {
     let take = Take::new(&bytes).map_err(|error| wrong(error.to_string()))?;
     let model = model::load(&args.compute)?;
     let outputs = Outputs::open(&args.files, &model.config().face, false)?;
-    let config = SessionConfig {
-        gestures: gestures::known(&args.gesture_clip, &model.config().skeleton)?,
-        words: words::rules(&args.rules)?,
-        ..SessionConfig::new(model.config())
-    };
+    let gestures = gestures::known(&args.gesture_clip, &model.config().skeleton)?;
+    show(&model, &take, outputs, (gestures, words::rules(&args.rules)?))
+}
+
+/// Plays a take into `outputs`.
+pub(crate) fn show(
+    model: &Arc<Model>,
+    take: &Take,
+    outputs: Outputs,
+    (gestures, words): (Gestures, WordRules),
+) -> Result<(), Failure> {
+    let config = SessionConfig { gestures, words, ..SessionConfig::new(model.config()) };
     if take.has_words() && take.info().rules != config.words.fingerprint() {
         eprintln!("note: other word rules than the take's: its words may be gestured otherwise (--language, --rules)");
     }
     let start = Instant::now();
-    let session = Session::of_take(&model, &take, &config).map_err(|error| wrong(error.to_string()))?;
+    let session = Session::of_take(model, take, &config).map_err(Failure::input)?;
     let mut clip = model.config().clip();
     let failed = |error: SessionError| Failure::environment(error);
     while !session.is_done().map_err(failed)? {
@@ -34,7 +42,7 @@ pub(crate) fn run(args: &Play) -> Result<(), Failure> {
     }
     let (frames, took) = (clip.len(), start.elapsed().as_secs_f64());
     let seconds = frames as f64 / f64::from(take.info().frame_rate);
-    let names = outputs.write(&clip, Some(&take), None)?;
+    let names = outputs.write(&clip, Some(take), None)?;
     println!("{names}: {frames} frames, {seconds:.2} s, played in {took:.2} s");
     Ok(())
 }

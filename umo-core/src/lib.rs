@@ -130,7 +130,7 @@ pub use umo_core_stream::animation::{Animation, AudioSource};
 #[doc(inline)]
 pub use umo_core_stream::packet::{Decoder, PacketError, PacketHead, PacketLayout, Received};
 #[doc(inline)]
-pub use umo_core_stream::take::{Event, Take, TakeError, TakeInfo};
+pub use umo_core_stream::take::{Edit, EditError, Event, Take, TakeError, TakeInfo};
 
 // Poses.
 #[doc(inline)]

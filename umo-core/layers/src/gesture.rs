@@ -299,6 +299,11 @@ impl Requests {
         Ok(())
     }
 
+    /// Makes every request one of this epoch.
+    pub(super) fn move_to(&mut self, epoch: u32) {
+        self.ring.iter_mut().for_each(|request| request.epoch = epoch);
+    }
+
     /// Describes the pending requests.
     pub fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("gestures", &mut self.count, MAX_REQUESTS)?;
@@ -445,6 +450,12 @@ impl Player {
         let ticks = ticks.max((MIN_RELEASE_SECONDS * frame_rate) as u64);
         self.playing[..self.shown].iter_mut().for_each(|playing| release(playing, ticks));
         self.drop_before(epoch, requests);
+    }
+
+    /// Goes on in another epoch, with what waits.
+    pub(super) fn move_to(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.pending.iter_mut().for_each(|request| request.epoch = epoch);
     }
 
     fn drop_before(&mut self, epoch: u32, requests: &Requests) {

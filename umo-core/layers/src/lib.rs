@@ -182,6 +182,28 @@ impl Controls {
         }
     }
 
+    /// Makes every request one of this epoch.
+    pub fn move_to(&mut self, epoch: u32) {
+        self.gestures.move_to(epoch);
+        self.hints.move_to(epoch);
+        self.words.move_to(epoch);
+    }
+
+    /// Whether values that stay in force are those of `other`.
+    pub fn stands_as(&self, other: &Self) -> bool {
+        let values = |controls: &Self| {
+            let Self { layers, look_at, look_at_strength, attention, expression, mood, mood_strength, .. } = *controls;
+            (
+                layers,
+                (look_at_strength > 0.0).then_some((look_at, look_at_strength)),
+                attention,
+                expression,
+                (mood, mood_strength),
+            )
+        };
+        values(self) == values(other)
+    }
+
     /// Saves or loads the controls.
     pub fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.places(&mut self.look_at)?;
@@ -365,6 +387,13 @@ impl LayerStack {
         self.asymmetry = asymmetry::Asymmetry::new();
         self.feet = feet::Feet::new();
         self.presence = company::Presence::new();
+    }
+
+    /// Goes on in another epoch, with the requests of the present one.
+    pub fn move_to(&mut self, epoch: u32) {
+        self.gesture.move_to(epoch);
+        self.lips.move_to(epoch);
+        self.words.move_to(epoch);
     }
 
     /// Lets a tick pass while the layers are off.

@@ -99,6 +99,11 @@ pub struct Hints {
 impl Hints {
     pub(super) const NONE: Self = Self { ring: [Hint::NONE; MAX_PENDING_HINTS], count: 0 };
 
+    /// Makes every hint one of this epoch.
+    pub(super) fn move_to(&mut self, epoch: u32) {
+        self.ring.iter_mut().for_each(|hint| hint.epoch = epoch);
+    }
+
     /// Adds a hint with `start` and `duration` in seconds of audio at `rate`. Fails if
     /// [`MAX_PENDING_HINTS`] wait already, given that `passed` are done.
     pub fn push(
@@ -158,6 +163,12 @@ impl Lips {
     /// Number of hints that were shown, came too late, or were dropped by an interrupt.
     pub(super) fn passed(&self) -> u64 {
         self.passed
+    }
+
+    /// Goes on in another epoch, with what waits.
+    pub(super) fn move_to(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.waiting.iter_mut().for_each(|hint| hint.epoch = epoch);
     }
 
     /// Begins a new epoch: drops the hints of earlier ones.

@@ -9,7 +9,7 @@ use umo_core_pose::rotation::scaled;
 use umo_core_pose::skeleton::JAW;
 
 use super::Tick;
-use super::rig::{DEGREE, HEAD, NECK, SPINE, arkit, step, toward, turn_in_parent};
+use super::rig::{ARMS, DEGREE, HEAD, NECK, Rig, SPINE, angle_between, arkit, ease, step, toward, turn_in_parent};
 
 /// Time constant of each of the two low-passes over the arousal, seconds.
 const FILTER_SECONDS: f32 = 0.25;
@@ -34,6 +34,9 @@ const SCALED: [(usize, f32); 13] = [
     (NECK, 0.35),
     (HEAD, 0.35),
 ];
+
+/// Angle of a joint from an arm that hangs at which the arm counts as raised.
+const RAISED: f32 = 80.0 * DEGREE;
 
 /// Posture of the liveliest voice and of the dullest: degrees about X (forward), Y and Z, in the parent's frame.
 const LIVELY: [(usize, [f32; 3]); 5] = [
@@ -106,7 +109,7 @@ impl Voiced {
         if amount.abs() < LEAST {
             return;
         }
-        scale(&mut frame.pose, &tick.rig.rest, amount);
+        scale(&mut frame.pose, tick.rig, amount);
         let posture: &[_] = if amount > 0.0 { &LIVELY } else { &DULL };
         for &(joint, degrees) in posture {
             turn_in_parent(&mut frame.pose.rotations[joint], degrees.map(|angle| amount.abs() * angle * DEGREE));
@@ -127,11 +130,18 @@ impl Voiced {
     }
 }
 
-/// Scales the distance of arms, trunk and head from rest.
-fn scale(pose: &mut Pose, rest: &Pose, amount: f32) {
+/// Scales the distance of arms, trunk and head from rest. Arms that hang stay as they are.
+fn scale(pose: &mut Pose, rig: &Rig, amount: f32) {
+    // Left and right in turn.
+    let mut raised = [0.0_f32; 2];
+    for (at, (&joint, &down)) in ARMS.iter().zip(&rig.arms_down).enumerate() {
+        raised[at % 2] = raised[at % 2].max(angle_between(pose.rotations[joint], down) / RAISED);
+    }
     for (joint, share) in SCALED {
+        let side = ARMS.iter().position(|&arm| arm == joint);
+        let share = side.map_or(share, |at| share * ease(raised[at % 2]));
         let rotation = &mut pose.rotations[joint];
-        *rotation = scaled(rest.rotations[joint], *rotation, (share * amount).exp());
+        *rotation = scaled(rig.rest.rotations[joint], *rotation, (share * amount).exp());
     }
 }
 

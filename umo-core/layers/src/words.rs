@@ -52,6 +52,11 @@ impl Words {
         self.planner.passed()
     }
 
+    /// Goes on in another epoch, with what waits.
+    pub(super) fn move_to(&mut self, epoch: u32) {
+        self.planner.move_to(epoch);
+    }
+
     /// Begins a new epoch: drops the words of earlier ones, and gestures that have not begun.
     pub(super) fn interrupt(&mut self, epoch: u32, hints: &Hints) {
         self.planner.interrupt(epoch, hints);

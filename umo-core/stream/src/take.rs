@@ -4,12 +4,18 @@
 //! | module | contents |
 //! |---|---|
 //! | `log` | records of a take, as it is made |
+//! | `edits` | what was changed in a take |
+//! | `draw` | changing a take: chunks drawn anew |
+//! | `join` | from changed frames back to the motion's own |
 //! | `record` | the take of a session that runs |
 //! | `event` | what a host asks for, as bytes and for the layers |
 //! | `reader` | fields out of bytes |
 //! | `play` | the cursor of a take that is played |
 
+mod draw;
+mod edits;
 mod event;
+mod join;
 mod log;
 mod play;
 mod reader;
@@ -26,8 +32,13 @@ use umo_core_model::model::Model;
 
 use crate::packet::{PacketError, PacketLayout, SOUND};
 use crate::session::SessionError;
+pub(crate) use draw::Redrawn;
+pub use draw::{Edit, EditError};
+
+use edits::Edits;
 pub use event::Event;
 pub(crate) use event::{Known, Passed};
+pub(crate) use join::{Join, Offset, Patch};
 pub(crate) use log::{Head, Log};
 pub(crate) use play::{Packets, Play};
 use play::{Record, Records};
@@ -37,7 +48,9 @@ pub(crate) use record::Recorder;
 /// First bytes of a take.
 const MAGIC: &[u8; 8] = b"umo take";
 /// The version that this library writes; it reads all up to it.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// The version of a take without edits.
+const UNEDITED: u32 = 1;
 /// Where the fields of the head are; the checksum is over everything after it.
 const CHECKSUM: usize = 12;
 const LENGTH: usize = 16;
@@ -141,6 +154,7 @@ pub struct Take {
     history: Arc<[u16]>,
     /// Where the records begin.
     body: usize,
+    edits: Arc<Edits>,
 }
 
 impl Take {
@@ -166,8 +180,8 @@ impl Take {
         if sum != crc32fast::hash(&bytes[LENGTH..]) {
             return Err(TakeError::Checksum);
         }
-        let take = Self::read_head(bytes, version, head)?;
-        take.check_records()?;
+        let mut take = Self::read_head(bytes, version, head)?;
+        take.edits = take.read_records()?.into();
         Ok(take)
     }
 
@@ -198,12 +212,12 @@ impl Take {
         let sampler = Sampler { sampling, seed, activity, expression };
         let avatar = AvatarConfig { target, lookahead, smoothing, sampler, template, text, horizon, guidance };
         let info = TakeInfo { version, frames, packets, frame_rate, sample_rate, model, audio, samples, rules };
-        Ok(Self { bytes: bytes.into(), info, avatar, layers, history, body: head.at() })
+        Ok(Self { bytes: bytes.into(), info, avatar, layers, history, body: head.at(), edits: Arc::default() })
     }
 
-    /// Checks that every record can be read, and their numbers.
-    fn check_records(&self) -> Result<(), TakeError> {
-        let (mut frames, mut packets, mut records) = (0, 0, self.records());
+    /// Checks that every record can be read, and their numbers; returns the edits.
+    fn read_records(&self) -> Result<Edits, TakeError> {
+        let (mut frames, mut packets, mut records) = (0, 0, Records::new(&self.bytes, self.body));
         while let Some(record) = records.next()? {
             match record {
                 Record::Frame => frames += 1,
@@ -212,13 +226,14 @@ impl Take {
             }
         }
         match (frames, packets) == (self.info.frames, self.info.packets) {
-            true => Ok(()),
+            true => Edits::read(&self.bytes, records.at(), frames, self.info.version),
             false => Err(TakeError::Field("number of frames or packets")),
         }
     }
 
+    /// Records of the motion, without its edits.
     fn records(&self) -> Records<'_> {
-        Records::new(&self.bytes, self.body)
+        Records::new(&self.bytes[..self.edits.at], self.body)
     }
 
     /// The bytes of the file.
@@ -254,8 +269,12 @@ impl Take {
     /// The host's requests in order, each with the first frame that it was in force at.
     pub fn events(&self) -> impl Iterator<Item = (u64, Event<'_>)> {
         let (mut records, mut frame) = (self.records(), 0);
+        let mut edited = self.edits.requests(&self.bytes);
         std::iter::from_fn(move || {
             // Every record was read once.
+            if let Some(edited) = &mut edited {
+                return edited.next().ok().flatten();
+            }
             while let Ok(Some(record)) = records.next() {
                 match record {
                     Record::Event(event) => return Some((frame, event)),
@@ -272,7 +291,7 @@ impl Take {
         self.events().any(|(_, event)| matches!(event, Event::Words { .. }))
     }
 
-    /// Its packets, in order.
+    /// Its packets, in order; of one that was edited, those of the motion before.
     pub fn packets(&self) -> impl Iterator<Item = &[u8]> {
         let mut records = self.records();
         std::iter::from_fn(move || {

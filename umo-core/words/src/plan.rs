@@ -115,6 +115,11 @@ impl Hints {
     /// No words.
     pub const NONE: Self = Self { ring: [Word::NONE; MAX_PENDING_WORDS], count: 0 };
 
+    /// Makes every word one of this epoch.
+    pub fn move_to(&mut self, epoch: u32) {
+        self.ring.iter_mut().for_each(|word| word.epoch = epoch);
+    }
+
     /// Adds the words of a text that is spoken from `start` to `end`, in seconds of audio; several words
     /// share the time by their syllables. Fails if they would be more than [`MAX_PENDING_WORDS`] that wait, given that
     /// `passed` are done. Never allocates.
@@ -287,6 +292,12 @@ impl Planner {
     /// Number of words that were decided or dropped.
     pub fn passed(&self) -> u64 {
         self.passed
+    }
+
+    /// Goes on in another epoch, with what waits.
+    pub fn move_to(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.waiting.iter_mut().for_each(|word| word.epoch = epoch);
     }
 
     /// Begins a new epoch: drops the words of earlier ones.

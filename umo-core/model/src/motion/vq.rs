@@ -131,7 +131,7 @@ impl Codebook {
     /// Writes the codes of `x [width]`. Each level selects the vector with the smallest Euclidean distance to
     /// the residual of the levels before it; ties go to the lowest code. Overwrites `x` with the residual
     /// before the last level.
-    fn encode(&self, x: &mut [f32], codes: &mut [u16]) {
+    pub fn encode(&self, x: &mut [f32], codes: &mut [u16]) {
         let levels = self.values.chunks_exact(self.codes * self.width);
         for ((values, code), level) in levels.zip(codes).zip(0..) {
             *code = self.nearest(values, x);

@@ -12,6 +12,13 @@ use crate::scene::Pair;
 use crate::session::spin_lock;
 use crate::take::{Event, Known, Passed};
 
+/// The layers between two frames, and the requests in force.
+#[derive(Debug)]
+pub(crate) struct LayersState {
+    bytes: Box<[u8]>,
+    controls: Controls,
+}
+
 /// The layers of one avatar, and the requests in force.
 #[derive(Debug)]
 pub(crate) struct Layers {
@@ -121,6 +128,43 @@ impl Layers {
         host.passed_hints.store(self.stack.passed_hints(), Ordering::Release);
         host.passed_words.store(self.stack.passed_words(), Ordering::Release);
         host.begun_gestures.store(self.stack.begun_gestures(), Ordering::Release);
+    }
+
+    /// What the host asks for; `None` while it is writing.
+    pub(crate) fn asked(&self, host: &Host) -> Option<Controls> {
+        spin_lock(&host.controls.value).ok().map(|controls| *controls)
+    }
+
+    /// Their present state.
+    pub(crate) fn keep(&mut self) -> Result<LayersState, StateError> {
+        let describe = |layers: &mut Self, pass: &mut StatePass| {
+            layers.stack.state(pass)?;
+            layers.pair.state(pass)
+        };
+        let mut pass = StatePass::size();
+        describe(self, &mut pass)?;
+        let mut bytes = vec![0; pass.end()?];
+        let mut pass = StatePass::save(&mut bytes, 0, 0);
+        describe(self, &mut pass)?;
+        let length = pass.end()?;
+        bytes.truncate(length);
+        Ok(LayersState { bytes: bytes.into(), controls: self.controls })
+    }
+
+    /// Returns to a state of layers like these, in the present epoch; returns whether it did. Never allocates.
+    pub(crate) fn return_to(&mut self, host: &Host, state: &LayersState, epoch: u32) -> bool {
+        let Ok(mut controls) = spin_lock(&host.controls.value) else { return false };
+        let mut pass = StatePass::load(&state.bytes, 0);
+        if self.stack.state(&mut pass).and_then(|()| self.pair.state(&mut pass)).is_err() {
+            return false;
+        }
+        self.controls = state.controls;
+        self.stack.move_to(epoch);
+        self.controls.move_to(epoch);
+        *controls = self.controls;
+        drop(controls);
+        self.publish(host);
+        true
     }
 
     /// Describes the layers; [`Self::controls_state`] follows later in a state.

@@ -1,5 +1,6 @@
 //! The frame side of a session: the stages of [`playback`](crate::playback) in their order.
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use umo_core_base::memory::Boxed;
@@ -15,7 +16,7 @@ use crate::playback::{
     Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Trend, Window,
     frames_of,
 };
-use crate::take::{Play, Recorder};
+use crate::take::{Offset, Play, Recorder};
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
 #[derive(Debug)]
@@ -25,8 +26,9 @@ pub(crate) struct Output {
     arrival: Arrival,
     /// If frames come from packets.
     gap: Option<Gap>,
-    /// If they come from a take.
+    /// If they come from a take; and what fades after its changed frames.
     play: Option<Play>,
+    offset: Offset,
     layers: Layers,
     trend: Trend,
     window: Window,
@@ -58,7 +60,8 @@ impl Output {
             // With packets, `gap` eases.
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
-            play: init.take.cloned().map(Play::new),
+            play: init.take.cloned().map(|take| Play::new(take, Arc::clone(&init.patches))),
+            offset: Offset::new(rest.face.len()),
             layers: Layers::new(stack, controls, rates),
             trend: Trend::new(frame_rate),
             window: Window::new(frame),
@@ -69,13 +72,20 @@ impl Output {
         }
     }
 
+    /// The newest frame that was shown, and the layers after it.
+    pub(super) fn shown(&mut self) -> (&OwnedFrame, &mut Layers) {
+        let Self { window, layers, .. } = self;
+        (&window.last.frame, layers)
+    }
+
     /// Restarts if the session was interrupted or reset.
     fn sync_epoch(&mut self, shared: &Shared) {
         let (epoch, before) = (shared.link.epoch(), self.source.epoch());
         if epoch == before {
             return;
         }
-        let Self { to_rest, source, arrival, gap, play, layers, trend, window, sample, idle, gained, rest } = self;
+        let Self { to_rest, source, arrival, gap, play, offset, layers, trend, window, sample, idle, gained, rest } =
+            self;
         let is_reset = epoch.resets != before.resets;
         if window.reset(is_reset, rest) {
             shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
@@ -93,6 +103,7 @@ impl Output {
         }
         if let Some(play) = play {
             play.reset();
+            offset.reset();
         }
         layers.reset(&start, &shared.host);
         trend.reset();
@@ -115,7 +126,7 @@ impl Output {
 
     /// Fetches the frame after the one shown; returns whether there is one.
     fn fetch(&mut self, shared: &Shared) -> bool {
-        let Self { to_rest, source, arrival, gap, play, layers, trend, window, rest, .. } = self;
+        let Self { to_rest, source, arrival, gap, play, offset, layers, trend, window, rest, .. } = self;
         let mut other = None;
         if window.has_next {
             return true;
@@ -132,7 +143,18 @@ impl Output {
             }
             if let Some(play) = play {
                 let epoch = source.epoch().number;
+                if play.has_joins()
+                    && let Some(now) = layers.asked(&shared.host)
+                    && let Some(join) = play.join(frame.index, &now)
+                    && layers.return_to(&shared.host, &join.layers, epoch)
+                {
+                    offset.begin(&window.last.frame, &join.shown);
+                }
                 play.advance(frame.index, |event| layers.ask(&shared.host, &event, epoch));
+                if play.has_joins() {
+                    play.leave(layers.asked(&shared.host));
+                }
+                play.patch(frame);
                 play.cue(&mut frame.cue);
                 other = play.other();
             }
@@ -156,6 +178,7 @@ impl Output {
             }
         }
         layers.apply_for(&shared.host, frame, other);
+        offset.apply(frame);
         trend.follow(frame.cue.arousal);
         window.has_next = true;
         true

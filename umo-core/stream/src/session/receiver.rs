@@ -26,7 +26,7 @@ use crate::engine::EngineError;
 use crate::link::{Epoch, Stamp};
 use crate::packet::{Decoder, PacketError, PacketSink, Received, SOUND};
 use crate::playback::frames_of;
-use crate::take::{Packets, Take};
+use crate::take::{Packets, Patch, Take};
 
 /// Name of the call, for [`SessionError::Busy`].
 const PUSH: &str = "push_packet";
@@ -105,8 +105,9 @@ impl Session {
     pub(super) fn make_decoder(
         model: &Arc<Model>,
         config: &SessionConfig,
-        take: Option<&Take>,
+        take: Option<(&Take, Arc<[Patch]>)>,
     ) -> Result<Self, EngineError> {
+        let (take, patches) = take.map_or_else(Default::default, |(take, patches)| (Some(take), patches));
         let mut config = config.clone();
         if config.voice != Voice::Delayed {
             return Err(LoadError::argument("voice", "a decoder has no live voice").into());
@@ -143,6 +144,7 @@ impl Session {
             resampler: Resampler::new_in(rate, rate, None, &arena),
             is_decoder: true,
             take,
+            patches,
             arena: &arena,
         };
         let receiver = Receiver {

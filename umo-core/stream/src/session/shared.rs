@@ -27,7 +27,7 @@ use super::packets::PacketQueue;
 pub(super) use crate::link::try_lock;
 use crate::link::{FrameRing, Handover, Link, Signal};
 use crate::playback::{Host, LiveVoice, Voice};
-use crate::take::{Head, Log, Recorder, Take};
+use crate::take::{Head, Log, Patch, Recorder, Take};
 
 /// Settings that may change while the session runs, taken over at the next chunk.
 #[derive(Debug)]
@@ -151,6 +151,8 @@ pub(crate) struct SessionInit<'a> {
     pub(crate) is_decoder: bool,
     /// The take that it plays, if it plays one.
     pub(crate) take: Option<&'a Take>,
+    /// Changed frames of that take.
+    pub(crate) patches: Arc<[Patch]>,
     /// The allocator of all of it.
     pub(crate) arena: &'a Arena,
 }

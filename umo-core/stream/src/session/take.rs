@@ -8,10 +8,13 @@ use std::sync::Arc;
 use umo_core_base::error::LoadError;
 use umo_core_base::memory;
 use umo_core_model::model::Model;
+use umo_core_pose::frame::OwnedFrame;
 
-use super::{Session, SessionConfig, SessionError};
+use super::shared::try_lock;
+use super::{OUTPUT, Session, SessionConfig, SessionError};
 use crate::engine::EngineError;
-use crate::take::Take;
+use crate::playback::LayersState;
+use crate::take::{Join, Patch, Redrawn, Take};
 
 impl Session {
     /// Creates a session that plays a take: [`Self::push_take`] replaces audio, and everything that shows or changes
@@ -28,7 +31,10 @@ impl Session {
             .map_err(|error| LoadError::argument("take", error.to_string()))?;
         let config =
             SessionConfig { avatar: take.avatar().clone(), layers: take.layers(), reorder_window: 0, ..config.clone() };
-        memory::catch(|| Self::make_decoder(model, &config, Some(take)))?
+        memory::catch(|| {
+            let patches = if take.is_edited() { patches(model, take, &config)? } else { Arc::default() };
+            Self::make_decoder(model, &config, Some((take, patches)))
+        })?
     }
 
     /// Writes the take of the frames that were shown so far to the start of `bytes`; returns its length. It begins at
@@ -52,4 +58,51 @@ impl Session {
     pub fn take_size(&self) -> Result<usize, SessionError> {
         self.shared.recorder.as_ref().ok_or(SessionError::NoTake)?.length()
     }
+}
+
+impl Session {
+    /// Plays a take to its next frame.
+    fn next_of_take(&self) -> Result<Option<OwnedFrame>, SessionError> {
+        loop {
+            if self.pull_frames(1, |_| ())? > 0 {
+                let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+                return Ok(Some(output.shown().0.clone()));
+            }
+            if self.is_done()? {
+                return Ok(None);
+            }
+            self.push_take()?;
+        }
+    }
+
+    /// The layers after the newest frame.
+    fn layers_now(&self) -> Result<LayersState, SessionError> {
+        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+        output.shown().1.keep().map_err(SessionError::State)
+    }
+}
+
+/// The changed frames of a take, and the layers after them, which the motion that was edited is played for.
+fn patches(model: &Arc<Model>, take: &Take, config: &SessionConfig) -> Result<Arc<[Patch]>, EngineError> {
+    let failed = |error: String| EngineError::from(LoadError::argument("take", error));
+    let redrawn = take.redrawn(model).map_err(|error| failed(error.to_string()))?;
+    let total = u64::from(take.info().frames);
+    let before = Session::make_decoder(model, config, Some((&take.original(), Arc::default())))?;
+    let mut frame = 0;
+    let mut patches = Vec::with_capacity(redrawn.len());
+    for Redrawn { frames, drawn } in redrawn {
+        let mut last = None;
+        while frame < frames.end {
+            last = before.next_of_take().map_err(|error| failed(error.to_string()))?;
+            frame += 1;
+        }
+        let join = match last {
+            Some(shown) if frames.end < total => {
+                Some(Join { layers: before.layers_now().map_err(|error| failed(error.to_string()))?, shown })
+            }
+            _ => None,
+        };
+        patches.push(Patch { frames, drawn, join });
+    }
+    Ok(patches.into())
 }

@@ -11,11 +11,11 @@ use umo_core_pose::frame::Cue;
 
 use super::event::{Event, shortened};
 use super::play::{AROUSAL, LEVEL, NOT_HEARD, ONSET, OTHER, PACKET, Sound};
-use super::{AUDIO, CHECKSUM, FRAMES, LENGTH, MAGIC, RULES, VERSION};
+use super::{AUDIO, CHECKSUM, FRAMES, LENGTH, MAGIC, RULES, UNEDITED};
 
 /// Memory of records.
 #[derive(Debug)]
-enum Store {
+pub(super) enum Store {
     Growing(Vec<u8>),
     /// Memory, and the bytes of it that are used.
     Bounded(Slice<u8>, usize),
@@ -26,6 +26,14 @@ impl Store {
         match self {
             Self::Growing(bytes) => bytes,
             Self::Bounded(bytes, used) => &bytes[..*used],
+        }
+    }
+
+    /// The bytes, copied if the memory is bounded.
+    pub(super) fn into_bytes(self) -> Vec<u8> {
+        match self {
+            Self::Growing(bytes) => bytes,
+            Self::Bounded(..) => self.bytes().to_vec(),
         }
     }
 
@@ -57,7 +65,12 @@ pub(super) struct Put<'a> {
     is_full: bool,
 }
 
-impl Put<'_> {
+impl<'a> Put<'a> {
+    /// Appends to `store`.
+    pub(super) fn new(store: &'a mut Store) -> Self {
+        Self { store, is_full: false }
+    }
+
     pub(super) fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
         self.is_full = self.is_full || !self.store.append(bytes);
         self
@@ -102,11 +115,11 @@ impl Head {
         arena: &Arena,
     ) -> Self {
         let mut store = Store::Growing(Vec::new());
-        let mut out = Put { store: &mut store, is_full: false };
+        let mut out = Put::new(&mut store);
         let word = |value: usize| u32::try_from(value).unwrap_or(u32::MAX).to_le_bytes();
         let sampler = avatar.sampler;
         // `Log::take` fills in the fields that are not known yet.
-        out.bytes(MAGIC).bytes(&VERSION.to_le_bytes()).bytes(&[0; AUDIO + 16 - CHECKSUM]);
+        out.bytes(MAGIC).bytes(&UNEDITED.to_le_bytes()).bytes(&[0; AUDIO + 16 - CHECKSUM]);
         out.bytes(&model.to_le_bytes()).bytes(&[0; 8]).bytes(&sampler.seed.to_le_bytes());
         for value in [config.frame_rate, sample_rate, avatar.target, avatar.lookahead, avatar.horizon] {
             out.bytes(&word(value));

@@ -1,9 +1,14 @@
 //! The records of a take, and the cursor of one that is played.
 
-use umo_core_base::arousal::ORDINARY;
-use umo_core_pose::frame::Cue;
+use std::sync::Arc;
 
+use umo_core_base::arousal::ORDINARY;
+use umo_core_layers::Controls;
+use umo_core_pose::frame::{Cue, OwnedFrame};
+
+use super::edits::{Edits, Place, Requests};
 use super::event::Event;
+use super::join::{Join, Patch};
 use super::reader::Reader;
 use super::{Take, TakeError};
 
@@ -54,12 +59,22 @@ impl<'a> Records<'a> {
         Self { from: Reader::from(bytes, at), sound: Sound::START }
     }
 
+    /// Position of the next record.
+    pub(super) fn at(&self) -> usize {
+        self.from.at()
+    }
+
     /// The next record; `None` after the last.
     pub(super) fn next(&mut self) -> Result<Option<Record<'a>>, TakeError> {
         if self.from.is_at_end() {
             return Ok(None);
         }
-        let tag = self.from.u8("record")?;
+        let mut from = self.from;
+        let tag = from.u8("record")?;
+        if Edits::begin(tag) {
+            return Ok(None);
+        }
+        self.from = from;
         if tag == PACKET {
             let count = usize::from(self.from.u16("packet")?);
             return Ok(Some(Record::Packet(self.from.bytes(count)?)));
@@ -90,31 +105,49 @@ pub(crate) struct Play {
     at: usize,
     sound: Sound,
     frame: Option<u64>,
+    /// Where the next request of an edit is.
+    request: Option<Place>,
+    patches: Arc<[Patch]>,
+    /// The host's requests as the take left them, and whether the present host asked for anything.
+    left: Option<Controls>,
+    is_asked: bool,
 }
 
 impl Play {
-    pub(crate) fn new(take: Take) -> Self {
-        Self { at: take.body, take, sound: Sound::START, frame: None }
+    pub(crate) fn new(take: Take, patches: Arc<[Patch]>) -> Self {
+        let (at, request) = (take.body, take.edits.requests(&take.bytes).map(Requests::place));
+        Self { at, take, sound: Sound::START, frame: None, request, patches, left: None, is_asked: false }
     }
 
     /// Returns to the start.
     pub(crate) fn reset(&mut self) {
         (self.at, self.sound, self.frame) = (self.take.body, Sound::START, None);
+        self.request = self.take.edits.requests(&self.take.bytes).map(Requests::place);
+        (self.left, self.is_asked) = (None, false);
     }
 
     /// Advances to a frame of the stream, and calls `event` with what the host asked for before it.
     pub(crate) fn advance(&mut self, frame: u64, mut event: impl FnMut(Event)) {
-        let mut records = Records { from: Reader::from(&self.take.bytes, self.at), sound: self.sound };
+        let Self { take, request, .. } = self;
+        let mut records = Records { from: Reader::from(&take.bytes[..take.edits.at], self.at), sound: self.sound };
         while self.frame.is_none_or(|last| last < frame) {
             // Every record was read once.
             match records.next() {
                 Ok(Some(Record::Frame)) => self.frame = Some(self.frame.map_or(0, |last| last + 1)),
-                Ok(Some(Record::Event(asked))) => event(asked),
-                Ok(Some(Record::Packet(_))) => {}
+                Ok(Some(Record::Event(asked))) if request.is_none() => event(asked),
+                Ok(Some(_)) => {}
                 Ok(None) | Err(_) => break,
             }
         }
         (self.at, self.sound) = (records.from.at(), records.sound);
+        while let Some(place) = request {
+            let mut requests = Requests::at(&take.bytes, *place);
+            match requests.next() {
+                Ok(Some((at, asked))) if at <= frame => event(asked),
+                _ => break,
+            }
+            *place = requests.place();
+        }
     }
 
     /// Puts the frame's sound in place of what its packet says.
@@ -126,6 +159,40 @@ impl Play {
     /// Level of the other's voice at the frame, if one is heard.
     pub(crate) fn other(&self) -> Option<f32> {
         (self.sound.other >= 0.0).then_some(self.sound.other)
+    }
+
+    /// Puts a frame that was drawn anew in place of the motion's own.
+    pub(crate) fn patch(&self, frame: &mut OwnedFrame) {
+        let index = frame.index;
+        let patch = self.patches.iter().find(|patch| patch.frames.contains(&index));
+        let drawn = patch.and_then(|patch| patch.drawn.get(usize::try_from(index - patch.frames.start).ok()?));
+        if let Some(drawn) = drawn {
+            frame.pose_of(drawn);
+            frame.cue.contacts = drawn.cue.contacts;
+        }
+    }
+
+    /// The way back to the motion's own layers, if `frame` is the first after changed ones. `now` is what the host asks
+    /// for before the take does: `None` where the present host has asked for something of its own, which goes on.
+    pub(crate) fn join(&mut self, frame: u64, now: &Controls) -> Option<&Join> {
+        let of_take = self.take.controls();
+        self.is_asked |= match &self.left {
+            Some(left) => left != now,
+            None => !now.stands_as(&of_take),
+        };
+        let patch = self.patches.iter().find(|patch| patch.frames.end == frame);
+        patch.filter(|_| !self.is_asked)?.join.as_ref()
+    }
+
+    /// Takes note of what the host asks for once the take has; `None` if that cannot be read now.
+    pub(crate) fn leave(&mut self, now: Option<Controls>) {
+        self.is_asked |= now.is_none();
+        self.left = now;
+    }
+
+    /// Whether there are changed frames.
+    pub(crate) fn has_joins(&self) -> bool {
+        !self.patches.is_empty()
     }
 }
 
@@ -148,7 +215,7 @@ impl Packets {
 
     /// Calls `push` with the next packet, which is passed unless that returns `None`; `None` after the last.
     pub(crate) fn next<R>(&mut self, push: impl FnOnce(&[u8]) -> Option<R>) -> Option<Option<R>> {
-        let mut records = Records::new(&self.take.bytes, self.at);
+        let mut records = Records::new(&self.take.bytes[..self.take.edits.at], self.at);
         loop {
             match records.next() {
                 Ok(Some(Record::Packet(packet))) => {
