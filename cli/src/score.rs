@@ -122,7 +122,7 @@ impl Drawer<'_> {
         let own = lines(take, model, cx, path)?;
         let mut edit = match score {
             Some(score) => change::edit(take, model, &own, score, gestures)?,
-            None => change::nothing(take, model).map_err(|error| wrong(error.to_string()))?,
+            None => change::nothing(take, model),
         };
         edit.variant = variant;
         edit.anew.extend(span.map(|span| hands::keyframes(take, model, &span)));

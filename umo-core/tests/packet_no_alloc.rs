@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use counting::{allocator_calls, check_counter};
 use umo_core::{
-    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, FrameRef, GestureOptions, Isa, Model, ModelFile,
-    Mood, PacketConfig, PacketLayout, Poll, Precision, Session, SessionConfig, Take, Team, Threads,
+    Animation, AvatarConfig, Compute, Decoder, Edit, Engine, EngineConfig, Event, FrameRef, GestureOptions, Isa, Model,
+    ModelFile, Mood, PacketConfig, PacketLayout, Poll, Precision, Session, SessionConfig, Take, Team, Threads,
 };
 
 fn main() {
@@ -131,7 +131,26 @@ fn takes(model: &Arc<Model>, name: &str) {
     assert_eq!(calls, 0, "{name}: a take is recorded");
     let take = Take::new(&bytes[..length]).expect("a take");
     assert!(frames > 30 && take.info().frames as usize == frames, "{name}: {frames}");
-    let player = Session::of_take(model, &take, &SessionConfig::new(model.config())).expect("its model");
+    played(model, &take, name);
+    let events = take.events().filter(|(_, event)| !matches!(event, Event::Mood { .. })).collect();
+    let edit = Edit {
+        phases: take.phases(model).unwrap_or_default(),
+        events: Some(events),
+        windows: vec![10..25],
+        ..Edit::default()
+    };
+    let team = Team::new(1).expect("no thread is needed");
+    let cx = Compute { isa: model.isa(), team: &team };
+    let samples = vec![0.1; 3 * model.config().audio.sample_rate];
+    let edited = take.edited(model, cx, &samples, &edit).expect("its recording");
+    assert!(edited.is_edited(), "{name}");
+    played(model, &edited, name);
+}
+
+/// Plays a take twice.
+fn played(model: &Arc<Model>, take: &Take, name: &str) {
+    let frames = take.info().frames as usize;
+    let player = Session::of_take(model, take, &SessionConfig::new(model.config())).expect("its model");
     let mut shown = 0;
     let calls = allocator_calls(|| {
         for _ in 0..2 {

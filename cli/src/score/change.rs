@@ -25,9 +25,8 @@ const AFTER_LIPS: f64 = 0.2;
 const TO_VALUE: f64 = 2.0;
 
 /// An edit that changes nothing.
-pub(super) fn nothing(take: &Take, model: &Model) -> Result<Edit<'static>, EditError> {
-    let phases = take.phases(model).ok_or(EditError::Phases)?;
-    Ok(Edit { phases, ..Edit::default() })
+pub(super) fn nothing(take: &Take, model: &Model) -> Edit<'static> {
+    Edit { phases: take.phases(model).unwrap_or_default(), ..Edit::default() }
 }
 
 /// The edit of a take whose own lines are `own`.
@@ -38,7 +37,7 @@ pub(super) fn edit<'a>(
     score: &'a Score,
     gestures: &Gestures,
 ) -> Result<Edit<'a>, Failure> {
-    let mut edit = nothing(take, model).map_err(|error| score.wrong(1, error))?;
+    let mut edit = nothing(take, model);
     let end = seconds(take);
     for (number, line) in &score.lines {
         if line.at >= end || line.to.is_some_and(|to| to > end + step(take, model) / 2.0) && is_hands(line) {
@@ -66,6 +65,9 @@ pub(super) fn edit<'a>(
     let new: Vec<(usize, &Line)> =
         score.lines.iter().zip(&is_own).filter(|(_, own)| !**own).map(|((number, line), _)| (*number, line)).collect();
     if gone.iter().any(|line| is_hands(line)) || new.iter().any(|(_, line)| is_hands(line)) {
+        if edit.phases.is_empty() {
+            return Err(score.wrong(new.first().map_or(1, |(number, _)| *number), EditError::Phases));
+        }
         hands(take, model, score, &new, &mut edit)?;
     }
     if gone.iter().any(|line| !is_hands(line)) || new.iter().any(|(_, line)| !is_hands(line)) {

@@ -56,7 +56,8 @@ const WRISTS: [usize; 2] = [20, 21];
 /// What is to change in a take.
 #[derive(Clone, Debug, Default)]
 pub struct Edit<'a> {
-    /// Code of `intent` (SPEC 2.12) of each keyframe; those of [`Take::phases`] change nothing.
+    /// Code of `intent` (SPEC 2.12) of each keyframe; those of [`Take::phases`] change nothing. Empty for a model that does
+    /// not know them.
     pub phases: Vec<u16>,
     /// Keyframes to draw anew even where their phases are the take's.
     pub anew: Vec<Range<usize>>,
@@ -139,11 +140,9 @@ type Wrists = Vec<[[f32; 3]; 2]>;
 
 impl Take {
     /// Codes of `intent` (SPEC 2.12) of its keyframes; `None` for a model that does not know them.
-    ///
-    /// # Errors
-    /// [`TakeError`](super::TakeError) if the take is not of this model.
     pub fn phases(&self, model: &Model) -> Option<Vec<u16>> {
-        let (at, count) = (depth::intent(model.config())?, model.config().codes_per_keyframe());
+        let config = model.config();
+        let (at, count) = (depth::intent(config).filter(|_| config.is_frames())?, config.codes_per_keyframe());
         let codes = self.chunks(model).codes;
         Some(codes.concat().into_iter().skip(at).step_by(count).collect())
     }
@@ -174,9 +173,12 @@ impl Take {
     /// # Errors
     /// [`EditError`] that names what does not fit.
     pub fn edited(&self, model: &Model, cx: Compute, samples: &[f32], edit: &Edit) -> Result<Self, EditError> {
-        let place = depth::intent(model.config()).filter(|_| model.config().is_frames()).ok_or(EditError::Phases)?;
         let mut chunks = self.chunks(model);
-        let now = self.phases(model).ok_or(EditError::Phases)?;
+        let now = self.phases(model).unwrap_or_default();
+        let place = depth::intent(model.config()).unwrap_or_default();
+        if now.is_empty() && !(edit.phases.is_empty() && edit.anew.is_empty() && edit.speeds.is_empty()) {
+            return Err(EditError::Phases);
+        }
         if edit.phases.len() != now.len() {
             return Err(EditError::Keyframes { got: edit.phases.len(), want: now.len() });
         }
