@@ -330,7 +330,7 @@ pub struct Batch {
     /// Output folder [default: the input's]
     #[arg(short, long, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
-    /// Formats of lines without an output: npz, bvh, glb, vrma, csv, jsonl
+    /// Formats of lines without an output: npz, bvh, glb, vrma, csv, jsonl, or umo for takes
     #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "glb")]
     pub format: Vec<String>,
     /// Only every n-th line, from the i-th on (i/n): for n machines

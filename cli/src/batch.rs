@@ -15,39 +15,40 @@ mod results;
 mod scenes;
 
 use std::collections::HashMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{Animation, ModelFile, Team, WordRules};
+use umo_core::{Animation, ModelFile, Take, Team, WordRules};
 use umo_core_pose::clip::Clip;
 use umo_core_stream::animation::Group;
 
-use crate::animate::{self, Generator};
+use crate::animate::{self, Generator, is_take};
 use crate::args::Batch;
 use crate::export::{self, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::words::{self, Script};
-use crate::{model, progress};
+use crate::{atomic_file, model, progress};
 use manifest::Line;
 use results::{Done, Results};
 
 /// Animates every line and reports the number of failures.
 pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     let start = Instant::now();
-    let formats = args.format.iter().map(|name| Format::parse(name)).collect::<Result<Vec<_>, _>>()?;
-    let lines = manifest::read(args, &formats)?;
+    let lines = manifest::read(args)?;
     let lines: Vec<Line> = match args.shard {
         Some((index, count)) => of_shard(lines, index - 1, count),
         None => lines,
     };
     let rules = words::rules(&args.rules)?;
     let file: ModelFile = model::open(args.compute.model.as_deref())?;
-    for format in lines.iter().flat_map(|line| &line.outputs).map(|path| Format::from_extension(path)) {
-        format?.check_face(&file.config().face)?;
+    for path in lines.iter().flat_map(|line| &line.outputs).filter(|path| !is_take(path)) {
+        Format::from_extension(path)?.check_face(&file.config().face)?;
     }
-    let generator = Generator::new(&args.generate, &args.compute, file)?;
+    let mut generator = Generator::new(&args.generate, &args.compute, file)?;
+    generator.records = lines.iter().any(|line| line.take().is_some());
     let mut results = Results::open(args.results_path())?;
     let (before, settings) = (results.known(), settings(args, &generator, &rules));
     let mut bar = progress::lines(lines.len());
@@ -147,11 +148,11 @@ struct Ready {
     script: Script,
 }
 
-/// The outcome of a computed line: its clip, or the error.
+/// The outcome of a computed line: its clip and its take, if one is wanted; or the error.
 struct Made {
     line: Line,
     key: String,
-    clip: Result<Clip, Failure>,
+    motion: Result<(Clip, Option<Take>), Failure>,
     took: Duration,
 }
 
@@ -242,15 +243,16 @@ fn compute(
     let mut places: Vec<Place> = Vec::new();
     let mut is_over = false;
     let leave = |group: &mut Group, places: &mut Vec<Place>, index: usize, failure: Option<Failure>| {
+        let take = places[index].line.take().and_then(|_| group.take(index));
         group.remove(index);
         let Place { line, key, clip, frames, start, .. } = places.swap_remove(index);
         let is_whole = clip.len() == frames;
-        let clip = match failure {
+        let motion = match failure {
             Some(failure) => Err(failure),
-            None if is_whole => Ok(clip),
+            None if is_whole => Ok((clip, take)),
             None => Err(Failure::environment("internal: the animation ended early")),
         };
-        made.send(Made { line, key, clip, took: start.elapsed() }).map_err(|_| Failure::environment("no writer"))
+        made.send(Made { line, key, motion, took: start.elapsed() }).map_err(|_| Failure::environment("no writer"))
     };
     loop {
         while !group.is_full() && !is_over {
@@ -288,7 +290,9 @@ fn compute(
         }
         for index in (0..group.len()).rev() {
             if group.is_done(model, index) {
-                leave(&mut group, &mut places, index, None)?;
+                // A take has them all, as that of `umo animate`.
+                let given = places[index].script.give(|text, start, end| group.hint_words(index, text, start, end));
+                leave(&mut group, &mut places, index, given.err())?;
             }
         }
     }
@@ -298,9 +302,9 @@ fn compute(
 fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: &SyncSender<Done>) {
     let rate = generator.model.config().frame_rate;
     let mut figure = export::FigureCache::from(args.figure);
-    for Made { line, key, clip, took } in made {
-        let written = clip.and_then(|clip| {
-            write(&line.outputs, &clip, &mut figure)?;
+    for Made { line, key, motion, took } in made {
+        let written = motion.and_then(|(clip, take)| {
+            write(&line.outputs, &clip, take.as_ref(), &mut figure)?;
             Done::made(&line, &key, clip.len(), rate, took)
         });
         let done = written.unwrap_or_else(|failure| Done::failed(&line, &key, &failure));
@@ -310,11 +314,21 @@ fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: 
     }
 }
 
-fn write(outputs: &[PathBuf], clip: &Clip, figure: &mut export::FigureCache) -> Result<(), Failure> {
+fn write(
+    outputs: &[PathBuf],
+    clip: &Clip,
+    take: Option<&Take>,
+    figure: &mut export::FigureCache,
+) -> Result<(), Failure> {
     for path in outputs {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder)
             .map_err(|cause| Failure::environment(format!("cannot make `{}`: {cause}", folder.display())))?;
+        if is_take(path) {
+            let take = take.ok_or_else(|| Failure::environment("internal: nothing was recorded"))?;
+            atomic_file::commit(atomic_file::create(path)?, |out| out.write_all(take.bytes()))?;
+            continue;
+        }
         let output = export::Output::create(path, Format::from_extension(path)?)?;
         output.write_with(clip, figure).map_err(Failure::environment)?;
     }
