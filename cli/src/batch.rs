@@ -9,6 +9,7 @@
 //! | `scenes` | lines that are one conversation |
 //! | `results` | finished lines, with hashes |
 
+mod carry;
 mod hash;
 mod manifest;
 mod results;

@@ -212,3 +212,40 @@ fn lines_of_a_scene_are_one_conversation() {
         assert!(ended.code == 2 && ended.err.contains(word), "{}", ended.err);
     }
 }
+
+#[test]
+fn takes_are_kept_beside_the_outputs() {
+    let (folder, model) = (Folder::new(), golden("frames_seven"));
+    let (speech, words) = (folder.speech(), folder.file("words.txt", b"No! Never, you and I."));
+    folder.file(
+        "lines.csv",
+        b"file,output,seed,words\nspeech.wav,,5,words.txt\nspeech.wav,b.jsonl,6,\nspeech.wav,c.umo;c.jsonl,7,\n",
+    );
+    let (manifest, out) = (folder.at("lines.csv"), folder.at("out"));
+    let batch = ["batch", &manifest, "-o", &out, "--model", &model, "--format", "jsonl,UMO", "--gesture", "wave@0.3"];
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("3 made, 0 kept, 0 failed"), "{}", ended.out);
+    assert!(!folder.names().iter().any(|name| name.contains("b.umo")));
+    // The bytes of single runs.
+    let (take, alone) = (folder.at("alone.umo"), folder.at("alone.jsonl"));
+    for (name, seed, more) in [("speech", "5", &["--words", &*words][..]), ("c", "7", &[])] {
+        let made = ["animate", &speech, "--model", &model, "--seed", seed, "--gesture", "wave@0.3", "-o", &take];
+        umo(&[&made[..], &["-o", &alone], more].concat()).success();
+        assert!(folder.read("alone.umo") == folder.read(&format!("out/{name}.umo")), "{name}");
+        assert!(folder.read("alone.jsonl") == folder.read(&format!("out/{name}.jsonl")), "{name}");
+    }
+    // A line whose take is gone is made anew.
+    assert!(umo(&batch).success().out.contains("0 made, 3 kept, 0 failed"));
+    std::fs::remove_file(folder.at("out/c.umo")).unwrap();
+    assert!(umo(&batch).success().out.contains("1 made, 2 kept, 0 failed"));
+
+    folder.file("scene.csv", b"file,output,scene\nspeech.wav,a.umo,talk\nspeech.wav,b.npz,talk\n");
+    folder.file("two.csv", b"file,output\nspeech.wav,a.umo;b.umo\n");
+    let refused = |manifest: &str, more: &[&str]| {
+        folder.refused(&[&["batch", &folder.at(manifest), "-o", &out, "--model", &model][..], more].concat())
+    };
+    assert!(refused("scene.csv", &[]).contains("a take (.umo)"));
+    assert!(refused("lines.csv", &["--retime"]).contains("a take (.umo)"));
+    assert!(refused("two.csv", &[]).contains("one take"));
+    assert!(refused("two.csv", &["--format", "foo"]).contains("unknown format `foo`"));
+}
