@@ -63,6 +63,12 @@ function tell() {
 
 const shown = () => player ?? session;
 
+/** Keeps two seconds of the take's frames ready. */
+function turn() {
+  const ahead = 2 * model.frameRate;
+  for (let i = 0; player && i < ahead && player.ready < ahead && player.pushTake(); i++);
+}
+
 /** Ends the take. */
 function silence() {
   player?.free();
@@ -147,7 +153,7 @@ const calls = {
 
   /** The pose at a time, and the progress of audio and frames. */
   samplePose(seconds) {
-    player?.pushTake();
+    turn();
     shown().samplePose(seconds, pose);
     attempt(tell);
     compute();
@@ -157,7 +163,7 @@ const calls = {
   /** Pulls ready frames, each once. */
   pull() {
     const frames = [];
-    player?.pushTake();
+    turn();
     for (let frame = new Pose(model); shown().pull(frame); frame = new Pose(model)) frames.push(frame);
     attempt(tell);
     compute();
