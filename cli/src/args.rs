@@ -434,6 +434,9 @@ pub struct Retarget {
     /// Print the mapping that was found, and what is missing
     #[arg(long)]
     pub print_mapping: bool,
+    /// Write few keys, rotations off by at most this: 0.01 to 45
+    #[arg(long, value_name = "DEGREES", value_parser = bound)]
+    pub reduce: Option<Bound>,
     /// Read the usable parts of a damaged recording
     #[arg(long)]
     pub repair: bool,

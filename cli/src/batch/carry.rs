@@ -265,7 +265,8 @@ impl Times {
             return Err(why.clone());
         }
         let [from, to] = time;
-        let mut around = self.words.iter().filter(|(word, _)| word.time[0] < to.max(from + SAME) && from < word.time[1]);
+        let mut around =
+            self.words.iter().filter(|(word, _)| word.time[0] < to.max(from + SAME) && from < word.time[1]);
         if let Some((Word { text, .. }, false)) = around.clone().next()
             && around.all(|(_, is_said)| !is_said)
         {

@@ -115,7 +115,10 @@ impl Default for Outputs {
 /// Reads the lines of a folder or a manifest, with their outputs; checks them before any work.
 pub(super) fn read(args: &Batch) -> Result<Vec<Line>, Failure> {
     let input = &args.input;
-    args.format.iter().filter(|name| !name.eq_ignore_ascii_case(TAKE)).try_for_each(|name| Format::parse(name).map(drop))?;
+    args.format
+        .iter()
+        .filter(|name| !name.eq_ignore_ascii_case(TAKE))
+        .try_for_each(|name| Format::parse(name).map(drop))?;
     let wrong = |cause: std::io::Error| Failure::input(format!("{}: {cause}", input.display()));
     let is_folder = std::fs::metadata(input).map_err(wrong)?.is_dir();
     let (base, rows) = if is_folder {

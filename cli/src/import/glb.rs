@@ -202,7 +202,8 @@ impl<'a> Tracks<'a> {
         let Some(sampler) = self.sampler(node, path) else { return Ok(None) };
         let values = floats(document, self.bin, sampler.output, if N == 3 { "VEC3" } else { "VEC4" })?;
         let array = |values: &[f32]| std::array::from_fn(|i| values[i]);
-        let values = self.on_frames(sampler, values, N, |a, b, share, out| out.extend(between(array(a), array(b), share)));
+        let values =
+            self.on_frames(sampler, values, N, |a, b, share, out| out.extend(between(array(a), array(b), share)));
         values.map(Some).ok_or_else(|| format!("the {path} of node {node}: not one value per key"))
     }
 }
@@ -224,10 +225,14 @@ fn frames(keys: &BTreeMap<usize, Vec<f32>>) -> Result<Vec<f32>, String> {
     }
     let length = f64::from(last - first);
     // Rates are whole numbers, or nearly so.
-    let rates = (1..=MOST_FRAMES_APART).map(f64::from).flat_map(|frames| [(frames / gap).round(), (length * frames / gap).round() / length]);
-    let is_frame = |rate: f64| move |time: &f32| {
-        let frame = f64::from(time - first) * rate;
-        (frame - frame.round()).abs() < 0.05
+    let rates = (1..=MOST_FRAMES_APART)
+        .map(f64::from)
+        .flat_map(|frames| [(frames / gap).round(), (length * frames / gap).round() / length]);
+    let is_frame = |rate: f64| {
+        move |time: &f32| {
+            let frame = f64::from(time - first) * rate;
+            (frame - frame.round()).abs() < 0.05
+        }
     };
     for rate in rates {
         let steps = (length * rate).round();
@@ -235,8 +240,14 @@ fn frames(keys: &BTreeMap<usize, Vec<f32>>) -> Result<Vec<f32>, String> {
             return Err(format!("{steps} frames are too many"));
         }
         if rate > 0.0 && keys.values().flatten().all(is_frame(rate)) {
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above; rounding to f32")]
-            return Ok((0..=steps as usize).map(|frame| (f64::from(first) + frame as f64 * length / steps) as f32).collect());
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "checked above; rounding to f32"
+            )]
+            return Ok((0..=steps as usize)
+                .map(|frame| (f64::from(first) + frame as f64 * length / steps) as f32)
+                .collect());
         }
     }
     Err(wrong())
