@@ -9,7 +9,6 @@
 //! | `scenes` | lines that are one conversation |
 //! | `results` | finished lines, with hashes |
 
-mod carry;
 mod hash;
 mod manifest;
 mod results;
@@ -306,7 +305,7 @@ fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: 
     for Made { line, key, motion, took } in made {
         let written = motion.and_then(|(clip, take)| {
             write(&line.outputs, &clip, take.as_ref(), &mut figure)?;
-            Done::made(&line, &key, clip.len(), rate, took)
+            Done::made(&line, &key, (clip.len(), rate), took, Vec::new())
         });
         let done = written.unwrap_or_else(|failure| Done::failed(&line, &key, &failure));
         if say.send(done).is_err() {

@@ -348,7 +348,7 @@ impl Session {
         // SAFETY: no template name or allocator is given.
         let status = unsafe { (library.session_new)(model.engine, &config, &mut session) };
         check(library, status)?;
-        Ok(Self { is_live, ..Self::of(model, session, &config) })
+        Ok(Self::of(model, session, &config, (is_live, false)))
     }
 
     /// A session that plays a take.
@@ -366,14 +366,14 @@ impl Session {
         // SAFETY: just made; the session has what it needs of it.
         unsafe { (library.take_free)(read) };
         made?;
-        Ok(Self { is_take: true, ..Self::of(model, session, &config) })
+        Ok(Self::of(model, session, &config, (false, true)))
     }
 
-    fn of(model: &Rc<Model>, session: Handle, config: &ffi::SessionConfig) -> Self {
+    fn of(model: &Rc<Model>, session: Handle, config: &ffi::SessionConfig, (is_live, is_take): (bool, bool)) -> Self {
         let rest_seconds = f64::from(config.idle_after_ms + config.ease_ms) / 1000.0;
         let (sample_rate, channels, pushed) = (config.sample_rate, config.channels, Cell::new(Some(0)));
         let model = Rc::clone(model);
-        Self { model, session, sample_rate, channels, is_live: false, is_take: false, rest_seconds, pushed }
+        Self { model, session, sample_rate, channels, is_live, is_take, rest_seconds, pushed }
     }
 
     /// Keeps two seconds of a take's frames ready, if it plays one.

@@ -54,6 +54,11 @@ impl Line {
         self.outputs.iter().map(PathBuf::as_path).find(|path| is_take(path))
     }
 
+    /// The score beside the take, if there is one.
+    pub(super) fn score(&self) -> Option<PathBuf> {
+        self.take().map(|take| take.with_extension("toml")).filter(|score| score.exists())
+    }
+
     /// Returns a hash of everything that the files depend on: contents, not names and dates.
     pub(super) fn key(&self, settings: &str) -> Result<String, Failure> {
         let mut hash = Sha256::new();

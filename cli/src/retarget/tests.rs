@@ -208,7 +208,7 @@ fn few_keys_hold_the_motion_within_their_bound() {
             assert!(off < 1.8 * most, "{path} at {frame}: {off} of {most}");
         }
     }
-    assert!(found.iter().all(|&keys| keys > 0) && found[1] < 30 && found[2] < 30, "{found:?}");
+    assert!(found.iter().all(|&keys| keys > 0) && found[1] < 60 && found[2] < 30, "{found:?}");
 }
 
 #[test]
