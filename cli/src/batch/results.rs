@@ -34,7 +34,7 @@ pub(super) struct Done {
     /// Hash of the score that the files follow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     score: Option<String>,
-    /// What became of each change of the score.
+    /// Outcome of each change of the score.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) edits: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -9,9 +9,9 @@ use std::fmt;
 
 use super::line::{Hands, Kind, Line, Phase};
 
-/// Times that count as the same, seconds: those of a score's text.
+/// Times that count as the same, seconds: a score's text has milliseconds.
 const SAME: f64 = 6e-4;
-/// How far a line may be from the time at which it is looked for, seconds.
+/// Largest distance of a line from the time at which it is looked for, seconds.
 const NEAR: f64 = 0.25;
 /// Longest pause between the two forms of a changed line, seconds.
 const CHANGED: f64 = 1.0;
@@ -95,7 +95,7 @@ enum Change {
     Added(Line),
     Removed(Line),
     Changed(Line, Line),
-    /// What hands do in a span, instead of what they did.
+    /// Other phases of hands, in a span.
     Hands(Hands, [f64; 2], Vec<Line>),
 }
 
@@ -165,7 +165,7 @@ fn phase(line: &Line) -> (Phase, Option<f32>) {
     }
 }
 
-/// What one hand does: lines without gaps, which are rest.
+/// The lines of one hand. Between them it rests.
 fn lane(lines: &[Line], hand: Hands) -> Vec<&Line> {
     let of_hand = |line: &&Line| matches!(line.kind, Kind::Hands(hands, ..) if hands.meet(hand));
     lines.iter().filter(of_hand).collect()
@@ -183,7 +183,7 @@ fn hand_changes(own: &[Line], changed: &[Line]) -> Vec<Change> {
             let (phase, strength) = place.map_or((Phase::Rest, None), |place| phase(lane[place]));
             (phase, strength.map(|strength| (1000.0 * strength).round()))
         };
-        // Spans that differ; of what is there in each, the line.
+        // Spans that differ, each with the place of its changed line.
         let mut found: Vec<([f64; 2], Option<usize>)> = Vec::new();
         for pair in times.windows(2) {
             let middle = f64::midpoint(pair[0], pair[1]);
@@ -261,7 +261,7 @@ impl Made {
             Change::Changed(from, to) => {
                 let place = self.find(from, times)?;
                 let (moved, own) = (times.of(span(to))?, span(&self.lines[place]));
-                // What was not changed stays the new motion's.
+                // An end that was not changed stays the new motion's.
                 let [at, end] =
                     [0, 1].map(|end| if is_same(span(from)[end], span(to)[end]) { own[end] } else { moved[end] });
                 let [at, end] = if at <= end { [at, end] } else { moved };
@@ -327,7 +327,7 @@ impl Made {
         (self.lines, self.is_changed) = kept.into_iter().unzip();
         for line in lines {
             let ends = span(line).map(|time| times.moved(time).clamp(from, to));
-            // Rest is where there is no line.
+            // Hands without a line rest.
             if phase(line).0 != Phase::Rest && ends[1] - ends[0] > SAME {
                 self.push(Line::span(ends[0], ends[1], line.kind.clone()));
             }
@@ -466,7 +466,7 @@ impl Times {
         Self { pairs, words, seconds: new.seconds, unknown }
     }
 
-    /// The new time of something; or why there is none.
+    /// The new time of a span, or the reason why it has none.
     fn of(&self, [from, to]: [f64; 2]) -> Result<[f64; 2], String> {
         if let Some(why) = &self.unknown {
             return Err(why.clone());
@@ -600,7 +600,7 @@ mod tests {
         assert_eq!(lines, want);
     }
 
-    /// The motion of the other hand, and what the same hand does beside, is the new motion's.
+    /// Everything beside stays the new motion's.
     #[test]
     fn hands_do_what_was_wanted_of_them_where_it_was_wanted() {
         use {Hands::*, Phase::*};
