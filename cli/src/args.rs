@@ -333,6 +333,9 @@ pub struct Batch {
     /// Formats of lines without an output: npz, bvh, glb, vrma, csv, jsonl, or umo for takes
     #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "glb")]
     pub format: Vec<String>,
+    /// Write few keys and markers, as `umo animate --reduce` does: 0.01 to 45
+    #[arg(long, value_name = "DEGREES", value_parser = bound, conflicts_with = "retime")]
+    pub reduce: Option<Bound>,
     /// Only every n-th line, from the i-th on (i/n): for n machines
     #[arg(long, value_name = "I/N", value_parser = shard)]
     pub shard: Option<(usize, usize)>,

@@ -8,11 +8,13 @@
 //! | `manifest` | the lines to process: a folder, CSV, JSON lines |
 //! | `scenes` | lines that are one conversation |
 //! | `results` | finished lines, with hashes |
+//! | `scores` | changes of takes, kept when a line is made anew |
 
 mod hash;
 mod manifest;
 mod results;
 mod scenes;
+mod scores;
 
 use std::collections::HashMap;
 use std::io::Write;
@@ -20,19 +22,22 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{Animation, ModelFile, Take, Team, WordRules};
+use umo_core::{Animation, Event, Model, ModelFile, Take, Team, WordRules};
 use umo_core_pose::clip::Clip;
 use umo_core_stream::animation::Group;
+use umo_gltf::keys::{Keying, Marker, MarkerKind};
 
 use crate::animate::{self, Generator, is_take};
 use crate::args::Batch;
-use crate::export::{self, Format};
+use crate::export::{self, ExportError, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::strokes::Strokes;
 use crate::words::{self, Script};
-use crate::{atomic_file, model, progress};
+use crate::{atomic_file, model, progress, score};
 use manifest::Line;
 use results::{Done, Results};
+use scores::Scored;
 
 /// Animates every line and reports the number of failures.
 pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
@@ -45,10 +50,14 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     let rules = words::rules(&args.rules)?;
     let file: ModelFile = model::open(args.compute.model.as_deref())?;
     for path in lines.iter().flat_map(|line| &line.outputs).filter(|path| !is_take(path)) {
-        Format::from_extension(path)?.check_face(&file.config().face)?;
+        let format = Format::from_extension(path)?;
+        format.check_face(&file.config().face)?;
+        if args.reduce.is_some() && !format.is_keyed() {
+            return Err(ExportError::NoKeys(format).into());
+        }
     }
     let mut generator = Generator::new(&args.generate, &args.compute, file)?;
-    generator.records = lines.iter().any(|line| line.take().is_some());
+    generator.records = args.reduce.is_some() || lines.iter().any(|line| line.take().is_some());
     let mut results = Results::open(args.results_path())?;
     let (before, settings) = (results.known(), settings(args, &generator, &rules));
     let mut bar = progress::lines(lines.len());
@@ -61,7 +70,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         let (before, also_say, scenes_say) = (&before, say.clone(), say.clone());
         let (generator, lines, settings) = (&generator, &lines, Settings { text: &settings, rules: &rules });
         scope.spawn(move || read_lines(args, generator, lines, settings, before, &read, &also_say));
-        scope.spawn(move || write_lines(args, generator, &to_write, &say));
+        scope.spawn(move || write_lines(args, generator, settings.rules, &to_write, &say));
         let computing = scope.spawn(move || {
             compute(args, generator, &ready, &made)?;
             scenes::compute(args, generator, lines, settings, before, (&made, &scenes_say));
@@ -76,6 +85,9 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
                 }
                 None if done.is_kept => kept += 1,
                 None => frames += done.frames,
+            }
+            if !done.edits.is_empty() {
+                bar.suspend(|| done.notes().for_each(|note| eprintln!("note: {note}")));
             }
             results.add(done)?;
             bar.advance();
@@ -118,7 +130,7 @@ struct Settings<'a> {
 fn settings(args: &Batch, generator: &Generator, rules: &WordRules) -> String {
     let config = generator.avatar();
     format!(
-        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {} {}",
+        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {} {} {:?}",
         env!("CARGO_PKG_VERSION"),
         generator.model.fingerprint(),
         generator.model.isa().name(),
@@ -135,7 +147,8 @@ fn settings(args: &Batch, generator: &Generator, rules: &WordRules) -> String {
         args.figure.name(),
         args.repair,
         args.retime,
-        rules.fingerprint()
+        rules.fingerprint(),
+        args.reduce
     )
 }
 
@@ -243,7 +256,7 @@ fn compute(
     let mut places: Vec<Place> = Vec::new();
     let mut is_over = false;
     let leave = |group: &mut Group, places: &mut Vec<Place>, index: usize, failure: Option<Failure>| {
-        let take = places[index].line.take().and_then(|_| group.take(index));
+        let take = group.take(index);
         group.remove(index);
         let Place { line, key, clip, frames, start, .. } = places.swap_remove(index);
         let is_whole = clip.len() == frames;
@@ -299,13 +312,21 @@ fn compute(
 }
 
 /// Writes the files of every computed line.
-fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: &SyncSender<Done>) {
-    let rate = generator.model.config().frame_rate;
+fn write_lines(args: &Batch, generator: &Generator, rules: &WordRules, made: &Receiver<Made>, say: &SyncSender<Done>) {
+    let (model, rate) = (&generator.model, generator.model.config().frame_rate);
     let mut figure = export::FigureCache::from(args.figure);
     for Made { line, key, motion, took } in made {
         let written = motion.and_then(|(clip, take)| {
-            write(&line.outputs, &clip, take.as_ref(), &mut figure)?;
-            Done::made(&line, &key, (clip.len(), rate), took, Vec::new())
+            let scored = take.as_ref().map(|take| scores::apply(args, generator, rules, &line, take)).transpose()?;
+            let Some(Scored { take, clip, text, report }) = scored.flatten() else {
+                write(args, model, &line.outputs, (&clip, take.as_ref()), &mut figure)?;
+                return Done::made(&line, &key, (clip.len(), rate), took, Vec::new());
+            };
+            write(args, model, &line.outputs, (&clip, Some(&take)), &mut figure)?;
+            if let (Some(path), Some(text)) = (line.score(), text) {
+                atomic_file::commit(atomic_file::create(&path)?, |out| out.write_all(text.as_bytes()))?;
+            }
+            Done::made(&line, &key, (clip.len(), rate), took, report)
         });
         let done = written.unwrap_or_else(|failure| Done::failed(&line, &key, &failure));
         if say.send(done).is_err() {
@@ -314,12 +335,30 @@ fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: 
     }
 }
 
+/// Keys and markers of a line's files, if there are to be few.
+fn keying(args: &Batch, model: &Model, take: Option<&Take>) -> Option<Keying> {
+    let (bound, take) = args.reduce.zip(take)?;
+    let word = |(_, event): (u64, Event)| match event {
+        Event::Words { text, start, .. } => {
+            Some(Marker { seconds: start, kind: MarkerKind::Word, name: text.trim().to_owned() })
+        }
+        _ => None,
+    };
+    let mut markers: Vec<Marker> = take.events().filter_map(word).collect();
+    markers.extend(Strokes::of(model.config(), &take.phases(model).unwrap_or_default()));
+    markers.retain(|marker| marker.seconds < score::seconds(take));
+    markers.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    Some(Keying { bound, markers })
+}
+
 fn write(
+    args: &Batch,
+    model: &Model,
     outputs: &[PathBuf],
-    clip: &Clip,
-    take: Option<&Take>,
+    (clip, take): (&Clip, Option<&Take>),
     figure: &mut export::FigureCache,
 ) -> Result<(), Failure> {
+    let keying = keying(args, model, take);
     for path in outputs {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder)
@@ -330,7 +369,7 @@ fn write(
             continue;
         }
         let output = export::Output::create(path, Format::from_extension(path)?)?;
-        output.write_with(clip, figure).map_err(Failure::environment)?;
+        output.write_as(clip, figure, keying.as_ref()).map_err(Failure::environment)?;
     }
     Ok(())
 }

@@ -258,8 +258,8 @@ fn check_scenes(args: &Batch, lines: &[Line]) -> Result<(), String> {
         let wrong = |problem: String| format!("scene {name}: {problem}");
         converse::refuse_alone(&args.generate).map_err(say).map_err(wrong)?;
         converse::check_count(scene.len()).map_err(say).map_err(wrong)?;
-        if args.retime || scene.iter().any(|line| line.start_pose.is_some()) {
-            return Err(wrong("--retime and start_pose do not go with a conversation".to_owned()));
+        if args.retime || args.reduce.is_some() || scene.iter().any(|line| line.start_pose.is_some()) {
+            return Err(wrong("--retime, --reduce and start_pose do not go with a conversation".to_owned()));
         }
         if scene.iter().any(|line| line.place.is_some() != scene[0].place.is_some()) {
             return Err(wrong("some of its lines have a place and others have none".to_owned()));

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::hash::file_hash;
 use super::manifest::Line;
+use crate::animate::is_take;
 use crate::atomic_file;
 use crate::failure::Failure;
 
@@ -99,6 +100,13 @@ impl Done {
             && self.score == score
             && self.outputs.len() == line.outputs.len()
             && line.outputs.iter().zip(&self.outputs).all(is_same)
+    }
+
+    /// What is to be said of its score.
+    pub(super) fn notes(&self) -> impl Iterator<Item = String> {
+        let take = self.outputs.iter().map(|output| &output.file).find(|path| is_take(path));
+        let score = take.map(|take| take.with_extension("toml")).unwrap_or_default();
+        self.edits.iter().map(move |edit| format!("{}: {edit}", score.display()))
     }
 
     /// Returns this result as kept, with the names and number that the line has in this run.
