@@ -46,14 +46,14 @@ pub(super) fn apply(
     let speech = Speech::open(&line.file, args.repair)?;
     let drawer = Drawer { model, cx, path, speech: &speech };
     let take = drawer.draw(made, Some(&score), None, 0, &gestures)?;
-    let clip = play::clip(model, &take, gestures, rules.clone())?;
+    let clip = play::clip(model, &take, (gestures, rules.clone()))?;
     let (text, report) = scored;
     Ok(Some(Scored { take, clip, text, report }))
 }
 
-/// The take that was there before, as it was before its score changed it.
+/// The take that was there before, without the changes of its score.
 fn before(path: &Path) -> Result<Option<Take>, Failure> {
-    Ok(if path.exists() { Some(score::open(path)?.original()) } else { None })
+    Ok(if path.exists() { Some(score::open(path)?.unedited()) } else { None })
 }
 
 /// The lines of a score on a motion that was made anew.
@@ -66,11 +66,19 @@ fn carried(
     score: &Score,
 ) -> Result<(Vec<score::Line>, Vec<String>), Failure> {
     let model = &generator.model;
-    let changed: Vec<_> = score.lines.iter().map(|(_, line)| line.clone()).collect();
-    let new = score::lines(made, model, cx, path)?;
-    let old = score::lines(before, model, cx, path)?;
+    let mut changed: Vec<_> = score.lines.iter().map(|(_, line)| line.clone()).collect();
+    let (new, mut notes) = (score::lines(made, model, cx, path)?, Vec::new());
+    let old = if before.info().model == model.fingerprint() {
+        score::lines(before, model, cx, path)?
+    } else {
+        changed.retain(|line| !matches!(line.kind, score::Kind::Hands(..)));
+        notes.push("hands: dropped: another model made the old take, so that its own are not known".to_owned());
+        score::requests(before)
+    };
     let check = |lines: &[score::Line]| score::check(made, model, &new, lines, gestures);
     let (old, new) =
         (Own { lines: &old, seconds: score::seconds(before) }, Own { lines: &new, seconds: score::seconds(made) });
-    Ok(score::carry(old, &changed, new, check))
+    let (lines, report) = score::carry(old, &changed, new, check);
+    notes.extend(report);
+    Ok((lines, notes))
 }

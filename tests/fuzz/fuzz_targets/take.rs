@@ -9,7 +9,8 @@ use umo_core::{Isa, Model, ModelFile, Precision, Session, SessionConfig, Take};
 static BYTES: &[u8] = include_bytes!("../../golden/frames_seven/model.safetensors");
 static MODEL: OnceLock<(Arc<Model>, SessionConfig)> = OnceLock::new();
 
-/// Where checksum, length and model are.
+/// Where version, checksum, length and model are.
+const VERSION: usize = 8;
 const CHECKSUM: usize = 12;
 const LENGTH: usize = 16;
 const MODEL_NUMBER: usize = 48;
@@ -29,6 +30,8 @@ fuzz_target!(|data: &[u8]| {
     let mut bytes = data.to_vec();
     bytes.resize(bytes.len().max(MODEL_NUMBER + 8), 0);
     bytes[..CHECKSUM].copy_from_slice(b"umo take\x01\0\0\0");
+    // A take that was edited has version 2.
+    bytes[VERSION] = if data.get(VERSION) == Some(&2) { 2 } else { 1 };
     let length = bytes.len() as u64;
     bytes[LENGTH..LENGTH + 8].copy_from_slice(&length.to_le_bytes());
     bytes[MODEL_NUMBER..MODEL_NUMBER + 8].copy_from_slice(&model.fingerprint().to_le_bytes());
