@@ -78,7 +78,8 @@ fn carried(
     let check = |lines: &[score::Line]| score::check(made, model, &new, lines, gestures);
     let (old, new) =
         (Own { lines: &old, seconds: score::seconds(before) }, Own { lines: &new, seconds: score::seconds(made) });
-    let (lines, report) = score::carry(old, &changed, new, check);
+    let step = model.config().keyframe_stride as f64 / model.config().frame_rate as f64;
+    let (lines, report) = score::carry(old, &changed, (new, step), check);
     notes.extend(report);
     Ok((lines, notes))
 }

@@ -25,16 +25,16 @@ pub(crate) struct Own<'a> {
     pub(crate) seconds: f64,
 }
 
-/// Returns the new lines with the changes that `changed` has of the old ones, and what became of each change. Of changes
-/// that `check` refuses, it says why.
+/// Returns the new lines with the changes that `changed` has of the old ones, and what became of each change. Hands change
+/// at multiples of `step` seconds. Of changes that `check` refuses, the report says why.
 pub(crate) fn carry(
     old: Own,
     changed: &[Line],
-    new: Own,
+    (new, step): (Own, f64),
     mut check: impl FnMut(&[Line]) -> Result<(), String>,
 ) -> (Vec<Line>, Vec<String>) {
     let times = Times::new(old, new);
-    let mut made = Made { lines: new.lines.to_vec(), is_changed: vec![false; new.lines.len()] };
+    let mut made = Made { step, lines: new.lines.to_vec(), is_changed: vec![false; new.lines.len()] };
     let mut report = Vec::new();
     for change in changes(old.lines, changed) {
         let (mut with, was) = (made.clone(), change.at());
@@ -240,6 +240,8 @@ impl Change {
 /// Lines of the new motion, and which of them were changed.
 #[derive(Clone, Debug)]
 struct Made {
+    /// Seconds of a keyframe.
+    step: f64,
     lines: Vec<Line>,
     is_changed: Vec<bool>,
 }
@@ -286,7 +288,10 @@ impl Made {
 
     /// Lets hands do something else in a span.
     fn overlay(&mut self, hands: Hands, at: [f64; 2], lines: &[Line], times: &Times) -> Result<f64, String> {
-        let [from, to] = times.of(at)?;
+        let step = self.step;
+        let on_step = |time: f64| (time / step).round() * step;
+        let [from, to] = times.of(at)?.map(on_step);
+        let to = to.max(from + step);
         if let [line] = lines
             && self.is_stroke_of(hands, line)
             && let Ok(place) = self.find(line, times)
@@ -326,7 +331,7 @@ impl Made {
         }
         (self.lines, self.is_changed) = kept.into_iter().unzip();
         for line in lines {
-            let ends = span(line).map(|time| times.moved(time).clamp(from, to));
+            let ends = span(line).map(|time| on_step(times.moved(time)).clamp(from, to));
             // Hands without a line rest.
             if phase(line).0 != Phase::Rest && ends[1] - ends[0] > SAME {
                 self.push(Line::span(ends[0], ends[1], line.kind.clone()));
@@ -519,6 +524,8 @@ mod tests {
         Line::at(at, Kind::Gesture(name.to_owned(), GestureOptions::default()))
     }
 
+    const STEP: f64 = 0.2;
+
     fn own(lines: &[Line], seconds: f64) -> Own<'_> {
         Own { lines, seconds }
     }
@@ -558,16 +565,16 @@ mod tests {
     #[test]
     fn without_words_times_stay_if_the_lengths_agree() {
         let nod = [gesture(2.0, "nod")];
-        let (kept, report) = carry(own(&[], 10.0), &nod, own(&[], 10.4), all);
+        let (kept, report) = carry(own(&[], 10.0), &nod, (own(&[], 10.4), STEP), all);
         assert_eq!((&kept[..], &*report[0]), (&nod[..], "added gesture `nod`: kept at 2.0 s"));
-        let (kept, report) = carry(own(&[], 10.0), &nod, own(&[], 10.6), all);
+        let (kept, report) = carry(own(&[], 10.0), &nod, (own(&[], 10.6), STEP), all);
         assert!(kept.is_empty() && report[0].contains("dropped") && report[0].contains("10.6 s"), "{report:?}");
         // The same where one of them has words; but words that have nothing in common say nothing.
         let old = [said(0.0, 3.0, "hello")];
         let edited = [&old[..], &nod].concat();
-        assert_eq!(carry(own(&old, 10.0), &edited, own(&[], 10.4), all).0, nod);
+        assert_eq!(carry(own(&old, 10.0), &edited, (own(&[], 10.4), STEP), all).0, nod);
         let new = [said(0.0, 3.0, "goodbye")];
-        let (kept, report) = carry(own(&old, 10.0), &edited, own(&new, 10.0), all);
+        let (kept, report) = carry(own(&old, 10.0), &edited, (own(&new, 10.0), STEP), all);
         assert!(kept == new && report[0].contains("none of the words"), "{report:?}");
     }
 
@@ -580,7 +587,7 @@ mod tests {
         let edited =
             [said(1.0, 2.0, "hello"), mood(0.0, 0.9), gesture(1.5, "wave"), gesture(4.0, "point"), gesture(7.5, "nod")];
         let new = [mood(0.0, 0.5), said(2.0, 3.0, "Hello."), gesture(2.3, "wave"), look(4.1, 1.0), gesture(9.0, "nod")];
-        let (kept, report) = carry(own(&old, 10.0), &edited, own(&new, 11.0), all);
+        let (kept, report) = carry(own(&old, 10.0), &edited, (own(&new, 11.0), STEP), all);
         let want = [
             mood(0.0, 0.9),
             said(2.0, 3.0, "Hello."),
@@ -630,13 +637,13 @@ mod tests {
             hands(3.0, 4.8, Right, Retract),
             hands(4.8, 5.2, Both, Hold),
             hands(5.2, 9.0, Both, Rest),
-            said(2.2, 3.2, "Hello there!"),
+            said(2.25, 3.25, "Hello there!"),
         ];
-        let (kept, report) = carry(own(&old, 8.0), &edited, own(&new, 9.0), all);
+        let (kept, report) = carry(own(&old, 8.0), &edited, (own(&new, 9.0), STEP), all);
         let want = [
             hands(0.0, 2.0, Both, Rest),
             hands(2.0, 2.4, Right, Prepare),
-            said(2.2, 3.2, "Hello there!"),
+            said(2.25, 3.25, "Hello there!"),
             stroke(2.4, 3.0, 1.0),
             hands(3.0, 4.8, Right, Retract),
             hands(4.8, 5.0, Both, Hold),
@@ -650,16 +657,16 @@ mod tests {
 
         // Without the stroke, and its way there and back.
         let edited = [hands(0.0, 8.0, Both, Rest), said(1.2, 2.2, "hello there")];
-        let (kept, report) = carry(own(&old, 8.0), &edited, own(&new, 9.0), all);
+        let (kept, report) = carry(own(&old, 8.0), &edited, (own(&new, 9.0), STEP), all);
         assert_eq!(report, ["right rest: kept at 2.0 s (was 1.0 s)"]);
         let strokes = kept.iter().filter(|line| phase(line).0 == Stroke).count();
-        assert!(strokes == 0 && kept.contains(&hands(3.2, 4.8, Right, Retract)), "{:?}", texts(&kept));
+        assert!(strokes == 0 && texts(&kept).contains(&hands(3.2, 4.8, Right, Retract).text()), "{:?}", texts(&kept));
     }
 
     #[test]
     fn what_is_refused_is_dropped_and_the_rest_is_kept() {
         let edited = [gesture(1.0, "nod"), gesture(2.0, "bob"), gesture(3.0, "wave")];
-        let (kept, report) = carry(own(&[], 5.0), &edited, own(&[], 5.0), |lines| {
+        let (kept, report) = carry(own(&[], 5.0), &edited, (own(&[], 5.0), STEP), |lines| {
             let is_known = |line: &Line| !line.text().contains("bob");
             if lines.iter().all(is_known) { Ok(()) } else { Err("unknown".to_owned()) }
         });
@@ -671,6 +678,6 @@ mod tests {
     fn a_score_without_changes_is_the_new_motions_own() {
         let old = [said(0.0, 1.0, "a"), hands(1.0, 2.0, Hands::Both, Phase::Rest)];
         let new = [said(0.5, 1.0, "b"), hands(1.5, 2.0, Hands::Left, Phase::Hold)];
-        assert_eq!(carry(own(&old, 3.0), &old, own(&new, 9.0), all), (new.to_vec(), Vec::new()));
+        assert_eq!(carry(own(&old, 3.0), &old, (own(&new, 9.0), STEP), all), (new.to_vec(), Vec::new()));
     }
 }
