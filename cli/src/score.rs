@@ -64,7 +64,7 @@ pub(crate) fn lines(take: &Take, model: &Model, cx: Compute, path: &Path) -> Res
     Ok(lines)
 }
 
-/// What was asked of a take.
+/// Requests of a take.
 pub(crate) fn requests(take: &Take) -> Vec<Line> {
     let rate = f64::from(take.info().frame_rate);
     let mut lines = vec![Line::at(0.0, Kind::Expression(take.avatar().sampler.expression))];

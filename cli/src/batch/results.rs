@@ -102,7 +102,7 @@ impl Done {
             && line.outputs.iter().zip(&self.outputs).all(is_same)
     }
 
-    /// What is to be said of its score.
+    /// Notes about its score.
     pub(super) fn notes(&self) -> impl Iterator<Item = String> {
         let take = self.outputs.iter().map(|output| &output.file).find(|path| is_take(path));
         let score = take.map(|take| take.with_extension("toml")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Scores of a batch: a line with a score does what that says, and a line that is made anew keeps its changes.
+//! Scores of a batch: a line follows its score, also when it is made anew.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub(super) struct Scored {
     pub(super) clip: Clip,
     /// The score's text, if it changed.
     pub(super) text: Option<String>,
-    /// What became of each change.
+    /// Outcome of each change.
     pub(super) report: Vec<String>,
 }
 
