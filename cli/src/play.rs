@@ -1,5 +1,6 @@
 //! `umo play`: the frames of a take.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -19,13 +20,18 @@ pub(crate) fn run(args: &Play) -> Result<(), Failure> {
     let model = model::load(&args.compute)?;
     let outputs = Outputs::open(&args.files, &model.config().face, false)?;
     let gestures = gestures::known(&args.gesture_clip, &model.config().skeleton)?;
-    show(&model, &take, outputs, (gestures, words::rules(&args.rules)?))
+    show(&model, (&args.take, &take), outputs, (gestures, words::rules(&args.rules)?))
 }
 
-/// Plays a take.
-pub(crate) fn clip(model: &Arc<Model>, take: &Take, (gestures, words): (Gestures, WordRules)) -> Result<Clip, Failure> {
+/// The frames of a take; `path` is for messages.
+pub(crate) fn clip(
+    model: &Arc<Model>,
+    (path, take): (&Path, &Take),
+    (gestures, words): (Gestures, WordRules),
+) -> Result<Clip, Failure> {
     let config = SessionConfig { gestures, words, ..SessionConfig::new(model.config()) };
-    let session = Session::of_take(model, take, &config).map_err(Failure::input)?;
+    let wrong = |problem| Failure::Input(format!("{}: {problem}", path.display()));
+    let session = Session::of_take(model, take, &config).map_err(wrong)?;
     let mut clip = model.config().clip();
     let failed = |error: SessionError| Failure::environment(error);
     while !session.is_done().map_err(failed)? {
@@ -38,7 +44,7 @@ pub(crate) fn clip(model: &Arc<Model>, take: &Take, (gestures, words): (Gestures
 /// Plays a take into `outputs`.
 pub(crate) fn show(
     model: &Arc<Model>,
-    take: &Take,
+    (path, take): (&Path, &Take),
     outputs: Outputs,
     (gestures, words): (Gestures, WordRules),
 ) -> Result<(), Failure> {
@@ -46,7 +52,7 @@ pub(crate) fn show(
         eprintln!("note: other word rules than the take's: its words may be gestured otherwise (--language, --rules)");
     }
     let start = Instant::now();
-    let clip = clip(model, take, (gestures, words))?;
+    let clip = clip(model, (path, take), (gestures, words))?;
     let (frames, took) = (clip.len(), start.elapsed().as_secs_f64());
     let seconds = frames as f64 / f64::from(take.info().frame_rate);
     let names = outputs.write(&clip, Some(take), None)?;

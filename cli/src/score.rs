@@ -109,7 +109,7 @@ pub(crate) fn animate(args: &Animate, path: &Path) -> Result<(), Failure> {
         };
         let outputs = Outputs::open(&files, &model.config().face, false)?;
         let edited = drawer.draw(&take, score.as_ref(), args.edit.span.clone(), variant, &gestures)?;
-        play::show(&model, &edited, outputs, (gestures.clone(), words::rules(&args.words.rules)?))?;
+        play::show(&model, (path, &edited), outputs, (gestures.clone(), words::rules(&args.words.rules)?))?;
     }
     Ok(())
 }

@@ -46,7 +46,7 @@ pub(super) fn apply(
     let speech = Speech::open(&line.file, args.repair)?;
     let drawer = Drawer { model, cx, path, speech: &speech };
     let take = drawer.draw(made, Some(&score), None, 0, &gestures)?;
-    let clip = play::clip(model, &take, (gestures, rules.clone()))?;
+    let clip = play::clip(model, (path, &take), (gestures, rules.clone()))?;
     let (text, report) = scored;
     Ok(Some(Scored { take, clip, text, report }))
 }
