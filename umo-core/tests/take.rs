@@ -438,6 +438,7 @@ fn an_edit_changes_its_frames_and_no_other() {
         let edit = rest(&model, &take, busy..busy + 6);
         let new = edited(&model, &take, &edit);
         assert!(new.is_edited() && new.phases(&model).unwrap() == edit.phases, "{:?}", new.changed());
+        assert!(new.unedited().bytes() == take.bytes() && take.unedited().bytes() == take.bytes());
         let changed = new.changed()[0].clone();
         let (first, last) = (3 * busy as u64, 3 * (busy as u64 + 6));
         assert!(new.changed().len() == 1 && first < changed.end && changed.start < last, "{changed:?}");
