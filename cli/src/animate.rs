@@ -207,7 +207,12 @@ pub(crate) fn layers(args: &GenerateArgs) -> LayerGains {
 }
 
 /// Extension and name of a take's format.
-const TAKE: &str = "umo";
+pub(crate) const TAKE: &str = "umo";
+
+/// Whether a file is a take by its extension.
+pub(crate) fn is_take(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(TAKE))
+}
 
 /// The open files of a motion.
 pub(crate) struct Outputs<'a> {
@@ -220,10 +225,8 @@ impl<'a> Outputs<'a> {
     /// Checks the formats for a face, and, if `is_keyed`, for keys; and opens the files.
     pub(crate) fn open(args: &'a Files, face: &Face, is_keyed: bool) -> Result<Self, Failure> {
         let format = args.format.as_deref();
-        let is_take = |path: &&PathBuf| {
-            let name = format.or_else(|| path.extension().and_then(|extension| extension.to_str()));
-            name.is_some_and(|name| name.eq_ignore_ascii_case(TAKE))
-        };
+        let is_take =
+            |path: &&PathBuf| format.map_or_else(|| is_take(path), |format| format.eq_ignore_ascii_case(TAKE));
         let (takes, motions): (Vec<_>, Vec<_>) = args.output.iter().partition(is_take);
         let format = format.filter(|_| takes.is_empty()).map(Format::parse).transpose()?;
         let of = |path: &PathBuf| format.map_or_else(|| Format::from_extension(path), Ok);

@@ -330,9 +330,12 @@ pub struct Batch {
     /// Output folder [default: the input's]
     #[arg(short, long, value_name = "FOLDER")]
     pub output: Option<PathBuf>,
-    /// Formats of lines without an output: npz, bvh, glb, vrma, csv, jsonl
+    /// Formats of lines without an output: npz, bvh, glb, vrma, csv, jsonl, or umo for takes
     #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "glb")]
     pub format: Vec<String>,
+    /// Write few keys and markers, as `umo animate --reduce` does: 0.01 to 45
+    #[arg(long, value_name = "DEGREES", value_parser = bound, conflicts_with = "retime")]
+    pub reduce: Option<Bound>,
     /// Only every n-th line, from the i-th on (i/n): for n machines
     #[arg(long, value_name = "I/N", value_parser = shard)]
     pub shard: Option<(usize, usize)>,
@@ -434,6 +437,9 @@ pub struct Retarget {
     /// Print the mapping that was found, and what is missing
     #[arg(long)]
     pub print_mapping: bool,
+    /// Write few keys, rotations off by at most this: 0.01 to 45
+    #[arg(long, value_name = "DEGREES", value_parser = bound)]
+    pub reduce: Option<Bound>,
     /// Read the usable parts of a damaged recording
     #[arg(long)]
     pub repair: bool,

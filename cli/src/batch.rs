@@ -8,46 +8,56 @@
 //! | `manifest` | the lines to process: a folder, CSV, JSON lines |
 //! | `scenes` | lines that are one conversation |
 //! | `results` | finished lines, with hashes |
+//! | `scores` | changes of takes, kept when a line is made anew |
 
 mod hash;
 mod manifest;
 mod results;
 mod scenes;
+mod scores;
 
 use std::collections::HashMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use umo_core::{Animation, ModelFile, Team, WordRules};
+use umo_core::{Animation, Event, Model, ModelFile, Take, Team, WordRules};
 use umo_core_pose::clip::Clip;
 use umo_core_stream::animation::Group;
+use umo_gltf::keys::{Keying, Marker, MarkerKind};
 
-use crate::animate::{self, Generator};
+use crate::animate::{self, Generator, is_take};
 use crate::args::Batch;
-use crate::export::{self, Format};
+use crate::export::{self, ExportError, Format};
 use crate::failure::Failure;
 use crate::speech::Speech;
+use crate::strokes::Strokes;
 use crate::words::{self, Script};
-use crate::{model, progress};
+use crate::{atomic_file, model, progress, score};
 use manifest::Line;
 use results::{Done, Results};
+use scores::Scored;
 
 /// Animates every line and reports the number of failures.
 pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
     let start = Instant::now();
-    let formats = args.format.iter().map(|name| Format::parse(name)).collect::<Result<Vec<_>, _>>()?;
-    let lines = manifest::read(args, &formats)?;
+    let lines = manifest::read(args)?;
     let lines: Vec<Line> = match args.shard {
         Some((index, count)) => of_shard(lines, index - 1, count),
         None => lines,
     };
     let rules = words::rules(&args.rules)?;
     let file: ModelFile = model::open(args.compute.model.as_deref())?;
-    for format in lines.iter().flat_map(|line| &line.outputs).map(|path| Format::from_extension(path)) {
-        format?.check_face(&file.config().face)?;
+    for path in lines.iter().flat_map(|line| &line.outputs).filter(|path| !is_take(path)) {
+        let format = Format::from_extension(path)?;
+        format.check_face(&file.config().face)?;
+        if args.reduce.is_some() && !format.is_keyed() {
+            return Err(ExportError::NoKeys(format).into());
+        }
     }
-    let generator = Generator::new(&args.generate, &args.compute, file)?;
+    let mut generator = Generator::new(&args.generate, &args.compute, file)?;
+    generator.records = args.reduce.is_some() || lines.iter().any(|line| line.take().is_some());
     let mut results = Results::open(args.results_path())?;
     let (before, settings) = (results.known(), settings(args, &generator, &rules));
     let mut bar = progress::lines(lines.len());
@@ -60,7 +70,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
         let (before, also_say, scenes_say) = (&before, say.clone(), say.clone());
         let (generator, lines, settings) = (&generator, &lines, Settings { text: &settings, rules: &rules });
         scope.spawn(move || read_lines(args, generator, lines, settings, before, &read, &also_say));
-        scope.spawn(move || write_lines(args, generator, &to_write, &say));
+        scope.spawn(move || write_lines(args, generator, settings.rules, &to_write, &say));
         let computing = scope.spawn(move || {
             compute(args, generator, &ready, &made)?;
             scenes::compute(args, generator, lines, settings, before, (&made, &scenes_say));
@@ -75,6 +85,9 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
                 }
                 None if done.is_kept => kept += 1,
                 None => frames += done.frames,
+            }
+            if !done.edits.is_empty() {
+                bar.suspend(|| done.notes().for_each(|note| eprintln!("note: {note}")));
             }
             results.add(done)?;
             bar.advance();
@@ -117,7 +130,7 @@ struct Settings<'a> {
 fn settings(args: &Batch, generator: &Generator, rules: &WordRules) -> String {
     let config = generator.avatar();
     format!(
-        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {} {}",
+        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {} {} {:?}",
         env!("CARGO_PKG_VERSION"),
         generator.model.fingerprint(),
         generator.model.isa().name(),
@@ -134,7 +147,8 @@ fn settings(args: &Batch, generator: &Generator, rules: &WordRules) -> String {
         args.figure.name(),
         args.repair,
         args.retime,
-        rules.fingerprint()
+        rules.fingerprint(),
+        args.reduce
     )
 }
 
@@ -147,11 +161,11 @@ struct Ready {
     script: Script,
 }
 
-/// The outcome of a computed line: its clip, or the error.
+/// The outcome of a computed line: its clip and its take, if one is wanted; or the error.
 struct Made {
     line: Line,
     key: String,
-    clip: Result<Clip, Failure>,
+    motion: Result<(Clip, Option<Take>), Failure>,
     took: Duration,
 }
 
@@ -242,15 +256,16 @@ fn compute(
     let mut places: Vec<Place> = Vec::new();
     let mut is_over = false;
     let leave = |group: &mut Group, places: &mut Vec<Place>, index: usize, failure: Option<Failure>| {
+        let take = group.take(index);
         group.remove(index);
         let Place { line, key, clip, frames, start, .. } = places.swap_remove(index);
         let is_whole = clip.len() == frames;
-        let clip = match failure {
+        let motion = match failure {
             Some(failure) => Err(failure),
-            None if is_whole => Ok(clip),
+            None if is_whole => Ok((clip, take)),
             None => Err(Failure::environment("internal: the animation ended early")),
         };
-        made.send(Made { line, key, clip, took: start.elapsed() }).map_err(|_| Failure::environment("no writer"))
+        made.send(Made { line, key, motion, took: start.elapsed() }).map_err(|_| Failure::environment("no writer"))
     };
     loop {
         while !group.is_full() && !is_over {
@@ -288,20 +303,30 @@ fn compute(
         }
         for index in (0..group.len()).rev() {
             if group.is_done(model, index) {
-                leave(&mut group, &mut places, index, None)?;
+                // A take has them all, as that of `umo animate`.
+                let given = places[index].script.give(|text, start, end| group.hint_words(index, text, start, end));
+                leave(&mut group, &mut places, index, given.err())?;
             }
         }
     }
 }
 
 /// Writes the files of every computed line.
-fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: &SyncSender<Done>) {
-    let rate = generator.model.config().frame_rate;
+fn write_lines(args: &Batch, generator: &Generator, rules: &WordRules, made: &Receiver<Made>, say: &SyncSender<Done>) {
+    let (model, rate) = (&generator.model, generator.model.config().frame_rate);
     let mut figure = export::FigureCache::from(args.figure);
-    for Made { line, key, clip, took } in made {
-        let written = clip.and_then(|clip| {
-            write(&line.outputs, &clip, &mut figure)?;
-            Done::made(&line, &key, clip.len(), rate, took)
+    for Made { line, key, motion, took } in made {
+        let written = motion.and_then(|(clip, take)| {
+            let scored = take.as_ref().map(|take| scores::apply(args, generator, rules, &line, take)).transpose()?;
+            let Some(Scored { take, clip, text, report }) = scored.flatten() else {
+                write(args, model, &line.outputs, (&clip, take.as_ref()), &mut figure)?;
+                return Done::made(&line, &key, (clip.len(), rate), took, Vec::new());
+            };
+            write(args, model, &line.outputs, (&clip, Some(&take)), &mut figure)?;
+            if let (Some(path), Some(text)) = (line.score(), text) {
+                atomic_file::commit(atomic_file::create(&path)?, |out| out.write_all(text.as_bytes()))?;
+            }
+            Done::made(&line, &key, (clip.len(), rate), took, report)
         });
         let done = written.unwrap_or_else(|failure| Done::failed(&line, &key, &failure));
         if say.send(done).is_err() {
@@ -310,13 +335,41 @@ fn write_lines(args: &Batch, generator: &Generator, made: &Receiver<Made>, say: 
     }
 }
 
-fn write(outputs: &[PathBuf], clip: &Clip, figure: &mut export::FigureCache) -> Result<(), Failure> {
+/// Keys and markers of a line's files, if there are to be few.
+fn keying(args: &Batch, model: &Model, take: Option<&Take>) -> Option<Keying> {
+    let (bound, take) = args.reduce.zip(take)?;
+    let word = |(_, event): (u64, Event)| match event {
+        Event::Words { text, start, .. } => {
+            Some(Marker { seconds: start, kind: MarkerKind::Word, name: text.trim().to_owned() })
+        }
+        _ => None,
+    };
+    let mut markers: Vec<Marker> = take.events().filter_map(word).collect();
+    markers.extend(Strokes::of(model.config(), &take.phases(model).unwrap_or_default()));
+    markers.retain(|marker| marker.seconds < score::seconds(take));
+    markers.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    Some(Keying { bound, markers })
+}
+
+fn write(
+    args: &Batch,
+    model: &Model,
+    outputs: &[PathBuf],
+    (clip, take): (&Clip, Option<&Take>),
+    figure: &mut export::FigureCache,
+) -> Result<(), Failure> {
+    let keying = keying(args, model, take);
     for path in outputs {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder)
             .map_err(|cause| Failure::environment(format!("cannot make `{}`: {cause}", folder.display())))?;
+        if is_take(path) {
+            let take = take.ok_or_else(|| Failure::environment("internal: nothing was recorded"))?;
+            atomic_file::commit(atomic_file::create(path)?, |out| out.write_all(take.bytes()))?;
+            continue;
+        }
         let output = export::Output::create(path, Format::from_extension(path)?)?;
-        output.write_with(clip, figure).map_err(Failure::environment)?;
+        output.write_as(clip, figure, keying.as_ref()).map_err(Failure::environment)?;
     }
     Ok(())
 }

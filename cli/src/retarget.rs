@@ -18,6 +18,7 @@ use umo_core_pose::clip::Clip;
 use umo_core_pose::rotation::IDENTITY;
 use umo_core_rig::glb::{Faces, Given};
 use umo_core_rig::retarget::{other_bodies, undecorated};
+use umo_gltf::keys::Bound;
 
 use crate::failure::Failure;
 use crate::speech::Speech;
@@ -59,6 +60,8 @@ pub(crate) struct Motion {
     pub(crate) rotations: Vec<Vec<Quat>>,
     /// Position of the hips' bone in its parent's frame, in the rig's unit, `[frames]`.
     pub(crate) hips: Vec<[f32; 3]>,
+    /// Error that a file with few keys may have; in characters' files.
+    pub(crate) bound: Option<Bound>,
 }
 
 /// Retargets an animation to another character.
@@ -81,6 +84,11 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     let Some(input) = args.input.as_ref().filter(|_| !args.output.is_empty() || args.sheet.is_some()) else {
         return Ok(());
     };
+    if args.reduce.is_some() && matches!(target, Target::Skeleton(_)) {
+        return Err(Failure::input(
+            "--reduce: a .bvh skeleton moves in every frame; characters, .glb or .vrm, take fewer keys",
+        ));
+    }
     args.output.iter().try_for_each(|output| target.check_output(output))?;
     let outputs = args.output.iter().map(|path| atomic_file::create(path)).collect::<Result<Vec<_>, _>>()?;
     let sheet = args.sheet.as_deref().map(|sheet| target.check_sheet(sheet).map(|()| atomic_file::create(sheet)));
@@ -90,7 +98,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
         let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
         faces.release_bones(&clip.face, &mapping, &mut retarget);
-        let motion = motion(&retarget, clip)?;
+        let motion = Motion { bound: args.reduce, ..motion(&retarget, clip)? };
         if let Some((path, out)) = outputs.next() {
             let bytes = target.animated(&retarget, &motion, &faces, clip).map_err(wrong)?;
             atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
@@ -169,7 +177,7 @@ fn motion(retarget: &Retarget, clip: &Clip) -> Result<Motion, Failure> {
         hips.push(retarget.apply(&mut scratch, &clip.pose(frame), &mut row)?);
         rotations.push(row);
     }
-    Ok(Motion { frame_rate: clip.frame_rate, rotations, hips })
+    Ok(Motion { frame_rate: clip.frame_rate, rotations, hips, bound: None })
 }
 
 impl Target {

@@ -6,7 +6,9 @@
 //! | `file` | a score out of TOML |
 //! | `hands` | phases of hands: keyframes to spans and back |
 //! | `change` | from a changed score to an edit of its take |
+//! | `carry` | changes of a score on a motion that was made anew |
 
+mod carry;
 mod change;
 mod file;
 mod hands;
@@ -23,6 +25,7 @@ use crate::args::{Animate, Score as Args};
 use crate::failure::Failure;
 use crate::speech::Speech;
 use crate::{gestures, model, play, words};
+pub(crate) use carry::{Own, carry};
 pub(crate) use line::{Kind, Line, text};
 
 /// Speed of a wrist at a stroke of strength 1, m/s: twice that of people's median stroke.
@@ -55,12 +58,33 @@ pub(crate) fn lines(take: &Take, model: &Model, cx: Compute, path: &Path) -> Res
     if take.info().model != model.fingerprint() {
         return Err(wrong(umo_core::TakeError::Model.to_string()));
     }
-    let rate = f64::from(take.info().frame_rate);
     let mut lines = hands::lines(take, model, cx).map_err(|error| wrong(error.to_string()))?;
-    lines.push(Line::at(0.0, Kind::Expression(take.avatar().sampler.expression)));
-    lines.extend(take.events().filter_map(|(frame, event)| Line::of(frame as f64 / rate, &event)));
+    lines.extend(requests(take));
     lines.sort_by(Line::order);
     Ok(lines)
+}
+
+/// Requests of a take.
+pub(crate) fn requests(take: &Take) -> Vec<Line> {
+    let rate = f64::from(take.info().frame_rate);
+    let mut lines = vec![Line::at(0.0, Kind::Expression(take.avatar().sampler.expression))];
+    lines.extend(take.events().filter_map(|(frame, event)| Line::of(frame as f64 / rate, &event)));
+    lines
+}
+
+/// Checks that a take, whose own lines are `own`, can do what the lines of a score say.
+pub(crate) fn check(
+    take: &Take,
+    model: &Model,
+    own: &[Line],
+    lines: &[Line],
+    gestures: &umo_core::Gestures,
+) -> Result<(), String> {
+    let score = Score { path: PathBuf::new(), lines: lines.iter().map(|line| (0, line.clone())).collect() };
+    match change::edit(take, model, own, &score, gestures) {
+        Ok(_) => Ok(()),
+        Err(failure) => Err(failure.to_string().trim_start_matches(":0: ").to_owned()),
+    }
 }
 
 /// Makes a take anew as its score says, and writes it and what it shows.
@@ -85,7 +109,7 @@ pub(crate) fn animate(args: &Animate, path: &Path) -> Result<(), Failure> {
         };
         let outputs = Outputs::open(&files, &model.config().face, false)?;
         let edited = drawer.draw(&take, score.as_ref(), args.edit.span.clone(), variant, &gestures)?;
-        play::show(&model, &edited, outputs, (gestures.clone(), words::rules(&args.words.rules)?))?;
+        play::show(&model, (path, &edited), outputs, (gestures.clone(), words::rules(&args.words.rules)?))?;
     }
     Ok(())
 }
@@ -141,6 +165,16 @@ pub(crate) struct Score {
 }
 
 impl Score {
+    /// Reads a score's file.
+    pub(crate) fn open(path: &Path) -> Result<Self, Failure> {
+        file::open(path)
+    }
+
+    /// Reads a score; `path` is for messages.
+    pub(crate) fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
+        file::parse(path, text)
+    }
+
     fn wrong(&self, line: usize, problem: impl std::fmt::Display) -> Failure {
         Failure::Input(format!("{}:{line}: {problem}", self.path.display()))
     }

@@ -36,6 +36,14 @@ impl Strokes {
         })
     }
 
+    /// The strokes of a take of which these are all codes of `intent`, one for each keyframe.
+    pub(crate) fn of(config: &Config, phases: &[u16]) -> Vec<Marker> {
+        let (stride, frame_rate) = (config.keyframe_stride, config.frame_rate as f64);
+        let mut strokes = Self { place: 0, codes: 1, stride, frame_rate, last: None, found: Vec::new() };
+        strokes.hear(0, phases);
+        strokes.markers()
+    }
+
     /// Takes the codes of a chunk's keyframes, of which the first is at or after this frame.
     pub(crate) fn hear(&mut self, first_frame: usize, keyframes: &[u16]) {
         let first = first_frame.next_multiple_of(self.stride);

@@ -60,7 +60,10 @@ fn help_shows_nine_commands_and_then_the_others() {
     };
     let first = ["animate", "converse", "view", "live", "serve", "batch", "retarget", "text", "doctor"];
     assert_eq!(below("Commands:"), [&first[..], &["help"]].concat());
-    assert_eq!(below("More commands:"), ["play", "model", "bench", "inspect", "figure", "draw", "gestures", "words"]);
+    assert_eq!(
+        below("More commands:"),
+        ["play", "score", "model", "bench", "inspect", "figure", "draw", "gestures", "words"]
+    );
     assert!(lines.len() <= 30, "{}", lines.len());
     for name in first.into_iter().chain(["bench", "play"]) {
         assert!(help(&[name, "-h"]).len() <= 30, "{name}: {}", help(&[name, "-h"]).len());

@@ -9,6 +9,7 @@ use umo_core::{
     Gestures, Isa, Layer, LayerGains, LipShape, Model, ModelFile, Mood, PacketConfig, Poll, Precision, Session,
     SessionConfig, SessionError, Take, TakeError, Team, Threads, Voice, WordRules,
 };
+use umo_core_stream::animation::Group;
 
 const PEOPLE: &str = "../models/umo-people/model.safetensors";
 const SMALL: [&str; 2] =
@@ -118,6 +119,51 @@ fn a_take_plays_the_bits_that_were_recorded() {
         session.reset().unwrap();
         session.look_at([2.0, 1.0, 1.0], 1.0).unwrap();
         assert!(gains.is_off() || play(&session) != frames, "{path}: looks elsewhere");
+    }
+}
+
+/// Recordings of a group that are longer and shorter, begin at other times and ask for other things.
+#[test]
+fn animations_of_a_group_record_the_bytes_that_each_has_alone() {
+    let model = open(SMALL[1]);
+    let team = Team::new(1).unwrap();
+    let cx = Compute { isa: model.isa(), team: &team };
+    let animation = |number: u32| {
+        let mut avatar = avatar(&model);
+        avatar.sampler.seed = number.into();
+        let mut animation = Animation::with_layers(&model, &avatar, LayerGains::ON, Gestures::new()).unwrap();
+        animation.record(&model).unwrap();
+        animation.play_gesture("nod", &GestureOptions::default().at(0.2 * f64::from(number))).unwrap();
+        animation.push_audio(&speech(model.config().audio.sample_rate, 1 + number as usize)).unwrap();
+        animation.finish(30 * (1 + number as usize) - 1);
+        animation
+    };
+    let alone: Vec<Take> = (0..4)
+        .map(|number| {
+            let mut animation = animation(number);
+            animation.hint_words("No, never!", 0.2, 0.9).unwrap();
+            while animation.step(&model, cx, &mut |_| {}).unwrap() {}
+            animation.take().unwrap()
+        })
+        .collect();
+    let (mut group, mut inside, mut waiting) = (Group::new(&model, 2), Vec::new(), (0..4).rev().collect::<Vec<_>>());
+    let mut unrecorded = Group::new(&model, 1);
+    unrecorded.add(Animation::new(&model, &avatar(&model)).unwrap());
+    assert!(unrecorded.take(0).is_none());
+    while !group.is_empty() || !waiting.is_empty() {
+        if !group.is_full()
+            && let Some(number) = waiting.pop()
+        {
+            group.add(animation(number));
+            inside.push(number as usize);
+            group.hint_words(group.len() - 1, "No, never!", 0.2, 0.9).unwrap();
+        }
+        assert!(group.step(&model, cx, &mut |_, _| {}).unwrap().is_empty());
+        for index in (0..group.len()).rev().filter(|&index| group.is_done(&model, index)).collect::<Vec<_>>() {
+            let (take, alone) = (group.take(index).unwrap(), &alone[inside.swap_remove(index)]);
+            assert!(take.bytes() == alone.bytes() && take.info().packets > 1);
+            group.remove(index);
+        }
     }
 }
 
@@ -392,6 +438,7 @@ fn an_edit_changes_its_frames_and_no_other() {
         let edit = rest(&model, &take, busy..busy + 6);
         let new = edited(&model, &take, &edit);
         assert!(new.is_edited() && new.phases(&model).unwrap() == edit.phases, "{:?}", new.changed());
+        assert!(new.unedited().bytes() == take.bytes() && take.unedited().bytes() == take.bytes());
         let changed = new.changed()[0].clone();
         let (first, last) = (3 * busy as u64, 3 * (busy as u64 + 6));
         assert!(new.changed().len() == 1 && first < changed.end && changed.start < last, "{changed:?}");

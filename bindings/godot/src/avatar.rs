@@ -291,6 +291,29 @@ impl UmoAvatar3D {
         }
     }
 
+    /// Plays a take, the bytes of a `.umo` file of the same model, until the next `open()`: the recorded motion, by the
+    /// position of the audio player, which plays its sound, or by your own clock. `reset()` begins it anew. The avatar
+    /// hears nothing meanwhile; looks, moods and gestures come on top. False if the take cannot be played.
+    #[func]
+    fn play_take(&mut self, take: PackedByteArray) -> bool {
+        let Some(model) = &self.shared else {
+            self.complain("play_take: open the avatar first");
+            return false;
+        };
+        match Session::of_take(model, take.as_slice(), u32::try_from(self.idle).unwrap_or(u32::MAX)) {
+            Ok(session) => {
+                (self.line, self.session, self.gazes) = (None, Some(session), false);
+                self.hints.clear();
+                self.start_clock();
+                true
+            }
+            Err(error) => {
+                self.complain(&error);
+                false
+            }
+        }
+    }
+
     /// Releases session and model.
     #[func]
     fn close(&mut self) {

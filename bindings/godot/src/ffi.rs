@@ -11,7 +11,7 @@ mod generated;
 pub(crate) use generated::*;
 
 pub(crate) type Status = i32;
-/// `umo_model`, `umo_engine`, `umo_session`, `umo_scene`: opaque handles, never pointers to memory.
+/// `umo_model`, `umo_engine`, `umo_session`, `umo_take`, `umo_scene`: opaque handles, never pointers to memory.
 pub(crate) type Handle = *mut c_void;
 
 /// The library's functions by their names in `umo.h`, without `umo_`.
@@ -88,6 +88,10 @@ library! {
     session_state_size(Handle, *mut usize) -> Status;
     session_save(Handle, *mut u8, usize, *mut usize) -> Status;
     session_restore(Handle, *const u8, usize) -> Status;
+    take_new(*const u8, usize, *mut Handle) -> Status;
+    take_free(Handle) -> Status;
+    decoder_new_of_take(Handle, Handle, *const SessionConfig, *mut Handle) -> Status;
+    decoder_push_take(Handle, *mut u32) -> Status;
     session_latency(Handle, *mut Latency) -> Status;
     session_stats(Handle, *mut Stats) -> Status;
     scene_new(u64, *mut Handle) -> Status;

@@ -183,6 +183,17 @@ impl Model {
         check(self.library, status)
     }
 
+    /// Default settings of its sessions.
+    fn session_config(&self) -> Result<ffi::SessionConfig, String> {
+        let (init, size) = (self.library.session_config_init, size_of::<ffi::SessionConfig>());
+        let mut config = std::mem::MaybeUninit::uninit();
+        // SAFETY: `config` is writable for its size.
+        let status = unsafe { init(config.as_mut_ptr(), size, self.model) };
+        check(self.library, status)?;
+        // SAFETY: just initialised.
+        Ok(unsafe { config.assume_init() })
+    }
+
     pub(crate) fn joint_name(&self, joint: u32) -> String {
         // SAFETY: takes any index.
         let name = unsafe { (self.library.joint_name)(joint) };
@@ -310,6 +321,8 @@ pub(crate) struct Session {
     pub(crate) sample_rate: u32,
     pub(crate) channels: u32,
     pub(crate) is_live: bool,
+    /// Whether it plays a take.
+    pub(crate) is_take: bool,
     /// Seconds after the newest frame at which the rest pose is reached, in the idle mode that returns to rest.
     pub(crate) rest_seconds: f64,
     /// Samples per channel accepted since the session began or was reset; `None` after a state was restored, which does
@@ -320,13 +333,7 @@ pub(crate) struct Session {
 impl Session {
     pub(crate) fn open(model: &Rc<Model>, settings: Settings) -> Result<Self, String> {
         let library = model.library;
-        let mut config = std::mem::MaybeUninit::uninit();
-        let size = size_of::<ffi::SessionConfig>();
-        // SAFETY: `config` is writable for its size.
-        let status = unsafe { (library.session_config_init)(config.as_mut_ptr(), size, model.model) };
-        check(library, status)?;
-        // SAFETY: just initialised.
-        let mut config: ffi::SessionConfig = unsafe { config.assume_init() };
+        let mut config = model.session_config()?;
         config.sample_rate = settings.sample_rate.unwrap_or(config.sample_rate);
         config.channels = settings.channels;
         config.target = settings.target.unwrap_or(config.target);
@@ -341,10 +348,56 @@ impl Session {
         // SAFETY: no template name or allocator is given.
         let status = unsafe { (library.session_new)(model.engine, &config, &mut session) };
         check(library, status)?;
+        Ok(Self::of(model, session, &config, (is_live, false)))
+    }
+
+    /// A session that plays a take.
+    pub(crate) fn of_take(model: &Rc<Model>, take: &[u8], idle: u32) -> Result<Self, String> {
+        let library = model.library;
+        let mut config = model.session_config()?;
+        config.idle = idle;
+        let (mut read, mut session) = (null_mut(), null_mut());
+        // SAFETY: `take` has its length, `read` is writable.
+        let status = unsafe { (library.take_new)(take.as_ptr(), take.len(), &mut read) };
+        check(library, status)?;
+        // SAFETY: no template name or allocator is given, `session` is writable.
+        let status = unsafe { (library.decoder_new_of_take)(model.model, read, &config, &mut session) };
+        let made = check(library, status);
+        // SAFETY: just made; the session has what it needs of it.
+        unsafe { (library.take_free)(read) };
+        made?;
+        Ok(Self::of(model, session, &config, (false, true)))
+    }
+
+    fn of(model: &Rc<Model>, session: Handle, config: &ffi::SessionConfig, (is_live, is_take): (bool, bool)) -> Self {
         let rest_seconds = f64::from(config.idle_after_ms + config.ease_ms) / 1000.0;
-        let (sample_rate, channels) = (config.sample_rate, config.channels);
-        let pushed = Cell::new(Some(0));
-        Ok(Self { model: Rc::clone(model), session, sample_rate, channels, is_live, rest_seconds, pushed })
+        let (sample_rate, channels, pushed) = (config.sample_rate, config.channels, Cell::new(Some(0)));
+        let model = Rc::clone(model);
+        Self { model, session, sample_rate, channels, is_live, is_take, rest_seconds, pushed }
+    }
+
+    /// Keeps two seconds of a take's frames ready, if it plays one.
+    fn push_take(&self) -> Result<(), String> {
+        const AHEAD: usize = 60;
+        let mut more = u32::from(self.is_take);
+        // A packet has a frame or more, but for the first ones.
+        for _ in 0..AHEAD {
+            if more == 0 || self.ready()? >= AHEAD {
+                break;
+            }
+            // SAFETY: `more` is writable.
+            let status = unsafe { (self.model.library.decoder_push_take)(self.session, &mut more) };
+            self.check(status)?;
+        }
+        Ok(())
+    }
+
+    /// Number of frames that are ready.
+    fn ready(&self) -> Result<usize, String> {
+        let mut ready = 0;
+        // SAFETY: `ready` is writable.
+        let status = unsafe { (self.model.library.session_ready_frames)(self.session, &mut ready) };
+        self.check(status).map(|()| ready)
     }
 
     /// Number of the session in this process, never used again.
@@ -477,13 +530,10 @@ impl Session {
 
     /// Returns all frames that are ready, concatenated.
     pub(crate) fn pull(&self) -> Result<Vec<f32>, String> {
+        self.push_take()?;
         let (library, width) = (self.model.library, self.model.frame_floats());
-        let mut ready = 0;
-        // SAFETY: `ready` is writable.
-        let status = unsafe { (library.session_ready_frames)(self.session, &mut ready) };
-        self.check(status)?;
         // At least one: a pull that finds none requests motion on silence, and reports an error of the session.
-        let mut frames = vec![0.0; ready.max(1) * width];
+        let mut frames = vec![0.0; self.ready()?.max(1) * width];
         let (layout, size, mut count) = (self.model.layout(0), 4 * frames.len(), 0);
         let pull = library.session_pull_frames;
         // SAFETY: `frames` has `size` bytes.
@@ -506,6 +556,7 @@ impl Session {
     pub(crate) fn sample(&self, seconds: f64, frame: &mut Vec<f32>) -> Result<Shown, String> {
         /// Floats before a frame's values, for its index.
         const HEAD: usize = 2;
+        self.push_take()?;
         frame.resize(HEAD + self.model.frame_floats(), 0.0);
         let layout = self.model.layout(4 * HEAD);
         // With an index, frames must be aligned like it, even a single one.

@@ -1,6 +1,6 @@
 extends SceneTree
-## Tests of the extension in a running Godot: godot --headless -s check.gd -- REFERENCE. The exit status is the number
-## of failures.
+## Tests of the extension in a running Godot: godot --headless -s check.gd -- REFERENCE TAKE. The exit status is the
+## number of failures.
 
 const Body := preload("res://body.gd")
 const MODEL := "res://addons/umo/umo-people.safetensors"
@@ -784,3 +784,38 @@ func test_bad_arguments_are_errors_and_no_crash() -> void:
 	expect(avatar.is_open(), "an avatar still")
 	await process_frame
 	expect(told.size() == 6, "an error for each, got %s" % [told])
+
+
+func test_a_take_plays_the_recorded_frames() -> void:
+	var take := FileAccess.get_file_as_bytes(OS.get_cmdline_user_args()[1])
+	var avatar := make()
+	expect(avatar.play_take(take), "a take that is played")
+	for again in 2:
+		var played := PackedFloat32Array()
+		while not avatar.is_done():
+			played.append_array(avatar.pull_frames())
+		expect(played == reference, "the recorded bits, got %d of %d frames" % [played.size() / width, reference.size() / width])
+		avatar.reset()
+	expect(avatar.sample_pose(1.0) == frame_of(reference, 30), "a pose by the script's clock")
+	await process_frame
+	expect(told.is_empty(), "no error, got %s" % [told])
+	# The avatar hears nothing meanwhile, and speaks again once it is opened.
+	expect(avatar.push_audio(PackedFloat32Array([0.5])) == 0, "no sample taken")
+	expect(not avatar.play_take(take.slice(1)) and avatar.is_open(), "what is not a take is refused")
+	await process_frame
+	expect(told.size() == 2 and "not a take" in told[1], "an error for each, got %s" % [told])
+	expect(avatar.open() and avatar.push_audio(PackedFloat32Array([0.5])) == 1, "an avatar that hears")
+	avatar.close()
+	expect(not avatar.play_take(take), "nothing is played by an avatar that is closed")
+
+
+func test_a_take_goes_with_its_sound() -> void:
+	var voice := player(Body.wav("res://hello.wav"))
+	var avatar := make({"audio_player": ^"/root/Voice"})
+	expect(avatar.play_take(FileAccess.get_file_as_bytes(OS.get_cmdline_user_args()[1])), "a take that is played")
+	voice.play()
+	expect(await until(func() -> bool: return avatar.get_motion_time() > 1.0), "a clock that runs")
+	expect(absf(avatar.get_motion_time() - voice.get_playback_position()) < 0.3, "the time of the sound, got %f at %f"
+			% [avatar.get_motion_time(), voice.get_playback_position()])
+	voice.stop()
+	expect(told.is_empty(), "no error, got %s" % [told])

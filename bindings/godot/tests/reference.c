@@ -1,5 +1,6 @@
 /* Writes the frames of a WAV file (16 bits, one channel) through the C interface: raw floats, one frame after the
- * other, each translation, rotations, channels, visemes. reference MODEL WAV OUT; prints frames and floats per frame. */
+ * other, each translation, rotations, channels, visemes; and their take. reference MODEL WAV OUT TAKE; prints frames
+ * and floats per frame. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +14,7 @@ static void check(umo_status status) {
 }
 
 int main(int argc, char **argv) {
-    if (argc != 4) return 2;
+    if (argc != 5) return 2;
     FILE *file = fopen(argv[2], "rb");
     unsigned char head[44];
     if (!file || fread(head, 1, 44, file) != 44 || memcmp(head + 36, "data", 4)) return 1;
@@ -34,6 +35,7 @@ int main(int argc, char **argv) {
     memcpy(&config.sample_rate, head + 24, 4);
     /* The node's default, which is for live use. */
     config.target = 1;
+    config.take_bytes = 1 << 20;
     check(umo_session_new(engine, &config, &session));
     /* Layers follow the clock while there are no frames: off where poses are compared. */
     for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
@@ -63,6 +65,14 @@ int main(int argc, char **argv) {
     }
     fclose(out);
     free(frame);
+    size_t size = 0;
+    check(umo_session_take_size(session, &size));
+    char *take = malloc(size);
+    check(umo_session_take(session, take, size, &size));
+    out = fopen(argv[4], "wb");
+    if (!out || fwrite(take, size, 1, out) != 1) return 1;
+    fclose(out);
+    free(take);
     check(umo_session_free(session));
     check(umo_engine_free(engine));
     check(umo_model_free(model));

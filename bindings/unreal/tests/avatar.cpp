@@ -174,6 +174,60 @@ void a_model_of_memory_is_that_of_the_file(const char *model) {
     EXPECT(hosts.open("assets/other", one_thread(), problem, content.data(), 16) == nullptr && !problem.empty());
 }
 
+/// A take shows the recorded frames by the game's steps, then idles, and gives way to the avatar's own motion.
+void a_take_plays_what_was_recorded(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
+    umo_session_config config = umo::session::defaults(host->model);
+    config.sample_rate = rate;
+    config.take_bytes = 1 << 20;
+    auto recorded = umo::session::make(host->engine, &config);
+    EXPECT(bool(recorded));
+    constexpr std::size_t seconds = 3;
+    EXPECT(recorded->push_audio(samples.data(), seconds * rate).value == seconds * rate);
+    EXPECT(recorded->finish() == UMO_STATUS_OK);
+    umo::frames one(host->model, 1, UMO_AXES_UNREAL);
+    std::vector<std::array<float, 4 * joint_count>> frames;
+    for (int i = 0; i < 60000 && frames.size() < 30 * seconds; ++i) {
+        if (recorded->pull(one).value == 0) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+            continue;
+        }
+        auto &rotations = frames.emplace_back();
+        for (std::size_t joint = 0; joint < joint_count; ++joint) std::copy_n(one[0].rotation(joint), 4, &rotations[4 * joint]);
+    }
+    EXPECT(frames.size() == 30 * seconds);
+    if (frames.size() != 30 * seconds) return;
+    const std::vector<unsigned char> take = *recorded->recorded();
+
+    Settings settings = plain();
+    settings.output_latency = 0.1;
+    std::string problem;
+    const auto avatar = Avatar::make(host, settings, problem);
+    EXPECT(avatar != nullptr);
+    if (!avatar) return;
+    EXPECT(!avatar->plays_take());
+    EXPECT(avatar->play_take(take.data() + 1, take.size() - 1, problem) == UMO_STATUS_TAKE && problem.find("not a take") != std::string::npos);
+    EXPECT(avatar->play_take(take.data(), take.size(), problem) == UMO_STATUS_OK && avatar->plays_take());
+    std::size_t same = 0;
+    long most = 0;
+    // The sound is heard three frames after it began.
+    for (std::size_t i = 0; i < 30 * seconds + 3; ++i) {
+        allocations = 0;
+        EXPECT(avatar->show(1 / 30.0, 100) == UMO_STATUS_OK);
+        most = std::max(most, allocations);
+        const auto &rotations = frames[i < 3 ? 0 : i - 3];
+        float far = 0;
+        for (std::size_t k = 0; k < rotations.size(); ++k) far = std::fmax(far, std::fabs(rotations[k] - avatar->pose().rotations[k]));
+        same += far < 1e-5F ? 1 : 0;
+    }
+    EXPECT(same == 30 * seconds + 3 && most == 0);
+    EXPECT(avatar->look_at({200, 50, 160}, 1) == UMO_STATUS_OK && avatar->set(UMO_PARAMETER_GAIN_FACE, 0.5) == UMO_STATUS_OK);
+    for (int i = 0; i < 30; ++i) EXPECT(avatar->show(1 / 30.0, 100) == UMO_STATUS_OK);
+    EXPECT(!avatar->plays_take() && avatar->failure().empty());
+    avatar->stop_take();
+    EXPECT(avatar->show(1 / 30.0, 100) == UMO_STATUS_OK);
+    std::printf("a take of %zu bytes: %zu poses as recorded\n", take.size(), same);
+}
+
 /// Speech is heard at once, and the mouth's frames belong to the sound being heard, computed or not. A hint closes the
 /// lips, which are open without it; a word raises a hand.
 void hints_close_the_lips_and_words_raise_a_hand(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
@@ -500,6 +554,7 @@ int main(int count, char **arguments) {
     EXPECT(host != nullptr);
     if (host) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);
+        a_take_plays_what_was_recorded(host, samples);
         hints_close_the_lips_and_words_raise_a_hand(host, samples);
         two_threads_speak_are_interrupted_and_end(host, samples);
         idle_modes_go_on_without_audio(host);

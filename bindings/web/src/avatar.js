@@ -14,6 +14,8 @@ export class Avatar {
   #clock = () => 0;
   #node = null;
   #source = null;
+  /** Whether a recording or a take plays. */
+  #isPlaying = false;
 
   /**
    * Loads the engine and a model in a worker. `wasm` and `model` are URLs or bytes; `wasm` may also be a module.
@@ -58,7 +60,7 @@ export class Avatar {
   }
 
   /** Calls the engine in the worker: `push`, `finish`, `interrupt`, `reset`, `set`, `prompt`, `mood`, `lookAt`,
-   * `gesture`, `hintWords`, `pull`. */
+   * `gesture`, `hintWords`, `play`, `pull`. */
   call(name, ...args) {
     const id = ++this.#count;
     const transfer = args.filter((arg) => arg instanceof MessagePort);
@@ -103,18 +105,32 @@ export class Avatar {
     await Promise.all(words.map((word) => this.call("hintWords", ...word)));
     await this.call("push", samples);
     await this.call("finish");
-    // Wait for the first frames.
+    await this.#begin(context, buffer, output);
+  }
+
+  /** Plays a take, the bytes of a `.umo` file, beside its recording, if that is given; resolves when playback starts. */
+  async play(take, context, buffer, output = context.destination) {
+    await this.#stop();
+    await this.call("play", take);
+    await this.#begin(context, buffer, output);
+  }
+
+  /** Waits for the first frames, and starts their sound and clock. */
+  async #begin(context, buffer, output) {
     for (let first = this.#last; ; ) {
       const { pose } = await this.call("samplePose", first);
       if (pose.newest > 0) break;
       await new Promise((done) => setTimeout(done, 20));
     }
-    const sound = context.createBufferSource();
-    sound.buffer = buffer;
-    sound.connect(output);
     const start = context.currentTime + MARGIN;
-    sound.start(start);
-    this.#source = sound;
+    if (buffer) {
+      const sound = context.createBufferSource();
+      sound.buffer = buffer;
+      sound.connect(output);
+      sound.start(start);
+      this.#source = sound;
+    }
+    this.#isPlaying = true;
     this.#clock = () => Math.max(0, context.currentTime - start - this.#output(context));
   }
 
@@ -136,8 +152,8 @@ export class Avatar {
       node.port.postMessage({ end: true });
     }
     this.#source?.stop();
-    if (node || this.#source) await this.call("reset");
-    [this.#node, this.#source, this.#last, this.#clock] = [null, null, 0, () => 0];
+    if (node || this.#isPlaying) await this.call("reset");
+    [this.#node, this.#source, this.#isPlaying, this.#last, this.#clock] = [null, null, false, 0, () => 0];
   }
 
   /** Motion time to show now, in seconds. */

@@ -251,13 +251,25 @@ export class Model {
   session({ language = "en", wordRules, ...options } = {}) {
     this.#open();
     this.#setWordRules(language, wordRules);
-    return this.#make("umo_session_new", () => this.#engine, options);
+    return this.#make("umo_session_new", [this.#engine], options);
   }
 
   /** Creates an avatar that is animated by received packets. `target`, `lookahead` and `smoothing` must match the
-   * sender's. */
-  decoder(options = {}) {
-    return this.#make("umo_decoder_new", () => this.#model, options);
+   * sender's. With `take`, the bytes of a `.umo` file, it plays that by `pushTake`, and these settings are the take's. */
+  decoder({ take, ...options } = {}) {
+    if (take === undefined) return this.#make("umo_decoder_new", [this.#open()], options);
+    const library = this.#library;
+    const data = library.allocate(take.length);
+    let handle;
+    try {
+      library.bytes(data, take.length).set(take);
+      library.call("umo_take_new", data, take.length, library.scratch);
+      handle = library.view.getUint32(library.scratch, true);
+      return this.#make("umo_decoder_new_of_take", [this.#open(), handle], options);
+    } finally {
+      if (!library.trap) library.run("umo_web_free", data, take.length);
+      if (!library.trap && handle) library.call("umo_take_free", handle);
+    }
   }
 
   /** Creates a scene: sessions of this model that know each other. */
@@ -288,7 +300,7 @@ export class Model {
     const config = library.scratch + 8;
     library.call("umo_session_config_init", config, SESSION_CONFIG.size, this.#open());
     library.configure(config, SESSION_CONFIG, options, "a session");
-    library.call(create, from(), config, library.scratch);
+    library.call(create, ...from, config, library.scratch);
     const handle = library.view.getUint32(library.scratch, true);
     const session = new Session(this, library, handle, this.#frame, () => this.#sessions.delete(session));
     this.#sessions.add(session);
@@ -430,6 +442,26 @@ export class Session {
     const bytes = packet.subarray(0, 4 * CHUNK);
     library.bytes(library.audio, bytes.length).set(bytes);
     this.#call("umo_decoder_push_packet", library.audio, bytes.length);
+  }
+
+  /** Computes the frames of the next packet of the decoder's take, if there is room for them; returns whether there may be more. */
+  pushTake() {
+    this.#call("umo_decoder_push_take", this.#library.scratch);
+    return this.#library.view.getUint32(this.#library.scratch, true) === 1;
+  }
+
+  /** The take so far of a session created with `takeBytes`: the bytes of a `.umo` file. */
+  take() {
+    const library = this.#library;
+    this.#call("umo_session_take_size", library.scratch);
+    const size = library.view.getUint32(library.scratch, true);
+    const take = library.allocate(size);
+    try {
+      this.#call("umo_session_take", take, size, library.scratch);
+      return library.bytes(take, library.view.getUint32(library.scratch, true)).slice();
+    } finally {
+      if (!library.trap) library.run("umo_web_free", take, size);
+    }
   }
 
   /** Statistics of a decoder's packets: taken, late and missing packets; keyframes that were held. */

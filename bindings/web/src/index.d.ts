@@ -98,8 +98,8 @@ export class Model implements ModelDescription {
   /** Memory size of the module in bytes. */
   readonly memory: number;
   session(options?: SessionOptions & WordOptions): Session;
-  /** Creates an avatar that is animated by received packets. */
-  decoder(options?: SessionOptions): Session;
+  /** Creates an avatar that is animated by received packets, or by a take, the bytes of a `.umo` file. */
+  decoder(options?: SessionOptions & { take?: Uint8Array }): Session;
   /** Creates a scene: sessions of this model that know each other. */
   scene(options?: { seed?: number | bigint }): Scene;
   /** Computes due work for at most `milliseconds`, but at least one layer; returns whether there is more. */
@@ -126,6 +126,10 @@ export class Session {
   pullPackets(): Uint8Array[];
   /** Takes a packet from the decoder's sender. Packets may arrive reordered or duplicated. */
   pushPacket(packet: Uint8Array): void;
+  /** Computes the frames of the next packet of the decoder's take, if there is room; returns whether there may be more. */
+  pushTake(): boolean;
+  /** The take so far of a session created with `takeBytes`: the bytes of a `.umo` file. */
+  take(): Uint8Array;
   /** Statistics of a decoder's packets. */
   readonly received: Received;
   /** The pose at motion time `seconds`. */
@@ -274,9 +278,11 @@ export class Avatar {
   /** Speaks and plays a recording; resolves when playback starts. `words` are the recording's, each with its start and
    * end in seconds. */
   say(buffer: AudioBuffer, context: AudioContext, output?: AudioNode, words?: [text: string, start: number, end: number][]): Promise<void>;
+  /** Plays a take, the bytes of a `.umo` file, beside its recording, if that is given; resolves when playback starts. */
+  play(take: Uint8Array, context: AudioContext, buffer?: AudioBuffer, output?: AudioNode): Promise<void>;
   /** The pose to show now. Never waits. Call it once per frame. */
   samplePose(seconds?: number): PoseValues;
   /** Calls the session in the worker, such as `call("gesture", "wave")`. */
-  call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "hintWords" | "pushOther" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
+  call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "hintWords" | "pushOther" | "play" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
   close(): void;
 }

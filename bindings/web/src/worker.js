@@ -4,7 +4,9 @@
 import { Model, Pose } from "./engine.js";
 
 let model;
+/** The avatar that speaks, and the one that plays a take meanwhile. */
 let session;
+let player = null;
 let pose;
 /** Sample rate, samples pushed so far, and samples that have not fitted yet. */
 let rate = 0;
@@ -59,6 +61,20 @@ function tell() {
   }
 }
 
+const shown = () => player ?? session;
+
+/** Keeps two seconds of the take's frames ready. */
+function turn() {
+  const ahead = 2 * model.frameRate;
+  for (let i = 0; player && i < ahead && player.ready < ahead && player.pushTake(); i++);
+}
+
+/** Ends the take. */
+function silence() {
+  player?.free();
+  player = null;
+}
+
 function attempt(what) {
   try {
     return what();
@@ -77,6 +93,7 @@ const calls = {
   },
 
   session(options) {
+    silence();
     session?.free();
     [waiting, words, finishing, pushed] = [[], [], false, 0];
     // The rest pose comes from another session: a session that was sampled before its speech would ease from that pose.
@@ -122,29 +139,38 @@ const calls = {
   },
 
   reset() {
+    silence();
     [waiting, words, finishing, pushed] = [[], [], false, 0];
     session.reset();
     compute();
   },
 
+  /** Plays a take until the next reset. */
+  play(take) {
+    calls.reset();
+    player = model.decoder({ take });
+  },
+
   /** The pose at a time, and the progress of audio and frames. */
   samplePose(seconds) {
-    session.samplePose(seconds, pose);
+    turn();
+    shown().samplePose(seconds, pose);
     attempt(tell);
     compute();
-    return { pose, seconds, pushed: pushed / rate, isDone: session.isDone };
+    return { pose, seconds, pushed: pushed / rate, isDone: shown().isDone };
   },
 
   /** Pulls ready frames, each once. */
   pull() {
     const frames = [];
-    for (let frame = new Pose(model); session.pull(frame); frame = new Pose(model)) frames.push(frame);
+    turn();
+    for (let frame = new Pose(model); shown().pull(frame); frame = new Pose(model)) frames.push(frame);
     attempt(tell);
     compute();
-    return { frames, isDone: session.isDone, isWaiting: waiting.length > 0 };
+    return { frames, isDone: shown().isDone, isWaiting: waiting.length > 0 };
   },
 };
-for (const name of ["set", "prompt", "mood", "lookAt", "gesture", "pushOther"]) calls[name] = (...args) => session[name](...args);
+for (const name of ["set", "prompt", "mood", "lookAt", "gesture", "pushOther"]) calls[name] = (...args) => shown()[name](...args);
 
 self.onmessage = async ({ data: { id, call, args } }) => {
   try {

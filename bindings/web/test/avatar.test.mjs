@@ -81,3 +81,21 @@ test("a recording's words are given before its audio", async () => {
   assert.equal(second[0], "push");
   avatar.close();
 });
+
+test("a take plays beside its recording or in silence, and whatever comes next ends it", async () => {
+  const worker = new Worker();
+  const avatar = await create({ worker });
+  const { context, buffer, made } = playing({ outputLatency: 0.25 });
+  const take = Uint8Array.of(1, 2);
+  await avatar.play(take, context, buffer);
+  context.currentTime = made.at + 1;
+  assert.equal(avatar.time, 0.75);
+  await avatar.play(take, context);
+  context.currentTime += 3;
+  assert.ok(Math.abs(avatar.time - (3 - 0.25)) < 0.5 && avatar.time < 2.75);
+  await avatar.say(buffer, context);
+  const names = worker.calls.map(([name]) => name).filter((name) => name !== "samplePose");
+  assert.deepEqual(names, ["load", "play", "reset", "play", "reset", "push", "finish"]);
+  assert.deepEqual(worker.calls.find(([name]) => name === "play"), ["play", take]);
+  avatar.close();
+});

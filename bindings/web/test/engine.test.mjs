@@ -149,6 +149,33 @@ test("a decoder has the frames of its sender, whatever is lost once", () => {
   for (const session of [sender, decoder, other]) session.free();
 });
 
+test("a take plays the frames of its session, as often as it is wanted", () => {
+  const session = model.session({ takeBytes: 1 << 16, seed: 5 });
+  session.gesture("nod", { at: 1 });
+  session.mood(Mood.joy, 0.5);
+  const wanted = frames(session);
+  const take = session.take();
+  assert.ok(take.length > 1000 && take.length < 1 << 16, `${take.length}`);
+  const player = model.decoder({ take, queueFrames: 40 });
+  for (const again of [false, true]) {
+    if (again) player.reset();
+    const played = [];
+    while (!player.isDone) {
+      player.pushTake();
+      for (let pose = new Pose(model); player.pull(pose); pose = new Pose(model)) played.push(pose);
+    }
+    assert.deepEqual(played, wanted);
+    assert.equal(player.pushTake(), false);
+  }
+  fails(() => player.pushPacket(take), "INVALID_ARGUMENT", /take/);
+  fails(() => session.pushTake(), "INVALID_ARGUMENT", /take/);
+  fails(() => model.decoder({ take: take.subarray(1) }), "TAKE", /not a take/);
+  fails(() => model.decoder({ take: take.slice(0, -1) }), "TAKE", /damaged/);
+  const other = model.session();
+  fails(() => other.take(), "INVALID_ARGUMENT", /take/);
+  for (const each of [session, player, other]) each.free();
+});
+
 test("words become gestures at their time", () => {
   const plain = model.session();
   // "now" means nothing in English.

@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 use umo_core::{Mood, Place};
 
 use super::hash::file_hash;
+use crate::animate::{TAKE, is_take};
 use crate::args::Batch;
 use crate::atomic_file::refuse_inputs;
 use crate::converse::{self, place};
@@ -48,6 +49,16 @@ pub(super) fn scenes(lines: &[Line]) -> Vec<Vec<&Line>> {
 }
 
 impl Line {
+    /// The take among the outputs.
+    pub(super) fn take(&self) -> Option<&Path> {
+        self.outputs.iter().map(PathBuf::as_path).find(|path| is_take(path))
+    }
+
+    /// The score beside the take, if there is one.
+    pub(super) fn score(&self) -> Option<PathBuf> {
+        self.take().map(|take| take.with_extension("toml")).filter(|score| score.exists())
+    }
+
     /// Returns a hash of everything that the files depend on: contents, not names and dates.
     pub(super) fn key(&self, settings: &str) -> Result<String, Failure> {
         let mut hash = Sha256::new();
@@ -107,8 +118,12 @@ impl Default for Outputs {
 }
 
 /// Reads the lines of a folder or a manifest, with their outputs; checks them before any work.
-pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failure> {
+pub(super) fn read(args: &Batch) -> Result<Vec<Line>, Failure> {
     let input = &args.input;
+    args.format
+        .iter()
+        .filter(|name| !name.eq_ignore_ascii_case(TAKE))
+        .try_for_each(|name| Format::parse(name).map(drop))?;
     let wrong = |cause: std::io::Error| Failure::input(format!("{}: {cause}", input.display()));
     let is_folder = std::fs::metadata(input).map_err(wrong)?.is_dir();
     let (base, rows) = if is_folder {
@@ -124,7 +139,7 @@ pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failur
     let mut lines = Vec::with_capacity(rows.len());
     let mut taken = HashSet::new();
     for (number, row) in rows.into_iter().enumerate() {
-        let line = line(number, row, base, args, formats)
+        let line = line(number, row, base, args)
             .map_err(|problem| Failure::input(format!("{}: line {}: {problem}", input.display(), number + 1)))?;
         for output in &line.outputs {
             if !taken.insert(output.clone()) {
@@ -184,7 +199,7 @@ fn manifest(path: &Path) -> Result<Vec<Row>, Failure> {
     }
 }
 
-fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) -> Result<Line, String> {
+fn line(number: usize, row: Row, base: &Path, args: &Batch) -> Result<Line, String> {
     let some = |text: Option<String>| text.filter(|text| !text.is_empty());
     let out = args.output.as_deref().unwrap_or(base);
     let names: Vec<String> = match row.output {
@@ -201,11 +216,18 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
         // For a recording outside the base folder, only the file name is kept.
         let is_inside = own.is_relative() && !own.components().any(|part| part == Component::ParentDir);
         let own = if is_inside { own } else { Path::new(own.file_name().unwrap_or_default()) };
-        formats.iter().map(|format| out.join(own).with_extension(format.name())).collect()
+        args.format.iter().map(|name| out.join(own).with_extension(name.to_ascii_lowercase())).collect()
     } else {
         names.iter().map(|name| out.join(name)).collect()
     };
-    for output in &outputs {
+    let mut takes = outputs.iter().filter(|path| is_take(path));
+    if takes.next().is_some() && (args.retime || row.scene.as_deref().is_some_and(|name| !name.is_empty())) {
+        return Err("a take (.umo) cannot say a motion of --retime or of a conversation".to_owned());
+    }
+    if takes.next().is_some() {
+        return Err("a line has one take (.umo)".to_owned());
+    }
+    for output in outputs.iter().filter(|path| !is_take(path)) {
         Format::from_extension(output).map_err(|error| error.to_string())?;
     }
     let speaker = some(row.speaker);
@@ -236,8 +258,8 @@ fn check_scenes(args: &Batch, lines: &[Line]) -> Result<(), String> {
         let wrong = |problem: String| format!("scene {name}: {problem}");
         converse::refuse_alone(&args.generate).map_err(say).map_err(wrong)?;
         converse::check_count(scene.len()).map_err(say).map_err(wrong)?;
-        if args.retime || scene.iter().any(|line| line.start_pose.is_some()) {
-            return Err(wrong("--retime and start_pose do not go with a conversation".to_owned()));
+        if args.retime || args.reduce.is_some() || scene.iter().any(|line| line.start_pose.is_some()) {
+            return Err(wrong("--retime, --reduce and start_pose do not go with a conversation".to_owned()));
         }
         if scene.iter().any(|line| line.place.is_some() != scene[0].place.is_some()) {
             return Err(wrong("some of its lines have a place and others have none".to_owned()));

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::hash::file_hash;
 use super::manifest::Line;
+use crate::animate::is_take;
 use crate::atomic_file;
 use crate::failure::Failure;
 
@@ -31,6 +32,12 @@ pub(super) struct Done {
     /// Seconds from the line's first chunk to its last, computed along with other lines.
     took: f64,
     outputs: Vec<Written>,
+    /// Hash of the score that the files follow.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    score: Option<String>,
+    /// Outcome of each change of the score.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) edits: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) error: Option<String>,
     /// Whether an earlier run made the files.
@@ -56,17 +63,26 @@ impl Done {
             seconds: 0.0,
             took: 0.0,
             outputs: Vec::new(),
+            score: None,
+            edits: Vec::new(),
             error: None,
             is_kept: false,
         }
     }
 
     /// Returns a line whose files were written.
-    pub(super) fn made(line: &Line, key: &str, frames: usize, rate: usize, took: Duration) -> Result<Self, Failure> {
+    pub(super) fn made(
+        line: &Line,
+        key: &str,
+        (frames, rate): (usize, usize),
+        took: Duration,
+        edits: Vec<String>,
+    ) -> Result<Self, Failure> {
         let hashed = |path: &PathBuf| Ok(Written { file: path.clone(), sha256: file_hash(path)? });
         let outputs = line.outputs.iter().map(hashed).collect::<Result<_, Failure>>()?;
         let (seconds, took) = (frames as f64 / rate as f64, took.as_secs_f64());
-        Ok(Self { frames, seconds, took, outputs, ..Self::of(line, key) })
+        let score = line.score().as_deref().map(file_hash).transpose()?;
+        Ok(Self { frames, seconds, took, outputs, score, edits, ..Self::of(line, key) })
     }
 
     /// Returns a line that failed.
@@ -74,20 +90,29 @@ impl Done {
         Self { error: Some(failure.to_string()), ..Self::of(line, key) }
     }
 
-    /// Whether every file of the line still exists with its recorded contents.
+    /// Whether every file of the line still exists with its recorded contents, and its score is the same.
     pub(super) fn is_there(&self, line: &Line) -> bool {
         let is_same = |(path, written): (&PathBuf, &Written)| {
             *path == written.file && file_hash(path).is_ok_and(|hash| hash == written.sha256)
         };
+        let score = line.score().map(|path| file_hash(&path).unwrap_or_default());
         self.error.is_none()
+            && self.score == score
             && self.outputs.len() == line.outputs.len()
             && line.outputs.iter().zip(&self.outputs).all(is_same)
+    }
+
+    /// Notes about its score.
+    pub(super) fn notes(&self) -> impl Iterator<Item = String> {
+        let take = self.outputs.iter().map(|output| &output.file).find(|path| is_take(path));
+        let score = take.map(|take| take.with_extension("toml")).unwrap_or_default();
+        self.edits.iter().map(move |edit| format!("{}: {edit}", score.display()))
     }
 
     /// Returns this result as kept, with the names and number that the line has in this run.
     pub(super) fn kept(&self, line: &Line) -> Self {
         let own = Self::of(line, &self.key);
-        Self { file: own.file, line: own.line, speaker: own.speaker, is_kept: true, ..self.clone() }
+        Self { file: own.file, line: own.line, speaker: own.speaker, is_kept: true, edits: Vec::new(), ..self.clone() }
     }
 }
 

@@ -45,7 +45,7 @@ pub(super) fn compute(
             None => match animate(args, generator, &scene, settings.rules) {
                 Ok(clips) => scene.iter().zip(&keys).zip(clips).all(|((line, key), clip)| {
                     let line = (*line).clone();
-                    made.send(Made { line, key: key.clone(), clip: Ok(clip), took: start.elapsed() }).is_ok()
+                    made.send(Made { line, key: key.clone(), motion: Ok((clip, None)), took: start.elapsed() }).is_ok()
                 }),
                 Err(failure) => scene.iter().zip(&keys).all(|(line, key)| wrong(key, line, &failure)),
             },

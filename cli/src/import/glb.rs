@@ -1,14 +1,19 @@
 //! Reader of `.glb` files written by `umo`: the 55 joints by name, one animation, named morph weights; of one character,
 //! or of the members of a conversation.
 
+use std::collections::BTreeMap;
+
 use umo_core::{JOINT_NAMES, JOINTS, Skeleton};
 use umo_core_pose::clip::Clip;
-use umo_core_pose::rotation::{IDENTITY, normalized};
+use umo_core_pose::rotation::{IDENTITY, normalized, slerp};
 
 use super::{MAX_FRAMES, Member};
 use umo_core_rig::glb::Glb;
 use umo_core_rig::glb::accessor::floats;
-use umo_core_rig::glb::document::{Animation, Document, Node};
+use umo_core_rig::glb::document::{Animation, Document, Node, Sampler};
+
+/// Most frames between the nearest keys of a file with few.
+const MOST_FRAMES_APART: u32 = 10;
 
 pub(super) fn read(bytes: &[u8]) -> Result<Vec<Member>, String> {
     let file = Glb::split(bytes)?;
@@ -61,13 +66,14 @@ fn clip(document: &Document, parents: &[Option<usize>], bin: &[u8], prefix: &str
     let tracks = Tracks::of(document, bin)?;
     let frames = tracks.times.len();
     let root = skeleton.offsets_m[0];
-    let translation = match tracks.values(document, places[0], "translation", "VEC3")? {
+    let line = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|i| a[i] + share * (b[i] - a[i]));
+    let translation = match tracks.values(document, places[0], "translation", line)? {
         Some(places) => places.as_chunks().0.iter().map(|&at| less(at, root)).collect(),
         None => vec![[0.0; 3]; frames],
     };
     let mut rotations = vec![[IDENTITY; JOINTS]; frames];
     for (joint, &place) in places.iter().enumerate() {
-        let Some(values) = tracks.values(document, place, "rotation", "VEC4")? else { continue };
+        let Some(values) = tracks.values(document, place, "rotation", slerp)? else { continue };
         for (frame, &q) in rotations.iter_mut().zip(values.as_chunks().0) {
             frame[joint] = normalized(q);
         }
@@ -97,12 +103,12 @@ fn face(document: &Document, tracks: &Tracks<'_>, prefix: &str) -> Result<(Vec<S
     let is_own = |node: &Node| prefix.is_empty() || named(node);
     for (place, node) in document.nodes.iter().enumerate().filter(|(_, node)| is_own(node)) {
         let Some(names) = node.mesh.and_then(|mesh| document.meshes.get(mesh)?.shape_names()) else { continue };
-        let Some(output) = tracks.output(place, "weights") else { continue };
-        let values = floats(document, tracks.bin, output, "SCALAR")?;
-        if values.len() != tracks.times.len() * names.len() {
-            return Err("its morph weights are not frames times shapes".to_owned());
-        }
-        return Ok((names, values));
+        let Some(sampler) = tracks.sampler(place, "weights") else { continue };
+        let values = floats(document, tracks.bin, sampler.output, "SCALAR")?;
+        let values = tracks.on_frames(sampler, values, names.len(), |a, b, share, out| {
+            out.extend(a.iter().zip(b).map(|(a, b)| a + share * (b - a)));
+        });
+        return Ok((names, values.ok_or("its morph weights are not frames times shapes")?));
     }
     Ok((Vec::new(), Vec::new()))
 }
@@ -111,6 +117,8 @@ fn face(document: &Document, tracks: &Tracks<'_>, prefix: &str) -> Result<(Vec<S
 struct Tracks<'a> {
     animation: &'a Animation,
     bin: &'a [u8],
+    /// Times of each sampler's keys, by its input.
+    keys: BTreeMap<usize, Vec<f32>>,
     /// Frame times, seconds.
     times: Vec<f32>,
 }
@@ -118,20 +126,21 @@ struct Tracks<'a> {
 impl<'a> Tracks<'a> {
     fn of(document: &'a Document, bin: &'a [u8]) -> Result<Self, String> {
         let animation = document.animations.first().ok_or("it has no animation")?;
-        let mut samplers = animation.samplers.iter();
-        let first = samplers.next().ok_or("its animation is empty")?;
-        if samplers.any(|sampler| sampler.input != first.input) {
-            return Err("its tracks have different times".to_owned());
-        }
         if animation.samplers.iter().any(|s| s.interpolation.as_deref().is_some_and(|kind| kind == "CUBICSPLINE")) {
             return Err("its tracks are splines".to_owned());
         }
-        let times = floats(document, bin, first.input, "SCALAR")?;
-        match times.len() {
-            0 => Err("it has no frames".to_owned()),
-            1..=MAX_FRAMES => Ok(Self { animation, bin, times }),
-            frames => Err(format!("{frames} frames are too many")),
+        let mut keys = BTreeMap::new();
+        for sampler in &animation.samplers {
+            let times = floats(document, bin, sampler.input, "SCALAR")?;
+            match times.len() {
+                0 => return Err("it has no frames".to_owned()),
+                1..=MAX_FRAMES => keys.insert(sampler.input, times),
+                frames => return Err(format!("{frames} frames are too many")),
+            };
         }
+        let first = animation.samplers.first().ok_or("its animation is empty")?;
+        let times = if keys.len() == 1 { keys[&first.input].clone() } else { frames(&keys)? };
+        Ok(Self { animation, bin, keys, times })
     }
 
     /// Returns frames per second.
@@ -150,23 +159,98 @@ impl<'a> Tracks<'a> {
         Ok(if (rate - rate.round()).abs() < 1e-3 { rate.round() as f32 } else { rate as f32 })
     }
 
-    /// Returns the accessor of a node's values.
-    fn output(&self, node: usize, path: &str) -> Option<usize> {
+    /// Returns the sampler of a node's values.
+    fn sampler(&self, node: usize, path: &str) -> Option<&'a Sampler> {
         let mut channels = self.animation.channels.iter();
         let channel = channels.find(|channel| channel.target.node == Some(node) && channel.target.path == path)?;
-        Some(self.animation.samplers.get(channel.sampler)?.output)
+        self.animation.samplers.get(channel.sampler)
+    }
+
+    /// Returns a value of `width` numbers for every frame, of one for every key; `None` if there are more or fewer.
+    fn on_frames(
+        &self,
+        sampler: &Sampler,
+        values: Vec<f32>,
+        width: usize,
+        between: impl Fn(&[f32], &[f32], f32, &mut Vec<f32>),
+    ) -> Option<Vec<f32>> {
+        let keys = self.keys.get(&sampler.input).filter(|keys| values.len() == width * keys.len())?;
+        if keys.len() == self.times.len() {
+            return Some(values);
+        }
+        let (key, mut all, mut next) = (|at: usize| &values[width * at..][..width], Vec::new(), 0);
+        for &time in &self.times {
+            while next + 1 < keys.len() && keys[next] < time {
+                next += 1;
+            }
+            let before = next.saturating_sub(1);
+            let length = keys[next] - keys[before];
+            let share = if length > 0.0 { ((time - keys[before]) / length).clamp(0.0, 1.0) } else { 0.0 };
+            between(key(before), key(next), share, &mut all);
+        }
+        Some(all)
     }
 
     /// Returns a node's values, one per frame.
-    fn values(&self, document: &Document, node: usize, path: &str, kind: &str) -> Result<Option<Vec<f32>>, String> {
-        let Some(output) = self.output(node, path) else { return Ok(None) };
-        let values = floats(document, self.bin, output, kind)?;
-        let width = if kind == "VEC3" { 3 } else { 4 };
-        match values.len() == width * self.times.len() {
-            true => Ok(Some(values)),
-            false => Err(format!("the {path} of node {node}: not one value per frame")),
+    fn values<const N: usize>(
+        &self,
+        document: &Document,
+        node: usize,
+        path: &str,
+        between: impl Fn([f32; N], [f32; N], f32) -> [f32; N],
+    ) -> Result<Option<Vec<f32>>, String> {
+        let Some(sampler) = self.sampler(node, path) else { return Ok(None) };
+        let values = floats(document, self.bin, sampler.output, if N == 3 { "VEC3" } else { "VEC4" })?;
+        let array = |values: &[f32]| std::array::from_fn(|i| values[i]);
+        let values =
+            self.on_frames(sampler, values, N, |a, b, share, out| out.extend(between(array(a), array(b), share)));
+        values.map(Some).ok_or_else(|| format!("the {path} of node {node}: not one value per key"))
+    }
+}
+
+/// Returns the times of the frames that the keys of all tracks are on.
+fn frames(keys: &BTreeMap<usize, Vec<f32>>) -> Result<Vec<f32>, String> {
+    let wrong = || "its tracks have different times".to_owned();
+    let (mut ends, mut gap) = (None, f64::INFINITY);
+    for times in keys.values() {
+        let own = (times[0], times[times.len() - 1]);
+        if *ends.get_or_insert(own) != own {
+            return Err(wrong());
+        }
+        gap = times.windows(2).map(|pair| f64::from(pair[1] - pair[0])).fold(gap, f64::min);
+    }
+    let (first, last) = ends.ok_or_else(wrong)?;
+    if !(gap > 0.0 && gap.is_finite()) {
+        return Err(wrong());
+    }
+    let length = f64::from(last - first);
+    // Rates are whole numbers, or nearly so.
+    let rates = (1..=MOST_FRAMES_APART)
+        .map(f64::from)
+        .flat_map(|frames| [(frames / gap).round(), (length * frames / gap).round() / length]);
+    let is_frame = |rate: f64| {
+        move |time: &f32| {
+            let frame = f64::from(time - first) * rate;
+            (frame - frame.round()).abs() < 0.05
+        }
+    };
+    for rate in rates {
+        let steps = (length * rate).round();
+        if steps > MAX_FRAMES as f64 {
+            return Err(format!("{steps} frames are too many"));
+        }
+        if rate > 0.0 && keys.values().flatten().all(is_frame(rate)) {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "checked above; rounding to f32"
+            )]
+            return Ok((0..=steps as usize)
+                .map(|frame| (f64::from(first) + frame as f64 * length / steps) as f32)
+                .collect());
         }
     }
+    Err(wrong())
 }
 
 fn less([a, b, c]: [f32; 3], [x, y, z]: [f32; 3]) -> [f32; 3] {

@@ -57,6 +57,43 @@ proptest! {
     }
 }
 
+/// Of keys that are frames apart in every track, too.
+#[test]
+fn glb_files_of_few_keys_are_read_within_their_bound() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("few.glb");
+    for (rate, degrees, stride) in [(30.0, 0.5, 1), (30.0, 3.0, 1), (24.0, 2.0, 3), (29.97, 1.0, 1)] {
+        let mut clip = sample::clip(FaceKind::Arkit, 90, 3);
+        clip.frame_rate = rate;
+        let channels = clip.face.names.len();
+        for frame in 0..clip.len() {
+            // A wave, in steps between which it goes straight.
+            let (at, share) = ((frame / stride * stride) as f32, (frame % stride) as f32 / stride as f32);
+            let wave = |speed: f32| {
+                let value = |at: f32| (speed * at).sin() * 0.3;
+                value(at) + share * (value(at + stride as f32) - value(at))
+            };
+            let (sin, cos) = (0.5 * wave(0.11)).sin_cos();
+            clip.rotations[frame] = [[sin, 0.0, 0.0, cos]; JOINTS];
+            clip.translation[frame] = [wave(0.05), 1.0, 0.0];
+            clip.face_values[frame * channels..][..channels].fill(wave(0.03).abs());
+        }
+        let bound = umo_gltf::keys::Bound::new(degrees).unwrap();
+        let keying = umo_gltf::keys::Keying { bound, markers: Vec::new() };
+        let mut figure = crate::export::FigureCache::from(Figure::default());
+        let output = crate::export::Output::create(&path, Format::Glb).unwrap();
+        output.write_as(&clip, &mut figure, Some(&keying)).unwrap();
+        let read = read(&path).unwrap();
+        assert_eq!((read.len(), read.rotations.len()), (90, 90), "{rate}");
+        assert!((read.frame_rate - rate).abs() < 1e-3, "{} of {rate}", read.frame_rate);
+        let (angle, most) = (largest_angle(&clip, &read).to_degrees(), degrees * 1.01);
+        assert!(angle < most && angle > 0.01 * degrees, "{rate}: {angle}° of {degrees}°");
+        let far = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(far(clip.translation.as_flattened(), read.translation.as_flattened()) < 0.0101 * degrees);
+        assert!(far(&clip.face_values, &read.face_values) < 0.0101 * degrees);
+    }
+}
+
 #[test]
 fn jsonl_is_read_bit_for_bit() {
     let clip = sample::clip(FaceKind::Arkit, 3, 1);

@@ -1,5 +1,7 @@
 //! A character in a `.glb` file, and the animation added to it. All other contents of the file stay unchanged.
 
+use std::collections::BTreeMap;
+
 use serde_json::json;
 use serde_json::value::RawValue;
 use umo_core::{Floor, Mapping, Quat, Retarget};
@@ -7,6 +9,7 @@ use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::document::Document;
 use umo_core_rig::glb::splice::{Members, raw};
 use umo_core_rig::glb::{self, Faces, Glb, container, transform};
+use umo_gltf::keys::Bound;
 
 use super::Motion;
 use super::body::Body;
@@ -113,8 +116,11 @@ impl Character {
         let start = file.bin.len().next_multiple_of(4);
         let (accessors, views) = (members.list("accessors")?, members.list("bufferViews")?);
         let mut tracks = Tracks { first: accessors.len(), view: views.len(), ..Tracks::default() };
-        let times: Vec<f32> = (0..motion.hips.len()).map(|frame| frame as f32 / motion.frame_rate).collect();
-        let input = tracks.add(&times, 1, json!({ "min": [times.first()], "max": [times.last()] }));
+        let all: Vec<usize> = (0..motion.hips.len()).collect();
+        let keys = |few: &dyn Fn(Bound) -> Vec<usize>| motion.bound.map_or_else(|| all.clone(), few);
+        if motion.bound.is_none() {
+            tracks.input(&all, motion.frame_rate);
+        }
         let driven = (0..self.rig().len()).filter(|&node| retarget.is_driven(node));
         let mut placed = self.placed(retarget).peekable();
         if placed.peek().is_some() {
@@ -124,14 +130,25 @@ impl Character {
             }
         }
         for node in driven.clone() {
-            let values = continued(motion.rotations.iter().map(|frame| frame[node]));
+            let values: Vec<Quat> = motion.rotations.iter().map(|frame| frame[node]).collect();
+            let keys = keys(&|bound| bound.rotations(&values));
+            let values = continued(keys.iter().map(|&frame| values[frame]));
+            let input = tracks.input(&keys, motion.frame_rate);
             tracks.channel(input, node, "rotation", values.as_flattened(), 4);
         }
         if retarget.is_driven(retarget.hips()) {
-            tracks.channel(input, retarget.hips(), "translation", motion.hips.as_flattened(), 3);
+            let metres = |place: &[f32; 3]| place.map(|x| x / retarget.scale());
+            let keys = keys(&|bound| bound.places(&motion.hips.iter().map(metres).collect::<Vec<_>>()));
+            let values: Vec<[f32; 3]> = keys.iter().map(|&frame| motion.hips[frame]).collect();
+            let input = tracks.input(&keys, motion.frame_rate);
+            tracks.channel(input, retarget.hips(), "translation", values.as_flattened(), 3);
         }
         for track in faces.tracks() {
-            let weights: Vec<f32> = (0..clip.len()).flat_map(|frame| track.weights(clip.face(frame))).collect();
+            let weights: Vec<f32> = all.iter().flat_map(|&frame| track.weights(clip.face(frame))).collect();
+            let width = weights.len() / all.len();
+            let keys = keys(&|bound| bound.rows(&weights, width, |_| false));
+            let weights: Vec<f32> = keys.iter().flat_map(|frame| &weights[frame * width..][..width]).copied().collect();
+            let input = tracks.input(&keys, motion.frame_rate);
             tracks.channel(input, track.node(), "weights", &weights, 1);
         }
         let total = start + tracks.bytes.len();
@@ -169,9 +186,22 @@ struct Tracks {
     accessors: Vec<serde_json::Value>,
     samplers: Vec<serde_json::Value>,
     channels: Vec<serde_json::Value>,
+    /// Accessors of times, by their frames.
+    inputs: BTreeMap<Vec<usize>, usize>,
 }
 
 impl Tracks {
+    /// Returns the accessor of the times of these frames, added once.
+    fn input(&mut self, frames: &[usize], frame_rate: f32) -> usize {
+        if let Some(&input) = self.inputs.get(frames) {
+            return input;
+        }
+        let times: Vec<f32> = frames.iter().map(|&frame| frame as f32 / frame_rate).collect();
+        let input = self.add(&times, 1, json!({ "min": [times.first()], "max": [times.last()] }));
+        self.inputs.insert(frames.to_vec(), input);
+        input
+    }
+
     /// Adds values of `width` numbers, with `more` members in the accessor; returns the accessor's index.
     fn add(&mut self, values: &[f32], width: usize, more: serde_json::Value) -> usize {
         let kind = ["SCALAR", "", "VEC3", "VEC4"][width - 1];

@@ -41,12 +41,16 @@ fn moved(made: &Made, clip: &Clip) -> Moved {
 }
 
 fn moved_by(bytes: &[u8], clip: &Clip, given: &Given) -> Moved {
+    moved_within(bytes, clip, given, None)
+}
+
+fn moved_within(bytes: &[u8], clip: &Clip, given: &Given, bound: Option<Bound>) -> Moved {
     let target = Target::read("a.glb".as_ref(), bytes.to_vec()).unwrap();
     let (mapping, _) = target.mapping(given).unwrap();
     let faces = target.faces(&mapping, &clip.face, given).unwrap();
     let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).unwrap();
     faces.release_bones(&clip.face, &mapping, &mut retarget);
-    let motion = motion(&retarget, clip).unwrap();
+    let motion = Motion { bound, ..motion(&retarget, clip).unwrap() };
     Moved::read(target.animated(&retarget, &motion, &faces, clip).unwrap())
 }
 
@@ -157,6 +161,54 @@ fn a_mixamo_character_in_centimetres_moves_as_the_clip_does() {
     for frame in 0..clip.len() {
         assert_eq!(weights[3 * frame..][..3], [0.25, clip.face(frame)[jaw], clip.face(frame)[0]]);
     }
+}
+
+/// The hips of a character in centimetres are off by centimetres.
+#[test]
+fn few_keys_hold_the_motion_within_their_bound() {
+    let (mut clip, degrees) = (sample::clip(FaceKind::Arkit, 60, 1), 2.0_f32);
+    let channels = clip.face.names.len();
+    for frame in 0..clip.len() {
+        let wave = |speed: f32| (speed * frame as f32).sin() * 0.3;
+        let (sin, cos) = (0.5 * wave(0.11)).sin_cos();
+        clip.rotations[frame] = [[0.0, sin, 0.0, cos]; JOINTS];
+        clip.translation[frame] = [wave(0.05), 0.0, wave(0.04)];
+        clip.face_values[frame * channels..][..channels].fill(wave(0.03).abs());
+    }
+    let bytes = mixamo().bytes();
+    let (all, few) = (
+        moved_by(&bytes, &clip, &Given::default()),
+        moved_within(&bytes, &clip, &Given::default(), Bound::new(degrees)),
+    );
+    let bin = |moved: &Moved| Glb::split(&moved.bytes).unwrap().bin.to_vec();
+    let animation = &few.document.animations[0];
+    let mut found = [0; 3];
+    for channel in &animation.channels {
+        let (node, path) = (channel.target.node.unwrap(), &*channel.target.path);
+        let (number, kind, width, most) = match path {
+            "rotation" => (0, "VEC4", 4, degrees.to_radians() / 2.0),
+            "translation" => (1, "VEC3", 3, degrees),
+            _ => (2, "SCALAR", 3, 0.01 * degrees),
+        };
+        let (dense, kept) = (all.values(node, path, kind).unwrap(), few.values(node, path, kind).unwrap());
+        let times = floats(&few.document, &bin(&few), animation.samplers[channel.sampler].input, "SCALAR").unwrap();
+        if times == [0.0] {
+            continue;
+        }
+        assert_eq!((times.len(), times[0], times[times.len() - 1]), (kept.len() / width, 0.0, 59.0 / 30.0), "{path}");
+        found[number] += times.len();
+        for (frame, want) in dense.chunks_exact(width).enumerate() {
+            let next = times.partition_point(|&time| time * 30.0 < frame as f32 - 1e-3).max(1);
+            let share = (frame as f32 / 30.0 - times[next - 1]) / (times[next] - times[next - 1]);
+            let key = |at: usize| &kept[at * width..][..width];
+            let at = |i: usize| key(next - 1)[i] + share * (key(next)[i] - key(next - 1)[i]);
+            // Of rotations the chord, which is as near as the arc between keys that are near.
+            let off = |sign: f32| (0..width).map(|i| (at(i) - sign * want[i]).powi(2)).sum::<f32>().sqrt();
+            let off = if number == 0 { off(1.0).min(off(-1.0)) } else { off(1.0) };
+            assert!(off < 1.8 * most, "{path} at {frame}: {off} of {most}");
+        }
+    }
+    assert!(found.iter().all(|&keys| keys > 0) && found[1] < 60 && found[2] < 30, "{found:?}");
 }
 
 #[test]

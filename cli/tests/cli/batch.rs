@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::program::{Folder, golden, umo};
+use super::program::{Folder, golden, umo, voice};
 
 /// Results by recording name.
 fn results(bytes: &[u8]) -> BTreeMap<String, serde_json::Value> {
@@ -211,4 +211,105 @@ fn lines_of_a_scene_are_one_conversation() {
         let ended = umo(&["batch", &manifest, "--model", &model]);
         assert!(ended.code == 2 && ended.err.contains(word), "{}", ended.err);
     }
+}
+
+#[test]
+fn takes_are_kept_beside_the_outputs() {
+    let (folder, model) = (Folder::new(), golden("frames_seven"));
+    let (speech, words) = (folder.speech(), folder.file("words.txt", b"No! Never, you and I."));
+    folder.file(
+        "lines.csv",
+        b"file,output,seed,words\nspeech.wav,,5,words.txt\nspeech.wav,b.jsonl,6,\nspeech.wav,c.umo;c.jsonl,7,\n",
+    );
+    let (manifest, out) = (folder.at("lines.csv"), folder.at("out"));
+    let batch = ["batch", &manifest, "-o", &out, "--model", &model, "--format", "jsonl,UMO", "--gesture", "wave@0.3"];
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("3 made, 0 kept, 0 failed"), "{}", ended.out);
+    assert!(!folder.names().iter().any(|name| name.contains("b.umo")));
+    // The bytes of single runs.
+    let (take, alone) = (folder.at("alone.umo"), folder.at("alone.jsonl"));
+    for (name, seed, more) in [("speech", "5", &["--words", &*words][..]), ("c", "7", &[])] {
+        let made = ["animate", &speech, "--model", &model, "--seed", seed, "--gesture", "wave@0.3", "-o", &take];
+        umo(&[&made[..], &["-o", &alone], more].concat()).success();
+        assert!(folder.read("alone.umo") == folder.read(&format!("out/{name}.umo")), "{name}");
+        assert!(folder.read("alone.jsonl") == folder.read(&format!("out/{name}.jsonl")), "{name}");
+    }
+    // A line whose take is gone is made anew.
+    assert!(umo(&batch).success().out.contains("0 made, 3 kept, 0 failed"));
+    std::fs::remove_file(folder.at("out/c.umo")).unwrap();
+    assert!(umo(&batch).success().out.contains("1 made, 2 kept, 0 failed"));
+
+    // Files of few keys, with markers.
+    let rows = folder.file("few.csv", b"file,seed,words\nspeech.wav,5,words.txt\n");
+    let few = ["batch", &rows, "-o", &folder.at("few"), "--model", &model, "--format", "glb", "--reduce", "2"];
+    umo(&few).success();
+    let (glb, words) = (folder.at("alone.glb"), folder.at("words.txt"));
+    umo(&["animate", &speech, "--model", &model, "--seed", "5", "--words", &words, "--reduce", "2", "-o", &glb])
+        .success();
+    assert!(folder.read("alone.glb") == folder.read("few/speech.glb"));
+    let line = folder.refused(&[&few[..7], &["jsonl", "--reduce", "2"]].concat());
+    assert!(line.contains("--reduce") && line.contains(".jsonl"), "{line}");
+
+    folder.file("scene.csv", b"file,output,scene\nspeech.wav,a.umo,talk\nspeech.wav,b.npz,talk\n");
+    folder.file("two.csv", b"file,output\nspeech.wav,a.umo;b.umo\n");
+    let refused = |manifest: &str, more: &[&str]| {
+        folder.refused(&[&["batch", &folder.at(manifest), "-o", &out, "--model", &model][..], more].concat())
+    };
+    assert!(refused("scene.csv", &[]).contains("a take (.umo)"));
+    assert!(refused("lines.csv", &["--retime"]).contains("a take (.umo)"));
+    assert!(refused("two.csv", &[]).contains("one take"));
+    assert!(refused("two.csv", &["--format", "foo"]).contains("unknown format `foo`"));
+}
+
+/// A gesture that was added to a score survives another recording of its words, at their new time.
+#[test]
+fn a_line_that_is_made_anew_keeps_the_changes_of_its_score() {
+    let (folder, model) = (Folder::new(), golden("frames_seven"));
+    let record = |silence: usize, text: &str| {
+        folder.wav("speech.wav", &[vec![0.0; silence], voice(48_000)].concat());
+        let time = |milliseconds: usize| format!("00:00:0{},{:03}", milliseconds / 1000, milliseconds % 1000);
+        let start = silence / 16;
+        let words = format!("1\n{} --> {}\n{text}\n", time(start + 400), time(start + 900));
+        folder.file("words.srt", words.as_bytes());
+    };
+    record(0, "hello there");
+    folder.file("lines.csv", b"file,output,words\nspeech.wav,a.umo;a.jsonl,words.srt\n");
+    let (manifest, out, take) = (folder.at("lines.csv"), folder.at("out"), folder.at("out/a.umo"));
+    let run = || umo(&["batch", &manifest, "-o", &out, "--model", &model]);
+    run().success();
+    let (first, plain) = (folder.read("out/a.jsonl"), folder.file("plain.umo", &folder.read("out/a.umo")));
+    let own = umo(&["score", &take, "--model", &model]).success().out;
+    let score = |text: &str| drop(folder.file("out/a.toml", text.as_bytes()));
+    score(&own);
+    let ended = run().success();
+    assert!(ended.out.contains("1 made") && !ended.err.contains("note:"), "{} {}", ended.out, ended.err);
+    assert!(folder.read("out/a.jsonl") == first && String::from_utf8(folder.read("out/a.toml")).unwrap() == own);
+
+    let changed = own.replace("\n]", "\n    { at = 0.5, gesture = \"nod\" }, # yes\n]");
+    score(&changed);
+    assert!(run().success().out.contains("1 made"));
+    assert!(String::from_utf8(folder.read("out/a.toml")).unwrap() == changed, "a score that is still right stays");
+    let (direct, toml) = (folder.at("direct.jsonl"), folder.at("out/a.toml"));
+    let animate = ["animate", &folder.at("speech.wav"), "--model", &model, "--take", &plain, "--score", &toml];
+    umo(&[&animate[..], &["-o", &direct]].concat()).success();
+    assert!(folder.read("out/a.jsonl") == folder.read("direct.jsonl") && folder.read("direct.jsonl") != first);
+    assert!(run().success().out.contains("0 made, 1 kept"));
+
+    record(8000, "Hello, there!");
+    let ended = run().success();
+    assert!(ended.err.contains("a.toml: added gesture `nod`: kept at 1.0 s (was 0.5 s)"), "{}", ended.err);
+    let moved = String::from_utf8(folder.read("out/a.toml")).unwrap();
+    assert!(moved.contains("{ at = 1, gesture = \"nod\" }") && moved.contains("Hello, there!"), "{moved}");
+    let done = &results(&folder.read("out/results.jsonl"))["speech.wav"];
+    assert_eq!(done["edits"].as_array().unwrap().len(), 1);
+    assert!(run().success().out.contains("0 made, 1 kept"));
+
+    record(0, "good day");
+    let ended = run().success();
+    assert!(ended.err.contains("dropped (was at 1.0 s): none of the words is said any more"), "{}", ended.err);
+    assert!(!String::from_utf8(folder.read("out/a.toml")).unwrap().contains("nod"));
+
+    score("version = 1\nevents = [\n    { at = 0 },\n]\n");
+    let ended = run();
+    assert!(ended.code == 2 && ended.err.contains("a.toml:3: "), "{}", ended.err);
 }

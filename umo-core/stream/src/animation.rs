@@ -57,6 +57,34 @@ struct Recorder {
     packet: Vec<u8>,
 }
 
+impl Recorder {
+    /// Adds the packet of the chunk that `stepped` describes to the track's log.
+    fn packet(
+        &mut self,
+        said: &mut PacketRoom,
+        avatar: &Avatar,
+        config: &Config,
+        stepped: Due,
+        track: &mut Track,
+    ) -> Result<(), StepError> {
+        let Self { layout, packet, .. } = self;
+        if let Some(log) = &mut track.log
+            && let Some(length) = said.write(avatar, config, layout, stepped, (0, 0), &track.levels, packet)?
+        {
+            log.packet(&packet[..length]);
+        }
+        Ok(())
+    }
+
+    /// The take of the track so far.
+    fn take(&self, track: &Track) -> Option<Take> {
+        let log = track.log.as_ref()?;
+        let mut bytes = vec![0; log.length(&self.head)];
+        log.take(&self.head, track.layers.stack.word_rules().fingerprint(), &mut bytes);
+        Take::new(&bytes).ok()
+    }
+}
+
 /// Audio of an avatar, and the stages of its frames.
 struct Track {
     /// Source of further samples, if they are read on demand.
@@ -258,10 +286,7 @@ impl Animation {
 
     /// The take so far; `None` without [`Self::record`].
     pub fn take(&self) -> Option<Take> {
-        let (recorder, log) = (self.recorder.as_ref()?, self.track.log.as_ref()?);
-        let mut bytes = vec![0; log.length(&recorder.head)];
-        log.take(&recorder.head, self.track.layers.stack.word_rules().fingerprint(), &mut bytes);
-        Take::new(&bytes).ok()
+        self.recorder.as_ref()?.take(&self.track)
     }
 
     /// Moves strokes of arms, hands, trunk and head onto the accents in the audio units, before layers are applied
@@ -336,10 +361,8 @@ impl Animation {
     pub fn step(&mut self, model: &Model, cx: Compute, frame: &mut dyn FnMut(FrameRef)) -> Result<bool, StepError> {
         let is_there = self.compute(model, cx, frame)?;
         let Self { avatar, track, said, stepped, recorder, .. } = self;
-        if let (Some(Recorder { layout, packet, .. }), Some(log)) = (recorder, &mut track.log)
-            && let Some(length) = said.write(avatar, model.config(), layout, *stepped, (0, 0), &track.levels, packet)?
-        {
-            log.packet(&packet[..length]);
+        if let Some(recorder) = recorder {
+            recorder.packet(said, avatar, model.config(), *stepped, track)?;
         }
         Ok(is_there)
     }
@@ -519,7 +542,9 @@ pub struct Group {
     batch: Batch,
     avatars: Vec<Avatar>,
     tracks: Vec<Track>,
+    recorders: Vec<Option<Recorder>>,
     due: Vec<Due>,
+    said: PacketRoom,
 }
 
 /// Sink that applies each animation's own layers.
@@ -541,7 +566,14 @@ impl Group {
     /// # Panics
     /// If `width` is 0.
     pub fn new(model: &Model, width: usize) -> Self {
-        Self { batch: Batch::new(model, width), avatars: Vec::new(), tracks: Vec::new(), due: Vec::new() }
+        Self {
+            batch: Batch::new(model, width),
+            avatars: Vec::new(),
+            tracks: Vec::new(),
+            recorders: Vec::new(),
+            due: Vec::new(),
+            said: PacketRoom::new(model.config()),
+        }
     }
 
     /// Number of animations.
@@ -567,6 +599,7 @@ impl Group {
         assert!(!self.is_full(), "a group has room for no more than its width");
         self.avatars.push(animation.avatar);
         self.tracks.push(animation.track);
+        self.recorders.push(animation.recorder);
     }
 
     /// Computes the next chunk of all, and passes the frames that became final with their animation's index. Returns
@@ -580,7 +613,7 @@ impl Group {
         cx: Compute,
         frame: &mut dyn FnMut(usize, FrameRef),
     ) -> Result<Vec<(usize, StepError)>, StepError> {
-        let Self { batch, avatars, tracks, due } = self;
+        let Self { batch, avatars, tracks, recorders, due, said } = self;
         let mut failed = Vec::new();
         due.clear();
         for (member, (avatar, track)) in avatars.iter().zip(tracks.iter_mut()).enumerate() {
@@ -601,12 +634,18 @@ impl Group {
             match batch.step(model, cx, avatars, &mut sink) {
                 Ok(true) => {}
                 Ok(false) => {
-                    failed.sort_by_key(|&(member, _)| member);
                     for (member, (track, avatar)) in tracks.iter_mut().zip(avatars.iter()).enumerate() {
-                        if failed.iter().all(|&(other, _)| other != member) {
-                            track.end(model, avatar, due[member], &mut |shown| frame(member, shown));
+                        if failed.iter().any(|&(other, _)| other == member) {
+                            continue;
+                        }
+                        track.end(model, avatar, due[member], &mut |shown| frame(member, shown));
+                        if let Some(recorder) = &mut recorders[member]
+                            && let Err(error) = recorder.packet(said, avatar, model.config(), due[member], track)
+                        {
+                            failed.push((member, error));
                         }
                     }
+                    failed.sort_by_key(|&(member, _)| member);
                     return Ok(failed);
                 }
                 Err(error) => failed.extend(batch.exclude().map(|member| (member, error))),
@@ -622,6 +661,11 @@ impl Group {
         self.tracks[index].ask(&Event::Words { text, start, end })
     }
 
+    /// [`Animation::take`] of an animation.
+    pub fn take(&self, index: usize) -> Option<Take> {
+        self.recorders[index].as_ref()?.take(&self.tracks[index])
+    }
+
     /// Whether all frames of an animation were emitted.
     pub fn is_done(&self, model: &Model, index: usize) -> bool {
         self.tracks[index].due(model, &self.avatars[index]) == Due::Nothing
@@ -631,6 +675,7 @@ impl Group {
     pub fn remove(&mut self, index: usize) {
         self.avatars.swap_remove(index);
         self.tracks.swap_remove(index);
+        self.recorders.swap_remove(index);
     }
 }
 

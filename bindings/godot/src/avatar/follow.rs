@@ -46,6 +46,13 @@ impl UmoAvatar3D {
         }
         let position = number(&call(&player, "get_playback_position"));
         let pitch = number(&player.get("pitch_scale"));
+        let server = AudioServer::singleton();
+        // Mixed sound is heard after the output's latency; a stalled output does not advance.
+        let since = server.get_time_since_last_mix().min(STALLED) - server.get_output_latency();
+        if self.session.as_ref().is_some_and(|session| session.is_take) {
+            self.time = self.time.max(position + since * pitch);
+            return Ok(());
+        }
         let stream = player.get("stream");
         let goes_on = self.line.as_ref().is_some_and(|line| line.goes_on(&stream, position, delta * pitch));
         if !goes_on {
@@ -55,9 +62,6 @@ impl UmoAvatar3D {
         let (Some(line), Some(session)) = (&mut self.line, &self.session) else { return Ok(()) };
         line.position = position;
         line.source.feed(session)?;
-        let server = AudioServer::singleton();
-        // Mixed sound is heard after the output's latency; a stalled output does not advance.
-        let since = server.get_time_since_last_mix().min(STALLED) - server.get_output_latency();
         match &line.source {
             Source::Wav(_) => self.time = self.time.max(line.base + position - line.start + since * pitch),
             Source::Capture(capture) => {

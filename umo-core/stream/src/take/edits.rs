@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::event::Event;
 use super::log::Put;
 use super::reader::Reader;
-use super::{Take, TakeError};
+use super::{CHECKSUM, LENGTH, Take, TakeError, TakeInfo, UNEDITED};
 
 /// Tags of the records.
 const WINDOW: u8 = 0x4B;
@@ -163,6 +163,22 @@ impl Take {
     /// The motion that was edited; the take itself if none was.
     pub(crate) fn original(&self) -> Self {
         Self { edits: Edits { at: self.edits.at, ..Edits::default() }.into(), ..self.clone() }
+    }
+
+    /// The take as it was before its edits; the same bytes if it was not edited.
+    #[must_use]
+    pub fn unedited(&self) -> Self {
+        if !self.is_edited() {
+            return self.clone();
+        }
+        let mut bytes = self.bytes[..self.edits.at].to_vec();
+        bytes[CHECKSUM - 4..CHECKSUM].copy_from_slice(&UNEDITED.to_le_bytes());
+        let length = bytes.len() as u64;
+        bytes[LENGTH..LENGTH + 8].copy_from_slice(&length.to_le_bytes());
+        let sum = crc32fast::hash(&bytes[LENGTH..]);
+        bytes[CHECKSUM..LENGTH].copy_from_slice(&sum.to_le_bytes());
+        let info = TakeInfo { version: UNEDITED, ..self.info };
+        Self { bytes: bytes.into(), info, ..self.original() }
     }
 
     /// Whether it was edited.

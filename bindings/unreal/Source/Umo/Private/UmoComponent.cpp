@@ -11,6 +11,7 @@
 #include "HAL/PlatformTime.h"
 #include "ILiveLinkClient.h"
 #include "ISubmixBufferListener.h"
+#include "Misc/FileHelper.h"
 #include "Misc/Paths.h"
 #include "Sound/SoundSubmix.h"
 
@@ -321,6 +322,42 @@ bool UUmoComponent::SetPrompt(const FString& Text)
 int32 UUmoComponent::PushAudio(const TArray<float>& Samples)
 {
 	return Speech ? static_cast<int32>(Speech->write(Samples.GetData(), static_cast<std::size_t>(Samples.Num()))) : 0;
+}
+
+bool UUmoComponent::PlayTake(const TArray<uint8>& Take)
+{
+	std::string Problem = "the avatar is not open";
+	const bool bPlays = Avatar && Avatar->play_take(Take.GetData(), static_cast<std::size_t>(Take.Num()), Problem) == UMO_STATUS_OK;
+	if (!bPlays)
+	{
+		UE_LOG(LogUmo, Warning, TEXT("%s: the take is not played: %s"), *GetOwner()->GetName(), *FString(UTF8_TO_TCHAR(Problem.c_str())));
+	}
+	return bPlays;
+}
+
+bool UUmoComponent::PlayTakeFile(const FString& File)
+{
+	const FString Path = FPaths::IsRelative(File) ? FPaths::Combine(FPaths::ProjectContentDir(), File) : File;
+	TArray<uint8> Take;
+	if (!FFileHelper::LoadFileToArray(Take, *Path))
+	{
+		UE_LOG(LogUmo, Warning, TEXT("%s: %s cannot be read"), *GetOwner()->GetName(), *Path);
+		return false;
+	}
+	return PlayTake(Take);
+}
+
+void UUmoComponent::StopTake()
+{
+	if (Avatar)
+	{
+		Avatar->stop_take();
+	}
+}
+
+bool UUmoComponent::IsPlayingTake() const
+{
+	return Avatar && Avatar->plays_take();
 }
 
 bool UUmoComponent::SetGain(EUmoPart Part, float Gain)

@@ -303,6 +303,26 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	int32 PushAudio(const TArray<float>& Samples);
 
+	/**
+	 * Plays a take of the same model, the bytes of a .umo file, until StopTake: the recorded motion from now on, idle after
+	 * its end. Begin its sound at the same time, outside the submix. False if it cannot be played: OnFailed is not called,
+	 * and the log says why.
+	 */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool PlayTake(const TArray<uint8>& Take);
+
+	/** Plays the take in a file, relative to Content. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool PlayTakeFile(const FString& File);
+
+	/** Returns to the avatar's own motion. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	void StopTake();
+
+	/** Whether a take plays that has not ended. */
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	bool IsPlayingTake() const;
+
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetGain(EUmoPart Part, float Gain);
 

@@ -145,8 +145,9 @@ void Avatar::hear(float *samples, std::size_t frames, std::size_t channels, std:
 
 umo_status Avatar::show(double step, double now, double game_step) {
     game_time_ += std::max(game_step, 0.0);
-    const umo_status told = session_.set_clock(game_time_);
+    const umo_status told = shown_session().set_clock(game_time_);
     if (told != UMO_STATUS_OK) return note(told);
+    if (player_) return show_take(step);
     const AudioClock::Reading reading = audio_.read(now);
     const double heard = reading.seconds - delay_seconds_ - settings_.output_latency;
     // Without audio, idle modes must be sampled beyond the newest frame.
@@ -157,6 +158,43 @@ umo_status Avatar::show(double step, double now, double game_step) {
     if (!found) return note(found.status);
     keep(frame_[0]);
     motion_.found(pose_.index, static_cast<double>(frame_[0].sample()) / settings_.sample_rate, found->newest);
+    return UMO_STATUS_OK;
+}
+
+umo_status Avatar::play_take(const void *bytes, std::size_t size, std::string &problem) {
+    auto take = umo::take::read(bytes, size);
+    if (!take) {
+        problem = detail_of(take.status);
+        return take.status;
+    }
+    umo_session_config config = umo::session::defaults(host_->model);
+    config.idle = idle_;
+    auto player = umo::session::player(host_->model, *take, &config);
+    if (!player) {
+        problem = detail_of(player.status);
+        return player.status;
+    }
+    player_ = std::move(*player);
+    take_time_ = -settings_.output_latency;
+    return UMO_STATUS_OK;
+}
+
+void Avatar::stop_take() { player_.reset(); }
+
+bool Avatar::plays_take() { return player_ && !player_.is_done().value; }
+
+umo_status Avatar::show_take(double step) {
+    // Two seconds are kept ready. A packet has a frame or more, but for the first ones.
+    const std::uint32_t ahead = 2 * host_->info.frame_rate;
+    for (std::uint32_t i = 0; i < ahead && player_.ready().value < ahead; ++i) {
+        const auto pushed = player_.push_take();
+        if (!pushed) return note(pushed.status);
+        if (!*pushed) break;
+    }
+    const auto found = player_.sample(std::max(take_time_, 0.0), frame_);
+    if (!found) return note(found.status);
+    keep(frame_[0]);
+    take_time_ += std::max(step, 0.0);
     return UMO_STATUS_OK;
 }
 
@@ -187,7 +225,10 @@ umo_status Avatar::interrupt(std::uint32_t ease_ms) {
     return note(status);
 }
 
-umo_status Avatar::set(std::uint32_t parameter, double value) { return note(session_.set(parameter, value)); }
+umo_status Avatar::set(std::uint32_t parameter, double value) {
+    const umo_status status = note(session_.set(parameter, value));
+    return player_ && status == UMO_STATUS_OK ? note(player_.set(parameter, value)) : status;
+}
 
 umo_status Avatar::set_idle(std::uint32_t idle) {
     const umo_status status = set(UMO_PARAMETER_IDLE, idle);
@@ -196,7 +237,7 @@ umo_status Avatar::set_idle(std::uint32_t idle) {
 }
 
 umo_status Avatar::look_at(const std::array<float, 3> &point, float strength) {
-    return note(session_.look_at(point, strength, UMO_AXES_UNREAL));
+    return note(shown_session().look_at(point, strength, UMO_AXES_UNREAL));
 }
 
 umo_status Avatar::play_gesture(const std::string &name, std::uint32_t side, float strength, std::uint32_t variant,
@@ -210,10 +251,11 @@ umo_status Avatar::play_gesture(const std::string &name, std::uint32_t side, flo
         options.has_target = 1;
         std::copy(target->begin(), target->end(), options.target);
     }
-    return note(session_.play_gesture(name.c_str(), &options));
+    return note(shown_session().play_gesture(name.c_str(), &options));
 }
 
 void Avatar::close() {
+    player_.reset();
     session_.reset();
     host_.reset();
 }

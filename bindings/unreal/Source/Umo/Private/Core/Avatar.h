@@ -102,6 +102,14 @@ public:
     umo_status show(double step, double now) { return show(step, now, step); }
     const Pose &pose() const { return pose_; }
 
+    /// Game thread. Shows a take of the same model, the bytes of a `.umo` file, from the next `show` on, which passes its
+    /// time; its sound is the caller's to begin. After its end the avatar idles, until `stop_take`. Looks, moods, gestures
+    /// and parameters are the take's meanwhile. `problem` says why it cannot be played.
+    umo_status play_take(const void *bytes, std::size_t size, std::string &problem);
+    /// Game thread. Shows the avatar's own motion again.
+    void stop_take();
+    /// Game thread. Whether a take is shown that has not ended.
+    bool plays_take();
     /// Game thread. Drops speech and motion that were not shown yet.
     umo_status interrupt(std::uint32_t ease_ms);
     /// Game thread.
@@ -111,7 +119,7 @@ public:
     /// Game thread. A point in the avatar's space: centimetres, X forward, Y to its right, Z up from the floor.
     umo_status look_at(const std::array<float, 3> &point, float strength);
     /// Game thread. `UMO_MOOD_…`
-    umo_status set_mood(std::uint32_t mood, float strength) { return note(session_.set_mood(mood, strength)); }
+    umo_status set_mood(std::uint32_t mood, float strength) { return note(shown_session().set_mood(mood, strength)); }
     /// Game thread: schedules a lip shape `UMO_LIPS_…` for a sound, in seconds of the audio given to `hear`. `BUSY` if
     /// 64 are queued.
     umo_status hint_lips(std::uint32_t shape, double start, double duration) {
@@ -144,7 +152,7 @@ public:
     /// Reason why no more frames arrive, returned once; otherwise empty.
     std::string failure();
     /// The detail of the last failed call.
-    std::string last_error() const { return session_.last_error(); }
+    std::string last_error() const { return (player_ ? player_ : session_).last_error(); }
     /// Sample rate of audio that did not match the settings' rate; 0 if all did.
     std::uint32_t other_rate() const { return other_rate_.load(std::memory_order_relaxed); }
     /// Whether the mouth moves with the sound.
@@ -159,9 +167,9 @@ public:
     double heard(double now) const { return audio_.read(now).seconds - delay_seconds_ - settings_.output_latency; }
     umo_stats stats() const { return session_.stats(); }
     /// Game thread: arousal of the voice that is shown.
-    float arousal() { return session_.arousal().value.arousal; }
+    float arousal() { return shown_session().arousal().value.arousal; }
     /// Game thread: its change per second.
-    float arousal_trend() { return session_.arousal().value.trend; }
+    float arousal_trend() { return shown_session().arousal().value.trend; }
     /// The skeleton with this session's rest position.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
@@ -170,12 +178,17 @@ public:
 private:
     friend class Scene;
 
+    umo_status show_take(double step);
+    umo::session &shown_session() { return player_ ? player_ : session_; }
     void keep(const umo::frame &frame);
     void leave_mouth_to_jaw();
     umo_status note(umo_status status) noexcept;
 
     std::shared_ptr<Host> host_;
     umo::session session_;
+    /// The take that is shown, if any, and its time.
+    umo::session player_;
+    double take_time_ = 0;
     /// The same handle for the audio thread: it remains after the session is freed, and calls then return an error.
     umo_session *const heard_;
     Settings settings_;
