@@ -1,24 +1,26 @@
 //! `umo play`: the frames of a take.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
 use umo_core::{Gestures, Model, Session, SessionConfig, SessionError, Take, WordRules};
+use umo_core_pose::clip::Clip;
 
 use crate::animate::Outputs;
-use crate::args::Play;
+use crate::args::{GestureClip, Play, RuleArgs};
 use crate::failure::Failure;
-use crate::{gestures, model, words};
+use crate::{gestures, model, score, words};
 
 /// Plays a take into files.
 pub(crate) fn run(args: &Play) -> Result<(), Failure> {
-    let wrong = |problem: String| Failure::Input(format!("{}: {problem}", args.take.display()));
-    let bytes = umo_core_base::file::read(&args.take).map_err(|error| wrong(error.to_string()))?;
-    let take = Take::new(&bytes).map_err(|error| wrong(error.to_string()))?;
+    let take = score::open(&args.take)?;
     let model = model::load(&args.compute)?;
     let outputs = Outputs::open(&args.files, &model.config().face, false)?;
-    let gestures = gestures::known(&args.gesture_clip, &model.config().skeleton)?;
-    show(&model, &take, outputs, (gestures, words::rules(&args.rules)?))
+    let config = session(&model, &args.gesture_clip, &args.rules)?;
+    let start = Instant::now();
+    let clip = frames(&args.take, &take, &model, &config)?;
+    written(outputs, &take, &clip, start)
 }
 
 /// Plays a take into `outputs`.
@@ -29,20 +31,48 @@ pub(crate) fn show(
     (gestures, words): (Gestures, WordRules),
 ) -> Result<(), Failure> {
     let config = SessionConfig { gestures, words, ..SessionConfig::new(model.config()) };
+    let start = Instant::now();
+    let clip = played(take, model, &config)?;
+    written(outputs, take, &clip, start)
+}
+
+/// Writes a take that was played.
+fn written(outputs: Outputs, take: &Take, clip: &Clip, start: Instant) -> Result<(), Failure> {
+    let (frames, took) = (clip.len(), start.elapsed().as_secs_f64());
+    let seconds = frames as f64 / f64::from(take.info().frame_rate);
+    let names = outputs.write(clip, Some(take), None)?;
+    println!("{names}: {frames} frames, {seconds:.2} s, played in {took:.2} s");
+    Ok(())
+}
+
+/// Returns the configuration of a session that plays takes with the host's gestures and word rules.
+pub(crate) fn session(model: &Model, clips: &[GestureClip], rules: &RuleArgs) -> Result<SessionConfig, Failure> {
+    Ok(SessionConfig {
+        gestures: gestures::known(clips, &model.config().skeleton)?,
+        words: words::rules(rules)?,
+        ..SessionConfig::new(model.config())
+    })
+}
+
+/// Returns the frames of a take; errors name its file, `path`.
+pub(crate) fn frames(path: &Path, take: &Take, model: &Arc<Model>, config: &SessionConfig) -> Result<Clip, Failure> {
+    played(take, model, config).map_err(|failure| match failure {
+        Failure::Input(problem) => Failure::Input(format!("{}: {problem}", path.display())),
+        other => other,
+    })
+}
+
+/// Plays a take to its end.
+fn played(take: &Take, model: &Arc<Model>, config: &SessionConfig) -> Result<Clip, Failure> {
     if take.has_words() && take.info().rules != config.words.fingerprint() {
         eprintln!("note: other word rules than the take's: its words may be gestured otherwise (--language, --rules)");
     }
-    let start = Instant::now();
-    let session = Session::of_take(model, take, &config).map_err(Failure::input)?;
+    let session = Session::of_take(model, take, config).map_err(Failure::input)?;
     let mut clip = model.config().clip();
     let failed = |error: SessionError| Failure::environment(error);
     while !session.is_done().map_err(failed)? {
         session.push_take().map_err(failed)?;
         session.pull_frames(usize::MAX, |frame| clip.push(frame.pose, frame.face)).map_err(failed)?;
     }
-    let (frames, took) = (clip.len(), start.elapsed().as_secs_f64());
-    let seconds = frames as f64 / f64::from(take.info().frame_rate);
-    let names = outputs.write(&clip, Some(take), None)?;
-    println!("{names}: {frames} frames, {seconds:.2} s, played in {took:.2} s");
-    Ok(())
+    Ok(clip)
 }

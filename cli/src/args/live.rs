@@ -45,15 +45,18 @@ impl Shown {
 /// Write a page that shows an avatar speak.
 #[derive(Debug, ClapArgs)]
 pub struct Page {
-    /// Recording, or a finished .glb, .npz or .jsonl
+    /// Recording, a finished .glb, .npz or .jsonl, or a take, .umo
     ///
     /// Also a character from `umo retarget`. With --web a recording, or nothing for the microphone alone.
     #[arg(required_unless_present_any = ["web", "judge"])]
     pub input: Option<PathBuf>,
-    /// Page to write [default: beside the input]
-    #[arg(short, long, value_name = "FILE.html", conflicts_with = "web")]
+    /// More takes of the same recording, to stand beside the first
+    #[arg(value_name = "TAKES", conflicts_with_all = ["web", "judge"])]
+    pub more: Vec<PathBuf>,
+    /// Page to write [default: beside the input]; with --live the take to keep
+    #[arg(short, long, value_name = "FILE", conflicts_with = "web")]
     pub output: Option<PathBuf>,
-    /// Speech of a finished animation; of a conversation, one for each member, or one with a channel for each
+    /// Speech of an animation or a take; of a conversation, one for each member, or one with a channel for each
     #[arg(long, value_name = "FILE", conflicts_with = "web")]
     pub audio: Vec<PathBuf>,
     /// Write a page that asks a person which of two recordings goes with a motion, and counts
@@ -61,6 +64,11 @@ pub struct Page {
     /// Two recordings or more, of 8 s or more each. ANIMATION=RECORDING shows a finished or captured motion.
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "output", conflicts_with_all = ["input", "web", "audio", "onto", "mapping"])]
     pub judge: Vec<PathBuf>,
+    /// Serve the page of takes to this machine: it saves the score, has it drawn, and keeps a take
+    ///
+    /// -o names the take that is kept [default: STEM-kept.umo beside the first].
+    #[arg(long, conflicts_with_all = ["web", "judge"])]
+    pub live: bool,
     /// Write the page of `umo live` as a folder for any web server: the model runs in the browser
     #[arg(long, value_name = "FOLDER")]
     pub web: Option<PathBuf>,
@@ -73,7 +81,7 @@ pub struct Page {
     #[arg(long, value_name = "WHEN", requires = "web", help_heading = TUNING, hide_short_help = true)]
     pub voice: Option<VoiceArg>,
     /// Read the usable parts of a damaged recording
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub repair: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
