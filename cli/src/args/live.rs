@@ -53,10 +53,12 @@ pub struct Page {
     /// More takes of the same recording, to stand beside the first
     #[arg(value_name = "TAKES", conflicts_with_all = ["web", "judge"])]
     pub more: Vec<PathBuf>,
-    /// Page to write [default: beside the input]; with --live the take to keep
+    /// Page, or with --live the take to keep [default: beside the input]
     #[arg(short, long, value_name = "FILE", conflicts_with = "web")]
     pub output: Option<PathBuf>,
-    /// Speech of an animation or a take; of a conversation, one for each member, or one with a channel for each
+    /// Speech of an animation or a take
+    ///
+    /// Of a conversation, one for each member, or one with a channel for each.
     #[arg(long, value_name = "FILE", conflicts_with = "web")]
     pub audio: Vec<PathBuf>,
     /// Write a page that asks a person which of two recordings goes with a motion, and counts
@@ -64,9 +66,9 @@ pub struct Page {
     /// Two recordings or more, of 8 s or more each. ANIMATION=RECORDING shows a finished or captured motion.
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "output", conflicts_with_all = ["input", "web", "audio", "onto", "mapping"])]
     pub judge: Vec<PathBuf>,
-    /// Serve the page of takes to this machine: it saves the score, has it drawn, and keeps a take
+    /// Serve the page of takes: it saves a score, draws it, keeps a take
     ///
-    /// -o names the take that is kept [default: STEM-kept.umo beside the first].
+    /// To browsers of this machine. -o names the take that is kept, STEM-kept.umo by default.
     #[arg(long, conflicts_with_all = ["web", "judge"])]
     pub live: bool,
     /// Write the page of `umo live` as a folder for any web server: the model runs in the browser

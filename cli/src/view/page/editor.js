@@ -185,7 +185,11 @@ export class Editor {
     const places = new Map();
     for (const lane of lanes.filter(({ kind }) => kind === "score")) {
       const own = events.filter((event) => lane.kinds.includes(kindOf(event))).sort((a, b) => a.at - b.at);
-      own.forEach((event, i) => places.set(event, { lane, until: own[i + 1]?.at ?? this.score.seconds }));
+      own.forEach((event, i) => {
+        const next = own[i + 1]?.at ?? this.score.seconds;
+        // A gesture ends by itself; the others are in force until the next one.
+        places.set(event, { lane, until: kindOf(event) === "gesture" ? Math.min(next, event.at + MOMENT) : next });
+      });
     }
     const left = lanes.find(({ kinds }) => kinds?.[0] === "left");
     for (const event of events) {

@@ -113,13 +113,13 @@ function useCamera(name) {
 }
 
 /** Chooses the member that camera and curves show. */
-function showMember(index) {
+function showMember(index, name = camera.name === "all" ? "half" : camera.name) {
   const member = scene.room[index];
   body = member.body;
   motion.values = member.frames;
   $("#member").value = String(index);
   camera.show(body);
-  useCamera(camera.name === "all" ? "half" : camera.name);
+  useCamera(name);
   timeline.draw();
 }
 
@@ -274,7 +274,7 @@ const KEYS = {
   h: () => $("#help").showModal(),
 };
 
-const takes = scene.takes ? takesOf({ scene, motion, timeline, clock, play, pause, seek, toggle, say, touch, $ }) : null;
+const takes = scene.takes ? takesOf({ scene, motion, timeline, clock, camera, play, seek, toggle, say, touch, showMember, $ }) : null;
 Object.assign(KEYS, takes?.keys);
 
 const timeText = (seconds) => {
@@ -330,6 +330,7 @@ function draw(time, seconds) {
   const from = picture.draw({ pose, placed, all, feet, camera, floor, theme, skeleton, insets });
   if (from) clock.hear?.(from);
   showTime(time);
+  takes?.name(all);
   if (live) {
     live.look();
     panel.show();

@@ -7,7 +7,7 @@ export const PHASES = ["rest", "prepare", "stroke", "hold", "retract"];
 /** Keys of an event after its kind, in the order of a text. */
 const MORE = ["side", "strength", "speed", "variant", "target", "gain"];
 /** Steps of the hands' spans and of other events, and the shortest of both. */
-const GRID = 0.1;
+export const GRID = 0.1;
 const FINE = 0.01;
 /** Length of a stroke that is added, and of the way to it and back. */
 const STROKE = 0.4;

@@ -7,6 +7,9 @@ import { save } from "umo/video.js";
 
 const NAMES = { words: "Words", left: "Stroke, left hand", right: "Stroke, right hand", both: "Stroke, both hands", gesture: "Gesture", lips: "Lips", look: "Look", mood: "Mood", expression: "Expression", attention: "Attention", layer: "Layer" };
 
+/** Height of a name above the head's joint, metres. */
+const ABOVE = 0.27;
+
 /** What the program answers. */
 async function asked(what, body) {
   const answer = await fetch(`/take/${what}`, { method: "POST", body });
@@ -15,7 +18,7 @@ async function asked(what, body) {
 }
 
 /** Sets up the page's takes; returns its keys, and what the loop asks. */
-export function takesOf({ scene, motion, timeline, clock, play, pause, seek, toggle, say, touch, $ }) {
+export function takesOf({ scene, motion, timeline, clock, camera, play, seek, toggle, say, touch, showMember, $ }) {
   const { takes } = scene;
   const isServed = takes.kept !== null;
   const { stem, score } = takes;
@@ -37,10 +40,10 @@ export function takesOf({ scene, motion, timeline, clock, play, pause, seek, tog
 
   const command = () => `\`umo animate ${takes.audio ?? "RECORDING"} --take ${stem}.umo --score ${stem}.toml -o ${stem}-2.umo\``;
 
-  $("#keep").hidden = !score || isServed ? false : true;
+  $("#keep").hidden = Boolean(score) && !isServed;
   const keepTake = () => keep().catch(failed);
   $("#keep").addEventListener("click", keepTake);
-  if (!score) return { keys: { k: keepTake }, ends: () => false };
+  if (!score) return { keys: { k: keepTake }, ends: () => false, name: names({ scene, camera, showMember, $ }) };
 
   const editor = new Editor({
     score,
@@ -157,6 +160,27 @@ export function takesOf({ scene, motion, timeline, clock, play, pause, seek, tog
       if (isOver || !clock.playing) until = null;
       return isOver && clock.playing;
     },
-    frames,
+    name() {},
   };
+}
+
+/** Names over the heads of takes side by side, which choose one; returns what places them. */
+function names({ scene, camera, showMember, $ }) {
+  const [view, head] = [$("#view"), scene.joints.indexOf("head")];
+  const buttons = scene.room.map(({ name }, i) => {
+    const button = document.createElement("button");
+    button.textContent = name;
+    button.addEventListener("click", () => showMember(i, camera.name));
+    return button;
+  });
+  $("#names").append(...buttons);
+  $("#names").hidden = false;
+  return (all) =>
+    buttons.forEach((button, i) => {
+      const [x, y, z] = all[i].placed.places[head];
+      const [left, top] = camera.project([x, y + ABOVE, z], view.clientWidth, view.clientHeight);
+      button.hidden = left < 0 || left > view.clientWidth || top > view.clientHeight;
+      Object.assign(button.style, { left: `${left}px`, top: `${Math.max(top, button.offsetHeight + 2)}px` });
+      button.setAttribute("aria-pressed", String($("#member").value === String(i)));
+    });
 }
