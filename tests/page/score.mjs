@@ -20,12 +20,12 @@ const EVENTS = [
   { at: 2.4, to: 2.8, both: "stroke", strength: 0.9 },
   { at: 4.2, gesture: "there", side: "right" },
   { at: 0, look: [0, 1.6, 2], strength: 1 },
-  { at: 0, mood: "happy", strength: 0.5 },
+  { at: 0, mood: "sad", strength: 0.5 },
 ];
 const LINES = [
   '{ at = 0, to = 0.6, both = "rest" }',
   "{ at = 0, look = [0, 1.6, 2], strength = 1 }",
-  '{ at = 0, mood = "happy", strength = 0.5 }',
+  '{ at = 0, mood = "sad", strength = 0.5 }',
   '{ at = 0.3, to = 0.62, words = "hello" }',
   '{ at = 0.6, to = 0.9, right = "prepare" }',
   '{ at = 0.9, to = 1.3, right = "stroke", strength = 0.62 }',
@@ -243,7 +243,7 @@ export const tests = [
       await page.value(`document.querySelector('#add [value="mood"]').focus()`);
       await page.key(" ");
       await until(() => score(page, "event?.mood"), 20);
-      assert.equal(await score(page, "text"), text([...replaced(moved).split("\n").slice(4, -2).map((line) => line.trim().slice(0, -1)), '{ at = 6, mood = "happy", strength = 0.5 }']));
+      assert.equal(await score(page, "text"), text([...replaced(moved).split("\n").slice(4, -2).map((line) => line.trim().slice(0, -1)), '{ at = 6, mood = "joy", strength = 0.5 }']));
       await page.key("Escape");
       await page.key("?");
       assert.match(await page.value('document.querySelector("#help").innerText'), /next event of the score/);

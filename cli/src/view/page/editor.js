@@ -29,7 +29,7 @@ export class Editor {
   /** `play(from, to)` plays a stretch, `toggle` starts or stops, `say` shows a line of news, `compared` is told whether the state before all edits is shown. */
   constructor({ score, timeline, clock, play, toggle, changed, compared }) {
     Object.assign(this, { score, timeline, clock, play, toggle, changed, compared });
-    score.end = (kind) => (isHand(kind) ? Math.floor(score.seconds / GRID + 1e-6) * GRID : score.seconds);
+    score.end = (kind) => (isHand(kind) ? onGrid("both", score.seconds) : score.seconds);
     this.history = [score.events.map(numbered)];
     this.at = this.saved = 0;
     this.chosen = null;

@@ -31,8 +31,8 @@ export const shortest = (kind) => (isHand(kind) ? GRID : 0.05);
 /** A number with at most three decimals, and no zeros at its end. */
 export const digits = (value) => String(Number(Number(value).toFixed(3)) + 0);
 
-const escapes = { "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r", '"': '\\"', "\\": "\\\\" };
-const quoted = (text) => `"${text.replace(/["\\\u0000-\u001f\u007f]/g, (c) => escapes[c] ?? `\\u${c.codePointAt(0).toString(16).toUpperCase().padStart(4, "0")}`)}"`;
+const escapes = { "\t": "\\t", "\n": "\\n", "\r": "\\r", '"': '\\"', "\\": "\\\\" };
+const quoted = (text) => `"${text.replace(/["\\\u0000-\u001f\u007f-\u009f]/g, (c) => escapes[c] ?? `\\u${c.codePointAt(0).toString(16).toUpperCase().padStart(4, "0")}`)}"`;
 const written = (value) => (Array.isArray(value) ? `[${value.map(digits).join(", ")}]` : typeof value === "string" ? quoted(value) : digits(value));
 
 function line(event) {
