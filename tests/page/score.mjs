@@ -189,7 +189,7 @@ export const tests = [
       const added = ['{ at = 4.7, to = 5, left = "prepare" }', '{ at = 5, to = 5.4, left = "stroke", strength = 0.5 }', '{ at = 5.4, to = 5.7, left = "retract" }'];
       assert.equal(await score(page, "text"), text([...LINES, ...added]));
       assert.equal(await page.value('document.activeElement.closest("#event") !== null'), true, "its fields have the cursor");
-      // Where the hand does not rest there is nothing before it, and what it covers is cut.
+      // A moving hand gets nothing before it, and the spans under it are cut.
       await page.value("umo.score.delete(); umo.score.undo(); umo.score.undo(); umo.seek(1.9)");
       await page.key("Escape");
       await page.value('document.activeElement.blur(); document.querySelector("#add-button").click()');

@@ -31,13 +31,13 @@ pub(super) struct Takes {
     pub(super) audio: Option<String>,
     /// Name of the file that a kept take is written to; `None` if no program serves the page.
     pub(super) kept: Option<String>,
-    /// What the take does, if there is one alone.
+    /// Score of the take, if there is one alone and its model knows phases.
     pub(super) score: Option<Score>,
     #[serde(skip)]
     pub(super) files: Vec<Take>,
 }
 
-/// What a take does, and the names that an edit can choose from.
+/// The score of a take, and the names that an edit can choose from.
 #[derive(Serialize)]
 pub(super) struct Score {
     seconds: f64,

@@ -99,7 +99,7 @@ fn the_page_of_a_take_has_its_score() {
     assert!(events.iter().any(|event| event["both"].is_string() || event["right"].is_string()), "{events:?}");
     let page = std::str::from_utf8(&page).unwrap();
     assert!(page.contains("id=\"block-take-0\"") && page.contains("connect-src 'none'"));
-    // The frames are those of `umo play`.
+    // `umo play` has the same frames.
     let played = folder.at("played.npz");
     umo(&["play", take, "--model", &model, "-o", &played]).success();
     umo(&["view", &played, "-o", &folder.at("played.html"), "--no-open"]).success();

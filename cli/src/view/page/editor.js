@@ -143,7 +143,7 @@ export class Editor {
     this.changed();
   }
 
-  /** Plays what is around the chosen event. */
+  /** Plays the stretch around the chosen event. */
   hear() {
     const { event } = this;
     if (event) this.play(Math.max(0, event.at - AROUND), (event.to ?? event.at + MOMENT) + AROUND);
@@ -226,7 +226,7 @@ export class Editor {
     return button;
   }
 
-  /** What a press on an event takes: `at` or `to` at its ends, or `all`. */
+  /** The part of an event that a press takes: `at` or `to` at its ends, or `all`. */
   part(event, button, x) {
     if (event.to === undefined) return "all";
     const { left, width } = button.getBoundingClientRect();

@@ -2,7 +2,7 @@
 
 /** Kinds of events in the order of a text. */
 export const KINDS = ["words", "left", "right", "both", "gesture", "lips", "look", "mood", "expression", "attention", "layer"];
-/** What a hand does, in the order of a gesture. */
+/** Phases of a hand, in the order of a gesture. */
 export const PHASES = ["rest", "prepare", "stroke", "hold", "retract"];
 /** Keys of an event after its kind, in the order of a text. */
 const MORE = ["side", "strength", "speed", "variant", "target", "gain"];
@@ -48,7 +48,7 @@ export function textOf({ seconds, events }) {
   return `# What a take does, in seconds: docs/scores.md\nversion = 1\nseconds = ${digits(seconds)}\nevents = [\n${lines}]\n`;
 }
 
-/** What a span of some hands leaves of another event. */
+/** The rest of an event under a span of some hands. */
 function cut(event, { at, to }, hands) {
   const kind = kindOf(event);
   const both = isHand(kind) ? handsOf(kind) : [];
@@ -145,7 +145,7 @@ export function added(events, kind, at, score) {
 
 const HAND = { left: "left hand", right: "right hand", both: "both hands" };
 
-/** What an event is, in words. */
+/** An event in words. */
 export function saying(event) {
   const kind = kindOf(event);
   const value = event[kind];

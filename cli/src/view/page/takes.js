@@ -10,7 +10,7 @@ const NAMES = { words: "Words", left: "Stroke, left hand", right: "Stroke, right
 /** Height of a name above the head's joint, metres. */
 const ABOVE = 0.27;
 
-/** What the program answers. */
+/** The answer of the program. */
 async function asked(what, body) {
   const answer = await fetch(`/take/${what}`, { method: "POST", body });
   if (!answer.ok) throw new Error((await answer.text()).trim());
