@@ -27,7 +27,14 @@ pub(super) fn run(args: &Page) -> Result<(), Failure> {
     let html = page::html(&opened.scene(args, Some(&kept))?)?.into();
     let engine = umo_core::EngineConfig { threads: umo_core::Threads::Own(1), max_batch: 1, ..Default::default() };
     let model = Arc::clone(&opened.model);
-    let desk = Desk { html, score: first.with_extension("toml"), audio: args.audio.first().cloned(), kept, opened, state: Mutex::default() };
+    let desk = Desk {
+        html,
+        score: first.with_extension("toml"),
+        audio: args.audio.first().cloned(),
+        kept,
+        opened,
+        state: Mutex::default(),
+    };
     let config = Config {
         sessions: 1,
         per_client: 1,

@@ -67,12 +67,15 @@ pub(super) fn is_take(path: &Path) -> bool {
 /// Refuses arguments that do not go with the kind of the input.
 pub(super) fn check(args: &Page) -> Result<(), Failure> {
     let Some(first) = &args.input else { return Ok(()) };
-    if let Some(other) = args.more.iter().find(|_| !is_take(first)).or_else(|| args.more.iter().find(|it| !is_take(it))) {
+    if let Some(other) = args.more.iter().find(|_| !is_take(first)).or_else(|| args.more.iter().find(|it| !is_take(it)))
+    {
         return Err(Failure::input(format!("{}: only takes, .umo, stand side by side", other.display())));
     }
     if !is_take(first) {
         return match args.live {
-            true => Err(Failure::input("--live goes with takes, .umo: `umo live` animates a recording as it is spoken")),
+            true => {
+                Err(Failure::input("--live goes with takes, .umo: `umo live` animates a recording as it is spoken"))
+            }
             false => Ok(()),
         };
     }
@@ -99,7 +102,9 @@ impl Opened {
         let heard = |take: &Take| (take.info().audio, take.info().samples, take.info().frames);
         if let Some(other) = takes.iter().position(|take| heard(take) != heard(&takes[0])) {
             let (other, first) = (paths[other].display(), paths[0].display());
-            return Err(Failure::input(format!("{other}: of another recording than {first}: they cannot stand side by side")));
+            return Err(Failure::input(format!(
+                "{other}: of another recording than {first}: they cannot stand side by side"
+            )));
         }
         let model = model::load(&args.compute)?;
         let session = play::session(&model, &args.generate.gesture_clip, &args.words.rules)?;

@@ -95,7 +95,10 @@ fn the_page_of_a_take_has_its_score() {
     let events = takes["score"]["events"].as_array().unwrap();
     let wave = serde_json::json!({ "at": 0.3, "gesture": "wave", "side": "left" });
     assert!(events.contains(&wave), "{events:?}");
-    assert!(events.iter().any(|event| event["words"].as_str().is_some_and(|words| words.contains("Never"))), "{events:?}");
+    assert!(
+        events.iter().any(|event| event["words"].as_str().is_some_and(|words| words.contains("Never"))),
+        "{events:?}"
+    );
     assert!(events.iter().any(|event| event["both"].is_string() || event["right"].is_string()), "{events:?}");
     let page = std::str::from_utf8(&page).unwrap();
     assert!(page.contains("id=\"block-take-0\"") && page.contains("connect-src 'none'"));
@@ -125,21 +128,21 @@ fn takes_of_one_recording_stand_side_by_side() {
     let other = folder.wav("other.wav", &[0.1; 9000]);
     let of_other = folder.at("other.umo");
     umo(&["animate", &other, "--model", &model, "-o", &of_other]).success();
-    let nine = vec![&takes[0][..]; 9];
+    let (first, speech) = (&takes[0][..], &speech[..]);
     for (args, words) in [
-        (&[&takes[0], &of_other][..], "other.umo: of another recording"),
-        (&[&takes[0], &speech], "speech.wav: only takes"),
-        (&[&speech, &takes[0]], "1.umo: only takes"),
-        (&nine, "at most 8"),
-        (&[&takes[0], "--audio", &speech, "--audio", &speech], "one --audio"),
-        (&[&takes[0], &takes[1], "--onto", &speech], "--onto goes with one take"),
-        (&[&takes[0], "--words", &speech], "a take: it has its words"),
-        (&[&speech, "--live"], "`umo live`"),
+        (&[first, &of_other][..], "other.umo: of another recording"),
+        (&[first, speech], "speech.wav: only takes"),
+        (&[speech, first], "1.umo: only takes"),
+        (&[first; 9], "at most 8"),
+        (&[first, "--audio", speech, "--audio", speech], "one --audio"),
+        (&[first, &takes[1], "--onto", speech], "--onto goes with one take"),
+        (&[first, "--words", speech], "a take: it has its words"),
+        (&[speech, "--live"], "`umo live`"),
     ] {
         let line = folder.refused(&view(args));
         assert!(line.contains(words), "{line}");
     }
-    let line = folder.refused(&["view", &takes[0], "--live", "--model", &model, "-o", &takes[0]]);
+    let line = folder.refused(&["view", first, "--live", "--model", &model, "-o", first]);
     assert!(line.contains("1.umo` is an input and an output"), "{line}");
 }
 
