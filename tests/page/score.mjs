@@ -1,7 +1,7 @@
 // The page of takes: the score that is edited, the page as served, and takes side by side.
 
 import assert from "node:assert/strict";
-import { spawn } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import fs from "node:fs";
 import http from "node:http";
 import { pathToFileURL } from "node:url";
@@ -48,7 +48,7 @@ export async function prepare({ umo, run, at, speech }) {
   const page = fs.readFileSync(at("take.html"), "utf8");
   const [, description] = page.match(/id="scene">([^]*?)<\/script>/);
   const scene = JSON.parse(description);
-  Object.assign(scene.takes.score, { events: EVENTS, hands: true });
+  scene.takes.score.events = EVENTS;
   fs.writeFileSync(at("score.html"), page.replace(description, () => JSON.stringify(scene)));
   for (const name of ["served.toml", "served-kept.umo"]) fs.rmSync(at(name), { force: true });
   fs.copyFileSync(at("take.umo"), at("served.umo"));
@@ -339,9 +339,11 @@ export const tests = [
   ],
 
   [
-    "a page with nothing changed saves the take's own score",
+    "a page with nothing changed saves the text of `umo score`",
     async (context) => {
       const page = await opened(context, "take.html");
+      assert.equal(await savedScore(page), execFileSync(context.umo, ["score", context.at("take.umo")]).toString());
+      assert.ok(await score(page, "events.some((event) => event.right || event.both)"), "it has hands");
       assert.ok((await score(page, "events.some(({ words }) => words)")) && (await score(page, "events.length > 1")));
       assert.match(await savedScore(page), /words = " ?I \\\\am"/);
       assert.equal(await page.value("umo.frames"), 229);
@@ -368,6 +370,40 @@ export const tests = [
       const own = address.slice(0, -1);
       assert.deepEqual([await post({}), await post({ origin: "http://evil.example" }), await post({ origin: own, host: "evil.example" })], [403, 403, 421]);
       assert.equal(fs.readFileSync(at("served.toml"), "utf8"), await score(page, "text"));
+      await closed(page);
+    },
+  ],
+
+  [
+    "the page as served draws an edit, compares it and keeps it",
+    async (context) => {
+      const { at } = context;
+      const page = await opened(context, address);
+      await until(() => page.value("umo.frames > 0"));
+      const old = await page.value("umo.frame(150)");
+      await page.value('umo.score.add("gesture", 4.5)');
+      assert.equal(await page.value('document.querySelector("#keep").disabled'), true);
+      await page.click("#draw");
+      await until(async () => /^drawn/.test(await said(page)) || (await page.value('document.querySelector("#notice").dataset.kind')) === "error", 60, "the drawing");
+      assert.match(await said(page), /^drawn/);
+      const drawn = await page.value("umo.frame(150)");
+      assert.ok(drawn.some((value, i) => Math.abs(value - old[i]) > 0.01), "the gesture moves it");
+      assert.deepEqual(await page.value("umo.frame(20)"), await page.value('(umo.score.compare(true), umo.frame(20))'), "what is far from it stays");
+      assert.deepEqual(await page.value("umo.frame(150)"), old);
+      await page.key("c");
+      assert.deepEqual(await page.value("umo.frame(150)"), drawn);
+      await page.key("k");
+      await until(async () => /kept in .*served-kept\.umo/.test(await said(page)));
+      // The kept take plays the frames that the page shows.
+      context.run("view", at("served-kept.umo"), "-o", at("kept.html"), "--no-open");
+      const kept = await opened(context, "kept.html");
+      assert.deepEqual(await kept.value("umo.frame(150)"), drawn);
+      await closed(kept);
+      await page.picture(at("score-drawn.png"));
+      // A score that cannot be drawn is refused with its line.
+      await page.value('umo.score.add("right", 0)');
+      await page.click("#draw");
+      await until(async () => /served\.toml:\d+: /.test(await said(page)), 60, "the refusal");
       await closed(page);
     },
   ],

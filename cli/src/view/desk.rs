@@ -15,6 +15,8 @@ use super::take::Opened;
 use super::{blocks, browser, page};
 use crate::args::Page;
 use crate::failure::Failure;
+use crate::score::{Drawer, Score};
+use crate::speech::Speech;
 use crate::{atomic_file, play, serve};
 
 /// Serves until Ctrl-C.
@@ -31,6 +33,7 @@ pub(super) fn run(args: &Page) -> Result<(), Failure> {
         html,
         score: first.with_extension("toml"),
         audio: args.audio.first().cloned(),
+        repair: args.repair,
         kept,
         opened,
         state: Mutex::default(),
@@ -63,6 +66,7 @@ struct Desk {
     html: Arc<str>,
     opened: Opened,
     audio: Option<PathBuf>,
+    repair: bool,
     /// Where the score is saved.
     score: PathBuf,
     /// Where a take is kept.
@@ -95,7 +99,11 @@ impl Desk {
     fn draw(&self, text: &str, state: &mut State) -> Result<Vec<u8>, Failure> {
         self.save(text)?;
         let audio = self.audio.as_deref().ok_or_else(|| Failure::input("drawing needs the recording: --audio"))?;
-        let take = draw(&self.opened, audio, &self.score)?;
+        let speech = Speech::open(audio, self.repair)?;
+        let Opened { paths, takes, model, session, .. } = &self.opened;
+        let drawer = Drawer { model, cx: self.opened.compute(), path: &paths[0], speech: &speech };
+        let score = Score::parse(&self.score, text)?;
+        let take = drawer.draw(&takes[0], Some(&score), None, 0, &session.gestures)?;
         let clip = play::frames(&self.score, &take, &self.opened.model, &self.opened.session)?;
         state.drawn = Some(take);
         Ok(blocks::frames(&clip).collect())
@@ -143,9 +151,4 @@ impl umo_serve::Page for Desk {
         };
         answer.map_err(|failure| failure.to_string())
     }
-}
-
-/// Draws the first take anew by the score in this file.
-fn draw(_opened: &Opened, _audio: &Path, _score: &Path) -> Result<Take, Failure> {
-    Err(Failure::input("this build cannot draw"))
 }

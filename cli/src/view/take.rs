@@ -1,16 +1,18 @@
 //! The page of takes: one with its score to edit, or several of one recording beside each other.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::Value;
-use umo_core::{Attention, Layer, LipShape, Model, Mood, Place, SessionConfig, Take};
+use umo_core::{Attention, Compute, Layer, LipShape, Model, Mood, Place, SessionConfig, Take, Team};
 use umo_core_pose::clip::Clip;
 
 use super::scene::{self, Audio, RoomMember, Scene};
 use crate::args::Page;
 use crate::failure::Failure;
+use crate::score::{self, Line};
 use crate::speech::Speech;
 use crate::{model, play};
 
@@ -42,8 +44,6 @@ pub(super) struct Takes {
 pub(super) struct Score {
     seconds: f64,
     events: Vec<Value>,
-    /// Whether the model says when hands gesture.
-    hands: bool,
     gestures: Vec<String>,
     moods: Vec<&'static str>,
     attentions: Vec<String>,
@@ -57,6 +57,7 @@ pub(super) struct Opened {
     pub(super) takes: Vec<Take>,
     pub(super) model: Arc<Model>,
     pub(super) session: SessionConfig,
+    pub(super) team: Team,
 }
 
 /// Whether the file is a take.
@@ -98,7 +99,7 @@ impl Opened {
     /// Reads the takes that the arguments name.
     pub(super) fn new(args: &Page) -> Result<Self, Failure> {
         let paths: Vec<_> = args.input.iter().chain(&args.more).cloned().collect();
-        let takes = paths.iter().map(|path| play::read(path)).collect::<Result<Vec<_>, _>>()?;
+        let takes = paths.iter().map(|path| score::open(path)).collect::<Result<Vec<_>, _>>()?;
         let heard = |take: &Take| (take.info().audio, take.info().samples, take.info().frames);
         if let Some(other) = takes.iter().position(|take| heard(take) != heard(&takes[0])) {
             let (other, first) = (paths[other].display(), paths[0].display());
@@ -108,7 +109,12 @@ impl Opened {
         }
         let model = model::load(&args.compute)?;
         let session = play::session(&model, &args.generate.gesture_clip, &args.words.rules)?;
-        Ok(Self { paths, takes, model, session })
+        Ok(Self { paths, takes, model, session, team: model::team(&args.compute)? })
+    }
+
+    /// Instruction set and team for the products.
+    pub(super) fn compute(&self) -> Compute<'_> {
+        Compute { isa: self.model.isa(), team: &self.team }
     }
 
     /// Returns the frames of a take.
@@ -134,7 +140,7 @@ impl Opened {
             stem: stem(&self.paths[0]),
             audio: args.audio.first().map(|path| name(path)),
             kept: kept.map(name),
-            score: (self.takes.len() == 1).then(|| self.score()),
+            score: if self.takes.len() == 1 { self.score()? } else { None },
             files: self.takes.clone(),
         });
         Ok(scene)
@@ -154,18 +160,22 @@ impl Opened {
         (0..self.takes.len()).map(member).collect()
     }
 
-    fn score(&self) -> Score {
+    /// Score of a single take; `None` if its model does not know the phases of hands.
+    fn score(&self) -> Result<Option<Score>, Failure> {
         let take = &self.takes[0];
-        Score {
-            seconds: f64::from(take.info().frames) / f64::from(take.info().frame_rate),
-            events: events(take),
-            hands: self.model.config().part_list().iter().any(|part| part.name == "intent"),
+        if take.phases(&self.model).is_none() {
+            return Ok(None);
+        }
+        let lines = score::lines(take, &self.model, self.compute(), &self.paths[0])?;
+        Ok(Some(Score {
+            seconds: score::seconds(take),
+            events: lines.iter().map(event).collect::<Result<_, _>>()?,
             gestures: self.session.gestures.names().map(str::to_owned).collect(),
             moods: Mood::ALL.map(Mood::name).to_vec(),
             attentions: Attention::ALL.map(|attention| format!("{attention:?}").to_lowercase()).to_vec(),
             layers: Layer::ALL.map(Layer::name).to_vec(),
             lips: LipShape::ALL.map(LipShape::name).to_vec(),
-        }
+        }))
     }
 }
 
@@ -177,20 +187,9 @@ fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-fn events(take: &Take) -> Vec<Value> {
-    use serde_json::json;
-    use umo_core::Event;
-    let mut all = Vec::new();
-    for (frame, event) in take.events() {
-        let at = frame as f64 / 30.0;
-        all.push(match event {
-            Event::Words { text, start, end } => json!({"at": start, "to": end, "words": text}),
-            Event::Gesture { name, options } => json!({"at": options.at.unwrap_or(at), "gesture": name}),
-            Event::Mood { mood, strength } => json!({"at": at, "mood": mood.name(), "strength": strength}),
-            Event::Look { point, strength } => json!({"at": at, "look": point, "strength": strength}),
-            Event::Expression(expression) => json!({"at": at, "expression": expression}),
-            _ => continue,
-        });
-    }
-    all
+/// The event of a line as the page has it, by the keys of its text.
+fn event(line: &Line) -> Result<Value, Failure> {
+    let event: BTreeMap<String, Value> =
+        toml::from_str(&format!("event = {}", line.text())).map_err(Failure::environment)?;
+    event.into_values().next().ok_or_else(|| Failure::environment("internal: a line without an event"))
 }
