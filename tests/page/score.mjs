@@ -404,6 +404,7 @@ export const tests = [
       await page.value('umo.score.add("right", 0)');
       await page.click("#draw");
       await until(async () => /served\.toml:\d+: /.test(await said(page)), 60, "the refusal");
+      assert.match(page.errors.splice(0).join(), /^Failed to load resource: .* 422 [^,]*$/);
       await closed(page);
     },
   ],

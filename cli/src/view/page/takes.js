@@ -7,6 +7,8 @@ import { save } from "umo/video.js";
 
 const NAMES = { words: "Words", left: "Stroke, left hand", right: "Stroke, right hand", both: "Stroke, both hands", gesture: "Gesture", lips: "Lips", look: "Look", mood: "Mood", expression: "Expression", attention: "Attention", layer: "Layer" };
 
+/** Seconds within which a stretch that is heard has just come to its end. */
+const PASSED = 1.5;
 /** Height of a name above the head's joint, metres. */
 const ABOVE = 0.27;
 
@@ -50,10 +52,10 @@ export function takesOf({ scene, motion, timeline, clock, camera, play, seek, to
     timeline,
     clock,
     toggle,
-    play(from, to) {
+    async play(from, to) {
       seek(from);
+      await play();
       until = to;
-      return play();
     },
     changed() {
       if (!isServed) say(editor.at > 0 ? `an edit: save it, and ${command()} draws it` : "");
@@ -154,10 +156,10 @@ export function takesOf({ scene, motion, timeline, clock, camera, play, seek, to
     /** Whether the stretch that is heard has come to its end. */
     ends(time) {
       if (until === null) return false;
-      const isOver = time >= until;
-      // Another place was sought, or the sound was stopped.
-      if (isOver || !clock.playing) until = null;
-      return isOver && clock.playing;
+      // Somebody who sought another place, or stopped it, hears on from there.
+      const isOver = time >= until && time < until + PASSED && clock.playing;
+      if (time >= until || !clock.playing) until = null;
+      return isOver;
     },
     name() {},
   };
