@@ -136,11 +136,21 @@ impl Opened {
         if let Some(audio) = args.audio.first() {
             scene.audio = Some(Audio::new(&Speech::open(audio, args.repair)?)?);
         }
+        let is_alone = self.takes.len() == 1;
+        let score = if is_alone { self.score()? } else { None };
+        if is_alone && score.is_none() {
+            return match kept {
+                None => Ok(scene),
+                Some(_) => {
+                    Err(Failure::input("--live: this model does not know the phases of hands, and draws no score"))
+                }
+            };
+        }
         scene.takes = Some(Takes {
             stem: stem(&self.paths[0]),
             audio: args.audio.first().map(|path| name(path)),
             kept: kept.map(name),
-            score: if self.takes.len() == 1 { self.score()? } else { None },
+            score,
             files: self.takes.clone(),
         });
         Ok(scene)

@@ -114,6 +114,18 @@ fn the_page_of_a_take_has_its_score() {
 }
 
 #[test]
+fn a_take_of_a_model_without_phases_is_shown_without_a_score() {
+    let folder = Folder::new();
+    let (speech, model, take) = (folder.speech(), golden("mel_k2_arkit"), folder.at("parts.umo"));
+    umo(&["animate", &speech, "--model", &model, "-o", &take]).success();
+    umo(&["view", &take, "--model", &model, "--no-open"]).success();
+    let scene = description(&folder.read("parts.html"));
+    assert_eq!(scene["takes"], ().into());
+    let line = folder.refused(&["view", &take, "--model", &model, "--live"]);
+    assert!(line.contains("phases of hands"), "{line}");
+}
+
+#[test]
 fn takes_of_one_recording_stand_side_by_side() {
     let folder = Folder::new();
     let takes = takes(&folder, &["1", "2", "3"]);
