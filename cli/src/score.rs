@@ -141,6 +141,11 @@ pub(crate) struct Score {
 }
 
 impl Score {
+    /// Reads a score; `path` is for messages.
+    pub(crate) fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
+        file::parse(path, text)
+    }
+
     fn wrong(&self, line: usize, problem: impl std::fmt::Display) -> Failure {
         Failure::Input(format!("{}:{line}: {problem}", self.path.display()))
     }
