@@ -33,7 +33,7 @@ pub(super) struct Takes {
     pub(super) audio: Option<String>,
     /// Name of the file that a kept take is written to; `None` if no program serves the page.
     pub(super) kept: Option<String>,
-    /// Score of the take, if there is one alone and its model knows phases.
+    /// Score of the take, if there is one alone.
     pub(super) score: Option<Score>,
     #[serde(skip)]
     pub(super) files: Vec<Take>,
@@ -44,6 +44,8 @@ pub(super) struct Takes {
 pub(super) struct Score {
     seconds: f64,
     events: Vec<Value>,
+    /// Whether the model knows the phases of hands.
+    hands: bool,
     gestures: Vec<String>,
     moods: Vec<&'static str>,
     attentions: Vec<String>,
@@ -136,21 +138,11 @@ impl Opened {
         if let Some(audio) = args.audio.first() {
             scene.audio = Some(Audio::new(&Speech::open(audio, args.repair)?)?);
         }
-        let is_alone = self.takes.len() == 1;
-        let score = if is_alone { self.score()? } else { None };
-        if is_alone && score.is_none() {
-            return match kept {
-                None => Ok(scene),
-                Some(_) => {
-                    Err(Failure::input("--live: this model does not know the phases of hands, and draws no score"))
-                }
-            };
-        }
         scene.takes = Some(Takes {
             stem: stem(&self.paths[0]),
             audio: args.audio.first().map(|path| name(path)),
             kept: kept.map(name),
-            score,
+            score: if self.takes.len() == 1 { Some(self.score()?) } else { None },
             files: self.takes.clone(),
         });
         Ok(scene)
@@ -170,22 +162,20 @@ impl Opened {
         (0..self.takes.len()).map(member).collect()
     }
 
-    /// Score of a single take; `None` if its model does not know the phases of hands.
-    fn score(&self) -> Result<Option<Score>, Failure> {
+    /// Score of a single take.
+    fn score(&self) -> Result<Score, Failure> {
         let take = &self.takes[0];
-        if take.phases(&self.model).is_none() {
-            return Ok(None);
-        }
         let lines = score::lines(take, &self.model, self.compute(), &self.paths[0])?;
-        Ok(Some(Score {
+        Ok(Score {
             seconds: score::seconds(take),
             events: lines.iter().map(event).collect::<Result<_, _>>()?,
+            hands: take.phases(&self.model).is_some(),
             gestures: self.session.gestures.names().map(str::to_owned).collect(),
             moods: Mood::ALL.map(Mood::name).to_vec(),
             attentions: Attention::ALL.map(|attention| format!("{attention:?}").to_lowercase()).to_vec(),
             layers: Layer::ALL.map(Layer::name).to_vec(),
             lips: LipShape::ALL.map(LipShape::name).to_vec(),
-        }))
+        })
     }
 }
 

@@ -114,15 +114,14 @@ fn the_page_of_a_take_has_its_score() {
 }
 
 #[test]
-fn a_take_of_a_model_without_phases_is_shown_without_a_score() {
+fn a_take_of_a_model_without_phases_has_a_score_without_hands() {
     let folder = Folder::new();
     let (speech, model, take) = (folder.speech(), golden("mel_k2_arkit"), folder.at("parts.umo"));
-    umo(&["animate", &speech, "--model", &model, "-o", &take]).success();
+    umo(&["animate", &speech, "--model", &model, "--gesture", "nod@0.2", "-o", &take]).success();
     umo(&["view", &take, "--model", &model, "--no-open"]).success();
-    let scene = description(&folder.read("parts.html"));
-    assert_eq!(scene["takes"], ().into());
-    let line = folder.refused(&["view", &take, "--model", &model, "--live"]);
-    assert!(line.contains("phases of hands"), "{line}");
+    let score = &description(&folder.read("parts.html"))["takes"]["score"];
+    assert_eq!(score["hands"], false);
+    assert!(score["events"].as_array().unwrap().contains(&serde_json::json!({ "at": 0.2, "gesture": "nod" })));
 }
 
 #[test]

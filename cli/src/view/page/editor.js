@@ -63,7 +63,7 @@ export class Editor {
   /** Lanes with events, and those that are always there. */
   get lanes() {
     const has = ({ kinds }) => this.events.some((event) => kinds.includes(kindOf(event)));
-    return LANES.filter((lane, i) => i < ALWAYS || has(lane));
+    return LANES.filter((lane, i) => (i < ALWAYS ? this.score.hands || !isHand(lane.kinds[0]) : has(lane)));
   }
 
   /** Replaces the events, as one step that can be undone. */

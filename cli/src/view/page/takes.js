@@ -1,7 +1,7 @@
 // The page of takes: the score that is edited, saved and drawn, and the take that is kept.
 
 import { Editor } from "umo/editor.js";
-import { KINDS } from "umo/score.js";
+import { KINDS, isHand } from "umo/score.js";
 import { block } from "umo/scene.js";
 import { save } from "umo/video.js";
 
@@ -97,15 +97,16 @@ export function takesOf({ scene, motion, timeline, clock, camera, play, seek, to
   }
 
   const dialog = $("#add");
+  const kinds = KINDS.filter((kind) => score.hands || !isHand(kind));
   dialog.querySelector(".kinds").append(
-    ...KINDS.map((kind) => {
+    ...kinds.map((kind) => {
       const button = document.createElement("button");
       button.value = kind;
       button.textContent = NAMES[kind];
       return button;
     }),
   );
-  dialog.addEventListener("close", () => KINDS.includes(dialog.returnValue) && editor.add(dialog.returnValue));
+  dialog.addEventListener("close", () => kinds.includes(dialog.returnValue) && editor.add(dialog.returnValue));
   const add = () => {
     dialog.returnValue = "";
     dialog.showModal();
