@@ -129,8 +129,8 @@ fn takes_of_one_recording_stand_side_by_side() {
     let folder = Folder::new();
     let takes = takes(&folder, &["1", "2", "3"]);
     let (page, model) = (folder.at("page.html"), golden("frames_seven"));
-    let view = |more: &[&str]| [&["view", "--no-open", "--model", &model, "-o", &page], more].concat();
-    umo(&view(&[&takes[0], &takes[1], &takes[2]])).success();
+    let base = ["view", "--no-open", "--model", &model, "-o", &page];
+    umo(&[&base[..], &[&takes[0], &takes[1], &takes[2]]].concat()).success();
     let scene = description(&folder.read("page.html"));
     let names: Vec<_> = scene["room"].as_array().unwrap().iter().map(|member| &member["name"]).collect();
     assert_eq!(names, ["1", "2", "3"]);
@@ -150,7 +150,7 @@ fn takes_of_one_recording_stand_side_by_side() {
         (&[first, "--words", speech], "a take: it has its words"),
         (&[speech, "--live"], "`umo live`"),
     ] {
-        let line = folder.refused(&view(args));
+        let line = folder.refused(&[&base[..], args].concat());
         assert!(line.contains(words), "{line}");
     }
     let line = folder.refused(&["view", first, "--live", "--model", &model, "-o", first]);
