@@ -103,7 +103,7 @@ fn the_page_of_a_take_has_its_score() {
     let page = std::str::from_utf8(&page).unwrap();
     assert!(page.contains("id=\"block-take-0\"") && page.contains("connect-src 'none'"));
     // `umo play` has the same frames.
-    let played = folder.at("played.npz");
+    let played = folder.at("played.jsonl");
     umo(&["play", take, "--model", &model, "-o", &played]).success();
     umo(&["view", &played, "-o", &folder.at("played.html"), "--no-open"]).success();
     let frames = |page: &[u8]| {
