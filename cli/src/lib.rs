@@ -105,6 +105,7 @@ fn run(command: Command) -> Result<(), Failure> {
         #[cfg(feature = "serve")]
         Command::Serve(_) => true,
         Command::Live(args) => !args.has_receivers(),
+        Command::View(args) => args.live,
         _ => false,
     };
     if !is_server {

@@ -24,7 +24,7 @@ use crate::animate::Outputs;
 use crate::args::{Animate, Score as Args};
 use crate::failure::Failure;
 use crate::speech::Speech;
-use crate::{gestures, model, play, words};
+use crate::{model, play};
 pub(crate) use carry::{Own, carry};
 pub(crate) use line::{Kind, Line, text};
 
@@ -96,7 +96,7 @@ pub(crate) fn animate(args: &Animate, path: &Path) -> Result<(), Failure> {
     let cx = Compute { isa: model.isa(), team: &team };
     let drawer = Drawer { model: &model, cx, path, speech: &speech };
     let score = args.edit.score.as_deref().map(file::open).transpose()?;
-    let gestures = gestures::known(&args.output.generate.gesture_clip, &model.config().skeleton)?;
+    let config = play::session(&model, &args.output.generate.gesture_clip, &args.words.rules)?;
     let outputs = |number: Option<u64>| -> Vec<PathBuf> {
         args.output.files.output.iter().map(|path| numbered(path, number)).collect()
     };
@@ -108,8 +108,8 @@ pub(crate) fn animate(args: &Animate, path: &Path) -> Result<(), Failure> {
             format: args.output.files.format.clone(),
         };
         let outputs = Outputs::open(&files, &model.config().face, false)?;
-        let edited = drawer.draw(&take, score.as_ref(), args.edit.span.clone(), variant, &gestures)?;
-        play::show(&model, (path, &edited), outputs, (gestures.clone(), words::rules(&args.words.rules)?))?;
+        let edited = drawer.draw(&take, score.as_ref(), args.edit.span.clone(), variant, &config.gestures)?;
+        play::show(&model, (path, &edited), outputs, &config)?;
     }
     Ok(())
 }

@@ -7,6 +7,8 @@
 //! | `blocks` | the contents as base64 numbers with a description |
 //! | `page` | the HTML file, from the sources in `page/` |
 //! | `judge` | a page on which a person finds the speech of a motion |
+//! | `take` | takes: one with its score, or several side by side |
+//! | `desk` | the page of takes on loopback: saving, drawing, keeping |
 //! | `stream` | a page whose frames come from a stream |
 //! | `live` | that page on loopback, with streams of the program's engine |
 //! | `web` | that page as a folder, with the engine in the browser |
@@ -14,12 +16,15 @@
 
 mod blocks;
 mod browser;
+#[cfg(feature = "serve")]
+mod desk;
 mod judge;
 #[cfg(feature = "serve")]
 pub(crate) mod live;
 mod page;
 mod scene;
 pub(crate) mod stream;
+mod take;
 mod web;
 
 use std::io::Write;
@@ -39,6 +44,10 @@ use scene::Scene;
 pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     if let Some(folder) = &args.web {
         return web::run(args, folder);
+    }
+    take::check(args)?;
+    if args.live {
+        return serve(args);
     }
     let path = match &args.output {
         Some(path) => path.clone(),
@@ -60,6 +69,14 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Serves the page of takes.
+fn serve(args: &Page) -> Result<(), Failure> {
+    #[cfg(feature = "serve")]
+    return desk::run(args);
+    #[cfg(not(feature = "serve"))]
+    Err(Failure::input(format!("--live {}: this build has no server for a page", input(args)?.display())))
+}
+
 /// Returns the page of a conversation.
 pub(crate) fn conversation(
     members: &[Member],
@@ -77,11 +94,13 @@ fn input(args: &Page) -> Result<&Path, Failure> {
 
 /// Returns the contents of a page with one motion.
 fn scene(input: &Path, args: &Page) -> Result<Scene, Failure> {
-    let scene = if is_animation(input) {
+    let scene = if take::is_take(input) {
+        take::Opened::new(args)?.scene(args, None)?
+    } else if is_animation(input) {
         args.words.refuse_with("an animation: it has its gestures already")?;
         Scene::of_animation(input, args)?
     } else if !args.audio.is_empty() {
-        return Err(Failure::input("--audio goes with an animation: a recording is its own audio"));
+        return Err(Failure::input("--audio goes with an animation or a take: a recording is its own audio"));
     } else {
         Scene::of_speech(input, args)?
     };

@@ -81,7 +81,6 @@ fn an_old_name_is_refused_with_the_present_one() {
         (&["quantize", "a", "-o", "b"], "model quantize"),
         (&["make-random"], "model random"),
         (&["stage", "encoder"], "model stage"),
-        (&["view", "--live"], "umo live"),
     ] {
         let ended = umo(old);
         assert!(ended.code == 2 && ended.err.contains(now), "{old:?}: {}", ended.err);

@@ -150,6 +150,7 @@ async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Sema
         .route("/metrics", get(metrics))
         .route("/", get(page::get))
         .route("/character", post(page::put_on))
+        .route("/take/{what}", post(page::answer))
         .layer(middleware::from_fn_with_state(Arc::clone(shared), knock))
         .with_state(Arc::clone(shared));
     loop {

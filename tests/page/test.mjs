@@ -12,12 +12,13 @@ import * as judge from "./judge.mjs";
 import * as live from "./live.mjs";
 import * as local from "./local.mjs";
 import * as readme from "./readme.mjs";
+import * as score from "./score.mjs";
 import * as web from "./web.mjs";
 
 const { UMO: umo, CHROMIUM: chromium, OUT: out } = process.env;
 const speech = path.join(import.meta.dirname, "../../assets/hello.wav");
-const suites = { file, judge, live, local, readme, web };
-const names = process.argv.length > 2 ? process.argv.slice(2) : ["file", "judge", "live"];
+const suites = { file, judge, live, local, readme, score, web };
+const names = process.argv.length > 2 ? process.argv.slice(2) : ["file", "judge", "live", "score"];
 
 const at = (name) => path.join(out, name);
 const run = (...args) => execFileSync(umo, args, { stdio: ["ignore", "ignore", "inherit"] });

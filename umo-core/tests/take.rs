@@ -488,7 +488,7 @@ fn requests_are_changed_where_they_are_made() {
 
 #[test]
 fn an_edit_that_does_not_fit_is_refused() {
-    let (model, small) = (open(PEOPLE), open(SMALL[1]));
+    let (model, small) = (open(PEOPLE), open(SMALL[0]));
     let take = long(&model, LayerGains::OFF);
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };

@@ -45,15 +45,20 @@ impl Shown {
 /// Write a page that shows an avatar speak.
 #[derive(Debug, ClapArgs)]
 pub struct Page {
-    /// Recording, or a finished .glb, .npz or .jsonl
+    /// Recording, a finished .glb, .npz or .jsonl, or a take, .umo
     ///
     /// Also a character from `umo retarget`. With --web a recording, or nothing for the microphone alone.
     #[arg(required_unless_present_any = ["web", "judge"])]
     pub input: Option<PathBuf>,
-    /// Page to write [default: beside the input]
-    #[arg(short, long, value_name = "FILE.html", conflicts_with = "web")]
+    /// More takes of the same recording, to stand beside the first
+    #[arg(value_name = "TAKES", conflicts_with_all = ["web", "judge"])]
+    pub more: Vec<PathBuf>,
+    /// Page, or with --live the take to keep [default: beside the input]
+    #[arg(short, long, value_name = "FILE", conflicts_with = "web")]
     pub output: Option<PathBuf>,
-    /// Speech of a finished animation; of a conversation, one for each member, or one with a channel for each
+    /// Speech of an animation or a take
+    ///
+    /// Of a conversation, one for each member, or one with a channel for each.
     #[arg(long, value_name = "FILE", conflicts_with = "web")]
     pub audio: Vec<PathBuf>,
     /// Write a page that asks a person which of two recordings goes with a motion, and counts
@@ -61,6 +66,11 @@ pub struct Page {
     /// Two recordings or more, of 8 s or more each. ANIMATION=RECORDING shows a finished or captured motion.
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "output", conflicts_with_all = ["input", "web", "audio", "onto", "mapping"])]
     pub judge: Vec<PathBuf>,
+    /// Serve the page of takes: it saves a score, draws it, keeps a take
+    ///
+    /// To browsers of this machine. -o names the take that is kept, STEM-kept.umo by default.
+    #[arg(long, conflicts_with_all = ["web", "judge"])]
+    pub live: bool,
     /// Write the page of `umo live` as a folder for any web server: the model runs in the browser
     #[arg(long, value_name = "FOLDER")]
     pub web: Option<PathBuf>,
@@ -73,7 +83,7 @@ pub struct Page {
     #[arg(long, value_name = "WHEN", requires = "web", help_heading = TUNING, hide_short_help = true)]
     pub voice: Option<VoiceArg>,
     /// Read the usable parts of a damaged recording
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub repair: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]

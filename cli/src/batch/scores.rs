@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use umo_core::{Compute, Gestures, Take, Team, WordRules};
+use umo_core::{Compute, Gestures, SessionConfig, Take, Team, WordRules};
 use umo_core_pose::clip::Clip;
 
 use super::manifest::Line;
@@ -46,7 +46,8 @@ pub(super) fn apply(
     let speech = Speech::open(&line.file, args.repair)?;
     let drawer = Drawer { model, cx, path, speech: &speech };
     let take = drawer.draw(made, Some(&score), None, 0, &gestures)?;
-    let clip = play::clip(model, (path, &take), (gestures, rules.clone()))?;
+    let config = SessionConfig { gestures, words: rules.clone(), ..SessionConfig::new(model.config()) };
+    let clip = play::frames(path, &take, model, &config)?;
     let (text, report) = scored;
     Ok(Some(Scored { take, clip, text, report }))
 }

@@ -9,6 +9,7 @@ use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Given;
 
 use super::scene::{self, Audio, JudgeInfo, PageEngine, Record, RoomMember, Scene};
+use super::take::Takes;
 use umo_figure::Mesh;
 use umo_figure::detail::Detail;
 
@@ -33,6 +34,7 @@ struct Description<'a> {
     live: Option<Live<'a>>,
     judge: Option<&'a JudgeInfo>,
     rest: Option<Rest<'a>>,
+    takes: Option<&'a Takes>,
 }
 
 #[derive(Serialize)]
@@ -187,6 +189,9 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
     if let Some(audio) = &scene.audio {
         page.block("audio", samples(audio));
     }
+    for (number, take) in scene.takes.iter().flat_map(|takes| &takes.files).enumerate() {
+        page.block(&format!("take-{number}"), take.bytes().iter().copied());
+    }
     if let Some(record) = &scene.record {
         page.block("codes", record.codes.iter().flatten().copied().flat_map(u16::to_le_bytes));
         page.block("routed", record.routed.iter().copied().flat_map(u32::to_le_bytes));
@@ -269,6 +274,7 @@ fn describe<'a>(scene: &'a Scene, orders: &[Order]) -> Description<'a> {
             translation: live.rest.translation,
             face: &live.rest_face,
         }),
+        takes: scene.takes.as_ref(),
     }
 }
 
@@ -286,7 +292,7 @@ fn samples(audio: &Audio) -> impl Iterator<Item = u8> {
 }
 
 /// Returns each frame's rotations, root translation and face values in sequence.
-fn frames(clip: &Clip) -> impl Iterator<Item = u8> {
+pub(super) fn frames(clip: &Clip) -> impl Iterator<Item = u8> {
     (0..clip.len()).flat_map(|frame| {
         let rotations = clip.rotations[frame].as_flattened().iter();
         rotations.chain(&clip.translation[frame]).chain(clip.face(frame)).copied().flat_map(f32::to_le_bytes)

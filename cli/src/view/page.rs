@@ -17,10 +17,10 @@ macro_rules! modules {
 }
 
 /// The modules: name and source.
-const MODULES: [(&str, &str); 32] = modules!(
-    "body.js" "bones.js" "camera.js" "character.js" "clock.js" "drop.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
-    "inspect.js" "judge.js" "keys.js" "lanes.js" "light.js" "live.js" "local.js" "main.js" "mask.js" "math.js" "microphone.js"
-    "motion.js" "panel.js" "picture.js" "record.js" "room.js" "scene.js" "timeline.js" "tracks.js" "trials.js" "video.js"
+const MODULES: [(&str, &str); 36] = modules!(
+    "body.js" "bones.js" "camera.js" "character.js" "clock.js" "drop.js" "editor.js" "experts.js" "fields.js" "figure.js"
+    "gl.js" "gltf.js" "ground.js" "inspect.js" "judge.js" "keys.js" "lanes.js" "light.js" "live.js" "local.js" "main.js" "mask.js" "math.js" "microphone.js"
+    "motion.js" "panel.js" "picture.js" "record.js" "room.js" "scene.js" "score.js" "takes.js" "timeline.js" "tracks.js" "trials.js" "video.js"
 );
 
 /// Returns a page that shows a scene.
@@ -28,6 +28,7 @@ pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
     let data = blocks::elements(scene).map_err(Failure::environment)?;
     // Sources that the page may load from: a program's streams, or the files beside it.
     let (connect, files) = match &scene.live {
+        None if scene.takes.as_ref().is_some_and(|takes| takes.kept.is_some()) => ("'self'", ""),
         None => ("'none'", ""),
         Some(live) if live.engine.is_some() => ("'self'", " 'self'"),
         Some(_) => ("'self' ws://127.0.0.1:* ws://localhost:*", ""),

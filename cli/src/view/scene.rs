@@ -10,6 +10,7 @@ use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Glb;
 
 use super::stream::StreamPage;
+use super::take::Takes;
 use crate::animate::Generator;
 use crate::args::{Page, Shown};
 use crate::converse::{Member, Voice};
@@ -47,6 +48,8 @@ pub(super) struct Scene {
     pub(super) people: Vec<Person>,
     /// Figures of members beside `mesh`.
     pub(super) other_meshes: Vec<Mesh>,
+    /// Takes, if this is their page.
+    pub(super) takes: Option<Takes>,
 }
 
 /// A member of a conversation who has an avatar.
@@ -261,7 +264,7 @@ impl Scene {
     }
 
     /// Returns a room with these figures.
-    fn of_room(path: &Path, room: Vec<RoomMember>, figures: &[Figure]) -> Result<Self, Failure> {
+    pub(super) fn of_room(path: &Path, room: Vec<RoomMember>, figures: &[Figure]) -> Result<Self, Failure> {
         let first = &room[0].clip;
         check_length(path, first.len() as f64 / f64::from(first.frame_rate))?;
         let no_frames = Clip::new(first.frame_rate, first.skeleton.clone(), first.face.clone());
@@ -280,7 +283,7 @@ impl Scene {
     }
 
     /// Returns a motion on a character, or on the figure.
-    fn worn_by(path: &Path, clip: Clip, wearer: Option<Wearer>, figure: Figure) -> Result<Self, Failure> {
+    pub(super) fn worn_by(path: &Path, clip: Clip, wearer: Option<Wearer>, figure: Figure) -> Result<Self, Failure> {
         match wearer {
             Some(wearer) => Ok(Self { character: Some(wearer.wear(&clip)?), ..Self::plain(path, clip) }),
             None => Self::new(path, clip, figure),
@@ -308,6 +311,7 @@ impl Scene {
             room: Vec::new(),
             people: Vec::new(),
             other_meshes: Vec::new(),
+            takes: None,
         }
     }
 

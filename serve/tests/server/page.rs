@@ -30,6 +30,10 @@ impl Page for Shown {
         self.files.lock().unwrap().push(file.len());
         if file.len() == 3 { Err("three bytes".to_owned()) } else { Ok(()) }
     }
+
+    fn answer(&self, what: &str, body: Vec<u8>) -> Result<Vec<u8>, String> {
+        if what == "score" { Ok(body) } else { Err(format!("no {what}")) }
+    }
 }
 
 fn page(follower: Option<Arc<Follower>>) -> Arc<Shown> {
@@ -66,6 +70,31 @@ async fn the_page_comes_and_takes_a_character_from_itself_alone() {
 
     let bare = Running::new(|_| ()).await;
     assert_eq!(http(bare.address, "/").await.0, 404);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_page_of_takes_is_answered_and_no_other() {
+    let shown = page(None);
+    let server = Running::new(|config| config.page = Some(Arc::clone(&shown) as Arc<dyn Page>)).await;
+    let post = async |what: &str, headers: &str, body: &str| {
+        let head = format!("POST /take/{what} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
+        raw(server.address, format!("{head}{headers}\r\n{body}").as_bytes()).await
+    };
+    let own = "Host: localhost\r\nOrigin: http://localhost\r\n";
+    let answer = post("score", own, "version = 1").await;
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.ends_with("version = 1"), "{answer}");
+    let answer = post("song", own, "").await;
+    assert!(answer.starts_with("HTTP/1.1 422") && answer.ends_with("no song\n"), "{answer}");
+    for (headers, status) in [
+        ("Host: localhost\r\n", "403"),
+        ("Host: localhost\r\nOrigin: http://evil.example\r\n", "403"),
+        ("Host: evil.example\r\nOrigin: http://evil.example\r\n", "421"),
+    ] {
+        let answer = post("score", headers, "version = 1").await;
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{answer}");
+    }
+    let long = format!("POST /take/score HTTP/1.1\r\n{own}Content-Length: {}\r\n\r\n", 1 << 30);
+    assert_eq!(status(server.address, &long).await, 413);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

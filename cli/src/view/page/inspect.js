@@ -1,12 +1,14 @@
 // `window.umo`, for tests and debugging: the page's state in numbers. Times in seconds, positions in metres, weights 0
 // to 1.
 
-export function inspector({ scene, motion, clock, camera, picture, live, last, actions }) {
+export function inspector({ scene, motion, clock, camera, picture, live, takes, last, actions }) {
   const view = document.querySelector("#view");
   return {
     scene,
     live,
     clock,
+    /** The score of a take as it is edited: its text, events and the one that is chosen. */
+    score: takes?.editor,
     get time() {
       return clock.time;
     },

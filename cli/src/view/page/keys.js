@@ -6,7 +6,7 @@ const TURNS = { ArrowLeft: [0.12, 0], ArrowRight: [-0.12, 0], ArrowUp: [0, 0.1],
 export function listenToKeys(actions, camera, touch) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-    const typing = event.target.matches("input[type=search], select");
+    const typing = event.target.matches("input:not([type=range], [type=checkbox]), select");
     // A focused button or checkbox handles its own keys.
     const own = event.target.matches("button, summary, input[type=checkbox]") && [" ", "Enter"].includes(event.key);
     const sliding = event.target.matches("input[type=range]") && event.key.startsWith("Arrow");

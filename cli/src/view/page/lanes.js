@@ -11,10 +11,13 @@ const PART = 15;
 const LEVEL = 4;
 const EXPERTS = 10;
 const TRACK = 40;
+/** Lanes of the score, for a mouse and for fingers. */
+const SCORE = 25;
+const TOUCHED = 38;
 const GAP = 7;
 
 /** The lanes from top to bottom: kind, name, position. */
-export function layOut({ scene, record, tracks }) {
+export function layOut({ scene, record, tracks, score }) {
   const lanes = [];
   let top = RULER;
   const lane = (kind, name, height, more = {}) => {
@@ -22,8 +25,11 @@ export function layOut({ scene, record, tracks }) {
     top += height;
   };
   if (scene.samples.length > 0) lane("speech", "speech", SPEECH, { voice: { samples: scene.samples, sampleRate: scene.audio.sampleRate } });
-  for (const voice of scene.voices) lane("speech", voice.name, VOICE, { voice });
+  // Takes of one recording have no voices of their own.
+  for (const voice of scene.takes ? [] : scene.voices) lane("speech", voice.name, VOICE, { voice });
   top += GAP;
+  for (const { name, kinds } of score?.lanes ?? []) lane("score", name, matchMedia("(pointer: coarse)").matches ? TOUCHED : SCORE, { kinds });
+  if (score) top += GAP;
   if (record.chunks.length > 0) lane("chunks", "chunks", CHUNKS);
   if (record.isKnown) {
     const parts = record.data ? record.parts : [{ name: "frames", levels: 1 }];
@@ -142,8 +148,14 @@ function track(t, { top, height, track }, color) {
   drawTrack(t.context, track, { frames, x, top, height, color });
 }
 
+/** Ground of a lane of the score, whose events lie over the canvas. */
+function score(t, { top, height }, color) {
+  t.context.fillStyle = color("--band");
+  t.context.fillRect(t.gutter, top + 1, t.canvas.clientWidth - t.gutter, height - 3);
+}
+
 /** Drawing function of each kind of lane. */
-export const DRAW = { speech, chunks, frames, experts, track };
+export const DRAW = { speech, chunks, frames, experts, track, score };
 
 /** Colour of an expert; beyond the named colours, hues around the circle. */
 export function expertColor(color, expert) {

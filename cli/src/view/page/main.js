@@ -19,6 +19,7 @@ import { Record } from "umo/record.js";
 import { MemberBody, RoomClock } from "umo/room.js";
 import { block, readScene } from "umo/scene.js";
 import { Timeline } from "umo/timeline.js";
+import { takesOf } from "umo/takes.js";
 import { allTracks, trackList } from "umo/tracks.js";
 import { Video, save } from "umo/video.js";
 
@@ -112,13 +113,13 @@ function useCamera(name) {
 }
 
 /** Chooses the member that camera and curves show. */
-function showMember(index) {
+function showMember(index, name = camera.name === "all" ? "half" : camera.name) {
   const member = scene.room[index];
   body = member.body;
   motion.values = member.frames;
   $("#member").value = String(index);
   camera.show(body);
-  useCamera(camera.name === "all" ? "half" : camera.name);
+  useCamera(name);
   timeline.draw();
 }
 
@@ -127,7 +128,7 @@ function setDetails(on) {
   document.documentElement.dataset.details = String(on);
   const button = $("#details");
   button.setAttribute("aria-expanded", String(on));
-  button.textContent = on ? "Avatar only" : "How it was made";
+  button.textContent = on ? "Avatar only" : scene.takes?.score ? "Score" : "How it was made";
   findInsets();
   timeline.draw();
 }
@@ -273,6 +274,9 @@ const KEYS = {
   h: () => $("#help").showModal(),
 };
 
+const takes = scene.takes ? takesOf({ scene, motion, timeline, clock, camera, play, seek, toggle, say, touch, showMember, $ }) : null;
+Object.assign(KEYS, takes?.keys);
+
 const timeText = (seconds) => {
   const tenths = Math.floor(seconds * 10 + 1e-6);
   return `${Math.floor(tenths / 600)}:${String(Math.floor((tenths % 600) / 10)).padStart(2, "0")}.${tenths % 10}`;
@@ -306,6 +310,7 @@ function loop(now) {
   before = now;
   const time = clock.time;
   if (live?.ends(time)) touch();
+  if (takes?.ends(time)) pause();
   if (live?.isRunning) live.catchUp();
   if (video && clock.playing && !video.hasBegun) video.begin();
   if (video?.hasBegun && !clock.playing) endVideo();
@@ -325,6 +330,7 @@ function draw(time, seconds) {
   const from = picture.draw({ pose, placed, all, feet, camera, floor, theme, skeleton, insets });
   if (from) clock.hear?.(from);
   showTime(time);
+  takes?.name(all);
   if (live) {
     live.look();
     panel.show();
@@ -383,6 +389,7 @@ window.umo = inspector({
   camera,
   picture,
   live,
+  takes,
   last: () => ({ ...shown, drawn }),
   actions: {
     play,
@@ -400,6 +407,7 @@ window.umo = inspector({
 });
 document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
 document.documentElement.dataset.live = String(Boolean(live));
+document.documentElement.dataset.takes = !scene.takes ? "none" : scene.takes.score ? "one" : "several";
 listen();
 $("#member").append(...scene.room.map(({ name }, i) => new Option(name, String(i))));
 for (const one of [$("#member"), $("[data-camera=all]")]) one.hidden = scene.room.length === 0;

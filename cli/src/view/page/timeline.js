@@ -20,7 +20,7 @@ export class Timeline {
     this.layer = record.layers[0];
     this.from = 0;
     this.chosen = null;
-    this.peaks = null;
+    this.score = null;
     this.listen();
     new ResizeObserver(() => this.draw()).observe(element);
   }
@@ -56,6 +56,20 @@ export class Timeline {
 
   setTracks(tracks) {
     this.tracks = tracks;
+    this.draw();
+  }
+
+  /** Shows the events of a score. */
+  useScore(editor) {
+    this.score = editor;
+    this.draw();
+  }
+
+  /** Shows a stretch of time, if it is not in view. */
+  reveal(from, to) {
+    const { window } = this;
+    if (from >= this.from && Math.min(to, from + 0.5 * window) <= this.from + window) return;
+    this.from = this.bounded(from - 0.2 * window);
     this.draw();
   }
 
@@ -109,6 +123,7 @@ export class Timeline {
     for (const lane of lanes) DRAW[lane.kind](this, lane, color);
     context.restore();
     this.drawNames(lanes, color);
+    this.score?.layOut(lanes);
     this.line.style.transform = `translateX(${this.x(this.clock.time)}px)`;
   }
 
@@ -139,6 +154,10 @@ export class Timeline {
     }
   }
 
+  laneAt(y) {
+    return layOut(this).lanes.find(({ top, height }) => y >= top && y < top + height);
+  }
+
   /** Text about a frame. */
   describe(frame) {
     const { record } = this;
@@ -166,8 +185,7 @@ export class Timeline {
       if (pressed) this.seek(at(event));
       if (this.motion.count === 0) return;
       const frame = clamp(Math.round(at(event) * this.motion.rate), this.motion.first, this.motion.end - 1);
-      const y = event.clientY - canvas.getBoundingClientRect().top;
-      const lane = layOut(this).lanes.find(({ top, height }) => y >= top && y < top + height);
+      const lane = this.laneAt(event.clientY - canvas.getBoundingClientRect().top);
       const more = lane?.kind === "track" ? ` · ${lane.name} ${reading(lane.track, frame)}` : "";
       readout.textContent = this.describe(frame) + more;
     });

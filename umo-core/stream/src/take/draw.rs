@@ -135,6 +135,18 @@ struct Chunks {
     codes: Vec<Vec<u16>>,
 }
 
+/// Codes by chunk.
+type Codes = BTreeMap<usize, Vec<u16>>;
+
+/// What an edit is drawn with.
+struct Drawing<'a> {
+    model: &'a Model,
+    cx: Compute<'a>,
+    /// The whole recording.
+    samples: &'a [f32],
+    edit: &'a Edit<'a>,
+}
+
 /// Places of a motion's wrists, by frame.
 type Wrists = Vec<[[f32; 3]; 2]>;
 
@@ -205,7 +217,7 @@ impl Take {
         for chunk in undone.into_iter().flatten() {
             chunks.codes[chunk] = chunks.before[chunk].clone();
         }
-        self.draw(model, cx, samples, edit, &mut chunks, (&drawn, &shares, &is_anew))?;
+        self.draw(&Drawing { model, cx, samples, edit }, &mut chunks, (&drawn, &shares, &is_anew))?;
         self.with_codes(model, cx, edit, &chunks)
     }
 
@@ -277,21 +289,19 @@ impl Take {
     /// Draws the chunks of `groups`, several times, and takes over the best of each group.
     fn draw(
         &self,
-        model: &Model,
-        cx: Compute,
-        samples: &[f32],
-        edit: &Edit,
+        drawing: &Drawing,
         chunks: &mut Chunks,
         (groups, shares, is_anew): (&[Vec<usize>], &Shares, &[bool]),
     ) -> Result<(), EditError> {
+        let &Drawing { model, cx, edit, .. } = drawing;
         if groups.is_empty() {
             return Ok(());
         }
         let (rests, still) = (rests(&edit.phases, is_anew), still(model, cx, &self.avatar)?);
         let judge = Judge { target: self.avatar.target, config: model.config(), edit, is_anew };
-        let mut best: Vec<Option<(f32, BTreeMap<usize, Vec<u16>>)>> = vec![None; groups.len()];
+        let mut best: Vec<Option<(f32, Codes)>> = vec![None; groups.len()];
         for draw in 0..DRAWS {
-            let drawn = self.drawn(model, cx, samples, edit, chunks, &groups.concat(), draw)?;
+            let drawn = self.drawn(drawing, chunks, &groups.concat(), draw)?;
             let mut codes = chunks.codes.clone();
             for (chunk, drawn) in drawn {
                 codes[chunk] =
@@ -313,16 +323,8 @@ impl Take {
     }
 
     /// Draws these chunks once; returns their codes.
-    fn drawn(
-        &self,
-        model: &Model,
-        cx: Compute,
-        samples: &[f32],
-        edit: &Edit,
-        chunks: &Chunks,
-        anew: &[usize],
-        draw: u64,
-    ) -> Result<BTreeMap<usize, Vec<u16>>, EditError> {
+    fn drawn(&self, drawing: &Drawing, chunks: &Chunks, anew: &[usize], draw: u64) -> Result<Codes, EditError> {
+        let &Drawing { model, cx, samples, edit } = drawing;
         let config = model.config();
         let (target, count) = (self.avatar.target, config.codes_per_keyframe());
         let mut avatar = self.avatar.clone();
