@@ -249,13 +249,13 @@ pub struct EditArgs {
     /// Change this take of the recording: as --score says, or in --span
     #[arg(long, value_name = "FILE.umo", requires = "changes", conflicts_with_all = EDIT_REFUSES, help_heading = EDITING, hide_short_help = true)]
     pub take: Option<PathBuf>,
-    /// What the take is to do, as `umo score` prints it, and changed; its other frames stay as they are
+    /// The take's score, as `umo score` prints it, with changes; other frames keep their bits
     #[arg(long, value_name = "FILE.toml", requires = "take", group = "changes", help_heading = EDITING, hide_short_help = true)]
     pub score: Option<PathBuf>,
     /// Draw this part of the take anew, seconds
     #[arg(long, value_name = "FROM..TO", requires = "take", group = "changes", value_parser = span, help_heading = EDITING, hide_short_help = true)]
     pub span: Option<std::ops::Range<f64>>,
-    /// Write N takes that differ in what is drawn anew: y-1.umo, y-2.umo and so on
+    /// Write N different draws: y-1.umo, y-2.umo and so on
     #[arg(long, value_name = "N", requires = "take", value_parser = clap::value_parser!(u64).range(2..=100), help_heading = EDITING, hide_short_help = true)]
     pub variants: Option<u64>,
 }

@@ -52,7 +52,7 @@ pub(crate) fn seconds(take: &Take) -> f64 {
     f64::from(take.info().frames) / f64::from(take.info().frame_rate)
 }
 
-/// What a take does, in order.
+/// Returns the lines of a take's score, in order.
 pub(crate) fn lines(take: &Take, model: &Model, cx: Compute, path: &Path) -> Result<Vec<Line>, Failure> {
     let wrong = |problem: String| Failure::Input(format!("{}: {problem}", path.display()));
     if take.info().model != model.fingerprint() {
@@ -122,7 +122,7 @@ fn numbered(path: &Path, number: Option<u64>) -> PathBuf {
     path.with_file_name(format!("{stem}-{number}{extension}"))
 }
 
-/// What takes are drawn with.
+/// A model and a recording to draw takes with.
 pub(crate) struct Drawer<'a> {
     pub(crate) model: &'a Arc<Model>,
     pub(crate) cx: Compute<'a>,
@@ -132,7 +132,7 @@ pub(crate) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// The take that does what the score says; what lies in `span`, in seconds, is drawn anew in any case.
+    /// Returns the take of a changed score; the part in `span`, seconds, is drawn anew in any case.
     pub(crate) fn draw(
         &self,
         take: &Take,

@@ -14,14 +14,14 @@ use crate::failure::Failure;
 const BETWEEN_STROKES: f64 = 0.3;
 /// Preparation and retraction of a stroke beside rest that has none, seconds.
 const WAY: f64 = 0.3;
-/// How long before its time something is asked for, seconds.
+/// Seconds from a request to its time.
 const AHEAD: f64 = 3.0;
-/// How long before its time and after its end a request makes a difference, seconds.
+/// Seconds before its time, and after its end, in which a request makes a difference.
 const BEFORE: f64 = 2.0;
 const AFTER_GESTURE: f64 = 3.0;
 const AFTER_WORDS: f64 = 2.5;
 const AFTER_LIPS: f64 = 0.2;
-/// How long a value that is set takes to be reached, seconds.
+/// Seconds until a value that was set is reached.
 const TO_VALUE: f64 = 2.0;
 
 /// An edit that changes nothing.
@@ -113,7 +113,7 @@ fn hands(take: &Take, model: &Model, score: &Score, new: &[(usize, &Line)], edit
             {
                 edit.speeds.push((span.clone(), strength * FULL_SPEED));
             }
-            // Part of a stroke that the take has is none.
+            // Part of the take's own stroke is not a new one.
             let (own, phase) = of_code(edit.phases[span.start]);
             let begins = is_new(*number) && !(phase == Phase::Stroke && own.meet(*hands));
             strokes.push((*number, *hands, span, begins));

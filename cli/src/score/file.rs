@@ -97,7 +97,7 @@ fn line(entry: Entry) -> Result<Line, String> {
         }
         _ => {}
     }
-    // What was not taken below does not belong to the event.
+    // Fields of other kinds of events are refused.
     let is_gesture = gesture.is_some();
     let others = side.is_some() || speed.is_some() || variant.is_some() || target.is_some();
     if others && !is_gesture {

@@ -52,7 +52,7 @@ impl Phase {
     }
 }
 
-/// What happens.
+/// Kind of an event.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kind {
     Words(String),
