@@ -363,7 +363,7 @@ impl Reach {
         if far <= 1e-6 * (upper + fore) {
             return self.at[2];
         }
-        add(self.at[0], times(way, far.clamp(least, most) / far))
+        add(self.at[0], times(way, far.max(least).min(most) / far))
     }
 
     /// The elbow with the wrist elsewhere.
