@@ -501,7 +501,7 @@ fn peaks(places: &[Vector]) -> Vec<f32> {
     speeds.chunks(30).map(|second| second.iter().copied().fold(0.0, f32::max)).collect()
 }
 
-/// Frames of a motion that are measured: every so many.
+/// Frames of a motion from one that is measured to the next.
 const EVERY: usize = 4;
 
 /// Demands on a build: least share of kept contacts, most jerk of the wrists relative to before.

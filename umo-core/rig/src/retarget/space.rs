@@ -125,7 +125,7 @@ struct Capsule {
 
 impl Capsule {
     /// Vector from the axis to a place, and the radius there.
-    fn from_axis(&self, at: Vector) -> (Vector, f32) {
+    fn off_axis(&self, at: Vector) -> (Vector, f32) {
         let at = less(at, self.from);
         let share = (dot(at, self.way) / dot(self.way, self.way).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
         (less(at, times(self.way, share)), self.radii[0] + share * (self.radii[1] - self.radii[0]))
@@ -574,8 +574,8 @@ impl Space {
         smooth((about - gap) / (about - touch))
     }
 
-    /// How far a point of an arm is from where the source's is about trunk or head, and how much that counts: all of it
-    /// on the surface, less further away.
+    /// Vector from a point of an arm to the place about trunk or head where the source's is, and its weight: 1 on the
+    /// surface, less further away.
     fn astray(&self, to: &Shapes, head: bool, near: Near, radii: [f32; 2], held: Vector) -> (Vector, f32) {
         let (from, target) = (self.source.volume_of(head), self.rig.volume_of(head));
         let share = from.share(near.at);
@@ -730,7 +730,7 @@ impl Space {
                 add_push(probe, deep, away);
             }
             for limb in to.limbs.iter().flatten() {
-                let (away, radius) = limb.from_axis(now[probe]);
+                let (away, radius) = limb.off_axis(now[probe]);
                 let deep = ramp(arm.radii[probe] + radius - length(away), soft);
                 if deep > 0.0
                     && let Some(away) = direction(away, 0.0)

@@ -20,7 +20,7 @@ const HELD: f32 = 0.93;
 const HELD_LIMB: f32 = 0.85;
 /// Upper bound on a radius, in medians of its cross-section.
 const SPIKE: f32 = 2.2;
-/// How far a head reaches below its joint, in its height above it.
+/// Depth to which a head reaches below its joint, in its height above it.
 const HAIR: f32 = 0.4;
 /// Least number of measured radii of a shape; with fewer, it is a person's.
 const LEAST: usize = 24;
