@@ -317,6 +317,7 @@ impl Character {
             for corners in &mesh.triangles {
                 let [a, b, c] = corners.map(|corner| mesh.vertices[corner]);
                 let area = 0.5 * length(cross(less(b.1, a.1), less(c.1, a.1)));
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 400")]
                 let count = (area / 2e-5).ceil().min(400.0) as usize;
                 for at in 0..count {
                     let (u, v) = ((0.5 + 0.7549 * at as f32).fract(), (0.5 + 0.5698 * at as f32).fract());
