@@ -13,7 +13,7 @@
 
 use std::path::Path;
 
-use umo_core::{ARKIT_NAMES, Face, FaceKind, Floor, Mapping, Quat, Retarget, Rig, Skeleton};
+use umo_core::{ARKIT_NAMES, Face, FaceKind, Floor, Mapping, Quat, Retarget, Rig, Skeleton, Volume};
 use umo_core_pose::clip::Clip;
 use umo_core_pose::rotation::IDENTITY;
 use umo_core_rig::glb::{Faces, Given};
@@ -98,6 +98,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
         let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
         faces.release_bones(&clip.face, &mapping, &mut retarget);
+        target.give_volume(&mut retarget, &mapping, &given).map_err(wrong)?;
         let motion = Motion { bound: args.reduce, ..motion(&retarget, clip)? };
         if let Some((path, out)) = outputs.next() {
             let bytes = target.animated(&retarget, &motion, &faces, clip).map_err(wrong)?;
@@ -214,6 +215,16 @@ impl Target {
             Self::Character(character) => character.mapping(given),
             Self::Skeleton(target) => given.over(target.rig(), None),
         }
+    }
+
+    /// Gives the rig the body's volume, as the mapping file says.
+    fn give_volume(&self, retarget: &mut Retarget, mapping: &Mapping, given: &Given) -> Result<(), String> {
+        let volume = match self {
+            Self::Character(character) => character.volume(mapping, given)?,
+            Self::Skeleton(target) => given.volume(Volume::of_people(target.rig(), mapping))?,
+        };
+        let Some((volume, gain)) = volume else { return Ok(()) };
+        retarget.set_volume(self.rig(), mapping, &volume, gain).map_err(|error| error.to_string())
     }
 
     fn faces(&self, mapping: &Mapping, face: &Face, given: &Given) -> Result<Faces, String> {

@@ -40,16 +40,28 @@ fn moved(made: &Made, clip: &Clip) -> Moved {
     moved_by(&made.bytes(), clip, &Given::default())
 }
 
+/// Without the body's volume, which bends arms.
 fn moved_by(bytes: &[u8], clip: &Clip, given: &Given) -> Moved {
     moved_within(bytes, clip, given, None)
 }
 
 fn moved_within(bytes: &[u8], clip: &Clip, given: &Given, bound: Option<Bound>) -> Moved {
+    moved_as(bytes, clip, given, bound, false)
+}
+
+fn moved_with(bytes: &[u8], clip: &Clip, given: &Given, volume: bool) -> Moved {
+    moved_as(bytes, clip, given, None, volume)
+}
+
+fn moved_as(bytes: &[u8], clip: &Clip, given: &Given, bound: Option<Bound>, volume: bool) -> Moved {
     let target = Target::read("a.glb".as_ref(), bytes.to_vec()).unwrap();
     let (mapping, _) = target.mapping(given).unwrap();
     let faces = target.faces(&mapping, &clip.face, given).unwrap();
     let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).unwrap();
     faces.release_bones(&clip.face, &mapping, &mut retarget);
+    if volume {
+        target.give_volume(&mut retarget, &mapping, given).unwrap();
+    }
     let motion = Motion { bound, ..motion(&retarget, clip).unwrap() };
     Moved::read(target.animated(&retarget, &motion, &faces, clip).unwrap())
 }
@@ -580,6 +592,37 @@ fn every_joint_has_a_name_in_the_made_rigs() {
     }
 }
 
+/// Arms folded in front of a person are out of a wide body.
+#[test]
+fn a_mapping_file_sizes_the_body() {
+    let made = mixamo();
+    let mut clip = sample::clip(FaceKind::Arkit, 1, 1);
+    clip.rotations[0] = [IDENTITY; JOINTS];
+    for (side, sign) in [(0, 1.0), (1, -1.0)] {
+        clip.rotations[0][16 + side] = umo_core_pose::rotation::axis_angle_to_quat([0.0, 0.0, -1.2 * sign]);
+        clip.rotations[0][18 + side] = umo_core_pose::rotation::axis_angle_to_quat([0.0, -1.9 * sign, 0.0]);
+    }
+    let ahead = |text: &str| {
+        let given = mapping::parse(text, false).unwrap();
+        let moved = moved_with(&made.bytes(), &clip, &given, true);
+        moved.place(moved.node(&made.name(joint("left_wrist"))), 0)[2]
+    };
+    let plain = moved(&made, &clip);
+    let plain = plain.place(plain.node(&made.name(joint("left_wrist"))), 0)[2];
+    let (none, wide) = (ahead("[body]\ngain = 0\nbelly = 3"), ahead("[body]\nbelly = 3\nchest = 3\npelvis = 3"));
+    assert_eq!(none, plain);
+    assert!(wide > plain + 0.05, "{wide} {plain}");
+    let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
+    let (found, _) = target.mapping(&Given::default()).unwrap();
+    let mut retarget = prepare(&clip.skeleton, target.rig(), &found, target.floor(&found)).unwrap();
+    for (text, problem) in [("[body]\ntail = 2", "tail"), ("[body]\ngain = 2", "gain"), ("[body]\nbelly = -1", "belly")]
+    {
+        let given = mapping::parse(text, false).unwrap();
+        let error = target.give_volume(&mut retarget, &found, &given).unwrap_err();
+        assert!(error.contains(problem), "{text}: {error}");
+    }
+}
+
 #[test]
 fn a_page_has_what_the_command_writes() {
     let (made, clip) = (mixamo(), sample::clip(FaceKind::Arkit, 4, 1));
@@ -587,7 +630,8 @@ fn a_page_has_what_the_command_writes() {
     let path = folder.path().join("mixamo.GLB");
     std::fs::write(&path, made.bytes()).unwrap();
     let worn = Wearer::read(&path, None).unwrap().wear(&clip).unwrap();
-    assert!(worn.file == moved(&made, &clip).bytes, "the files differ");
+    let whole = moved_with(&made.bytes(), &clip, &Given::default(), true);
+    assert!(worn.file == whole.bytes, "the files differ");
     assert!((worn.seconds - 3.0 / f64::from(clip.frame_rate)).abs() < 1e-9);
     for (joint, name) in JOINT_NAMES.iter().enumerate().filter(|(_, name)| **name != "jaw") {
         assert_eq!(worn.nodes[joint], Some(made.index(&made.name(joint))), "{name}");
@@ -596,7 +640,7 @@ fn a_page_has_what_the_command_writes() {
     let mut still = sample::clip(FaceKind::Arkit, 1, 1);
     still.rotations[0] = [IDENTITY; JOINTS];
     let (streamed, follower) = Wearer::read(&path, None).unwrap().follow(&still).unwrap();
-    let (waiting, whole) = (Moved::read(streamed.file), moved(&made, &clip));
+    let waiting = Moved::read(streamed.file);
     let (mut room, mut values) = (follower.scratch(), Vec::new());
     for frame in 0..clip.len() {
         values.clear();

@@ -17,6 +17,7 @@
 //! | `faces` | blendshapes that move |
 //! | `follower` | a character that follows a stream of poses |
 //! | `given` | a mapping file |
+//! | `surface` | points spread over a character's meshes |
 
 pub mod accessor;
 mod bind;
@@ -30,6 +31,7 @@ mod given;
 mod meshopt;
 mod pack;
 pub mod splice;
+mod surface;
 mod vrm;
 
 use umo_core_base::memory::with_capacity;

@@ -9,6 +9,8 @@
 //! | `back` | the inverse: joint rotations from a rig's motion |
 //! | `ground` | scale, and height of the hips |
 //! | `legs` | inverse kinematics that plants the feet |
+//! | [`Volume`] | the space that a body takes up |
+//! | `space` | arms that stay out of it, and touch where the source's do |
 //! | [`face`] | face channels mapped to a character's blendshapes |
 //! | [`RetargetError`] | why a skeleton or mapping was rejected |
 //!
@@ -36,19 +38,23 @@ mod legs;
 mod mapping;
 mod names;
 mod rig;
+mod space;
+mod volume;
 
 pub use error::RetargetError;
 pub use mapping::{Follow, Mapping};
 pub use rig::{Bone, MAX_BONES, Rig};
+pub use volume::{SurfacePoint, Volume};
 
 use align::Alignment;
 use ground::Ground;
 use legs::Leg;
 use rig::World;
+use space::Space;
 use umo_core_base::error::StepError;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse, product, slerp};
-use umo_core_pose::skeleton::{JOINTS, Skeleton};
+use umo_core_pose::skeleton::{JOINT_NAMES, JOINTS, Skeleton};
 
 /// `spine3`, the parent of neck and arms.
 const CHEST: usize = 9;
@@ -93,6 +99,7 @@ pub struct Retarget {
     hips: usize,
     ground: Ground,
     legs: [Option<Leg>; 2],
+    space: Option<Box<Space>>,
     /// Reference joint of a head or a bust, which has no body: rotations are taken relative to it.
     base: Option<usize>,
 }
@@ -140,8 +147,37 @@ impl Retarget {
             hips,
             ground,
             legs,
+            space: None,
             base,
         })
+    }
+
+    /// Gives the rig a volume: arms then stay out of trunk, head, legs and each other, and touch where the source's
+    /// do. `rig` and `mapping` are those of [`new`](Self::new). A gain of 1 is all of it, 0 none: frames are then
+    /// those of a rig without a volume. A rig without arms, hands or legs keeps its frames.
+    ///
+    /// # Errors
+    /// [`RetargetError`] as for [`new`](Self::new).
+    pub fn set_volume(
+        &mut self,
+        rig: &Rig,
+        mapping: &Mapping,
+        volume: &Volume,
+        gain: f32,
+    ) -> Result<(), RetargetError> {
+        self.space = None;
+        if !(gain > 0.0 && gain.is_finite()) || rig.len() != self.bones.len() {
+            return Ok(());
+        }
+        let rest = rest(&self.parents, &self.offsets);
+        let (axes, short) = align::axes(rig, mapping)?;
+        let turns = Alignment { rig, mapping, rest: &rest, axes, short }.turns();
+        let people = (0..JOINTS).map(|joint| Bone::new(JOINT_NAMES[joint], self.parents[joint], self.offsets[joint]));
+        let people = Rig::new(people.collect())?;
+        let (own, _) = Mapping::guess(&people)?;
+        let space = Space::new((&people, &own), (rig, mapping), &turns, axes, &rest, volume, gain.min(1.0));
+        self.space = space.filter(|_| self.base.is_none()).map(Box::new);
+        Ok(())
     }
 
     /// Returns scratch memory for one thread.
@@ -211,9 +247,28 @@ impl Retarget {
         let Some(hips) = hips else { return Ok(self.bones[self.hips].translation) };
         let lift = self.ground.lift(&source, &scratch.world);
         let lift = self.plant(&source, &scratch.world, lift, rotations);
+        if let Some(space) = &self.space {
+            self.clear(space, &source, &scratch.world, rotations);
+        }
         let hips = std::array::from_fn(|i| hips[i] + lift * self.ground.up[i]);
         let above = self.bones[self.hips].parent.map_or(World::ORIGIN, |parent| scratch.world[parent]);
         Ok(above.within(hips))
+    }
+
+    /// Turns arms that the body's volume moves. `world` holds all bones before.
+    fn clear(&self, space: &Space, source: &[World; JOINTS], world: &[World], rotations: &mut [Quat]) {
+        for (side, turned) in space.correct(source, world).into_iter().enumerate() {
+            let (Some([upper, fore]), Some(bones)) = (turned, space.arm(side)) else { continue };
+            if bones.iter().any(|&bone| self.driven[bone].is_none()) {
+                continue;
+            }
+            // A bone's parent turns with the arm above it; the hand keeps its world rotation.
+            let turned = [(IDENTITY, upper), (upper, fore), (fore, IDENTITY)];
+            for (bone, (above, own)) in bones.into_iter().zip(turned) {
+                let parent = self.bones[bone].parent.map_or(IDENTITY, |parent| world[parent].rotation);
+                rotations[bone] = product(inverse(product(above, parent)), product(own, world[bone].rotation));
+            }
+        }
     }
 
     /// World transforms of the source's joints.

@@ -7,8 +7,9 @@ use umo_core_pose::skeleton::JOINT_NAMES;
 
 use super::bind::bind_pose;
 use super::document::{Document, Node};
+use super::surface::surface;
 use super::{Given, Glb, vrm};
-use crate::retarget::{Bone, Mapping, Retarget, Rig};
+use crate::retarget::{Bone, Mapping, Retarget, Rig, SurfacePoint, Volume};
 
 /// Translation, rotation and scale of a node.
 pub type Transform = ([f32; 3], Quat, [f32; 3]);
@@ -24,6 +25,8 @@ pub struct Character {
     rig: Rig,
     /// Nodes whose bind pose differs from the file, with their local transform in it.
     bound: BTreeMap<usize, Transform>,
+    /// Spread over its meshes.
+    surface: Vec<SurfacePoint>,
 }
 
 impl Character {
@@ -38,7 +41,8 @@ impl Character {
         let rig = rig(&document)?;
         let bound = bind_pose(&document, file.bin, &rig)?;
         let rig = if bound.is_empty() { rig } else { placed(&rig, &bound)? };
-        Ok(Self { document, rig, bound })
+        let surface = surface(&document, file.bin, &rig);
+        Ok(Self { document, rig, bound, surface })
     }
 
     /// The nodes as bones, in the bind pose.
@@ -54,6 +58,15 @@ impl Character {
     /// Nodes whose bind pose differs from the file, with their local transform in it.
     pub fn bound(&self) -> &BTreeMap<usize, Transform> {
         &self.bound
+    }
+
+    /// Returns the space that the character takes up at rest, and the gain with which its arms respect it, as `given`
+    /// says; `None` for a character without arms or legs.
+    ///
+    /// # Errors
+    /// `given` names a part of the body that does not exist, or has a factor that is not between 0 and 10.
+    pub fn volume(&self, mapping: &Mapping, given: &Given) -> Result<Option<(Volume, f32)>, String> {
+        given.volume(Volume::measure(&self.rig, mapping, &self.surface))
     }
 
     /// Returns the mapping of a VRM file's bone table, and its version; `None` if it is not a VRM file.

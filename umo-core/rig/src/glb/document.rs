@@ -118,6 +118,9 @@ impl Mesh {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Primitive {
+    pub attributes: Value,
+    pub indices: Option<Value>,
+    pub mode: Option<Value>,
     pub targets: Vec<Value>,
     pub extras: Value,
 }

@@ -50,6 +50,10 @@ impl Follower {
         let retarget = Retarget::new(skeleton, character.rig(), mapping, floor);
         let mut retarget = retarget.map_err(|error| error.to_string())?;
         faces.release_bones(face, mapping, &mut retarget);
+        if let Some((volume, gain)) = character.volume(mapping, given)? {
+            let set = retarget.set_volume(character.rig(), mapping, &volume, gain);
+            set.map_err(|error| error.to_string())?;
+        }
         Ok(Self { retarget, faces })
     }
 

@@ -9,13 +9,17 @@
 //! [face]
 //! jawOpen = "Mouth_Open"
 //! eyeBlinkLeft = { Lid_L = 0.8 }
+//!
+//! [body]
+//! gain = 1.0
+//! belly = 1.2                       # times its measured girth
 //! ```
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::retarget::{Mapping, RetargetError, Rig};
+use crate::retarget::{Mapping, RetargetError, Rig, Volume};
 
 /// The contents of a mapping file.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
@@ -25,7 +29,12 @@ pub struct Given {
     bones: BTreeMap<String, Names>,
     /// Shapes that follow each channel.
     face: BTreeMap<String, Shapes>,
+    /// `gain`, and factors of the parts of the body.
+    body: BTreeMap<String, f32>,
 }
+
+/// Key of the gain in [`Given::body`].
+const GAIN: &str = "gain";
 
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(untagged)]
@@ -84,6 +93,22 @@ impl Given {
             mapping.set(rig, joint, &names)?;
         }
         Ok(())
+    }
+
+    /// Returns a volume with the given parts' factors, and the gain; `None` without a volume.
+    ///
+    /// # Errors
+    /// A part does not exist, or a value is not in its range.
+    pub fn volume(&self, volume: Option<Volume>) -> Result<Option<(Volume, f32)>, String> {
+        let gain = self.body.get(GAIN).copied().unwrap_or(1.0);
+        if !(0.0..=1.0).contains(&gain) {
+            return Err(format!("body: gain {gain} is not between 0 and 1"));
+        }
+        let Some(mut volume) = volume else { return Ok(None) };
+        for (part, &factor) in self.body.iter().filter(|(part, _)| *part != GAIN) {
+            volume.scale(part, factor)?;
+        }
+        Ok(Some((volume, gain)))
     }
 
     /// Returns the given channels, the shapes that follow them, and their gains.

@@ -141,7 +141,7 @@ impl Rig {
         false
     }
 
-    pub(super) fn order(&self) -> &[usize] {
+    pub(crate) fn order(&self) -> &[usize] {
         &self.order
     }
 
