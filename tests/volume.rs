@@ -78,7 +78,7 @@ fn motion() -> (Skeleton, Vec<Pose>) {
     animation.push_audio(&speech).unwrap();
     animation.finish(SECONDS * model.config().frame_rate);
     let mut poses = Vec::new();
-    while animation.step(&model, cx, &mut |frame| poses.push(frame.pose.clone())).unwrap() {}
+    while animation.step(&model, cx, &mut |frame| poses.push(*frame.pose)).unwrap() {}
     (model.config().skeleton.clone(), poses)
 }
 
@@ -261,7 +261,7 @@ impl Character {
             .iter()
             .map(|&[height, side, ahead, behind]| {
                 let y = hips[1] + height * size;
-                let bone = bones.iter().filter(|(_, low)| *low <= y + 0.02).next_back().unwrap_or(&bones[0]).0;
+                let bone = bones.iter().rfind(|(_, low)| *low <= y + 0.02).unwrap_or(&bones[0]).0;
                 let bulge = 1.0 + belly * (1.0 - ((height - 0.15) / 0.25).powi(2)).max(0.0);
                 let [side, ahead, behind] = [side * wide, ahead * deep * bulge, behind * deep];
                 let z = hips[2] + (shoulders[2] - hips[2]) * height / 0.53;

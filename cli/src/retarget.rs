@@ -49,7 +49,7 @@ const VRM_NOTE: &str = "note: in three-vrm, `vrm.update()` overwrites this anima
 
 /// The target of the motion.
 enum Target {
-    Character(Character),
+    Character(Box<Character>),
     Skeleton(bvh::Target),
 }
 
@@ -184,7 +184,7 @@ fn motion(retarget: &Retarget, clip: &Clip) -> Result<Motion, Failure> {
 impl Target {
     fn read(path: &Path, bytes: Vec<u8>) -> Result<Self, String> {
         match path.extension() {
-            _ if is_character(path) => Ok(Self::Character(Character::read(bytes)?)),
+            _ if is_character(path) => Ok(Self::Character(Box::new(Character::read(bytes)?))),
             Some(extension) if extension.eq_ignore_ascii_case("bvh") => Ok(Self::Skeleton(bvh::Target::read(bytes)?)),
             _ => Err("expected a character, .glb, .gltf or .vrm, or a skeleton, .bvh".to_owned()),
         }

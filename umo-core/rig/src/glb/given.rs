@@ -11,7 +11,7 @@
 //! eyeBlinkLeft = { Lid_L = 0.8 }
 //!
 //! [body]
-//! gain = 1.0
+//! gain = 1.0                        # 0 without
 //! belly = 1.2                       # times its measured girth
 //! ```
 
@@ -29,7 +29,7 @@ pub struct Given {
     bones: BTreeMap<String, Names>,
     /// Shapes that follow each channel.
     face: BTreeMap<String, Shapes>,
-    /// `gain`, and factors of the parts of the body.
+    /// `gain`, 0 by default, and factors of the parts of the body.
     body: BTreeMap<String, f32>,
 }
 
@@ -100,7 +100,7 @@ impl Given {
     /// # Errors
     /// A part does not exist, or a value is not in its range.
     pub fn volume(&self, volume: Option<Volume>) -> Result<Option<(Volume, f32)>, String> {
-        let gain = self.body.get(GAIN).copied().unwrap_or(1.0);
+        let gain = self.body.get(GAIN).copied().unwrap_or(0.0);
         if !(0.0..=1.0).contains(&gain) {
             return Err(format!("body: gain {gain} is not between 0 and 1"));
         }
