@@ -136,7 +136,7 @@ fn takes(model: &Arc<Model>, name: &str) {
     let edit = Edit {
         phases: take.phases(model).unwrap_or_default(),
         events: Some(events),
-        windows: vec![10..25],
+        windows: std::iter::once(10..25).collect(),
         ..Edit::default()
     };
     let team = Team::new(1).expect("no thread is needed");

@@ -43,7 +43,7 @@ fn main() {
         // Hands that touch each other before the chest, where most of the work is.
         let mut pose = Pose::REST;
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            pose.rotations[16 + side] = axis_angle_to_quat([0.0, 0.0, -1.0 * sign]);
+            pose.rotations[16 + side] = axis_angle_to_quat([0.0, 0.0, -sign]);
             pose.rotations[18 + side] = axis_angle_to_quat([0.0, -1.9 * sign, 0.0]);
         }
         let mut time = |retarget: &Retarget| {

@@ -225,7 +225,7 @@ fn takes_that_lie_do_no_harm() {
     let model = open(PEOPLE);
     let (take, _) = record(&model, LayerGains::ON, false);
     let events = take.events().filter(|(_, event)| !matches!(event, Event::Mood { .. })).collect();
-    let edit = Edit { events: Some(events), windows: vec![40..90], ..rest(&model, &take, 12..14) };
+    let edit = Edit { events: Some(events), windows: std::iter::once(40..90).collect(), ..rest(&model, &take, 12..14) };
     let edits = take.bytes().len();
     lie(&model, &edited(&model, &take, &edit), |at| at >= edits && at % 3 == 0);
 }
@@ -455,7 +455,12 @@ fn an_edit_changes_its_frames_and_no_other() {
         let (low, high) = (height(&new), height(&take));
         assert!(low[0].max(low[1]) < high[0].max(high[1]) && low[0].max(low[1]) < 1.02, "{low:?} {high:?}");
         // Another draw is another motion; the first one is the same again.
-        let anew = |variant| Edit { anew: vec![busy..busy + 6], variant, phases: phases.clone(), ..Edit::default() };
+        let anew = |variant| Edit {
+            anew: std::iter::once(busy..busy + 6).collect(),
+            variant,
+            phases: phases.clone(),
+            ..Edit::default()
+        };
         let [a, b, c] = [1, 2, 1].map(|variant| edited(&model, &take, &anew(variant)));
         assert!(a.bytes() != b.bytes() && a.bytes() == c.bytes());
         // Back again, and nothing at all.
@@ -470,7 +475,8 @@ fn requests_are_changed_where_they_are_made() {
     let model = open(PEOPLE);
     let take = long(&model, LayerGains::ON);
     let events: Vec<_> = take.events().filter(|(_, event)| !matches!(event, Event::Gesture { .. })).collect();
-    let edit = Edit { events: Some(events.clone()), windows: vec![15..135], ..rest(&model, &take, 0..0) };
+    let edit =
+        Edit { events: Some(events.clone()), windows: std::iter::once(15..135).collect(), ..rest(&model, &take, 0..0) };
     let new = edited(&model, &take, &edit);
     assert!(new.events().eq(events) && new.changed() == [15..135]);
     let other = differing(&model, &take, &new);
@@ -503,7 +509,7 @@ fn an_edit_that_does_not_fit_is_refused() {
     let want = edit.phases.len();
     assert!(matches!(refused(&speech(rate, 8), &short), EditError::Keyframes { got: 3, want: all } if all == want));
     let (plain, _) = record(&small, LayerGains::OFF, false);
-    let edit = Edit { anew: vec![2..4], ..Edit::default() };
+    let edit = Edit { anew: std::iter::once(2..4).collect(), ..Edit::default() };
     let cx = Compute { isa: small.isa(), team: &team };
     let error = plain.edited(&small, cx, &speech(rate, 4), &edit).unwrap_err();
     assert!(matches!(error, EditError::Phases) && error.to_string().contains("intent"), "{error}");
