@@ -16,8 +16,8 @@ use umo_core_model::config::Config;
 use umo_core_model::layout::FREE;
 use umo_core_model::linear::Compute;
 use umo_core_model::lm::depth;
-use umo_core_model::lm::sampler::Sampler;
 use umo_core_model::model::Model;
+use umo_core_model::motion::vq::VqDecoder;
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::skeleton::joint_places;
 
@@ -31,12 +31,12 @@ use crate::packet::{Decoder, PacketHead, PacketLayout, SOUND};
 /// Draws of a chunk to choose from.
 const DRAWS: u64 = 8;
 /// Keyframes of the way from the take's own motion to what is drawn, and back.
-const WAY: usize = 4;
-/// Keyframes of silence after which the model is at rest.
-const SILENCE: usize = 20;
+const WAY: usize = 5;
+/// Keyframes of silence in which the model is at rest.
+const SILENCE: Range<usize> = 10..40;
 /// Keyframes of the way to rest, and of that from rest.
 const TO_REST: usize = 6;
-const FROM_REST: usize = 4;
+const FROM_REST: usize = 6;
 /// Shortest and longest fade of what is left of a difference after the chunks that were drawn, frames, and the distance
 /// that a frame may fade, metres.
 const FADE: Range<usize> = 8..24;
@@ -522,27 +522,43 @@ fn rests(phases: &[u16], is_anew: &[bool]) -> Vec<f32> {
     rests
 }
 
-/// Codes of a keyframe at rest: what the model does after a while of silence.
+/// Codes of a keyframe at rest: the mean of what the model does in silence.
 fn still(model: &Model, cx: Compute, avatar: &AvatarConfig) -> Result<Vec<u16>, EditError> {
     let config = model.config();
     let count = config.codes_per_keyframe();
-    let mut animation = Animation::new(model, &AvatarConfig { sampler: Sampler::GREEDY, ..avatar.clone() })?;
+    let mut animation = Animation::new(model, avatar)?;
     animation.keep_record(config);
     let mut want = vec![FREE; avatar.target * count];
     let place = depth::intent(config).unwrap_or_default();
     want.iter_mut().skip(place).step_by(count).for_each(|code| *code = depth::REST);
-    let chunks = SILENCE.div_ceil(avatar.target);
+    let chunks = SILENCE.end.div_ceil(avatar.target);
     animation.push_audio(&vec![0.0; chunks * avatar.target * config.samples_per_keyframe()])?;
     animation.finish(known(config, avatar.target, chunks));
     let mut codes = Vec::new();
     for _ in 0..chunks {
         animation.want(&want)?;
         animation.step(model, cx, &mut |_| ())?;
-        if let Some(chunk) = animation.chunk() {
-            codes = chunk.keyframes[chunk.keyframes.len() - count..].to_vec();
-        }
+        codes.extend(animation.chunk().iter().flat_map(|chunk| chunk.keyframes));
     }
-    Ok(codes)
+    let keyframes = codes.chunks_exact(count).skip(SILENCE.start);
+    let mut still = vec![depth::REST; count];
+    let mut place = 0;
+    let mut decoders = model.motion().decoders().iter();
+    for part in config.part_list() {
+        let range = place..place + part.levels;
+        place = range.end;
+        if part.is_annotation() {
+            continue;
+        }
+        let Some(codebook) = decoders.next().map(VqDecoder::codebook) else { break };
+        let (mut mean, mut vector) = (vec![0.0; codebook.width()], vec![0.0; codebook.width()]);
+        for codes in keyframes.clone() {
+            codebook.vector(&codes[range.clone()], &mut vector)?;
+            mean.iter_mut().zip(&vector).for_each(|(mean, value)| *mean += value / keyframes.len() as f32);
+        }
+        codebook.encode(&mut mean, &mut still[range]);
+    }
+    Ok(still)
 }
 
 /// Codes of a chunk on the way from a take's own to those that were drawn, with arms on the way to `still`.
