@@ -16,6 +16,7 @@ use umo_core_model::config::Config;
 use umo_core_model::layout::FREE;
 use umo_core_model::linear::Compute;
 use umo_core_model::lm::depth;
+use umo_core_model::lm::sampler::Sampler;
 use umo_core_model::model::Model;
 use umo_core_model::motion::vq::VqDecoder;
 use umo_core_pose::frame::OwnedFrame;
@@ -34,6 +35,8 @@ const DRAWS: u64 = 8;
 const WAY: usize = 5;
 /// Keyframes of silence in which the model is at rest.
 const SILENCE: Range<usize> = 10..40;
+/// Number of silences.
+const SILENCES: u64 = 5;
 /// Keyframes of the way to rest, and of that from rest.
 const TO_REST: usize = 6;
 const FROM_REST: usize = 6;
@@ -522,25 +525,31 @@ fn rests(phases: &[u16], is_anew: &[bool]) -> Vec<f32> {
     rests
 }
 
-/// Codes of a keyframe at rest: the mean of what the model does in silence.
+/// Codes of a keyframe at rest: the median of what the model does in silence.
 fn still(model: &Model, cx: Compute, avatar: &AvatarConfig) -> Result<Vec<u16>, EditError> {
     let config = model.config();
     let count = config.codes_per_keyframe();
-    let mut animation = Animation::new(model, avatar)?;
-    animation.keep_record(config);
     let mut want = vec![FREE; avatar.target * count];
     let place = depth::intent(config).unwrap_or_default();
     want.iter_mut().skip(place).step_by(count).for_each(|code| *code = depth::REST);
     let chunks = SILENCE.end.div_ceil(avatar.target);
-    animation.push_audio(&vec![0.0; chunks * avatar.target * config.samples_per_keyframe()])?;
-    animation.finish(known(config, avatar.target, chunks));
     let mut codes = Vec::new();
-    for _ in 0..chunks {
-        animation.want(&want)?;
-        animation.step(model, cx, &mut |_| ())?;
-        codes.extend(animation.chunk().iter().flat_map(|chunk| chunk.keyframes));
+    for seed in 0..SILENCES {
+        // A model that hears ahead comes to rest sooner.
+        let (sampler, horizon) = (Sampler { seed, ..avatar.sampler }, config.audio.ahead);
+        let mut animation = Animation::new(model, &AvatarConfig { sampler, horizon, ..avatar.clone() })?;
+        animation.keep_record(config);
+        animation.push_audio(&vec![0.0; chunks * avatar.target * config.samples_per_keyframe()])?;
+        animation.finish(known(config, avatar.target, chunks));
+        for chunk in 0..chunks {
+            animation.want(&want)?;
+            animation.step(model, cx, &mut |_| ())?;
+            let keyframes = animation.chunk().map(|chunk| chunk.keyframes).unwrap_or_default();
+            let early = SILENCE.start.saturating_sub(chunk * avatar.target).min(avatar.target);
+            codes.extend_from_slice(&keyframes[early * count..]);
+        }
     }
-    let keyframes = codes.chunks_exact(count).skip(SILENCE.start);
+    let keyframes = codes.chunks_exact(count);
     let mut still = vec![depth::REST; count];
     let mut place = 0;
     let mut decoders = model.motion().decoders().iter();
@@ -551,12 +560,19 @@ fn still(model: &Model, cx: Compute, avatar: &AvatarConfig) -> Result<Vec<u16>, 
             continue;
         }
         let Some(codebook) = decoders.next().map(VqDecoder::codebook) else { break };
-        let (mut mean, mut vector) = (vec![0.0; codebook.width()], vec![0.0; codebook.width()]);
+        let (mut values, mut vector) = (vec![Vec::new(); codebook.width()], vec![0.0; codebook.width()]);
         for codes in keyframes.clone() {
             codebook.vector(&codes[range.clone()], &mut vector)?;
-            mean.iter_mut().zip(&vector).for_each(|(mean, value)| *mean += value / keyframes.len() as f32);
+            values.iter_mut().zip(&vector).for_each(|(values, &value)| values.push(value));
         }
-        codebook.encode(&mut mean, &mut still[range]);
+        let mut median: Vec<f32> = values
+            .into_iter()
+            .map(|mut values| {
+                values.sort_by(f32::total_cmp);
+                values[values.len() / 2]
+            })
+            .collect();
+        codebook.encode(&mut median, &mut still[range]);
     }
     Ok(still)
 }
