@@ -36,7 +36,7 @@ const SCALED: [(usize, f32); 13] = [
 ];
 
 /// Angle of a joint from an arm that hangs at which the arm counts as raised.
-const RAISED: f32 = 60.0 * DEGREE;
+const RAISED: f32 = 55.0 * DEGREE;
 
 /// Posture of the liveliest voice and of the dullest: degrees about X (forward), Y and Z, in the parent's frame.
 const LIVELY: [(usize, [f32; 3]); 5] = [

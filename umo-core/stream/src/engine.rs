@@ -151,7 +151,7 @@ impl Inner {
             resampler: Resampler::new_in(config.sample_rate, model.config().audio.sample_rate, plan, arena),
             is_decoder: false,
             take: None,
-            patches: Arc::default(),
+            patches: None,
             arena,
         };
         let shared = arena.counted(Shared::new(init, config)?);

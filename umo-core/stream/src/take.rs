@@ -38,7 +38,7 @@ pub use draw::{Edit, EditError};
 use edits::Edits;
 pub use event::Event;
 pub(crate) use event::{Known, Passed};
-pub(crate) use join::{Join, Offset, Patch};
+pub(crate) use join::{Join, Patch};
 pub(crate) use log::{Head, Log};
 pub(crate) use play::{Packets, Play};
 use play::{Record, Records};

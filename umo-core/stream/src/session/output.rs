@@ -1,6 +1,5 @@
 //! The frame side of a session: the stages of [`playback`](crate::playback) in their order.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use umo_core_base::memory::Boxed;
@@ -13,10 +12,10 @@ use super::packets::PacketQueue;
 use super::shared::SessionInit;
 use super::{SessionConfig, Shared};
 use crate::playback::{
-    Arrival, Frame, Gained, Gap, IdleBlend, Layers, LiveVoice, Sample, Sampled, Source, Start, ToRest, Trend, Window,
-    frames_of,
+    Arrival, Frame, Gained, Gap, IdleBlend, Layers, LayersState, LiveVoice, Sample, Sampled, Source, Start, ToRest,
+    Trend, Window, frames_of,
 };
-use crate::take::{Offset, Play, Recorder};
+use crate::take::{Play, Recorder};
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
 #[derive(Debug)]
@@ -26,9 +25,8 @@ pub(crate) struct Output {
     arrival: Arrival,
     /// If frames come from packets.
     gap: Option<Gap>,
-    /// If they come from a take; and what fades after its changed frames.
+    /// If they come from a take.
     play: Option<Play>,
-    offset: Offset,
     layers: Layers,
     trend: Trend,
     window: Window,
@@ -60,8 +58,7 @@ impl Output {
             // With packets, `gap` eases.
             arrival: Arrival::new(frame(), if is_decoder { 0 } else { ease }),
             gap: is_decoder.then(|| Gap::new(frame(), frame(), session.ease, frame_rate)),
-            play: init.take.cloned().map(|take| Play::new(take, Arc::clone(&init.patches))),
-            offset: Offset::new(rest.face.len()),
+            play: init.take.cloned().map(|take| Play::new(take, init.patches.clone(), rest.face.len())),
             layers: Layers::new(stack, controls, rates),
             trend: Trend::new(frame_rate),
             window: Window::new(frame),
@@ -84,8 +81,7 @@ impl Output {
         if epoch == before {
             return;
         }
-        let Self { to_rest, source, arrival, gap, play, offset, layers, trend, window, sample, idle, gained, rest } =
-            self;
+        let Self { to_rest, source, arrival, gap, play, layers, trend, window, sample, idle, gained, rest } = self;
         let is_reset = epoch.resets != before.resets;
         if window.reset(is_reset, rest) {
             shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
@@ -103,7 +99,6 @@ impl Output {
         }
         if let Some(play) = play {
             play.reset();
-            offset.reset();
         }
         layers.reset(&start, &shared.host);
         trend.reset();
@@ -126,7 +121,7 @@ impl Output {
 
     /// Fetches the frame after the one shown; returns whether there is one.
     fn fetch(&mut self, shared: &Shared) -> bool {
-        let Self { to_rest, source, arrival, gap, play, offset, layers, trend, window, rest, .. } = self;
+        let Self { to_rest, source, arrival, gap, play, layers, trend, window, rest, .. } = self;
         let mut other = None;
         if window.has_next {
             return true;
@@ -145,10 +140,9 @@ impl Output {
                 let epoch = source.epoch().number;
                 if play.has_joins()
                     && let Some(now) = layers.asked(&shared.host)
-                    && let Some(join) = play.join(frame.index, &now)
-                    && layers.return_to(&shared.host, &join.layers, epoch)
                 {
-                    offset.begin(&window.last.frame, &join.shown);
+                    let back = |state: &LayersState| layers.return_to(&shared.host, state, epoch);
+                    play.rejoin(frame.index, &now, &window.last.frame, back);
                 }
                 play.advance(frame.index, |event| layers.ask(&shared.host, &event, epoch));
                 if play.has_joins() {
@@ -178,7 +172,9 @@ impl Output {
             }
         }
         layers.apply_for(&shared.host, frame, other);
-        offset.apply(frame);
+        if let Some(play) = play {
+            play.fading.apply(frame);
+        }
         trend.follow(frame.cue.arousal);
         window.has_next = true;
         true

@@ -105,7 +105,7 @@ impl Session {
     pub(super) fn make_decoder(
         model: &Arc<Model>,
         config: &SessionConfig,
-        take: Option<(&Take, Arc<[Patch]>)>,
+        take: Option<(&Take, Option<Arc<[Patch]>>)>,
     ) -> Result<Self, EngineError> {
         let (take, patches) = take.map_or_else(Default::default, |(take, patches)| (Some(take), patches));
         let mut config = config.clone();

@@ -152,7 +152,7 @@ pub(crate) struct SessionInit<'a> {
     /// The take that it plays, if it plays one.
     pub(crate) take: Option<&'a Take>,
     /// Changed frames of that take.
-    pub(crate) patches: Arc<[Patch]>,
+    pub(crate) patches: Option<Arc<[Patch]>>,
     /// The allocator of all of it.
     pub(crate) arena: &'a Arena,
 }

@@ -32,7 +32,7 @@ impl Session {
         let config =
             SessionConfig { avatar: take.avatar().clone(), layers: take.layers(), reorder_window: 0, ..config.clone() };
         memory::catch(|| {
-            let patches = if take.is_edited() { patches(model, take, &config)? } else { Arc::default() };
+            let patches = take.is_edited().then(|| patches(model, take, &config)).transpose()?;
             Self::make_decoder(model, &config, Some((take, patches)))
         })?
     }
@@ -87,7 +87,7 @@ fn patches(model: &Arc<Model>, take: &Take, config: &SessionConfig) -> Result<Ar
     let failed = |error: String| EngineError::from(LoadError::argument("take", error));
     let redrawn = take.redrawn(model).map_err(|error| failed(error.to_string()))?;
     let total = u64::from(take.info().frames);
-    let before = Session::make_decoder(model, config, Some((&take.original(), Arc::default())))?;
+    let before = Session::make_decoder(model, config, Some((&take.original(), None)))?;
     let mut frame = 0;
     let mut patches = Vec::with_capacity(redrawn.len());
     for Redrawn { frames, drawn } in redrawn {

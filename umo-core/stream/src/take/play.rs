@@ -8,9 +8,10 @@ use umo_core_pose::frame::{Cue, OwnedFrame};
 
 use super::edits::{Edits, Place, Requests};
 use super::event::Event;
-use super::join::{Join, Patch};
+use super::join::{Offset, Patch};
 use super::reader::Reader;
 use super::{Take, TakeError};
+use crate::playback::LayersState;
 
 /// Tag of a packet's record.
 pub(super) const PACKET: u8 = 0x40;
@@ -107,16 +108,20 @@ pub(crate) struct Play {
     frame: Option<u64>,
     /// Where the next request of an edit is.
     request: Option<Place>,
-    patches: Arc<[Patch]>,
+    patches: Option<Arc<[Patch]>>,
+    /// What fades after changed frames.
+    pub(crate) fading: Offset,
     /// The host's requests as the take left them, and whether the present host asked for anything.
     left: Option<Controls>,
     is_asked: bool,
 }
 
 impl Play {
-    pub(crate) fn new(take: Take, patches: Arc<[Patch]>) -> Self {
+    /// `face` is the number of face values.
+    pub(crate) fn new(take: Take, patches: Option<Arc<[Patch]>>, face: usize) -> Self {
         let (at, request) = (take.body, take.edits.requests(&take.bytes).map(Requests::place));
-        Self { at, take, sound: Sound::START, frame: None, request, patches, left: None, is_asked: false }
+        let fading = Offset::new(face);
+        Self { at, take, sound: Sound::START, frame: None, request, patches, fading, left: None, is_asked: false }
     }
 
     /// Returns to the start.
@@ -124,6 +129,7 @@ impl Play {
         (self.at, self.sound, self.frame) = (self.take.body, Sound::START, None);
         self.request = self.take.edits.requests(&self.take.bytes).map(Requests::place);
         (self.left, self.is_asked) = (None, false);
+        self.fading.reset();
     }
 
     /// Advances to a frame of the stream, and calls `event` with what the host asked for before it.
@@ -164,7 +170,7 @@ impl Play {
     /// Puts a frame that was drawn anew in place of the motion's own.
     pub(crate) fn patch(&self, frame: &mut OwnedFrame) {
         let index = frame.index;
-        let patch = self.patches.iter().find(|patch| patch.frames.contains(&index));
+        let patch = self.patches().iter().find(|patch| patch.frames.contains(&index));
         let drawn = patch.and_then(|patch| patch.drawn.get(usize::try_from(index - patch.frames.start).ok()?));
         if let Some(drawn) = drawn {
             frame.pose_of(drawn);
@@ -172,16 +178,28 @@ impl Play {
         }
     }
 
-    /// The way back to the motion's own layers, if `frame` is the first after changed ones. `now` is what the host asks
-    /// for before the take does: `None` where the present host has asked for something of its own, which goes on.
-    pub(crate) fn join(&mut self, frame: u64, now: &Controls) -> Option<&Join> {
+    /// Returns to the motion's own layers by `back`, if `frame` is the first after changed ones: their difference then
+    /// fades from the frame that was shown last. `now` is what the host asks for before the take does; where the present host
+    /// has asked for something of its own, layers go on as they are.
+    pub(crate) fn rejoin(
+        &mut self,
+        frame: u64,
+        now: &Controls,
+        shown: &OwnedFrame,
+        back: impl FnOnce(&LayersState) -> bool,
+    ) {
         let of_take = self.take.controls();
         self.is_asked |= match &self.left {
             Some(left) => left != now,
             None => !now.stands_as(&of_take),
         };
-        let patch = self.patches.iter().find(|patch| patch.frames.end == frame);
-        patch.filter(|_| !self.is_asked)?.join.as_ref()
+        let patches = self.patches.as_deref().unwrap_or_default();
+        let patch = patches.iter().find(|patch| patch.frames.end == frame).filter(|_| !self.is_asked);
+        if let Some(join) = patch.and_then(|patch| patch.join.as_ref())
+            && back(&join.layers)
+        {
+            self.fading.begin(shown, &join.shown);
+        }
     }
 
     /// Takes note of what the host asks for once the take has; `None` if that cannot be read now.
@@ -190,9 +208,13 @@ impl Play {
         self.left = now;
     }
 
+    fn patches(&self) -> &[Patch] {
+        self.patches.as_deref().unwrap_or_default()
+    }
+
     /// Whether there are changed frames.
     pub(crate) fn has_joins(&self) -> bool {
-        !self.patches.is_empty()
+        !self.patches().is_empty()
     }
 }
 
