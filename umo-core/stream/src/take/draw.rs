@@ -46,11 +46,11 @@ const FADE: Range<usize> = 8..24;
 const FADE_DISTANCE: f32 = 0.02;
 /// Chunks from one edit to the next that are drawn independently of each other: beyond the history, and the fade.
 const APART: usize = 4;
-/// Frames around a stroke in which its speed counts.
+/// Frames before and after a stroke in which the wrist's speed still counts as the stroke's.
 const AROUND: usize = 3;
 /// Least peak speed of a stroke's wrist, m/s.
 const STROKE_SPEED: f32 = 0.6;
-/// Largest jerk of a wrist that costs nothing, m/s³, and what counts as much as a metre a second beyond it.
+/// Jerk of a wrist up to which a draw costs nothing, and the excess that costs as much as 1 m/s of speed, m/s³.
 const CALM: f32 = 60.0;
 const ROUGH: f32 = 200.0;
 /// Joints of the left and the right wrist.
@@ -70,7 +70,7 @@ pub struct Edit<'a> {
     pub events: Option<Vec<(u64, Event<'a>)>>,
     /// Frames in which these requests make a difference.
     pub windows: Vec<Range<u64>>,
-    /// Another number, another draw.
+    /// Number of the variant: each gives other draws.
     pub variant: u64,
 }
 
@@ -154,7 +154,7 @@ struct Drawing<'a> {
 type Wrists = Vec<[[f32; 3]; 2]>;
 
 impl Take {
-    /// Codes of `intent` (SPEC 2.12) of its keyframes; `None` for a model that does not know them.
+    /// Returns the codes of `intent` (SPEC 2.12) of its keyframes; `None` for a model without that part.
     pub fn phases(&self, model: &Model) -> Option<Vec<u16>> {
         let config = model.config();
         let (at, count) = (depth::intent(config).filter(|_| config.is_frames())?, config.codes_per_keyframe());
@@ -204,7 +204,7 @@ impl Take {
         for keyframes in asked {
             is_anew[keyframes.start.min(now.len())..keyframes.end.min(now.len())].fill(true);
         }
-        // What is as before the edits gets its codes of then.
+        // Phases that return to those before all edits get the codes before all edits.
         let before = |at: usize| chunks.before[at / target][at % target * count + place];
         let is_back = |at: usize| is_anew[at] && edit.phases[at] == before(at);
         let asks = |at: usize| edit.anew.iter().chain(edit.speeds.iter().map(|(it, _)| it)).any(|it| it.contains(&at));
@@ -224,7 +224,7 @@ impl Take {
         self.with_codes(model, cx, edit, &chunks)
     }
 
-    /// The samples that the avatar heard, if these are they.
+    /// Returns the samples if the avatar heard them; `None` for another recording.
     fn heard<'a>(&self, samples: &'a [f32]) -> Option<&'a [f32]> {
         let heard = samples.get(..usize::try_from(self.info.samples).ok()?)?;
         let mut print = Fingerprint::new();
@@ -601,7 +601,7 @@ fn mixed(
             let (share, rest) = (shares[chunk * target + keyframe], rests[chunk * target + keyframe]);
             let codes = keyframe * count + range.start..keyframe * count + range.end;
             let Some(decoder) = decoder else {
-                // Phases are what was asked for.
+                // Phases are set, not blended.
                 out[codes.clone()].copy_from_slice(&drawn[codes]);
                 continue;
             };
