@@ -570,7 +570,9 @@ public:
 /// A character that poses are put on: see `umo_retarget_…`.
 class retarget : public detail::handle<umo_retarget, detail::free_retarget> {
 public:
-    using handle::handle;
+    retarget() noexcept = default;
+    /// A handle of a character of so many bones.
+    retarget(umo_retarget *raw, std::uint32_t bones) noexcept : handle(raw), bones_(bones) {}
 
     static umo_rig defaults() noexcept {
         umo_rig rig{};
@@ -580,9 +582,7 @@ public:
     static result<retarget> make(const model &model, const umo_rig &rig) {
         umo_retarget *raw = nullptr;
         const umo_status status = umo_retarget_new(model.get(), &rig, &raw);
-        retarget made(raw);
-        if (status == UMO_STATUS_OK) made.bones_ = rig.bone_count;
-        return {status, std::move(made)};
+        return {status, retarget(raw, rig.bone_count)};
     }
 
     std::uint32_t bones() const noexcept { return bones_; }
