@@ -149,7 +149,7 @@ pub use umo_core_rig::retarget::face::FaceMap;
 #[cfg(feature = "retarget")]
 #[doc(inline)]
 pub use umo_core_rig::retarget::{
-    Bone, Floor, Follow, MAX_BONES, Mapping, Retarget, RetargetError, Rig, Scratch as RetargetScratch, SurfacePoint,
+    Bone, Floor, Follow, MAX_BONES, Mapping, Outline, Retarget, RetargetError, Rig, Scratch as RetargetScratch, SurfacePoint,
     Volume,
 };
 
