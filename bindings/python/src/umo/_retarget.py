@@ -56,7 +56,7 @@ class Retarget(_library.Handle):
         texts = (ctypes.c_char_p * count)(*(name.encode() for name in names))
         rig.names = ctypes.cast(texts, POINTER(ctypes.c_char_p))
         # Kept until the call returns.
-        kept = [texts]
+        kept: list[Any] = [texts]
         given: dict[str, tuple[Optional[npt.ArrayLike], Any, Any, tuple[int, ...]]] = {
             "parents": (parents, np.int32, ctypes.c_int32, (count,)),
             "joints": (joints, np.int32, ctypes.c_int32, (count,)),
@@ -64,6 +64,8 @@ class Retarget(_library.Handle):
             "rotations": (rotations, np.float32, ctypes.c_float, (count, 4)),
         }
         if vertices is not None:
+            if vertex_bones is None:
+                raise ValueError("vertices: expected vertex_bones too")
             points = len(np.asarray(vertices))
             rig.vertex_count = points
             given["vertices"] = (vertices, np.float32, ctypes.c_float, (points, 3))
