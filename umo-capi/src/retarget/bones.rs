@@ -21,8 +21,7 @@ use crate::status::{Failure, UMO_STATUS_BUSY};
 const MAX_CHARACTERS: usize = 4096;
 
 /// Parts of a body whose girth has a factor, in the order of [`UmoRig::girths`].
-const PARTS: [&str; 9] =
-    ["pelvis", "belly", "chest", "neck", "head", "upper_arms", "forearms", "hands", "thighs"];
+const PARTS: [&str; 9] = ["pelvis", "belly", "chest", "neck", "head", "upper_arms", "forearms", "hands", "thighs"];
 
 struct Character {
     axes: Axes,
@@ -178,7 +177,9 @@ unsafe fn read_mapping(given: &UmoRig, rig: &Rig) -> Result<Mapping, Failure> {
 unsafe fn read_points(given: &UmoRig, axes: Axes, rig: &Rig) -> Result<Vec<SurfacePoint>, Failure> {
     let (count, corners) = (given.vertex_count as usize, given.index_count as usize);
     if !corners.is_multiple_of(3) {
-        return Err(Failure::argument(format_args!("`rig.index_count` is {corners}: expected three for each triangle")));
+        return Err(Failure::argument(format_args!(
+            "`rig.index_count` is {corners}: expected three for each triangle"
+        )));
     }
     // SAFETY: guaranteed by the caller (see # Safety).
     let places = unsafe { ffi::slice(given.vertices, 3 * count, "rig.vertices")? };
@@ -202,7 +203,8 @@ unsafe fn read_points(given: &UmoRig, axes: Axes, rig: &Rig) -> Result<Vec<Surfa
     };
     let points = places.as_chunks::<3>().0.iter().enumerate().map(point).collect::<Result<Vec<_>, _>>()?;
     if corners == 0 {
-        let points = points.into_iter().filter_map(|(place, bone)| Some(SurfacePoint { bone: bone?, place, area: 1.0 }));
+        let points =
+            points.into_iter().filter_map(|(place, bone)| Some(SurfacePoint { bone: bone?, place, area: 1.0 }));
         return Ok(points.collect());
     }
     if let Some(index) = indices.iter().find(|&&index| index as usize >= count) {

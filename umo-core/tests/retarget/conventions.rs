@@ -10,7 +10,7 @@ use umo_core_pose::skeleton::joint_places;
 /// A rig as a program exports it.
 pub(super) struct Exported {
     pub(super) program: &'static str,
-    pub(super) naming: &'static Naming,
+    naming: &'static Naming,
     /// Units per metre.
     pub(super) unit: f32,
     /// Scale of the root bone.
@@ -38,7 +38,7 @@ enum Up {
 const X: Option<Vector> = Some([1.0, 0.0, 0.0]);
 const Y: Option<Vector> = Some([0.0, 1.0, 0.0]);
 
-pub(super) const BASE: Exported = Exported {
+const BASE: Exported = Exported {
     program: "",
     naming: &MIXAMO,
     unit: 1.0,

@@ -71,7 +71,8 @@ pub(super) const FOREARM: usize = 2;
 pub(super) const THIGH: usize = 3;
 
 /// A part whose size a mapping file may change.
-pub(super) const PARTS: [&str; 9] = ["pelvis", "belly", "chest", "neck", "head", "upper_arms", "forearms", "hands", "thighs"];
+pub(super) const PARTS: [&str; 9] =
+    ["pelvis", "belly", "chest", "neck", "head", "upper_arms", "forearms", "hands", "thighs"];
 
 /// A point of a mesh at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
