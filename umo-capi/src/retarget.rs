@@ -30,7 +30,7 @@ pub struct UmoRig {
     pub vertex_count: u32,
     /// Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
     pub index_count: u32,
-    /// How far the body's volume is respected, 0 to 1. 0: arms go through it. At 1 they keep out of trunk, head, legs and
+    /// Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs and
     /// each other, and touch where the model's do.
     pub gain: f32,
     /// Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands, thighs: 0 to 10.
@@ -42,7 +42,7 @@ pub struct UmoRig {
     /// `int32_t[bone_count]`: index of each bone's parent, -1 for none.
     pub parents: *const i32,
     /// `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine from
-    /// the hips up, whatever their number, those of joint 12 the neck. NULL: found by `names`.
+    /// the hips up, whatever their number, bones of joint 12 the neck. NULL: found by `names`.
     pub joints: *const i32,
     /// `float[bone_count][3]`: places of the bones at rest.
     pub places: *const f32,
@@ -155,7 +155,7 @@ pub unsafe extern "C" fn umo_retarget_get_joints(
     })
 }
 
-/// Puts a pose on a character: `pose_rotations` are those of a frame, four values for each of the 55 joints, and
+/// Puts a pose on a character: `pose_rotations` are a frame's, four values for each of the 55 joints, and
 /// `pose_translation` its three; both in the rig's axes. Writes the rotation of each bone relative to its parent, four
 /// values for each of `bone_count` bones, and the place of the bone of joint 0 in the character's space, three values
 /// (NULL: not wanted). Equal poses give equal results.

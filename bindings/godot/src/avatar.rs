@@ -80,7 +80,7 @@ pub(crate) struct UmoAvatar3D {
     #[export]
     #[init(val = true)]
     move_root: bool,
-    /// How far arms keep out of the body, whose girth is measured on the skeleton's meshes at rest: MeshInstance3Ds below
+    /// Strength with which arms keep out of the body, whose girth is measured on the skeleton's meshes at rest: MeshInstance3Ds below
     /// it, skinned or on a BoneAttachment3D. 0: the body has no volume.
     #[export(range = (0.0, 1.0, 0.01))]
     volume: f64,

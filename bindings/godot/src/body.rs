@@ -17,7 +17,7 @@ pub(crate) struct Body {
 }
 
 impl Body {
-    /// `joints` are those of the skeleton's bones, -1 for none; `gain` is how far the volume is respected.
+    /// `joints` has the joint of each bone, -1 for none; `gain` is the strength of the volume.
     pub(crate) fn new(
         skeleton: &Gd<Skeleton3D>,
         model: &Rc<Model>,

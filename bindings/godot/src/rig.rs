@@ -46,7 +46,7 @@ pub(crate) struct Rig {
     /// Where the eyes are in the skeleton at rest.
     eyes: Option<Vector3>,
     turned: Vec<Quaternion>,
-    /// The library's retargeter, where bodies have a volume, and how far it is respected.
+    /// The library's retargeter, where bodies have a volume, and its strength.
     body: Option<Body>,
     volume: f64,
     /// Rotations that it wants of the bones, in skeleton space.
@@ -205,7 +205,7 @@ fn offset(model: &Model, joint: usize) -> Vector3 {
     Vector3::new(x, y, z)
 }
 
-/// How far each joint's bone is turned from the skeleton's rest to umo's T: arms only, for whose
+/// Rotation of each joint's bone from the skeleton's rest to umo's T: arms only, for whose
 /// rest artists choose anything from a T to an A; hands and fingers go along.
 fn corrections(
     skeleton: &Gd<Skeleton3D>,

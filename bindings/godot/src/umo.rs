@@ -451,7 +451,7 @@ impl Session {
     fn push_take(&self) -> Result<(), String> {
         const AHEAD: usize = 60;
         let mut more = u32::from(self.is_take);
-        // A packet has a frame or more, but for the first ones.
+        // A packet has a frame or more, except the first ones.
         for _ in 0..AHEAD {
             if more == 0 || self.ready()? >= AHEAD {
                 break;

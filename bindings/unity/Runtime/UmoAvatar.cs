@@ -79,7 +79,7 @@ namespace Umo.Unity
         [Range(1, 3)] public float guidance = 1;
         [Tooltip("Keyframes of future voice to use, for models that support it; adds that much latency.")]
         [Min(0)] public int horizon = 0;
-        [Tooltip("How far arms keep out of the body, whose girth is measured on the figure's meshes (Read/Write must be on). 0: the figure's own retargeting, without volume.")]
+        [Tooltip("Strength with which arms keep out of the body, whose girth is measured on the figure's meshes (Read/Write must be on). 0: the figure's own retargeting, without volume.")]
         [Range(0, 1)] public float volume = 0;
         [Tooltip("Custom gestures for PlayGesture.")]
         public UmoGesture[] gestures = new UmoGesture[0];

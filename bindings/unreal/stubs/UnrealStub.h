@@ -179,6 +179,7 @@ struct FGuid {};
 struct FMath {
     template <class T> static T Clamp(T, T, T);
     template <class T> static T Max(T, T);
+    template <class T> static T Min(T, T);
     template <class T> static T DegreesToRadians(const T &);
     template <class T, class U> static T Lerp(const T &, const T &, const U &);
 };

@@ -27,8 +27,8 @@ class Retarget(_library.Handle):
     bones are found by name.
 
     `vertices` (points x 3) with `vertex_bones`, the bone that has at least half of each point's weight (-1: none), and
-    `indices` (triangles x 3) are its mesh at rest; without a mesh the body has a person's proportions. `gain` is how far
-    the body's volume is respected, 0 to 1. `girths` are factors of the measured girth of `pelvis`, `belly`, `chest`,
+    `indices` (triangles x 3) are its mesh at rest; without a mesh the body has a person's proportions. `gain` is the
+    strength of the body's volume, 0 to 1. `girths` are factors of the measured girth of `pelvis`, `belly`, `chest`,
     `neck`, `head`, `upper_arms`, `forearms`, `hands` and `thighs`.
     """
 

@@ -21,7 +21,7 @@ namespace Umo
         public string[] Names;
         public float[] Places;
         public float[] Rotations;
-        /// <summary>How far the body's volume is respected, 0 to 1: at 0 arms go through it.</summary>
+        /// <summary>Strength of the body's volume, 0 to 1: at 0 arms go through the body.</summary>
         public float Gain = 1;
         /// <summary>Factors of the girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands and thighs; null: 1.</summary>
         public float[] Girths;

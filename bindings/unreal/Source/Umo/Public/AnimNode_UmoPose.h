@@ -45,7 +45,7 @@ struct UMO_API FAnimNode_UmoPose : public FAnimNode_Base
 	UPROPERTY(EditAnywhere, Category = Settings)
 	bool bMoves = false;
 
-	/** How far arms keep out of the body, whose girth is measured on the skeletal mesh; 0: not. Above 0 the library's
+	/** Strength with which arms keep out of the body, whose girth is measured on the skeletal mesh; 0: not. Above 0 the library's
 	 * retargeter moves the bones. In packaged games the mesh needs Allow CPU Access; without it, the body has a person's
 	 * proportions. */
 	UPROPERTY(EditAnywhere, Category = Settings, meta = (ClampMin = "0", ClampMax = "1"))
