@@ -740,23 +740,22 @@ func openings(avatar: UmoAvatar3D, voice: AudioStreamPlayer, place: float, is_hi
 
 
 ## The least distance of the right hand from the spine while it goes to the chest, by the volume of a wide body.
-func nearest(volume: float, wide: bool) -> float:
+func nearest(volume: float) -> float:
 	var skeleton := Skeleton3D.new()
 	skeleton.name = "Body"
 	root.add_child(skeleton)
 	var voice := player(Body.wav("res://hello.wav"))
 	var avatar := make({"skeleton": ^"/root/Body", "audio_player": ^"/root/Voice", "volume": volume})
 	Body.build(skeleton, avatar)
-	if wide:
-		var ball := SphereMesh.new()
-		ball.radius = 0.34
-		ball.height = 0.8
-		var trunk := MeshInstance3D.new()
-		trunk.mesh = ball
-		var at := BoneAttachment3D.new()
-		skeleton.add_child(at)
-		at.bone_name = "spine2"
-		at.add_child(trunk)
+	var ball := SphereMesh.new()
+	ball.radius = 0.34
+	ball.height = 0.8
+	var trunk := MeshInstance3D.new()
+	trunk.mesh = ball
+	var at := BoneAttachment3D.new()
+	skeleton.add_child(at)
+	at.bone_name = "spine2"
+	at.add_child(trunk)
 	expect(avatar.play_gesture("me"), "a hand that goes to the chest")
 	voice.play()
 	var names := avatar.get_joint_names()
@@ -775,8 +774,8 @@ func nearest(volume: float, wide: bool) -> float:
 
 
 func test_arms_keep_out_of_a_wide_body() -> void:
-	var plain := await nearest(0.0, true)
-	var kept := await nearest(1.0, true)
+	var plain := await nearest(0.0)
+	var kept := await nearest(1.0)
 	expect(plain < 0.33 and kept > plain + 0.02, "a hand outside of the body, from %f to %f m" % [plain, kept])
 
 
