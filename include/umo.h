@@ -854,7 +854,7 @@ typedef struct umo_rig {
     uint32_t vertex_count;
     // Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
     uint32_t index_count;
-    // How far the body's volume is respected, 0 to 1. 0: arms go through it. At 1 they keep out of trunk, head, legs and
+    // Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs and
     // each other, and touch where the model's do.
     float gain;
     // Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands, thighs: 0 to 10.
@@ -866,7 +866,7 @@ typedef struct umo_rig {
     // `int32_t[bone_count]`: index of each bone's parent, -1 for none.
     const int32_t *parents;
     // `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine from
-    // the hips up, whatever their number, those of joint 12 the neck. NULL: found by `names`.
+    // the hips up, whatever their number, bones of joint 12 the neck. NULL: found by `names`.
     const int32_t *joints;
     // `float[bone_count][3]`: places of the bones at rest.
     const float *places;
@@ -2436,7 +2436,7 @@ umo_status umo_retarget_get_joints(const struct umo_retarget *retarget,
                                    int32_t *joints)
 UMO_NOEXCEPT;
 
-// Puts a pose on a character: `pose_rotations` are those of a frame, four values for each of the 55 joints, and
+// Puts a pose on a character: `pose_rotations` are a frame's, four values for each of the 55 joints, and
 // `pose_translation` its three; both in the rig's axes. Writes the rotation of each bone relative to its parent, four
 // values for each of `bone_count` bones, and the place of the bone of joint 0 in the character's space, three values
 // (NULL: not wanted). Equal poses give equal results.

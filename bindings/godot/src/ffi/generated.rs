@@ -770,7 +770,7 @@ pub(crate) struct Rig {
     pub(crate) vertex_count: u32,
     /// Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
     pub(crate) index_count: u32,
-    /// How far the body's volume is respected, 0 to 1. 0: arms go through it. At 1 they keep out of trunk,
+    /// Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk,
     /// head, legs and each other, and touch where the model's do.
     pub(crate) gain: f32,
     /// Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands,
@@ -783,7 +783,7 @@ pub(crate) struct Rig {
     /// `int32_t[bone_count]`: index of each bone's parent, -1 for none.
     pub(crate) parents: *const i32,
     /// `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are
-    /// the spine from the hips up, whatever their number, those of joint 12 the neck. NULL: found by
+    /// the spine from the hips up, whatever their number, bones of joint 12 the neck. NULL: found by
     /// `names`.
     pub(crate) joints: *const i32,
     /// `float[bone_count][3]`: places of the bones at rest.

@@ -837,7 +837,7 @@ class Rig(Structure):
         ("vertex_count", c_uint32),
         # Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
         ("index_count", c_uint32),
-        # How far the body's volume is respected, 0 to 1. 0: arms go through it. At 1 they keep out of trunk, head, legs
+        # Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs
         # and each other, and touch where the model's do.
         ("gain", c_float),
         # Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands, thighs: 0 to
@@ -850,7 +850,7 @@ class Rig(Structure):
         # `int32_t[bone_count]`: index of each bone's parent, -1 for none.
         ("parents", POINTER(c_int32)),
         # `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine
-        # from the hips up, whatever their number, those of joint 12 the neck. NULL: found by `names`.
+        # from the hips up, whatever their number, bones of joint 12 the neck. NULL: found by `names`.
         ("joints", POINTER(c_int32)),
         # `float[bone_count][3]`: places of the bones at rest.
         ("places", POINTER(c_float)),

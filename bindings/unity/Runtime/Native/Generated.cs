@@ -987,7 +987,7 @@ namespace Umo
         /// <summary>Number of Indices, three for each triangle; 0: the points are spread over the surface by the host.</summary>
         public uint IndexCount;
         /// <summary>
-        /// How far the body's volume is respected, 0 to 1. 0: arms go through it. At 1 they keep out of trunk, head, legs
+        /// Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs
         /// and each other, and touch where the model's do.
         /// </summary>
         public float Gain;
@@ -1004,7 +1004,7 @@ namespace Umo
         public IntPtr Parents;
         /// <summary>
         /// int32_t[bone_count]: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine
-        /// from the hips up, whatever their number, those of joint 12 the neck. NULL: found by Names. C: const int32_t *.
+        /// from the hips up, whatever their number, bones of joint 12 the neck. NULL: found by Names. C: const int32_t *.
         /// </summary>
         public IntPtr Joints;
         /// <summary>float[bone_count][3]: places of the bones at rest. C: const float *.</summary>
