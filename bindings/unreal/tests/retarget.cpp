@@ -396,11 +396,42 @@ void arms_keep_out_of_a_wide_body(const char *path) {
     EXPECT(!retarget.set_volume(skeleton.bones, surface, 1, problem) && problem.find("999") != std::string::npos);
 }
 
+/// The wrapper of C++, on the library's own skeleton.
+void a_rig_is_made_of_named_bones(const char *path) {
+    auto model = umo::model::load(path);
+    SourceSkeleton source;
+    EXPECT(umo_model_get_skeleton(model->get(), UMO_AXES_UNREAL, source.parents, source.offsets, joint_count) == UMO_STATUS_OK);
+    std::vector<const char *> names;
+    std::vector<float> rotations;
+    for (std::size_t joint = 0; joint < joint_count; ++joint) {
+        names.push_back(umo_joint_name(static_cast<std::uint32_t>(joint)));
+        rotations.insert(rotations.end(), {0, 0, 0, 1});
+        for (std::size_t i = 0; i < 3 && source.parents[joint] >= 0; ++i) {
+            source.offsets[3 * joint + i] += source.offsets[3 * static_cast<std::size_t>(source.parents[joint]) + i];
+        }
+    }
+    umo_rig rig = umo::retarget::defaults();
+    EXPECT(!umo::retarget::make(*model, rig));
+    rig.axes = UMO_AXES_UNREAL;
+    rig.bone_count = joint_count;
+    rig.names = names.data();
+    rig.parents = source.parents;
+    rig.places = source.offsets;
+    rig.rotations = rotations.data();
+    auto made = umo::retarget::make(*model, rig);
+    EXPECT(made && made->bones() == joint_count && made->joints()[18] == 18);
+    const Frame frame;
+    std::vector<float> turned(rotations.size());
+    EXPECT(made->apply(frame.rotations, frame.translation, turned.data()) == UMO_STATUS_OK);
+    EXPECT_NEAR(turned[4 * 18 + 3], 1, 0.02);
+}
+
 } // namespace
 
 int main(int argc, char **argv) {
     EXPECT(argc == 2);
     arms_keep_out_of_a_wide_body(argv[1]);
+    a_rig_is_made_of_named_bones(argv[1]);
     an_a_pose_becomes_the_t();
     turns_are_those_of_the_body();
     the_pelvis_moves_by_the_length_of_the_legs();
