@@ -101,11 +101,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
         let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
         faces.release_bones(&clip.face, &mapping, &mut retarget);
-        let volume = target.volume(&mapping, &given).map_err(wrong)?.filter(|(_, gain)| *gain > 0.0);
-        if let Some((volume, gain)) = &volume {
-            let set = retarget.set_volume(target.rig(), &mapping, volume, *gain);
-            set.map_err(|error| wrong(error.to_string()))?;
-        }
+        let volume = target.give_volume(&mut retarget, &mapping, &given).map_err(wrong)?;
         let motion = Motion { bound: args.reduce, ..motion(&retarget, clip)? };
         if let Some((path, out)) = outputs.next() {
             let bytes = target.animated(&retarget, &motion, &faces, clip).map_err(wrong)?;
@@ -116,8 +112,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         }
         if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet.take()) {
             let picture = {
-                let volume = volume.as_ref().map(|(volume, _)| volume);
-                sheet::draw(character, &mapping, &retarget, &motion, &faces, clip, volume).map_err(wrong)?
+                sheet::draw(character, &mapping, &retarget, &motion, &faces, clip, volume.as_ref()).map_err(wrong)?
             };
             atomic_file::commit(out, |out| picture.write(out))?;
             println!("{}: the motion on the figure and on the character", path.display());
@@ -233,6 +228,15 @@ impl Target {
             Self::Character(character) => character.volume(mapping, given),
             Self::Skeleton(target) => given.volume(Volume::of_people(target.rig(), mapping)),
         }
+    }
+
+    /// Gives the rig that volume, and returns it; `None` if the gain is 0.
+    fn give_volume(&self, retarget: &mut Retarget, mapping: &Mapping, given: &Given) -> Result<Option<Volume>, String> {
+        let Some((volume, gain)) = self.volume(mapping, given)?.filter(|(_, gain)| *gain > 0.0) else {
+            return Ok(None);
+        };
+        retarget.set_volume(self.rig(), mapping, &volume, gain).map_err(|error| error.to_string())?;
+        Ok(Some(volume))
     }
 
     fn faces(&self, mapping: &Mapping, face: &Face, given: &Given) -> Result<Faces, String> {

@@ -148,13 +148,13 @@ unsafe fn read_mapping(given: &UmoRig, rig: &Rig) -> Result<Mapping, Failure> {
     // SAFETY: guaranteed by the caller (see # Safety).
     let joints = unsafe { ffi::slice(given.joints, rig.len(), "rig.joints")? };
     let (mut mapping, mut of) = (Mapping::default(), [const { Vec::new() }; JOINTS]);
-    for bone in 0..rig.len() {
-        match usize::try_from(joints[bone]) {
+    for (bone, &joint) in joints.iter().enumerate() {
+        match usize::try_from(joint) {
             Ok(3 | 6 | 9) => of[3].push(bone),
             Ok(joint) if joint < JOINTS => of[joint].push(bone),
-            Err(_) if joints[bone] == -1 => {}
+            Err(_) if joint == -1 => {}
             _ => {
-                let what = format_args!("bone {bone}: joint {} is neither -1 nor one of {JOINTS}", joints[bone]);
+                let what = format_args!("bone {bone}: joint {joint} is neither -1 nor one of {JOINTS}");
                 return Err(Failure::argument(what));
             }
         }
