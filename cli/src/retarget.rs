@@ -111,9 +111,8 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
             notes.iter().filter(|_| number == 0).for_each(|note| eprintln!("note: {note}"));
         }
         if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet.take()) {
-            let picture = {
-                sheet::draw(character, &mapping, &retarget, &motion, &faces, clip, volume.as_ref()).map_err(wrong)?
-            };
+            let volume = volume.as_ref();
+            let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, clip, volume).map_err(wrong)?;
             atomic_file::commit(out, |out| picture.write(out))?;
             println!("{}: the motion on the figure and on the character", path.display());
         }

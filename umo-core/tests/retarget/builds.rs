@@ -184,8 +184,8 @@ impl<'a> Character<'a> {
         let bone = |joint: usize| self.body.bone(joint).unwrap();
         let hips = bone(0);
         let spine = |y: f32| {
-            let below = self.mapping.spine().iter().copied().filter(|&bone| self.body.0[bone].place[1] <= y + 0.02);
-            below.last().unwrap_or(hips)
+            let is_below = |bone: &usize| self.body.0[*bone].place[1] <= y + 0.02;
+            self.mapping.spine().iter().copied().rfind(is_below).unwrap_or(hips)
         };
         let around = |turn: u16| (std::f32::consts::TAU * f32::from(turn) / 64.0).sin_cos();
         for ring in 0..60_u8 {
