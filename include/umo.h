@@ -363,6 +363,9 @@ typedef struct umo_engine umo_engine;
 // A loaded model. A handle, never a pointer to memory.
 typedef struct umo_model umo_model;
 
+// A character of the host's that poses are put on. A handle, never a pointer to memory.
+typedef struct umo_retarget umo_retarget;
+
 // A scene: up to `UMO_SCENE_MEMBER_COUNT` members. A handle, never a pointer to memory.
 typedef struct umo_scene umo_scene;
 
@@ -836,6 +839,46 @@ typedef struct umo_output {
     // any other number to stop. Called on the thread that called `umo_clip_write`. Must not throw.
     int32_t (*write)(void *userdata, const void *bytes, size_t size);
 } umo_output;
+
+// A character's skeleton at rest, and its mesh. `umo_rig_init` fills in the defaults. The memory that it points to is
+// read only by `umo_retarget_new`. Places and rotations are in the character's space, not relative to parents, in
+// `axes`; it may face anywhere and stand in any pose between a T and an A. Scale is in the places.
+typedef struct umo_rig {
+    // `sizeof(umo_rig)`.
+    uint32_t struct_size;
+    // Axes of the character's space, and of the poses: one of `UMO_AXES_…`.
+    uint32_t axes;
+    // Number of bones, 1 to 65,536.
+    uint32_t bone_count;
+    // Number of points of the mesh; 0: the body has a person's proportions.
+    uint32_t vertex_count;
+    // Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
+    uint32_t index_count;
+    // Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs and
+    // each other, and touch where the model's do.
+    float gain;
+    // Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands, thighs: 0 to 10.
+    float girths[9];
+    // Zero.
+    uint32_t reserved;
+    // Names of the bones, UTF-8; NULL if `joints` is given. `[bone_count]`
+    const char *const *names;
+    // `int32_t[bone_count]`: index of each bone's parent, -1 for none.
+    const int32_t *parents;
+    // `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine from
+    // the hips up, whatever their number, bones of joint 12 the neck. NULL: found by `names`.
+    const int32_t *joints;
+    // `float[bone_count][3]`: places of the bones at rest.
+    const float *places;
+    // `float[bone_count][4]`: rotations of the bones at rest, quaternions x, y, z, w.
+    const float *rotations;
+    // `float[vertex_count][3]`: places of the mesh's points at rest.
+    const float *vertices;
+    // `int32_t[vertex_count]`: bone that has at least half of each point's weight, -1 for none.
+    const int32_t *vertex_bones;
+    // `uint32_t[index_count]`: points of the triangles.
+    const uint32_t *indices;
+} umo_rig;
 
 // Success.
 #define UMO_STATUS_OK 0
@@ -2343,6 +2386,76 @@ UMO_MUST_USE
 umo_status umo_clip_write_file(const struct umo_clip *clip,
                                uint32_t format,
                                const char *path)
+UMO_NOEXCEPT;
+
+// Fills a character with its defaults: no bones, no mesh, a gain of 1, girths of 1. `size` is `sizeof *rig`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `rig` is NULL or has `size` writable bytes.
+UMO_API UMO_MUST_USE umo_status umo_rig_init(struct umo_rig *rig, size_t size) UMO_NOEXCEPT;
+
+// Prepares a character for poses of the model's skeleton, which is copied: the model may be freed. The character stands
+// on the floor at rest. Its parts without points, and characters without points, have a person's proportions; a
+// character without arms, hands or legs keeps no volume.
+//
+// Threads: any but the audio thread. Allocates. A mesh of 100,000 triangles takes some 50 ms.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `FULL` (4,096 characters), `OUT_OF_MEMORY`,
+// `INVALID_ARGUMENT` (`umo_last_error` says which bone, point or number is wrong, or which joints have no bone),
+// `UNSUPPORTED` (the library was built without umo-capi's feature `retarget`).
+//
+// Pointers:
+// `rig` is NULL or as long as its `struct_size` says, and its pointers are as described; `retarget` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_retarget_new(const struct umo_model *model,
+                            const struct umo_rig *rig,
+                            struct umo_retarget **retarget)
+UMO_NOEXCEPT;
+
+// Frees a character. NULL is fine.
+//
+// Threads: any but the audio thread. Waits a millisecond or so for calls in progress.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_retarget_free` again).
+UMO_API umo_status umo_retarget_free(struct umo_retarget *retarget) UMO_NOEXCEPT;
+
+// Gets the joint that each bone follows, -1 for a bone that keeps its rest rotation: `bone_count` values. The bone of
+// joint 0 is the one that moves; a head without a body has none.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (another number of bones).
+//
+// Pointers:
+// `joints` is NULL or has room for `bone_count` values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_retarget_get_joints(const struct umo_retarget *retarget,
+                                   uint32_t bone_count,
+                                   int32_t *joints)
+UMO_NOEXCEPT;
+
+// Puts a pose on a character: `pose_rotations` are a frame's, four values for each of the 55 joints, and
+// `pose_translation` its three; both in the rig's axes. Writes the rotation of each bone relative to its parent, four
+// values for each of `bone_count` bones, and the place of the bone of joint 0 in the character's space, three values
+// (NULL: not wanted). Equal poses give equal results.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (another number of bones, a number that is not finite),
+// `BUSY` (another thread is in a call on the character), `PANIC`.
+//
+// Pointers:
+// `pose_rotations` is NULL or has 220 readable values, `pose_translation` three; `rotations` is NULL or has room for four
+// values for each bone, `place` for three.
+UMO_API
+UMO_MUST_USE
+umo_status umo_retarget_apply(struct umo_retarget *retarget,
+                              const float *pose_rotations,
+                              const float *pose_translation,
+                              uint32_t bone_count,
+                              float *rotations,
+                              float *place)
 UMO_NOEXCEPT;
 
 #ifdef __cplusplus

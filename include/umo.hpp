@@ -83,6 +83,7 @@ inline umo_status free_engine(umo_engine *raw) { return umo_engine_free(raw); }
 inline umo_status free_session(umo_session *raw) { return umo_session_free(raw); }
 inline umo_status free_take(umo_take *raw) { return umo_take_free(raw); }
 inline umo_status free_scene(umo_scene *raw) { return umo_scene_free(raw); }
+inline umo_status free_retarget(umo_retarget *raw) { return umo_retarget_free(raw); }
 
 } // namespace detail
 
@@ -564,6 +565,41 @@ public:
         char text[UMO_ERROR_SIZE] = "";
         return umo_scene_last_error(get(), text, sizeof text, nullptr) == UMO_STATUS_OK ? text : "";
     }
+};
+
+/// A character that poses are put on: see `umo_retarget_…`.
+class retarget : public detail::handle<umo_retarget, detail::free_retarget> {
+public:
+    retarget() noexcept = default;
+    /// A handle of a character of so many bones.
+    retarget(umo_retarget *raw, std::uint32_t bones) noexcept : handle(raw), bones_(bones) {}
+
+    static umo_rig defaults() noexcept {
+        umo_rig rig{};
+        (void)!umo_rig_init(&rig, sizeof rig);
+        return rig;
+    }
+    static result<retarget> make(const model &model, const umo_rig &rig) {
+        umo_retarget *raw = nullptr;
+        const umo_status status = umo_retarget_new(model.get(), &rig, &raw);
+        return {status, retarget(raw, rig.bone_count)};
+    }
+
+    std::uint32_t bones() const noexcept { return bones_; }
+    /// Joint that each bone follows, -1 for a bone that keeps its rest rotation.
+    std::vector<std::int32_t> joints() const {
+        std::vector<std::int32_t> joints(bones_);
+        (void)!umo_retarget_get_joints(get(), bones_, joints.data());
+        return joints;
+    }
+    /// `rotations` has room for four values for each bone, `place` for three; it may be null.
+    [[nodiscard]] umo_status apply(const float *pose_rotations, const float *pose_translation, float *rotations,
+                                   float *place = nullptr) noexcept {
+        return umo_retarget_apply(get(), pose_rotations, pose_translation, bones_, rotations, place);
+    }
+
+private:
+    std::uint32_t bones_ = 0;
 };
 
 /// Describes frames as an animation to write: the first `count` of `frames`. Model and frames must outlive it. `figure`

@@ -268,6 +268,11 @@ fn frames_become_files() {
 }
 
 #[test]
+fn poses_are_put_on_the_host_s_characters() {
+    run(&compile("tests/capi/retarget.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
 fn packets_go_from_a_session_to_decoders() {
     run(&compile("tests/capi/packets.c", Link::Shared), &[MODEL.as_ref()]);
 }

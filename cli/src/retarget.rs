@@ -79,6 +79,9 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         let arkit = arkit();
         let faces = target.faces(&mapping, &arkit, &given).map_err(wrong)?;
         print(target.rig(), &mapping, &convention, &faces, &arkit);
+        if let Some((volume, gain)) = target.volume(&mapping, &given).map_err(wrong)? {
+            print_body(&volume, gain, &given);
+        }
     }
     checked?;
     let Some(input) = args.input.as_ref().filter(|_| !args.output.is_empty() || args.sheet.is_some()) else {
@@ -98,7 +101,7 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         let faces = target.faces(&mapping, &clip.face, &given).map_err(wrong)?;
         let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).map_err(wrong)?;
         faces.release_bones(&clip.face, &mapping, &mut retarget);
-        target.give_volume(&mut retarget, &mapping, &given).map_err(wrong)?;
+        let volume = target.give_volume(&mut retarget, &mapping, &given).map_err(wrong)?;
         let motion = Motion { bound: args.reduce, ..motion(&retarget, clip)? };
         if let Some((path, out)) = outputs.next() {
             let bytes = target.animated(&retarget, &motion, &faces, clip).map_err(wrong)?;
@@ -108,7 +111,8 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
             notes.iter().filter(|_| number == 0).for_each(|note| eprintln!("note: {note}"));
         }
         if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet.take()) {
-            let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, clip).map_err(wrong)?;
+            let volume = volume.as_ref();
+            let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, clip, volume).map_err(wrong)?;
             atomic_file::commit(out, |out| picture.write(out))?;
             println!("{}: the motion on the figure and on the character", path.display());
         }
@@ -217,14 +221,21 @@ impl Target {
         }
     }
 
-    /// Gives the rig the body's volume, as the mapping file says.
-    fn give_volume(&self, retarget: &mut Retarget, mapping: &Mapping, given: &Given) -> Result<(), String> {
-        let volume = match self {
-            Self::Character(character) => character.volume(mapping, given)?,
-            Self::Skeleton(target) => given.volume(Volume::of_people(target.rig(), mapping))?,
+    /// Returns the body's volume and its gain, as the mapping file says.
+    fn volume(&self, mapping: &Mapping, given: &Given) -> Result<Option<(Volume, f32)>, String> {
+        match self {
+            Self::Character(character) => character.volume(mapping, given),
+            Self::Skeleton(target) => given.volume(Volume::of_people(target.rig(), mapping)),
+        }
+    }
+
+    /// Gives the rig that volume, and returns it; `None` if the gain is 0.
+    fn give_volume(&self, retarget: &mut Retarget, mapping: &Mapping, given: &Given) -> Result<Option<Volume>, String> {
+        let Some((volume, gain)) = self.volume(mapping, given)?.filter(|(_, gain)| *gain > 0.0) else {
+            return Ok(None);
         };
-        let Some((volume, gain)) = volume else { return Ok(()) };
-        retarget.set_volume(self.rig(), mapping, &volume, gain).map_err(|error| error.to_string())
+        retarget.set_volume(self.rig(), mapping, &volume, gain).map_err(|error| error.to_string())?;
+        Ok(Some(volume))
     }
 
     fn faces(&self, mapping: &Mapping, face: &Face, given: &Given) -> Result<Faces, String> {
@@ -318,6 +329,14 @@ fn print(rig: &Rig, mapping: &Mapping, convention: &str, faces: &Faces, face: &F
         println!("  {joint:<16} {}", if names.is_empty() { "-".to_owned() } else { names.join(", ") });
     }
     faces.list(face).iter().for_each(|line| println!("{line}"));
+}
+
+/// Prints the body of a mapping file: the gain, and the factor of each part with the size that results.
+fn print_body(volume: &Volume, gain: f32, given: &Given) {
+    println!("[body]\ngain = {gain}");
+    for (part, [wide, deep]) in volume.sizes() {
+        println!("{part} = {} # {wide:.3} by {deep:.3}", given.girth(part));
+    }
 }
 
 /// Prints one line about the result, and notes on missing bones and shapes if asked.

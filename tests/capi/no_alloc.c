@@ -132,6 +132,28 @@ static void sessions_allocate_nothing(umo_engine *engine) {
     }
 }
 
+/* A character with a person's volume: the model's own skeleton. */
+static umo_retarget *made_character(void) {
+    static int32_t parents[UMO_JOINT_COUNT], joints[UMO_JOINT_COUNT];
+    static float places[UMO_JOINT_COUNT][3], rotations[UMO_JOINT_COUNT][4];
+    umo_rig rig;
+    umo_retarget *character = NULL;
+    OK(umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, places[0], UMO_JOINT_COUNT));
+    for (int joint = 0; joint < UMO_JOINT_COUNT; joint++) {
+        for (int i = 0; i < 3 && parents[joint] >= 0; i++) places[joint][i] += places[parents[joint]][i];
+        rotations[joint][3] = 1;
+        joints[joint] = joint;
+    }
+    OK(umo_rig_init(&rig, sizeof rig));
+    rig.bone_count = UMO_JOINT_COUNT;
+    rig.parents = parents;
+    rig.joints = joints;
+    rig.places = places[0];
+    rig.rotations = rotations[0];
+    OK(umo_retarget_new(model, &rig, &character));
+    return character;
+}
+
 static size_t pull(const umo_frame_layout *layout) {
     size_t count = 0;
     OK(umo_session_pull_frames(avatar, layout, frames, sizeof frames, &count));
@@ -160,6 +182,7 @@ int main(int argc, char **argv) {
     size_t id_count = 0;
     umo_status encoded = umo_model_encode_text(model, "a person waves", 14, ids, 128, &id_count);
     CHECK(encoded == UMO_STATUS_OK || encoded == UMO_STATUS_UNSUPPORTED);
+    umo_retarget *character = made_character();
     pthread_t thread;
     CHECK(pthread_create(&thread, NULL, audio, NULL) == 0);
     while (atomic_load(&ready) != 1) sched_yield();
@@ -193,6 +216,10 @@ int main(int argc, char **argv) {
         OK(umo_session_latency(avatar, &latency));
         OK(umo_session_stats(avatar, &stats));
         FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, 1000, 0));
+        static float bones[4 * UMO_JOINT_COUNT];
+        const char *frame = frames;
+        OK(umo_retarget_apply(character, (const float *)(const void *)(frame + layout.rotations),
+                              (const float *)(const void *)(frame + layout.translation), UMO_JOINT_COUNT, bones, NULL));
         umo_status asked = umo_session_last_error(avatar, text, sizeof text, NULL);
         CHECK(asked == UMO_STATUS_OK || asked == UMO_STATUS_BUSY); /* the audio thread is just failing */
         /* A past time takes no frame. */
@@ -209,6 +236,7 @@ int main(int argc, char **argv) {
 
     atomic_store(&ready, 4);
     CHECK(pthread_join(thread, NULL) == 0);
+    OK(umo_retarget_free(character));
     OK(umo_session_free(avatar));
     OK(umo_engine_free(engine));
     OK(umo_model_free(model));

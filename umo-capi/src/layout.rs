@@ -11,6 +11,7 @@ use crate::log::UmoLog;
 use crate::memory::UmoAllocator;
 use crate::model::{UmoModelConfig, UmoModelInfo};
 use crate::parameter::UmoParameterInfo;
+use crate::retarget::UmoRig;
 use crate::session::packets::UmoReceived;
 use crate::session::takes::UmoTakeInfo;
 use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
@@ -35,6 +36,7 @@ fn structures_have_the_layout_that_c_has() {
     sized::<UmoGestureOptions>(48);
     sized::<UmoGestureClip>(32);
     sized::<UmoClip>(72);
+    sized::<UmoRig>(128);
     assert_eq!(size_of::<UmoOutput>(), 16);
     assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
     assert_eq!(offset_of!(UmoModelInfo, file_size), 56);

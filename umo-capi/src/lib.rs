@@ -10,6 +10,7 @@
 //! | [`frame`] | layout of frames in the host's memory |
 //! | [`clip`] | export of frames to files |
 //! | [`gesture`] | gestures on command |
+//! | [`retarget`] | poses on the host's characters |
 //! | [`parameter`] | parameters of a running session |
 //! | [`self_test`] | test of this machine's results and speed |
 //! | [`status`], [`log`] | errors and log messages |
@@ -43,6 +44,7 @@ pub mod web;
 pub mod scene;
 
 pub mod clip;
+pub mod retarget;
 
 use std::ffi::c_char;
 

@@ -149,8 +149,8 @@ pub use umo_core_rig::retarget::face::FaceMap;
 #[cfg(feature = "retarget")]
 #[doc(inline)]
 pub use umo_core_rig::retarget::{
-    Bone, Floor, Follow, MAX_BONES, Mapping, Retarget, RetargetError, Rig, Scratch as RetargetScratch, SurfacePoint,
-    Volume,
+    Bone, Floor, Follow, MAX_BONES, Mapping, Outline, Retarget, RetargetError, Rig, Scratch as RetargetScratch,
+    SurfacePoint, Volume,
 };
 
 // Errors.

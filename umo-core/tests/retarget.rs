@@ -1,6 +1,8 @@
 //! Retargeting: limbs have the source's directions on rigs of every convention, rotated, scaled and
 //! in any pose.
 
+#[path = "retarget/builds.rs"]
+mod builds;
 #[path = "retarget/conventions.rs"]
 mod conventions;
 #[path = "retarget/hostile.rs"]

@@ -992,6 +992,88 @@ internal static unsafe class Tests
         }
     }
 
+    /// The model's own skeleton with a wide trunk, in Unity's axes.
+    private static RigAtRest Wide()
+    {
+        int[] parents;
+        float[] offsets;
+        model.Skeleton(Axes.Unity, out parents, out offsets);
+        int count = parents.Length;
+        RigAtRest rig = new RigAtRest { Parents = parents, Joints = Enumerable.Range(0, count).ToArray() };
+        rig.Places = new float[3 * count];
+        rig.Rotations = new float[4 * count];
+        for (int joint = 0; joint < count; joint++)
+        {
+            rig.Rotations[4 * joint + 3] = 1;
+            for (int i = 0; i < 3; i++)
+            {
+                rig.Places[3 * joint + i] = offsets[3 * joint + i] + (parents[joint] < 0 ? 0 : rig.Places[3 * parents[joint] + i]);
+            }
+        }
+        List<float> points = new List<float>();
+        List<int> bones = new List<int>();
+        float low = rig.Places[4] - 0.05f, high = rig.Places[3 * 16 + 1];
+        for (int ring = 0; ring <= 30; ring++)
+        {
+            for (int side = 0; side < 24; side++)
+            {
+                double turn = Math.PI * side / 12;
+                points.AddRange(new[] { 0.3f * (float)Math.Sin(turn), low + (high - low) * ring / 30, 0.35f * (float)Math.Cos(turn) });
+                bones.Add(ring < 6 ? 0 : ring < 15 ? 3 : 9);
+            }
+        }
+        rig.Vertices = points.ToArray();
+        rig.VertexBones = bones.ToArray();
+        return rig;
+    }
+
+    [Test]
+    private static void poses_are_put_on_other_characters()
+    {
+        RigAtRest rig = Wide();
+        float[] pose = new float[4 * Native.JointCount], at = { 0.1f, 0.02f, -0.2f };
+        float[] turned = new float[pose.Length], plain = new float[pose.Length], place = new float[3];
+        for (int joint = 0; joint < Native.JointCount; joint++) pose[4 * joint + 3] = 1;
+        // A left hand before the belly; rotations of Unity's left-handed axes.
+        pose[4 * 16 + 2] = (float)Math.Sin(0.6);
+        pose[4 * 16 + 3] = (float)Math.Cos(0.6);
+        pose[4 * 18 + 1] = (float)Math.Sin(0.95);
+        pose[4 * 18 + 3] = (float)Math.Cos(0.95);
+        using (RigRetarget body = new RigRetarget(model, rig))
+        {
+            Equal("0 1 2", string.Join(" ", body.Joints.Take(3)));
+            Equal(Status.Ok, body.Apply(pose, at, turned, place));
+            Equal(Status.NullPointer, body.Apply(pose, null, turned, place));
+            Equal(Status.InvalidArgument, body.Apply(pose, at, new float[4], place));
+            Equal(Status.InvalidArgument, body.Apply(pose, at, turned, new float[2]));
+            Func<long> allocated = AllocatedBytes();
+            long before = allocated();
+            for (int i = 0; i < 100; i++) body.Apply(pose, at, turned, null);
+            Equal(0L, allocated() - before, "bytes");
+        }
+        rig.Gain = 0;
+        RigRetarget none = new RigRetarget(model, rig);
+        Equal(Status.Ok, none.Apply(pose, at, plain, place));
+        none.Dispose();
+        Equal(Status.InvalidHandle, none.Apply(pose, at, plain, place));
+        float[] apart = Enumerable.Range(0, Native.JointCount).Select(joint => Enumerable.Range(0, 4).Max(i => Math.Abs(turned[4 * joint + i] - plain[4 * joint + i]))).ToArray();
+        True(apart[16] + apart[18] > 0.1f && apart[17] < 0.03f, "arms: " + apart[16] + " " + apart[18] + " " + apart[17]);
+        True(Enumerable.Range(0, plain.Length).All(i => Math.Abs(plain[i] - pose[i]) < 2e-3f), "without volume the pose stays");
+        True(new[] { 0, 2 }.All(i => Math.Abs(place[i] - rig.Places[i] - at[i]) < 1e-3f), "the hips' place");
+        // By name.
+        rig.Joints = null;
+        Throws<ArgumentException>(() => new RigRetarget(model, rig));
+        rig.Names = Enumerable.Range(0, Native.JointCount).Select(joint => Native.Text(Native.umo_joint_name((uint)joint))).ToArray();
+        using (RigRetarget named = new RigRetarget(model, rig)) Equal(18, named.Joints[18]);
+        rig.Names[18] = "tail";
+        True(Throws<UmoException>(() => new RigRetarget(model, rig)).Message.Contains("left_elbow"), "the missing bone is named");
+        rig = Wide();
+        rig.VertexBones[5] = 99;
+        True(Throws<UmoException>(() => new RigRetarget(model, rig)).Message.Contains("99"), "the wrong bone is named");
+        rig.VertexBones = null;
+        Throws<ArgumentException>(() => new RigRetarget(model, rig));
+    }
+
     [Test]
     private static void messages_come_in_and_exceptions_do_not_go_out()
     {

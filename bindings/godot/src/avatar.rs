@@ -80,6 +80,10 @@ pub(crate) struct UmoAvatar3D {
     #[export]
     #[init(val = true)]
     move_root: bool,
+    /// Strength with which arms keep out of the body, whose girth is measured on the skeleton's meshes at rest: MeshInstance3Ds below
+    /// it, skinned or on a BoneAttachment3D. 0: the body has no volume.
+    #[export(range = (0.0, 1.0, 0.01))]
+    volume: f64,
     /// Keyframes predicted per chunk: fewer reduce latency. 0 is the model's default. Applied at the next `open()`.
     #[export]
     #[init(val = 1)]

@@ -11,7 +11,7 @@ mod generated;
 pub(crate) use generated::*;
 
 pub(crate) type Status = i32;
-/// `umo_model`, `umo_engine`, `umo_session`, `umo_take`, `umo_scene`: opaque handles, never pointers to memory.
+/// `umo_model`, `umo_engine`, `umo_session`, `umo_take`, `umo_scene`, `umo_retarget`: opaque handles, never pointers to memory.
 pub(crate) type Handle = *mut c_void;
 
 /// The library's functions by their names in `umo.h`, without `umo_`.
@@ -94,6 +94,10 @@ library! {
     decoder_push_take(Handle, *mut u32) -> Status;
     session_latency(Handle, *mut Latency) -> Status;
     session_stats(Handle, *mut Stats) -> Status;
+    rig_init(*mut Rig, usize) -> Status;
+    retarget_new(Handle, *const Rig, *mut Handle) -> Status;
+    retarget_free(Handle) -> Status;
+    retarget_apply(Handle, *const f32, *const f32, u32, *mut f32, *mut f32) -> Status;
     scene_new(u64, *mut Handle) -> Status;
     scene_free(Handle) -> Status;
     scene_last_error(Handle, *mut c_char, usize, *mut usize) -> Status;

@@ -7,11 +7,13 @@
 //! | `scene` | the node of a scene: members, their places and targets |
 //! | `source` | samples of an audio player |
 //! | `wave` | decoder for the data of an `AudioStreamWAV` |
+//! | `body` | meshes of a skeleton at rest, and poses with their volume |
 //! | `rig` | mapping of joints to bones and of channels to blend shapes |
 //! | `umo` | safe objects over the C interface |
 //! | `ffi` | the declarations of `umo.h`, and the library, opened while the game runs |
 
 mod avatar;
+mod body;
 mod ffi;
 mod rig;
 mod scene;

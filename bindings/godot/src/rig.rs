@@ -1,12 +1,14 @@
 //! Maps joints to bones and face channels to blend shapes.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use godot::classes::{ArrayMesh, Mesh, MeshInstance3D, Skeleton3D};
 use godot::prelude::*;
 
 use umo_core::{Follow, Mapping, RetargetError};
 
+use crate::body::Body;
 use crate::ffi::JOINT_COUNT;
 use crate::umo::{CHANNELS_AT, Model};
 
@@ -44,12 +46,18 @@ pub(crate) struct Rig {
     /// Where the eyes are in the skeleton at rest.
     eyes: Option<Vector3>,
     turned: Vec<Quaternion>,
+    /// The library's retargeter, where bodies have a volume, and its strength.
+    body: Option<Body>,
+    volume: f64,
+    /// Rotations that it wants of the bones, in skeleton space.
+    wanted: Vec<Quaternion>,
     problem: Option<String>,
 }
 
 impl Rig {
-    /// Maps the bones with known names, however many there are.
-    pub(crate) fn new(skeleton: &Gd<Skeleton3D>, model: &Model) -> Self {
+    /// Maps the bones with known names, however many there are. With a volume above 0 the library's retargeter moves
+    /// them, if it can.
+    pub(crate) fn new(skeleton: &Gd<Skeleton3D>, model: &Rc<Model>, volume: f64) -> Self {
         let (mapping, problem) =
             names(skeleton).unwrap_or_else(|problem| (Mapping::default(), Some(problem.to_string())));
         let index = |bone: usize| i32::try_from(bone).ok();
@@ -78,6 +86,20 @@ impl Rig {
                 bones.push(Bone { bone, joint, parent, rest });
             }
         }
+        let mut problem = problem;
+        let mut body = None;
+        if volume > 0.0 && problem.is_none() {
+            let count = usize::try_from(skeleton.get_bone_count()).unwrap_or_default();
+            let mut joints = vec![-1; count];
+            for follow in mapping.follows() {
+                joints[follow.bone] = i32::try_from(follow.joints[1]).unwrap_or(-1);
+            }
+            #[expect(clippy::cast_possible_truncation, reason = "at most 1")]
+            match Body::new(skeleton, model, joints, volume.min(1.0) as f32) {
+                Ok(made) => body = Some(made),
+                Err(error) => problem = Some(format!("no volume: {error}")),
+            }
+        }
         Self {
             skeleton: skeleton.instance_id(),
             version: skeleton.get_version(),
@@ -86,6 +108,9 @@ impl Rig {
             root: root(skeleton, model, &bone_of),
             eyes: bone_of[HEAD].map(|bone| skeleton.get_bone_global_rest(bone).origin * EYES_OF_HEAD),
             turned: Vec::new(),
+            body,
+            volume,
+            wanted: Vec::new(),
             problem,
         }
     }
@@ -101,12 +126,14 @@ impl Rig {
     }
 
     /// Whether it still describes that skeleton.
-    pub(crate) fn is_of(&self, skeleton: &Gd<Skeleton3D>) -> bool {
-        self.skeleton == skeleton.instance_id() && self.version == skeleton.get_version()
+    #[expect(clippy::float_cmp, reason = "whether it was changed")]
+    pub(crate) fn is_of(&self, skeleton: &Gd<Skeleton3D>, volume: f64) -> bool {
+        self.skeleton == skeleton.instance_id() && self.version == skeleton.get_version() && self.volume == volume
     }
 
     /// Shows a frame.
     pub(crate) fn pose(&mut self, skeleton: &mut Gd<Skeleton3D>, frame: &[f32], moves_root: bool) {
+        let hips = self.body.as_mut().and_then(|body| body.pose(frame).ok());
         let mut body = [Quaternion::default(); JOINT_COUNT];
         for (joint, q) in frame[3..CHANNELS_AT].chunks_exact(4).enumerate() {
             let q = Quaternion::new(q[0], q[1], q[2], q[3]);
@@ -116,9 +143,22 @@ impl Rig {
             };
         }
         self.turned.clear();
+        self.wanted.clear();
         for Bone { bone, joint, parent, rest } in &self.bones {
+            let local = usize::try_from(*bone).ok().zip(self.body.as_ref().filter(|_| hips.is_some()));
+            let wanted = local.map(|(bone, body)| {
+                let turn = Quaternion::new(
+                    body.turns[4 * bone],
+                    body.turns[4 * bone + 1],
+                    body.turns[4 * bone + 2],
+                    body.turns[4 * bone + 3],
+                );
+                parent.map_or_else(Quaternion::default, |parent| self.wanted[parent]) * turn
+            });
+            self.wanted.extend(wanted);
             let parent = parent.map_or_else(Quaternion::default, |parent| self.turned[parent]);
             let turned = match joint {
+                Some(_) if wanted.is_some() => wanted.unwrap_or_default(),
                 Some(Follow { joints: [from, to], share, .. }) if *share < 1.0 => {
                     body[*from].slerp(body[*to], *share) * *rest
                 }
@@ -133,7 +173,7 @@ impl Rig {
             self.turned.push(turned.normalized());
         }
         if let (Some((bone, origin, to_parent, metre)), true) = (self.root, moves_root) {
-            let place = origin + Vector3::new(frame[0], frame[1], frame[2]) * metre;
+            let place = hips.unwrap_or_else(|| origin + Vector3::new(frame[0], frame[1], frame[2]) * metre);
             skeleton.set_bone_pose_position(bone, to_parent * place);
         }
     }
@@ -153,7 +193,7 @@ fn names(skeleton: &Gd<Skeleton3D>) -> Result<(Mapping, Option<String>), Retarge
     Ok((mapping, problem))
 }
 
-fn rotation(transform: &Transform3D) -> Quaternion {
+pub(crate) fn rotation(transform: &Transform3D) -> Quaternion {
     if transform.basis.determinant().abs() < 1e-9 {
         return Quaternion::default();
     }
@@ -165,7 +205,7 @@ fn offset(model: &Model, joint: usize) -> Vector3 {
     Vector3::new(x, y, z)
 }
 
-/// How far each joint's bone is turned from the skeleton's rest to umo's T: arms only, for whose
+/// Rotation of each joint's bone from the skeleton's rest to umo's T: arms only, for whose
 /// rest artists choose anything from a T to an A; hands and fingers go along.
 fn corrections(
     skeleton: &Gd<Skeleton3D>,

@@ -62,6 +62,77 @@ fn check(library: &Library, status: Status) -> Result<(), String> {
     Err(error_text(library, status, &detail))
 }
 
+/// A skeleton at rest and its mesh, in the skeleton's space: the arrays of `umo_rig`.
+#[derive(Default)]
+pub(crate) struct RestPose {
+    pub(crate) gain: f32,
+    pub(crate) parents: Vec<i32>,
+    pub(crate) joints: Vec<i32>,
+    pub(crate) places: Vec<f32>,
+    pub(crate) rotations: Vec<f32>,
+    pub(crate) vertices: Vec<f32>,
+    pub(crate) vertex_bones: Vec<i32>,
+    pub(crate) indices: Vec<u32>,
+}
+
+/// A character that the library puts poses on.
+pub(crate) struct Character {
+    library: &'static Library,
+    handle: Handle,
+    bones: u32,
+}
+
+impl Character {
+    pub(crate) fn new(model: &Model, rest: &RestPose) -> Result<Self, String> {
+        let library = model.library;
+        let count = |length: usize| u32::try_from(length).map_err(|_| format!("{length} are too many"));
+        let mut rig = std::mem::MaybeUninit::uninit();
+        // SAFETY: `rig` is writable for its size.
+        check(library, unsafe { (library.rig_init)(rig.as_mut_ptr(), size_of::<ffi::Rig>()) })?;
+        // SAFETY: just initialised.
+        let mut rig: ffi::Rig = unsafe { rig.assume_init() };
+        rig.gain = rest.gain;
+        rig.bone_count = count(rest.parents.len())?;
+        rig.vertex_count = count(rest.vertex_bones.len())?;
+        rig.index_count = count(rest.indices.len())?;
+        rig.parents = rest.parents.as_ptr();
+        rig.joints = rest.joints.as_ptr();
+        rig.places = rest.places.as_ptr();
+        rig.rotations = rest.rotations.as_ptr();
+        rig.vertices = rest.vertices.as_ptr();
+        rig.vertex_bones = rest.vertex_bones.as_ptr();
+        rig.indices = rest.indices.as_ptr();
+        let mut made = Self { library, handle: null_mut(), bones: rig.bone_count };
+        // SAFETY: the arrays are as long as the counts say, and are read during the call.
+        check(library, unsafe { (library.retarget_new)(model.model, &rig, &mut made.handle) })?;
+        Ok(made)
+    }
+
+    /// Writes the rotation of each bone in its parent, and returns the place of the hips.
+    pub(crate) fn apply(
+        &mut self,
+        rotations: &[f32],
+        translation: &[f32],
+        into: &mut [f32],
+    ) -> Result<[f32; 3], String> {
+        assert!(rotations.len() >= 4 * JOINT_COUNT && translation.len() >= 3 && into.len() >= 4 * self.bones as usize);
+        let mut place = [0.0; 3];
+        let (turns, at, into, hips) =
+            (rotations.as_ptr(), translation.as_ptr(), into.as_mut_ptr(), place.as_mut_ptr());
+        // SAFETY: all are long enough, which is checked above.
+        let status = unsafe { (self.library.retarget_apply)(self.handle, turns, at, self.bones, into, hips) };
+        check(self.library, status)?;
+        Ok(place)
+    }
+}
+
+impl Drop for Character {
+    fn drop(&mut self) {
+        // SAFETY: a handle is used once more; NULL is fine.
+        unsafe { (self.library.retarget_free)(self.handle) };
+    }
+}
+
 impl Model {
     /// Returns the model of that name; `read` loads its bytes if no avatar uses it yet.
     pub(crate) fn shared(
@@ -380,7 +451,7 @@ impl Session {
     fn push_take(&self) -> Result<(), String> {
         const AHEAD: usize = 60;
         let mut more = u32::from(self.is_take);
-        // A packet has a frame or more, but for the first ones.
+        // A packet has a frame or more, except the first ones.
         for _ in 0..AHEAD {
             if more == 0 || self.ready()? >= AHEAD {
                 break;

@@ -739,6 +739,46 @@ func openings(avatar: UmoAvatar3D, voice: AudioStreamPlayer, place: float, is_hi
 	return most
 
 
+## The least distance of the right hand from the spine while it goes to the chest, by the volume of a wide body.
+func nearest(volume: float) -> float:
+	var skeleton := Skeleton3D.new()
+	skeleton.name = "Body"
+	root.add_child(skeleton)
+	var voice := player(Body.wav("res://hello.wav"))
+	var avatar := make({"skeleton": ^"/root/Body", "audio_player": ^"/root/Voice", "volume": volume})
+	Body.build(skeleton, avatar)
+	var ball := SphereMesh.new()
+	ball.radius = 0.34
+	ball.height = 0.8
+	var trunk := MeshInstance3D.new()
+	trunk.mesh = ball
+	var at := BoneAttachment3D.new()
+	skeleton.add_child(at)
+	at.bone_name = "spine2"
+	at.add_child(trunk)
+	expect(avatar.play_gesture("me"), "a hand that goes to the chest")
+	voice.play()
+	var names := avatar.get_joint_names()
+	var least := 10.0
+	var start := Time.get_ticks_msec()
+	while voice.playing and Time.get_ticks_msec() - start < 4000:
+		await process_frame
+		var hand := skeleton.get_bone_global_pose(names.find("right_wrist")).origin
+		var spine := skeleton.get_bone_global_pose(names.find("spine2")).origin
+		if absf(hand.y - spine.y) < 0.2:
+			least = minf(least, Vector2(hand.x - spine.x, hand.z - spine.z).length())
+	expect(told.is_empty(), "no error, got %s" % [told])
+	for node: Node in [avatar, voice, skeleton]:
+		node.free()
+	return least
+
+
+func test_arms_keep_out_of_a_wide_body() -> void:
+	var plain := await nearest(0.0)
+	var kept := await nearest(1.0)
+	expect(plain < 0.33 and kept > plain + 0.02, "a hand outside of the body, from %f to %f m" % [plain, kept])
+
+
 func test_gestures_of_ones_own_come_out_of_files() -> void:
 	var avatar := make({"smoothing": 0.0, "lookahead": 0, "target": 1})
 	var rough: float = avatar.latency().seconds

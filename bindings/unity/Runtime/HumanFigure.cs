@@ -84,11 +84,39 @@ namespace Umo.Unity
         {
             rotations = new Quaternion[Count];
             places = new Vector3[Count];
-            for (int i = 0; i < Count; i++)
+            for (int i = 0; i < Count; i++) Now(i, out rotations[i], out places[i]);
+        }
+
+        /// <summary>Current rotation and position of a bone, in the root's frame.</summary>
+        public void Now(int bone, out Quaternion rotation, out Vector3 place)
+        {
+            rotation = Quaternion.Inverse(root.rotation) * transforms[bone].rotation;
+            place = root.InverseTransformPoint(transforms[bone].position);
+        }
+
+        /// <summary>Joint of each bone.</summary>
+        public int[] Joints()
+        {
+            return joints.ToArray();
+        }
+
+        /// <summary>For each bone the nearest one above it, or -1.</summary>
+        public int[] Parents()
+        {
+            int[] parents = new int[Count];
+            for (int i = 0; i < Count; i++) parents[i] = BoneOf(transforms[i].parent);
+            return parents;
+        }
+
+        /// <summary>The bone that a transform is or hangs on, or -1.</summary>
+        public int BoneOf(Transform at)
+        {
+            for (; at != null && at != root; at = at.parent)
             {
-                rotations[i] = Quaternion.Inverse(root.rotation) * transforms[i].rotation;
-                places[i] = root.InverseTransformPoint(transforms[i].position);
+                int bone = transforms.IndexOf(at);
+                if (bone >= 0) return bone;
             }
+            return -1;
         }
 
         public Bone[] Rest(Quaternion[] rotations, Vector3[] places)

@@ -2,6 +2,7 @@
 
 using System;
 using System.Collections;
+using System.Collections.Generic;
 using UnityEngine;
 using UnityEngine.Networking;
 
@@ -78,6 +79,8 @@ namespace Umo.Unity
         [Range(1, 3)] public float guidance = 1;
         [Tooltip("Keyframes of future voice to use, for models that support it; adds that much latency.")]
         [Min(0)] public int horizon = 0;
+        [Tooltip("Strength with which arms keep out of the body, whose girth is measured on the figure's meshes (Read/Write must be on). 0: the figure's own retargeting, without volume.")]
+        [Range(0, 1)] public float volume = 0;
         [Tooltip("Custom gestures for PlayGesture.")]
         public UmoGesture[] gestures = new UmoGesture[0];
         [Tooltip("Language of the words of HintWords: en or de.")]
@@ -102,6 +105,8 @@ namespace Umo.Unity
         private HumanFigure figure;
         private FaceShapes shapes;
         private Retarget retarget;
+        /// Null without volume.
+        private BodyRetarget body;
         private float[] rotations, translation, face;
         private Quat[] turned;
         private int rate, channels, lag, bodyLag;
@@ -439,11 +444,31 @@ namespace Umo.Unity
             loaded.Skeleton(Axes.Unity, out parents, out offsets);
             retarget = new Retarget(parents, offsets, figure.Rest(restRotations, restPlaces));
             turned = new Quat[figure.Count];
+            FindVolume(loaded);
+        }
+
+        private void FindVolume(Model loaded)
+        {
+            if (body != null) body.Dispose();
+            body = null;
+            if (!(volume > 0)) return;
+            List<string> notes = new List<string>();
+            try
+            {
+                body = new BodyRetarget(loaded, figure, restRotations, restPlaces, Mathf.Clamp(volume, 0, 1), notes);
+            }
+            catch (UmoException error)
+            {
+                notes.Add("no volume: " + error.Message);
+            }
+            foreach (string note in notes) Debug.LogWarning("umo: " + note, this);
         }
 
         private void End()
         {
             line = null;
+            if (body != null) body.Dispose();
+            body = null;
             if (voice != null) voice.Release(source);
             voice = null;
             if (session == null) return;
@@ -640,8 +665,10 @@ namespace Umo.Unity
             if (figure == null) return;
             frame.Rotations(0, rotations);
             frame.Translation(0, translation);
-            retarget.Rotate(rotations, turned);
-            figure.Show(turned, retarget.Hips(translation), moveHips);
+            Vec hips = retarget.Hips(translation);
+            if (body != null) body.Apply(rotations, translation, turned, ref hips);
+            else retarget.Rotate(rotations, turned);
+            figure.Show(turned, hips, moveHips);
         }
 
         private static int SpeakerChannels(AudioSpeakerMode mode)

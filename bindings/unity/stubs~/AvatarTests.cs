@@ -822,6 +822,92 @@ namespace Umo.Unity.Tests
             Disable();
         }
 
+        /// Adds what a body needs: the other arm, legs, and a wide trunk, skinned to the spine.
+        private SkinnedMeshRenderer Widen()
+        {
+            GameObject upper = Bone("right arm", Of(HumanBodyBones.Chest), HumanBodyBones.RightUpperArm, 0.2f, 0.2f, 0);
+            GameObject lower = Bone("right lower arm", upper, HumanBodyBones.RightLowerArm, 0.2f, -0.2f, 0);
+            Bone("right hand", lower, HumanBodyBones.RightHand, 0.2f, -0.2f, 0);
+            foreach (int side in new[] { -1, 1 })
+            {
+                bool left = side < 0;
+                GameObject thigh = Bone("thigh", Of(HumanBodyBones.Hips), left ? HumanBodyBones.LeftUpperLeg : HumanBodyBones.RightUpperLeg, 0.1f * side, -0.05f, 0);
+                GameObject shin = Bone("shin", thigh, left ? HumanBodyBones.LeftLowerLeg : HumanBodyBones.RightLowerLeg, 0, -0.45f, 0);
+                Bone("foot", shin, left ? HumanBodyBones.LeftFoot : HumanBodyBones.RightFoot, 0, -0.42f, 0);
+            }
+            Transform[] bones = new[] { HumanBodyBones.Hips, HumanBodyBones.Spine, HumanBodyBones.Chest }.Select(bone => animator.Bones[bone]).ToArray();
+            SkinnedMeshRenderer skin = new GameObject("trunk", figure).AddComponent<SkinnedMeshRenderer>();
+            skin.bones = bones;
+            List<Vector3> points = new List<Vector3>();
+            List<BoneWeight> weights = new List<BoneWeight>();
+            List<int> triangles = new List<int>();
+            for (int ring = 0; ring <= 30; ring++)
+            {
+                for (int at = 0; at < 24; at++)
+                {
+                    double turn = Math.PI * at / 12;
+                    points.Add(new Vector3(0.28f * (float)Math.Sin(turn), 0.9f + 0.7f * ring / 30, 0.3f * (float)Math.Cos(turn)));
+                    weights.Add(new BoneWeight { boneIndex0 = ring < 8 ? 0 : ring < 18 ? 1 : 2, weight0 = 1 });
+                    int a = 24 * ring + at, b = 24 * ring + (at + 1) % 24;
+                    if (ring < 30) triangles.AddRange(new[] { a, b, a + 24, b, b + 24, a + 24 });
+                }
+            }
+            skin.sharedMesh = new Mesh
+            {
+                name = "trunk",
+                vertices = points.ToArray(),
+                boneWeights = weights.ToArray(),
+                triangles = triangles.ToArray(),
+                // The figure stands at the origin of its own frame, its bones unrotated.
+                bindposes = new[] { -1f, -1.2f, -1.4f }.Select(y => Matrix4x4.Translate(new Vector3(0, y, 0))).ToArray(),
+            };
+            return skin;
+        }
+
+        /// Least distance of the left hand from the axis of the hips, level with the trunk, while it goes to the body.
+        private double Nearest()
+        {
+            double least = 10;
+            Enable();
+            Assert.AreEqual("", avatar.Error);
+            Assert.IsTrue(avatar.PlayGesture("me", null, Side.Left), "a known gesture");
+            Run(3, () =>
+            {
+                Transform hips = animator.Bones[HumanBodyBones.Hips];
+                Vector3 hand = hips.InverseTransformPoint(animator.Bones[HumanBodyBones.LeftHand].position);
+                if (hand.y > 0 && hand.y < 0.5) least = Math.Min(least, Math.Sqrt(hand.x * hand.x + hand.z * hand.z));
+            });
+            Disable();
+            return least;
+        }
+
+        [Test]
+        public void arms_keep_out_of_a_wide_body()
+        {
+            SkinnedMeshRenderer skin = Widen();
+            avatar.idle = Idle.Live;
+            double before = Nearest();
+            NothingSaid();
+            avatar.volume = 1;
+            double after = Nearest();
+            NothingSaid();
+            Assert.IsTrue(before < 0.24 && after > before + 0.03, "the hand, from " + before + " to " + after);
+            skin.sharedMesh.isReadable = false;
+            Nearest();
+            Assert.IsTrue(Debug.Said.Single().Contains("trunk cannot be read"), Debug.Said[0]);
+        }
+
+        [Test]
+        public void a_figure_without_legs_has_no_volume()
+        {
+            avatar.volume = 1;
+            Enable();
+            Assert.IsTrue(Debug.Said.Single().Contains("no volume") && Debug.Said[0].Contains("left_hip"), Debug.Said[0]);
+            Assert.AreEqual("", avatar.Error);
+            Run(0.2);
+            Disable();
+        }
+
         [Test]
         public void neither_thread_allocates()
         {
@@ -833,7 +919,10 @@ namespace Umo.Unity.Tests
             avatar.lookAt = new GameObject("player").transform;
             avatar.otherSource = new GameObject("other").AddComponent<AudioSource>();
             avatar.otherSource.Play();
+            Widen();
+            avatar.volume = 1;
             Enable();
+            NothingSaid();
             Play(speech);
             Run(1.5);
             float[] data = new float[2 * Block];

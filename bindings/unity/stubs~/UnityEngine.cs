@@ -163,7 +163,7 @@ namespace UnityEngine
     public sealed class Transform : Component
     {
         internal readonly List<Transform> Children = new List<Transform>();
-        private Transform parent;
+        public Transform parent { get; private set; }
         public Vector3 localPosition;
         public Quaternion localRotation = Quaternion.identity;
         public void SetParent(Transform to) { parent = to; to.Children.Add(this); }
@@ -214,12 +214,37 @@ namespace UnityEngine
         public string GetBlendShapeName(int shapeIndex) { return Shapes[shapeIndex]; }
         public int GetBlendShapeFrameCount(int shapeIndex) { return 1; }
         public float GetBlendShapeFrameWeight(int shapeIndex, int frameIndex) { return Full; }
+        public bool isReadable { get; set; } = true;
+        public Vector3[] vertices { get; set; } = new Vector3[0];
+        public int[] triangles { get; set; } = new int[0];
+        public BoneWeight[] boneWeights { get; set; } = new BoneWeight[0];
+        public Matrix4x4[] bindposes { get; set; } = new Matrix4x4[0];
+    }
+
+    public struct BoneWeight
+    {
+        public float weight0 { get; set; }
+        public int boneIndex0 { get; set; }
+    }
+
+    /// Only translations.
+    public struct Matrix4x4
+    {
+        private Vector3 by;
+        public static Matrix4x4 Translate(Vector3 vector) { return new Matrix4x4 { by = vector }; }
+        public Vector3 MultiplyPoint3x4(Vector3 point) { return point + by; }
+    }
+
+    public sealed class MeshFilter : Component
+    {
+        public Mesh sharedMesh { get; set; }
     }
 
     public sealed class SkinnedMeshRenderer : Component
     {
         public readonly Dictionary<int, float> Weights = new Dictionary<int, float>();
         public Mesh sharedMesh { get; set; }
+        public Transform[] bones { get; set; } = new Transform[0];
         public void SetBlendShapeWeight(int index, float value) { Weights[index] = value; }
     }
 

@@ -15,6 +15,7 @@
 using int32 = std::int32_t;
 using int64 = std::int64_t;
 using uint8 = std::uint8_t;
+using uint16 = std::uint16_t;
 using uint32 = std::uint32_t;
 using uint64 = std::uint64_t;
 using SIZE_T = std::size_t;
@@ -178,6 +179,7 @@ struct FGuid {};
 struct FMath {
     template <class T> static T Clamp(T, T, T);
     template <class T> static T Max(T, T);
+    template <class T> static T Min(T, T);
     template <class T> static T DegreesToRadians(const T &);
     template <class T, class U> static T Lerp(const T &, const T &, const U &);
 };
@@ -332,7 +334,44 @@ public:
     virtual bool DoesSocketExist(FName) const;
     virtual FVector GetSocketLocation(FName) const;
 };
-class USkeletalMeshComponent : public USceneComponent {};
+struct FPositionVertexBuffer {
+    const void *GetVertexData() const;
+    uint32 GetNumVertices() const;
+    const FVector3f &VertexPosition(uint32) const;
+};
+struct FSkinWeightDataVertexBuffer {
+    const uint8 *GetWeightData() const;
+};
+struct FSkinWeightVertexBuffer {
+    const FSkinWeightDataVertexBuffer *GetDataVertexBuffer() const;
+    uint32 GetBoneIndex(uint32, uint32) const;
+    uint16 GetBoneWeight(uint32, uint32) const;
+};
+struct FSkelMeshRenderSection {
+    uint32 BaseVertexIndex, NumVertices;
+    TArray<uint16> BoneMap;
+};
+struct FSkeletalMeshLODRenderData {
+    struct {
+        FPositionVertexBuffer PositionVertexBuffer;
+    } StaticVertexBuffers;
+    struct {
+        void GetIndexBuffer(TArray<uint32> &) const;
+    } MultiSizeIndexContainer;
+    TArray<FSkelMeshRenderSection> RenderSections;
+    const FSkinWeightVertexBuffer *GetSkinWeightVertexBuffer() const;
+};
+struct FSkeletalMeshRenderData {
+    TArray<FSkeletalMeshLODRenderData> LODRenderData;
+};
+class USkeletalMesh : public UObject {
+public:
+    FSkeletalMeshRenderData *GetResourceForRendering() const;
+};
+class USkeletalMeshComponent : public USceneComponent {
+public:
+    USkeletalMesh *GetSkeletalMeshAsset() const;
+};
 class AActor : public UObject {
 public:
     template <class T> T *FindComponentByClass() const;
@@ -363,6 +402,7 @@ protected:
 class UAnimInstance : public UObject {
 public:
     AActor *GetOwningActor() const;
+    USkeletalMeshComponent *GetSkelMeshComponent() const;
 };
 struct FAnimationInitializeContext {};
 struct FAnimationCacheBonesContext {};

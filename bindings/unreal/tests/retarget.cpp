@@ -1,6 +1,8 @@
 // The pose on a skeleton like the mannequin's: A-pose at rest, bones along their own X, facing +Y.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -343,9 +345,93 @@ void half_turns_have_an_axis() {
     EXPECT_NEAR(arc({0, 0, 0}, {1, 0, 0}).w, 1, 0);
 }
 
+/// Least horizontal distance of the left hand from the pelvis' axis while the arm swings before the belly.
+double closest(Retarget &retarget, const Skeleton &skeleton) {
+    double least = 1e9;
+    for (int step = 0; step <= 20; ++step) {
+        Frame frame;
+        // In the library's body the left arm points to -Y: down by 70 degrees, then the forearm before the belly.
+        frame.turn(16, about({1, 0, 0}, 1.2));
+        frame.turn(18, about({0, 0, 1}, 0.1 * step));
+        retarget.apply(frame.rotations, frame.translation, true);
+        const Posed posed(skeleton, retarget);
+        const Vec3 hand = posed.places[static_cast<std::size_t>(skeleton.find("hand_l"))];
+        least = std::min(least, std::hypot(hand.x, hand.y));
+    }
+    return least;
+}
+
+void arms_keep_out_of_a_wide_body(const char *path) {
+    auto model = umo::model::load(path);
+    EXPECT(model);
+    SourceSkeleton source;
+    EXPECT(umo_model_get_skeleton(model->get(), UMO_AXES_UNREAL, source.parents, source.offsets, joint_count) == UMO_STATUS_OK);
+    source.rest_translation[2] = 90;
+    const Skeleton skeleton = mannequin();
+    Surface surface;
+    for (int ring = 0; ring <= 30; ++ring) {
+        for (int side = 0; side < 24; ++side) {
+            const double turn = half_pi * side / 6, height = 160 + 4 * ring;
+            surface.vertices.push_back(static_cast<float>(60 * std::sin(turn)));
+            surface.vertices.push_back(static_cast<float>(60 * std::cos(turn)));
+            surface.vertices.push_back(static_cast<float>(height));
+            surface.bones.push_back(skeleton.find(ring < 5 ? "pelvis" : ring < 14 ? "spine_03" : "spine_05"));
+        }
+    }
+    Retarget retarget;
+    std::string problem;
+    EXPECT(!retarget.set_volume(skeleton.bones, surface, 1, problem));
+    EXPECT(retarget.build(skeleton.bones, source, {}, problem));
+    const double before = closest(retarget, skeleton);
+    // Without the model there is no retargeter, and the bones go on as before.
+    EXPECT(!retarget.set_volume(skeleton.bones, surface, 1, problem) && !problem.empty());
+    EXPECT_NEAR(closest(retarget, skeleton), before, 1e-9);
+    source.model = model->get();
+    EXPECT(retarget.build(skeleton.bones, source, {}, problem));
+    EXPECT(retarget.set_volume(skeleton.bones, surface, 1, problem));
+    const double after = closest(retarget, skeleton);
+    EXPECT(before < 65 && after > before + 10);
+    for (const Driven &driven : retarget.driven()) EXPECT(std::isfinite(driven.rotation.w));
+    surface.bones[3] = 999;
+    EXPECT(!retarget.set_volume(skeleton.bones, surface, 1, problem) && problem.find("999") != std::string::npos);
+}
+
+/// The wrapper of C++, on the library's own skeleton.
+void a_rig_is_made_of_named_bones(const char *path) {
+    auto model = umo::model::load(path);
+    SourceSkeleton source;
+    EXPECT(umo_model_get_skeleton(model->get(), UMO_AXES_UNREAL, source.parents, source.offsets, joint_count) == UMO_STATUS_OK);
+    std::vector<const char *> names;
+    std::vector<float> rotations;
+    for (std::size_t joint = 0; joint < joint_count; ++joint) {
+        names.push_back(umo_joint_name(static_cast<std::uint32_t>(joint)));
+        rotations.insert(rotations.end(), {0, 0, 0, 1});
+        for (std::size_t i = 0; i < 3 && source.parents[joint] >= 0; ++i) {
+            source.offsets[3 * joint + i] += source.offsets[3 * static_cast<std::size_t>(source.parents[joint]) + i];
+        }
+    }
+    umo_rig rig = umo::retarget::defaults();
+    EXPECT(!umo::retarget::make(*model, rig));
+    rig.axes = UMO_AXES_UNREAL;
+    rig.bone_count = joint_count;
+    rig.names = names.data();
+    rig.parents = source.parents;
+    rig.places = source.offsets;
+    rig.rotations = rotations.data();
+    auto made = umo::retarget::make(*model, rig);
+    EXPECT(made && made->bones() == joint_count && made->joints()[18] == 18);
+    const Frame frame;
+    std::vector<float> turned(rotations.size());
+    EXPECT(made->apply(frame.rotations, frame.translation, turned.data()) == UMO_STATUS_OK);
+    EXPECT_NEAR(turned[4 * 18 + 3], 1, 0.02);
+}
+
 } // namespace
 
-int main() {
+int main(int argc, char **argv) {
+    EXPECT(argc == 2);
+    arms_keep_out_of_a_wide_body(argv[1]);
+    a_rig_is_made_of_named_bones(argv[1]);
     an_a_pose_becomes_the_t();
     turns_are_those_of_the_body();
     the_pelvis_moves_by_the_length_of_the_legs();

@@ -582,3 +582,24 @@ export const OUTPUT = {
     write: [4, "Pointer"],
   },
 };
+export const RIG = {
+  size: 96,
+  fields: {
+    structSize: [0, "Uint32"],
+    axes: [4, "Uint32", AXES],
+    boneCount: [8, "Uint32"],
+    vertexCount: [12, "Uint32"],
+    indexCount: [16, "Uint32"],
+    gain: [20, "Float32"],
+    girths: [24, "Float32"],
+    reserved: [60, "Uint32"],
+    names: [64, "Pointer"],
+    parents: [68, "Pointer"],
+    joints: [72, "Pointer"],
+    places: [76, "Pointer"],
+    rotations: [80, "Pointer"],
+    vertices: [84, "Pointer"],
+    vertexBones: [88, "Pointer"],
+    indices: [92, "Pointer"],
+  },
+};

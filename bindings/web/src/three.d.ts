@@ -20,8 +20,9 @@ export interface Vrm {
 /** Applies poses to a character. */
 export class Character {
   /** `bones` gives bones that were not found, or null to leave a joint out; with `moves: false` the character stays
-   * in place. */
-  constructor(target: Node3D | Vrm, model: ModelDescription, options?: { bones?: Record<string, Node3D | null>; moves?: boolean });
+   * in place. `body` is that of a mapping file: `gain`, 0 to 1, keeps arms out of the body, and factors correct the girth
+   * of `pelvis`, `belly`, `chest`, `neck`, `head`, `upper_arms`, `forearms`, `hands` and `thighs`. */
+  constructor(target: Node3D | Vrm, model: ModelDescription, options?: { bones?: Record<string, Node3D | null>; moves?: boolean; body?: Record<string, number> });
   /** Bones of each joint; `spine` and `neck` may have several, or each of their joints a single one. */
   readonly bones: Record<string, Node3D[]>;
   /** Joints without a bone, and face channels that drive no shape themselves. */

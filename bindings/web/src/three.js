@@ -7,13 +7,20 @@ import { Follower } from "./follower.js";
 /** Node name as in the character's file: three.js removes reserved characters. */
 const nameOf = ({ name, userData }) => userData?.name ?? userData?.originalName ?? name ?? "";
 
-/** Collects `root` and the nodes below it, ignoring the root's own transform, which places it in the scene. */
-function describe(root) {
+/** Collects `root` and the nodes below it, ignoring the root's own transform, which places it in the scene. The surfaces of
+ * meshes are only needed for the volume of the body. */
+function describe(root, hasBody) {
   const nodes = [];
   root.traverse((node) => nodes.push(node));
   const index = new Map(nodes.map((node, i) => [node, i]));
   const json = { asset: { version: "2.0" }, nodes: [], meshes: [], skins: [], accessors: [], bufferViews: [], buffers: [] };
   const numbers = [];
+  const accessor = (type, values) => {
+    const width = { SCALAR: 1, VEC3: 3, VEC4: 4 }[type];
+    const bufferView = json.bufferViews.push({ buffer: 0, byteOffset: 4 * numbers.length, byteLength: 4 * values.length }) - 1;
+    for (const value of values) numbers.push(value);
+    return json.accessors.push({ bufferView, componentType: 5126, count: values.length / width, type }) - 1;
+  };
   for (const node of nodes) {
     const { x, y, z, w } = node.quaternion;
     const place = { translation: [node.position.x, node.position.y, node.position.z], rotation: [x, y, z, w], scale: [node.scale.x, node.scale.y, node.scale.z] };
@@ -21,6 +28,13 @@ function describe(root) {
     if (node.morphTargetInfluences?.length > 0) {
       described.mesh = json.meshes.push(meshOf(node)) - 1;
       described.weights = [...node.morphTargetInfluences];
+    }
+    const surface = hasBody ? surfaceOf(node.geometry) : undefined;
+    if (surface) {
+      described.mesh ??= json.meshes.push({ primitives: [{}] }) - 1;
+      const [primitive] = json.meshes[described.mesh].primitives;
+      primitive.attributes = Object.fromEntries(Object.entries(surface.attributes).map(([name, [type, values]]) => [name, accessor(type, values)]));
+      if (surface.indices) primitive.indices = accessor("SCALAR", surface.indices);
     }
     const { bones, boneInverses } = node.skeleton ?? {};
     if (bones?.every((bone) => index.has(bone))) {
@@ -33,6 +47,17 @@ function describe(root) {
   }
   json.buffers.push({ byteLength: 4 * numbers.length });
   return { nodes, index, json, numbers };
+}
+
+/** Points, weights and triangles of a three.js geometry; undefined without points. */
+function surfaceOf({ attributes = {}, index } = {}) {
+  const { position, skinIndex, skinWeight } = attributes;
+  if (!position) return undefined;
+  const values = (attribute, names) => Array.from({ length: attribute.count }, (_, at) => names.map((name) => attribute[name](at))).flat();
+  const [three, four] = [["getX", "getY", "getZ"], ["getX", "getY", "getZ", "getW"]];
+  const found = { POSITION: ["VEC3", values(position, three)] };
+  if (skinIndex && skinWeight) Object.assign(found, { JOINTS_0: ["VEC4", values(skinIndex, four)], WEIGHTS_0: ["VEC4", values(skinWeight, four)] });
+  return { attributes: found, indices: index ? values(index, ["getX"]) : undefined };
 }
 
 function meshOf({ name, morphTargetDictionary = {}, morphTargetInfluences }) {
@@ -89,9 +114,10 @@ export class Character {
   /**
    * `target` is a glTF scene or any Object3D at rest, or a VRM of @pixiv/three-vrm. `model` is `avatar.model`. `bones`
    * gives bones that were not found: `{ left_elbow: Object3D }`, or null to leave a joint out. With `moves: false` the
-   * character stays in place, and only sways and turns.
+   * character stays in place, and only sways and turns. `body` is that of a mapping file: `{ gain: 1 }` keeps arms out of
+   * the character's body, whose girth is measured on its meshes; `{ gain: 1, belly: 1.2 }` corrects it.
    */
-  constructor(target, model, { bones = {}, moves = true } = {}) {
+  constructor(target, model, { bones = {}, moves = true, body = {} } = {}) {
     const isVrm = target.humanoid !== undefined;
     const root = isVrm ? target.scene : target;
     if (isVrm) {
@@ -99,13 +125,13 @@ export class Character {
       if ("autoUpdateHumanBones" in target.humanoid) target.humanoid.autoUpdateHumanBones = false;
       target.humanoid.resetRawPose?.();
     }
-    const { nodes, index, json, numbers } = describe(root);
+    const { nodes, index, json, numbers } = describe(root, body.gain > 0);
     if (isVrm) json.extensions = { VRMC_vrm: vrmExtension(target, index) };
     const given = Object.entries(bones).map(([joint, node]) => {
       if (node && !index.has(node)) throw new Error(`umo: the bone for ${joint} is not part of the character`);
       return [joint, node ? index.get(node) : ""];
     });
-    this.#follower = new Follower(pack(json, numbers), model, { bones: Object.fromEntries(given) });
+    this.#follower = new Follower(pack(json, numbers), model, { bones: Object.fromEntries(given), body });
     this.#moves = moves;
     this.#bind(nodes, isVrm ? target.expressionManager : undefined);
   }

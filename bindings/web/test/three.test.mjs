@@ -140,6 +140,55 @@ test("a turn of a joint turns what hangs from it, and the root goes with the cha
   assert.ok(rise > 0.08 && rise < 0.13, `${rise}`);
 });
 
+/** A wide trunk, skinned to three bones of a character. */
+function trunk(scene) {
+  const nodes = [];
+  scene.traverse((node) => nodes.push(node));
+  const bones = ["Hips", "Spine1", "Spine2"].map((name) => nodes.find((node) => node.name === `mixamorig:${name}`));
+  const matrix = (x, y, z) => ({ elements: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1] });
+  const [points, joints, weights, corners] = [[], [], [], []];
+  for (let ring = 0; ring <= 30; ring++) {
+    for (let side = 0; side < 24; side++) {
+      const turn = (Math.PI * side) / 12, a = 24 * ring + side, b = 24 * ring + ((side + 1) % 24);
+      points.push([0.28 * Math.sin(turn), 0.9 + (0.6 * ring) / 30, 0.32 * Math.cos(turn)]);
+      joints.push([ring < 9 ? 0 : ring < 18 ? 1 : 2, 0, 0, 0]);
+      weights.push([1, 0, 0, 0]);
+      if (ring < 30) corners.push([a], [b], [a + 24], [b], [b + 24], [a + 24]);
+    }
+  }
+  const attribute = (rows) => ({ count: rows.length, getX: (at) => rows[at][0], getY: (at) => rows[at][1], getZ: (at) => rows[at][2], getW: (at) => rows[at][3] });
+  const mesh = Object.assign(new Node("Trunk"), {
+    geometry: { attributes: { position: attribute(points), skinIndex: attribute(joints), skinWeight: attribute(weights) }, index: attribute(corners) },
+    skeleton: { bones, boneInverses: bones.map((bone) => matrix(...place(bone).map((v) => -v))) },
+    bindMatrix: matrix(0, 0, 0),
+  });
+  return scene.add(mesh);
+}
+
+test("arms keep out of a wide body", () => {
+  const pose = new Pose(model);
+  for (let j = 0; j < 55; j++) pose.rotations[4 * j + 3] = 1;
+  const turn = (name, [x, y, z], angle) => {
+    const [s, c] = [Math.sin(angle / 2), Math.cos(angle / 2)];
+    pose.rotations.set([x * s, y * s, z * s, c], 4 * model.jointNames.indexOf(name));
+  };
+  // A left hand before the belly.
+  turn("left_shoulder", [0, 0, 1], -1.2);
+  turn("left_elbow", [0, 1, 0], -1.9);
+  const hand = (scene, options) => {
+    const character = new Character(scene, model, options);
+    character.apply(pose);
+    const [wrist, hips] = ["left_wrist", "pelvis"].map((joint) => place(character.bones[joint][0]));
+    character.free();
+    return Math.hypot(wrist[0] - hips[0], wrist[2] - hips[2]);
+  };
+  const [plain, none, wide] = [hand(mixamo()), hand(trunk(mixamo()), { body: { gain: 0 } }), hand(trunk(mixamo()), { body: { gain: 1 } })];
+  assert.equal(none, plain);
+  assert.ok(wide > plain + 0.03, `${plain} to ${wide} m`);
+  assert.ok(Math.abs(hand(trunk(mixamo()), { body: { gain: 1, pelvis: 0.4, belly: 0.4, chest: 0.4 } }) - wide) > 0.02);
+  assert.throws(() => new Character(mixamo(), model, { body: { gain: 1, tail: 1 } }), /tail/);
+});
+
 test("morph targets by ARKit's names; others are left alone", () => {
   const scene = mixamo();
   const character = new Character(scene, model);

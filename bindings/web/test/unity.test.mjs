@@ -196,6 +196,40 @@ test("a file that is not a model is refused, and non-ASCII texts are passed corr
   assert.match(player.text(player.library.umo_last_error()), /größe|file/);
 });
 
+test("a character of the player's takes poses", async () => {
+  const player = new Player();
+  await player.load();
+  const { library, words } = player;
+  const out = player.malloc(16), count = 55, rig = player.malloc(96);
+  player.call("umo_model_load_memory", 1, player.bytes(file), file.length, 0, out);
+  const model = words[out >> 2], parents = player.malloc(4 * count), offsets = player.malloc(12 * count);
+  player.call("umo_model_get_skeleton", model, 2, parents, offsets, count);
+  const places = new Float32Array(3 * count), turns = new Float32Array(4 * count);
+  const above = new Int32Array(player.memory.buffer, parents, count), steps = new Float32Array(player.memory.buffer, offsets, 3 * count);
+  for (let i = 0; i < 3 * count; i++) {
+    const parent = above[Math.floor(i / 3)];
+    places[i] = steps[i] + (parent < 0 ? 0 : places[3 * parent + (i % 3)]);
+  }
+  for (let joint = 0; joint < count; joint++) turns[4 * joint + 3] = 1;
+  player.call("umo_rig_init", rig, 96);
+  const joints = player.bytes(Int32Array.from({ length: count }, (_, joint) => joint)), still = player.bytes(turns);
+  const points = player.bytes(new Float32Array([0, 1, 0.3, 0, 1.1, 0.3, 0.1, 1, 0.3])), bones = player.bytes(new Int32Array(3)), corners = player.bytes(new Uint32Array([0, 1, 2]));
+  words.set([2, count, 3, 3], (rig + 4) >> 2);
+  words.set([0, parents, joints, player.bytes(places), still, points, bones, corners], (rig + 64) >> 2);
+  player.call("umo_retarget_new", model, rig, out);
+  const character = words[out >> 2], found = player.malloc(4 * count), rotations = player.malloc(16 * count), place = player.malloc(12);
+  player.call("umo_retarget_get_joints", character, count, found);
+  assert.deepEqual([...new Int32Array(player.memory.buffer, found, count)], Array.from({ length: count }, (_, joint) => joint));
+  const at = player.bytes(new Float32Array([0.1, 0.02, -0.2]));
+  player.call("umo_retarget_apply", character, still, at, count, rotations, place);
+  for (const [i, turn] of new Float32Array(player.memory.buffer, rotations, 4 * count).entries()) assert.ok(Math.abs(turn - turns[i]) < 0.02, `${i}: ${turn}`);
+  assert.ok(Math.abs(new Float32Array(player.memory.buffer, place, 3)[0] - places[0] - 0.1) < 1e-3);
+  player.call("umo_retarget_free", character);
+  // Names are not handed on: without joints there are no bones.
+  words.set([joints, parents, 0], (rig + 64) >> 2);
+  assert.equal(library.umo_retarget_new(model, rig, out), -1);
+});
+
 test("a trap ends the module, and says where", async () => {
   const player = new Player();
   await player.load();

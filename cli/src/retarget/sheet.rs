@@ -1,7 +1,7 @@
 //! A picture of a motion on the figure and on a character: several moments side by side.
 
 use glam::{Mat4, Vec3};
-use umo_core::{ARKIT_NAMES, FaceKind, Mapping, Retarget};
+use umo_core::{ARKIT_NAMES, FaceKind, Mapping, Outline, Retarget, Volume};
 use umo_core_pose::clip::Clip;
 use umo_core_rig::glb::Glb;
 use umo_core_rig::glb::accessor::view_bytes;
@@ -18,9 +18,13 @@ const MOMENTS: usize = 6;
 const BODY: [usize; 2] = [220, 330];
 const HEAD: [usize; 2] = [220, 220];
 
+/// Colour of the outlines of a body's volume, sRGB.
+const OUTLINE: [u8; 3] = [214, 60, 130];
+
 const HEAD_JOINT: usize = 15;
 
-/// Draws the sheet: for each moment the figure, the character, and the character's head.
+/// Draws the sheet: for each moment the figure, the character, and the character's head; over the character, the
+/// outlines of its volume if it has one.
 ///
 /// # Errors
 /// If a surface of the character violates the format or is compressed.
@@ -31,7 +35,9 @@ pub(super) fn draw(
     motion: &Motion,
     faces: &Faces,
     clip: &Clip,
+    volume: Option<&Volume>,
 ) -> Result<Picture, String> {
+    let outlines = volume.map_or_else(Vec::new, |volume| volume.outlines(character.rig(), mapping));
     let stage = Stage::read(character, mapping)?;
     let mesh = Figure::default().mesh(&clip.skeleton).map_err(|error| error.to_string())?;
     let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
@@ -46,6 +52,8 @@ pub(super) fn draw(
         for (camera, [top, height]) in [(body, [BODY[1], BODY[1]]), (head, [2 * BODY[1], HEAD[1]])] {
             let place: Frame = [left, top, BODY[0], height];
             surfaces.iter().for_each(|surface| picture.draw_surface(surface, camera, place));
+            let lines = outlines.iter().map(|line| posed(line, character, &world));
+            lines.for_each(|line| picture.draw_line(&line, OUTLINE, camera, place));
         }
     }
     Ok(picture)
@@ -61,6 +69,17 @@ fn draw_figure(picture: &mut Picture, mesh: &umo_figure::Mesh, clip: &Clip, fram
     let target = [target[0], target[1] - 0.1, target[2]];
     let camera = Camera { eye: [target[0] + 1.2, target[1] + 0.25, target[2] + 3.8], target, height: 1.95 };
     picture.draw(mesh, &posed, camera, place);
+}
+
+/// A line where its bones are.
+fn posed(line: &Outline, character: &Character, world: &[Mat4]) -> Vec<[f32; 3]> {
+    let rig = character.rig();
+    let place = |&(bone, at): &(usize, [f32; 3])| {
+        let (_, turned, moved) = world[bone].to_scale_rotation_translation();
+        let turn = turned * glam::Quat::from_array(rig.rotation(bone)).inverse();
+        (moved + turn * (Vec3::from_array(at) - Vec3::from_array(rig.place(bone)))).to_array()
+    };
+    line.iter().map(place).collect()
 }
 
 /// A character prepared for drawing.

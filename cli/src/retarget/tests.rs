@@ -296,7 +296,7 @@ fn a_sheet_shows_the_character_as_it_moves() {
     let retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor(&mapping)).unwrap();
     let motion = motion(&retarget, &clip).unwrap();
     let Target::Character(character) = &target else { panic!("a character") };
-    let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).unwrap();
+    let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip, None).unwrap();
     let mut bytes = Vec::new();
     picture.write(&mut bytes).unwrap();
     let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();

@@ -67,6 +67,15 @@ fn the_mapping_is_shown_and_may_be_given() {
     for line in ["SMPL-X names", "spine            spine1, spine2, spine3", "jawOpen"] {
         assert!(shown.out.contains(line), "{line}: {}", shown.out);
     }
+    // The body in the form of a mapping file.
+    for line in ["[body]\ngain = 0\n", "\nbelly = 1 # 0.", "\nthighs = 1 # 0."] {
+        assert!(shown.out.contains(line), "{line}: {}", shown.out);
+    }
+    let body = folder.file("body.toml", b"[body]\ngain = 0.5\nbelly = 1.5\n");
+    let shown = umo(&["retarget", "--onto", &glb, "--print-mapping", "--mapping", &body]).success();
+    for line in ["\ngain = 0.5\n", "\nbelly = 1.5 # 0."] {
+        assert!(shown.out.contains(line), "{line}: {}", shown.out);
+    }
     let text = String::from_utf8(folder.read("own.bvh")).unwrap().replace("left_knee", "elbow of the leg");
     let odd = folder.file("odd.bvh", text.as_bytes());
     let refused = folder.refused(&["retarget", &npz, "--onto", &odd, "-o", &folder.at("out.bvh")]);
@@ -92,6 +101,20 @@ fn a_sheet_shows_the_motion_with_or_without_a_file() {
     std::fs::remove_file(&sheet).unwrap();
     umo(&["retarget", &npz, "--onto", &glb, "--sheet", &sheet]).success();
     assert!(folder.read("sheet.png") == first, "another picture without a file");
+    // Outlines of the body's volume, in one colour, and where there is none.
+    let body = folder.file("body.toml", b"[body]\ngain = 1\n");
+    umo(&["retarget", &npz, "--onto", &glb, "--sheet", &sheet, "--mapping", &body]).success();
+    let outlined = |name: &str| {
+        let bytes = folder.read(name);
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        pixels.as_chunks::<3>().0.iter().filter(|pixel| **pixel == [214, 60, 130]).count()
+    };
+    let count = outlined("sheet.png");
+    assert!(count > 6 * 500, "{count} pixels of outlines");
+    folder.file("plain.png", &first);
+    assert_eq!(outlined("plain.png"), 0);
     for (onto, sheet, word) in [(&bvh, folder.at("s.png"), "no body"), (&glb, folder.at("s.jpg"), "expected .png")] {
         let refused = folder.refused(&["retarget", &npz, "--onto", onto, "--sheet", &sheet]);
         assert!(refused.contains(word), "{refused}");

@@ -105,6 +105,35 @@ impl Picture {
         }
     }
 
+    /// Draws a closed line into a region of the picture, over what is there.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels of the picture")]
+    pub fn draw_line(&mut self, line: &[[f32; 3]], color: [u8; 3], camera: Camera, frame: Frame) {
+        let [left, top, width, height] = frame.map(|x| x as f32);
+        let towards = unit(sub(camera.eye, camera.target));
+        let right = unit(cross([0.0, 1.0, 0.0], towards));
+        let up = cross(towards, right);
+        let distance = dot(sub(camera.eye, camera.target), towards);
+        let seen = |at: &V| {
+            let from = sub(*at, camera.target);
+            let away = distance - dot(from, towards);
+            let zoom = height / camera.height * distance / away.max(1e-3 * distance);
+            [left + width / 2.0 + dot(from, right) * zoom, top + height / 2.0 - dot(from, up) * zoom]
+        };
+        let corners: Vec<_> = line.iter().map(seen).collect();
+        for (at, &[x, y]) in corners.iter().enumerate() {
+            let [to_x, to_y] = corners[(at + 1) % corners.len()];
+            // Lines beyond the region end soon.
+            let steps = (to_x - x).abs().max((to_y - y).abs()).ceil().clamp(1.0, 2.0 * height.max(width));
+            for step in 0..=steps as usize {
+                let share = step as f32 / steps;
+                let (x, y) = (x + share * (to_x - x), y + share * (to_y - y));
+                if (left..left + width).contains(&x) && (top..top + height).contains(&y) {
+                    self.dot([x as usize, y as usize], color);
+                }
+            }
+        }
+    }
+
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "samples of the picture")]
     fn fill(&mut self, [a, b, c]: [Corner; 3], [left, top, right, bottom]: [f32; 4]) {
         let edge = |p: V, q: V, x: f32, y: f32| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);

@@ -44,6 +44,7 @@ pub use given::Given;
 pub use pack::packed;
 #[cfg(feature = "files")]
 pub use pack::read;
+pub use surface::spread;
 
 const MAGIC: &[u8; 4] = b"glTF";
 const JSON: &[u8; 4] = b"JSON";

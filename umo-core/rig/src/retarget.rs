@@ -10,6 +10,7 @@
 //! | `ground` | scale, and height of the hips |
 //! | `legs` | inverse kinematics that plants the feet |
 //! | [`Volume`] | the space that a body takes up |
+//! | `outline` | its lines and sizes |
 //! | `space` | arms that stay out of it, and touch where the source's do |
 //! | [`face`] | face channels mapped to a character's blendshapes |
 //! | [`RetargetError`] | why a skeleton or mapping was rejected |
@@ -37,12 +38,14 @@ mod ground;
 mod legs;
 mod mapping;
 mod names;
+mod outline;
 mod rig;
 mod space;
 mod volume;
 
 pub use error::RetargetError;
 pub use mapping::{Follow, Mapping};
+pub use outline::Outline;
 pub use rig::{Bone, MAX_BONES, Rig};
 pub use volume::{SurfacePoint, Volume};
 

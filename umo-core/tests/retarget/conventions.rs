@@ -8,11 +8,11 @@ use umo_core_pose::rotation::{IDENTITY, axis_angle_to_quat, inverse, product, ro
 use umo_core_pose::skeleton::joint_places;
 
 /// A rig as a program exports it.
-struct Exported {
-    program: &'static str,
+pub(super) struct Exported {
+    pub(super) program: &'static str,
     naming: &'static Naming,
     /// Units per metre.
-    unit: f32,
+    pub(super) unit: f32,
     /// Scale of the root bone.
     scale: f32,
     up: Up,
@@ -52,7 +52,7 @@ const BASE: Exported = Exported {
 };
 
 #[rustfmt::skip]
-const RIGS: [Exported; 22] = [
+pub(super) const RIGS: [Exported; 22] = [
     Exported { program: "Mixamo", unit: 100.0, scale: 0.01, along: Y, legs: [1.08, 0.95, 1.0],
         more: &[("mixamorig:HeadTop_End", "mixamorig:Head"), ("mixamorig:LeftToe_End", "mixamorig:LeftToeBase")], ..BASE },
     Exported { program: "Ready Player Me", naming: &READY_PLAYER_ME, along: Y, droop: 0.05, legs: [0.95, 1.02, 0.9],
@@ -95,7 +95,12 @@ const RIGS: [Exported; 22] = [
 
 impl Exported {
     fn body(&self) -> Body {
-        let stretch = |joint: usize| match joint {
+        self.body_of(&|_| 1.0)
+    }
+
+    /// The body with proportions of its own: each bone's length times those of the program's.
+    pub(super) fn body_of(&self, own: &dyn Fn(usize) -> f32) -> Body {
+        let programs = |joint: usize| match joint {
             4 | 5 => self.legs[0],
             7 | 8 => self.legs[1],
             10 | 11 => self.legs[2],
@@ -104,7 +109,7 @@ impl Exported {
             18..=21 => 0.93,
             _ => 1.0,
         };
-        let mut body = self.naming.body(&stretch, self.droop);
+        let mut body = self.naming.body(&|joint| programs(joint) * own(joint), self.droop);
         for (side, hip) in [(1.0, 1), (-1.0, 2)] {
             let at = body.0[body.bone(hip).unwrap()].place;
             let turn = axis_angle_to_quat([0.0, 0.0, side * self.spread]);
@@ -123,7 +128,7 @@ impl Exported {
     }
 
     /// Rotation from our axes to the rig's.
-    fn world(&self) -> Quat {
+    pub(super) fn world(&self) -> Quat {
         match self.up {
             Up::Y => IDENTITY,
             Up::Z => axis_angle_to_quat([std::f32::consts::FRAC_PI_2, 0.0, 0.0]),
@@ -131,7 +136,7 @@ impl Exported {
         }
     }
 
-    fn rig(&self, body: &Body) -> Rig {
+    pub(super) fn rig(&self, body: &Body) -> Rig {
         let world = self.world();
         body.rig(world, self.unit, self.scale, &|bone| match self.along {
             Some(along) => product(world, turn(along, body.points(bone))),
@@ -151,7 +156,7 @@ fn turn(from: Vector, to: Vector) -> Quat {
     axis_angle_to_quat(cross.map(|x| x / size * size.atan2(dot)))
 }
 
-fn cross(a: Vector, b: Vector) -> Vector {
+pub(super) fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 

@@ -198,8 +198,8 @@ impl UmoAvatar3D {
         let skeleton = node(&self.skeleton).and_then(|node| node.try_cast::<Skeleton3D>().ok());
         let meshes: Vec<_> = self.meshes.iter_shared().map(|path| node(&path)).collect();
         if let Some(mut skeleton) = skeleton {
-            if !self.rig.as_ref().is_some_and(|rig| rig.is_of(&skeleton)) {
-                let rig = Rig::new(&skeleton, &model);
+            if !self.rig.as_ref().is_some_and(|rig| rig.is_of(&skeleton, self.volume)) {
+                let rig = Rig::new(&skeleton, &model, self.volume);
                 let problem = rig.problem().filter(|_| skeleton.get_bone_count() > 0).map(|problem| {
                     let name = skeleton.get_name();
                     format!(

@@ -753,6 +753,51 @@ pub(crate) struct Output {
     pub(crate) write: *const c_void,
 }
 
+/// A character's skeleton at rest, and its mesh. `umo_rig_init` fills in the defaults. The memory that
+/// it points to is read only by `umo_retarget_new`. Places and rotations are in the character's space,
+/// not relative to parents, in `axes`; it may face anywhere and stand in any pose between a T and an A.
+/// Scale is in the places.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub(crate) struct Rig {
+    /// `sizeof(Rig)`.
+    pub(crate) struct_size: u32,
+    /// Axes of the character's space, and of the poses: one of `AXES_…`.
+    pub(crate) axes: u32,
+    /// Number of bones, 1 to 65,536.
+    pub(crate) bone_count: u32,
+    /// Number of points of the mesh; 0: the body has a person's proportions.
+    pub(crate) vertex_count: u32,
+    /// Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
+    pub(crate) index_count: u32,
+    /// Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk,
+    /// head, legs and each other, and touch where the model's do.
+    pub(crate) gain: f32,
+    /// Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands,
+    /// thighs: 0 to 10.
+    pub(crate) girths: [f32; 9],
+    /// Zero.
+    pub(crate) reserved: u32,
+    /// Names of the bones, UTF-8; NULL if `joints` is given. `[bone_count]`
+    pub(crate) names: *const *const c_char,
+    /// `int32_t[bone_count]`: index of each bone's parent, -1 for none.
+    pub(crate) parents: *const i32,
+    /// `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are
+    /// the spine from the hips up, whatever their number, bones of joint 12 the neck. NULL: found by
+    /// `names`.
+    pub(crate) joints: *const i32,
+    /// `float[bone_count][3]`: places of the bones at rest.
+    pub(crate) places: *const f32,
+    /// `float[bone_count][4]`: rotations of the bones at rest, quaternions x, y, z, w.
+    pub(crate) rotations: *const f32,
+    /// `float[vertex_count][3]`: places of the mesh's points at rest.
+    pub(crate) vertices: *const f32,
+    /// `int32_t[vertex_count]`: bone that has at least half of each point's weight, -1 for none.
+    pub(crate) vertex_bones: *const i32,
+    /// `uint32_t[index_count]`: points of the triangles.
+    pub(crate) indices: *const u32,
+}
+
 impl EngineConfig {
     /// Sets what a project sets: numbers by their names. 0 is the library's default.
     pub(crate) fn set(&mut self, setting: impl Fn(&str) -> u32) {

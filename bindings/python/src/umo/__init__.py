@@ -5,6 +5,7 @@
 | `animate(samples, rate)` | a whole recording to a `Motion` of numpy arrays |
 | `stream(chunks, rate)` | frames as they are computed from arriving audio |
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
+| `Retarget` | poses on other characters, whose arms keep out of their bodies |
 | `Scene` | avatars and people that know each other: who speaks, and who looks at whom |
 | `Session.pull_packets`, `Decoder` | an avatar computed in one place and shown in others |
 | `Take`, `Session.take` | a motion as a file, played again by a `Decoder` |
@@ -24,6 +25,7 @@ from ._library import Error, lib as _lib
 from ._model import Model, SelfTest, self_test
 from ._motion import Frame, Motion
 from ._names import JOINTS, VISEMES
+from ._retarget import Retarget
 from ._scene import Member, Scene
 from ._session import Decoder, Parameter, Sampled, Session
 from ._take import Take
@@ -46,6 +48,7 @@ __all__ = [
     "Motion",
     "Parameter",
     "Received",
+    "Retarget",
     "Role",
     "Sampled",
     "Scene",

@@ -820,6 +820,55 @@ class Output(Structure):
     ]
 
 
+class Rig(Structure):
+    """A character's skeleton at rest, and its mesh. `umo_rig_init` fills in the defaults. The memory that it points
+    to is read only by `umo_retarget_new`. Places and rotations are in the character's space, not relative to
+    parents, in `axes`; it may face anywhere and stand in any pose between a T and an A. Scale is in the places.
+    """
+
+    _fields_ = [
+        # `sizeof(Rig)`.
+        ("struct_size", c_uint32),
+        # Axes of the character's space, and of the poses: one of `"gltf"`, `"unreal"`, `"unity"`.
+        ("axes", c_uint32),
+        # Number of bones, 1 to 65,536.
+        ("bone_count", c_uint32),
+        # Number of points of the mesh; 0: the body has a person's proportions.
+        ("vertex_count", c_uint32),
+        # Number of `indices`, three for each triangle; 0: the points are spread over the surface by the host.
+        ("index_count", c_uint32),
+        # Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs
+        # and each other, and touch where the model's do.
+        ("gain", c_float),
+        # Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands, thighs: 0 to
+        # 10.
+        ("girths", c_float * 9),
+        # Zero.
+        ("reserved", c_uint32),
+        # Names of the bones, UTF-8; NULL if `joints` is given. `[bone_count]`
+        ("names", POINTER(c_char_p)),
+        # `int32_t[bone_count]`: index of each bone's parent, -1 for none.
+        ("parents", POINTER(c_int32)),
+        # `int32_t[bone_count]`: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine
+        # from the hips up, whatever their number, bones of joint 12 the neck. NULL: found by `names`.
+        ("joints", POINTER(c_int32)),
+        # `float[bone_count][3]`: places of the bones at rest.
+        ("places", POINTER(c_float)),
+        # `float[bone_count][4]`: rotations of the bones at rest, quaternions x, y, z, w.
+        ("rotations", POINTER(c_float)),
+        # `float[vertex_count][3]`: places of the mesh's points at rest.
+        ("vertices", POINTER(c_float)),
+        # `int32_t[vertex_count]`: bone that has at least half of each point's weight, -1 for none.
+        ("vertex_bones", POINTER(c_int32)),
+        # `uint32_t[index_count]`: points of the triangles.
+        ("indices", POINTER(c_uint32)),
+    ]
+    # Names of the values of fields.
+    choices = {
+        "axes": AXES,
+    }
+
+
 class Latency(NamedTuple):
     """Delay of motion behind speech."""
 

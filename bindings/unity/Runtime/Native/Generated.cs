@@ -967,4 +967,55 @@ namespace Umo
         /// </summary>
         public IntPtr Write;
     }
+
+    /// <summary>
+    /// A character's skeleton at rest, and its mesh. umo_rig_init fills in the defaults. The memory that it points to
+    /// is read only by umo_retarget_new. Places and rotations are in the character's space, not relative to parents,
+    /// in Axes; it may face anywhere and stand in any pose between a T and an A. Scale is in the places.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct Rig
+    {
+        /// <summary>sizeof(Rig).</summary>
+        public uint StructSize;
+        /// <summary>Axes of the character's space, and of the poses: one of Axes.</summary>
+        public Axes Axes;
+        /// <summary>Number of bones, 1 to 65,536.</summary>
+        public uint BoneCount;
+        /// <summary>Number of points of the mesh; 0: the body has a person's proportions.</summary>
+        public uint VertexCount;
+        /// <summary>Number of Indices, three for each triangle; 0: the points are spread over the surface by the host.</summary>
+        public uint IndexCount;
+        /// <summary>
+        /// Strength of the body's volume, 0 to 1. 0: arms go through the body. At 1 they keep out of trunk, head, legs
+        /// and each other, and touch where the model's do.
+        /// </summary>
+        public float Gain;
+        /// <summary>
+        /// Factors of the measured girth of pelvis, belly, chest, neck, head, upper arms, forearms, hands, thighs: 0 to
+        /// 10.
+        /// </summary>
+        public fixed float Girths[9];
+        /// <summary>Zero.</summary>
+        public uint Reserved;
+        /// <summary>Names of the bones, UTF-8; NULL if Joints is given. [bone_count] C: const char *const *.</summary>
+        public IntPtr Names;
+        /// <summary>int32_t[bone_count]: index of each bone's parent, -1 for none. C: const int32_t *.</summary>
+        public IntPtr Parents;
+        /// <summary>
+        /// int32_t[bone_count]: joint that each bone follows, -1 for none. Bones of the joints 3, 6 and 9 are the spine
+        /// from the hips up, whatever their number, bones of joint 12 the neck. NULL: found by Names. C: const int32_t *.
+        /// </summary>
+        public IntPtr Joints;
+        /// <summary>float[bone_count][3]: places of the bones at rest. C: const float *.</summary>
+        public IntPtr Places;
+        /// <summary>float[bone_count][4]: rotations of the bones at rest, quaternions x, y, z, w. C: const float *.</summary>
+        public IntPtr Rotations;
+        /// <summary>float[vertex_count][3]: places of the mesh's points at rest. C: const float *.</summary>
+        public IntPtr Vertices;
+        /// <summary>int32_t[vertex_count]: bone that has at least half of each point's weight, -1 for none. C: const int32_t *.</summary>
+        public IntPtr VertexBones;
+        /// <summary>uint32_t[index_count]: points of the triangles. C: const uint32_t *.</summary>
+        public IntPtr Indices;
+    }
 }

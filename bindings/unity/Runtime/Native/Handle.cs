@@ -68,4 +68,10 @@ namespace Umo
         internal SceneHandle(IntPtr raw) : base(raw) { }
         protected override Status Free(IntPtr raw) { return Native.umo_scene_free(raw); }
     }
+
+    internal sealed class RetargetHandle : Handle
+    {
+        internal RetargetHandle(IntPtr raw) : base(raw) { }
+        protected override Status Free(IntPtr raw) { return Native.umo_retarget_free(raw); }
+    }
 }

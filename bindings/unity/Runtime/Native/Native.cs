@@ -9,7 +9,7 @@ using System.Text;
 
 namespace Umo
 {
-    /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/>, <see cref="Session"/> and <see cref="Scene"/> are safe to use.</summary>
+    /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/>, <see cref="Session"/>, <see cref="Scene"/> and <see cref="RigRetarget"/> are safe to use.</summary>
     public static unsafe partial class Native
     {
         // On these platforms native code is linked statically, so there is no library to load.
@@ -45,6 +45,12 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_clip_init(Clip* clip, UIntPtr size, IntPtr model);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_clip_write(Clip* clip, FileFormat format, Output* output);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_clip_write_file(Clip* clip, FileFormat format, byte* path);
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_rig_init(Rig* rig, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_new(IntPtr model, Rig* rig, IntPtr* retarget);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_free(IntPtr retarget);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_get_joints(IntPtr retarget, uint boneCount, int* joints);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_apply(IntPtr retarget, float* poseRotations, float* poseTranslation, uint boneCount, float* rotations, float* place);
 
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_config_init(EngineConfig* config, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_new(IntPtr model, EngineConfig* config, IntPtr* engine);

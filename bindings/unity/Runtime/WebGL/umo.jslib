@@ -50,6 +50,8 @@ var UmoLibrary = {
       umo_scene_push_audio: "v v i4*3 v", umo_scene_update: "v v", umo_scene_floor: "v o4", umo_scene_member: "v v R",
       umo_scene_state_size: "v o4", umo_scene_save: "v b1*2 v o4", umo_scene_restore: "v i1*2 v", umo_scene_last_error: "v b1*2 v o4",
       umo_recording_gains: "i4*1 v v v b4*3",
+      umo_rig_init: "Z v", umo_retarget_new: "v S o4", umo_retarget_free: "v", umo_retarget_get_joints: "v v b4*1",
+      umo_retarget_apply: "v i880 i12 v b16*3 o12",
       // In a module without the glTF writer, these return an error that says so.
       umo_figure_name: "v>T", umo_clip_init: "Z v v", umo_clip_write: "S v S", umo_clip_write_file: "S v s",
     },
@@ -66,6 +68,18 @@ var UmoLibrary = {
       umo_session_new: { 1: { 48: "s", 52: 0 } },
       umo_decoder_new: { 1: { 48: "s", 52: 0 } },
       umo_decoder_new_of_take: { 2: { 48: "s", 52: 0 } },
+      umo_retarget_new: {
+        1: {
+          64: 0,
+          68: function (at) { return 4 * HEAPU32[(at + 8) >> 2]; },
+          72: function (at) { return 4 * HEAPU32[(at + 8) >> 2]; },
+          76: function (at) { return 12 * HEAPU32[(at + 8) >> 2]; },
+          80: function (at) { return 16 * HEAPU32[(at + 8) >> 2]; },
+          84: function (at) { return 12 * HEAPU32[(at + 12) >> 2]; },
+          88: function (at) { return 4 * HEAPU32[(at + 12) >> 2]; },
+          92: function (at) { return 4 * HEAPU32[(at + 16) >> 2]; },
+        },
+      },
     },
 
     fail: function (status, message) {
@@ -352,6 +366,11 @@ var UmoLibrary = {
   umo_scene_save: function (a, b, c, d) { return umoModule.call("umo_scene_save", arguments); },
   umo_scene_restore: function (a, b, c) { return umoModule.call("umo_scene_restore", arguments); },
   umo_scene_last_error: function (a, b, c, d) { return umoModule.call("umo_scene_last_error", arguments); },
+  umo_rig_init: function (a, b) { return umoModule.call("umo_rig_init", arguments); },
+  umo_retarget_new: function (a, b, c) { return umoModule.call("umo_retarget_new", arguments); },
+  umo_retarget_free: function (a) { return umoModule.call("umo_retarget_free", arguments); },
+  umo_retarget_get_joints: function (a, b, c) { return umoModule.call("umo_retarget_get_joints", arguments); },
+  umo_retarget_apply: function (a, b, c, d, e, f) { return umoModule.call("umo_retarget_apply", arguments); },
   umo_figure_name: function (a) { return umoModule.call("umo_figure_name", arguments); },
   umo_clip_init: function (a, b, c) { return umoModule.call("umo_clip_init", arguments); },
   umo_clip_write: function (a, b, c) { return umoModule.call("umo_clip_write", arguments); },

@@ -14,6 +14,6 @@ public class Umo : ModuleRules
         PublicDependencyModuleNames.AddRange(new string[] {
             "Core", "CoreUObject", "Engine", "AudioMixer", "AudioExtensions", "LiveLinkInterface",
         });
-        PrivateDependencyModuleNames.AddRange(new string[] { "Projects", "UmoLibrary" });
+        PrivateDependencyModuleNames.AddRange(new string[] { "Projects", "RenderCore", "RHI", "UmoLibrary" });
     }
 }

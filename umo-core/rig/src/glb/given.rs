@@ -111,6 +111,11 @@ impl Given {
         Ok(Some((volume, gain)))
     }
 
+    /// Factor of the girth of a part of the body.
+    pub fn girth(&self, part: &str) -> f32 {
+        self.body.get(part).copied().unwrap_or(1.0)
+    }
+
     /// Returns the given channels, the shapes that follow them, and their gains.
     pub fn shapes(&self) -> impl Iterator<Item = (&str, &str, f32)> {
         self.face.iter().flat_map(|(channel, shapes)| {

@@ -41,6 +41,19 @@ pub(super) fn surface(document: &Document, bin: &[u8], rig: &Rig) -> Vec<Surface
             parts.extend(triangles(document, bin, primitive, weights, (node, skin.as_deref()), &world));
         }
     }
+    points(&parts)
+}
+
+/// Returns points spread evenly over triangles, about 24,000: `vertices` are places at rest in the rig's world, each with
+/// the bone that has at least half of its weight; `corners` are indices of vertices. Triangles without an area, and
+/// points without a bone, are left out. Panics if an index is out of range.
+pub fn spread(vertices: &[([f32; 3], Option<usize>)], corners: Vec<[usize; 3]>) -> Vec<SurfacePoint> {
+    let vertices = vertices.iter().map(|&(place, bone)| Vertex { place: place.into(), bone }).collect();
+    points(&[Triangles { vertices, corners }])
+}
+
+/// Returns points of all parts together.
+fn points(parts: &[Triangles]) -> Vec<SurfacePoint> {
     let area = |part: &Triangles, [a, b, c]: [usize; 3]| {
         let [a, b, c] = [a, b, c].map(|corner| part.vertices[corner].place);
         0.5 * (b - a).cross(c - a).length()

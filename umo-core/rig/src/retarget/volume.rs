@@ -64,14 +64,15 @@ const PEOPLE_PALM: f32 = 0.035;
 const PEOPLE_FINGER: f32 = 0.018;
 
 /// Joints at both ends of the limbs: neck, upper arm, forearm, thigh; of the left side.
-const LIMBS: [(usize, usize); 4] = [(12, 15), (16, 18), (18, 20), (1, 4)];
+pub(super) const LIMBS: [(usize, usize); 4] = [(12, 15), (16, 18), (18, 20), (1, 4)];
 const NECK: usize = 0;
 pub(super) const UPPER_ARM: usize = 1;
 pub(super) const FOREARM: usize = 2;
 pub(super) const THIGH: usize = 3;
 
 /// A part whose size a mapping file may change.
-const PARTS: [&str; 9] = ["pelvis", "belly", "chest", "neck", "head", "upper_arms", "forearms", "hands", "thighs"];
+pub(super) const PARTS: [&str; 9] =
+    ["pelvis", "belly", "chest", "neck", "head", "upper_arms", "forearms", "hands", "thighs"];
 
 /// A point of a mesh at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]

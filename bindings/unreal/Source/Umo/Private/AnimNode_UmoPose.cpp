@@ -5,8 +5,11 @@
 #include "Animation/AnimInstance.h"
 #include "Animation/AnimInstanceProxy.h"
 #include "BoneContainer.h"
+#include "Components/SkeletalMeshComponent.h"
+#include "Engine/SkeletalMesh.h"
 #include "GameFramework/Actor.h"
 #include "ReferenceSkeleton.h"
+#include "Rendering/SkeletalMeshRenderData.h"
 
 #include "Core/Retarget.h"
 #include "UmoModule.h"
@@ -18,6 +21,49 @@ umo_unreal::Bone ToCore(const FName& Name, int32 Parent, const FTransform& Local
 	const FQuat Q = Local.GetRotation();
 	const FVector T = Local.GetTranslation();
 	return {TCHAR_TO_UTF8(*Name.ToString()), Parent, {Q.X, Q.Y, Q.Z, Q.W}, {T.X, T.Y, T.Z}};
+}
+
+/** The mesh at rest; empty where the processor has no copy of it. */
+umo_unreal::Surface ReadSurface(const USkeletalMesh& Mesh)
+{
+	umo_unreal::Surface Surface;
+	const FSkeletalMeshRenderData* Data = Mesh.GetResourceForRendering();
+	if (Data == nullptr || Data->LODRenderData.Num() == 0)
+	{
+		return Surface;
+	}
+	const FSkeletalMeshLODRenderData& Lod = Data->LODRenderData[0];
+	const FPositionVertexBuffer& Positions = Lod.StaticVertexBuffers.PositionVertexBuffer;
+	const FSkinWeightVertexBuffer* Weights = Lod.GetSkinWeightVertexBuffer();
+	if (Positions.GetVertexData() == nullptr || Weights == nullptr || Weights->GetDataVertexBuffer() == nullptr
+		|| Weights->GetDataVertexBuffer()->GetWeightData() == nullptr)
+	{
+		return Surface;
+	}
+	const uint32 Count = Positions.GetNumVertices();
+	for (uint32 Vertex = 0; Vertex < Count; ++Vertex)
+	{
+		const FVector3f& At = Positions.VertexPosition(Vertex);
+		Surface.vertices.insert(Surface.vertices.end(), {At.X, At.Y, At.Z});
+	}
+	Surface.bones.assign(Count, -1);
+	for (const FSkelMeshRenderSection& Section : Lod.RenderSections)
+	{
+		const uint32 End = FMath::Min(Section.BaseVertexIndex + Section.NumVertices, Count);
+		for (uint32 Vertex = Section.BaseVertexIndex; Vertex < End; ++Vertex)
+		{
+			// Influences are sorted, the largest first; weights are of 16 bits.
+			const int32 Bone = static_cast<int32>(Weights->GetBoneIndex(Vertex, 0));
+			if (Weights->GetBoneWeight(Vertex, 0) >= 0x8000 - 1 && Bone < Section.BoneMap.Num())
+			{
+				Surface.bones[Vertex] = Section.BoneMap[Bone];
+			}
+		}
+	}
+	TArray<uint32> Indices;
+	Lod.MultiSizeIndexContainer.GetIndexBuffer(Indices);
+	Surface.indices.assign(Indices.GetData(), Indices.GetData() + Indices.Num());
+	return Surface;
 }
 }
 
@@ -41,6 +87,18 @@ void FAnimNode_UmoPose::PreUpdate(const UAnimInstance* InAnimInstance)
 	{
 		const AActor* Owner = InAnimInstance->GetOwningActor();
 		Component = Owner != nullptr ? Owner->FindComponentByClass<UUmoComponent>() : nullptr;
+	}
+	const USkeletalMeshComponent* Body = Volume > 0.0f ? InAnimInstance->GetSkelMeshComponent() : nullptr;
+	const USkeletalMesh* Mesh = Body != nullptr ? Body->GetSkeletalMeshAsset() : nullptr;
+	if (Mesh != nullptr && (SurfaceOf.Get() != Mesh || !Surface))
+	{
+		Surface = std::make_shared<const umo_unreal::Surface>(ReadSurface(*Mesh));
+		SurfaceOf = Mesh;
+		RetargetedFrom.reset();
+		if (Surface->bones.empty())
+		{
+			UE_LOG(LogUmo, Warning, TEXT("Umo Pose: the mesh's points cannot be read, and the body has a person's girth: turn Allow CPU Access on for LOD 0"));
+		}
 	}
 	if (const UUmoComponent* Found = Component.Get())
 	{
@@ -107,6 +165,10 @@ void FAnimNode_UmoPose::BuildRetarget(const FBoneContainer& Bones)
 	{
 		UE_LOG(LogUmo, Warning, TEXT("Umo Pose moves no bones: %s"), UTF8_TO_TCHAR(Problem.c_str()));
 		Retarget.reset();
+	}
+	else if (Volume > 0.0f && Surface && !Retarget->set_volume(Skeleton, *Surface, FMath::Min(Volume, 1.0f), Problem))
+	{
+		UE_LOG(LogUmo, Warning, TEXT("Umo Pose has no volume: %s"), UTF8_TO_TCHAR(Problem.c_str()));
 	}
 }
 

@@ -11,9 +11,12 @@
 
 #include "AnimNode_UmoPose.generated.h"
 
+class USkeletalMesh;
+
 namespace umo_unreal
 {
 class Retarget;
+struct Surface;
 }
 
 /** Applies the pose of the actor's Umo component to this skeleton, over the source pose. Bones that it does not
@@ -42,6 +45,12 @@ struct UMO_API FAnimNode_UmoPose : public FAnimNode_Base
 	UPROPERTY(EditAnywhere, Category = Settings)
 	bool bMoves = false;
 
+	/** Strength with which arms keep out of the body, whose girth is measured on the skeletal mesh; 0: not. Above 0 the library's
+	 * retargeter moves the bones. In packaged games the mesh needs Allow CPU Access; without it, the body has a person's
+	 * proportions. */
+	UPROPERTY(EditAnywhere, Category = Settings, meta = (ClampMin = "0", ClampMax = "1"))
+	float Volume = 0.0f;
+
 	/** Bone for each joint, if the skeleton's names are not the mannequin's; None leaves a joint out. */
 	UPROPERTY(EditAnywhere, Category = Settings)
 	TMap<FName, FName> BoneOverrides;
@@ -59,6 +68,9 @@ private:
 	void ApplyBody(FPoseContext& Output, float Weight);
 
 	TWeakObjectPtr<const UUmoComponent> Component;
+	/** The mesh at rest, and the asset that it was read from. Read on the game's thread. */
+	std::shared_ptr<const umo_unreal::Surface> Surface;
+	TWeakObjectPtr<const USkeletalMesh> SurfaceOf;
 	/** A copy, because the component ticks while animation threads evaluate. */
 	FUmoFrame Frame;
 	/** Rebuilt when the bones or the avatar change; null if that failed. */

@@ -45,6 +45,7 @@ std::shared_ptr<Host> Hosts::open(const std::string &path, const umo_engine_conf
     host->channels = host->model.channel_names();
     umo_status status = umo_model_get_skeleton(host->model.get(), UMO_AXES_UNREAL, host->skeleton.parents,
                                                host->skeleton.offsets, joint_count);
+    host->skeleton.model = host->model.get();
     if (status == UMO_STATUS_OK) {
         auto engine = umo::engine::make(host->model, &config);
         status = engine.status;

@@ -33,6 +33,7 @@ bool Retarget::build(const std::vector<Bone> &bones, const SourceSkeleton &sourc
                      const std::vector<Override> &overrides, std::string &problem) {
     links_.clear();
     driven_.clear();
+    volume_.reset();
     pelvis_ = -1;
     BoneMap map{};
     if (!map_bones(bones, overrides, map, problem)) return false;
@@ -115,8 +116,63 @@ void Retarget::correct(const std::vector<Vec3> &places, const std::vector<Quat> 
     }
 }
 
+bool Retarget::set_volume(const std::vector<Bone> &bones, const Surface &surface, float gain, std::string &problem) {
+    volume_.reset();
+    if (pelvis_ < 0 || bones.size() != links_.size()) return false;
+    std::vector<std::int32_t> parents, joints;
+    std::vector<float> places, turns;
+    std::vector<Vec3> at;
+    std::vector<Quat> turned;
+    for (std::size_t i = 0; i < bones.size(); ++i) {
+        const int parent = bones[i].parent;
+        const Quat from = parent < 0 ? Quat{} : turned[static_cast<std::size_t>(parent)];
+        const Vec3 above = parent < 0 ? Vec3{} : at[static_cast<std::size_t>(parent)];
+        turned.push_back(unit(from * bones[i].rotation));
+        at.push_back(above + rotate(from, bones[i].translation));
+        parents.push_back(parent);
+        joints.push_back(links_[i].joint);
+        for (const double x : {at[i].x, at[i].y, at[i].z}) places.push_back(static_cast<float>(x));
+        const Quat &q = turned[i];
+        for (const double x : {q.x, q.y, q.z, q.w}) turns.push_back(static_cast<float>(x));
+    }
+    umo_rig rig = umo::retarget::defaults();
+    rig.axes = UMO_AXES_UNREAL;
+    rig.gain = gain;
+    rig.bone_count = static_cast<std::uint32_t>(bones.size());
+    rig.vertex_count = static_cast<std::uint32_t>(surface.bones.size());
+    rig.index_count = static_cast<std::uint32_t>(surface.indices.size());
+    rig.parents = parents.data();
+    rig.joints = joints.data();
+    rig.places = places.data();
+    rig.rotations = turns.data();
+    rig.vertices = surface.vertices.data();
+    rig.vertex_bones = surface.bones.data();
+    rig.indices = surface.indices.data();
+    umo_retarget *made = nullptr;
+    if (umo_retarget_new(source_.model, &rig, &made) != UMO_STATUS_OK) {
+        problem = umo_last_error();
+        return false;
+    }
+    volume_ = umo::retarget(made, rig.bone_count);
+    turned_.resize(4 * bones.size());
+    return true;
+}
+
 void Retarget::apply(const float *rotations, const float *translation, bool moves) {
     if (pelvis_ < 0) return;
+    if (volume_) {
+        const float *rest = source_.rest_translation;
+        const float at[3] = {moves ? translation[0] : rest[0], moves ? translation[1] : rest[1], translation[2]};
+        float place[3] = {};
+        if (volume_.apply(rotations, at, turned_.data(), place) != UMO_STATUS_OK) return;
+        for (Driven &driven : driven_) {
+            const float *q = &turned_[4 * static_cast<std::size_t>(driven.bone)];
+            driven.rotation = {q[0], q[1], q[2], q[3]};
+        }
+        const Vec3 to = Vec3{place[0], place[1], place[2]} - pelvis_parent_place_;
+        pelvis_translation_ = rotate(inverse(pelvis_parent_turn_), to);
+        return;
+    }
     const Quat back = inverse(facing_);
     for (std::size_t joint = 0; joint < joint_count; ++joint) {
         const float *q = rotations + 4 * joint;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "BoneMap.h"
+#include "umo.hpp"
 
 namespace umo_unreal {
 
@@ -18,6 +19,18 @@ struct SourceSkeleton {
     float offsets[3 * joint_count] = {};
     /// Rest position of the root, centimetres.
     float rest_translation[3] = {};
+    /// The model that it is of; a handle, which may have been freed.
+    const umo_model *model = nullptr;
+};
+
+/// A character's mesh at rest, in the component's space.
+struct Surface {
+    /// Three values for each point, centimetres.
+    std::vector<float> vertices;
+    /// Bone that has at least half of each point's weight, or -1.
+    std::vector<std::int32_t> bones;
+    /// Points of the triangles.
+    std::vector<std::uint32_t> indices;
 };
 
 /// One bone of the result, relative to its parent.
@@ -37,6 +50,10 @@ public:
     /// False if the skeleton cannot be driven: `problem` says why, and nothing is driven.
     bool build(const std::vector<Bone> &bones, const SourceSkeleton &source, const std::vector<Override> &overrides,
                std::string &problem);
+
+    /// After `build`: leaves the bones to the library's retargeter, with which arms keep out of the body that the surface
+    /// shows, by `gain`, 0 to 1. False if it cannot: `problem` says why, and the bones are rotated as without.
+    bool set_volume(const std::vector<Bone> &bones, const Surface &surface, float gain, std::string &problem);
 
     /// `rotations` are the frame's 55 quaternions x y z w, `translation` its root position in centimetres. If `moves`
     /// is false the body stays in place and only moves up and down.
@@ -71,6 +88,8 @@ private:
     Quat pelvis_parent_turn_;
     Vec3 pelvis_translation_;
     Quat joint_turns_[joint_count];
+    umo::retarget volume_;
+    std::vector<float> turned_; // of all bones, by `volume_`
 };
 
 } // namespace umo_unreal
