@@ -11,6 +11,7 @@
 //! worker computes it, and a worker that the system preempts delays only its own batch.
 
 mod config;
+mod economy;
 mod error;
 mod full_share;
 mod load;
@@ -21,7 +22,7 @@ mod tests;
 mod worker;
 
 use std::cell::Cell;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
 
@@ -30,7 +31,7 @@ use umo_core_base::defect::{Defect, contain_quietly};
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{self, Arena, Counted};
 pub use umo_core_base::sync::{wait, wake_one};
-use umo_core_base::team::{ExternalWorkers, MAX_THREADS};
+use umo_core_base::team::{CoreGroup, ExternalWorkers, MAX_THREADS};
 use umo_core_base::thread::{self, JoinHandle};
 use umo_core_base::time::Instant;
 use umo_core_model::audio::resample::{self, FilterPlan, Resampler};
@@ -41,11 +42,12 @@ use umo_core_pose::frame::OwnedFrame;
 use crate::levels::Levels;
 use crate::link::Signal;
 use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
+use economy::Plan;
 use full_share::FullShare;
 use load::{LEAD, Load};
 use worker::Worker;
 
-pub use config::{EngineConfig, MAX_BATCH, MAX_SESSIONS, SubmitJobs, Threads};
+pub use config::{CoreKinds, EngineConfig, MAX_BATCH, MAX_SESSIONS, SubmitJobs, Threads};
 pub use error::{EngineError, PollError};
 pub use umo_core_base::team::Priority;
 
@@ -86,7 +88,11 @@ impl Started {
 #[derive(Debug)]
 struct Inner {
     slots: Arc<Slots>,
+    /// Where the threads run.
+    plan: Plan,
     load: Load,
+    /// Chunks computed on a slow core.
+    slow_chunks: AtomicU64,
     full_share: FullShare,
     started: Started,
     /// The panic that ended one of the engine's threads, and with it the engine.
@@ -205,7 +211,7 @@ impl Engine {
             engine.worker = Some(Mutex::new(worker));
             return Ok(engine);
         }
-        let workers = engine.inner.load.workers();
+        let workers = engine.inner.load.workers() + engine.inner.plan.more_workers();
         engine.threads = memory::with_capacity(workers);
         for index in 0..workers {
             // If one does not start, the engine is dropped with those that did.
@@ -228,10 +234,13 @@ impl Engine {
         range("max_batch", config.max_batch, MAX_BATCH)?;
         range("threads", config.threads.count(), MAX_THREADS)?;
         let rest = model.rest().map_err(EngineError::Rest)?;
-        let load = Load::new(config, model.config());
+        let plan = Plan::new(config);
+        let load = Load::new(config, &plan, model.config());
         let inner = Arc::new(Inner {
-            slots: Arc::new(Slots::new(model, config.max_sessions, load.workers())),
+            slots: Arc::new(Slots::new(model, config.max_sessions, load.workers() + plan.more_workers())),
+            plan,
             load,
+            slow_chunks: AtomicU64::new(0),
             full_share: FullShare::default(),
             started: Started::default(),
             defect: OnceLock::new(),
@@ -254,6 +263,26 @@ impl Engine {
     /// system refused it to one of them.
     pub fn priority(&self) -> Priority {
         if self.inner.refused.load(Ordering::Relaxed) { Priority::Normal } else { self.priority }
+    }
+
+    /// Number of threads that compute together: fewer than configured if the kind of cores that they run on has fewer
+    /// cores.
+    pub fn threads(&self) -> usize {
+        self.inner.plan.threads
+    }
+
+    /// Kinds of cores of these threads, and of the one that computes single chunks while it has time to spare; `None` where
+    /// the system chooses, and where there is no such thread.
+    #[doc(hidden)]
+    pub fn placed(&self) -> [Option<&CoreGroup>; 2] {
+        let Plan { team, slow, .. } = &self.inner.plan;
+        [team.as_ref(), slow.as_ref()]
+    }
+
+    /// Number of chunks that the latter has computed.
+    #[doc(hidden)]
+    pub fn slow_chunks(&self) -> u64 {
+        self.inner.slow_chunks.load(Ordering::Relaxed)
     }
 
     /// Creates a session. Allocates everything that it will need.
@@ -430,7 +459,11 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
         }
     };
     memory::require_thread();
-    let name = if index == LEAD { "umo-0".to_owned() } else { format!("umo-batch-{index}") };
+    let name = match index {
+        LEAD => "umo-0".to_owned(),
+        _ if inner.load.is_slow(index) => "umo-economy".to_owned(),
+        _ => format!("umo-batch-{index}"),
+    };
     let thread = thread::start(name, work).map_err(EngineError::thread)?;
     if let Err(error) = inner.started.wait(before) {
         // The thread ends by itself; the library must not be unloaded before.

@@ -12,6 +12,7 @@ use umo_core_model::avatar::{Avatar, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::linear::Compute;
 
+use super::economy::Took;
 use super::load::LEAD;
 use super::{EngineConfig, Inner, Threads};
 use crate::session::{Failure, Member, Members, PacketWriter, Schedule};
@@ -39,6 +40,8 @@ pub(super) struct Worker {
     waits: Option<Duration>,
     /// Time that the mouth network took for the last chunk.
     heard: Duration,
+    /// Start of the batch.
+    began: Instant,
     /// Stage times of the batch that were already added to the engine's.
     told: StageTimes,
 }
@@ -46,10 +49,13 @@ pub(super) struct Worker {
 impl Worker {
     /// Creates worker `index` of the engine. The [`LEAD`] has the engine's threads as its team.
     /// Each other worker is one thread, on the core of the team thread with the same number; one of
-    /// the two sleeps while the other computes.
+    /// the two sleeps while the other computes. The one after the engine's workers has the slow
+    /// core.
     pub(crate) fn new(inner: &Inner, config: &EngineConfig, index: usize) -> std::io::Result<Self> {
-        let threads = config.threads.count();
-        let width = config.max_batch.min(config.max_sessions);
+        let (plan, is_slow) = (&inner.plan, inner.load.is_slow(index));
+        let threads = plan.threads;
+        let width = if is_slow { 1 } else { config.max_batch.min(config.max_sessions) };
+        let kind = if is_slow { plan.slow.as_ref() } else { plan.team.as_ref() };
         // The host's thread polls.
         let (own, others) = match (config.threads, &*config.cores) {
             (Threads::Own(_), [own, others @ ..]) => (Some(*own), others),
@@ -58,9 +64,9 @@ impl Worker {
         let team = match (&config.jobs, config.threads) {
             (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
             _ if index != LEAD => {
-                Team::placed(1, Placement { caller: config.cores.get(index).copied(), ..Placement::default() })?
+                Team::placed(1, Placement { caller: config.cores.get(index).copied(), kind, ..Placement::default() })?
             }
-            _ => Team::placed(threads, Placement { caller: own, cores: others, priority: config.priority })?,
+            _ => Team::placed(threads, Placement { caller: own, cores: others, kind, priority: config.priority })?,
         };
         // Set after the team's threads have started, because they would inherit it.
         let is_set = matches!(config.threads, Threads::Host(_)) || config.priority.set();
@@ -84,6 +90,7 @@ impl Worker {
             batch_window: u64::try_from(config.batch_window.as_nanos()).unwrap_or(u64::MAX),
             waits: None,
             heard: Duration::ZERO,
+            began: Instant::now(),
             told: StageTimes::default(),
         })
     }
@@ -165,7 +172,19 @@ impl Worker {
             let now = self.batch.stage_times();
             times.add(now.since(std::mem::replace(&mut self.told, now)));
         }
+        self.learn(inner, now);
         self.put_back(inner);
+    }
+
+    /// Learns from the time of the completed batch whether a slow core has time for single chunks.
+    fn learn(&self, inner: &Inner, now: u64) {
+        let (Some(economy), Some(first)) = (inner.load.economy(), self.schedules.first()) else { return };
+        let is_slow = inner.load.is_slow(self.index);
+        let (chunks, time) = (self.schedules.len(), self.began.elapsed());
+        if is_slow {
+            inner.slow_chunks.fetch_add(chunks as u64, Ordering::Relaxed);
+        }
+        economy.learn(Took { is_slow, chunks, time, period: first.period() }, now);
     }
 
     /// Feeds one member's chunk to the mouth network. This is a separate step, so that a poll keeps
@@ -198,20 +217,22 @@ impl Worker {
         self.waits = None;
         let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
         let (window, mut sessions, mut wait) = (self.batch_window, 0, u64::MAX);
+        let mut begins = false;
         inner.slots.for_each_unlocked(|slot, member| {
             sessions += 1;
             if let Some((due, deadline)) = member.due(model, now) {
                 candidates.push((deadline, slot));
+                begins |= member.avatar.chunk == 0;
                 latest = latest.max(member.schedule.late());
                 if window > 0 {
                     wait = wait.min(member.wait((due, deadline), window, now));
                 }
             }
         });
-        let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
+        let part = inner.load.part(self.index, self.candidates.len(), begins).min(self.batch.width());
         if part == 0 && !self.candidates.is_empty() {
-            // The lead may have looked while this worker held one of their slots.
-            inner.signal().call(LEAD);
+            // It may have looked while this worker held one of their slots.
+            inner.signal().call(inner.load.keeper(self.candidates.len(), begins));
             return false;
         }
         let has_room = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
@@ -244,7 +265,8 @@ impl Worker {
         if self.avatars.is_empty() {
             return false;
         }
-        inner.load.begin(self.avatars.len());
+        self.began = Instant::now();
+        inner.load.begin(self.index, self.avatars.len());
         if left > 0 && inner.load.workers() > 1 {
             inner.signal().notify();
         }
@@ -256,7 +278,8 @@ impl Worker {
     pub(super) fn put_back(&mut self, inner: &Inner) {
         self.batch.abandon();
         if !self.avatars.is_empty() {
-            inner.load.end(self.avatars.len());
+            inner.load.end(self.index, self.avatars.len());
+            inner.signal().set_first(inner.load.first());
         }
         let members = self.avatars.drain(..).zip(self.schedules.drain(..));
         for ((avatar, schedule), slot) in members.zip(self.slots.drain(..)) {

@@ -154,6 +154,11 @@ impl Schedule {
         self.shared.outcome.is_running()
     }
 
+    /// Duration of a chunk's motion.
+    pub(crate) fn period(&self) -> Duration {
+        Duration::from_nanos(self.period)
+    }
+
     /// Lateness of the next chunk, which is due, if it began now, and the chunk's duration, both in
     /// nanoseconds. A chunk is late if its audio has waited longer than a chunk lasts.
     pub(crate) fn late(&self) -> (i64, i64) {
