@@ -104,7 +104,9 @@ pub use umo_core_model::lm::sampler::Sampler;
 #[doc(inline)]
 pub use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 #[doc(inline)]
-pub use umo_core_stream::engine::{Engine, EngineConfig, MAX_BATCH, MAX_SESSIONS, Poll, Priority, SubmitJobs, Threads};
+pub use umo_core_base::team::{CoreGroup, CoreKind, Cores};
+#[doc(inline)]
+pub use umo_core_stream::engine::{CoreKinds, Engine, EngineConfig, MAX_BATCH, MAX_SESSIONS, Poll, Priority, SubmitJobs, Threads};
 #[doc(inline)]
 pub use umo_core_stream::scene::{Allowed, Body, MAX_MEMBERS, MemberInfo, Place, Role, Scene, SceneError, Target};
 #[doc(inline)]

@@ -41,7 +41,7 @@ use umo_core_pose::frame::OwnedFrame;
 
 use crate::levels::Levels;
 use crate::link::Signal;
-use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
+use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, Voice, state_size};
 use economy::Plan;
 use full_share::FullShare;
 use load::{LEAD, Load};
@@ -146,7 +146,7 @@ impl Inner {
         let levels = Levels::new_in(&avatar, model.config(), arena);
         let init = SessionInit {
             model: &self.slots.model,
-            assembly: model.motion().assembly(),
+            assembly: model.assembly(),
             rest: &self.rest,
             chunk_frames: avatar.chunk_frames(model.config()),
             chunk_samples: avatar.most_samples(),
@@ -163,6 +163,30 @@ impl Inner {
         let shared = arena.counted(Shared::new(init, config)?);
         let member = Member::new_in(avatar, Counted::clone(&shared), &self.slots.model, config, levels, arena);
         Ok((shared, member))
+    }
+
+    /// Creates the state of a session of the mouth alone.
+    fn make_mouth(&self, config: &SessionConfig, arena: &Arena) -> Result<Counted<Shared>, EngineError> {
+        let model = self.model();
+        config.check()?;
+        config.avatar.check(model.config())?;
+        let plan = self.filter_plan(config.sample_rate)?;
+        let init = SessionInit {
+            model: &self.slots.model,
+            assembly: model.assembly(),
+            rest: &self.rest,
+            chunk_frames: 0,
+            chunk_samples: 0,
+            kept: 0,
+            clock: self.clock.clone(),
+            signal: Arc::default(),
+            resampler: Resampler::new_in(config.sample_rate, model.config().audio.sample_rate, plan, arena),
+            is_decoder: false,
+            take: None,
+            patches: None,
+            arena,
+        };
+        Ok(arena.counted(Shared::new(init, config)?))
     }
 
     /// Ends every session: no more frames are computed.
@@ -195,7 +219,8 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// Creates an engine without sessions. Allocates everything that computing needs.
+    /// Creates an engine without sessions. Allocates everything that computing needs. With a model of the mouth alone
+    /// ([`Model::load_mouth`]) it has no threads.
     ///
     /// # Errors
     /// [`EngineError`] if a number is out of range or a thread cannot be started.
@@ -205,6 +230,10 @@ impl Engine {
 
     fn start(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
         let mut engine = Self::bare(model, config)?;
+        if engine.model().is_mouth_alone() {
+            // Its sessions compute on the host's threads.
+            return Ok(engine);
+        }
         if matches!(config.threads, Threads::Host(_)) {
             let worker = Worker::new(&engine.inner, config, LEAD).map_err(EngineError::thread)?;
             engine.external_workers = config.jobs.clone().map(|jobs| (worker.external_workers(), jobs));
@@ -291,7 +320,7 @@ impl Engine {
     /// [`EngineError`] if a number is out of range or all slots are taken.
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
         let plan = Arena::plan();
-        self.inner.make(config, &plan)?;
+        self.plan_session(config, &plan)?;
         self.make_session(config, &Arena::block(plan.layout()?)?)
     }
 
@@ -303,7 +332,10 @@ impl Engine {
     /// [`EngineError`] if a number is out of range.
     #[doc(hidden)]
     pub fn plan_session(&self, config: &SessionConfig, plan: &Arena) -> Result<(), EngineError> {
-        self.inner.make(config, plan).map(drop)
+        match config.voice {
+            Voice::Mouth => self.inner.make_mouth(config, plan).map(drop),
+            Voice::Delayed | Voice::Live => self.inner.make(config, plan).map(drop),
+        }
     }
 
     /// Creates a session in memory of `arena`.
@@ -320,9 +352,12 @@ impl Engine {
         if let Some(defect) = inner.defect.get() {
             return Err(EngineError::Panicked(defect.clone()));
         }
+        if config.voice == Voice::Mouth {
+            return Ok(Session::of_mouth(inner.make_mouth(config, arena)?, Arc::clone(&inner.slots.model)));
+        }
         inner.slots.sweep();
         let (shared, mut member) = inner.make(config, arena)?;
-        let state_size = state_size(&shared, &mut member, inner.model());
+        let state_size = state_size(&shared, Some(&mut member), inner.model());
         let slot = inner.slots.insert(member).ok_or(EngineError::Full { sessions: inner.slots.len() })?;
         // The engine's thread may have ended before it saw the slot.
         if let Some(defect) = inner.defect.get() {
@@ -364,6 +399,9 @@ impl Engine {
     /// # Errors
     /// [`PollError`] if the engine has threads of its own, or another thread polls.
     pub fn poll(&self, budget: Duration) -> Result<Poll, PollError> {
+        if self.model().is_mouth_alone() {
+            return Ok(Poll::Idle);
+        }
         let worker = self.worker.as_ref().ok_or(PollError::OwnThreads)?;
         let mut worker = match worker.try_lock() {
             Ok(worker) => worker,
