@@ -5,8 +5,26 @@
  * the same major number and at most its own minor number.
  */
 export const ABI_VERSION = 1;
+/**
+ * On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
+ * computes with room to spare, on that core, unless the priority is high.
+ */
+export const CORES_AUTO = 0;
+/** Threads run wherever the system puts them. */
+export const CORES_SYSTEM = 1;
+/** The fastest kind of cores alone. */
+export const CORES_PERFORMANCE = 2;
+/** The slowest kind of cores that is not low-power, alone. */
+export const CORES_EFFICIENCY = 3;
 /** Offset meaning: do not write this field. */
 export const ABSENT = 4294967295;
+/** All networks of the model. */
+export const PARTS_ALL = 0;
+/**
+ * The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `"mouth"`, and engines have no
+ * threads.
+ */
+export const PARTS_MOUTH = 1;
 /** Visemes per frame. */
 export const VISEME_COUNT = 15;
 /** Joints of every model. */
@@ -276,6 +294,12 @@ export const VOICES = Object.freeze({
    * or a voice that is played as it arrives.
    */
   live: 1,
+  /**
+   * The mouth alone, timed as with `"live"`: no chunk is computed, and the engine has nothing to do. The body is at rest,
+   * with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one voice of a model loaded
+   * with `PARTS_MOUTH`.
+   */
+  mouth: 2,
 });
 /** Output of chunks as packets. */
 export const PACKETS = Object.freeze({
@@ -332,7 +356,7 @@ export const LOG = {
   },
 };
 export const ENGINE_CONFIG = {
-  size: 44,
+  size: 48,
   fields: {
     structSize: [0, "Uint32"],
     mode: [4, "Uint32", ENGINE_MODES],
@@ -345,8 +369,9 @@ export const ENGINE_CONFIG = {
     log: [32, "Pointer"],
     priority: [36, "Uint32", PRIORITIES],
     batchWindowMs: [40, "Uint32"],
+    coreKinds: [44, "Uint32"],
   },
-  options: ["threads", "maxSessions", "maxBatch", "priority", "batchWindowMs"],
+  options: ["threads", "maxSessions", "maxBatch", "priority", "batchWindowMs", "coreKinds"],
 };
 export const FRAME_LAYOUT = {
   size: 48,
@@ -397,7 +422,7 @@ export const MODEL_CONFIG = {
     structSize: [0, "Uint32"],
     precision: [4, "Uint32", PRECISIONS],
     isa: [8, "Uint32", ISAS],
-    reserved: [12, "Uint32"],
+    parts: [12, "Uint32"],
     log: [16, "Pointer"],
   },
 };

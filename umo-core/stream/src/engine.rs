@@ -179,7 +179,7 @@ impl Inner {
             chunk_samples: 0,
             kept: 0,
             clock: self.clock.clone(),
-            signal: Arc::default(),
+            signal: Arc::clone(&self.slots.signal),
             resampler: Resampler::new_in(config.sample_rate, model.config().audio.sample_rate, plan, arena),
             is_decoder: false,
             take: None,

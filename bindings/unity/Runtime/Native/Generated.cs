@@ -13,8 +13,26 @@ namespace Umo
         /// programs with the same major number and at most its own minor number.
         /// </summary>
         public const uint AbiVersion = 1;
+        /// <summary>
+        /// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one
+        /// slower core computes with room to spare, on that core, unless the priority is high.
+        /// </summary>
+        public const uint CoresAuto = 0;
+        /// <summary>Threads run wherever the system puts them.</summary>
+        public const uint CoresSystem = 1;
+        /// <summary>The fastest kind of cores alone.</summary>
+        public const uint CoresPerformance = 2;
+        /// <summary>The slowest kind of cores that is not low-power, alone.</summary>
+        public const uint CoresEfficiency = 3;
         /// <summary>Offset meaning: do not write this field.</summary>
         public const uint Absent = 4294967295;
+        /// <summary>All networks of the model.</summary>
+        public const uint PartsAll = 0;
+        /// <summary>
+        /// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need Voice.Mouth, and
+        /// engines have no threads.
+        /// </summary>
+        public const uint PartsMouth = 1;
         /// <summary>Visemes per frame.</summary>
         public const int VisemeCount = 15;
         /// <summary>Joints of every model.</summary>
@@ -322,6 +340,12 @@ namespace Umo
         /// For a microphone, or a voice that is played as it arrives.
         /// </summary>
         Live = 1,
+        /// <summary>
+        /// The mouth alone, timed as with Voice.Live: no chunk is computed, and the engine has nothing to do. The body is
+        /// at rest, with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one
+        /// voice of a model loaded with Native.PartsMouth.
+        /// </summary>
+        Mouth = 2,
     }
 
     /// <summary>Output of chunks as packets.</summary>
@@ -459,6 +483,12 @@ namespace Umo
         /// due. 0: no chunk waits.
         /// </summary>
         public uint BatchWindowMs;
+        /// <summary>
+        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of UMO_CORES_…. All but
+        /// Native.CoresSystem start at most as many threads as the kind has cores. No effect where all cores are of one
+        /// kind.
+        /// </summary>
+        public uint CoreKinds;
     }
 
     /// <summary>
@@ -570,8 +600,8 @@ namespace Umo
         /// can give other frames: docs/spec.md, section 2.9, says which give equal ones.
         /// </summary>
         public Isa Isa;
-        /// <summary>Zero.</summary>
-        public uint Reserved;
+        /// <summary>Networks to load: one of UMO_PARTS_….</summary>
+        public uint Parts;
         /// <summary>
         /// Log callback for this model, or NULL. The structure is copied while the model is loaded. C: const struct
         /// umo_log *.
@@ -613,7 +643,7 @@ namespace Umo
         public uint HasNotice;
         /// <summary>Size of the model file in bytes.</summary>
         public ulong FileSize;
-        /// <summary>1 if the model has a mouth network, so that sessions can use Voice.Live.</summary>
+        /// <summary>1 if the model has a mouth network, so that sessions can use Voice.Live and Voice.Mouth.</summary>
         public uint HasMouth;
         /// <summary>
         /// Upper bound on SessionConfig.Horizon: keyframes of audio behind a chunk that a session can wait for. Useful if
@@ -692,7 +722,7 @@ namespace Umo
         public uint EaseMs;
         /// <summary>Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.</summary>
         public uint QueueFrames;
-        /// <summary>Timing of the mouth: one of Voice.</summary>
+        /// <summary>Timing of the mouth, and whether there is a body: one of Voice.</summary>
         public Voice Voice;
         /// <summary>Seed of all sampling: equal seeds and audio give equal frames.</summary>
         public ulong Seed;
@@ -733,7 +763,7 @@ namespace Umo
         public uint ReorderWindow;
         /// <summary>
         /// Bytes of memory for a take that is recorded while the session runs (umo_session_take), some 700 a second; 0
-        /// for none. Not with Voice.Live, Packets.Only or decoders.
+        /// for none. Not with Voice.Live, Voice.Mouth, Packets.Only or decoders.
         /// </summary>
         public ulong TakeBytes;
     }

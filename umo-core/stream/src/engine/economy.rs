@@ -99,7 +99,8 @@ pub(super) struct Economy {
 
 #[derive(Debug)]
 struct Learned {
-    /// Time of a chunk on the slow core over that on the team.
+    /// Time of a chunk on the slow core over that on the team: as the system reports it, and as learned.
+    reported: f32,
     ratio: f32,
     /// Share of the slow core's time that chunks take there, or would.
     busy: f32,
@@ -118,8 +119,9 @@ struct Learned {
 impl Economy {
     /// Starts with the team. `ratio` is the time on the slow core over that on the team, as the system reports it.
     fn new(ratio: f32) -> Self {
-        let (busy, team, slow) = (0.0, 0.0, 0.0);
-        let learned = Learned { ratio, busy, team, slow, fitting: 0, last: 0, changed: 0, from: 0, wait: WAIT };
+        let (busy, team, slow, fitting) = (0.0, 0.0, 0.0, 0);
+        let (last, changed, from, wait) = (0, 0, 0, WAIT);
+        let learned = Learned { reported: ratio, ratio, busy, team, slow, fitting, last, changed, from, wait };
         Self { is_on: AtomicBool::new(false), learned: Mutex::new(learned) }
     }
 
@@ -162,8 +164,8 @@ impl Learned {
             if took.is_slow && self.slow.max(self.busy) > LIMIT {
                 self.from = now.saturating_add(u64::try_from(self.wait.as_nanos()).unwrap_or(u64::MAX));
                 self.wait = (2 * self.wait).min(LONGEST_WAIT);
-                // What was learned there is forgotten when it is tried again.
-                (self.slow, self.fitting) = (0.0, 0);
+                // What was learned there is forgotten: whatever slows the core may end.
+                (self.slow, self.ratio, self.fitting) = (0.0, self.reported, 0);
                 return false;
             }
             if now.saturating_sub(self.changed) > u64::try_from(PROVEN.as_nanos()).unwrap_or(u64::MAX) {

@@ -100,7 +100,7 @@ fn a_lone_avatar_is_computed_on_a_slow_core() {
             (0..sessions).map(|_| engine.session(&SessionConfig::new(model.config())).unwrap()).collect();
         let mut bits = Vec::new();
         for chunk in 1..=12 {
-            let length = sessions[0].latency().algorithmic_samples;
+            let length = SessionConfig::new(model.config()).avatar.target * model.config().samples_per_keyframe();
             for session in &sessions {
                 session.push_audio(&vec![0.01; length]).unwrap();
             }

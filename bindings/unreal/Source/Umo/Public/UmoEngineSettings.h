@@ -60,6 +60,13 @@ public:
 	UPROPERTY(Config)
 	int32 BatchWindowMs = 0;
 
+	/**
+	 * Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `UMO_CORES_…`. All but
+	 * `UMO_CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores are of one kind.
+	 */
+	UPROPERTY(Config)
+	int32 CoreKinds = 0;
+
 	/** Sets fields of a `umo_engine_config`. */
 	template <typename T>
 	void Configure(T& Config) const
@@ -69,5 +76,6 @@ public:
 		if (MaxBatch > 0) Config.max_batch = static_cast<uint32>(MaxBatch);
 		if (Priority > EUmoPriority::Normal) Config.priority = static_cast<uint32>(Priority);
 		if (BatchWindowMs > 0) Config.batch_window_ms = static_cast<uint32>(BatchWindowMs);
+		if (CoreKinds > 0) Config.core_kinds = static_cast<uint32>(CoreKinds);
 	}
 };
