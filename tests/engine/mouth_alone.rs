@@ -50,7 +50,10 @@ fn the_mouth_speaks_over_the_rest_pose_without_the_engine() {
     for (engine, piece) in [(&whole, 160), (&whole, 5_000), (&small, 333)] {
         let session = engine.session(&alone(engine.model())).unwrap();
         let latency = session.latency();
-        assert_eq!((latency.algorithmic_samples, latency.mouth_samples), (mouth.latency_samples(), mouth.latency_samples()));
+        assert_eq!(
+            (latency.algorithmic_samples, latency.mouth_samples),
+            (mouth.latency_samples(), mouth.latency_samples())
+        );
         let wanted = alone(model).latency_samples(model.config()).unwrap();
         assert_eq!(latency.algorithmic_samples, wanted);
         let frames = speak(&session, &samples, piece);
@@ -59,7 +62,10 @@ fn the_mouth_speaks_over_the_rest_pose_without_the_engine() {
             assert_eq!((frame.index, frame.sample), (i as u64, (i * 16_000 / 30) as u64));
             // The body's rotations, but for the jaw, and its place.
             let (jaw, bits, still) = (4 * 22..4 * 23, &frame.bits, &rest.bits);
-            assert_eq!((&bits[..jaw.start], &bits[jaw.end..4 * 55 + 3]), (&still[..jaw.start], &still[jaw.end..4 * 55 + 3]));
+            assert_eq!(
+                (&bits[..jaw.start], &bits[jaw.end..4 * 55 + 3]),
+                (&still[..jaw.start], &still[jaw.end..4 * 55 + 3])
+            );
             for (channel, value) in mouth.channels().iter().zip(channels) {
                 assert_eq!(f32::from_bits(bits[4 * 55 + 3 + channel]), *value, "frame {i}");
             }

@@ -114,7 +114,7 @@ pub struct UmoEngineConfig {
 
 // SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
 unsafe impl Sized32 for UmoEngineConfig {
-    const FIRST: usize = 32 + 3 * size_of::<*const u32>();
+    const FIRST: usize = 32 + 4 * size_of::<*const u32>();
 }
 
 /// Object of an engine's handle.

@@ -190,8 +190,13 @@ pub(crate) fn check_abi(abi: u32) -> Result<(), Failure> {
 }
 
 impl UmoModelConfig {
-    const DEFAULT: Self =
-        Self { struct_size: 0, precision: UMO_PRECISION_STORED, isa: UMO_ISA_BEST, parts: UMO_PARTS_ALL, log: std::ptr::null() };
+    const DEFAULT: Self = Self {
+        struct_size: 0,
+        precision: UMO_PRECISION_STORED,
+        isa: UMO_ISA_BEST,
+        parts: UMO_PARTS_ALL,
+        log: std::ptr::null(),
+    };
 }
 
 fn precision(number: u32) -> Result<Precision, Failure> {

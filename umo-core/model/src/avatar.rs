@@ -313,7 +313,12 @@ impl Avatar {
             whole: None,
             intent: depth::intent(c),
             window: Window::new_in(c, config.target, arena),
-            run: model.body().layout.run_in(c, &model.body().motion, Shape { target: config.target, lookahead, smoothing }, arena),
+            run: model.body().layout.run_in(
+                c,
+                &model.body().motion,
+                Shape { target: config.target, lookahead, smoothing },
+                arena,
+            ),
         })
     }
 

@@ -120,11 +120,11 @@ impl Batch {
         let window = window_tokens(config, config.max_target);
         let rows = model
             .body()
-                .motion
+            .motion
             .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride);
         Self {
             audio: model
-            .body()
+                .body()
                 .tokenizer
                 .scratch(window, (config.max_target + config.audio.ahead) * config.tokens_per_keyframe()),
             call: None,
@@ -137,7 +137,9 @@ impl Batch {
             ids: filled(0, sequences * max_encoder_tokens(config)).into(),
             states: filled(0.0, sequences * lengths.encoder * config.lm.d_model).into(),
             lengths: filled(0, sequences).into(),
-            sequences: (0..sequences).map(|_| Sequence::new(config, lengths, model.body().lm.cross_storage())).collect(),
+            sequences: (0..sequences)
+                .map(|_| Sequence::new(config, lengths, model.body().lm.cross_storage()))
+                .collect(),
             per_member,
             due: filled(Due::Nothing, width).into(),
             members: 0,

@@ -79,12 +79,12 @@ impl Model {
             let precision = Precision::Stored;
             let loader = Loader::new(file, precision, isa);
             let config = file.config().clone();
-            let mouth = Mouth::load(&loader)?.ok_or_else(|| {
-                LoadError::argument("parts", "the model has no live mouth: load all of it")
-            })?;
+            let mouth = Mouth::load(&loader)?
+                .ok_or_else(|| LoadError::argument("parts", "the model has no live mouth: load all of it"))?;
             // The decoders give the rest pose, and are dropped.
             let motion = MotionDecoder::load(&loader)?;
-            let rest = decode_rest(&motion, loader.isa()).map_err(|error| LoadError::config("rest", error.to_string()))?;
+            let rest =
+                decode_rest(&motion, loader.isa()).map_err(|error| LoadError::config("rest", error.to_string()))?;
             Ok(Self {
                 fingerprint: file.fingerprint(precision.name()),
                 isa: loader.isa(),
@@ -157,7 +157,8 @@ impl Model {
         match self.body {
             Some(_) => Ok(()),
             None => {
-                let problem = "the mouth alone was loaded, and speaks in sessions whose voice is the mouth; load all parts";
+                let problem =
+                    "the mouth alone was loaded, and speaks in sessions whose voice is the mouth; load all parts";
                 Err(LoadError::argument("parts", problem))
             }
         }

@@ -93,7 +93,8 @@ mod system {
         // Words of 8 bytes, as the entries need their alignment.
         let mut words = vec![0_u64; (size as usize).div_ceil(8)];
         // SAFETY: the system writes at most `size` bytes, which the words have.
-        let known = unsafe { GetSystemCpuSetInformation(words.as_mut_ptr().cast(), size, &mut size, null_mut(), 0) } != 0;
+        let known =
+            unsafe { GetSystemCpuSetInformation(words.as_mut_ptr().cast(), size, &mut size, null_mut(), 0) } != 0;
         let bytes: Vec<u8> = words.into_iter().flat_map(u64::to_le_bytes).take(size as usize).collect();
         if known { Cores::of_cpu_sets(&bytes) } else { Cores::unknown() }
     }

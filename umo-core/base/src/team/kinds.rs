@@ -145,7 +145,8 @@ impl Cores {
                 cores.push(&one.core);
             }
         }
-        let mut groups: Vec<_> = groups.into_iter().map(|(group, cores, _)| CoreGroup { cores: cores.len(), ..group }).collect();
+        let mut groups: Vec<_> =
+            groups.into_iter().map(|(group, cores, _)| CoreGroup { cores: cores.len(), ..group }).collect();
         let mut slower: Option<f32> = None;
         for group in &mut groups {
             group.processors.sort_unstable();
@@ -156,6 +157,13 @@ impl Cores {
             }
         }
         Self(groups)
+    }
+
+    /// [`Self::system`], or what a folder in place of Linux's `/sys` says.
+    #[cfg(feature = "threads")]
+    #[doc(hidden)]
+    pub fn system_at(root: &Path) -> Self {
+        if root == Path::new("/sys") { Self::system() } else { Self::read(root, &super::cores::usable()) }
     }
 
     /// Reads the kinds of the `usable` processors from a folder such as `/sys`.
@@ -173,8 +181,10 @@ impl Cores {
         let of = |number: usize, file: &str| text(&format!("devices/system/cpu/cpu{number}/{file}"));
         // The first measure that every processor has; a frequency says least.
         let measures = ["cpu_capacity", "acpi_cppc/highest_perf", "cpufreq/cpuinfo_max_freq"];
-        let speed = |number: usize, measure: &str| of(number, measure)?.parse::<f32>().ok().filter(|&speed| speed > 0.0);
-        let measure = measures.into_iter().find(|measure| usable.iter().all(|&number| speed(number, measure).is_some()));
+        let speed =
+            |number: usize, measure: &str| of(number, measure)?.parse::<f32>().ok().filter(|&speed| speed > 0.0);
+        let measure =
+            measures.into_iter().find(|measure| usable.iter().all(|&number| speed(number, measure).is_some()));
         let last_cache = |number: usize| of(number, "cache/index3/level").is_some();
         let has_last_cache = !lists.is_empty() && usable.iter().any(|&number| last_cache(number));
         let processors = usable.iter().map(|&number| {

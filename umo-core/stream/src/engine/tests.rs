@@ -79,7 +79,8 @@ fn processors_of(name: &str) -> Option<String> {
     let tasks = std::fs::read_dir("/proc/self/task").unwrap();
     let of = |task: std::path::PathBuf| {
         let status = std::fs::read_to_string(task.join("status")).ok()?;
-        let value = |key: &str| status.lines().find_map(|line| line.strip_prefix(key)).map(|text| text.trim().to_owned());
+        let value =
+            |key: &str| status.lines().find_map(|line| line.strip_prefix(key)).map(|text| text.trim().to_owned());
         (value("Name:")? == name).then(|| value("Cpus_allowed_list:")).flatten()
     };
     tasks.filter_map(|task| of(task.unwrap().path())).next()

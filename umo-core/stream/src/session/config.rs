@@ -147,7 +147,8 @@ impl SessionConfig {
         in_range("channels", self.channels, 1, MAX_CHANNELS)?;
         let has_frames = self.packets.is_none_or(|packets| packets.with_frames);
         if self.take_bytes > 0 && (self.voice != Voice::Delayed || !has_frames) {
-            let problem = "a take is recorded of delayed frames: not with a live voice or the mouth alone, nor of packets alone";
+            let problem =
+                "a take is recorded of delayed frames: not with a live voice or the mouth alone, nor of packets alone";
             return Err(LoadError::argument("take_bytes", problem));
         }
         if self.voice == Voice::Mouth && self.packets.is_some() {

@@ -47,7 +47,8 @@ fn phones_are_grouped_by_capacity() {
     assert_eq!(short(&cores), [(P, 1, vec![7]), (P, 3, vec![4, 5, 6]), (E, 4, vec![0, 1, 2, 3])]);
     assert_eq!(cores.to_string(), "1 performance (speed 1.00), 3 performance (speed 0.78), 4 efficiency (speed 0.24)");
     // Without capacities, greatest frequencies.
-    let cores = read("old-phone", &[], &[("cpufreq/cpuinfo_max_freq", &[1_400_000, 1_400_000, 2_400_000, 2_400_000])], 4);
+    let cores =
+        read("old-phone", &[], &[("cpufreq/cpuinfo_max_freq", &[1_400_000, 1_400_000, 2_400_000, 2_400_000])], 4);
     assert_eq!(short(&cores), [(P, 2, vec![2, 3]), (E, 2, vec![0, 1])]);
     // A measure that some processors lack is no measure.
     let cores = read("hole", &[], &[("cpu_capacity", &[512, 0]), ("cpufreq/cpuinfo_max_freq", &[2_000_000; 2])], 2);
@@ -65,7 +66,8 @@ fn hybrid_processors_are_grouped_by_kind_whatever_their_frequencies() {
         ("devices/system/cpu/cpu2/topology/thread_siblings_list", "2-3"),
         ("devices/system/cpu/cpu3/topology/thread_siblings_list", "2-3"),
     ];
-    let frequencies = [5_000_000, 5_000_000, 4_200_000, 4_200_000, 3_600_000, 3_600_000, 3_600_000, 3_600_000, 2_500_000, 2_500_000];
+    let frequencies =
+        [5_000_000, 5_000_000, 4_200_000, 4_200_000, 3_600_000, 3_600_000, 3_600_000, 3_600_000, 2_500_000, 2_500_000];
     let per = [("cpufreq/cpuinfo_max_freq", &frequencies[..]), ("cache/index3/level", &[3, 3, 3, 3, 3, 3, 3, 3, 0, 0])];
     let cores = read("hybrid", &files, &per, 10);
     assert_eq!(short(&cores), [(P, 2, vec![0, 1, 2, 3]), (E, 4, vec![4, 5, 6, 7]), (L, 2, vec![8, 9])]);
@@ -136,7 +138,8 @@ fn the_fastest_kind_is_that_of_all_its_threads_together() {
     assert_eq!((cores(1), cores(2), cores(8)), (Some((1, true)), Some((3, false)), Some((3, false))));
     assert_eq!(phone.slowest().map(|group| group.cores), Some(4));
     // Few fast cores, many small ones.
-    let lists = [("devices/cpu_core/cpus", "0-1"), ("devices/cpu_atom/cpus", "2-9"), ("devices/cpu_lowpower/cpus", "10-30")];
+    let lists =
+        [("devices/cpu_core/cpus", "0-1"), ("devices/cpu_atom/cpus", "2-9"), ("devices/cpu_lowpower/cpus", "10-30")];
     let laptop = read("laptop", &lists, &[], 31);
     let kind = |threads| laptop.fastest(threads).map(|group| group.kind);
     assert_eq!((kind(2), kind(4), kind(20)), (Some(P), Some(E), Some(E)));

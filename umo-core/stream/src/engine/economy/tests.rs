@@ -29,7 +29,10 @@ fn threads_of_a_team_are_of_one_kind_and_no_more_than_its_cores() {
     assert_eq!(plan(|config| config.threads = Threads::Own(12)), (8, slow, None));
     assert_eq!(plan(|config| config.threads = Threads::Own(5)), (4, fast, slow));
     assert_eq!(plan(|config| config.threads = Threads::Own(1)), (1, fast, slow));
-    assert_eq!(plan(|config| (config.threads, config.core_kinds) = (Threads::Own(12), CoreKinds::Performance)), (4, fast, None));
+    assert_eq!(
+        plan(|config| (config.threads, config.core_kinds) = (Threads::Own(12), CoreKinds::Performance)),
+        (4, fast, None)
+    );
     assert_eq!(plan(|config| config.core_kinds = CoreKinds::Efficiency), (4, slow, None));
     // Left to the system: as asked, by the cores that the host chose, on the host's threads, or on equal cores.
     let left = (4, None, None);
