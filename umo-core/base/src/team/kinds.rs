@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Speed, relative to the first core of a group, below which a core belongs to another one: cores that are let run a
-/// little faster than their like are no kind of their own.
+/// little faster than their like stay with them.
 const SAME_SPEED: f32 = 0.85;
 /// Speed, relative to the fastest core, from which a core of unknown kind counts as a performance core.
 const PERFORMANCE: f32 = 0.7;

@@ -152,7 +152,7 @@ impl SessionConfig {
             return Err(LoadError::argument("take_bytes", problem));
         }
         if self.voice == Voice::Mouth && self.packets.is_some() {
-            return Err(LoadError::argument("packets", "there are none of the mouth alone, which has no chunks"));
+            return Err(LoadError::argument("packets", "the mouth alone has no chunks to make packets of"));
         }
         check_words(&self.words, &self.gestures)
     }

@@ -50,7 +50,7 @@ fn phones_are_grouped_by_capacity() {
     let cores =
         read("old-phone", &[], &[("cpufreq/cpuinfo_max_freq", &[1_400_000, 1_400_000, 2_400_000, 2_400_000])], 4);
     assert_eq!(short(&cores), [(P, 2, vec![2, 3]), (E, 2, vec![0, 1])]);
-    // A measure that some processors lack is no measure.
+    // A measure that some processors lack does not count.
     let cores = read("hole", &[], &[("cpu_capacity", &[512, 0]), ("cpufreq/cpuinfo_max_freq", &[2_000_000; 2])], 2);
     assert_eq!(short(&cores), [(P, 2, vec![0, 1])]);
 }
