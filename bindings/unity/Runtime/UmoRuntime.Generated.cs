@@ -35,11 +35,11 @@ namespace Umo.Unity
         public static uint BatchWindowMs { get; set; }
 
         /// <summary>
-        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of UMO_CORES_…. All but
-        /// Native.CoresSystem start at most as many threads as the kind has cores. No effect where all cores are of one
+        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of CoreKinds. All but
+        /// CoreKinds.System start at most as many threads as the kind has cores. No effect where all cores are of one
         /// kind.
         /// </summary>
-        public static uint CoreKinds { get; set; }
+        public static CoreKinds CoreKinds { get; set; }
 
         private static void Configure(ref EngineConfig config)
         {

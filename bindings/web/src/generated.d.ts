@@ -107,10 +107,11 @@ export interface EngineOptions {
    */
   batchWindowMs?: number;
   /**
-   * Kinds of cores that the engine's own threads run on if `coreCount` is 0: one of `UMO_CORES_…`. All but `CORES_SYSTEM`
-   * start at most as many threads as the kind has cores. No effect where all cores are of one kind.
+   * Kinds of cores that the engine's own threads run on if `coreCount` is 0: one of `"auto"`, `"system"`, `"performance"`,
+   * `"efficiency"`. All but `"system"` start at most as many threads as the kind has cores. No effect where all cores are of
+   * one kind.
    */
-  coreKinds?: number;
+  coreKinds?: "auto" | "system" | "performance" | "efficiency";
 }
 
 export interface SessionOptions {

@@ -5,26 +5,8 @@
  * the same major number and at most its own minor number.
  */
 export const ABI_VERSION = 1;
-/**
- * On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
- * computes with room to spare, on that core, unless the priority is high.
- */
-export const CORES_AUTO = 0;
-/** Threads run wherever the system puts them. */
-export const CORES_SYSTEM = 1;
-/** The fastest kind of cores alone. */
-export const CORES_PERFORMANCE = 2;
-/** The slowest kind of cores that is not low-power, alone. */
-export const CORES_EFFICIENCY = 3;
 /** Offset meaning: do not write this field. */
 export const ABSENT = 4294967295;
-/** All networks of the model. */
-export const PARTS_ALL = 0;
-/**
- * The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `"mouth"`, and engines have no
- * threads.
- */
-export const PARTS_MOUTH = 1;
 /** Visemes per frame. */
 export const VISEME_COUNT = 15;
 /** Joints of every model. */
@@ -112,6 +94,30 @@ export const PRIORITIES = Object.freeze({
   high: 1,
   /** Priority below normal: threads use the time that others leave. */
   low: 2,
+});
+/** Kinds of cores that an engine's own threads run on. */
+export const CORE_KINDS = Object.freeze({
+  /**
+   * On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
+   * computes with room to spare, on that core, unless the priority is high.
+   */
+  auto: 0,
+  /** Threads run wherever the system puts them. */
+  system: 1,
+  /** The fastest kind of cores alone. */
+  performance: 2,
+  /** The slowest kind of cores that is not low-power, alone. */
+  efficiency: 3,
+});
+/** Networks of a model to load. */
+export const MODEL_PARTS = Object.freeze({
+  /** All networks of the model. */
+  all: 0,
+  /**
+   * The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `"mouth"`, and engines have no
+   * threads.
+   */
+  mouth: 1,
 });
 /** Hand of a gesture. */
 export const SIDES = Object.freeze({
@@ -284,7 +290,7 @@ export const Idle = Object.freeze({
   /** The model runs on silence. */
   live: 2,
 });
-/** Timing of the mouth. */
+/** Timing of the mouth, and whether there is a body. */
 export const VOICES = Object.freeze({
   /** The mouth moves with the body, later than the sound by the session's latency. */
   delayed: 0,
@@ -297,7 +303,7 @@ export const VOICES = Object.freeze({
   /**
    * The mouth alone, timed as with `"live"`: no chunk is computed, and the engine has nothing to do. The body is at rest,
    * with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one voice of a model loaded
-   * with `PARTS_MOUTH`.
+   * with `"mouth"`.
    */
   mouth: 2,
 });
@@ -369,7 +375,7 @@ export const ENGINE_CONFIG = {
     log: [32, "Pointer"],
     priority: [36, "Uint32", PRIORITIES],
     batchWindowMs: [40, "Uint32"],
-    coreKinds: [44, "Uint32"],
+    coreKinds: [44, "Uint32", CORE_KINDS],
   },
   options: ["threads", "maxSessions", "maxBatch", "priority", "batchWindowMs", "coreKinds"],
 };
@@ -422,7 +428,7 @@ export const MODEL_CONFIG = {
     structSize: [0, "Uint32"],
     precision: [4, "Uint32", PRECISIONS],
     isa: [8, "Uint32", ISAS],
-    parts: [12, "Uint32"],
+    parts: [12, "Uint32", MODEL_PARTS],
     log: [16, "Pointer"],
   },
 };

@@ -30,6 +30,9 @@ pub struct Bench {
     /// Measure energy instead: joules a second of avatar, a row per setting
     #[arg(long)]
     pub energy: bool,
+    /// The same model in int4, for a row of its own
+    #[arg(long, value_name = "FILE", requires = "energy", help_heading = TUNING, hide_short_help = true)]
+    pub int4: Option<PathBuf>,
     /// Measure one such row, and print it as JSON
     #[arg(long, hide = true, value_enum, value_name = "ROW")]
     pub energy_row: Option<EnergyRow>,

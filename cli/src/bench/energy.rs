@@ -105,15 +105,17 @@ fn measure(args: &Bench, folder: &std::path::Path) -> Result<(Option<f64>, Vec<(
 
     let many = if args.sessions > 1 { args.sessions } else { CROWD };
     let given = args.engine.compute.model.as_deref();
+    // A file for all: what is read of a model in the program stays in memory.
+    let whole = folder.join("model.safetensors");
+    std::fs::write(&whole, model::bytes(given)?).map_err(Failure::environment)?;
     let mut rows = vec![
         ("one avatar, 1 thread".to_owned(), EnergyRow::Speak, 1, 1, None),
         ("one avatar, 2 threads".to_owned(), EnergyRow::Speak, 1, 2, None),
         (format!("{many} avatars, 1 thread"), EnergyRow::Speak, many, 1, None),
         (format!("{many} avatars, 2 threads"), EnergyRow::Speak, many, 2, None),
     ];
-    let small = folder.join("int4.safetensors");
-    if quantize(given, folder, &small)? {
-        rows.push(("one avatar, int4".to_owned(), EnergyRow::Speak, 1, 1, Some(small.as_path())));
+    if let Some(int4) = &args.int4 {
+        rows.push(("one avatar, int4".to_owned(), EnergyRow::Speak, 1, 1, Some(int4.as_path())));
     }
     let has_mouth = model::open_quietly(given)?.config().mouth.is_some();
     rows.push(("one, held body".to_owned(), EnergyRow::Held, 1, 1, None));
@@ -123,28 +125,9 @@ fn measure(args: &Bench, folder: &std::path::Path) -> Result<(Option<f64>, Vec<(
     }
     let mut taken = Vec::new();
     for (name, row, sessions, threads, file) in rows {
-        taken.push((name, child(args, row, (sessions, threads), file.or(given))?));
+        taken.push((name, child(args, row, (sessions, threads), file.unwrap_or(&whole))?));
     }
     Ok((idle, taken))
-}
-
-/// Makes the model with its decoder in int4; returns whether there is one.
-fn quantize(
-    given: Option<&std::path::Path>,
-    folder: &std::path::Path,
-    small: &std::path::Path,
-) -> Result<bool, Failure> {
-    let whole = folder.join("model.safetensors");
-    std::fs::write(&whole, model::bytes(given)?).map_err(Failure::environment)?;
-    let program = std::env::current_exe().map_err(Failure::environment)?;
-    let made = Command::new(program)
-        .args(["model", "quantize", "--weights", "int4", "-o"])
-        .args([small, &whole])
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status();
-    Ok(made.is_ok_and(|status| status.success()))
 }
 
 /// Measures a row in a process of its own.
@@ -152,7 +135,7 @@ fn child(
     args: &Bench,
     row: EnergyRow,
     (sessions, threads): (usize, usize),
-    file: Option<&std::path::Path>,
+    file: &std::path::Path,
 ) -> Result<Taken, Failure> {
     let program = std::env::current_exe().map_err(Failure::environment)?;
     let mut command = Command::new(program);
@@ -162,9 +145,7 @@ fn child(
     if let Some(isa) = &args.engine.compute.isa {
         command.args(["--isa", isa]);
     }
-    if let Some(file) = file {
-        command.arg("--model").arg(file);
-    }
+    command.arg("--model").arg(file);
     let ended = command.stdin(Stdio::null()).output().map_err(Failure::environment)?;
     if !ended.status.success() {
         let text = String::from_utf8_lossy(&ended.stderr);
@@ -214,7 +195,7 @@ pub(super) fn row(args: &Bench, row: EnergyRow) -> Result<(), Failure> {
 
     let mut meter = Meter::open(&args.sys);
     let (before, slow, own) = (stats(&sessions), engine.slow_chunks(), counters.read());
-    let (processor, start) = (super::processor_time(), Instant::now());
+    let (processor, start) = (processor_seconds(), Instant::now());
     meter.start();
     let time = Duration::from_secs_f64(args.seconds);
     let seconds_of_avatar = if row == EnergyRow::Held {
@@ -229,7 +210,7 @@ pub(super) fn row(args: &Bench, row: EnergyRow) -> Result<(), Failure> {
     let taken = Taken {
         avatar_seconds: seconds_of_avatar,
         seconds,
-        processor_seconds: super::since(processor).map(|time| time.as_secs_f64()),
+        processor_seconds: processor_seconds().zip(processor).map(|(now, before)| now - before),
         joules: meter.joules().or(more(|counts| counts.energy).map(|nanojoules| nanojoules as f64 / 1e9)),
         instructions: more(|counts| counts.instructions),
         cycles: more(|counts| counts.cycles),
@@ -241,6 +222,18 @@ pub(super) fn row(args: &Bench, row: EnergyRow) -> Result<(), Failure> {
     };
     println!("{}", serde_json::to_string(&taken).map_err(Failure::environment)?);
     Ok(())
+}
+
+/// Processor time of this process's threads so far, seconds; `None` if the system does not report it.
+fn processor_seconds() -> Option<f64> {
+    let tasks = std::fs::read_dir("/proc/self/task").ok()?;
+    let of = |task: std::io::Result<std::fs::DirEntry>| {
+        let text = std::fs::read_to_string(task.ok()?.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<u64>().ok()
+    };
+    let nanos: u64 = tasks.filter_map(of).sum();
+    // Without this file, in hundredths of a second.
+    if nanos > 0 { Some(nanos as f64 / 1e9) } else { super::processor_time().map(|time| time.as_secs_f64()) }
 }
 
 /// Sums over all sessions.

@@ -331,9 +331,9 @@ pub(crate) struct EngineConfig {
     /// chunk does not wait at the start of a stream, once at most half of its length is left until it would
     /// be late, or if all sessions are due. 0: no chunk waits.
     pub(crate) batch_window_ms: u32,
-    /// Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `UMO_CORES_…`. All
-    /// but `CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores
-    /// are of one kind.
+    /// Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `CORES_…`. All but
+    /// `CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores are of
+    /// one kind.
     pub(crate) core_kinds: u32,
 }
 
@@ -434,7 +434,7 @@ pub(crate) struct ModelConfig {
     /// Upper bound on the instruction set: one of `ISA_…`. Float products round differently on some of
     /// them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
     pub(crate) isa: u32,
-    /// Networks to load: one of `UMO_PARTS_…`.
+    /// Networks to load: one of `PARTS_…`.
     pub(crate) parts: u32,
     /// Log callback for this model, or NULL. The structure is copied while the model is loaded.
     pub(crate) log: *const Log,

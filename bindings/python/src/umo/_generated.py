@@ -13,22 +13,8 @@ if TYPE_CHECKING:
 # Version of this interface: major number in the upper 16 bits, minor number in the lower. A library serves
 # programs with the same major number and at most its own minor number.
 ABI_VERSION = 1
-# On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one
-# slower core computes with room to spare, on that core, unless the priority is high.
-CORES_AUTO = 0
-# Threads run wherever the system puts them.
-CORES_SYSTEM = 1
-# The fastest kind of cores alone.
-CORES_PERFORMANCE = 2
-# The slowest kind of cores that is not low-power, alone.
-CORES_EFFICIENCY = 3
 # Offset meaning: do not write this field.
 ABSENT = 4294967295
-# All networks of the model.
-PARTS_ALL = 0
-# The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `"mouth"`, and engines
-# have no threads.
-PARTS_MOUTH = 1
 # Visemes per frame.
 VISEME_COUNT = 15
 # Joints of every model.
@@ -109,6 +95,18 @@ PRIORITIES: dict[str, int] = {
     "normal": 0,
     "high": 1,
     "low": 2,
+}
+# Kinds of cores that an engine's own threads run on.
+CORE_KINDS: dict[str, int] = {
+    "auto": 0,
+    "system": 1,
+    "performance": 2,
+    "efficiency": 3,
+}
+# Networks of a model to load.
+MODEL_PARTS: dict[str, int] = {
+    "all": 0,
+    "mouth": 1,
 }
 # Hand of a gesture.
 SIDES: dict[str, int] = {
@@ -227,7 +225,7 @@ class Idle(enum.IntEnum):
     """The model runs on silence."""
 
 
-# Timing of the mouth.
+# Timing of the mouth, and whether there is a body.
 VOICES: dict[str, int] = {
     "delayed": 0,
     "live": 1,
@@ -334,14 +332,16 @@ class EngineConfig(Structure):
         # the start of a stream, once at most half of its length is left until it would be late, or if all sessions are
         # due. 0: no chunk waits.
         ("batch_window_ms", c_uint32),
-        # Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `UMO_CORES_…`. All but
-        # `CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores are of one kind.
+        # Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `"auto"`, `"system"`,
+        # `"performance"`, `"efficiency"`. All but `"system"` start at most as many threads as the kind has cores. No
+        # effect where all cores are of one kind.
         ("core_kinds", c_uint32),
     ]
     # Names of the values of fields.
     choices = {
         "mode": ENGINE_MODES,
         "priority": PRIORITIES,
+        "core_kinds": CORE_KINDS,
     }
 
 
@@ -460,7 +460,7 @@ class ModelConfig(Structure):
         # `"avx512bf16"`, `"avxvnni"`, `"neon"`, `"neon_dotprod"`, `"neon_i8mm"`. Float products round differently on
         # some of them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
         ("isa", c_uint32),
-        # Networks to load: one of `UMO_PARTS_…`.
+        # Networks to load: one of `"all"`, `"mouth"`.
         ("parts", c_uint32),
         # Log callback for this model, or NULL. The structure is copied while the model is loaded.
         ("log", POINTER(Log)),
@@ -469,6 +469,7 @@ class ModelConfig(Structure):
     choices = {
         "precision": PRECISIONS,
         "isa": ISAS,
+        "parts": MODEL_PARTS,
     }
 
 
@@ -989,7 +990,7 @@ class EngineArguments:
         max_batch: Optional[int] = None,
         priority: Optional[str] = None,
         batch_window: Optional[float] = None,
-        core_kinds: Optional[int] = None,
+        core_kinds: Optional[str] = None,
     ) -> None:
         """Makes an engine. What is None is the library's default.
 
@@ -1005,8 +1006,8 @@ class EngineArguments:
           wait. A chunk does not wait at the start of a stream, once at most half of its length is left until it
           would be late, or if all sessions are due. 0: no chunk waits.
         - `core_kinds`: Kinds of cores that the engine's own threads run on if `core_count` is 0: one of
-          `UMO_CORES_…`. All but `CORES_SYSTEM` start at most as many threads as the kind has cores. No effect
-          where all cores are of one kind.
+          `"auto"`, `"system"`, `"performance"`, `"efficiency"`. All but `"system"` start at most as many
+          threads as the kind has cores. No effect where all cores are of one kind.
         """
         self._make(model, polled, cores, threads=threads, max_sessions=max_sessions, max_batch=max_batch, priority=priority, batch_window_ms=batch_window, core_kinds=core_kinds)
 

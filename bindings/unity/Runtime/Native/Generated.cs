@@ -13,26 +13,8 @@ namespace Umo
         /// programs with the same major number and at most its own minor number.
         /// </summary>
         public const uint AbiVersion = 1;
-        /// <summary>
-        /// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one
-        /// slower core computes with room to spare, on that core, unless the priority is high.
-        /// </summary>
-        public const uint CoresAuto = 0;
-        /// <summary>Threads run wherever the system puts them.</summary>
-        public const uint CoresSystem = 1;
-        /// <summary>The fastest kind of cores alone.</summary>
-        public const uint CoresPerformance = 2;
-        /// <summary>The slowest kind of cores that is not low-power, alone.</summary>
-        public const uint CoresEfficiency = 3;
         /// <summary>Offset meaning: do not write this field.</summary>
         public const uint Absent = 4294967295;
-        /// <summary>All networks of the model.</summary>
-        public const uint PartsAll = 0;
-        /// <summary>
-        /// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need Voice.Mouth, and
-        /// engines have no threads.
-        /// </summary>
-        public const uint PartsMouth = 1;
         /// <summary>Visemes per frame.</summary>
         public const int VisemeCount = 15;
         /// <summary>Joints of every model.</summary>
@@ -130,6 +112,34 @@ namespace Umo
         High = 1,
         /// <summary>Priority below normal: threads use the time that others leave.</summary>
         Low = 2,
+    }
+
+    /// <summary>Kinds of cores that an engine's own threads run on.</summary>
+    public enum CoreKinds : uint
+    {
+        /// <summary>
+        /// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one
+        /// slower core computes with room to spare, on that core, unless the priority is high.
+        /// </summary>
+        Auto = 0,
+        /// <summary>Threads run wherever the system puts them.</summary>
+        System = 1,
+        /// <summary>The fastest kind of cores alone.</summary>
+        Performance = 2,
+        /// <summary>The slowest kind of cores that is not low-power, alone.</summary>
+        Efficiency = 3,
+    }
+
+    /// <summary>Networks of a model to load.</summary>
+    public enum ModelParts : uint
+    {
+        /// <summary>All networks of the model.</summary>
+        All = 0,
+        /// <summary>
+        /// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need Voice.Mouth, and
+        /// engines have no threads.
+        /// </summary>
+        Mouth = 1,
     }
 
     /// <summary>Hand of a gesture.</summary>
@@ -329,7 +339,7 @@ namespace Umo
         Live = 2,
     }
 
-    /// <summary>Timing of the mouth.</summary>
+    /// <summary>Timing of the mouth, and whether there is a body.</summary>
     public enum Voice : uint
     {
         /// <summary>The mouth moves with the body, later than the sound by the session's latency.</summary>
@@ -343,7 +353,7 @@ namespace Umo
         /// <summary>
         /// The mouth alone, timed as with Voice.Live: no chunk is computed, and the engine has nothing to do. The body is
         /// at rest, with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one
-        /// voice of a model loaded with Native.PartsMouth.
+        /// voice of a model loaded with ModelParts.Mouth.
         /// </summary>
         Mouth = 2,
     }
@@ -484,11 +494,11 @@ namespace Umo
         /// </summary>
         public uint BatchWindowMs;
         /// <summary>
-        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of UMO_CORES_…. All but
-        /// Native.CoresSystem start at most as many threads as the kind has cores. No effect where all cores are of one
+        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of CoreKinds. All but
+        /// CoreKinds.System start at most as many threads as the kind has cores. No effect where all cores are of one
         /// kind.
         /// </summary>
-        public uint CoreKinds;
+        public CoreKinds CoreKinds;
     }
 
     /// <summary>
@@ -600,8 +610,8 @@ namespace Umo
         /// can give other frames: docs/spec.md, section 2.9, says which give equal ones.
         /// </summary>
         public Isa Isa;
-        /// <summary>Networks to load: one of UMO_PARTS_….</summary>
-        public uint Parts;
+        /// <summary>Networks to load: one of ModelParts.</summary>
+        public ModelParts Parts;
         /// <summary>
         /// Log callback for this model, or NULL. The structure is copied while the model is loaded. C: const struct
         /// umo_log *.
