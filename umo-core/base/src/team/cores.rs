@@ -57,7 +57,7 @@ mod system {
 
 #[cfg(all(feature = "threads", windows))]
 mod system {
-    use std::ptr::{null, null_mut};
+    use std::ptr::null_mut;
 
     use windows_sys::Win32::System::SystemInformation::GetSystemCpuSetInformation;
     use windows_sys::Win32::System::Threading::{
@@ -65,6 +65,9 @@ mod system {
     };
 
     use crate::team::kinds::{CoreGroup, Cores};
+
+    /// Most CPU sets that a thread prefers.
+    const MAX_SETS: usize = 512;
 
     /// Binds the calling thread to a core of the process's group; returns whether the system allowed it.
     pub(in super::super) fn bind(core: usize) -> bool {
@@ -101,13 +104,15 @@ mod system {
 
     /// Prefers the group's CPU sets for the calling thread; returns whether the system allowed it.
     pub(in super::super) fn prefer(group: &CoreGroup) -> bool {
-        let ids: Vec<u32> = group.processors.iter().filter_map(|&id| u32::try_from(id).ok()).collect();
-        let Ok(count) = u32::try_from(ids.len()) else { return false };
-        let ids = if ids.is_empty() { null() } else { ids.as_ptr() };
+        let (mut ids, mut count) = ([0; MAX_SETS], 0_u32);
+        for (slot, &id) in ids.iter_mut().zip(&group.processors) {
+            let Ok(id) = u32::try_from(id) else { return false };
+            (*slot, count) = (id, count + 1);
+        }
         // SAFETY: no preconditions; the pseudo handle needs no closing.
         let thread = unsafe { GetCurrentThread() };
-        // SAFETY: `thread` is a valid handle, and the system reads `count` ids, which the vector has.
-        unsafe { SetThreadSelectedCpuSets(thread, ids, count) != 0 }
+        // SAFETY: `thread` is a valid handle, and the system reads `count` ids, which the array has.
+        count > 0 && unsafe { SetThreadSelectedCpuSets(thread, ids.as_ptr(), count) != 0 }
     }
 }
 
@@ -145,14 +150,14 @@ mod system {
         Cores::of_levels(&levels[..count].iter().map(|name| number(name).unwrap_or_default()).collect::<Vec<_>>())
     }
 
-    /// Gives the calling thread the quality of service by which the system chooses such cores; returns whether it did. Fast
-    /// cores are those of a thread that asks for nothing.
+    /// Gives the calling thread the quality of service by which the system chooses such cores; returns whether it did.
     pub(in super::super) fn prefer(group: &CoreGroup) -> bool {
-        if group.kind == CoreKind::Performance {
-            return true;
-        }
+        let class = match group.kind {
+            CoreKind::Performance => libc::qos_class_t::QOS_CLASS_DEFAULT,
+            _ => libc::qos_class_t::QOS_CLASS_UTILITY,
+        };
         // SAFETY: takes a class and an integer, and changes the calling thread only.
-        unsafe { libc::pthread_set_qos_class_self_np(libc::qos_class_t::QOS_CLASS_UTILITY, 0) == 0 }
+        unsafe { libc::pthread_set_qos_class_self_np(class, 0) == 0 }
     }
 }
 

@@ -63,6 +63,14 @@ pub struct CoreGroup {
     pub processors: Vec<usize>,
 }
 
+impl CoreGroup {
+    /// Keeps the calling thread on these cores, as far as the system lets it; returns whether it does. Never allocates.
+    #[doc(hidden)]
+    pub fn keep(&self) -> bool {
+        super::cores::prefer(self)
+    }
+}
+
 /// The machine's cores by kind, the fastest first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cores(Vec<CoreGroup>);

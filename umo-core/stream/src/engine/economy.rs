@@ -14,7 +14,7 @@ use umo_core_base::team::{CoreGroup, CoreKind, Cores, Priority};
 use super::{CoreKinds, EngineConfig, Threads};
 
 /// Most that a chunk may take on the slow core, and most of its time that chunks may take, as a share of their length.
-const LIMIT: f32 = 0.5;
+pub(super) const LIMIT: f32 = 0.5;
 /// The same to begin there: less, so that the choice does not waver.
 const ENTRY: f32 = 0.3;
 /// Time over which the share of the core's time is averaged, seconds.

@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use umo_core_base::defect::contain;
 use umo_core_base::memory::with_capacity;
-use umo_core_base::team::{ExternalWorkers, Placement, Team};
+use umo_core_base::team::{CoreGroup, ExternalWorkers, Placement, Team};
 use umo_core_base::time::Instant;
 use umo_core_model::avatar::{Avatar, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::linear::Compute;
 
-use super::economy::Took;
+use super::economy::{LIMIT, Took};
 use super::load::LEAD;
 use super::{EngineConfig, Inner, Threads};
 use crate::session::{Failure, Member, Members, PacketWriter, Schedule};
@@ -42,6 +42,8 @@ pub(super) struct Worker {
     heard: Duration,
     /// Start of the batch.
     began: Instant,
+    /// Whether the slow core's worker has left that core to end its chunk.
+    escaped: bool,
     /// Stage times of the batch that were already added to the engine's.
     told: StageTimes,
 }
@@ -91,6 +93,7 @@ impl Worker {
             waits: None,
             heard: Duration::ZERO,
             began: Instant::now(),
+            escaped: false,
             told: StageTimes::default(),
         })
     }
@@ -130,6 +133,9 @@ impl Worker {
     pub(super) fn turn(&mut self, inner: &Inner) -> bool {
         if !self.batch.is_busy() {
             return self.begin(inner);
+        }
+        if inner.load.is_slow(self.index) {
+            self.escape(inner);
         }
         if let Some(member) = self.schedules.iter().position(Schedule::awaits_mouth) {
             self.hear_mouth(member);
@@ -174,6 +180,15 @@ impl Worker {
         }
         self.learn(inner, now);
         self.put_back(inner);
+    }
+
+    /// Leaves the slow core if the chunk has taken too long there, to end it on the team's cores: another program may have
+    /// nearly all of the slow one.
+    fn escape(&mut self, inner: &Inner) {
+        let Some(period) = self.schedules.first().map(Schedule::period).filter(|_| !self.escaped) else { return };
+        if self.began.elapsed() > period.mul_f32(LIMIT) {
+            self.escaped = inner.plan.team.as_ref().is_some_and(CoreGroup::keep);
+        }
     }
 
     /// Learns from the time of the completed batch whether a slow core has time for single chunks.
@@ -277,6 +292,9 @@ impl Worker {
     /// Ends the batch, finished or not, and returns its members to their slots.
     pub(super) fn put_back(&mut self, inner: &Inner) {
         self.batch.abandon();
+        if std::mem::take(&mut self.escaped) {
+            let _ = inner.plan.slow.as_ref().map(CoreGroup::keep);
+        }
         if !self.avatars.is_empty() {
             inner.load.end(self.index, self.avatars.len());
             inner.signal().set_first(inner.load.first());
