@@ -67,14 +67,14 @@ pub(super) fn run(args: &Bench) -> Result<(), Failure> {
         }
         None => println!("energy of   {}", meter.sources()),
     }
-    println!("\na second of avatar    joules  M instructions  M cycles  ms of processor  resident, MB  late frames");
+    println!("\na second of avatar      joules  M instructions  M cycles  ms of processor  resident, MB  late frames");
     let shown =
         |value: Option<f64>, digits: usize| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"));
     for (name, taken) in &rows {
         let per = |value: f64| value / taken.avatar_seconds.max(1e-9);
         let joules = taken.joules.map(|joules| per(joules - idle.unwrap_or_default() * taken.seconds));
         println!(
-            "{name:<20} {:>7} {:>15} {:>9} {:>16} {:>13} {:>12}",
+            "{name:<22} {:>7} {:>15} {:>9} {:>16} {:>13} {:>12}",
             shown(joules, 3),
             shown(taken.instructions.map(|count| per(count as f64 / 1e6)), 1),
             shown(taken.cycles.map(|count| per(count as f64 / 1e6)), 1),
