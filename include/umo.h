@@ -88,6 +88,19 @@
 // Priority below normal: threads use the time that others leave.
 #define UMO_PRIORITY_LOW 2
 
+// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
+// computes with room to spare, on that core, unless the priority is high.
+#define UMO_CORES_AUTO 0
+
+// Threads run wherever the system puts them.
+#define UMO_CORES_SYSTEM 1
+
+// The fastest kind of cores alone.
+#define UMO_CORES_PERFORMANCE 2
+
+// The slowest kind of cores that is not low-power, alone.
+#define UMO_CORES_EFFICIENCY 3
+
 // Offset meaning: do not write this field.
 #define UMO_ABSENT 4294967295
 
@@ -135,6 +148,13 @@
 
 // Weights rounded to int8.
 #define UMO_PRECISION_INT8 3
+
+// All networks of the model.
+#define UMO_PARTS_ALL 0
+
+// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `UMO_VOICE_MOUTH`, and engines have
+// no threads.
+#define UMO_PARTS_MOUTH 1
 
 // The fastest instruction set of the processor.
 #define UMO_ISA_BEST 0
@@ -312,6 +332,11 @@
 // frames at its end. For a microphone, or a voice that is played as it arrives.
 #define UMO_VOICE_LIVE 1
 
+// The mouth alone, timed as with `UMO_VOICE_LIVE`: no chunk is computed, and the engine has nothing to do. The body is at
+// rest, with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one voice of a model
+// loaded with `UMO_PARTS_MOUTH`.
+#define UMO_VOICE_MOUTH 2
+
 // Chunks are output as frames only.
 #define UMO_PACKETS_NONE 0
 
@@ -433,6 +458,9 @@ typedef struct umo_engine_config {
     // start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
     // 0: no chunk waits.
     uint32_t batch_window_ms;
+    // Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `UMO_CORES_…`. All but
+    // `UMO_CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores are of one kind.
+    uint32_t core_kinds;
 } umo_engine_config;
 
 // Layout of a frame in the host's memory: offsets in bytes from the frame's start. A value whose offset
@@ -525,8 +553,8 @@ typedef struct umo_model_config {
     // Upper bound on the instruction set: one of `UMO_ISA_…`. Float products round differently on some of
     // them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
     uint32_t isa;
-    // Zero.
-    uint32_t reserved;
+    // Networks to load: one of `UMO_PARTS_…`.
+    uint32_t parts;
     // Log callback for this model, or NULL. The structure is copied while the model is loaded.
     const struct umo_log *log;
 } umo_model_config;
@@ -564,7 +592,7 @@ typedef struct umo_model_info {
     uint32_t has_notice;
     // Size of the model file in bytes.
     uint64_t file_size;
-    // 1 if the model has a mouth network, so that sessions can use `UMO_VOICE_LIVE`.
+    // 1 if the model has a mouth network, so that sessions can use `UMO_VOICE_LIVE` and `UMO_VOICE_MOUTH`.
     uint32_t has_mouth;
     // Upper bound on `umo_session_config.horizon`: keyframes of audio behind a chunk that a session can
     // wait for. Useful if the whole recording is available. 0 if the model does not hear ahead.
@@ -623,7 +651,7 @@ typedef struct umo_session_config {
     uint32_t ease_ms;
     // Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.
     uint32_t queue_frames;
-    // Timing of the mouth: one of `UMO_VOICE_…`.
+    // Timing of the mouth, and whether there is a body: one of `UMO_VOICE_…`.
     uint32_t voice;
     // Seed of all sampling: equal seeds and audio give equal frames.
     uint64_t seed;
@@ -651,7 +679,7 @@ typedef struct umo_session_config {
     // Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     uint32_t reorder_window;
     // Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0 for none.
-    // Not with `UMO_VOICE_LIVE`, `UMO_PACKETS_ONLY` or decoders.
+    // Not with `UMO_VOICE_LIVE`, `UMO_VOICE_MOUTH`, `UMO_PACKETS_ONLY` or decoders.
     uint64_t take_bytes;
 } umo_session_config;
 

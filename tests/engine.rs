@@ -13,6 +13,8 @@ mod limits;
 #[path = "engine/live.rs"]
 mod live;
 mod model_bytes;
+#[path = "engine/mouth_alone.rs"]
+mod mouth_alone;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock, OnceLock, Weak};

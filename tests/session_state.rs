@@ -279,7 +279,7 @@ proptest! {
         lookahead in 0_usize..10,
         (sample_rate, channels) in prop::sample::select(vec![(16_000, 1), (48_000, 2), (8_000, 1), (44_100, 3), (22_050, 1)]),
         idle in any_idle(),
-        (text, live) in (any::<bool>(), any::<bool>()),
+        (text, voice) in (any::<bool>(), prop::sample::select(vec![Voice::Delayed, Voice::Live, Voice::Mouth])),
         calls in prop::collection::vec(any_call(), 1..40),
         past in prop::collection::vec(any_call(), 0..10),
         cut in any::<prop::sample::Index>(),
@@ -290,8 +290,8 @@ proptest! {
         if text && model.config().templates.contains_key("text_to_motion") {
             (config.avatar.template, config.avatar.text) = ("text_to_motion".to_owned(), vec![3, 4]);
         }
-        if live && model.mouth().is_some() && config.avatar.text.is_empty() {
-            config.voice = Voice::Live;
+        if model.mouth().is_some() && config.avatar.text.is_empty() {
+            config.voice = voice;
         }
         let here = timed(model, 0, 2, 0);
         let there = timed(model, 1, 4, 55_000_000_000);

@@ -18,7 +18,7 @@ use clap::{Args as ClapArgs, CommandFactory, Parser, Subcommand, ValueEnum};
 use umo_figure::Figure;
 use umo_gltf::keys::Bound;
 
-pub use bench::{Bench, Doctor, Neighbour};
+pub use bench::{Bench, Doctor, EnergyRow, Neighbour};
 pub use converse::Converse;
 pub use engine::{Compute, EngineArgs, PrecisionArg, PriorityArg};
 pub use generate::{GenerateArgs, GestureArg, GestureClip};

@@ -1,5 +1,6 @@
 //! `umo bench`: measures a model's speed on this machine in a real engine (the paper's runtime table, section 4).
 
+mod energy;
 mod neighbours;
 mod plot;
 mod report;
@@ -8,7 +9,8 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use umo_core::{Config, Engine, Isa, LoadError, Model, ModelFile, Precision, SessionConfig, StageTimes};
+use umo_core::{Config, Engine, EngineConfig, Isa, LoadError, Model, ModelFile, Precision, SessionConfig, StageTimes};
+use umo_core_base::team::Cores;
 use umo_core_model::weights::layout::{self, Kind};
 use umo_core_model::weights::writer::Storage;
 use umo_core_tools::floor::{self, Floor, Machine, Stored};
@@ -18,7 +20,7 @@ use crate::args::Bench;
 use crate::failure::Failure;
 use crate::{atomic_file, model};
 use neighbours::Neighbours;
-use report::Report;
+use report::{Placed, Report};
 
 /// Upper bound on the memory over which bandwidth is measured.
 const MAX_READ: usize = 384 << 20;
@@ -31,6 +33,12 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         return Ok(());
     }
     check(args)?;
+    if let Some(row) = args.energy_row {
+        return energy::row(args, row);
+    }
+    if args.energy {
+        return energy::run(args);
+    }
     let picture = args.plot.as_deref().map(atomic_file::create).transpose()?;
     let report = measure(args)?;
     if args.json {
@@ -88,15 +96,17 @@ fn runner(args: &Bench, loaded: &Loaded) -> Result<Runner, Failure> {
     session.avatar.target = args.target.unwrap_or(loaded.config.target);
     // No frames held back, as the paper counts.
     session.avatar.lookahead = 0;
-    let engine: Engine = model::engine(&args.engine, Arc::clone(&loaded.model), args.sessions)?;
+    let config = EngineConfig { machine: Some(Cores::system_at(&args.sys)), ..model::engine_config(&args.engine)? };
+    let engine: Engine = model::engine_of(config, Arc::clone(&loaded.model), args.sessions)?;
     Ok(Runner::new(engine, session))
 }
 
 fn measure(args: &Bench) -> Result<Report, Failure> {
     let compute = &args.engine.compute;
-    let (isa, threads) = (model::isa(compute)?, model::threads(compute)?);
+    let isa = model::isa(compute)?;
     let loaded = Loaded::new(args, isa)?;
     let bench = runner(args, &loaded)?;
+    let threads = bench.engine.threads();
     let target = bench.session.avatar.target;
 
     let neighbours = || args.busy.then(Neighbours::start).transpose();
@@ -107,7 +117,7 @@ fn measure(args: &Bench) -> Result<Report, Failure> {
     let (before, processor) = (before.0, since(before.1));
     drop(others);
     let times = Times::between(before, bench.engine.stage_times(), args.chunks);
-    let memory = peak_memory();
+    let memory = memory("VmHWM:");
     let cached = floor::depth_layers(&loaded.config, loaded.stored);
     let peaks = || Machine::measure(threads, isa, usize::min(loaded.weights, MAX_READ), cached);
     let machine = peaks();
@@ -122,11 +132,13 @@ fn measure(args: &Bench) -> Result<Report, Failure> {
     let crowd_processor = since(before_crowd);
     drop(others);
     let machine = machine.best(peaks());
+    let cores = Placed::of(Cores::system_at(&args.sys), &bench.engine);
     let floors = floor::Stages::of(&loaded.config, loaded.stored, target);
     Ok(Report {
         model: loaded.config.name.clone(),
         isa: isa.name(),
         threads,
+        cores,
         target,
         load: loaded.load,
         first,
@@ -229,9 +241,9 @@ fn since(before: Option<Duration>) -> Option<Duration> {
     processor_time()?.checked_sub(before?)
 }
 
-/// Returns the peak memory of the process in bytes, if the system reports it.
-fn peak_memory() -> Option<u64> {
+/// Returns memory of the process in bytes, if the system reports it: `VmHWM:` at its peak, `VmRSS:` now.
+fn memory(key: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix(key))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
 }

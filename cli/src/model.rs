@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use umo_core::{Config, Engine, EngineConfig, Model, ModelFile, Precision, Priority, Skeleton, Team};
+use umo_core_base::team::{Cores, Placement};
 use umo_kernels::Isa;
 
 use crate::args::{Compute, EngineArgs};
@@ -150,7 +151,11 @@ pub(crate) fn engine_config(args: &EngineArgs) -> Result<EngineConfig, Failure> 
 
 /// Creates an engine for this many sessions.
 pub(crate) fn engine(args: &EngineArgs, model: Arc<Model>, sessions: usize) -> Result<Engine, Failure> {
-    let config = engine_config(args)?;
+    engine_of(engine_config(args)?, model, sessions)
+}
+
+/// [`engine`] of a configuration.
+pub(crate) fn engine_of(config: EngineConfig, model: Arc<Model>, sessions: usize) -> Result<Engine, Failure> {
     // A closed session keeps its place until the end of its batch.
     let config = EngineConfig { max_sessions: sessions + 1, max_batch: config.max_batch.min(sessions), ..config };
     let engine = Engine::new(model, &config).map_err(Failure::input)?;
@@ -161,10 +166,14 @@ pub(crate) fn engine(args: &EngineArgs, model: Arc<Model>, sessions: usize) -> R
     Ok(engine)
 }
 
-/// Returns a team with the requested number of threads, or one per core.
+/// Returns a team with the requested number of threads, or one per core; on a machine with several kinds of cores, one
+/// per core of the fastest kind, on these.
 pub(crate) fn team(compute: &Compute) -> Result<Team, Failure> {
-    let threads = threads(compute)?;
-    Team::new(threads).map_err(|error| Failure::environment(format!("cannot start {threads} threads: {error}")))
+    let (threads, machine) = (threads(compute)?, Cores::system());
+    let kind = machine.fastest(threads).filter(|_| compute.threads.is_none());
+    let threads = kind.map_or(threads, |kind| threads.min(kind.cores));
+    Team::placed(threads, Placement { kind, ..Placement::default() })
+        .map_err(|error| Failure::environment(format!("cannot start {threads} threads: {error}")))
 }
 
 #[cfg(test)]

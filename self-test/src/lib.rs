@@ -19,7 +19,7 @@ pub mod machine;
 pub mod motion;
 #[cfg(all(feature = "threads", feature = "clock", not(target_family = "wasm")))]
 pub mod speed;
-mod voice;
+pub mod voice;
 
 use std::fmt;
 use std::sync::Arc;

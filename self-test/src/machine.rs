@@ -1,5 +1,6 @@
 //! The machine: processor, instruction sets, cores.
 
+use umo_core_base::team::Cores;
 use umo_core_base::thread;
 use umo_kernels::Isa;
 
@@ -19,7 +20,9 @@ pub struct Machine {
 impl Machine {
     /// Properties of this machine.
     pub fn this() -> Self {
-        Self { processor: processor(), threads: thread::available(), cores: cores(), features: features() }
+        let known = Some(Cores::system()).filter(|cores| !cores.groups().is_empty()).map(|cores| cores.to_string());
+        let cores = known.or_else(|| is_hybrid().then(|| "more than one kind".to_owned()));
+        Self { processor: processor(), threads: thread::available(), cores, features: features() }
     }
 }
 
@@ -129,28 +132,6 @@ fn features() -> Vec<&'static str> {
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 fn features() -> Vec<&'static str> {
     Vec::new()
-}
-
-/// Number of cores of each speed, on Linux; on other systems, only whether a processor has two kinds of cores.
-fn cores() -> Option<String> {
-    let mut kinds: Vec<(u32, usize)> = vec![];
-    for core in 0..4096 {
-        let Some(text) = read(&format!("/sys/devices/system/cpu/cpu{core}/cpu_capacity")) else { break };
-        let capacity = text.trim().parse().ok()?;
-        match kinds.iter_mut().find(|(known, _)| *known == capacity) {
-            Some((_, count)) => *count += 1,
-            None => kinds.push((capacity, 1)),
-        }
-    }
-    kinds.sort_unstable_by(|a, b| b.cmp(a));
-    match &kinds[..] {
-        [] => is_hybrid().then(|| "more than one kind".to_owned()),
-        [_] => Some("one kind".to_owned()),
-        kinds => {
-            let each = kinds.iter().map(|(capacity, count)| format!("{count} of speed {capacity}"));
-            Some(each.collect::<Vec<_>>().join(", "))
-        }
-    }
 }
 
 /// Whether an Intel processor reports two kinds of cores.

@@ -2,7 +2,7 @@
 //! every system.
 
 /// Returns `seconds` of the signal, within -1..1.
-pub(crate) fn samples(rate: usize, seconds: f32) -> Vec<f32> {
+pub fn samples(rate: usize, seconds: f32) -> Vec<f32> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of samples")]
     let count = (rate as f32 * seconds) as usize;
     let sample = |i: usize| {

@@ -125,6 +125,8 @@ static void engines_refuse(void) {
     WITH(INVALID_ARGUMENT, core_count, 65);
     WITH(INVALID_ARGUMENT, priority, 3);
     CHECK(strstr(umo_last_error(), "priority 3"));
+    WITH(INVALID_ARGUMENT, core_kinds, UMO_CORES_EFFICIENCY + 1);
+    CHECK(strstr(umo_last_error(), "core_kinds 4"));
     WITH(NULL_POINTER, core_count, 1);
     WITH(STRUCT_SIZE, struct_size, 4);
     WITH(STRUCT_SIZE, struct_size, sizeof config - 1);
@@ -172,7 +174,7 @@ static void sessions_refuse_to_be_made(void) {
     WITH(INVALID_ARGUMENT, idle, 3);
     WITH(INVALID_ARGUMENT, queue_frames, 1);
     WITH(INVALID_ARGUMENT, queue_frames, UINT32_MAX);
-    WITH(INVALID_ARGUMENT, voice, UMO_VOICE_LIVE + 1);
+    WITH(INVALID_ARGUMENT, voice, UMO_VOICE_MOUTH + 1);
     WITH(INVALID_ARGUMENT, template_name, "no such template");
     umo_allocator half = {NULL, NULL, NULL};
     WITH(NULL_POINTER, allocator, &half);

@@ -13,6 +13,39 @@ static size_t pull(umo_session *avatar, const umo_frame_layout *layout) {
     return count;
 }
 
+/* The mouth alone, of which no more is loaded, needs no engine's thread and is in step with the sound. */
+static void mouth_alone(const char *path) {
+    umo_model_config loading;
+    umo_model *model = NULL;
+    umo_engine *engine = NULL;
+    umo_session *avatar = NULL;
+    umo_session_config config;
+    umo_frame_layout layout;
+    OK(umo_model_config_init(&loading, sizeof loading));
+    loading.parts = UMO_PARTS_MOUTH + 1;
+    FAILS(INVALID_ARGUMENT, umo_model_load(UMO_ABI_VERSION, path, &loading, &model));
+    loading.parts = UMO_PARTS_MOUTH;
+    OK(umo_model_load(UMO_ABI_VERSION, path, &loading, &model));
+    OK(umo_engine_new(model, NULL, &engine));
+    OK(umo_session_config_init(&config, sizeof config, model));
+    FAILS(INVALID_ARGUMENT, umo_session_new(engine, &config, &avatar));
+    CHECK(strstr(umo_last_error(), "mouth alone"));
+    config.voice = UMO_VOICE_MOUTH;
+    OK(umo_session_new(engine, &config, &avatar));
+    OK(umo_frame_layout_init(&layout, sizeof layout, model));
+    size_t taken = 0, shown = 0;
+    OK(umo_session_push_audio(avatar, speech, SAMPLES, &taken));
+    CHECK(taken == SAMPLES);
+    OK(umo_session_finish(avatar));
+    for (size_t more = 1; more > 0; shown += more) more = pull(avatar, &layout);
+    uint32_t done = 0;
+    OK(umo_session_is_done(avatar, &done));
+    CHECK(done && shown == SECONDS * 30);
+    OK(umo_session_free(avatar));
+    OK(umo_engine_free(engine));
+    OK(umo_model_free(model));
+}
+
 int main(int argc, char **argv) {
     CHECK(argc == 2);
     umo_model *model = load_model(argv[1]);
@@ -39,6 +72,7 @@ int main(int argc, char **argv) {
     CHECK(latency.mouth_samples < latency.algorithmic_samples);
 
     speak(speech, SAMPLES, 0);
+    mouth_alone(argv[1]);
     size_t taken = 0, shown = 0;
     for (size_t pushed = 0; pushed < SAMPLES; pushed += taken) {
         OK(umo_session_push_audio(avatar, speech + pushed, 500, &taken));

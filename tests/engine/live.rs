@@ -7,7 +7,7 @@ use umo_core_model::mouth::MouthStream;
 use super::*;
 
 /// The golden model that has a mouth.
-const WITH_MOUTH: usize = 3;
+pub(super) const WITH_MOUTH: usize = 3;
 const JAW: usize = 22;
 
 /// Without layers, to compare only the mouth and the body.
@@ -18,7 +18,7 @@ fn live(model: &Model, target: usize, lookahead: usize) -> SessionConfig {
 }
 
 /// The mouth of every frame of a recording.
-fn mouths(model: &Model, samples: &[f32]) -> Vec<Vec<f32>> {
+pub(super) fn mouths(model: &Model, samples: &[f32]) -> Vec<Vec<f32>> {
     let mouth = model.mouth().unwrap();
     let (mut stream, mut mouths) = (MouthStream::new(mouth), Vec::new());
     stream.push(mouth, model.isa(), samples, |frame| mouths.push(frame.channels.to_vec())).unwrap();

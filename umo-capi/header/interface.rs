@@ -58,11 +58,13 @@ const fn group(prefix: &'static str, name: &'static str, table: &'static str, do
 }
 
 /// Constants of no group here are single.
-const GROUPS: [Group; 20] = [
+const GROUPS: [Group; 22] = [
     group("STATUS", "Status", "STATUSES", "Result of a call: OK, or a negative error code."),
     group("AXES", "Axes", "AXES", "Axes, handedness and unit of length."),
     group("ENGINE", "EngineMode", "ENGINE_MODES", "Threads that compute: the engine's own, or the host's."),
     group("PRIORITY", "Priority", "PRIORITIES", "Priority of an engine's own threads."),
+    group("CORES", "CoreKinds", "CORE_KINDS", "Kinds of cores that an engine's own threads run on."),
+    group("PARTS", "ModelParts", "MODEL_PARTS", "Networks of a model to load."),
     group("SIDE", "Side", "SIDES", "Hand of a gesture."),
     Group { is_bits: true, ..group("GESTURE", "Gesture", "GESTURE_PARTS", "Parts of the body that a gesture moves.") },
     group("LOG", "LogLevel", "LOG_LEVELS", "Level of a log message."),
@@ -74,7 +76,7 @@ const GROUPS: [Group; 20] = [
     group("MOOD", "Mood", "MOODS", "Mood of face and posture."),
     group("LIPS", "LipShape", "LIPS", "Shape of the lips for a visible sound."),
     group("IDLE", "Idle", "IDLES", "Behaviour while no audio comes."),
-    group("VOICE", "Voice", "VOICES", "Timing of the mouth."),
+    group("VOICE", "Voice", "VOICES", "Timing of the mouth, and whether there is a body."),
     group("PACKETS", "Packets", "PACKETS", "Output of chunks as packets."),
     Group { is_bits: true, ..group("SCENE", "ScenePart", "SCENE_PARTS", "Parts that a scene plays of a member.") },
     group("ROLE", "Role", "ROLES", "What a member of a scene does."),

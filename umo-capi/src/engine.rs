@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use umo_core::{Engine, EngineConfig, Poll, Priority, SubmitJobs, Threads};
+use umo_core::{CoreKinds, Engine, EngineConfig, Poll, Priority, SubmitJobs, Threads};
 use umo_core_base::memory;
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
@@ -38,6 +38,16 @@ pub const UMO_PRIORITY_NORMAL: u32 = 0;
 pub const UMO_PRIORITY_HIGH: u32 = 1;
 /// Priority below normal: threads use the time that others leave.
 pub const UMO_PRIORITY_LOW: u32 = 2;
+
+/// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
+/// computes with room to spare, on that core, unless the priority is high.
+pub const UMO_CORES_AUTO: u32 = 0;
+/// Threads run wherever the system puts them.
+pub const UMO_CORES_SYSTEM: u32 = 1;
+/// The fastest kind of cores alone.
+pub const UMO_CORES_PERFORMANCE: u32 = 2;
+/// The slowest kind of cores that is not low-power, alone.
+pub const UMO_CORES_EFFICIENCY: u32 = 3;
 
 /// Maximum number of cores that threads can be pinned to.
 const MAX_CORES: usize = 64;
@@ -97,11 +107,14 @@ pub struct UmoEngineConfig {
     /// start of a stream, once at most half of its length is left until it would be late, or if all sessions are due.
     /// 0: no chunk waits.
     pub batch_window_ms: u32,
+    /// Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `UMO_CORES_…`. All but
+    /// `UMO_CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores are of one kind.
+    pub core_kinds: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
 unsafe impl Sized32 for UmoEngineConfig {
-    const FIRST: usize = 32 + 3 * size_of::<*const u32>();
+    const FIRST: usize = 32 + 4 * size_of::<*const u32>();
 }
 
 /// Object of an engine's handle.
@@ -172,6 +185,7 @@ impl UmoEngineConfig {
             log: std::ptr::null(),
             priority: UMO_PRIORITY_NORMAL,
             batch_window_ms: 0,
+            core_kinds: UMO_CORES_AUTO,
         }
     }
 
@@ -204,6 +218,13 @@ impl UmoEngineConfig {
             UMO_PRIORITY_LOW => Priority::Low,
             other => return Err(Failure::argument(format_args!("priority {other} is not one of UMO_PRIORITY_…"))),
         };
+        let core_kinds = match self.core_kinds {
+            UMO_CORES_AUTO => CoreKinds::Auto,
+            UMO_CORES_SYSTEM => CoreKinds::System,
+            UMO_CORES_PERFORMANCE => CoreKinds::Performance,
+            UMO_CORES_EFFICIENCY => CoreKinds::Efficiency,
+            other => return Err(Failure::argument(format_args!("core_kinds {other} is not one of UMO_CORES_…"))),
+        };
         // SAFETY: guaranteed by the caller (see # Safety).
         let jobs = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
             (_, None) => None,
@@ -222,6 +243,7 @@ impl UmoEngineConfig {
             jobs,
             cores: cores.iter().map(|&core| core as usize).collect(),
             priority,
+            core_kinds,
             batch_window: Duration::from_millis(self.batch_window_ms.into()),
             max_sessions: self.max_sessions as usize,
             max_batch: self.max_batch as usize,
@@ -319,7 +341,7 @@ pub unsafe extern "C" fn umo_engine_new(
             log.say(UMO_LOG_WARNING, format_args!("priority {}: the system refuses it: {advice}", config.priority));
         }
         let name = &made.model.model.config().name;
-        log.say(UMO_LOG_INFO, format_args!("engine of {name} with {} threads", config.threads));
+        log.say(UMO_LOG_INFO, format_args!("engine of {name} with {} threads", made.engine.threads()));
         let handle = ENGINES.insert(made)?;
         known.store(handle, Ordering::Relaxed);
         // SAFETY: guaranteed by the caller (see # Safety).

@@ -25,7 +25,7 @@ fn structures_have_the_layout_that_c_has() {
     sized::<UmoModelConfig>(24);
     sized::<UmoFrameLayout>(48);
     sized::<UmoParameterInfo>(40);
-    sized::<UmoEngineConfig>(56);
+    sized::<UmoEngineConfig>(64);
     sized::<UmoSessionConfig>(96);
     sized::<UmoModelInfo>(72);
     sized::<UmoLatency>(72);

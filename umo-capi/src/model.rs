@@ -32,6 +32,12 @@ pub const UMO_PRECISION_BF16: u32 = 2;
 /// Weights rounded to int8.
 pub const UMO_PRECISION_INT8: u32 = 3;
 
+/// All networks of the model.
+pub const UMO_PARTS_ALL: u32 = 0;
+/// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `UMO_VOICE_MOUTH`, and engines have
+/// no threads.
+pub const UMO_PARTS_MOUTH: u32 = 1;
+
 /// The fastest instruction set of the processor.
 pub const UMO_ISA_BEST: u32 = 0;
 /// Portable code.
@@ -64,8 +70,8 @@ pub struct UmoModelConfig {
     /// Upper bound on the instruction set: one of `UMO_ISA_…`. Float products round differently on some of
     /// them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
     pub isa: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Networks to load: one of `UMO_PARTS_…`.
+    pub parts: u32,
     /// Log callback for this model, or NULL. The structure is copied while the model is loaded.
     pub log: *const UmoLog,
 }
@@ -110,7 +116,7 @@ pub struct UmoModelInfo {
     pub has_notice: u32,
     /// Size of the model file in bytes.
     pub file_size: u64,
-    /// 1 if the model has a mouth network, so that sessions can use `UMO_VOICE_LIVE`.
+    /// 1 if the model has a mouth network, so that sessions can use `UMO_VOICE_LIVE` and `UMO_VOICE_MOUTH`.
     pub has_mouth: u32,
     /// Upper bound on `umo_session_config.horizon`: keyframes of audio behind a chunk that a session can
     /// wait for. Useful if the whole recording is available. 0 if the model does not hear ahead.
@@ -184,8 +190,13 @@ pub(crate) fn check_abi(abi: u32) -> Result<(), Failure> {
 }
 
 impl UmoModelConfig {
-    const DEFAULT: Self =
-        Self { struct_size: 0, precision: UMO_PRECISION_STORED, isa: UMO_ISA_BEST, reserved: 0, log: std::ptr::null() };
+    const DEFAULT: Self = Self {
+        struct_size: 0,
+        precision: UMO_PRECISION_STORED,
+        isa: UMO_ISA_BEST,
+        parts: UMO_PARTS_ALL,
+        log: std::ptr::null(),
+    };
 }
 
 fn precision(number: u32) -> Result<Precision, Failure> {
@@ -219,27 +230,42 @@ fn isa(number: u32) -> Result<Isa, Failure> {
 /// # Safety
 /// `config` is NULL or has as many readable bytes as its `struct_size` says; its `log` is NULL or
 /// readable.
-unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, Log), Failure> {
+unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Loading, Log), Failure> {
     let config = if config.is_null() {
         UmoModelConfig::DEFAULT
     } else {
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::read(config, "config")? }
     };
-    if config.reserved != 0 {
-        return Err(Failure::argument("`config.reserved` is not 0"));
-    }
+    let is_mouth = match config.parts {
+        UMO_PARTS_ALL => false,
+        UMO_PARTS_MOUTH => true,
+        parts => return Err(Failure::argument(format_args!("parts {parts} is not one of UMO_PARTS_…"))),
+    };
     // SAFETY: guaranteed by the caller (see # Safety).
     let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
-    Ok((precision(config.precision)?, isa(config.isa)?, log))
+    Ok((Loading { precision: precision(config.precision)?, isa: isa(config.isa)?, is_mouth }, log))
+}
+
+/// What is loaded of a model, and for which products.
+#[derive(Clone, Copy)]
+struct Loading {
+    precision: Precision,
+    isa: Isa,
+    /// Whether the live mouth alone is loaded.
+    is_mouth: bool,
 }
 
 /// Loads on threads that end before it returns, so that the library can be unloaded.
 #[cfg(all(feature = "threads", not(target_family = "wasm")))]
-fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
+fn load_model(file: &ModelFile, loading: Loading) -> Result<Model, Failure> {
     use std::sync::{Mutex, PoisonError};
     use umo_core_base::thread;
 
+    let Loading { precision, isa, is_mouth } = loading;
+    if is_mouth {
+        return Ok(Model::load_mouth(file, isa)?);
+    }
     let count = thread::available();
     let threads = Mutex::new(Vec::with_capacity(count));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|builder| {
@@ -266,8 +292,9 @@ fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model,
 
 /// Loads on the calling thread, the only one.
 #[cfg(not(all(feature = "threads", not(target_family = "wasm"))))]
-fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
-    Ok(Model::load(file, precision, isa)?)
+fn load_model(file: &ModelFile, loading: Loading) -> Result<Model, Failure> {
+    let Loading { precision, isa, is_mouth } = loading;
+    Ok(if is_mouth { Model::load_mouth(file, isa)? } else { Model::load(file, precision, isa)? })
 }
 
 #[cfg(feature = "files")]
@@ -283,16 +310,16 @@ fn open(path: &str) -> Result<ModelFile, Failure> {
 /// Loads a model from the file that `open` returns; returns its handle.
 fn load(
     open: impl FnOnce() -> Result<ModelFile, Failure>,
-    (precision, isa, log): (Precision, Isa, Log),
+    (loading, log): (Loading, Log),
 ) -> Result<*mut UmoModel, Failure> {
     let start = Instant::now();
     let loaded = memory::watch(|| {
         let file = open()?;
-        let handle = ModelHandle::new(Arc::new(load_model(&file, precision, isa)?), &file, log)?;
+        let handle = ModelHandle::new(Arc::new(load_model(&file, loading)?), &file, log)?;
         handle::boxed(Arc::new(handle))
     })??;
     let (config, ms, mib) = (loaded.model.config(), start.elapsed().as_millis(), loaded.info.file_size >> 20);
-    log.say(UMO_LOG_INFO, format_args!("loaded {} ({mib} MiB, {}) in {ms} ms", config.name, isa.name()));
+    log.say(UMO_LOG_INFO, format_args!("loaded {} ({mib} MiB, {}) in {ms} ms", config.name, loading.isa.name()));
     if let Some(notice) = &config.notice {
         log.say(UMO_LOG_WARNING, notice);
     }

@@ -39,6 +39,10 @@ pub const UMO_VOICE_DELAYED: u32 = 0;
 /// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
 /// frames at its end. For a microphone, or a voice that is played as it arrives.
 pub const UMO_VOICE_LIVE: u32 = 1;
+/// The mouth alone, timed as with `UMO_VOICE_LIVE`: no chunk is computed, and the engine has nothing to do. The body is at
+/// rest, with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one voice of a model
+/// loaded with `UMO_PARTS_MOUTH`.
+pub const UMO_VOICE_MOUTH: u32 = 2;
 
 /// Chunks are output as frames only.
 pub const UMO_PACKETS_NONE: u32 = 0;
@@ -75,7 +79,7 @@ pub struct UmoSessionConfig {
     pub ease_ms: u32,
     /// Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.
     pub queue_frames: u32,
-    /// Timing of the mouth: one of `UMO_VOICE_…`.
+    /// Timing of the mouth, and whether there is a body: one of `UMO_VOICE_…`.
     pub voice: u32,
     /// Seed of all sampling: equal seeds and audio give equal frames.
     pub seed: u64,
@@ -103,7 +107,7 @@ pub struct UmoSessionConfig {
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub reorder_window: u32,
     /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0 for none.
-    /// Not with `UMO_VOICE_LIVE`, `UMO_PACKETS_ONLY` or decoders.
+    /// Not with `UMO_VOICE_LIVE`, `UMO_VOICE_MOUTH`, `UMO_PACKETS_ONLY` or decoders.
     pub take_bytes: u64,
 }
 
@@ -371,6 +375,7 @@ unsafe fn read_config(
     wanted.voice = match given.voice {
         UMO_VOICE_DELAYED => Voice::Delayed,
         UMO_VOICE_LIVE => Voice::Live,
+        UMO_VOICE_MOUTH => Voice::Mouth,
         voice => return Err(Failure::argument(format_args!("voice {voice} is not one of UMO_VOICE_…"))),
     };
     wanted.idle = parameter::idle(given.idle)?;

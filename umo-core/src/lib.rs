@@ -90,6 +90,8 @@ pub use umo_core_base::clock::Clock;
 #[doc(inline)]
 pub use umo_core_base::samples::MAX_AMPLITUDE;
 #[doc(inline)]
+pub use umo_core_base::team::{CoreGroup, CoreKind, Cores};
+#[doc(inline)]
 pub use umo_core_layers::{
     Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LayerGains, LipShape, MAX_GESTURES,
     MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, MAX_PENDING_WORDS, MAX_WORDS_SECONDS, Mood, RulesError,
@@ -104,7 +106,9 @@ pub use umo_core_model::lm::sampler::Sampler;
 #[doc(inline)]
 pub use umo_core_pose::clip::MAX_GESTURE_FRAMES;
 #[doc(inline)]
-pub use umo_core_stream::engine::{Engine, EngineConfig, MAX_BATCH, MAX_SESSIONS, Poll, Priority, SubmitJobs, Threads};
+pub use umo_core_stream::engine::{
+    CoreKinds, Engine, EngineConfig, MAX_BATCH, MAX_SESSIONS, Poll, Priority, SubmitJobs, Threads,
+};
 #[doc(inline)]
 pub use umo_core_stream::scene::{Allowed, Body, MAX_MEMBERS, MemberInfo, Place, Role, Scene, SceneError, Target};
 #[doc(inline)]

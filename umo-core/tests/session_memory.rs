@@ -41,17 +41,16 @@ fn main() {
             1..=model.config().max_target,
             0..=9_usize,
             prop::sample::select(vec![0.0_f32, 0.7, 1.5]),
-            prop::bool::ANY,
+            prop::sample::select(vec![Voice::Delayed, Voice::Live, Voice::Mouth]),
             0..3000_usize,
             (0..=model.config().audio.ahead, prop::bool::ANY, 0..20_usize),
         );
         let mut runner = TestRunner::new(Config { cases: 200, failure_persistence: None, ..Config::default() });
-        let checked = runner.run(&settings, |(rate, channels, target, lookahead, smoothing, is_live, queue, more)| {
+        let checked = runner.run(&settings, |(rate, channels, target, lookahead, smoothing, voice, queue, more)| {
             let mut session = SessionConfig::new(model.config());
             (session.sample_rate, session.channels, session.queue_frames) = (RATES[rate], channels, queue);
             (session.avatar.target, session.avatar.lookahead) = (target, lookahead);
-            (session.avatar.smoothing, session.voice) =
-                (smoothing, [Voice::Delayed, Voice::Live][usize::from(is_live)]);
+            (session.avatar.smoothing, session.voice) = (smoothing, voice);
             let (horizon, is_text, ids) = more;
             (session.avatar.horizon, session.avatar.text) = (horizon, vec![5; ids]);
             if is_text && model.config().templates.contains_key("text_to_motion") {
@@ -80,7 +79,7 @@ fn main() {
             drop(session);
             prop_assert_eq!(allocated(), before, "the block goes with the session");
             made.set(made.get() + 1);
-            live.set(live.get() + usize::from(is_live));
+            live.set(live.get() + usize::from(voice != Voice::Delayed));
             let (least, most) = sizes.get();
             sizes.set((least.min(layout.size()), most.max(layout.size())));
             Ok(())

@@ -12,7 +12,7 @@ use std::time::Duration;
 use counting::{allocated, allocator_calls, check_counter};
 use umo_core::{
     Clock, Engine, EngineConfig, GestureOptions, Idle, LipShape, Model, ModelFile, Poll, Precision, Session,
-    SessionConfig, SessionError, Threads,
+    SessionConfig, SessionError, Threads, Voice,
 };
 use umo_kernels::Isa;
 
@@ -39,6 +39,7 @@ fn main() {
         rolled_back(name, &audio);
     }
     println!("no allocation in 1,000 saves and restores");
+    mouth_alone(&audio);
     let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
     let small = state(&default);
     assert!(small <= 2 << 20, "a session of the default model takes {small} bytes");
@@ -157,6 +158,39 @@ fn rolled_back(name: &str, audio: &[f32]) {
     });
     assert_eq!((calls, allocated()), (0, before), "{name}: allocations");
     assert!(one.stats().chunks > 50, "{name}: {:?}", one.stats());
+}
+
+/// Ten simulated minutes of the mouth alone, of which none else is loaded, with saves and restores.
+fn mouth_alone(audio: &[f32]) {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit/model.safetensors");
+    let file = ModelFile::open(&path).expect("a golden model");
+    let model = Arc::new(Model::load_mouth(&file, Isa::detect()).expect("it has a mouth"));
+    let nanos = Arc::new(AtomicU64::new(0));
+    let config = EngineConfig { clock: Clock::Manual(Arc::clone(&nanos)), ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(&model), &config).expect("no thread is needed");
+    let mut session = SessionConfig { voice: Voice::Mouth, ..SessionConfig::new(model.config()) };
+    (session.sample_rate, session.channels, session.idle) = (48_000, 2, Idle::Live);
+    let before = allocated();
+    let sessions: Vec<_> = (0..3).map(|_| engine.session(&session).expect("nothing is needed")).collect();
+    let bytes = (allocated() - before) / sessions.len();
+    let mut state = vec![0; sessions[0].state_size()];
+    let calls = allocator_calls(|| {
+        for piece in 0..600 * 100 {
+            nanos.fetch_add(10_000_000, Ordering::Relaxed);
+            for (i, avatar) in sessions.iter().enumerate() {
+                play(avatar, audio, piece, i);
+            }
+            assert_eq!(engine.poll(Duration::ZERO), Ok(Poll::Idle));
+            if piece % 500 == 0 {
+                let count = sessions[0].save(&mut state).expect("nobody else is in a call");
+                sessions[0].restore(&state[..count]).expect("a state of this session");
+            }
+        }
+    });
+    let stats: Vec<_> = sessions.iter().map(Session::stats).collect();
+    assert_eq!(calls, 0, "the mouth alone: allocations");
+    assert!(stats.iter().all(|s| s.frames > 100 && s.chunks == 0), "{stats:?}");
+    println!("the mouth alone: {} KiB per session; {stats:?}", bytes / 1024);
 }
 
 /// The calls of one avatar's host in one hundredth of a second.

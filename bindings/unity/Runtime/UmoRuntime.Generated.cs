@@ -34,6 +34,13 @@ namespace Umo.Unity
         /// </summary>
         public static uint BatchWindowMs { get; set; }
 
+        /// <summary>
+        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of CoreKinds. All but
+        /// CoreKinds.System start at most as many threads as the kind has cores. No effect where all cores are of one
+        /// kind.
+        /// </summary>
+        public static CoreKinds CoreKinds { get; set; }
+
         private static void Configure(ref EngineConfig config)
         {
             if (Threads != 0) config.Threads = Threads;
@@ -41,6 +48,7 @@ namespace Umo.Unity
             if (MaxBatch != 0) config.MaxBatch = MaxBatch;
             if (Priority != 0) config.Priority = Priority;
             if (BatchWindowMs != 0) config.BatchWindowMs = BatchWindowMs;
+            if (CoreKinds != 0) config.CoreKinds = CoreKinds;
         }
     }
 }

@@ -106,6 +106,12 @@ export interface EngineOptions {
    * stream, once at most half of its length is left until it would be late, or if all sessions are due. 0: no chunk waits.
    */
   batchWindowMs?: number;
+  /**
+   * Kinds of cores that the engine's own threads run on if `coreCount` is 0: one of `"auto"`, `"system"`, `"performance"`,
+   * `"efficiency"`. All but `"system"` start at most as many threads as the kind has cores. No effect where all cores are of
+   * one kind.
+   */
+  coreKinds?: "auto" | "system" | "performance" | "efficiency";
 }
 
 export interface SessionOptions {
@@ -125,8 +131,8 @@ export interface SessionOptions {
   easeMs?: number;
   /** Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full. */
   queueFrames?: number;
-  /** Timing of the mouth: one of `"delayed"`, `"live"`. */
-  voice?: "delayed" | "live";
+  /** Timing of the mouth, and whether there is a body: one of `"delayed"`, `"live"`, `"mouth"`. */
+  voice?: "delayed" | "live" | "mouth";
   /** Seed of all sampling: equal seeds and audio give equal frames. */
   seed?: number | bigint;
   /**
@@ -155,7 +161,7 @@ export interface SessionOptions {
   reorderWindow?: number;
   /**
    * Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0 for none.
-   * Not with `"live"`, `"only"` or decoders.
+   * Not with `"live"`, `"mouth"`, `"only"` or decoders.
    */
   takeBytes?: number | bigint;
 }

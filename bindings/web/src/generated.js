@@ -95,6 +95,30 @@ export const PRIORITIES = Object.freeze({
   /** Priority below normal: threads use the time that others leave. */
   low: 2,
 });
+/** Kinds of cores that an engine's own threads run on. */
+export const CORE_KINDS = Object.freeze({
+  /**
+   * On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
+   * computes with room to spare, on that core, unless the priority is high.
+   */
+  auto: 0,
+  /** Threads run wherever the system puts them. */
+  system: 1,
+  /** The fastest kind of cores alone. */
+  performance: 2,
+  /** The slowest kind of cores that is not low-power, alone. */
+  efficiency: 3,
+});
+/** Networks of a model to load. */
+export const MODEL_PARTS = Object.freeze({
+  /** All networks of the model. */
+  all: 0,
+  /**
+   * The live mouth alone, at its stored precision: a fraction of the memory. Sessions need `"mouth"`, and engines have no
+   * threads.
+   */
+  mouth: 1,
+});
 /** Hand of a gesture. */
 export const SIDES = Object.freeze({
   /** The right hand; for a gesture with a target, the hand nearer to it. */
@@ -266,7 +290,7 @@ export const Idle = Object.freeze({
   /** The model runs on silence. */
   live: 2,
 });
-/** Timing of the mouth. */
+/** Timing of the mouth, and whether there is a body. */
 export const VOICES = Object.freeze({
   /** The mouth moves with the body, later than the sound by the session's latency. */
   delayed: 0,
@@ -276,6 +300,12 @@ export const VOICES = Object.freeze({
    * or a voice that is played as it arrives.
    */
   live: 1,
+  /**
+   * The mouth alone, timed as with `"live"`: no chunk is computed, and the engine has nothing to do. The body is at rest,
+   * with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one voice of a model loaded
+   * with `"mouth"`.
+   */
+  mouth: 2,
 });
 /** Output of chunks as packets. */
 export const PACKETS = Object.freeze({
@@ -332,7 +362,7 @@ export const LOG = {
   },
 };
 export const ENGINE_CONFIG = {
-  size: 44,
+  size: 48,
   fields: {
     structSize: [0, "Uint32"],
     mode: [4, "Uint32", ENGINE_MODES],
@@ -345,8 +375,9 @@ export const ENGINE_CONFIG = {
     log: [32, "Pointer"],
     priority: [36, "Uint32", PRIORITIES],
     batchWindowMs: [40, "Uint32"],
+    coreKinds: [44, "Uint32", CORE_KINDS],
   },
-  options: ["threads", "maxSessions", "maxBatch", "priority", "batchWindowMs"],
+  options: ["threads", "maxSessions", "maxBatch", "priority", "batchWindowMs", "coreKinds"],
 };
 export const FRAME_LAYOUT = {
   size: 48,
@@ -397,7 +428,7 @@ export const MODEL_CONFIG = {
     structSize: [0, "Uint32"],
     precision: [4, "Uint32", PRECISIONS],
     isa: [8, "Uint32", ISAS],
-    reserved: [12, "Uint32"],
+    parts: [12, "Uint32", MODEL_PARTS],
     log: [16, "Pointer"],
   },
 };

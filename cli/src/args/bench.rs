@@ -27,6 +27,18 @@ pub struct Bench {
     /// Hold bodies while chunks begin later than this, in milliseconds
     #[arg(long, value_name = "MS", help_heading = TUNING, hide_short_help = true)]
     pub late_limit: Option<f64>,
+    /// Measure energy instead: joules a second of avatar, a row per setting
+    #[arg(long)]
+    pub energy: bool,
+    /// The same model in int4, for a row of its own
+    #[arg(long, value_name = "FILE", requires = "energy", help_heading = TUNING, hide_short_help = true)]
+    pub int4: Option<PathBuf>,
+    /// Measure one such row, and print it as JSON
+    #[arg(long, hide = true, value_enum, value_name = "ROW")]
+    pub energy_row: Option<EnergyRow>,
+    /// Folder of the system's files
+    #[arg(long, hide = true, value_name = "DIR", default_value = "/sys")]
+    pub sys: PathBuf,
     /// Print one line of JSON instead of tables
     #[arg(long)]
     pub json: bool,
@@ -42,6 +54,28 @@ pub struct Bench {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub engine: EngineArgs,
+}
+
+/// What avatars of a row do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum EnergyRow {
+    /// Speak
+    Speak,
+    /// Speak with bodies that are held
+    Held,
+    /// Have a mouth alone
+    Mouth,
+}
+
+impl EnergyRow {
+    /// The value of the option.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Speak => "speak",
+            Self::Held => "held",
+            Self::Mouth => "mouth",
+        }
+    }
 }
 
 /// Load by another program during a measurement.

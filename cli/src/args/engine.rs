@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args as ClapArgs, ValueEnum};
-use umo_core::{EngineConfig, MAX_BATCH, Precision, Priority, Threads};
+use umo_core::{CoreKinds, EngineConfig, MAX_BATCH, Precision, Priority, Threads};
 
 use super::{TESTING, TUNING};
 
@@ -40,6 +40,9 @@ pub struct EngineArgs {
     /// Priority of the threads that compute
     #[arg(long, value_enum, default_value_t = PriorityArg::Normal, help_heading = TUNING, hide_short_help = true)]
     pub priority: PriorityArg,
+    /// Kinds of cores of the threads, on a machine that has several
+    #[arg(long, value_enum, default_value_t = CoresArg::Auto, help_heading = TUNING, hide_short_help = true)]
+    pub cores: CoresArg,
 }
 
 impl EngineArgs {
@@ -50,6 +53,7 @@ impl EngineArgs {
             max_batch: self.batch,
             batch_window: Duration::from_millis(self.batch_window.into()),
             priority: self.priority.into(),
+            core_kinds: self.cores.into(),
             ..EngineConfig::default()
         }
     }
@@ -108,6 +112,42 @@ impl From<PriorityArg> for Priority {
             PriorityArg::Normal => Self::Normal,
             PriorityArg::High => Self::High,
             PriorityArg::Low => Self::Low,
+        }
+    }
+}
+
+/// Kinds of cores of an engine's threads.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CoresArg {
+    /// A crowd on fast ones, a lone avatar on a slow one while that has room
+    Auto,
+    /// Wherever the system puts them
+    System,
+    /// The fastest kind alone
+    Performance,
+    /// The slowest kind that is not low-power, alone
+    Efficiency,
+}
+
+impl CoresArg {
+    /// The value of the option.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::System => "system",
+            Self::Performance => "performance",
+            Self::Efficiency => "efficiency",
+        }
+    }
+}
+
+impl From<CoresArg> for CoreKinds {
+    fn from(cores: CoresArg) -> Self {
+        match cores {
+            CoresArg::Auto => Self::Auto,
+            CoresArg::System => Self::System,
+            CoresArg::Performance => Self::Performance,
+            CoresArg::Efficiency => Self::Efficiency,
         }
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use serde_json::json;
-use umo_core::Priority;
+use umo_core::{CoreKind, Cores, Engine, Priority};
 use umo_core_tools::floor::Machine;
 use umo_self_test::speed::{Crowd, quantile};
 
@@ -16,6 +16,7 @@ pub(super) struct Report {
     pub(super) model: String,
     pub(super) isa: &'static str,
     pub(super) threads: usize,
+    pub(super) cores: Placed,
     /// Keyframes per chunk.
     pub(super) target: usize,
     pub(super) load: Duration,
@@ -39,6 +40,46 @@ pub(super) struct Report {
     pub(super) crowd: Option<Crowd>,
     /// Processor time of all threads during that measurement.
     pub(super) crowd_processor: Option<Duration>,
+}
+
+/// The machine's cores, and which of them the engine uses.
+#[derive(Debug)]
+pub(super) struct Placed {
+    machine: Cores,
+    team: Option<CoreKind>,
+    slow: Option<CoreKind>,
+    slow_chunks: u64,
+}
+
+impl Placed {
+    pub(super) fn of(machine: Cores, engine: &Engine) -> Self {
+        let [team, slow] = engine.placed().map(|group| group.map(|group| group.kind));
+        Self { machine, team, slow, slow_chunks: engine.slow_chunks() }
+    }
+
+    fn json(&self) -> serde_json::Value {
+        let groups: Vec<_> = (self.machine.groups().iter())
+            .map(|group| {
+                let speed = (f64::from(group.speed) * 100.0).round() / 100.0;
+                json!({ "kind": group.kind.to_string(), "cores": group.cores, "speed": speed })
+            })
+            .collect();
+        let name = |kind: Option<CoreKind>| kind.map(|kind| kind.to_string());
+        json!({ "kinds": groups, "threads_on": name(self.team), "lone_avatar_on": name(self.slow), "chunks_there": self.slow_chunks })
+    }
+}
+
+impl fmt::Display for Placed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.machine)?;
+        if let Some(team) = self.team {
+            write!(f, "; threads on {team} cores")?;
+        }
+        if let Some(slow) = self.slow {
+            write!(f, ", a lone avatar on a core of {slow} while it has room: {} chunks", self.slow_chunks)?;
+        }
+        Ok(())
+    }
 }
 
 fn ms(time: Duration) -> f64 {
@@ -82,6 +123,7 @@ impl Report {
             "chunk_ms": chunks, "frames_per_second": (self.frames_per_second() * 10.0).round() / 10.0,
             "stages": stages, "peaks": peaks,
         });
+        report["cores"] = self.cores.json();
         report["busy_machine"] = json!(self.is_busy);
         report["priority"] = json!(self.priority.to_string());
         if let Some(bytes) = self.memory {
@@ -121,6 +163,7 @@ impl fmt::Display for Report {
             ms(self.load),
             if self.is_busy { ", beside a program on every core and one that wakes up at 10 kHz" } else { "" }
         )?;
+        writeln!(f, "cores: {}", self.cores)?;
         let (first, chunk) = (quantile(&self.first, 0.5), quantile(&self.chunks, 0.5));
         let (p99, max) = (quantile(&self.chunks, 0.99), quantile(&self.chunks, 1.0));
         writeln!(f, "\ntime to the first frame   {:>9.1} ms  (median of {})", ms(first), self.first.len())?;

@@ -89,6 +89,72 @@ fn bench_measures_beside_other_programs() {
     assert!(ended.out.contains("could speak"), "{}", ended.out);
 }
 
+/// A machine with a fast and a slow core, in place of this one.
+#[cfg(target_os = "linux")]
+#[test]
+fn bench_shows_the_kinds_of_cores_and_which_it_uses() {
+    let folder = Folder::new();
+    for (core, capacity) in [(0, "1024"), (1, "512")] {
+        let cpu = folder.at(&format!("devices/system/cpu/cpu{core}"));
+        std::fs::create_dir_all(&cpu).unwrap();
+        std::fs::write(format!("{cpu}/cpu_capacity"), capacity).unwrap();
+    }
+    let sys = folder.at("");
+    if std::thread::available_parallelism().map_or(1, usize::from) != 2 {
+        return;
+    }
+    let ended = umo(&[&QUICK[..], &["--sys", &sys]].concat()).success();
+    let wanted = "cores: 1 performance (speed 1.00), 1 efficiency (speed 0.50); threads on performance cores, \
+                  a lone avatar on a core of efficiency";
+    assert!(ended.out.contains(wanted), "{}", ended.out);
+    assert!(ended.out.contains(", 1 thread"), "one thread per core of the kind: {}", ended.out);
+    let ended = umo(&[&QUICK[..], &["--sys", &sys, "--cores", "efficiency", "--json"]].concat()).success();
+    let report: serde_json::Value = serde_json::from_str(&ended.out).unwrap();
+    assert_eq!((&report["cores"]["threads_on"], &report["threads"]), (&"efficiency".into(), &1.into()));
+    assert_eq!(report["cores"]["kinds"].as_array().map(Vec::len), Some(2));
+    let ended = umo(&[&QUICK[..], &["--sys", &sys, "--cores", "system"]].concat()).success();
+    assert!(!ended.out.contains("threads on") && ended.out.contains(", 2 threads"), "{}", ended.out);
+}
+
+/// Counters that stand still, in place of this machine's.
+#[test]
+fn bench_says_what_a_second_of_an_avatar_costs() {
+    let folder = Folder::new();
+    let zone = folder.at("class/powercap/intel-rapl:0");
+    std::fs::create_dir_all(&zone).unwrap();
+    for (name, text) in [("name", "package-0"), ("energy_uj", "7000000"), ("max_energy_range_uj", "9000000")] {
+        std::fs::write(format!("{zone}/{name}"), text).unwrap();
+    }
+    let sys = folder.at("");
+    let int4 = golden("frames_one");
+    let args = ["bench", "--energy", "--seconds", "0.2", "--sessions", "2", "--sys", &sys, "--int4", &int4];
+    let ended = umo(&args).success();
+    let rows = ["one avatar, 1 thread", "one avatar, 2 threads", "2 avatars, 1 thread", "2 avatars, 2 threads"];
+    for row in rows.into_iter().chain(["one avatar, int4", "one, held body", "one, mouth alone", "2, mouths alone"]) {
+        let line = ended.out.lines().find(|line| line.starts_with(row));
+        let line = line.unwrap_or_else(|| panic!("no row `{row}` in {}", ended.out));
+        assert!(line.contains(" 0.000 ") || line.contains("-0.000"), "counters that stand still: {line}");
+    }
+    assert!(ended.out.contains("RAPL): package-0"), "{}", ended.out);
+    // Without counters it says so.
+    std::fs::remove_dir_all(&zone).unwrap();
+    let ended = umo(&[&args[..], &["--json"]].concat()).success();
+    let report: serde_json::Value = serde_json::from_str(&ended.out).unwrap();
+    let taken = |name: &str| {
+        let row = report["rows"].as_array().unwrap().iter().find(|row| row["row"] == name).unwrap();
+        row["taken"].clone()
+    };
+    let (whole, mouth, held) = (taken(rows[0]), taken("one, mouth alone"), taken("one, held body"));
+    if cfg!(target_os = "linux") {
+        assert!(whole["joules"].is_null(), "{whole}");
+        let resident = |row: &serde_json::Value| row["resident_bytes"].as_u64().unwrap();
+        assert!(2 * resident(&mouth) < resident(&whole), "{mouth}, {whole}");
+    }
+    assert_eq!((&mouth["chunks"], &mouth["late_frames"]), (&0.into(), &0.into()));
+    let (chunks, bodies) = (held["chunks"].as_u64().unwrap(), held["held_chunks"].as_u64().unwrap());
+    assert!(bodies * 10 >= chunks * 8 && chunks > 0, "{held}");
+}
+
 #[test]
 fn bench_refuses_numbers_out_of_range() {
     let bad = [

@@ -6,6 +6,7 @@
 pub mod aligned;
 pub mod arousal;
 pub mod clock;
+pub mod counters;
 pub mod defect;
 pub mod error;
 pub mod file;

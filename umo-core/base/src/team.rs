@@ -15,6 +15,7 @@
 )]
 
 mod cores;
+mod kinds;
 mod priority;
 mod shares;
 #[cfg(test)]
@@ -28,6 +29,7 @@ use std::time::Duration;
 
 use umo_kernels::{MatMut, PrefetchHint, SharedHint};
 
+pub use kinds::{CoreGroup, CoreKind, Cores};
 pub use priority::Priority;
 
 use crate::defect::{Defect, contain, contain_quietly, resume};
@@ -88,6 +90,8 @@ pub struct Placement<'a> {
     pub caller: Option<usize>,
     /// Cores of the other threads, in order; surplus threads are not bound.
     pub cores: &'a [usize],
+    /// Kind of cores that the threads which are not bound stay on, as far as the system lets them.
+    pub kind: Option<&'a CoreGroup>,
     /// Priority of the other threads.
     pub priority: Priority,
 }
@@ -157,7 +161,7 @@ impl Team {
     /// As in [`Self::new`], and if the system refuses to bind a thread. If it refuses the priority,
     /// [`Self::has_priority`] is false.
     pub fn placed(threads: usize, placement: Placement) -> std::io::Result<Self> {
-        let Placement { caller, cores, priority } = placement;
+        let Placement { caller, cores, kind, priority } = placement;
         // Queried before the calling thread is bound to a single core.
         let usable = if caller.is_some() || !cores.is_empty() { cores::usable() } else { Vec::new() };
         let threads = threads.clamp(1, MAX_THREADS);
@@ -167,10 +171,15 @@ impl Team {
         for index in 1..threads {
             let shared = Arc::clone(&team.shared);
             let name = format!("umo-{index}");
-            let core = cores.get(index - 1).copied();
+            let (core, kind) = (cores.get(index - 1).copied(), kind.cloned());
             let work = move || {
-                if core.is_some_and(|core| !cores::bind(core)) {
-                    shared.unbound.store(true, Ordering::Relaxed);
+                match (core, kind) {
+                    (Some(core), _) if !cores::bind(core) => shared.unbound.store(true, Ordering::Relaxed),
+                    // Where it is refused, a thread runs where the system puts it.
+                    (None, Some(kind)) => {
+                        let _ = cores::prefer(&kind);
+                    }
+                    _ => {}
                 }
                 if !priority.set() {
                     shared.refused.store(true, Ordering::Relaxed);
@@ -184,7 +193,13 @@ impl Team {
             memory::require_thread();
             team.workers.push(thread::start(name, work)?);
         }
-        let bound = caller.is_none_or(cores::bind);
+        let bound = match (caller, kind) {
+            (Some(core), _) => cores::bind(core),
+            (None, kind) => {
+                let _ = kind.map(cores::prefer);
+                true
+            }
+        };
         // Starting a thread allocates; once it reports, that is over.
         team.shared.wait_for_workers();
         // The threads' heaps may have used up what was left.

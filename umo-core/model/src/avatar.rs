@@ -268,6 +268,7 @@ impl Avatar {
     /// As in [`Self::new`].
     pub fn new_in(model: &Model, config: &AvatarConfig, arena: &Arena) -> Result<Self, LoadError> {
         let c = &model.config;
+        model.check_body()?;
         config.check(c)?;
         let (got, limit) = (config.text.len(), MAX_PROMPT_TOKENS);
         if got > limit {
@@ -280,7 +281,7 @@ impl Avatar {
         let (tokens, new) = (c.tokens_per_keyframe(), (config.target + config.horizon) * c.tokens_per_keyframe());
         let hidden_units = (c.audio.ahead - config.horizon) * tokens;
         let window = window_tokens(c, config.target) - hidden_units;
-        let audio = template.has_audio().then(|| model.tokenizer.stream_in(window, new, arena));
+        let audio = template.has_audio().then(|| model.body().tokenizer.stream_in(window, new, arena));
         let (lookahead, smoothing) = (config.held_back(), Smoothing::new(config.smoothing)?);
         let mut template_name = Fingerprint::new();
         template_name.add(config.template.as_bytes());
@@ -312,7 +313,12 @@ impl Avatar {
             whole: None,
             intent: depth::intent(c),
             window: Window::new_in(c, config.target, arena),
-            run: model.layout.run_in(c, &model.motion, Shape { target: config.target, lookahead, smoothing }, arena),
+            run: model.body().layout.run_in(
+                c,
+                &model.body().motion,
+                Shape { target: config.target, lookahead, smoothing },
+                arena,
+            ),
         })
     }
 
@@ -364,7 +370,7 @@ impl Avatar {
         }
         // The chunk count of the state, not of this avatar: they differ while the state is checked.
         let known = self.known_frames(config, chunk);
-        self.run.state(pass, &mut self.window, &model.motion, known)?;
+        self.run.state(pass, &mut self.window, &model.body().motion, known)?;
         Ok(consumed)
     }
 

@@ -119,23 +119,27 @@ impl Batch {
         let given = if config.is_frames() { width * (config.prefix + 1) } else { 0 };
         let window = window_tokens(config, config.max_target);
         let rows = model
+            .body()
             .motion
             .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride);
         Self {
             audio: model
+                .body()
                 .tokenizer
                 .scratch(window, (config.max_target + config.audio.ahead) * config.tokens_per_keyframe()),
             call: None,
             filling: None,
             pushing: None,
             lm: LmScratch::with_given(config, sequences * lengths.encoder.max(lengths.decoder), given),
-            draw: model.layout.draw(config, width, per_member),
-            interp: model.layout.scratch(config, config.max_target),
-            motion: model.motion.scratch(rows),
+            draw: model.body().layout.draw(config, width, per_member),
+            interp: model.body().layout.scratch(config, config.max_target),
+            motion: model.body().motion.scratch(rows),
             ids: filled(0, sequences * max_encoder_tokens(config)).into(),
             states: filled(0.0, sequences * lengths.encoder * config.lm.d_model).into(),
             lengths: filled(0, sequences).into(),
-            sequences: (0..sequences).map(|_| Sequence::new(config, lengths, model.lm.cross_storage())).collect(),
+            sequences: (0..sequences)
+                .map(|_| Sequence::new(config, lengths, model.body().lm.cross_storage()))
+                .collect(),
             per_member,
             due: filled(Due::Nothing, width).into(),
             members: 0,
@@ -370,9 +374,9 @@ impl Batch {
         if let Some((audio, samples, units)) = avatar.audio_parts() {
             let mut call = match self.call.take() {
                 Some(call) => call,
-                None => model.tokenizer.begin(audio, &mut self.audio, samples)?,
+                None => model.body().tokenizer.begin(audio, &mut self.audio, samples)?,
             };
-            if model.tokenizer.step(cx, audio, &mut self.audio, &mut call, units)? {
+            if model.body().tokenizer.step(cx, audio, &mut self.audio, &mut call, units)? {
                 self.call = Some(call);
                 return Ok(Phase::Tokenize { member });
             }
@@ -427,7 +431,7 @@ impl Batch {
                 self.write_prompt(model, &avatars[member], member)?;
             }
         }
-        let (lm, rows) = (&model.lm, self.rows(sequences));
+        let (lm, rows) = (&model.body().lm, self.rows(sequences));
         let lengths = &self.lengths[..sequences];
         if is_first {
             lm.begin_encode(&mut self.lm, &self.ids[..rows], lengths)?;
@@ -470,7 +474,7 @@ impl Batch {
         (index, layer): (usize, usize),
         row: usize,
     ) -> Result<Phase, StepError> {
-        let (lm, width) = (&model.lm, model.lm.d_model());
+        let (lm, width) = (&model.body().lm, model.body().lm.d_model());
         let (start, rows) = (self.rows(index), self.lengths[index]);
         let sequence = &mut self.sequences[index];
         if (layer, row) == (0, 0) {
@@ -490,7 +494,7 @@ impl Batch {
     }
 
     fn decode(&mut self, model: &Model, cx: Compute, (layer, first): (usize, usize)) -> Result<Phase, StepError> {
-        let (lm, sequences) = (&model.lm, &mut self.sequences[..self.members * self.per_member]);
+        let (lm, sequences) = (&model.body().lm, &mut self.sequences[..self.members * self.per_member]);
         if (layer, first) == (0, 0) {
             lm.begin_decode(&mut self.lm, sequences)?;
         }
@@ -563,7 +567,7 @@ impl Batch {
             return avatar.run.fill(cx, &mut self.interp, filling);
         }
         let window = (&avatar.window, avatar.window.fresh_start(avatar.chunk == 0));
-        let filling = avatar.run.begin_filling(cx, &mut self.interp, window, &model.motion, self.bounded)?;
+        let filling = avatar.run.begin_filling(cx, &mut self.interp, window, &model.body().motion, self.bounded)?;
         self.filling = Some(filling);
         Ok(true)
     }
@@ -599,7 +603,7 @@ impl Batch {
                 sink.frame(member, f);
             }
         };
-        let (decoder, scratch, run) = (&model.motion, &mut self.motion, &mut avatar.run);
+        let (decoder, scratch, run) = (&model.body().motion, &mut self.motion, &mut avatar.run);
         let start = avatar.window.fresh_start(first);
         let Some(Pushing { mut push, is_end }) = self.pushing.take() else {
             return match self.due[member] {

@@ -564,7 +564,7 @@ impl Group {
     /// Creates an empty group with room for `width` animations.
     ///
     /// # Panics
-    /// If `width` is 0.
+    /// If `width` is 0, or the model is of the mouth alone.
     pub fn new(model: &Model, width: usize) -> Self {
         Self {
             batch: Batch::new(model, width),

@@ -11,6 +11,7 @@
 //! worker computes it, and a worker that the system preempts delays only its own batch.
 
 mod config;
+mod economy;
 mod error;
 mod full_share;
 mod load;
@@ -21,7 +22,7 @@ mod tests;
 mod worker;
 
 use std::cell::Cell;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
 
@@ -30,7 +31,7 @@ use umo_core_base::defect::{Defect, contain_quietly};
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{self, Arena, Counted};
 pub use umo_core_base::sync::{wait, wake_one};
-use umo_core_base::team::{ExternalWorkers, MAX_THREADS};
+use umo_core_base::team::{CoreGroup, ExternalWorkers, MAX_THREADS};
 use umo_core_base::thread::{self, JoinHandle};
 use umo_core_base::time::Instant;
 use umo_core_model::audio::resample::{self, FilterPlan, Resampler};
@@ -40,12 +41,13 @@ use umo_core_pose::frame::OwnedFrame;
 
 use crate::levels::Levels;
 use crate::link::Signal;
-use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
+use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, Voice, state_size};
+use economy::Plan;
 use full_share::FullShare;
 use load::{LEAD, Load};
 use worker::Worker;
 
-pub use config::{EngineConfig, MAX_BATCH, MAX_SESSIONS, SubmitJobs, Threads};
+pub use config::{CoreKinds, EngineConfig, MAX_BATCH, MAX_SESSIONS, SubmitJobs, Threads};
 pub use error::{EngineError, PollError};
 pub use umo_core_base::team::Priority;
 
@@ -86,7 +88,11 @@ impl Started {
 #[derive(Debug)]
 struct Inner {
     slots: Arc<Slots>,
+    /// Where the threads run.
+    plan: Plan,
     load: Load,
+    /// Chunks computed on a slow core.
+    slow_chunks: AtomicU64,
     full_share: FullShare,
     started: Started,
     /// The panic that ended one of the engine's threads, and with it the engine.
@@ -140,7 +146,7 @@ impl Inner {
         let levels = Levels::new_in(&avatar, model.config(), arena);
         let init = SessionInit {
             model: &self.slots.model,
-            assembly: model.motion().assembly(),
+            assembly: model.assembly(),
             rest: &self.rest,
             chunk_frames: avatar.chunk_frames(model.config()),
             chunk_samples: avatar.most_samples(),
@@ -157,6 +163,30 @@ impl Inner {
         let shared = arena.counted(Shared::new(init, config)?);
         let member = Member::new_in(avatar, Counted::clone(&shared), &self.slots.model, config, levels, arena);
         Ok((shared, member))
+    }
+
+    /// Creates the state of a session of the mouth alone.
+    fn make_mouth(&self, config: &SessionConfig, arena: &Arena) -> Result<Counted<Shared>, EngineError> {
+        let model = self.model();
+        config.check()?;
+        config.avatar.check(model.config())?;
+        let plan = self.filter_plan(config.sample_rate)?;
+        let init = SessionInit {
+            model: &self.slots.model,
+            assembly: model.assembly(),
+            rest: &self.rest,
+            chunk_frames: 0,
+            chunk_samples: 0,
+            kept: 0,
+            clock: self.clock.clone(),
+            signal: Arc::clone(&self.slots.signal),
+            resampler: Resampler::new_in(config.sample_rate, model.config().audio.sample_rate, plan, arena),
+            is_decoder: false,
+            take: None,
+            patches: None,
+            arena,
+        };
+        Ok(arena.counted(Shared::new(init, config)?))
     }
 
     /// Ends every session: no more frames are computed.
@@ -189,7 +219,8 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// Creates an engine without sessions. Allocates everything that computing needs.
+    /// Creates an engine without sessions. Allocates everything that computing needs. With a model of the mouth alone
+    /// ([`Model::load_mouth`]) it has no threads.
     ///
     /// # Errors
     /// [`EngineError`] if a number is out of range or a thread cannot be started.
@@ -199,13 +230,17 @@ impl Engine {
 
     fn start(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
         let mut engine = Self::bare(model, config)?;
+        if engine.model().is_mouth_alone() {
+            // Its sessions compute on the host's threads.
+            return Ok(engine);
+        }
         if matches!(config.threads, Threads::Host(_)) {
             let worker = Worker::new(&engine.inner, config, LEAD).map_err(EngineError::thread)?;
             engine.external_workers = config.jobs.clone().map(|jobs| (worker.external_workers(), jobs));
             engine.worker = Some(Mutex::new(worker));
             return Ok(engine);
         }
-        let workers = engine.inner.load.workers();
+        let workers = engine.inner.load.workers() + engine.inner.plan.more_workers();
         engine.threads = memory::with_capacity(workers);
         for index in 0..workers {
             // If one does not start, the engine is dropped with those that did.
@@ -228,10 +263,13 @@ impl Engine {
         range("max_batch", config.max_batch, MAX_BATCH)?;
         range("threads", config.threads.count(), MAX_THREADS)?;
         let rest = model.rest().map_err(EngineError::Rest)?;
-        let load = Load::new(config, model.config());
+        let plan = Plan::new(config);
+        let load = Load::new(config, &plan, model.config());
         let inner = Arc::new(Inner {
-            slots: Arc::new(Slots::new(model, config.max_sessions, load.workers())),
+            slots: Arc::new(Slots::new(model, config.max_sessions, load.workers() + plan.more_workers())),
+            plan,
             load,
+            slow_chunks: AtomicU64::new(0),
             full_share: FullShare::default(),
             started: Started::default(),
             defect: OnceLock::new(),
@@ -256,13 +294,33 @@ impl Engine {
         if self.inner.refused.load(Ordering::Relaxed) { Priority::Normal } else { self.priority }
     }
 
+    /// Number of threads that compute together: fewer than configured if the kind of cores that they run on has fewer
+    /// cores.
+    pub fn threads(&self) -> usize {
+        self.inner.plan.threads
+    }
+
+    /// Kinds of cores of these threads, and of the one that computes single chunks while it has time to spare; `None` where
+    /// the system chooses, and where there is no such thread.
+    #[doc(hidden)]
+    pub fn placed(&self) -> [Option<&CoreGroup>; 2] {
+        let Plan { team, slow, .. } = &self.inner.plan;
+        [team.as_ref(), slow.as_ref()]
+    }
+
+    /// Number of chunks that the latter has computed.
+    #[doc(hidden)]
+    pub fn slow_chunks(&self) -> u64 {
+        self.inner.slow_chunks.load(Ordering::Relaxed)
+    }
+
     /// Creates a session. Allocates everything that it will need.
     ///
     /// # Errors
     /// [`EngineError`] if a number is out of range or all slots are taken.
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
         let plan = Arena::plan();
-        self.inner.make(config, &plan)?;
+        self.plan_session(config, &plan)?;
         self.make_session(config, &Arena::block(plan.layout()?)?)
     }
 
@@ -274,7 +332,10 @@ impl Engine {
     /// [`EngineError`] if a number is out of range.
     #[doc(hidden)]
     pub fn plan_session(&self, config: &SessionConfig, plan: &Arena) -> Result<(), EngineError> {
-        self.inner.make(config, plan).map(drop)
+        match config.voice {
+            Voice::Mouth => self.inner.make_mouth(config, plan).map(drop),
+            Voice::Delayed | Voice::Live => self.inner.make(config, plan).map(drop),
+        }
     }
 
     /// Creates a session in memory of `arena`.
@@ -291,9 +352,12 @@ impl Engine {
         if let Some(defect) = inner.defect.get() {
             return Err(EngineError::Panicked(defect.clone()));
         }
+        if config.voice == Voice::Mouth {
+            return Ok(Session::of_mouth(inner.make_mouth(config, arena)?, Arc::clone(&inner.slots.model)));
+        }
         inner.slots.sweep();
         let (shared, mut member) = inner.make(config, arena)?;
-        let state_size = state_size(&shared, &mut member, inner.model());
+        let state_size = state_size(&shared, Some(&mut member), inner.model());
         let slot = inner.slots.insert(member).ok_or(EngineError::Full { sessions: inner.slots.len() })?;
         // The engine's thread may have ended before it saw the slot.
         if let Some(defect) = inner.defect.get() {
@@ -335,6 +399,9 @@ impl Engine {
     /// # Errors
     /// [`PollError`] if the engine has threads of its own, or another thread polls.
     pub fn poll(&self, budget: Duration) -> Result<Poll, PollError> {
+        if self.model().is_mouth_alone() {
+            return Ok(Poll::Idle);
+        }
         let worker = self.worker.as_ref().ok_or(PollError::OwnThreads)?;
         let mut worker = match worker.try_lock() {
             Ok(worker) => worker,
@@ -430,7 +497,11 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
         }
     };
     memory::require_thread();
-    let name = if index == LEAD { "umo-0".to_owned() } else { format!("umo-batch-{index}") };
+    let name = match index {
+        LEAD => "umo-0".to_owned(),
+        _ if inner.load.is_slow(index) => "umo-economy".to_owned(),
+        _ => format!("umo-batch-{index}"),
+    };
     let thread = thread::start(name, work).map_err(EngineError::thread)?;
     if let Err(error) = inner.started.wait(before) {
         // The thread ends by itself; the library must not be unloaded before.

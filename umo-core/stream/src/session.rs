@@ -40,7 +40,7 @@ mod state;
 mod take;
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use umo_core_base::defect::Defect;
@@ -49,6 +49,7 @@ pub use umo_core_base::state::StateError;
 use umo_core_layers::{Attention, Controls, GestureOptions, Layer, LipShape, Mood};
 use umo_core_model::config::Sampling;
 use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
+use umo_core_model::model::Model;
 use umo_core_pose::part::Part;
 
 use crate::link::Epoch;
@@ -173,6 +174,8 @@ enum Source {
     Engine(SlotHandle),
     /// Packets.
     Packets(Box<Mutex<Receiver>>),
+    /// The live mouth alone, of this model.
+    Mouth(Arc<Model>),
 }
 
 impl Session {
@@ -180,10 +183,26 @@ impl Session {
         Self { shared, source: Source::Engine(slot), state_size, output_delay: AtomicU64::new(0) }
     }
 
-    /// Slot with the engine's side of the session.
+    /// Creates a session of the mouth alone.
+    pub(crate) fn of_mouth(shared: Counted<Shared>, model: Arc<Model>) -> Self {
+        let state_size = state_size(&shared, None, &model);
+        Self { shared, source: Source::Mouth(model), state_size, output_delay: AtomicU64::new(0) }
+    }
+
+    /// Slot with the engine's side of the session, in tests.
+    #[cfg(test)]
     pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
         match &self.source {
             Source::Engine(slot) => Ok(slot),
+            Source::Packets(_) | Source::Mouth(_) => Err(SessionError::IsDecoder),
+        }
+    }
+
+    /// The model of a session that hears.
+    fn model(&self) -> Result<&Model, SessionError> {
+        match &self.source {
+            Source::Engine(slot) => Ok(slot.model()),
+            Source::Mouth(model) => Ok(model),
             Source::Packets(_) => Err(SessionError::IsDecoder),
         }
     }
@@ -212,7 +231,7 @@ impl Session {
     fn push<T>(&self, samples: &[T], float: impl Fn(&T) -> f32) -> Result<Pushed, SessionError> {
         let shared = &*self.shared;
         shared.outcome.check()?;
-        self.slot()?;
+        self.model()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         input.push(shared, samples, float)
     }
@@ -242,7 +261,7 @@ impl Session {
     pub fn finish(&self) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.outcome.check()?;
-        self.slot()?;
+        self.model()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         input.finish(shared);
         Ok(())
@@ -395,7 +414,7 @@ impl Session {
             return Err(SessionError::Range(Argument::Ease));
         }
         self.shared.outcome.check()?;
-        self.slot()?;
+        self.model()?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10 seconds of frames")]
         let frames = (ease.as_secs_f64() * self.shared.format.frame_rate as f64).ceil() as u16;
         self.shared.link.begin_epoch(|epoch| epoch.interrupted(frames));
@@ -429,7 +448,7 @@ impl Session {
         if ids.len() > MAX_PROMPT_TOKENS {
             return Err(SessionError::Range(Argument::PromptLength));
         }
-        self.slot()?;
+        self.model()?;
         let mut bytes = [[0; 4]; MAX_PROMPT_TOKENS];
         bytes.iter_mut().zip(ids).for_each(|(bytes, id)| *bytes = id.to_le_bytes());
         let change = |settings: &mut Settings| {

@@ -23,6 +23,15 @@ pub(crate) const PRIORITY_NORMAL: u32 = 0;
 pub(crate) const PRIORITY_HIGH: u32 = 1;
 /// Priority below normal: threads use the time that others leave.
 pub(crate) const PRIORITY_LOW: u32 = 2;
+/// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together;
+/// what one slower core computes with room to spare, on that core, unless the priority is high.
+pub(crate) const CORES_AUTO: u32 = 0;
+/// Threads run wherever the system puts them.
+pub(crate) const CORES_SYSTEM: u32 = 1;
+/// The fastest kind of cores alone.
+pub(crate) const CORES_PERFORMANCE: u32 = 2;
+/// The slowest kind of cores that is not low-power, alone.
+pub(crate) const CORES_EFFICIENCY: u32 = 3;
 /// Offset meaning: do not write this field.
 pub(crate) const ABSENT: u32 = 4294967295;
 /// The right hand; for a gesture with a target, the hand nearer to it.
@@ -55,6 +64,11 @@ pub(crate) const PRECISION_F32: u32 = 1;
 pub(crate) const PRECISION_BF16: u32 = 2;
 /// Weights rounded to int8.
 pub(crate) const PRECISION_INT8: u32 = 3;
+/// All networks of the model.
+pub(crate) const PARTS_ALL: u32 = 0;
+/// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need
+/// `VOICE_MOUTH`, and engines have no threads.
+pub(crate) const PARTS_MOUTH: u32 = 1;
 /// The fastest instruction set of the processor.
 pub(crate) const ISA_BEST: u32 = 0;
 /// Portable code.
@@ -177,6 +191,10 @@ pub(crate) const VOICE_DELAYED: u32 = 0;
 /// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly
 /// more frames at its end. For a microphone, or a voice that is played as it arrives.
 pub(crate) const VOICE_LIVE: u32 = 1;
+/// The mouth alone, timed as with `VOICE_LIVE`: no chunk is computed, and the engine has nothing to do.
+/// The body is at rest, with the layers over it: it breathes, looks, nods and gestures as asked. For
+/// voice chat; the one voice of a model loaded with `PARTS_MOUTH`.
+pub(crate) const VOICE_MOUTH: u32 = 2;
 /// Chunks are output as frames only.
 pub(crate) const PACKETS_NONE: u32 = 0;
 /// Chunks are output as frames and as packets: pull both.
@@ -313,6 +331,10 @@ pub(crate) struct EngineConfig {
     /// chunk does not wait at the start of a stream, once at most half of its length is left until it would
     /// be late, or if all sessions are due. 0: no chunk waits.
     pub(crate) batch_window_ms: u32,
+    /// Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `CORES_…`. All but
+    /// `CORES_SYSTEM` start at most as many threads as the kind has cores. No effect where all cores are of
+    /// one kind.
+    pub(crate) core_kinds: u32,
 }
 
 /// Layout of a frame in the host's memory: offsets in bytes from the frame's start. A value whose
@@ -412,8 +434,8 @@ pub(crate) struct ModelConfig {
     /// Upper bound on the instruction set: one of `ISA_…`. Float products round differently on some of
     /// them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
     pub(crate) isa: u32,
-    /// Zero.
-    pub(crate) reserved: u32,
+    /// Networks to load: one of `PARTS_…`.
+    pub(crate) parts: u32,
     /// Log callback for this model, or NULL. The structure is copied while the model is loaded.
     pub(crate) log: *const Log,
 }
@@ -453,7 +475,7 @@ pub(crate) struct ModelInfo {
     pub(crate) has_notice: u32,
     /// Size of the model file in bytes.
     pub(crate) file_size: u64,
-    /// 1 if the model has a mouth network, so that sessions can use `VOICE_LIVE`.
+    /// 1 if the model has a mouth network, so that sessions can use `VOICE_LIVE` and `VOICE_MOUTH`.
     pub(crate) has_mouth: u32,
     /// Upper bound on `SessionConfig.horizon`: keyframes of audio behind a chunk that a session can wait
     /// for. Useful if the whole recording is available. 0 if the model does not hear ahead.
@@ -518,7 +540,7 @@ pub(crate) struct SessionConfig {
     pub(crate) ease_ms: u32,
     /// Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.
     pub(crate) queue_frames: u32,
-    /// Timing of the mouth: one of `VOICE_…`.
+    /// Timing of the mouth, and whether there is a body: one of `VOICE_…`.
     pub(crate) voice: u32,
     /// Seed of all sampling: equal seeds and audio give equal frames.
     pub(crate) seed: u64,
@@ -546,7 +568,7 @@ pub(crate) struct SessionConfig {
     /// Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
     pub(crate) reorder_window: u32,
     /// Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a
-    /// second; 0 for none. Not with `VOICE_LIVE`, `PACKETS_ONLY` or decoders.
+    /// second; 0 for none. Not with `VOICE_LIVE`, `VOICE_MOUTH`, `PACKETS_ONLY` or decoders.
     pub(crate) take_bytes: u64,
 }
 
@@ -810,5 +832,6 @@ impl EngineConfig {
         set("umo/max_batch", &mut self.max_batch);
         set("umo/priority", &mut self.priority);
         set("umo/batch_window_ms", &mut self.batch_window_ms);
+        set("umo/core_kinds", &mut self.core_kinds);
     }
 }

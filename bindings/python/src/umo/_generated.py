@@ -96,6 +96,18 @@ PRIORITIES: dict[str, int] = {
     "high": 1,
     "low": 2,
 }
+# Kinds of cores that an engine's own threads run on.
+CORE_KINDS: dict[str, int] = {
+    "auto": 0,
+    "system": 1,
+    "performance": 2,
+    "efficiency": 3,
+}
+# Networks of a model to load.
+MODEL_PARTS: dict[str, int] = {
+    "all": 0,
+    "mouth": 1,
+}
 # Hand of a gesture.
 SIDES: dict[str, int] = {
     "auto": 0,
@@ -213,10 +225,11 @@ class Idle(enum.IntEnum):
     """The model runs on silence."""
 
 
-# Timing of the mouth.
+# Timing of the mouth, and whether there is a body.
 VOICES: dict[str, int] = {
     "delayed": 0,
     "live": 1,
+    "mouth": 2,
 }
 # Output of chunks as packets.
 PACKETS: dict[str, int] = {
@@ -319,11 +332,16 @@ class EngineConfig(Structure):
         # the start of a stream, once at most half of its length is left until it would be late, or if all sessions are
         # due. 0: no chunk waits.
         ("batch_window_ms", c_uint32),
+        # Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `"auto"`, `"system"`,
+        # `"performance"`, `"efficiency"`. All but `"system"` start at most as many threads as the kind has cores. No
+        # effect where all cores are of one kind.
+        ("core_kinds", c_uint32),
     ]
     # Names of the values of fields.
     choices = {
         "mode": ENGINE_MODES,
         "priority": PRIORITIES,
+        "core_kinds": CORE_KINDS,
     }
 
 
@@ -442,8 +460,8 @@ class ModelConfig(Structure):
         # `"avx512bf16"`, `"avxvnni"`, `"neon"`, `"neon_dotprod"`, `"neon_i8mm"`. Float products round differently on
         # some of them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
         ("isa", c_uint32),
-        # Zero.
-        ("reserved", c_uint32),
+        # Networks to load: one of `"all"`, `"mouth"`.
+        ("parts", c_uint32),
         # Log callback for this model, or NULL. The structure is copied while the model is loaded.
         ("log", POINTER(Log)),
     ]
@@ -451,6 +469,7 @@ class ModelConfig(Structure):
     choices = {
         "precision": PRECISIONS,
         "isa": ISAS,
+        "parts": MODEL_PARTS,
     }
 
 
@@ -488,7 +507,7 @@ class ModelInfo(Structure):
         ("has_notice", c_uint32),
         # Size of the model file in bytes.
         ("file_size", c_uint64),
-        # 1 if the model has a mouth network, so that sessions can use `"live"`.
+        # 1 if the model has a mouth network, so that sessions can use `"live"` and `"mouth"`.
         ("has_mouth", c_uint32),
         # Upper bound on `SessionConfig.horizon`: keyframes of audio behind a chunk that a session can wait for. Useful
         # if the whole recording is available. 0 if the model does not hear ahead.
@@ -567,7 +586,7 @@ class SessionConfig(Structure):
         ("ease_ms", c_uint32),
         # Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.
         ("queue_frames", c_uint32),
-        # Timing of the mouth: one of `"delayed"`, `"live"`.
+        # Timing of the mouth, and whether there is a body: one of `"delayed"`, `"live"`, `"mouth"`.
         ("voice", c_uint32),
         # Seed of all sampling: equal seeds and audio give equal frames.
         ("seed", c_uint64),
@@ -594,7 +613,7 @@ class SessionConfig(Structure):
         # Decoders only: packets that may arrive before a missing one counts as lost, 0 to 4.
         ("reorder_window", c_uint32),
         # Bytes of memory for a take that is recorded while the session runs (`umo_session_take`), some 700 a second; 0
-        # for none. Not with `"live"`, `"only"` or decoders.
+        # for none. Not with `"live"`, `"mouth"`, `"only"` or decoders.
         ("take_bytes", c_uint64),
     ]
     # Names of the values of fields.
@@ -971,6 +990,7 @@ class EngineArguments:
         max_batch: Optional[int] = None,
         priority: Optional[str] = None,
         batch_window: Optional[float] = None,
+        core_kinds: Optional[str] = None,
     ) -> None:
         """Makes an engine. What is None is the library's default.
 
@@ -985,8 +1005,11 @@ class EngineArguments:
           with. With 50 ms, 32 avatars take about a fifth less processor time, and frames come later by the
           wait. A chunk does not wait at the start of a stream, once at most half of its length is left until it
           would be late, or if all sessions are due. 0: no chunk waits.
+        - `core_kinds`: Kinds of cores that the engine's own threads run on if `core_count` is 0: one of
+          `"auto"`, `"system"`, `"performance"`, `"efficiency"`. All but `"system"` start at most as many
+          threads as the kind has cores. No effect where all cores are of one kind.
         """
-        self._make(model, polled, cores, threads=threads, max_sessions=max_sessions, max_batch=max_batch, priority=priority, batch_window_ms=batch_window)
+        self._make(model, polled, cores, threads=threads, max_sessions=max_sessions, max_batch=max_batch, priority=priority, batch_window_ms=batch_window, core_kinds=core_kinds)
 
     def _make(self, model: Optional[Model], polled: bool, cores: Sequence[int], **settings: Any) -> None:
         raise NotImplementedError

@@ -21,9 +21,11 @@ class Model(_library.Handle):
     """A loaded model: immutable, shared by any number of engines and threads.
 
     `source` is a path, the bytes of a model file, or None for the model that comes with the package; a missing file
-    raises `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` limits the instruction
-    set: `"best"`, `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"`, `"amx"`, `"neon"`,
-    `"neon_dotprod"` or `"neon_i8mm"`. A notice that users of the model must see is raised as a warning.
+    raises `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` limits the
+    instruction set: `"best"`, `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"`, `"amx"`, `"neon"`,
+    `"neon_dotprod"` or `"neon_i8mm"`. `parts` is `"all"`, or `"mouth"` for the live mouth alone, in a fraction of
+    the memory: sessions then need the voice `"mouth"`. A notice that users of the model must see is raised as a
+    warning.
     """
 
     def __init__(
@@ -32,10 +34,11 @@ class Model(_library.Handle):
         *,
         precision: str = "stored",
         isa: str = "best",
+        parts: str = "all",
     ) -> None:
         config, handle = _generated.ModelConfig(), ctypes.c_void_p()
         _library.check(lib.umo_model_config_init(config, ctypes.sizeof(config)))
-        _library.set_values(config, precision=precision, isa=isa)
+        _library.set_values(config, precision=precision, isa=isa, parts=parts)
         if isinstance(source, (bytes, bytearray, memoryview)):
             data = np.frombuffer(source, np.uint8)
             status = lib.umo_model_load_memory(_generated.ABI_VERSION, data.ctypes.data, data.size, config, byref(handle))
@@ -103,7 +106,7 @@ class Model(_library.Handle):
 
     @property
     def has_mouth(self) -> bool:
-        """Whether it has a mouth network, which the voice `"live"` needs."""
+        """Whether it has a mouth network, which the voices `"live"` and `"mouth"` need."""
         return bool(self._info.has_mouth)
 
     @property

@@ -82,12 +82,13 @@ class Session(_library.Handle):
     `rate` and `channels` describe the audio, `axes` the frames: `"gltf"` (and Godot), `"unreal"` or
     `"unity"`. `target` is the number of keyframes per chunk, `lookahead` the number of frames held back for smoother
     seams; `idle_after` and `ease` are seconds; `queue` is the maximum number of frames waiting to be pulled. `template`
-    is one of the model's templates: `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as the
-    sound is heard and the body follows, for models with a mouth network (`Model.has_mouth`); `"delayed"` keeps them in
-    sync. `smoothing` is the low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; `guidance`
-    the strength of the prompt, 1 to 3, and `horizon` the number of keyframes of future speech, for models that support
-    them. With `packets` (`"beside_frames"` or `"only"`) chunks are output to `pull_packets` for remote `Decoder`s; each
-    packet repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 700
+    is one of the model's templates: `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as
+    the sound is heard and the body follows, for models with a mouth network (`Model.has_mouth`); with `"mouth"` it
+    moves over a body at rest, for which nothing is computed; `"delayed"` keeps them in sync. `smoothing` is the
+    low-pass filter of the body's motion, standard deviation in frames, 0 to 1.5; `guidance` the strength of the
+    prompt, 1 to 3, and `horizon` the number of keyframes of future speech, for models that support them. With
+    `packets` (`"beside_frames"` or `"only"`) chunks are output to `pull_packets` for remote `Decoder`s; each packet
+    repeats `packet_history` keyframes. `take_bytes` is the memory of a take that is recorded (`take`), some 700
     bytes a second. None stands for the model's default.
     """
 

@@ -114,6 +114,34 @@ namespace Umo
         Low = 2,
     }
 
+    /// <summary>Kinds of cores that an engine's own threads run on.</summary>
+    public enum CoreKinds : uint
+    {
+        /// <summary>
+        /// On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one
+        /// slower core computes with room to spare, on that core, unless the priority is high.
+        /// </summary>
+        Auto = 0,
+        /// <summary>Threads run wherever the system puts them.</summary>
+        System = 1,
+        /// <summary>The fastest kind of cores alone.</summary>
+        Performance = 2,
+        /// <summary>The slowest kind of cores that is not low-power, alone.</summary>
+        Efficiency = 3,
+    }
+
+    /// <summary>Networks of a model to load.</summary>
+    public enum ModelParts : uint
+    {
+        /// <summary>All networks of the model.</summary>
+        All = 0,
+        /// <summary>
+        /// The live mouth alone, at its stored precision: a fraction of the memory. Sessions need Voice.Mouth, and
+        /// engines have no threads.
+        /// </summary>
+        Mouth = 1,
+    }
+
     /// <summary>Hand of a gesture.</summary>
     public enum Side : uint
     {
@@ -311,7 +339,7 @@ namespace Umo
         Live = 2,
     }
 
-    /// <summary>Timing of the mouth.</summary>
+    /// <summary>Timing of the mouth, and whether there is a body.</summary>
     public enum Voice : uint
     {
         /// <summary>The mouth moves with the body, later than the sound by the session's latency.</summary>
@@ -322,6 +350,12 @@ namespace Umo
         /// For a microphone, or a voice that is played as it arrives.
         /// </summary>
         Live = 1,
+        /// <summary>
+        /// The mouth alone, timed as with Voice.Live: no chunk is computed, and the engine has nothing to do. The body is
+        /// at rest, with the layers over it: it breathes, looks, nods and gestures as asked. For voice chat; the one
+        /// voice of a model loaded with ModelParts.Mouth.
+        /// </summary>
+        Mouth = 2,
     }
 
     /// <summary>Output of chunks as packets.</summary>
@@ -459,6 +493,12 @@ namespace Umo
         /// due. 0: no chunk waits.
         /// </summary>
         public uint BatchWindowMs;
+        /// <summary>
+        /// Kinds of cores that the engine's own threads run on if CoreCount is 0: one of CoreKinds. All but
+        /// CoreKinds.System start at most as many threads as the kind has cores. No effect where all cores are of one
+        /// kind.
+        /// </summary>
+        public CoreKinds CoreKinds;
     }
 
     /// <summary>
@@ -570,8 +610,8 @@ namespace Umo
         /// can give other frames: docs/spec.md, section 2.9, says which give equal ones.
         /// </summary>
         public Isa Isa;
-        /// <summary>Zero.</summary>
-        public uint Reserved;
+        /// <summary>Networks to load: one of ModelParts.</summary>
+        public ModelParts Parts;
         /// <summary>
         /// Log callback for this model, or NULL. The structure is copied while the model is loaded. C: const struct
         /// umo_log *.
@@ -613,7 +653,7 @@ namespace Umo
         public uint HasNotice;
         /// <summary>Size of the model file in bytes.</summary>
         public ulong FileSize;
-        /// <summary>1 if the model has a mouth network, so that sessions can use Voice.Live.</summary>
+        /// <summary>1 if the model has a mouth network, so that sessions can use Voice.Live and Voice.Mouth.</summary>
         public uint HasMouth;
         /// <summary>
         /// Upper bound on SessionConfig.Horizon: keyframes of audio behind a chunk that a session can wait for. Useful if
@@ -692,7 +732,7 @@ namespace Umo
         public uint EaseMs;
         /// <summary>Capacity of the queue of frames, at least two chunks' worth: the engine pauses while it is full.</summary>
         public uint QueueFrames;
-        /// <summary>Timing of the mouth: one of Voice.</summary>
+        /// <summary>Timing of the mouth, and whether there is a body: one of Voice.</summary>
         public Voice Voice;
         /// <summary>Seed of all sampling: equal seeds and audio give equal frames.</summary>
         public ulong Seed;
@@ -733,7 +773,7 @@ namespace Umo
         public uint ReorderWindow;
         /// <summary>
         /// Bytes of memory for a take that is recorded while the session runs (umo_session_take), some 700 a second; 0
-        /// for none. Not with Voice.Live, Packets.Only or decoders.
+        /// for none. Not with Voice.Live, Voice.Mouth, Packets.Only or decoders.
         /// </summary>
         public ulong TakeBytes;
     }

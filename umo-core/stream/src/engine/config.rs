@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use umo_core_base::clock::Clock;
-use umo_core_base::team::Priority;
+use umo_core_base::team::{Cores, Priority};
 use umo_core_base::thread;
 
 #[cfg(doc)]
@@ -23,6 +23,10 @@ pub struct EngineConfig {
     pub threads: Threads,
     /// Cores to pin the threads to, one each; threads beyond the list are not pinned.
     pub cores: Vec<usize>,
+    /// Kinds of cores that the threads which are not pinned run on, on a machine that has several.
+    pub core_kinds: CoreKinds,
+    /// The machine's cores by kind; `None` asks the system when the engine is created.
+    pub machine: Option<Cores>,
     /// Priority of the engine's own threads.
     pub priority: Priority,
     /// Upper bound on the sessions, `1..=MAX_SESSIONS`.
@@ -54,6 +58,24 @@ impl fmt::Debug for SubmitJobs {
     }
 }
 
+/// Kinds of cores that an engine's own threads run on (SPEC 2.9). On a machine with cores of one kind all are the same.
+///
+/// All but [`System`](Self::System) start at most as many threads as the kind has cores. Linux keeps threads on their
+/// kind; other systems may run them elsewhere.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CoreKinds {
+    /// A crowd on the kind whose cores are the fastest together; what one slower core computes with room to spare, on
+    /// that core, unless the priority is high.
+    #[default]
+    Auto,
+    /// Wherever the system puts them.
+    System,
+    /// The fastest kind alone.
+    Performance,
+    /// The slowest kind that is not low-power, alone.
+    Efficiency,
+}
+
 /// The threads that compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Threads {
@@ -83,6 +105,8 @@ impl Default for EngineConfig {
         Self {
             threads: if has_threads { Threads::Own(thread::available().min(2)) } else { Threads::Host(0) },
             cores: Vec::new(),
+            core_kinds: CoreKinds::Auto,
+            machine: None,
             priority: Priority::Normal,
             max_sessions: 64,
             max_batch: 8,

@@ -56,6 +56,74 @@ fn an_engines_own_threads_have_its_priority() {
     drop(engine);
 }
 
+/// Fast and slow processors, by their capacities.
+pub(super) fn two_kinds(fast: &[usize], slow: &[usize]) -> umo_core_base::team::Cores {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let number = COUNT.fetch_add(1, Ordering::Relaxed);
+    let root = std::env::temp_dir().join(format!("umo-two-kinds-{}-{number}", std::process::id()));
+    for (cores, capacity) in [(fast, "1024"), (slow, "512")] {
+        for core in cores {
+            let folder = root.join(format!("devices/system/cpu/cpu{core}"));
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join("cpu_capacity"), capacity).unwrap();
+        }
+    }
+    let cores = umo_core_base::team::Cores::read(&root, &[fast, slow].concat());
+    std::fs::remove_dir_all(root).unwrap();
+    cores
+}
+
+/// Processors that the thread of this name may use, as the system lists them.
+#[cfg(target_os = "linux")]
+fn processors_of(name: &str) -> Option<String> {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    let of = |task: std::path::PathBuf| {
+        let status = std::fs::read_to_string(task.join("status")).ok()?;
+        let value =
+            |key: &str| status.lines().find_map(|line| line.strip_prefix(key)).map(|text| text.trim().to_owned());
+        (value("Name:")? == name).then(|| value("Cpus_allowed_list:")).flatten()
+    };
+    tasks.filter_map(|task| of(task.unwrap().path())).next()
+}
+
+/// One avatar ends up on the slow core, two at once do not, and frames keep their bits.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_lone_avatar_is_computed_on_a_slow_core() {
+    if thread::available() < 2 {
+        return;
+    }
+    let model = model("tests/golden/mel_k2_arkit");
+    let frames = |machine: umo_core_base::team::Cores, sessions: usize| {
+        let config = EngineConfig { threads: Threads::Own(2), machine: Some(machine), ..EngineConfig::default() };
+        let engine = Engine::new(Arc::clone(&model), &config).unwrap();
+        let sessions: Vec<_> =
+            (0..sessions).map(|_| engine.session(&SessionConfig::new(model.config())).unwrap()).collect();
+        let mut bits = Vec::new();
+        for chunk in 1..=12 {
+            let length = SessionConfig::new(model.config()).avatar.target * model.config().samples_per_keyframe();
+            for session in &sessions {
+                session.push_audio(&vec![0.01; length]).unwrap();
+            }
+            for session in &sessions {
+                while session.stats().chunks < chunk {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                let count = session.pull_frames(usize::MAX, |frame| bits.push(frame.pose.translation[1].to_bits()));
+                assert!(count.is_ok());
+            }
+        }
+        let placed = (engine.threads(), processors_of("umo-0"), processors_of("umo-economy"));
+        (bits, engine.slow_chunks(), placed)
+    };
+    let (bits, slow, placed) = frames(two_kinds(&[0], &[1]), 1);
+    assert_eq!(placed, (1, Some("0".to_owned()), Some("1".to_owned())));
+    assert!((1..12).contains(&slow), "{slow} of 12 chunks");
+    let (same, none, (threads, _, economy)) = frames(umo_core_base::team::Cores::unknown(), 1);
+    assert_eq!((none, threads, economy), (0, 2, None));
+    assert_eq!(bits, same);
+}
+
 /// An engine with two workers, whose turns the test runs itself.
 struct Turns {
     engine: Engine,

@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use umo_core_base::defect::contain;
 use umo_core_base::memory::with_capacity;
-use umo_core_base::team::{ExternalWorkers, Placement, Team};
+use umo_core_base::team::{CoreGroup, ExternalWorkers, Placement, Team};
 use umo_core_base::time::Instant;
 use umo_core_model::avatar::{Avatar, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::linear::Compute;
 
+use super::economy::{LIMIT, Took};
 use super::load::LEAD;
 use super::{EngineConfig, Inner, Threads};
 use crate::session::{Failure, Member, Members, PacketWriter, Schedule};
@@ -39,6 +40,10 @@ pub(super) struct Worker {
     waits: Option<Duration>,
     /// Time that the mouth network took for the last chunk.
     heard: Duration,
+    /// Start of the batch.
+    began: Instant,
+    /// Whether the slow core's worker has left that core to end its chunk.
+    escaped: bool,
     /// Stage times of the batch that were already added to the engine's.
     told: StageTimes,
 }
@@ -46,10 +51,13 @@ pub(super) struct Worker {
 impl Worker {
     /// Creates worker `index` of the engine. The [`LEAD`] has the engine's threads as its team.
     /// Each other worker is one thread, on the core of the team thread with the same number; one of
-    /// the two sleeps while the other computes.
+    /// the two sleeps while the other computes. The one after the engine's workers has the slow
+    /// core.
     pub(crate) fn new(inner: &Inner, config: &EngineConfig, index: usize) -> std::io::Result<Self> {
-        let threads = config.threads.count();
-        let width = config.max_batch.min(config.max_sessions);
+        let (plan, is_slow) = (&inner.plan, inner.load.is_slow(index));
+        let threads = plan.threads;
+        let width = if is_slow { 1 } else { config.max_batch.min(config.max_sessions) };
+        let kind = if is_slow { plan.slow.as_ref() } else { plan.team.as_ref() };
         // The host's thread polls.
         let (own, others) = match (config.threads, &*config.cores) {
             (Threads::Own(_), [own, others @ ..]) => (Some(*own), others),
@@ -58,9 +66,9 @@ impl Worker {
         let team = match (&config.jobs, config.threads) {
             (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
             _ if index != LEAD => {
-                Team::placed(1, Placement { caller: config.cores.get(index).copied(), ..Placement::default() })?
+                Team::placed(1, Placement { caller: config.cores.get(index).copied(), kind, ..Placement::default() })?
             }
-            _ => Team::placed(threads, Placement { caller: own, cores: others, priority: config.priority })?,
+            _ => Team::placed(threads, Placement { caller: own, cores: others, kind, priority: config.priority })?,
         };
         // Set after the team's threads have started, because they would inherit it.
         let is_set = matches!(config.threads, Threads::Host(_)) || config.priority.set();
@@ -84,6 +92,8 @@ impl Worker {
             batch_window: u64::try_from(config.batch_window.as_nanos()).unwrap_or(u64::MAX),
             waits: None,
             heard: Duration::ZERO,
+            began: Instant::now(),
+            escaped: false,
             told: StageTimes::default(),
         })
     }
@@ -123,6 +133,9 @@ impl Worker {
     pub(super) fn turn(&mut self, inner: &Inner) -> bool {
         if !self.batch.is_busy() {
             return self.begin(inner);
+        }
+        if inner.load.is_slow(self.index) {
+            self.escape(inner);
         }
         if let Some(member) = self.schedules.iter().position(Schedule::awaits_mouth) {
             self.hear_mouth(member);
@@ -165,7 +178,28 @@ impl Worker {
             let now = self.batch.stage_times();
             times.add(now.since(std::mem::replace(&mut self.told, now)));
         }
+        self.learn(inner, now);
         self.put_back(inner);
+    }
+
+    /// Leaves the slow core if the chunk has taken too long there, to end it on the team's cores: another program may have
+    /// nearly all of the slow one.
+    fn escape(&mut self, inner: &Inner) {
+        let Some(period) = self.schedules.first().map(Schedule::period).filter(|_| !self.escaped) else { return };
+        if self.began.elapsed() > period.mul_f32(LIMIT) {
+            self.escaped = inner.plan.team.as_ref().is_some_and(CoreGroup::keep);
+        }
+    }
+
+    /// Learns from the time of the completed batch whether a slow core has time for single chunks.
+    fn learn(&self, inner: &Inner, now: u64) {
+        let (Some(economy), Some(first)) = (inner.load.economy(), self.schedules.first()) else { return };
+        let is_slow = inner.load.is_slow(self.index);
+        let (chunks, time) = (self.schedules.len(), self.began.elapsed());
+        if is_slow {
+            inner.slow_chunks.fetch_add(chunks as u64, Ordering::Relaxed);
+        }
+        economy.learn(Took { is_slow, chunks, time, period: first.period() }, now);
     }
 
     /// Feeds one member's chunk to the mouth network. This is a separate step, so that a poll keeps
@@ -198,20 +232,22 @@ impl Worker {
         self.waits = None;
         let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
         let (window, mut sessions, mut wait) = (self.batch_window, 0, u64::MAX);
+        let mut begins = false;
         inner.slots.for_each_unlocked(|slot, member| {
             sessions += 1;
             if let Some((due, deadline)) = member.due(model, now) {
                 candidates.push((deadline, slot));
+                begins |= member.avatar.chunk == 0;
                 latest = latest.max(member.schedule.late());
                 if window > 0 {
                     wait = wait.min(member.wait((due, deadline), window, now));
                 }
             }
         });
-        let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
+        let part = inner.load.part(self.index, self.candidates.len(), begins).min(self.batch.width());
         if part == 0 && !self.candidates.is_empty() {
-            // The lead may have looked while this worker held one of their slots.
-            inner.signal().call(LEAD);
+            // It may have looked while this worker held one of their slots.
+            inner.signal().call(inner.load.keeper(self.candidates.len(), begins));
             return false;
         }
         let has_room = (1..sessions.min(self.batch.width())).contains(&self.candidates.len());
@@ -244,7 +280,8 @@ impl Worker {
         if self.avatars.is_empty() {
             return false;
         }
-        inner.load.begin(self.avatars.len());
+        self.began = Instant::now();
+        inner.load.begin(self.index, self.avatars.len());
         if left > 0 && inner.load.workers() > 1 {
             inner.signal().notify();
         }
@@ -255,8 +292,12 @@ impl Worker {
     /// Ends the batch, finished or not, and returns its members to their slots.
     pub(super) fn put_back(&mut self, inner: &Inner) {
         self.batch.abandon();
+        if std::mem::take(&mut self.escaped) {
+            let _ = inner.plan.slow.as_ref().map(CoreGroup::keep);
+        }
         if !self.avatars.is_empty() {
-            inner.load.end(self.avatars.len());
+            inner.load.end(self.index, self.avatars.len());
+            inner.signal().set_first(inner.load.first());
         }
         let members = self.avatars.drain(..).zip(self.schedules.drain(..));
         for ((avatar, schedule), slot) in members.zip(self.slots.drain(..)) {

@@ -93,7 +93,7 @@ pub(crate) struct Link {
     /// Samples that the engine has taken and that must not be overwritten: at least the samples of
     /// the chunk in work.
     kept: usize,
-    /// The same samples for the mouth, if it is live.
+    /// The same samples for the mouth, if it is live over a body.
     voice: Option<Ring>,
     pub(crate) frames: FrameRing,
     epoch: AtomicU64,
@@ -342,12 +342,9 @@ impl Link {
         (joined && total != UNKNOWN_TOTAL).then_some(total)
     }
 
-    /// Samples for the live mouth.
-    ///
-    /// # Panics
-    /// If the session's mouth is not live.
+    /// Samples for the live mouth: those of the engine, if there is no body.
     pub(crate) fn voice(&self) -> &Ring {
-        self.voice.as_ref().expect("the session's mouth is live")
+        self.voice.as_ref().unwrap_or(&self.audio)
     }
 
     /// Position where the samples of `epoch` start, if the input has entered it.

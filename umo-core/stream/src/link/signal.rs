@@ -4,6 +4,8 @@ use std::time::Duration;
 
 pub(super) use umo_core_base::sync::{AtomicBool, AtomicU32, Ordering, Parking};
 
+use std::sync::atomic::AtomicUsize;
+
 /// The thread looks for work or computes.
 const AWAKE: u32 = 0;
 /// The thread found no work and sleeps.
@@ -30,13 +32,15 @@ impl Place {
 }
 
 /// Threads that sleep until there may be work or until they are stopped. The first sleeping one is
-/// woken first.
+/// woken, after the one that [`Self::set_first`] names.
 ///
 /// No call is lost: a thread that is called after it began to look does not go to sleep, and one
 /// that is called before it begins sees all work from before the call.
 #[derive(Debug)]
 pub(crate) struct Signal {
     places: Box<[Place]>,
+    /// The thread that is woken first; the others follow in their order.
+    first: AtomicUsize,
     stopped: AtomicBool,
 }
 
@@ -50,7 +54,13 @@ impl Default for Signal {
 impl Signal {
     /// Creates a signal for `threads` threads.
     pub(crate) fn new(threads: usize) -> Self {
-        Self { places: (0..threads).map(|_| Place::default()).collect(), stopped: AtomicBool::new(false) }
+        let places = (0..threads).map(|_| Place::default()).collect();
+        Self { places, first: AtomicUsize::new(0), stopped: AtomicBool::new(false) }
+    }
+
+    /// Sets which thread [`Self::notify`] wakes first.
+    pub(crate) fn set_first(&self, thread: usize) {
+        self.first.store(thread, Ordering::Relaxed);
     }
 
     /// Reports that there may be work. Wakes the first sleeping thread, if any; the busy threads
@@ -58,7 +68,8 @@ impl Signal {
     /// sleeps.
     pub(crate) fn notify(&self) {
         // The woken thread wakes others if there is more work than it takes.
-        let _ = self.places.iter().any(Place::call);
+        let first = self.first.load(Ordering::Relaxed);
+        let _ = self.places[first].call() || self.places.iter().any(Place::call);
     }
 
     /// [`Self::notify`] for one thread: there may be work for `thread` alone.

@@ -171,6 +171,7 @@ impl Decoder {
 
     fn make(model: &Model, config: &AvatarConfig, reorder_window: usize) -> Result<Self, LoadError> {
         let c = model.config();
+        model.check_body()?;
         config.check(c)?;
         if reorder_window > WAITING {
             return Err(LoadError::argument(

@@ -62,6 +62,11 @@ impl Source {
         self.voice.is_some()
     }
 
+    /// Whether frames have a mouth alone.
+    pub(crate) fn is_mouth(&self) -> bool {
+        self.voice.as_ref().is_some_and(|voice| voice.is_alone())
+    }
+
     /// Number of frames after the end of the audio.
     pub(crate) fn tail(&self) -> u64 {
         self.voice.as_ref().map_or(0, |voice| voice.delay())

@@ -41,6 +41,10 @@ pub enum Voice {
     /// kHz, 63 ms at 48 kHz. The body lags by the session's latency, and the stream has as many
     /// more frames at its end.
     Live = 1,
+    /// The mouth alone, timed as with [`Self::Live`]: no chunk is computed. The body is at rest, with the layers over it: it
+    /// breathes, looks, nods and gestures as asked. Needs no engine thread, and no more of the model than
+    /// [`Model::load_mouth`] loads.
+    Mouth = 2,
 }
 
 /// The live mouth's state in one session.
@@ -65,16 +69,17 @@ pub(crate) struct LiveVoice {
     last: Slice<f32>,
     /// Index of jawOpen in it.
     jaw: Option<usize>,
-    /// Frames by which the body lags.
+    /// Frames by which the body lags; 0 and no body, with the mouth alone.
     delay: u64,
+    is_alone: bool,
     /// The newest due frame of the body, and its index.
     body: OwnedFrame,
     body_index: Option<u64>,
 }
 
 impl LiveVoice {
-    /// `None` if the model has no mouth network.
-    pub(crate) fn new_in(model: Arc<Model>, delay: u64, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
+    /// A mouth over a body that lags by `delay` frames, or over the rest pose. `None` if the model has no mouth network.
+    pub(crate) fn new_in(model: Arc<Model>, delay: Option<u64>, rest: &OwnedFrame, arena: &Arena) -> Option<Self> {
         let mouth = model.mouth()?;
         let channels = mouth.channels().len();
         let jaw_open = model.config().face.names.iter().position(|name| name == "jawOpen");
@@ -90,7 +95,8 @@ impl LiveVoice {
             known: 0,
             last: arena.copied(mouth.rest()),
             jaw: mouth.channels().iter().position(|&channel| Some(channel) == jaw_open),
-            delay,
+            delay: delay.unwrap_or_default(),
+            is_alone: delay.is_none(),
             body: rest.clone_in(arena),
             body_index: None,
             model,
@@ -129,6 +135,11 @@ impl LiveVoice {
     /// Frames by which the body lags.
     pub(super) fn delay(&self) -> u64 {
         self.delay
+    }
+
+    /// Whether there is no body.
+    pub(super) fn is_alone(&self) -> bool {
+        self.is_alone
     }
 
     /// Begins a new stream.
@@ -215,14 +226,16 @@ impl LiveVoice {
                 break;
             }
         }
-        let is_tail = self.ended && link.total().is_some_and(|total| total > 0 && self.first < total + self.delay);
-        Ok((self.first < self.known || is_tail).then_some(self.first))
+        let is_left = |total| total > 0 && self.first < total + self.delay;
+        let is_tail = self.ended && link.total().is_some_and(is_left);
+        let is_over = self.is_alone && self.ended && !is_tail;
+        Ok(((self.first < self.known || is_tail) && !is_over).then_some(self.first))
     }
 
     /// Takes the body's frames that are due at frame `index`; returns whether the frame can be
     /// shown. In the tail, which has no sound, that requires its body.
     fn take_body(&mut self, link: &Link, epoch: Epoch, index: u64, enough: usize) -> bool {
-        let Some(due) = index.checked_sub(self.delay) else { return true };
+        let Some(due) = index.checked_sub(self.delay).filter(|_| !self.is_alone) else { return true };
         let frames = &link.frames;
         while let Some(stamp) = frames.next()
             && stamp.epoch == epoch.number

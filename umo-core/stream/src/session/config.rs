@@ -67,7 +67,8 @@ pub struct SessionConfig {
     pub sample_rate: usize,
     /// Number of interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed down.
     pub channels: usize,
-    /// Timing of the mouth. [`Voice::Live`] needs a model with a mouth network.
+    /// Timing of the mouth, and whether there is a body. [`Voice::Live`] and [`Voice::Mouth`] need a model with a mouth
+    /// network.
     pub voice: Voice,
     /// Behaviour while no audio comes.
     pub idle: Idle,
@@ -124,6 +125,15 @@ impl SessionConfig {
     /// is out of range.
     pub fn latency_samples(&self, config: &Config) -> Result<usize, LoadError> {
         self.avatar.check(config)?;
+        if self.voice == Voice::Mouth {
+            let missing = || LoadError::argument("voice", "mouth: the model has no mouth network");
+            let mouth = config.mouth.as_ref().ok_or_else(missing)?;
+            let samples = (mouth.ahead * config.audio.sample_rate).div_ceil(config.frame_rate * mouth.rows);
+            resample::check_rates(self.sample_rate, config.audio.sample_rate)
+                .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+            let delay = resample::most_delay(self.sample_rate, config.audio.sample_rate);
+            return Ok((samples * self.sample_rate).div_ceil(config.audio.sample_rate) + delay);
+        }
         let has_audio = Template::new(config, &self.avatar.template)?.has_audio();
         resample::check_rates(self.sample_rate, config.audio.sample_rate)
             .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
@@ -137,8 +147,12 @@ impl SessionConfig {
         in_range("channels", self.channels, 1, MAX_CHANNELS)?;
         let has_frames = self.packets.is_none_or(|packets| packets.with_frames);
         if self.take_bytes > 0 && (self.voice != Voice::Delayed || !has_frames) {
-            let problem = "a take is recorded of delayed frames: not with a live voice, nor of packets alone";
+            let problem =
+                "a take is recorded of delayed frames: not with a live voice or the mouth alone, nor of packets alone";
             return Err(LoadError::argument("take_bytes", problem));
+        }
+        if self.voice == Voice::Mouth && self.packets.is_some() {
+            return Err(LoadError::argument("packets", "the mouth alone has no chunks to make packets of"));
         }
         check_words(&self.words, &self.gestures)
     }

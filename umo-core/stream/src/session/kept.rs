@@ -146,6 +146,8 @@ pub(super) enum EngineSide<'a> {
     Here(&'a mut Member),
     /// In a batch: its snapshot, which can only be saved.
     Away(&'a Kept),
+    /// None: a mouth alone.
+    Absent,
 }
 
 impl EngineSide<'_> {
@@ -153,13 +155,14 @@ impl EngineSide<'_> {
         match self {
             Self::Here(member) => member.identity(pass),
             Self::Away(kept) => pass.written(&kept.bytes[StatePass::START..kept.identity]),
+            Self::Absent => Ok(()),
         }
     }
 
     /// Ring position from which audio is not computed yet, if it differs from the read position.
     pub(super) fn audio(&self) -> Option<u64> {
         match self {
-            Self::Here(_) => None,
+            Self::Here(_) | Self::Absent => None,
             Self::Away(kept) => Some(kept.audio),
         }
     }
@@ -182,6 +185,7 @@ impl EngineSide<'_> {
                 begun.state(pass, kept.most)?;
                 pass.written(&kept.bytes[kept.identity..kept.end])
             }
+            Self::Absent => Ok(()),
         }
     }
 
@@ -189,7 +193,7 @@ impl EngineSide<'_> {
     /// snapshot.
     pub(super) fn counted(&self) -> Option<(&[u64; Counters::OF_ENGINE], bool)> {
         match self {
-            Self::Here(_) => None,
+            Self::Here(_) | Self::Absent => None,
             Self::Away(kept) => Some((&kept.counters, kept.silence_wanted)),
         }
     }

@@ -9,13 +9,16 @@ use umo_core_pose::frame::OwnedFrame;
 
 use super::outcome::Failure;
 use super::packets::PacketQueue;
-use super::shared::SessionInit;
+use super::shared::{Format, SessionInit};
 use super::{SessionConfig, Shared};
 use crate::playback::{
     Arrival, Frame, Gained, Gap, IdleBlend, Layers, LayersState, LiveVoice, Sample, Sampled, Source, Start, ToRest,
     Trend, Window, frames_of,
 };
 use crate::take::{Play, Recorder};
+
+/// Mark of the states of a mouth alone, above that of packets.
+const MOUTH_STATE: u64 = 1 << 40;
 
 /// The stages, the first ones for the next frame and the last ones for the pose between two frames.
 #[derive(Debug)]
@@ -129,6 +132,13 @@ impl Output {
         let (frame, last) = (&mut window.next.frame, &window.last.raw);
         if !to_rest.apply(frame, rest, source.base()) {
             match source.apply(frame, &shared.link, &shared.stats.dropped_frames) {
+                Ok(true) if source.is_mouth() => {
+                    // No engine counts them.
+                    let Format { sample_rate, frame_rate, .. } = shared.format;
+                    shared.stats.frames.fetch_add(1, Ordering::Relaxed);
+                    let of_stream = frame.sample.saturating_sub(shared.link.input_base());
+                    shared.backlog.cover(of_stream + (sample_rate / frame_rate) as u64);
+                }
                 Ok(true) => {}
                 Ok(false) => return false,
                 Err(error) => {
@@ -250,7 +260,8 @@ impl Output {
         pass.same("queue of frames", shared.link.frames.capacity() as u64)?;
         self.idle.identity(pass)?;
         let packets = shared.packets.as_ref().map_or(0, PacketQueue::identity);
-        pass.same("voice, or of packets", u64::from(self.source.is_live()) + 2 * packets)?;
+        let voice = u64::from(self.source.is_live()) + if self.source.is_mouth() { MOUTH_STATE } else { 0 };
+        pass.same("voice, or of packets", voice + 2 * packets)?;
         self.layers.stack.identity(pass)
     }
 

@@ -110,7 +110,7 @@ impl Session {
         let (take, patches) = take.map_or_else(Default::default, |(take, patches)| (Some(take), patches));
         let mut config = config.clone();
         if config.voice != Voice::Delayed {
-            return Err(LoadError::argument("voice", "a decoder has no live voice").into());
+            return Err(LoadError::argument("voice", "a decoder has no live voice, nor the mouth alone").into());
         }
         if config.packets.is_some() {
             return Err(LoadError::argument("packets", "a decoder makes no packets").into());
@@ -134,7 +134,7 @@ impl Session {
         let rate = model.config().audio.sample_rate;
         let init = SessionInit {
             model,
-            assembly: model.motion().assembly(),
+            assembly: model.assembly(),
             rest: &rest,
             chunk_frames: config.avatar.target * model.config().keyframe_stride + config.avatar.held_back(),
             chunk_samples: 0,
@@ -165,7 +165,7 @@ impl Session {
     fn receiver(&self) -> Result<&Mutex<Receiver>, SessionError> {
         match &self.source {
             Source::Packets(receiver) => Ok(receiver),
-            Source::Engine(_) => Err(SessionError::NotDecoder),
+            Source::Engine(_) | Source::Mouth(_) => Err(SessionError::NotDecoder),
         }
     }
 

@@ -154,6 +154,11 @@ impl Schedule {
         self.shared.outcome.is_running()
     }
 
+    /// Duration of a chunk's motion.
+    pub(crate) fn period(&self) -> Duration {
+        Duration::from_nanos(self.period)
+    }
+
     /// Lateness of the next chunk, which is due, if it began now, and the chunk's duration, both in
     /// nanoseconds. A chunk is late if its audio has waited longer than a chunk lasts.
     pub(crate) fn late(&self) -> (i64, i64) {
@@ -255,7 +260,7 @@ impl Member {
     ) -> Self {
         let has_frames = session.packets.as_ref().is_none_or(|packets| packets.with_frames);
         let wants = avatar.has_audio() && has_frames && session.voice == Voice::Delayed;
-        let face_values = model.motion().assembly().face_values();
+        let face_values = model.assembly().face_values();
         let mouth = wants.then(|| HeldMouth::new_in(model, &avatar, face_values, arena)).flatten();
         let schedule = Schedule::new(&avatar, shared, model.config(), session.sample_rate, levels, mouth);
         Self { schedule, avatar }

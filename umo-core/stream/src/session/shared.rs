@@ -166,10 +166,15 @@ impl SessionInit<'_> {
     fn voice(&self, session: &SessionConfig, latency: usize) -> Result<Option<LiveVoice>, LoadError> {
         match session.voice {
             Voice::Delayed => Ok(None),
+            Voice::Mouth => {
+                let voice = LiveVoice::new_in(Arc::clone(self.model), None, self.rest, self.arena);
+                let missing = || LoadError::argument("voice", "mouth: the model has no mouth network");
+                voice.map(Some).ok_or_else(missing)
+            }
             Voice::Live => {
                 let frame_rate = self.model.config().frame_rate;
                 let frames = (latency * frame_rate).div_ceil(session.sample_rate) + MORE_FRAMES;
-                let voice = LiveVoice::new_in(Arc::clone(self.model), frames as u64, self.rest, self.arena);
+                let voice = LiveVoice::new_in(Arc::clone(self.model), Some(frames as u64), self.rest, self.arena);
                 let missing =
                     || LoadError::argument("voice", "live: the model has no mouth network, or takes no audio");
                 voice.filter(|_| self.has_audio()).map(Some).ok_or_else(missing)
@@ -183,23 +188,26 @@ impl SessionInit<'_> {
             let delay = voice.latency_samples() * session.sample_rate;
             delay.div_ceil(config.audio.sample_rate) + self.resampler.most_delay()
         };
+        let mouth_samples = voice.map_or(algorithmic_samples, live);
         Format {
             channels: session.channels,
             frame_rate: config.frame_rate,
             sample_rate: session.sample_rate,
-            algorithmic_samples,
-            mouth_samples: voice.map_or(algorithmic_samples, live),
+            algorithmic_samples: if session.voice == Voice::Mouth { mouth_samples } else { algorithmic_samples },
+            mouth_samples,
         }
     }
 
-    fn link(&self, session: &SessionConfig, has_voice: bool) -> Link {
+    fn link(&self, session: &SessionConfig) -> Link {
+        let (is_live, is_mouth) = (session.voice == Voice::Live, session.voice == Voice::Mouth);
         let config = self.model.config();
         let chunk = (config.max_target + config.audio.ahead) * config.samples_per_keyframe();
         let audio = (AUDIO_SECONDS * config.audio.sample_rate).max(2 * chunk) + self.resampler.most_left();
         Link::new_in(
             (if self.is_decoder { 1 } else { audio }, self.chunk_samples),
-            has_voice,
-            FrameRing::new_in(session.queue_frames, self.assembly.face_values(), self.arena),
+            is_live,
+            // No frames are queued of a mouth alone.
+            FrameRing::new_in(if is_mouth { 1 } else { session.queue_frames }, self.assembly.face_values(), self.arena),
             self.clock.nanos(),
             Arc::clone(&self.signal),
             self.arena,
@@ -214,7 +222,7 @@ impl Shared {
         let latency = session.latency_with(config, init.has_audio());
         let voice = init.voice(session, latency)?;
         let format = init.format(session, latency, voice.as_ref());
-        let link = init.link(session, voice.is_some());
+        let link = init.link(session);
         let output = Output::new_in(&init, session, voice.map(|voice| arena.boxed(voice)));
         let avatar = &session.avatar;
         Ok(Self {
@@ -225,7 +233,7 @@ impl Shared {
                 (session.gestures.clone(), session.words.clone()),
                 session.idle,
             ),
-            backlog: Backlog::new(latency),
+            backlog: Backlog::new(format.algorithmic_samples),
             outcome: Outcome::new(),
             settings: Handover::new(Settings::new(avatar), false),
             other: Mutex::new(OtherInput::new(session.sample_rate, session.channels, config)),

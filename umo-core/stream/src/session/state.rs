@@ -16,7 +16,7 @@ use super::packets::PacketQueue;
 use super::schedule::Member;
 use super::shared::{Counters, Settings, Shared, try_lock};
 use super::slots::lock;
-use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
+use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError, Source};
 use crate::playback::{Host, gain_bits};
 use crate::take::Recorder;
 
@@ -40,7 +40,7 @@ struct Sides<'a> {
 }
 
 /// Upper bound on the bytes of a new session's state.
-pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) -> usize {
+pub(crate) fn state_size(shared: &Shared, member: Option<&mut Member>, model: &Model) -> usize {
     let free = "nobody else knows the session yet";
     let (mut input, mut output) = (try_lock(&shared.input).expect(free), try_lock(&shared.output).expect(free));
     let mut settings = try_lock(&shared.settings.value).expect(free);
@@ -48,9 +48,14 @@ pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) ->
     let mut controls = try_lock(&shared.host.controls.value).expect(free);
     let mut company = try_lock(&shared.host.company.value).expect(free);
     let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
-    assert!(try_lock(&shared.kept).expect(free).fits(member, model), "the engine's side has room to be kept");
     let mut pass = StatePass::size();
-    let engine = EngineSide::Here(member);
+    let engine = match member {
+        Some(member) => {
+            assert!(try_lock(&shared.kept).expect(free).fits(member, model), "the engine's side has room to be kept");
+            EngineSide::Here(member)
+        }
+        None => EngineSide::Absent,
+    };
     Sides { shared, model, engine, input, other: &mut other, output, settings, controls, company: &mut company }
         .state(&mut pass)
         .expect("nothing is checked");
@@ -139,13 +144,16 @@ impl Session {
             let mut settings = try_lock(&shared.settings.value).ok_or(SessionError::Busy(SETTER))?;
             let mut controls = try_lock(&shared.host.controls.value).ok_or(SessionError::Busy(SETTER))?;
             let mut company = try_lock(&shared.host.company.value).ok_or(SessionError::Busy(SETTER))?;
-            let (slot, mut f) = (self.slot()?, Some(f));
+            let (model, mut f) = (self.model()?, Some(f));
             let mut with = |engine: EngineSide<'_>| {
                 let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
-                let model = slot.model();
                 let (other, company) = (&mut *other, &mut *company);
                 let sides = Sides { shared, model, engine, input, other, output, settings, controls, company };
                 f.take().map(|f| f(sides))
+            };
+            let slot = match &self.source {
+                Source::Engine(slot) => slot,
+                _ => return with(EngineSide::Absent).unwrap_or(Err(SessionError::IsDecoder)),
             };
             match slot.with_member(|member, _| with(EngineSide::Here(member))) {
                 Some(result) => result,

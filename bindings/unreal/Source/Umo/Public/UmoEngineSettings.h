@@ -23,6 +23,23 @@ enum class EUmoPriority : uint8
 	Low = 2,
 };
 
+/** Kinds of cores that an engine's own threads run on. */
+UENUM()
+enum class EUmoCoreKinds : uint8
+{
+	/**
+	 * On a machine with fast and slow cores: a crowd on the kind whose cores are the fastest together; what one slower core
+	 * computes with room to spare, on that core, unless the priority is high.
+	 */
+	Auto = 0,
+	/** Threads run wherever the system puts them. */
+	System = 1,
+	/** The fastest kind of cores alone. */
+	Performance = 2,
+	/** The slowest kind of cores that is not low-power, alone. */
+	Efficiency = 3,
+};
+
 /** Settings of engines, read when a model is opened. 0 is the library's default. */
 UCLASS(Abstract, Config = Game)
 class UMO_API UUmoEngineSettings : public UEngineSubsystem
@@ -60,6 +77,13 @@ public:
 	UPROPERTY(Config)
 	int32 BatchWindowMs = 0;
 
+	/**
+	 * Kinds of cores that the engine's own threads run on if `core_count` is 0: one of `EUmoCoreKinds`. All but `System` start
+	 * at most as many threads as the kind has cores. No effect where all cores are of one kind.
+	 */
+	UPROPERTY(Config)
+	EUmoCoreKinds CoreKinds = EUmoCoreKinds::Auto;
+
 	/** Sets fields of a `umo_engine_config`. */
 	template <typename T>
 	void Configure(T& Config) const
@@ -69,5 +93,6 @@ public:
 		if (MaxBatch > 0) Config.max_batch = static_cast<uint32>(MaxBatch);
 		if (Priority > EUmoPriority::Normal) Config.priority = static_cast<uint32>(Priority);
 		if (BatchWindowMs > 0) Config.batch_window_ms = static_cast<uint32>(BatchWindowMs);
+		if (CoreKinds > EUmoCoreKinds::Auto) Config.core_kinds = static_cast<uint32>(CoreKinds);
 	}
 };
