@@ -4,9 +4,9 @@
 use std::time::Duration;
 
 use proptest::prelude::*;
+use umo_kernels::Isa;
 use umo_self_test::kernels::products::Values;
 use umo_self_test::kernels::{CALLS, check};
-use umo_kernels::Isa;
 use umo_tests::cases;
 use umo_tests::pages::same_bits;
 
