@@ -491,7 +491,12 @@ mod tests {
         let highest = if cfg!(target_arch = "aarch64") { UMO_ISA_NEON_I8MM } else { UMO_ISA_AMX };
         assert_eq!(name(highest), Isa::detect().name());
         assert_eq!(name(UMO_ISA_BEST), Isa::detect().name());
-        for number in [10, 11, u32::MAX] {
+        for number in [UMO_ISA_BEST, UMO_ISA_SCALAR] {
+            assert!(!isa(number).expect("a cap").is_portable());
+            assert!(isa(number | UMO_ISA_PORTABLE).expect("a cap").is_portable());
+            assert_eq!(name(number | UMO_ISA_PORTABLE), name(number));
+        }
+        for number in [10, 11, UMO_ISA_PORTABLE | 10, u32::MAX] {
             assert!(isa(number).is_err(), "{number}");
         }
     }
