@@ -132,7 +132,7 @@ mod tests {
         // Bits, so that no system has others.
         assert_eq!(
             [0.7_f32.sine(), 0.7_f32.exponential(), 0.7_f32.logarithm()].map(f32::to_bits),
-            [0x3f24_eb73, 0x4000_e152, 0xbeb6_9e65]
+            [0x3f24_eb73, 0x4000_e153, 0xbeb6_9e1a]
         );
     }
 }
