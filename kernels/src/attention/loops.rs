@@ -8,6 +8,7 @@
 //! trait's methods cannot enable target features and be safe.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+#![allow(clippy::modulo_one, clippy::reversed_empty_ranges, reason = "`PARTS` is one in some modules")]
 
 use super::vector::{
     BLOCK, COLUMNS, ORDER, PAIRS, PARTS, Register, WIDTH, add, features, fmadd, load, load_at, load_bf16, load_part,
