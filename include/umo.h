@@ -186,6 +186,9 @@
 // At most NEON with dot products and matrix products of int8.
 #define UMO_ISA_NEON_I8MM 9
 
+// Added to one of the others: the same bits on every processor, from the same sound. docs/packets.md says when it pays.
+#define UMO_ISA_PORTABLE 256
+
 // Name of the model.
 #define UMO_MODEL_NAME 1
 
@@ -551,7 +554,8 @@ typedef struct umo_model_config {
     // One of `UMO_PRECISION_…`.
     uint32_t precision;
     // Upper bound on the instruction set: one of `UMO_ISA_…`. Float products round differently on some of
-    // them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
+    // them, so a session can give other frames, unless `UMO_ISA_PORTABLE` is added: docs/spec.md, section 2.9, says
+    // which give equal ones.
     uint32_t isa;
     // Networks to load: one of `UMO_PARTS_…`.
     uint32_t parts;

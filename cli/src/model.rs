@@ -121,11 +121,14 @@ fn announce(config: &Config) {
 
 /// Returns the requested instruction set, or the best available one.
 pub(crate) fn isa(compute: &Compute) -> Result<Isa, Failure> {
-    let Some(name) = &compute.isa else { return Ok(Isa::detect()) };
-    Isa::from_name(name).ok_or_else(|| {
-        let have: Vec<_> = Isa::available().map(Isa::name).collect();
-        Failure::input(format!("--isa {name}: this processor has {}", have.join(", ")))
-    })
+    let isa = match &compute.isa {
+        None => Isa::detect(),
+        Some(name) => Isa::from_name(name).ok_or_else(|| {
+            let have: Vec<_> = Isa::available().map(Isa::name).collect();
+            Failure::input(format!("--isa {name}: this processor has {}", have.join(", ")))
+        })?,
+    };
+    Ok(if compute.portable { isa.portable() } else { isa })
 }
 
 /// Returns the requested number of threads, or the number of cores.

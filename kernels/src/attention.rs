@@ -23,17 +23,42 @@ use crate::tiling::Tiling;
 use operands::HeadOperands;
 pub use operands::{HeadCache, Operands, RelativeBias, Visible};
 
+/// The modules of back-ends whose results are those of `scalar`.
+mod portable {
+    #[cfg(target_arch = "x86_64")]
+    pub(super) use super::avx2::portable as avx2;
+    #[cfg(target_arch = "x86_64")]
+    pub(super) use super::avx512vnni::portable as avx512vnni;
+    #[cfg(target_arch = "aarch64")]
+    pub(super) use super::neon::portable as neon;
+    pub(super) use super::scalar;
+    #[cfg(target_arch = "wasm32")]
+    pub(super) use super::simd128;
+}
+
+/// [`dispatch!`] to the modules of [`portable`], if `$isa` is portable.
+macro_rules! dispatch_f32 {
+    ($isa:expr, $function:ident($($argument:expr),*) $(, with $tiles:tt)?) => {
+        if $isa.is_portable() {
+            use portable::*;
+            dispatch!($isa, $function($($argument),*))
+        } else {
+            dispatch!($isa, $function($($argument),*) $(, with $tiles)?)
+        }
+    };
+}
+
 /// The [`Tiling`]s of a back-end: of attention, and of the encoder's in f32 and in bf16.
 #[doc(hidden)]
 pub fn tilings(isa: Isa) -> [Tiling; 3] {
-    let encoder_f32 = dispatch!(isa, tiling(), with tiles);
-    [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
+    let encoder_f32 = dispatch_f32!(isa, tiling(), with tiles);
+    [dispatch_f32!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa.of_floats())]
 }
 
 /// The [`Tiling`] of [`attention_heads_f32`], in which `rows` are heads.
 #[doc(hidden)]
 pub fn heads_tiling(isa: Isa) -> Tiling {
-    dispatch!(isa, heads_tiling())
+    dispatch_f32!(isa, heads_tiling())
 }
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
@@ -53,7 +78,7 @@ pub fn heads_tiling(isa: Isa) -> Tiling {
 pub fn attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Result<(), ShapeError> {
     let operands = Operands { self_prefetch: isa.tuning().self_prefetch, ..operands };
     if operands.check(&y)? {
-        dispatch!(isa, attention(operands, y));
+        dispatch_f32!(isa, attention(operands, y));
     }
     Ok(())
 }
@@ -67,7 +92,7 @@ pub fn attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) -> Resul
 pub fn attention_bf16(isa: Isa, operands: Operands<Bf16>, y: MatMut<f32>) -> Result<(), ShapeError> {
     let operands = Operands { self_prefetch: isa.tuning().self_prefetch, ..operands };
     if operands.check(&y)? {
-        dispatch!(isa, attention(operands, y));
+        dispatch_f32!(isa, attention(operands, y));
     }
     Ok(())
 }
@@ -94,7 +119,7 @@ pub fn attention_heads_f32(
 ) -> Result<(), ShapeError> {
     let operands = HeadOperands { q, cache, scale };
     if operands.check(&y)? {
-        dispatch!(isa, heads(operands, y));
+        dispatch_f32!(isa, heads(operands, y));
     }
     Ok(())
 }
@@ -119,7 +144,7 @@ pub fn encoder_attention_f32(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) 
     if !operands.check(&y)? {
         return Ok(());
     }
-    dispatch!(isa, attention(operands, y), with tiles);
+    dispatch_f32!(isa, attention(operands, y), with tiles);
     Ok(())
 }
 
@@ -140,6 +165,6 @@ pub fn encoder_attention_bf16(isa: Isa, operands: Operands<f32>, y: MatMut<f32>)
     if !operands.check(&y)? {
         return Ok(());
     }
-    encoder_bf16::attention(isa, operands, y);
+    encoder_bf16::attention(isa.of_floats(), operands, y);
     Ok(())
 }

@@ -33,6 +33,7 @@ use crate::tuning::Tuning;
 pub struct Isa {
     backend: Backend,
     tuning: Tuning,
+    portable: bool,
 }
 
 /// The back-ends, each with the token that proves its features.
@@ -124,7 +125,7 @@ fn backends() -> impl Iterator<Item = (&'static str, Option<Backend>)> {
 
 impl Isa {
     /// Portable code, on every processor.
-    pub const SCALAR: Self = Self { backend: Backend::Scalar, tuning: Tuning::XEON };
+    pub const SCALAR: Self = Self { backend: Backend::Scalar, tuning: Tuning::XEON, portable: false };
 
     /// The fastest back-end that this processor supports.
     pub fn detect() -> Self {
@@ -133,7 +134,8 @@ impl Isa {
 
     /// Every back-end that this processor supports, slowest first.
     pub fn available() -> impl Iterator<Item = Self> {
-        backends().filter_map(|(_, backend)| backend).map(|backend| Self { backend, tuning: backend.tuning() })
+        let isa = |backend: Backend| Self { backend, tuning: backend.tuning(), portable: false };
+        backends().filter_map(|(_, backend)| backend).map(isa)
     }
 
     /// The names of every back-end of this target, supported by this processor or not.
@@ -157,6 +159,28 @@ impl Isa {
         Self { tuning, ..self }
     }
 
+    /// The same instruction set with the results of [`Isa::SCALAR`], in every bit, from every kernel: products are
+    /// rounded before they are added, and sums have one order.
+    #[must_use]
+    pub const fn portable(self) -> Self {
+        Self { portable: true, ..self }
+    }
+
+    /// Whether this is a [`Isa::portable`] one.
+    pub const fn is_portable(self) -> bool {
+        self.portable
+    }
+
+    /// What computes floats: of a portable instruction set, the registers alone.
+    pub(crate) fn of_floats(self) -> Self {
+        match self.backend {
+            #[cfg(target_arch = "x86_64")]
+            Backend::Avx512Bf16(bf16) if self.portable => Self { backend: Backend::Avx512Vnni(bf16.into()), ..self },
+            _ if self.portable => self.without_tiles(),
+            _ => self,
+        }
+    }
+
     pub(crate) const fn tuning(self) -> Tuning {
         self.tuning
     }
@@ -174,9 +198,9 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Backend::Avx2(_) | Backend::AvxVnni(_) | Backend::Avx512Vnni(_) => false,
             #[cfg(target_arch = "x86_64")]
-            Backend::Avx512Bf16(_) => true,
+            Backend::Avx512Bf16(_) => !self.portable,
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-            Backend::Amx(_) => true,
+            Backend::Amx(_) => !self.portable,
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
             #[cfg(target_arch = "wasm32")]
@@ -192,7 +216,7 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Backend::Avx2(_) | Backend::AvxVnni(_) | Backend::Avx512Vnni(_) | Backend::Avx512Bf16(_) => false,
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-            Backend::Amx(_) => true,
+            Backend::Amx(_) => !self.portable,
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
             #[cfg(target_arch = "wasm32")]

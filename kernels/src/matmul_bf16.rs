@@ -25,7 +25,7 @@ use crate::tiling::Tiling;
 /// The [`Tiling`] of a back-end's product.
 #[doc(hidden)]
 pub fn tiling(isa: Isa) -> Tiling {
-    dispatch!(isa, tiling(), with tiles)
+    dispatch!(isa.of_floats(), tiling(), with tiles)
 }
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
@@ -51,7 +51,7 @@ pub fn matmul_bf16(
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul(x, w, epilogue, y), with tiles);
+    dispatch!(isa.of_floats(), matmul(!isa.is_portable(), x, w, epilogue, y), with tiles);
     Ok(())
 }
 
@@ -69,7 +69,7 @@ pub fn matmul_gated_bf16(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    dispatch!(isa, matmul_gated(x, gate, up, y), with tiles);
+    dispatch!(isa.of_floats(), matmul_gated(!isa.is_portable(), x, gate, up, y), with tiles);
     Ok(())
 }
 
@@ -119,7 +119,7 @@ pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Re
     expect_len("hi", x.len(), hi.len())?;
     expect_len("lo", x.len(), lo.len())?;
     // The other back-ends do not use split rows for speed, so they need no faster split.
-    dispatch!(isa, split_bf16x2(x, hi, lo), {
+    dispatch!(isa.of_floats(), split_bf16x2(x, hi, lo), {
         Scalar: scalar,
         Avx2: scalar,
         AvxVnni: scalar,
@@ -152,7 +152,7 @@ pub fn matmul_bf16_rows(
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
     check_product((x.hi.rows(), x.hi.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul_rows(x, w, epilogue, y), {
+    dispatch!(isa.of_floats(), matmul_rows(x, w, epilogue, y), {
         Scalar: scalar,
         Avx2: scalar,
         AvxVnni: scalar,

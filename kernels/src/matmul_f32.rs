@@ -35,7 +35,7 @@ pub fn tiling(isa: Isa) -> Tiling {
 /// [`ShapeError`] naming the argument whose length disagrees.
 pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul(x, w, epilogue, y));
+    dispatch!(isa.of_floats(), matmul(!isa.is_portable(), x, w, epilogue, y));
     Ok(())
 }
 
@@ -57,6 +57,6 @@ pub fn matmul_gated_f32(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    dispatch!(isa, matmul_gated(x, gate, up, y));
+    dispatch!(isa.of_floats(), matmul_gated(!isa.is_portable(), x, gate, up, y));
     Ok(())
 }

@@ -72,6 +72,7 @@ pub fn records() -> Records {
 /// Name under which an instruction set is recorded: products have the same bits on all that share it.
 pub fn recorded_name(isa: Isa) -> &'static str {
     match isa.name() {
+        _ if isa.is_portable() => "scalar",
         "avxvnni" | "neon" | "neon_dotprod" | "neon_i8mm" => "avx2",
         name => name,
     }

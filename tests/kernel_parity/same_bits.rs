@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use proptest::prelude::*;
+use umo_kernels::Isa;
 use umo_self_test::kernels::products::Values;
 use umo_self_test::kernels::{CALLS, check};
 use umo_tests::cases;
@@ -42,4 +43,17 @@ fn functions_match_the_same_bits_table() {
 fn the_self_test_finds_no_wrong_kernel() {
     let checked = check(Duration::MAX);
     assert_eq!((checked.wrong, checked.is_cut), (vec![], false));
+}
+
+/// Portable instruction sets have the bits of the scalar back-end, in every function.
+#[test]
+fn portable_back_ends_have_scalar_bits() {
+    for (name, call) in CALLS {
+        proptest!(cases(256), |(seed in any::<u64>())| {
+            let wanted = call(Isa::SCALAR, seed, Values::Real);
+            for isa in Isa::available().map(Isa::portable) {
+                prop_assert!(call(isa, seed, Values::Real) == wanted, "{name}: portable {} is not scalar", isa.name());
+            }
+        });
+    }
 }

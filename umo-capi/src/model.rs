@@ -58,6 +58,8 @@ pub const UMO_ISA_NEON: u32 = 7;
 pub const UMO_ISA_NEON_DOTPROD: u32 = 8;
 /// At most NEON with dot products and matrix products of int8.
 pub const UMO_ISA_NEON_I8MM: u32 = 9;
+/// Added to one of the others: the same bits on every processor, from the same sound. docs/packets.md says when it pays.
+pub const UMO_ISA_PORTABLE: u32 = 256;
 
 /// Options for loading a model. Initialise them with `umo_model_config_init`.
 #[repr(C)]
@@ -68,7 +70,8 @@ pub struct UmoModelConfig {
     /// One of `UMO_PRECISION_…`.
     pub precision: u32,
     /// Upper bound on the instruction set: one of `UMO_ISA_…`. Float products round differently on some of
-    /// them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
+    /// them, so a session can give other frames, unless `UMO_ISA_PORTABLE` is added: docs/spec.md, section 2.9, says
+    /// which give equal ones.
     pub isa: u32,
     /// Networks to load: one of `UMO_PARTS_…`.
     pub parts: u32,
@@ -211,8 +214,9 @@ fn precision(number: u32) -> Result<Precision, Failure> {
 
 /// Returns the fastest back-end up to a cap; a cap of another architecture gives portable code.
 fn isa(number: u32) -> Result<Isa, Failure> {
-    let allowed: &[&str] = match number {
-        UMO_ISA_BEST => return Ok(Isa::detect()),
+    let best: &[&str] = &[];
+    let allowed = match number & !UMO_ISA_PORTABLE {
+        UMO_ISA_BEST => best,
         UMO_ISA_SCALAR => &["scalar"],
         UMO_ISA_AVX2 => &["scalar", "avx2"],
         UMO_ISA_AVXVNNI => &["scalar", "avx2", "avxvnni"],
@@ -224,7 +228,9 @@ fn isa(number: u32) -> Result<Isa, Failure> {
         UMO_ISA_NEON_I8MM => &["scalar", "neon", "neon_dotprod", "neon_i8mm"],
         _ => return Err(Failure::argument(format_args!("isa {number} is not one of UMO_ISA_…"))),
     };
-    Ok(Isa::available().filter(|isa| allowed.contains(&isa.name())).last().unwrap_or(Isa::SCALAR))
+    let is_allowed = |isa: &Isa| allowed.is_empty() || allowed.contains(&isa.name());
+    let isa = Isa::available().filter(is_allowed).last().unwrap_or(Isa::SCALAR);
+    Ok(if number & UMO_ISA_PORTABLE == 0 { isa } else { isa.portable() })
 }
 
 /// # Safety
@@ -485,7 +491,12 @@ mod tests {
         let highest = if cfg!(target_arch = "aarch64") { UMO_ISA_NEON_I8MM } else { UMO_ISA_AMX };
         assert_eq!(name(highest), Isa::detect().name());
         assert_eq!(name(UMO_ISA_BEST), Isa::detect().name());
-        for number in [10, 11, u32::MAX] {
+        for number in [UMO_ISA_BEST, UMO_ISA_SCALAR] {
+            assert!(!isa(number).expect("a cap").is_portable());
+            assert!(isa(number | UMO_ISA_PORTABLE).expect("a cap").is_portable());
+            assert_eq!(name(number | UMO_ISA_PORTABLE), name(number));
+        }
+        for number in [10, 11, UMO_ISA_PORTABLE | 10, u32::MAX] {
             assert!(isa(number).is_err(), "{number}");
         }
     }

@@ -183,6 +183,8 @@ export const ISAS = Object.freeze({
   neonDotprod: 8,
   /** At most NEON with dot products and matrix products of int8. */
   neonI8mm: 9,
+  /** Added to one of the others: the same bits on every processor, from the same sound. docs/packets.md says when it pays. */
+  portable: 256,
 });
 /** Text of a model. */
 export const MODEL_TEXTS = Object.freeze({

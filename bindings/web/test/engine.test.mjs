@@ -47,7 +47,7 @@ test("the arousal of a voice is heard", () => {
   session.free();
 });
 
-test("frames are native's, bit for bit, where exp, sin and their like are the same functions", async () => {
+test("frames are those of a portable native model, bit for bit", async () => {
   const native = await readFile(process.env.NATIVE);
   const session = model.session();
   const poses = frames(session);

@@ -1,5 +1,5 @@
-// Writes every frame of a recording as computed by the native library with its portable back-end, whose results equal
-// WebAssembly's bit for bit: `native MODEL SAMPLES OUT`, where SAMPLES are 32-bit floats at 16 kHz.
+// Writes every frame of a recording as computed by the native library with UMO_ISA_PORTABLE, whose results equal WebAssembly's
+// bit for bit: `native MODEL SAMPLES OUT`, where SAMPLES are 32-bit floats at 16 kHz.
 #include <stdio.h>
 #include <stdlib.h>
 #include <umo.h>
@@ -14,7 +14,7 @@ int main(int argc, char **argv) {
     if (argc != 4) return 2;
     umo_model_config config;
     check(umo_model_config_init(&config, sizeof config), "model config");
-    config.isa = UMO_ISA_SCALAR;
+    config.isa = UMO_ISA_BEST | UMO_ISA_PORTABLE;
     umo_model *model = NULL;
     check(umo_model_load(UMO_ABI_VERSION, argv[1], &config, &model), "model");
     umo_engine_config engine_config;

@@ -23,6 +23,9 @@ pub struct Compute {
     /// Instruction set: scalar, avx2, avx512vnni … [default: the best of this processor]
     #[arg(long, value_name = "NAME", help_heading = TESTING, hide_short_help = true)]
     pub isa: Option<String>,
+    /// The same bits on every processor, from the same sound
+    #[arg(long, help_heading = TUNING, hide_short_help = true)]
+    pub portable: bool,
 }
 
 /// Settings of an engine: those of `live`, `serve` and `bench`.

@@ -7,6 +7,7 @@
 
 #[path = "loops.rs"]
 mod loops;
+pub(super) mod portable;
 pub(super) mod vector;
 
 use super::operands::{HeadOperands, Operands};

@@ -1,15 +1,17 @@
 //! The loops of the vector back-ends, compiled once per instruction set: every back-end includes
 //! this file as its module `loops`. Its module `vector` holds the differences: the register of
 //! `WIDTH` lanes with its operations, the tile shapes (`BLOCK`, `COLUMNS`, `ORDER`, `PAIRS`), the
-//! shuffles `transpose` and `sums_of`, and the attribute `features`.
+//! shuffles `transpose` and `sums_of`, and the attribute `features`. Module `portable` of a back-end includes it again,
+//! with sums in `PARTS` registers and other roundings: those of the scalar back-end.
 //!
 //! Not functions over a trait of registers: `[f32; S::WIDTH]` is not a type in stable Rust, and a
 //! trait's methods cannot enable target features and be safe.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+#![allow(clippy::modulo_one, clippy::reversed_empty_ranges, reason = "`PARTS` is one in some modules")]
 
 use super::vector::{
-    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, features, fmadd, load, load_at, load_bf16, load_part,
+    BLOCK, COLUMNS, ORDER, PAIRS, PARTS, Register, WIDTH, add, features, fmadd, load, load_at, load_bf16, load_part,
     load_part_bf16, max_lanes, mul, reduce_max, select_first, softmax_exp, splat, store, store_part, sub, sums_of,
     to_array, transpose, zero,
 };
@@ -159,7 +161,7 @@ fn heads_of<const C: usize>(x: HeadOperands, y: &mut MatMut<f32>) {
         let (q, y) = (x.q.row(row).as_chunks().0.as_chunks::<C>().0, y.row_mut(row));
         let y = y.as_chunks_mut().0.as_chunks_mut::<C>().0;
         for (first, y) in (0..heads).step_by(HEADS).zip(y.chunks_mut(HEADS)) {
-            let (mut max, mut sum) = ([0.0; HEADS], [zero(); HEADS]);
+            let (mut max, mut sum) = ([0.0; HEADS], [[zero(); PARTS]; HEADS]);
             let mut v: [&[[[f32; WIDTH]; C]]; HEADS] = [&[]; HEADS];
             for h in 0..y.len() {
                 let [keys, values] = x.of_head(row, first + h);
@@ -169,15 +171,16 @@ fn heads_of<const C: usize>(x: HeadOperands, y: &mut MatMut<f32>) {
             }
             for h in 0..y.len() {
                 let max = splat(max[h]);
-                for register in &mut weights.0[h].as_chunks_mut::<WIDTH>().0[..filled.div_ceil(WIDTH)] {
+                let registers = &mut weights.0[h].as_chunks_mut::<WIDTH>().0[..filled.div_ceil(WIDTH)];
+                for (c, register) in registers.iter_mut().enumerate() {
                     let weight = softmax_exp(sub(load(register), max));
-                    sum[h] = add(sum[h], weight);
+                    sum[h][c % PARTS] = add(sum[h][c % PARTS], weight);
                     store(register, weight);
                 }
             }
             for (h, y) in y.iter_mut().enumerate() {
                 head_values(&weights.0[h], v[h], y);
-                let sum = pairwise(to_array(sum[h]));
+                let sum = pairwise(to_array(joined(sum[h])));
                 y.as_flattened_mut().iter_mut().for_each(|y| *y /= sum);
             }
         }
@@ -198,10 +201,18 @@ fn head_scores<const C: usize>(q: &[[f32; WIDTH]; C], k: &[[[f32; WIDTH]; C]], w
                     // Past the end, the last key is repeated.
                     keys[j] = &k[(from + j).min(k.len() - 1)];
                 }
-                for c in 0..C {
-                    let q = load(&q[c]);
+                for part in 0..PARTS {
+                    let mut dots = [zero(); DOTS];
+                    let mut c = part;
+                    while c < C {
+                        let q = load(&q[c]);
+                        for j in 0..DOTS {
+                            dots[j] = fmadd(q, load(&keys[j][c]), dots[j]);
+                        }
+                        c += PARTS;
+                    }
                     for j in 0..DOTS {
-                        sums[from + j] = fmadd(q, load(&keys[j][c]), sums[from + j]);
+                        sums[from + j] = if part == 0 { dots[j] } else { add(sums[from + j], dots[j]) };
                     }
                 }
             }
@@ -328,14 +339,26 @@ fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 
                 // 4 queries x 2 registers of keys: 8 sums at a time, and 8 waiting partners.
                 let mut chains = [[[zero(); 2]; 4]; 2];
                 for half in 0..2 {
-                    for c in 0..PACKED_DIM / WIDTH {
-                        let d = lanes[p] + WIDTH / 2 * half + c * WIDTH;
-                        let keys = k[d].as_chunks().0;
-                        let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
+                    for part in 0..PARTS {
+                        let mut chain = [[zero(); 2]; 4];
+                        let mut c = part;
+                        while c < PACKED_DIM / WIDTH {
+                            let d = lanes[p] + WIDTH / 2 * half + c * WIDTH;
+                            let keys = k[d].as_chunks().0;
+                            let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
+                            for r in 0..4 {
+                                let q = splat(rows[r][d]);
+                                chain[r][0] = fmadd(q, a, chain[r][0]);
+                                chain[r][1] = fmadd(q, b, chain[r][1]);
+                            }
+                            c += PARTS;
+                        }
                         for r in 0..4 {
-                            let q = splat(rows[r][d]);
-                            chains[half][r][0] = fmadd(q, a, chains[half][r][0]);
-                            chains[half][r][1] = fmadd(q, b, chains[half][r][1]);
+                            for side in 0..2 {
+                                let before = chains[half][r][side];
+                                chains[half][r][side] =
+                                    if part == 0 { chain[r][side] } else { add(before, chain[r][side]) };
+                            }
                         }
                     }
                 }
@@ -468,39 +491,55 @@ fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, co
     to: &mut [Register; WIDTH],
 ) {
     let chunks = if C > 0 { C } else { q.cols() / WIDTH };
-    let mut sums = [[zero(); N]; Q];
     let mut keys = [0; N];
     for j in 0..N {
         // Past the end, the last key is repeated.
         keys[j] = (first + from + j).min(k.rows() - 1);
     }
-    for c in 0..chunks {
-        let mut part = [zero(); Q];
+    for part in 0..PARTS {
+        let mut sums = [[zero(); N]; Q];
+        let mut c = part;
+        while c < chunks {
+            let mut chunk = [zero(); Q];
+            for r in 0..Q {
+                chunk[r] = load(q.chunk(r, c));
+            }
+            for j in 0..N {
+                let k = k.chunk(keys[j], c);
+                fetch.touch(k, c);
+                let k = widened(k);
+                for r in 0..Q {
+                    sums[r][j] = fmadd(chunk[r], k, sums[r][j]);
+                }
+            }
+            c += PARTS;
+        }
+        if C == 0 && chunks % PARTS == part && chunks * WIDTH < q.cols() {
+            for j in 0..N {
+                let k = widened_part(&k.row(keys[j])[chunks * WIDTH..]);
+                for r in 0..Q {
+                    sums[r][j] = fmadd(load_part(&q.row(r)[chunks * WIDTH..]), k, sums[r][j]);
+                }
+            }
+        }
         for r in 0..Q {
-            part[r] = load(q.chunk(r, c));
-        }
-        for j in 0..N {
-            let k = k.chunk(keys[j], c);
-            fetch.touch(k, c);
-            let k = widened(k);
-            for r in 0..Q {
-                sums[r][j] = fmadd(part[r], k, sums[r][j]);
+            for j in 0..N {
+                let to = &mut to[r * K + from + j];
+                *to = if part == 0 { sums[r][j] } else { add(*to, sums[r][j]) };
             }
         }
     }
-    if C == 0 && chunks * WIDTH < q.cols() {
-        for j in 0..N {
-            let k = widened_part(&k.row(keys[j])[chunks * WIDTH..]);
-            for r in 0..Q {
-                sums[r][j] = fmadd(load_part(&q.row(r)[chunks * WIDTH..]), k, sums[r][j]);
-            }
-        }
+}
+
+/// Adds the parts of a sum.
+#[inline]
+#[features]
+fn joined(parts: [Register; PARTS]) -> Register {
+    let mut sum = parts[0];
+    for part in 1..PARTS {
+        sum = add(sum, parts[part]);
     }
-    for r in 0..Q {
-        for j in 0..N {
-            to[r * K + from + j] = sums[r][j];
-        }
-    }
+    sum
 }
 
 /// State of one query's softmax.
@@ -508,17 +547,21 @@ fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, co
 struct Softmax {
     max: f32,
     /// Sum of the weights, in lanes.
-    sum: [f32; WIDTH],
+    sum: [[f32; WIDTH]; PARTS],
 }
 
 impl Softmax {
     /// The state before the first tile.
-    const START: Self = Self { max: f32::NEG_INFINITY, sum: [0.0; WIDTH] };
+    const START: Self = Self { max: f32::NEG_INFINITY, sum: [[0.0; WIDTH]; PARTS] };
 
     /// Divides the sums of weighted values by the sum of weights.
     #[features]
     fn normalize(&self, y: &mut [f32]) {
-        let sum = pairwise(self.sum);
+        let mut parts = [zero(); PARTS];
+        for part in 0..PARTS {
+            parts[part] = load(&self.sum[part]);
+        }
+        let sum = pairwise(to_array(joined(parts)));
         y.iter_mut().for_each(|y| *y /= sum);
     }
 }
@@ -547,14 +590,20 @@ fn softmax_weights<T: Load, const Q: usize, const ALL: bool>(
     let mut result = [0.0; Q];
     for r in 0..Q {
         let max = splat(after[r]);
-        let mut sum = mul(load(&softmaxes[r].sum), splat(shrink[r]));
+        let mut sum = [zero(); PARTS];
+        for part in 0..PARTS {
+            sum[part] = mul(load(&softmaxes[r].sum[part]), splat(shrink[r]));
+        }
         let seen = if ALL { TILE } else { seen[r] };
-        for register in &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen.div_ceil(WIDTH)] {
+        let registers = &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen.div_ceil(WIDTH)];
+        for (c, register) in registers.iter_mut().enumerate() {
             let weight = softmax_exp(sub(load(register), max));
-            sum = add(sum, weight);
+            sum[c % PARTS] = add(sum[c % PARTS], weight);
             store(register, weight);
         }
-        store(&mut softmaxes[r].sum, sum);
+        for part in 0..PARTS {
+            store(&mut softmaxes[r].sum[part], sum[part]);
+        }
         result[r] = shrink[r];
     }
     result

@@ -34,7 +34,7 @@ pub(super) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
 /// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the
 /// end.
 fn query<T: Widen>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y: &mut [f32]) {
-    let (mut max, mut sum) = (f32::NEG_INFINITY, 0.0_f32);
+    let (mut max, mut sums) = (f32::NEG_INFINITY, [0.0_f32; LANES]);
     y.fill(0.0);
     for first in (0..k.rows()).step_by(TILE) {
         let count = TILE.min(k.rows() - first);
@@ -45,16 +45,19 @@ fn query<T: Widen>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y:
         let scores = &mut scores[..count];
         let new_max = scores.iter().fold(max, |max, &score| max.max(score));
         let shrink = exp(max - new_max);
-        (max, sum) = (new_max, sum * shrink);
-        y.iter_mut().for_each(|y| *y *= shrink);
+        max = new_max;
+        sums.iter_mut().for_each(|sum| *sum *= shrink);
+        // Not a product, whose zeros may be negative.
+        y.iter_mut().for_each(|y| *y = if shrink == 0.0 { 0.0 } else { *y * shrink });
         for (j, score) in scores.iter().enumerate() {
             let weight = exp(score - max);
-            sum += weight;
+            sums[j % LANES] += weight;
             for (y, v) in y.iter_mut().zip(v.row(first + j)) {
                 *y += weight * v.widen();
             }
         }
     }
+    let sum = pairwise(sums);
     y.iter_mut().for_each(|y| *y /= sum);
 }
 

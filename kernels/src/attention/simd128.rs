@@ -75,7 +75,7 @@ pub(super) fn heads(token: Simd128, x: HeadOperands, mut y: MatMut<f32>) {
 /// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the
 /// end.
 fn query<T: Load>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y: &mut [f32]) {
-    let (mut max, mut sum) = (f32::NEG_INFINITY, 0.0_f32);
+    let (mut max, mut sums) = (f32::NEG_INFINITY, [zero(); REGISTERS]);
     y.fill(0.0);
     for first in (0..k.rows()).step_by(TILE) {
         let count = TILE.min(k.rows() - first);
@@ -87,16 +87,16 @@ fn query<T: Load>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y: 
         let registers = &mut registers[..count.div_ceil(WIDTH)];
         let new_max = reduce_max(registers.iter().fold(splat(max), |max, scores| max_lanes(max, load(scores))));
         let shrink = exp_of_one(max - new_max);
-        (max, sum) = (new_max, sum * shrink);
-        for scores in registers {
+        max = new_max;
+        sums = sums.map(|sum| mul(sum, splat(shrink)));
+        for (c, scores) in registers.iter_mut().enumerate() {
             let value = exp(sub(load(scores), splat(max)));
+            sums[c % REGISTERS] = add(sums[c % REGISTERS], value);
             store(scores, value);
         }
-        let weights = &weights[..count];
-        sum = weights.iter().fold(sum, |sum, weight| sum + weight);
-        add_values(weights, v.row_range(first..first + count), shrink, y);
+        add_values(&weights[..count], v.row_range(first..first + count), shrink, y);
     }
-    let sum = splat(sum);
+    let sum = splat(total(sums));
     for y in y.chunks_mut(WIDTH) {
         let value = divide(load_part(y), sum);
         store_part(y, value);
@@ -105,11 +105,11 @@ fn query<T: Load>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y: 
 
 /// `y = y * shrink + sum_j weights[j] * v[j]`, in ascending order of keys.
 fn add_values<T: Load>(weights: &[f32], v: Mat<T>, shrink: f32, y: &mut [f32]) {
-    let shrink = splat(shrink);
     for (block, y) in y.chunks_mut(LANES).enumerate() {
         let mut sums = [zero(); REGISTERS];
         for (sum, y) in sums.iter_mut().zip(y.chunks(WIDTH)) {
-            *sum = mul(load_part(y), shrink);
+            // Not a product, whose zeros may be negative.
+            *sum = if shrink == 0.0 { zero() } else { mul(load_part(y), splat(shrink)) };
         }
         let columns = block * LANES..block * LANES + y.len();
         for (j, &weight) in weights.iter().enumerate() {
@@ -144,6 +144,12 @@ fn dot<T: Load>(a: &[f32], b: &[T]) -> f32 {
     for (sum, (a, b)) in sums.iter_mut().zip(a_tail.chunks(WIDTH).zip(b_tail.chunks(WIDTH))) {
         *sum = multiply_add(load_part(a), T::load_part(b), *sum);
     }
+    total(sums)
+}
+
+/// The sum of all lanes, added pairwise.
+#[inline]
+fn total(sums: [Register; REGISTERS]) -> f32 {
     let four = add(add(sums[0], sums[2]), add(sums[1], sums[3]));
     let two = add(four, i32x4_shuffle::<2, 3, 0, 1>(four, four));
     f32x4_extract_lane::<0>(add(two, i32x4_shuffle::<1, 0, 3, 2>(two, two)))

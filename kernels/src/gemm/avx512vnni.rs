@@ -48,10 +48,10 @@ pub(crate) trait Step<X>: Copy {
     /// As `weights`, with `row` pointing to a whole row that contains the first input of
     /// step `i`.
     unsafe fn last(row: *const X, i: usize) -> __m512;
-    /// `sum + x * w`.
+    /// `sum + x * w`; `FUSED`: rounded once, if inputs are f32.
     /// # Safety
     /// The processor has the features of this back-end.
-    unsafe fn multiply(token: Self::Token, sum: __m512, x: __m512, w: __m512) -> __m512;
+    unsafe fn multiply<const FUSED: bool>(token: Self::Token, sum: __m512, x: __m512, w: __m512) -> __m512;
 }
 
 /// Rows of panels whose weights are widened to f32 when loaded.
@@ -94,8 +94,8 @@ impl<W: Load> Step<f32> for W {
 
     #[inline]
     #[avx512vnni]
-    unsafe fn multiply((): (), sum: __m512, x: __m512, w: __m512) -> __m512 {
-        _mm512_fmadd_ps(x, w, sum)
+    unsafe fn multiply<const FUSED: bool>((): (), sum: __m512, x: __m512, w: __m512) -> __m512 {
+        if FUSED { _mm512_fmadd_ps(x, w, sum) } else { _mm512_add_ps(_mm512_mul_ps(x, w), sum) }
     }
 }
 
@@ -110,9 +110,9 @@ pub(crate) fn tiling(_token: Avx512Vnni) -> Tiling {
     }
 }
 
-/// Computes the whole product.
+/// Computes the whole product. `FUSED`: products of f32 are not rounded before they are added.
 #[avx512vnni]
-pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
+pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>, const FUSED: bool>(
     token: <W::Row as Step<X>>::Token,
     x: Input<X>,
     task: &GemmTask<'_, W>,
@@ -128,14 +128,14 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
         let slots = first..(first + width).min(task.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<X, W, 1, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                2 => tile::<X, W, 2, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                3 => tile::<X, W, 3, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                4 => tile::<X, W, 4, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                5 => tile::<X, W, 5, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                6 => tile::<X, W, 6, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                7 => tile::<X, W, 7, 3>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
-                ROWS => tile::<X, W, ROWS, 3>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                1 => tile::<X, W, 1, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                2 => tile::<X, W, 2, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                3 => tile::<X, W, 3, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                4 => tile::<X, W, 4, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                5 => tile::<X, W, 5, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                6 => tile::<X, W, 6, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                7 => tile::<X, W, 7, 3, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<X, W, ROWS, 3, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -144,7 +144,7 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
 
 /// Processes `R` rows from `t` on with all `slots`, `P` at a time.
 #[avx512vnni]
-fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize, const FUSED: bool>(
     token: <W::Row as Step<X>>::Token,
     x: &Input<X>,
     t: usize,
@@ -159,21 +159,21 @@ fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     }
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<X, W, R, P>(token, &rows, t, task, slot, sums, y);
+        group::<X, W, R, P, FUSED>(token, &rows, t, task, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<X, W, R, 2>(token, &rows, t, task, slot, sums, y);
+        group::<X, W, R, 2, FUSED>(token, &rows, t, task, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<X, W, R, 1>(token, &rows, t, task, slot, sums, y);
+        group::<X, W, R, 1, FUSED>(token, &rows, t, task, slot, sums, y);
     }
 }
 
 /// Processes `R` rows with `P` slots from `slot` on, from the first input through the epilogue.
 #[avx512vnni]
-fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize, const FUSED: bool>(
     token: <W::Row as Step<X>>::Token,
     rows: &[&[X]; R],
     t: usize,
@@ -188,7 +188,7 @@ fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = task.panel(slot + p);
     }
-    multiply::<X, W::Row, R, P>(token, rows, panels, sums);
+    multiply::<X, W::Row, R, P, FUSED>(token, rows, panels, sums);
     let sums = &mut sums[..R * P];
     match task {
         GemmTask::Plain(_, epilogue) => store_tile(sums, P, t, slot * PANEL, epilogue, y),
@@ -204,7 +204,7 @@ const fn panel_inputs<X, W: Step<X>>() -> usize {
 /// The innermost tile: `R x P` sums in registers.
 #[inline]
 #[avx512vnni]
-fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
+fn multiply<X, W: Step<X>, const R: usize, const P: usize, const FUSED: bool>(
     token: W::Token,
     rows: &[&[X]; R],
     panels: [&[W]; P],
@@ -238,19 +238,19 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
             }
             // SAFETY: `i + which < i + UNROLL <= whole`: all rows have the inputs of these steps,
             // and all panels their weights.
-            unsafe { step::<X, W, R, P, true>(token, &mut acc, &x, &w, i + which) };
+            unsafe { step::<X, W, R, P, true, FUSED>(token, &mut acc, &x, &w, i + which) };
         }
         i += UNROLL;
     }
     while i < whole {
         // SAFETY: `i < whole`, as above.
-        unsafe { step::<X, W, R, P, true>(token, &mut acc, &x, &w, i) };
+        unsafe { step::<X, W, R, P, true, FUSED>(token, &mut acc, &x, &w, i) };
         i += 1;
     }
     if whole * W::INPUTS < k {
         // SAFETY: all rows have the first input of this step, and all panels, which are
         // padded with zeros, all of its weights.
-        unsafe { step::<X, W, R, P, false>(token, &mut acc, &x, &w, i) };
+        unsafe { step::<X, W, R, P, false, FUSED>(token, &mut acc, &x, &w, i) };
     }
     for r in 0..R {
         for p in 0..P {
@@ -265,7 +265,7 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
 /// `x` point to rows that have these inputs, and `w` to panels that have the step.
 #[inline]
 #[avx512vnni]
-unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>(
+unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool, const FUSED: bool>(
     token: W::Token,
     acc: &mut [[__m512; P]; R],
     x: &[*const X; R],
@@ -289,7 +289,7 @@ unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>
         };
         for p in 0..P {
             // SAFETY: this function enables the features of this back-end.
-            acc[r][p] = unsafe { W::multiply(token, acc[r][p], x, weights[p]) };
+            acc[r][p] = unsafe { W::multiply::<FUSED>(token, acc[r][p], x, weights[p]) };
         }
     }
 }

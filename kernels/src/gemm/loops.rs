@@ -57,20 +57,25 @@ pub(super) const TILING: Tiling = Tiling {
     chunk: 0,
 };
 
-/// Computes the whole product: all rows pass each group of panels while it is in the cache.
+/// Computes the whole product: all rows pass each group of panels while it is in the cache. `FUSED`: products are not
+/// rounded before they are added.
 #[features]
-pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'_, W>, mut y: MatMut<f32>) {
+pub(crate) fn run<'a, W: Panels<'a, Row: Load>, const FUSED: bool>(
+    x: Input<f32>,
+    task: &GemmTask<'_, W>,
+    mut y: MatMut<f32>,
+) {
     let mut slot = 0;
     while slot < task.slots() {
         let width = if slot + MAX_PANELS <= task.slots() { MAX_PANELS } else { PAIR.min(task.slots() - slot) };
         for (t, rows) in tiles(x.rows(), ROWS) {
             match rows {
-                1 => tile::<W, 1, 4, MAX_PANELS>(&x, t, task, slot, width, &mut y),
-                2 => tile::<W, 2, 2, PAIR>(&x, t, task, slot, width, &mut y),
-                3 => tile::<W, 3, 2, PAIR>(&x, t, task, slot, width, &mut y),
-                4 => tile::<W, 4, 1, PAIR>(&x, t, task, slot, width, &mut y),
-                5 => tile::<W, 5, 1, PAIR>(&x, t, task, slot, width, &mut y),
-                ROWS => tile::<W, ROWS, 1, PAIR>(&x, t, task, slot, width, &mut y),
+                1 => tile::<W, 1, 4, MAX_PANELS, FUSED>(&x, t, task, slot, width, &mut y),
+                2 => tile::<W, 2, 2, PAIR, FUSED>(&x, t, task, slot, width, &mut y),
+                3 => tile::<W, 3, 2, PAIR, FUSED>(&x, t, task, slot, width, &mut y),
+                4 => tile::<W, 4, 1, PAIR, FUSED>(&x, t, task, slot, width, &mut y),
+                5 => tile::<W, 5, 1, PAIR, FUSED>(&x, t, task, slot, width, &mut y),
+                ROWS => tile::<W, ROWS, 1, PAIR, FUSED>(&x, t, task, slot, width, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -81,7 +86,7 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'
 /// Processes `R` rows from `t` on with `width` slots, `WIDTH` in a group, `P` of them at a
 /// time.
 #[features]
-fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
+fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize, const FUSED: bool>(
     x: &Input<f32>,
     t: usize,
     task: &GemmTask<'_, W>,
@@ -96,21 +101,21 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDT
     let end = slot + width;
     let mut slot = slot;
     while slot + WIDTH <= end {
-        group::<W, R, P, WIDTH>(&rows, t, task, slot, y);
+        group::<W, R, P, WIDTH, FUSED>(&rows, t, task, slot, y);
         slot += WIDTH;
     }
     while WIDTH > PAIR && slot + PAIR <= end {
-        group::<W, R, PAIR, PAIR>(&rows, t, task, slot, y);
+        group::<W, R, PAIR, PAIR, FUSED>(&rows, t, task, slot, y);
         slot += PAIR;
     }
     if slot < end {
-        group::<W, R, 1, 1>(&rows, t, task, slot, y);
+        group::<W, R, 1, 1, FUSED>(&rows, t, task, slot, y);
     }
 }
 
 /// Processes `R` rows with `WIDTH` slots from `slot` on, from the first input through the epilogue.
 #[features]
-fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
+fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize, const FUSED: bool>(
     rows: &[&[f32]; R],
     t: usize,
     task: &GemmTask<'_, W>,
@@ -125,7 +130,7 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
         for (p, panel) in panels.iter_mut().enumerate() {
             *panel = task.panel(slot + i + p);
         }
-        multiply(rows, panels, &mut sums, i);
+        multiply::<_, R, P, WIDTH, FUSED>(rows, panels, &mut sums, i);
     }
     let sums = sums.as_flattened_mut();
     match task {
@@ -138,7 +143,7 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
 /// on. Kept out of line, so that it has all registers.
 #[inline(never)]
 #[features]
-fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
+fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize, const FUSED: bool>(
     rows: &[&[f32]; R],
     panels: [&[W]; P],
     sums: &mut [[[f32; PANEL]; WIDTH]; R],
@@ -164,12 +169,12 @@ fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
     for i in (0..k - k % 2).step_by(2) {
         for which in 0..2 {
             // SAFETY: `i + which < k`: all rows and all panels have this input.
-            unsafe { step(&mut acc, &x, &w, i + which) };
+            unsafe { step::<W, R, P, FUSED>(&mut acc, &x, &w, i + which) };
         }
     }
     if !k.is_multiple_of(2) {
         // SAFETY: as above, for the last input.
-        unsafe { step(&mut acc, &x, &w, k - 1) };
+        unsafe { step::<W, R, P, FUSED>(&mut acc, &x, &w, k - 1) };
     }
     for r in 0..R {
         for p in 0..P {
@@ -183,7 +188,7 @@ fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
 /// `x` point to rows and `w` to panels that have this input.
 #[inline]
 #[features]
-unsafe fn step<W: Load, const R: usize, const P: usize>(
+unsafe fn step<W: Load, const R: usize, const P: usize, const FUSED: bool>(
     acc: &mut [[[Register; 2]; P]; R],
     x: &[*const f32; R],
     w: &[*const W; P],
@@ -204,8 +209,10 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
             let x = if full && p > 0 { opaque(x[r]) } else { x[r] };
             // SAFETY: the row has the input by this function's contract.
             let x = splat(unsafe { *x.wrapping_add(i) });
-            acc[r][p][0] = fmadd(x, weights[0], acc[r][p][0]);
-            acc[r][p][1] = fmadd(x, weights[1], acc[r][p][1]);
+            for half in 0..2 {
+                let sum = acc[r][p][half];
+                acc[r][p][half] = if FUSED { fmadd(x, weights[half], sum) } else { add(mul(x, weights[half]), sum) };
+            }
         }
     }
 }

@@ -81,11 +81,11 @@ struct Source<'a> {
 }
 
 entry! {
-    pub(super) fn matmul(token: Amx, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+    pub(super) fn matmul(token: Amx, _fused: bool, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
         run(token, &Rows::Whole(x), &GemmTask::Plain(w, epilogue), y);
     }
 
-    pub(super) fn matmul_gated(token: Amx, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+    pub(super) fn matmul_gated(token: Amx, _fused: bool, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
         run(token, &Rows::Whole(x), &GemmTask::Gated(gate, up), y);
     }
 

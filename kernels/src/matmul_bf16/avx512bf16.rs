@@ -15,7 +15,7 @@ use umo_kernels_features::avx512vnni;
 entry! {
     pub(super) fn matmul_rows(token: Avx512Bf16, x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
         match x.lo {
-            None => run(token, Input::all(x.hi), &GemmTask::Plain(w, epilogue), y),
+            None => run::<_, _, true>(token, Input::all(x.hi), &GemmTask::Plain(w, epilogue), y),
             // Two bf16 products would take as long as one of f32.
             Some(_) => scalar::matmul_rows(x, w, epilogue, y),
         }
@@ -54,7 +54,7 @@ impl Step<Bf16> for [[Bf16; PAIR]; PANEL] {
 
     #[inline]
     #[avx512vnni]
-    unsafe fn multiply(token: Avx512Bf16, sum: __m512, x: __m512, w: __m512) -> __m512 {
+    unsafe fn multiply<const FUSED: bool>(token: Avx512Bf16, sum: __m512, x: __m512, w: __m512) -> __m512 {
         multiply_pairs(token, x, w, sum)
     }
 }

@@ -15,12 +15,28 @@ use umo_kernels_features::neon;
 const UPPER_HALF: u32 = u32::MAX << 16;
 
 entry! {
-    pub(super) fn matmul(_token: Neon, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
-        run(x, &GemmTask::Plain(w, epilogue), y);
+    pub(super) fn matmul(
+        _token: Neon,
+        fused: bool,
+        x: Input<f32>,
+        w: PackedBf16,
+        epilogue: Epilogue,
+        y: MatMut<f32>,
+    ) {
+        let task = GemmTask::Plain(w, epilogue);
+        if fused { run::<_, true>(x, &task, y) } else { run::<_, false>(x, &task, y) }
     }
 
-    pub(super) fn matmul_gated(_token: Neon, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
-        run(x, &GemmTask::Gated(gate, up), y);
+    pub(super) fn matmul_gated(
+        _token: Neon,
+        fused: bool,
+        x: Input<f32>,
+        gate: PackedBf16,
+        up: PackedBf16,
+        y: MatMut<f32>,
+    ) {
+        let task = GemmTask::Gated(gate, up);
+        if fused { run::<_, true>(x, &task, y) } else { run::<_, false>(x, &task, y) }
     }
 }
 

@@ -8,7 +8,7 @@ use crate::mat::MatMut;
 use crate::pack::{PAIR, PANEL, PackedBf16, panels};
 pub(super) use crate::tiling::portable as tiling;
 
-pub(super) fn matmul(x: Input<f32>, w: PackedBf16, epilogue: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul(_fused: bool, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows() {
             store_panel(sums(x.row(t), w.panel(p)), t, p * PANEL, epilogue, &mut y);
@@ -16,7 +16,7 @@ pub(super) fn matmul(x: Input<f32>, w: PackedBf16, epilogue: Epilogue, mut y: Ma
     }
 }
 
-pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, mut y: MatMut<f32>) {
+pub(super) fn matmul_gated(_fused: bool, x: Input<f32>, gate: PackedBf16, up: PackedBf16, mut y: MatMut<f32>) {
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows() {
             let row = x.row(t);

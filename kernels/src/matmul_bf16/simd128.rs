@@ -10,11 +10,18 @@ use crate::mat::MatMut;
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::wasm32::*;
 
-pub(super) fn matmul(_token: Simd128, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+pub(super) fn matmul(_token: Simd128, _fused: bool, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
     run(x, &GemmTask::Plain(w, epilogue), y);
 }
 
-pub(super) fn matmul_gated(_token: Simd128, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+pub(super) fn matmul_gated(
+    _token: Simd128,
+    _fused: bool,
+    x: Input<f32>,
+    gate: PackedBf16,
+    up: PackedBf16,
+    y: MatMut<f32>,
+) {
     run(x, &GemmTask::Gated(gate, up), y);
 }
 

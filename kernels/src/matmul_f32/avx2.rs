@@ -8,11 +8,27 @@ use crate::mat::MatMut;
 use crate::pack::PackedF32;
 
 entry! {
-    pub(super) fn matmul(_token: Avx2, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) {
-        run(x, &GemmTask::Plain(w, epilogue), y);
+    pub(super) fn matmul(
+        _token: Avx2,
+        fused: bool,
+        x: Input<f32>,
+        w: PackedF32,
+        epilogue: Epilogue,
+        y: MatMut<f32>,
+    ) {
+        let task = GemmTask::Plain(w, epilogue);
+        if fused { run::<_, true>(x, &task, y) } else { run::<_, false>(x, &task, y) }
     }
 
-    pub(super) fn matmul_gated(_token: Avx2, x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
-        run(x, &GemmTask::Gated(gate, up), y);
+    pub(super) fn matmul_gated(
+        _token: Avx2,
+        fused: bool,
+        x: Input<f32>,
+        gate: PackedF32,
+        up: PackedF32,
+        y: MatMut<f32>,
+    ) {
+        let task = GemmTask::Gated(gate, up);
+        if fused { run::<_, true>(x, &task, y) } else { run::<_, false>(x, &task, y) }
     }
 }

@@ -11,12 +11,28 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
 entry! {
-    pub(super) fn matmul(_token: Avx512Vnni, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) {
-        run((), x, &GemmTask::Plain(w, epilogue), y);
+    pub(super) fn matmul(
+        _token: Avx512Vnni,
+        fused: bool,
+        x: Input<f32>,
+        w: PackedF32,
+        epilogue: Epilogue,
+        y: MatMut<f32>,
+    ) {
+        let task = GemmTask::Plain(w, epilogue);
+        if fused { run::<_, _, true>((), x, &task, y) } else { run::<_, _, false>((), x, &task, y) }
     }
 
-    pub(super) fn matmul_gated(_token: Avx512Vnni, x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
-        run((), x, &GemmTask::Gated(gate, up), y);
+    pub(super) fn matmul_gated(
+        _token: Avx512Vnni,
+        fused: bool,
+        x: Input<f32>,
+        gate: PackedF32,
+        up: PackedF32,
+        y: MatMut<f32>,
+    ) {
+        let task = GemmTask::Gated(gate, up);
+        if fused { run::<_, _, true>((), x, &task, y) } else { run::<_, _, false>((), x, &task, y) }
     }
 }
 

@@ -342,10 +342,10 @@ pub(super) const DIGESTS: [(&str, [u64; 2]); 27] = [
     ("matmul_bf16", [0xff78_fa9f_7362_d411, 0x9827_db20_823f_9612]),
     ("matmul_gated_bf16", [0x53b5_f29a_05be_fec0, 0x9b2e_a461_021b_b81e]),
     ("matmul_bf16_rows", [0x2bdf_3791_e4b2_4ead, 0x2bdf_3791_e4b2_4ead]),
-    ("attention_f32", [0xc180_cf3f_8cd6_3f1d, 0xaa87_60b2_8d35_722b]),
-    ("attention_heads_f32", [0x2fe2_efb8_5c4e_3919, 0x5555_3046_1f7f_11c6]),
-    ("attention_bf16", [0xd6c9_b8e5_5b6d_be79, 0xd7e8_5552_1146_fe7d]),
-    ("encoder_attention_f32", [0x4905_c5ff_1968_f10f, 0xb3f1_203b_cf17_b0de]),
+    ("attention_f32", [0x89e2_1f31_998f_dc1e, 0xaa87_60b2_8d35_722b]),
+    ("attention_heads_f32", [0x9c91_c84f_9356_c39f, 0x5555_3046_1f7f_11c6]),
+    ("attention_bf16", [0x54c5_bebf_fc82_5160, 0xd7e8_5552_1146_fe7d]),
+    ("encoder_attention_f32", [0xceb4_ca52_c5b8_2380, 0xb3f1_203b_cf17_b0de]),
 ];
 
 /// Replacements with fixed sizes for calls whose sizes depend on the processor's back-ends.

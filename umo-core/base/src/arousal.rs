@@ -8,6 +8,7 @@
 //! Everything is causal and relative: to the population's means, and to the speaker's last half minute. A gain changes
 //! nothing but what the noise of 16 bits hides.
 
+use crate::functions::Functions;
 use crate::memory::{Arena, Slice};
 use crate::state::{StateError, StatePass};
 use crate::voice::{SILENCE_DBFS, VoiceLevels, decibels};
@@ -92,7 +93,7 @@ struct Mean {
 
 impl Mean {
     fn new(seconds: f32) -> Self {
-        Self { keeps: (-STEP_SECONDS / seconds).exp(), weight: 0.0, value: 0.0 }
+        Self { keeps: (-STEP_SECONDS / seconds).exponential(), weight: 0.0, value: 0.0 }
     }
 
     fn add(&mut self, value: f32) {
@@ -224,7 +225,7 @@ impl Means {
         let score = evidence(self.slope) * (voice + own - USUAL) - evidence(self.voiced) * whisper;
         let modulation = (self.modulation.value.max(0.0).sqrt() - LEAST_MODULATION) / MODULATION_RANGE;
         let speech = modulation.clamp(0.0, 1.0) * (self.sounds.value / SPEECH_SHARE).min(1.0);
-        ORDINARY + 0.5 * speech * score.tanh()
+        ORDINARY + 0.5 * speech * score.hyperbolic_tangent()
     }
 }
 
@@ -237,7 +238,7 @@ impl Arousal {
             sample_rate: sample_rate as u64,
             samples: 0,
             in_step: 0,
-            share: 1.0 - (-std::f32::consts::TAU * CORNER_HERTZ / sample_rate as f32).exp(),
+            share: 1.0 - (-std::f32::consts::TAU * CORNER_HERTZ / sample_rate as f32).exponential(),
             low: [0.0; 2],
             power: [0.0; 3],
             factor,
@@ -336,7 +337,7 @@ impl Arousal {
             if is_voiced {
                 // Relative to 100 Hz; `factor` may not divide the rate.
                 let hertz = self.sample_rate as f32 / self.factor as f32 / lag;
-                let semitones = 12.0 * (hertz / 100.0).log2();
+                let semitones = 12.0 * (hertz / 100.0).logarithm_2();
                 means.pitch.add(semitones);
                 means.speaker_pitch.add(semitones);
                 if let Some(before) = semitones_before {
@@ -344,7 +345,7 @@ impl Arousal {
                 }
                 self.semitones = Some(semitones);
                 #[expect(clippy::cast_possible_truncation, reason = "a level's precision is enough")]
-                let tilt = (10.0 * ((high + 1e-12) / (low + 1e-12)).log10()) as f32;
+                let tilt = (10.0 * ((high + 1e-12) / (low + 1e-12)).logarithm_10()) as f32;
                 means.tilt.add(tilt);
                 means.speaker_tilt.add(tilt);
             }

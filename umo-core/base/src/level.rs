@@ -4,6 +4,7 @@
 //! for each channel if its level is far from that of speech, its channels cancel each other, or its speech is
 //! in one of many channels. All others get gains of one and keep their bits.
 
+use crate::functions::Functions;
 use std::fmt;
 
 use crate::samples::MAX_AMPLITUDE;
@@ -240,7 +241,7 @@ fn level(bins: &[u64; BINS], hops: u64, factor: f64) -> Option<Level> {
 }
 
 fn decibels(power: f64) -> f64 {
-    10.0 * power.log10()
+    10.0 * power.logarithm_10()
 }
 
 /// A gain for each channel, and the reasons for gains other than one.

@@ -10,6 +10,7 @@ pub mod counters;
 pub mod defect;
 pub mod error;
 pub mod file;
+pub mod functions;
 pub mod level;
 pub mod memory;
 pub mod random;

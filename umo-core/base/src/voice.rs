@@ -1,5 +1,6 @@
 //! Whether a voice sounds, from the level of its sound.
 
+use crate::functions::Functions;
 use crate::state::{StateError, StatePass};
 
 /// Level of digital silence, dBFS.
@@ -21,12 +22,12 @@ const LOUD_FALL_SECONDS: f32 = 12.0;
 /// Level in dBFS of a root mean square, full scale 1: [`SILENCE_DBFS`] to 0.
 pub fn decibels(level: f32) -> f32 {
     // `max` ignores NaN.
-    (20.0 * level.max(1e-5).log10()).min(0.0)
+    (20.0 * level.max(1e-5).logarithm_10()).min(0.0)
 }
 
 /// Share by which a first-order low-pass approaches its input in a step of `seconds`.
 pub fn step(seconds: f32, time: f32) -> f32 {
-    1.0 - (-seconds / time).exp()
+    1.0 - (-seconds / time).exponential()
 }
 
 /// Levels of the noise and of the loud parts of a sound, dBFS. Voice activity is relative to both, so that quiet voices

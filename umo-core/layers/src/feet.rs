@@ -6,6 +6,7 @@
 //! from where the animation wants it takes a step while the other foot carries.
 #![expect(clippy::needless_range_loop, reason = "arrays of two sides or axes are indexed together")]
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
@@ -199,7 +200,8 @@ impl Feet {
         let scale = match distance > FREE_HOME_DISTANCE {
             true => {
                 (FREE_HOME_DISTANCE
-                    + MAX_EXCESS_DISTANCE * ((distance - FREE_HOME_DISTANCE) / MAX_EXCESS_DISTANCE).tanh())
+                    + MAX_EXCESS_DISTANCE
+                        * ((distance - FREE_HOME_DISTANCE) / MAX_EXCESS_DISTANCE).hyperbolic_tangent())
                     / distance
             }
             false => 1.0,
@@ -447,7 +449,7 @@ fn mix(before: &Pose, now: &mut Pose, joints: impl Iterator<Item = usize>, gain:
 /// Yaw of a foot's forward direction, radians.
 fn yaw_of(foot: Quat) -> f32 {
     let ahead = turn_vector(foot, [0.0, 0.0, 1.0]);
-    ahead[0].atan2(ahead[2])
+    ahead[0].arc_tangent_over(ahead[2])
 }
 
 /// Wraps an angle to -pi to pi.

@@ -6,6 +6,7 @@
 #[cfg(test)]
 mod tests;
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
@@ -271,7 +272,7 @@ impl Gaze {
             self.recentred[axis] += back * (outside - self.recentred[axis]);
         }
         let inside: Angles = std::array::from_fn(|axis| inside[axis] - self.recentred[axis]);
-        let convergence = (HALF_EYE_DISTANCE / distance.max(MIN_CONVERGENCE_DISTANCE)).atan();
+        let convergence = (HALF_EYE_DISTANCE / distance.max(MIN_CONVERGENCE_DISTANCE)).arc_tangent();
         let share = if is_new { 1.0 } else { step(tick.seconds, CONVERGENCE_SECONDS) };
         self.convergence += share * (convergence - self.convergence);
         self.blink(tick, shift);
@@ -302,16 +303,16 @@ impl Gaze {
 
     /// Low-passed heading of the body.
     fn heading(&self) -> f32 {
-        self.stand[2].atan2(self.stand[3])
+        self.stand[2].arc_tangent_over(self.stand[3])
     }
 
     /// Position of the listener's eyes, metres.
     fn listener(&self, rig: &Rig) -> [f32; 3] {
         let heading = self.heading();
         [
-            self.stand[0] + LISTENER_DISTANCE * heading.sin(),
+            self.stand[0] + LISTENER_DISTANCE * heading.sine(),
             rig.eye_height,
-            self.stand[1] + LISTENER_DISTANCE * heading.cos(),
+            self.stand[1] + LISTENER_DISTANCE * heading.cosine(),
         ]
     }
 
@@ -504,7 +505,7 @@ impl Gaze {
             return;
         }
         let [kind, depth] = std::array::from_fn(|_| self.draw(tick, BLINK));
-        let interval = BLINK_MEDIAN_SECONDS * (BLINK_LOG_DEVIATION * self.draw_normal(tick, BLINK)).exp();
+        let interval = BLINK_MEDIAN_SECONDS * (BLINK_LOG_DEVIATION * self.draw_normal(tick, BLINK)).exponential();
         // Thinking, listening and idle avatars blink slightly less.
         let calm = 1.0 + 0.2 * tick.weights.listening + 0.2 * tick.weights.thinking + 0.1 * tick.weights.idle;
         let interval = (interval * calm).clamp(BLINK_MIN_SECONDS, BLINK_MAX_SECONDS);
@@ -751,13 +752,13 @@ fn direction(from: [f32; 3], to: [f32; 3]) -> (Angles, f32) {
 /// Direction of a vector; straight ahead for a zero vector.
 fn angles(way: [f32; 3]) -> Angles {
     let flat = length_of_two(way[0], way[2]);
-    [way[0].atan2(way[2]), (-way[1]).atan2(flat)]
+    [way[0].arc_tangent_over(way[2]), (-way[1]).arc_tangent_over(flat)]
 }
 
 /// Unit vector of a direction.
 fn vector([yaw, pitch]: Angles) -> [f32; 3] {
-    let (sin, cos) = pitch.sin_cos();
-    [yaw.sin() * cos, -sin, yaw.cos() * cos]
+    let (sin, cos) = pitch.sine_cosine();
+    [yaw.sine() * cos, -sin, yaw.cosine() * cos]
 }
 
 /// Wraps an angle to -pi to pi.
@@ -784,5 +785,5 @@ fn length(angles: Angles) -> f32 {
 fn limited(angle: f32, axis: usize) -> f32 {
     let (free, room) = (UNDAMPED_EYE_ANGLE[axis], MAX_EYE_ANGLE[axis] - UNDAMPED_EYE_ANGLE[axis]);
     let beyond = angle.abs() - free;
-    if beyond <= 0.0 { angle } else { (free + room * (beyond / room).tanh()).copysign(angle) }
+    if beyond <= 0.0 { angle } else { (free + room * (beyond / room).hyperbolic_tangent()).copysign(angle) }
 }

@@ -24,6 +24,7 @@ mod set;
 mod speech;
 mod table;
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::{MAX_INDEX, OwnedFrame};
 use umo_core_pose::pose::Pose;
@@ -895,8 +896,8 @@ impl Aim {
             std::array::from_fn(|i| pose.translation[i] + root[i] + ahead[i] + if i == 1 { chest_height } else { 0.0 })
         });
         let [x, y, z] = in_chest(rig, pose, place);
-        let yaw = x.atan2(z).to_degrees();
-        let pitch = -(y - 0.3).atan2(length_of_two(x, z)).to_degrees();
+        let yaw = x.arc_tangent_over(z).to_degrees();
+        let pitch = -(y - 0.3).arc_tangent_over(length_of_two(x, z)).to_degrees();
         Self {
             place,
             trunk_yaw: (0.25 * yaw).clamp(-24.0, 24.0),

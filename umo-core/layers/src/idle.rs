@@ -2,6 +2,7 @@
 //!
 //! Turns are about the parent's axes: X tilts forward, Y turns to the left, Z raises the left side.
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
@@ -237,8 +238,8 @@ impl Idle {
     fn move_arm(&self, pose: &mut Pose, tick: &Tick, side: usize, pace: f32, lively: f32) {
         // The arms are a quarter of a cycle apart: one reverses while the other is fastest.
         let phase = self.drift + 0.25 * side as f32 * (1.0 + 0.4 * pace);
-        let (sin, cos) = (phase * std::f32::consts::TAU).sin_cos();
-        let late = ((phase - FOREARM_LAG_CYCLES) * std::f32::consts::TAU).sin();
+        let (sin, cos) = (phase * std::f32::consts::TAU).sine_cosine();
+        let late = ((phase - FOREARM_LAG_CYCLES) * std::f32::consts::TAU).sine();
         let noise = smooth(tick.seed, ARMS[side], tick.time(), ARM_RATE);
         let size = 1.0 + LIVELY_SHARE * tick.lively;
         let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * size * DEGREE;

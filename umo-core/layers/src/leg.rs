@@ -1,5 +1,6 @@
 //! Two-bone inverse kinematics of a leg, with a given foot orientation.
 
+use umo_core_base::functions::Functions;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse};
 
@@ -105,8 +106,8 @@ impl Leg {
         let (radius, distance) = (length_of_two(from[1], from[2]), length_of_two(to[1], to[2]));
         let wanted = most * most - (to[0] - from[0]).powi(2);
         let cos = (radius * radius + distance * distance - wanted) / (2.0 * radius * distance).max(1e-9);
-        let between = cos.clamp(-1.0, 1.0).acos();
-        let rise = to[2].atan2(to[1]) - between - from[2].atan2(from[1]);
+        let between = cos.clamp(-1.0, 1.0).arc_cosine();
+        let rise = to[2].arc_tangent_over(to[1]) - between - from[2].arc_tangent_over(from[1]);
         rise.clamp(0.0, MAX_HEEL_RISE)
     }
 

@@ -1,5 +1,6 @@
 //! Face and posture of a mood; without a mood, the model's unintended frown is removed.
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 
@@ -371,7 +372,7 @@ const MIN_STRENGTH: f32 = 1e-3;
 fn calmed(value: f32, more: f32) -> f32 {
     let (knee, room) = (FROWN_KNEE + more, MAX_FROWN - FROWN_KNEE);
     let beyond = value - knee;
-    if beyond <= 0.0 { value } else { knee + room * (1.0 - (-beyond / room).exp()) }
+    if beyond <= 0.0 { value } else { knee + room * (1.0 - (-beyond / room).exponential()) }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Random numbers and smooth noise, determined by a seed, a stream and a counter or time.
 
+use umo_core_base::functions::Functions;
 use umo_core_base::random::philox;
 
 /// Purpose of a draw: draws of different streams are independent.
@@ -25,7 +26,7 @@ fn uniforms(seed: u64, stream: Stream, counter: u64) -> [f32; 4] {
 /// Returns a number of mean 0 and standard deviation 1, from two uniform numbers of the counter.
 pub(super) fn normal(seed: u64, stream: Stream, counter: u64) -> f32 {
     let [a, b, ..] = uniforms(seed, stream, counter);
-    (-2.0 * a.max(1e-6).ln()).sqrt() * (std::f32::consts::TAU * b).cos()
+    (-2.0 * a.max(1e-6).logarithm()).sqrt() * (std::f32::consts::TAU * b).cosine()
 }
 
 /// Returns four smooth noise values at a time: mean 0, standard deviation 0.4, at most 1 in magnitude,

@@ -1,5 +1,6 @@
 //! Body and face of a model as the layers need them: bones, and the index of each ARKit shape.
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 pub(super) use umo_core_base::voice::step;
 use umo_core_pose::face::{Face, FaceKind};
@@ -215,7 +216,7 @@ pub(super) fn turn(v: [f32; 3]) -> Quat {
     if !angle.is_finite() {
         return IDENTITY;
     }
-    let (sin, cos) = (0.5 * angle).sin_cos();
+    let (sin, cos) = (0.5 * angle).sine_cosine();
     let scale = if angle < 1e-4 { 0.5 } else { sin / angle };
     [v[0] * scale, v[1] * scale, v[2] * scale, cos]
 }
@@ -264,7 +265,7 @@ impl Spring {
     pub(super) fn follow(&mut self, goal: f32, rate: f32, seconds: f32) {
         let away = self.at - goal;
         let slope = self.speed + rate * away;
-        let decay = (-rate * seconds).exp();
+        let decay = (-rate * seconds).exponential();
         self.at = goal + (away + slope * seconds) * decay;
         self.speed = (self.speed - rate * slope * seconds) * decay;
     }

@@ -2,6 +2,7 @@
 //! (SPEC 2.22).
 
 use umo_core_base::arousal::ORDINARY;
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::frame::OwnedFrame;
 use umo_core_pose::pose::Pose;
@@ -141,7 +142,7 @@ fn scale(pose: &mut Pose, rig: &Rig, amount: f32) {
         let side = ARMS.iter().position(|&arm| arm == joint);
         let share = side.map_or(share, |at| share * ease(raised[at % 2]));
         let rotation = &mut pose.rotations[joint];
-        *rotation = scaled(rig.rest.rotations[joint], *rotation, (share * amount).exp());
+        *rotation = scaled(rig.rest.rotations[joint], *rotation, (share * amount).exponential());
     }
 }
 

@@ -12,6 +12,7 @@ mod level;
 mod network;
 
 use umo_core_base::error::{LoadError, StepError, check_finite};
+use umo_core_base::functions::Functions;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::samples::MAX_AMPLITUDE;
 use umo_core_base::state::{StateError, StatePass};
@@ -240,7 +241,7 @@ impl MouthStream {
         self.level = mouth.control.start();
         self.scratch.energy.fill(mouth.sizes.floor);
         for row in self.rows.chunks_exact_mut(mouth.sizes.features()) {
-            mouth.features(&self.scratch.energy, mouth.sizes.floor.ln(), self.level, row);
+            mouth.features(&self.scratch.energy, mouth.sizes.floor.logarithm(), self.level, row);
         }
         self.history.clear();
         self.gate = Gate::default();
@@ -330,7 +331,7 @@ impl MouthStream {
         let x = Mat::new(&scratch.power, 1, mouth.spectrum.bins())?;
         let y = MatMut::new(&mut scratch.energy, 1, sizes.bands)?;
         mouth.spectrum.filters.apply_here(isa, Rows::float(x), 0..sizes.bands, Epilogue::STORE, y)?;
-        let energy = scratch.energy.iter().sum::<f32>().max(sizes.floor).ln();
+        let energy = scratch.energy.iter().sum::<f32>().max(sizes.floor).logarithm();
         mouth.control.hear(&mut self.level, energy);
         self.rows.copy_within(sizes.features().., 0);
         let last = self.rows.len() - sizes.features();
@@ -355,7 +356,7 @@ impl Mouth {
     /// Computes a row's normalised features `[bands + LEVEL_FEATURES]` from its bands' energies and the
     /// logarithm of their sum.
     fn features(&self, energies: &[f32], energy: f32, level: Level, row: &mut [f32]) {
-        let logarithms = energies.iter().map(|energy| energy.max(self.sizes.floor).ln());
+        let logarithms = energies.iter().map(|energy| energy.max(self.sizes.floor).logarithm());
         let values = logarithms.chain([energy, level.noise]).map(|value| (value - level.voice).clamp(LOWEST, HIGHEST));
         for (((to, value), mean), scale) in row.iter_mut().zip(values).zip(&self.mean).zip(&self.scale) {
             *to = (value - mean) * scale;

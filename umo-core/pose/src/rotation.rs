@@ -4,6 +4,8 @@
 //! forms agree to f32's precision. Every function returns a valid rotation for every finite input; functions
 //! that read 6D values do so for any input.
 
+use umo_core_base::functions::Functions;
+
 /// A unit quaternion `[x, y, z, w]` with `w >= 0`.
 pub type Quat = [f32; 4];
 
@@ -188,7 +190,7 @@ pub fn rotate(q: Quat, v: [f32; 3]) -> [f32; 3] {
 pub fn quat_to_axis_angle(q: Quat) -> [f32; 3] {
     let [x, y, z, w] = widen(normalized(q));
     let sine = dot([x, y, z], [x, y, z]).sqrt();
-    let per_sine = if sine < SMALL { 2.0 } else { 2.0 * sine.atan2(w) / sine };
+    let per_sine = if sine < SMALL { 2.0 } else { 2.0 * sine.arc_tangent_over(w) / sine };
     narrow([x, y, z].map(|v| v * per_sine))
 }
 
@@ -200,8 +202,8 @@ pub fn axis_angle_to_quat(v: [f32; 3]) -> Quat {
     if !angle.is_finite() {
         return IDENTITY;
     }
-    let per_angle = if angle < SMALL { 0.5 } else { (0.5 * angle).sin() / angle };
-    unit([v[0] * per_angle, v[1] * per_angle, v[2] * per_angle, (0.5 * angle).cos()])
+    let per_angle = if angle < SMALL { 0.5 } else { (0.5 * angle).sine() / angle };
+    unit([v[0] * per_angle, v[1] * per_angle, v[2] * per_angle, (0.5 * angle).cosine()])
 }
 
 /// Spherical linear interpolation along the shorter arc from `a` (at `t` 0) to `b` (at 1).
@@ -213,8 +215,8 @@ pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
     let (from, to) = if cosine > ALIGNED {
         (1.0 - t, t)
     } else {
-        let angle = cosine.acos();
-        (((1.0 - t) * angle).sin(), (t * angle).sin())
+        let angle = cosine.arc_cosine();
+        (((1.0 - t) * angle).sine(), (t * angle).sine())
     };
     unit(std::array::from_fn(|i| from * a[i] + sign * to * b[i]))
 }

@@ -4,6 +4,7 @@
 //! similarity of its mouth to each shape: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum.
 
 use crate::face::{Face, FaceKind};
+use umo_core_base::functions::Functions;
 
 /// Number of visemes.
 pub const VISEMES: usize = 15;
@@ -88,7 +89,7 @@ impl Visemes {
         let distances = SHAPES.map(|shape| distance(&shape));
         // Relative to the nearest, so that the weights of a mouth far from all shapes do not vanish.
         let nearest = distances.iter().copied().fold(f32::INFINITY, f32::min);
-        let weights = distances.map(|d| (-(d - nearest) / (2.0 * WIDTH * WIDTH)).exp());
+        let weights = distances.map(|d| (-(d - nearest) / (2.0 * WIDTH * WIDTH)).exponential());
         let sum: f32 = weights.iter().sum();
         weights.map(|w| w / sum)
     }

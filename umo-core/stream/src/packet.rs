@@ -7,6 +7,7 @@ mod decoder;
 mod room;
 
 use std::fmt;
+use umo_core_base::functions::Functions;
 
 pub(crate) use decoder::PacketSink;
 pub use decoder::{Decoder, Received};
@@ -287,12 +288,12 @@ pub(crate) fn is_last(packet: &[u8]) -> bool {
 /// Encodes an audio level as a byte: 255 for a root mean square of full scale, 0.4 dB a step, 0 for silence.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
 pub fn level_byte(level: f32) -> u8 {
-    if level > 0.0 { (255.0 + LEVEL_STEPS * level.log10()).round().clamp(0.0, 255.0) as u8 } else { 0 }
+    if level > 0.0 { (255.0 + LEVEL_STEPS * level.logarithm_10()).round().clamp(0.0, 255.0) as u8 } else { 0 }
 }
 
 /// Decodes a level byte to the root mean square.
 pub fn byte_level(byte: u8) -> f32 {
-    if byte == 0 { 0.0 } else { 10.0_f32.powf((f32::from(byte) - 255.0) / LEVEL_STEPS) }
+    if byte == 0 { 0.0 } else { 10.0_f32.power((f32::from(byte) - 255.0) / LEVEL_STEPS) }
 }
 
 /// Encodes an arousal of 0 to 1 as a byte, so that an ordinary one is exact: 254 for 1.

@@ -89,6 +89,9 @@ pub(crate) const ISA_NEON: u32 = 7;
 pub(crate) const ISA_NEON_DOTPROD: u32 = 8;
 /// At most NEON with dot products and matrix products of int8.
 pub(crate) const ISA_NEON_I8MM: u32 = 9;
+/// Added to one of the others: the same bits on every processor, from the same sound. docs/packets.md
+/// says when it pays.
+pub(crate) const ISA_PORTABLE: u32 = 256;
 /// Name of the model.
 pub(crate) const MODEL_NAME: u32 = 1;
 /// Licence of its weights.
@@ -432,7 +435,8 @@ pub(crate) struct ModelConfig {
     /// One of `PRECISION_…`.
     pub(crate) precision: u32,
     /// Upper bound on the instruction set: one of `ISA_…`. Float products round differently on some of
-    /// them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
+    /// them, so a session can give other frames, unless `ISA_PORTABLE` is added: docs/spec.md, section 2.9,
+    /// says which give equal ones.
     pub(crate) isa: u32,
     /// Networks to load: one of `PARTS_…`.
     pub(crate) parts: u32,

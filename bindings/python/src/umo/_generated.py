@@ -147,6 +147,7 @@ ISAS: dict[str, int] = {
     "neon": 7,
     "neon_dotprod": 8,
     "neon_i8mm": 9,
+    "portable": 256,
 }
 # Text of a model.
 MODEL_TEXTS: dict[str, int] = {
@@ -457,8 +458,9 @@ class ModelConfig(Structure):
         # One of `"stored"`, `"f32"`, `"bf16"`, `"int8"`.
         ("precision", c_uint32),
         # Upper bound on the instruction set: one of `"best"`, `"scalar"`, `"avx2"`, `"avx512vnni"`, `"amx"`,
-        # `"avx512bf16"`, `"avxvnni"`, `"neon"`, `"neon_dotprod"`, `"neon_i8mm"`. Float products round differently on
-        # some of them, so a session can give other frames: docs/spec.md, section 2.9, says which give equal ones.
+        # `"avx512bf16"`, `"avxvnni"`, `"neon"`, `"neon_dotprod"`, `"neon_i8mm"`, `"portable"`. Float products round
+        # differently on some of them, so a session can give other frames, unless `"portable"` is added: docs/spec.md,
+        # section 2.9, says which give equal ones.
         ("isa", c_uint32),
         # Networks to load: one of `"all"`, `"mouth"`.
         ("parts", c_uint32),

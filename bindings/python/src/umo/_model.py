@@ -23,9 +23,9 @@ class Model(_library.Handle):
     `source` is a path, the bytes of a model file, or None for the model that comes with the package; a missing file
     raises `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` limits the
     instruction set: `"best"`, `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"`, `"amx"`, `"neon"`,
-    `"neon_dotprod"` or `"neon_i8mm"`. `parts` is `"all"`, or `"mouth"` for the live mouth alone, in a fraction of
-    the memory: sessions then need the voice `"mouth"`. A notice that users of the model must see is raised as a
-    warning.
+    `"neon_dotprod"` or `"neon_i8mm"`; `"portable"` gives the same bits on every processor. `parts` is `"all"`, or
+    `"mouth"` for the live mouth alone, in a fraction of the memory: sessions then need the voice `"mouth"`. A notice
+    that users of the model must see is raised as a warning.
     """
 
     def __init__(

@@ -216,6 +216,11 @@ namespace Umo
         NeonDotprod = 8,
         /// <summary>At most NEON with dot products and matrix products of int8.</summary>
         NeonI8mm = 9,
+        /// <summary>
+        /// Added to one of the others: the same bits on every processor, from the same sound. docs/packets.md says when
+        /// it pays.
+        /// </summary>
+        Portable = 256,
     }
 
     /// <summary>Text of a model.</summary>
@@ -607,7 +612,7 @@ namespace Umo
         public Precision Precision;
         /// <summary>
         /// Upper bound on the instruction set: one of Isa. Float products round differently on some of them, so a session
-        /// can give other frames: docs/spec.md, section 2.9, says which give equal ones.
+        /// can give other frames, unless Isa.Portable is added: docs/spec.md, section 2.9, says which give equal ones.
         /// </summary>
         public Isa Isa;
         /// <summary>Networks to load: one of ModelParts.</summary>

@@ -19,6 +19,9 @@ pub(super) const ORDER: [usize; WIDTH / 2] = [0, 2, 1, 3];
 /// Pairs of partial sums that are added while they are in registers: two would spill.
 pub(super) const PAIRS: usize = 1;
 
+/// Registers of a sum's lanes.
+pub(super) const PARTS: usize = 1;
+
 /// Rows to columns.
 #[inline]
 #[avx2]

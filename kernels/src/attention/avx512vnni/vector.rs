@@ -20,6 +20,9 @@ pub(super) const ORDER: [usize; WIDTH / 2] = [0, 4, 2, 6, 1, 5, 3, 7];
 /// Pairs of partial sums that are added while they are in registers.
 pub(super) const PAIRS: usize = 2;
 
+/// Registers of a sum's lanes.
+pub(super) const PARTS: usize = 1;
+
 /// Rows to columns.
 #[inline]
 #[avx512vnni]

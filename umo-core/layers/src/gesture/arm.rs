@@ -2,6 +2,7 @@
 //! follows, and a wrist within its limits.
 
 use std::f32::consts::PI;
+use umo_core_base::functions::Functions;
 
 use umo_core_pose::rotation::{
     Matrix, Quat, axis_angle_to_quat, inverse, matrix_to_quat, product, quat_to_axis_angle, rotate,
@@ -170,10 +171,10 @@ impl Arm {
     fn within_limits(self, way: Vec3) -> Vec3 {
         let [out, up, ahead] = self.sided(way);
         let level = length_of_two(out, ahead).max(1e-6);
-        let azimuth = out.atan2(ahead).clamp(-0.75, 1.95);
-        let elevation = up.atan2(level).clamp(-1.15, 1.3);
-        let level = elevation.cos();
-        self.sided([azimuth.sin() * level, elevation.sin(), azimuth.cos() * level])
+        let azimuth = out.arc_tangent_over(ahead).clamp(-0.75, 1.95);
+        let elevation = up.arc_tangent_over(level).clamp(-1.15, 1.3);
+        let level = elevation.cosine();
+        self.sided([azimuth.sine() * level, elevation.sine(), azimuth.cosine() * level])
     }
 }
 
@@ -181,7 +182,7 @@ impl Arm {
 /// of a wrist.
 fn twist_and_bend(relative: Quat, axis: Vec3) -> (f32, Quat) {
     let [x, y, z, w] = relative;
-    let twist = 2.0 * dot([x, y, z], axis).atan2(w);
+    let twist = 2.0 * dot([x, y, z], axis).arc_tangent_over(w);
     let twist = if twist > PI { twist - 2.0 * PI } else { twist };
     let bend = quat_to_axis_angle(product(inverse(about(axis, twist)), relative));
     let angle = length(bend);

@@ -2,6 +2,7 @@
 //! models.
 
 use umo_core_base::error::{LoadError, StepError};
+use umo_core_base::functions::Functions;
 use umo_core_base::memory::{Arena, Slice, filled};
 use umo_core_base::state::{StateError, StatePass};
 use umo_kernels::activation::Activation;
@@ -152,7 +153,7 @@ impl Mel {
     pub(super) fn begin(&self, cx: Compute, past: &mut Past, scratch: &mut Scratch) -> Result<(), StepError> {
         past.rows.chunks_exact_mut(self.sizes.bands_width()).for_each(|row| self.silence(row));
         for (order, rows) in past.differences.chunks_exact_mut(2 * self.sizes.bands).enumerate() {
-            rows.fill(if order == 0 { self.sizes.floor.ln() } else { 0.0 });
+            rows.fill(if order == 0 { self.sizes.floor.logarithm() } else { 0.0 });
         }
         past.blocks.fill(0.0);
         let mut heard = std::mem::take(&mut scratch.silence);
@@ -168,7 +169,7 @@ impl Mel {
     /// Writes the normalised log-mel feature of silence.
     fn silence(&self, row: &mut [f32]) {
         let (log, differences) = row.split_at_mut(self.sizes.bands);
-        log.fill(self.sizes.floor.ln());
+        log.fill(self.sizes.floor.logarithm());
         differences.fill(0.0);
         self.normalise(row);
     }
@@ -200,7 +201,7 @@ impl Mel {
         let (back, fresh) = scratch.rows[..(self.back() + count) * width].split_at_mut(past.rows.len());
         for (row, energy) in fresh.chunks_exact_mut(width).zip(scratch.energy.chunks_exact(bands)) {
             for (log, energy) in row.iter_mut().zip(energy) {
-                *log = energy.max(self.sizes.floor).ln();
+                *log = energy.max(self.sizes.floor).logarithm();
             }
             self.differences(&mut past.differences, row);
             self.normalise(row);

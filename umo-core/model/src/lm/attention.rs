@@ -1,6 +1,7 @@
 //! Common parts of T5's attentions: projections and the relative position bias (SPEC 2.4).
 
 use std::ops::Range;
+use umo_core_base::functions::Functions;
 
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::filled;
@@ -94,8 +95,8 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
     if size < exact {
         return first + size;
     }
-    let octaves = (max_distance as f64 / exact as f64).ln() as f32;
-    let grown = (size as f32 / exact as f32).ln() / octaves * (side - exact) as f32;
+    let octaves = (max_distance as f64 / exact as f64).logarithm() as f32;
+    let grown = (size as f32 / exact as f32).logarithm() / octaves * (side - exact) as f32;
     first + (exact + grown as usize).min(side - 1)
 }
 

@@ -2,6 +2,7 @@
 //! chunk, position) alone, so threads, other sessions and the splitting of the audio do not change it (SPEC
 //! 2.5).
 
+use umo_core_base::functions::Functions;
 use umo_core_base::random::philox;
 use umo_core_base::state::{StateError, StatePass};
 
@@ -99,7 +100,8 @@ impl Sampler {
         let ranks = &mut ranks[..kept];
         ranks.sort_unstable();
         let largest = f64::from(logits[ranks[0].code()]);
-        let computed = |rank: &Rank| ((f64::from(logits[rank.code()]) - largest) / f64::from(temperature)).exp();
+        let computed =
+            |rank: &Rank| ((f64::from(logits[rank.code()]) - largest) / f64::from(temperature)).exponential();
         let mut held = [0.0; HELD];
         held.iter_mut().zip(&*ranks).for_each(|(held, rank)| *held = computed(rank));
         let weight = |at: usize| held.get(at).copied().unwrap_or_else(|| computed(&ranks[at]));

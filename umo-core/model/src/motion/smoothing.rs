@@ -1,6 +1,7 @@
 //! Low-pass filter of the body's motion (SPEC 2.8): a Gaussian over decoded rows.
 
 use std::ops::Range;
+use umo_core_base::functions::Functions;
 
 use umo_core_base::error::LoadError;
 
@@ -41,7 +42,7 @@ impl Smoothing {
         let sigma = f64::from(sigma);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 3, and weights up to 1")]
         Ok(Self {
-            weights: std::array::from_fn(|distance| (-0.5 * (distance as f64 / sigma).powi(2)).exp() as f32),
+            weights: std::array::from_fn(|distance| (-0.5 * (distance as f64 / sigma).powi(2)).exponential() as f32),
             radius: ((2.0 * sigma).ceil() as usize).clamp(1, MAX_RADIUS),
         })
     }

@@ -1,5 +1,6 @@
 //! Speech detection: the network's voice activity with hysteresis, and the resulting opening of the mouth.
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 
 /// Voice probability from which speech is detected.
@@ -33,7 +34,7 @@ impl Gate {
     /// Updates the gate with a frame's log-odds of a voice. Returns the share of the network's output in the
     /// channels.
     pub(super) fn hear(&mut self, odds: f32) -> f32 {
-        let probability = 1.0 / (1.0 + (-odds).exp());
+        let probability = 1.0 / (1.0 + (-odds).exponential());
         self.without = if probability < SHUTS { (self.without + 1).min(HOLD) } else { 0 };
         self.speaks = probability >= OPENS || (self.speaks && self.without < HOLD);
         self.open = if self.speaks { (self.open + OPENING).min(1.0) } else { (self.open - SHUTTING).max(0.0) };

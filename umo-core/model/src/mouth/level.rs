@@ -2,6 +2,7 @@
 //! gets the same rows for speech of any level.
 
 use umo_core_base::error::LoadError;
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 
 /// One decibel as a natural logarithm of power.
@@ -64,13 +65,13 @@ impl LevelControl {
     pub(crate) fn new(filters: &[f32], window: &[f32], floor: f32, row_rate: u64) -> Result<Self, LoadError> {
         let filters: f64 = filters.iter().copied().map(f64::from).sum();
         let window: f64 = window.iter().copied().map(f64::from).map(|w| w * w).sum();
-        let full_scale = (filters * window).ln();
-        if !(full_scale.is_finite() && full_scale > f64::from(floor).ln()) {
+        let full_scale = (filters * window).logarithm();
+        if !(full_scale.is_finite() && full_scale > f64::from(floor).logarithm()) {
             let problem =
                 format!("white noise at full scale gives power {:e}, no more than the floor", filters * window);
             return Err(LoadError::tensor("mouth.filters.weight", problem));
         }
-        let factor = |seconds: f64| -(-1.0 / (row_rate as f64 * seconds)).exp_m1() as f32;
+        let factor = |seconds: f64| -(-1.0 / (row_rate as f64 * seconds)).exponential_less_one() as f32;
         Ok(Self {
             full_scale: full_scale as f32,
             attack: factor(ATTACK_S),

@@ -1,5 +1,6 @@
 //! The members of a scene and what passes between them, tick by tick.
 
+use umo_core_base::functions::Functions;
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_layers::{Company, Role};
 
@@ -67,7 +68,7 @@ impl Member {
     /// A place of the scene as [`Company::place`] has it.
     fn seen_from(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let eyes = self.eyes();
-        let ([dx, dy, dz], (sin, cos)) = ([x - eyes[0], y - eyes[1], z - eyes[2]], self.place.facing.sin_cos());
+        let ([dx, dy, dz], (sin, cos)) = ([x - eyes[0], y - eyes[1], z - eyes[2]], self.place.facing.sine_cosine());
         [dx * cos - dz * sin, dy, dx * sin + dz * cos]
     }
 }

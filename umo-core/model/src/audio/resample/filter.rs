@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 use std::sync::Arc;
+use umo_core_base::functions::Functions;
 
 use umo_kernels::Isa;
 use umo_kernels::filter::dot;
@@ -118,7 +119,7 @@ fn windowed_sinc(phase: f64, scale: f64, row: &mut [f32]) {
     let value = |i: usize| {
         let x = (i as f64 + 1.0 - half as f64 - phase) * scale;
         let (edge, turn) = (x / width, PI * cutoff * x);
-        let sinc = if turn == 0.0 { 1.0 } else { turn.sin() / turn };
+        let sinc = if turn == 0.0 { 1.0 } else { turn.sine() / turn };
         bessel_i0(BETA * (1.0 - edge * edge).max(0.0).sqrt()) * sinc
     };
     let sum: f64 = (0..row.len()).map(value).sum();

@@ -1,0 +1,47 @@
+//! The loops with the results of `scalar.rs`: sums in 16 lanes, a register, and products that are rounded before they are added.
+
+#[path = "../loops.rs"]
+mod loops;
+
+use crate::attention::operands::{HeadOperands, Operands};
+use crate::isa::{Avx512Vnni, entry};
+use crate::mat::MatMut;
+use crate::tiling::Tiling;
+use loops::Load;
+
+/// What differs from the back-end's own loops.
+mod vector {
+    pub(super) use super::super::vector::*;
+    use crate::lanes::LANES;
+    pub(super) use crate::math::avx512vnni::exp as softmax_exp;
+
+    /// Registers of a sum's lanes.
+    pub(super) const PARTS: usize = LANES / WIDTH;
+
+    /// `a * b + c`, both rounded.
+    #[inline]
+    #[features]
+    pub(super) fn fmadd(a: Register, b: Register, c: Register) -> Register {
+        add(mul(a, b), c)
+    }
+}
+
+/// Sizes at which the loops change.
+pub(in crate::attention) fn tiling(_token: Avx512Vnni) -> Tiling {
+    loops::TILING
+}
+
+/// Sizes at which the loops over heads change.
+pub(in crate::attention) fn heads_tiling(_token: Avx512Vnni) -> Tiling {
+    loops::HEADS_TILING
+}
+
+entry! {
+    pub(in crate::attention) fn attention<T: Load>(_token: Avx512Vnni, x: Operands<T>, y: MatMut<f32>) {
+        loops::attention(x, y);
+    }
+
+    pub(in crate::attention) fn heads(_token: Avx512Vnni, x: HeadOperands, y: MatMut<f32>) {
+        loops::heads(x, y);
+    }
+}
