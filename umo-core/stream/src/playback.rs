@@ -50,7 +50,7 @@ pub(crate) use sample::{Sample, Window};
 pub(crate) use source::Source;
 pub(crate) use trend::Trend;
 pub use voice::Voice;
-pub(crate) use voice::{JAW_OPEN, LiveVoice, TO_REST};
+pub(crate) use voice::LiveVoice;
 
 /// A frame as the host sees it.
 #[derive(Clone, Copy, Debug)]
