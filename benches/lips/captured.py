@@ -11,6 +11,8 @@ import soundfile
 TEN = Path(__file__).parent / "ten"
 # The tenth of GRID that is measured, by a seed that nothing was chosen by.
 SEED, SHARE = 59, 10
+# Takes of the actress that the mouth network learned from (`training/configs/mouth.yaml`): not measured.
+LEARNED = ("2_01", "2_02")
 # Landmarks of MediaPipe's face mesh.
 CORNERS, EYES, INNER = (61, 291), (33, 263), (13, 14)
 UPPER_RED, LOWER_RED = (0, 13), (14, 17)
@@ -113,10 +115,11 @@ def mouth_of_weights(weights: np.ndarray, names: Sequence[str]) -> np.ndarray:
 
 
 def face(folder: Path) -> list[Recording]:
-    """Takes of captured weights (`*.npz` with `weights` and `fps`) with their sound, and `weight_names.txt`."""
+    """Takes of captured weights (`*.npz` with `weights` and `fps`) with their sound, and `weight_names.txt`; without those
+    that umo learned from."""
     names = (folder / "weight_names.txt").read_text().split()
     out = []
-    for path in sorted(folder.glob("*.npz")):
+    for path in sorted(path for path in folder.glob("*.npz") if path.stem not in LEARNED):
         with np.load(path) as file:
             mouth, rate = mouth_of_weights(file["weights"], names), float(file["fps"])
         out.append(Recording(path.stem, *_read(path.with_suffix(".opus")), np.arange(len(mouth)) / rate, mouth))

@@ -25,6 +25,7 @@ GRID_RATE = 25.0
 OPEN, ROUND, SPREAD, JAW_DOWN = 0.5, 0.8, 0.42, 0.42
 # Parts of the opening that lower and upper lip give at most, in their channels' units.
 LOWER, UPPER = 0.9, 0.45
+_STILL = 1e-6
 # Landmarks of MediaPipe's face mesh.
 CORNERS, EYES, INNER, CHIN = (61, 291), (33, 263), (13, 14), (1, 152)
 UPPER_RED, LOWER_RED = (0, 13), (14, 17)
@@ -119,9 +120,10 @@ def _silent(words: Sequence[tuple[float, float, str]], frames: int) -> np.ndarra
 
 def fitted(lengths: np.ndarray, rest: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
     """Lengths `[T, 6]` to channels `[T, 52]` with the same opening, width and rounding, scaled."""
-    up = (lengths - rest) / (most - rest)
-    down = (rest - lengths) / (rest - least)
-    open_ = np.clip((lengths[:, 0] - least[0]) / (most[0] - least[0]), 0, 1.3)
+    # A length that never moves is at rest.
+    up = (lengths - rest) / np.maximum(most - rest, _STILL)
+    down = (rest - lengths) / np.maximum(rest - least, _STILL)
+    open_ = np.clip((lengths[:, 0] - least[0]) / max(most[0] - least[0], _STILL), 0, 1.3)
     rounded = ROUND * np.clip(up[:, 2] + 0.1, 0, 1.2)
     width = np.where(up[:, 1] > 0, SPREAD * up[:, 1], -ROUND * down[:, 1])
     spread = np.clip(width + rounded, 0, 0.8)

@@ -132,7 +132,6 @@ def loss_of(
 ) -> tuple[Tensor, dict[str, float]]:
     """`lips [channels, 3]`: opening, width and rounding of the channels."""
     rows = rows + plan.noise / network.scale * torch.randn_like(rows) if network.training else rows
-    mouth_weight = mouth_weight * (1.0 + plan.closures * closing(mouth @ lips[:, 0]))
     wanted = (mouth, voice, mouth_weight, voice_weight)
     if not network.behind:
         return _loss(plan, lips, network(rows), *_earlier(plan.lead, *wanted), known)
@@ -146,7 +145,7 @@ def loss_of(
 def closing(opening: Tensor) -> Tensor:
     """Share to which each frame of `[batch, frames]` is a short closure between open lips."""
     around = torch.nn.functional.max_pool1d(opening[:, None], 11, 1, 5)[:, 0]
-    return ((0.05 - opening) / 0.05).clamp(0, 1) * ((around - 0.1) / 0.1).clamp(0, 1)
+    return ((0.1 - opening) / 0.06).clamp(0, 1) * ((around - 0.1) / 0.1).clamp(0, 1)
 
 
 def _earlier(lead: float, mouth: Tensor, voice: Tensor, *weights: Tensor) -> tuple[Tensor, ...]:
@@ -170,6 +169,10 @@ def _loss(
 ) -> tuple[Tensor, dict[str, float]]:
     channels, odds = outputs[..., :-1], outputs[..., -1]
     count = mouth_weight.sum().clamp(min=1.0)
+    closed = closing(mouth @ lips[:, 0])
+    # Lips that touch too firmly are no error.
+    apart = ((channels @ lips[:, 0]).clamp(min=-0.04) - (mouth @ lips[:, 0]).clamp(max=0.0)).clamp(min=0.0)
+    closures = (apart.square() * closed * mouth_weight).sum() / count
     error = (channels - mouth) * known[:, None]
     shapes = (error.square().mean(-1) * mouth_weight).sum() / count
     weights = torch.tensor([plan.opening, plan.width, plan.width])
@@ -178,6 +181,7 @@ def _loss(
     speed = (error.diff(dim=1).square().mean(-1) * both).sum() / count
     entropy = torch.nn.functional.binary_cross_entropy_with_logits(odds, voice, reduction="none")
     entropy = (entropy * voice_weight).sum() / voice_weight.sum().clamp(min=1.0)
-    loss = shapes + (weights * parts).sum() / len(lips) + plan.velocity * speed + plan.voice * entropy
-    values = {"shapes": shapes, "lips": parts[0], "width": parts[1], "speed": speed, "voice": entropy}
+    lip_terms = (weights * parts).sum() + plan.closures * closures
+    loss = shapes + lip_terms / len(lips) + plan.velocity * speed + plan.voice * entropy
+    values = {"shapes": shapes, "lips": parts[0], "width": parts[1], "closures": closures, "speed": speed, "voice": entropy}
     return loss, {name: value.item() for name, value in values.items()}
