@@ -85,12 +85,12 @@ def _jobs(s: Run, front: Front, channels: list[int], rest: np.ndarray) -> Iterat
     for name in plan.get("aligned", ()):
         told += _found(corpus.paths(_folder(s, name), "speech"), s, name)
     untold = [path for name in plan.get("untold", ()) for path in _found(_sounds(_folder(s, name)), s, name)]
-    for kind, version, capture in _captures(s):
-        yield kind, capture, (s.plan["seed"], version, zlib.crc32(capture.name.encode()), 3), *shared
     for kind, files in (("spoken", told), ("untold", untold)):
         for i, path in enumerate(files):
             for version in versions:
                 yield kind, path, (s.plan["seed"], i, version, kind == "untold"), *shared
+    for kind, version, capture in _captures(s):
+        yield kind, capture, (s.plan["seed"], version, zlib.crc32(capture.name.encode()), 3), *shared
     for i in range(round(plan["unspoken_hours"] * 3600 / _UNSPOKEN_S)):
         yield "unspoken", None, (s.plan["seed"], i, 0, 2), *shared
 
@@ -99,6 +99,7 @@ def _captures(s: Run) -> Iterator[tuple[str, int, captured.Capture]]:
     """Captures of the plan with their kind and number of the version."""
     for entry in s.plan["mouth"].get("captured", ()):
         folder, kind = _folder(s, entry["name"]), entry["kind"]
+        _found([path for path in [folder] if path.is_dir()], s, entry["name"])
         found = captured.landmarks(folder) if kind == "landmarks" else captured.weights(folder, entry["takes"])
         for capture in (piece for one in found for piece in one.pieces(_PIECE_S)):
             for version in range(entry["versions"]):
