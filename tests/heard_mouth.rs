@@ -38,7 +38,9 @@ fn model(has_second: bool) -> Arc<Model> {
 
 fn sound(samples: usize) -> Vec<f32> {
     let mut noise = Noise::new(3);
-    (0..samples).map(|i| 0.3 * (i as f32 * 9.0 / RATE as f32).sin() * (i as f32 * 0.05).sin() + noise.float(0.02)).collect()
+    (0..samples)
+        .map(|i| 0.3 * (i as f32 * 9.0 / RATE as f32).sin() * (i as f32 * 0.05).sin() + noise.float(0.02))
+        .collect()
 }
 
 /// Faces of a recording.
@@ -51,7 +53,9 @@ fn faces(model: &Model, config: &AvatarConfig, samples: &[f32], of_codes: bool) 
     animation.push_audio(samples).unwrap();
     animation.finish(animation.frames_of_audio(model.config()));
     let mut faces = Vec::new();
-    while animation.step(model, Compute { isa: model.isa(), team: &team }, &mut |frame| faces.push(frame.face.to_vec())).unwrap()
+    while animation
+        .step(model, Compute { isa: model.isa(), team: &team }, &mut |frame| faces.push(frame.face.to_vec()))
+        .unwrap()
     {}
     faces
 }
@@ -81,7 +85,10 @@ fn frames_have_the_mouth_of_their_own_sound() {
             };
             let least = if model.config().face.names[channel].starts_with("mouthSmile") { *coded } else { 0.0 };
             let [low, high] = [f32::min, f32::max].map(|of| of(now[i][at], later[i][at]).max(least));
-            assert!((low - 1e-6..=high + 1e-6).contains(value), "frame {i}, channel {channel}: {value}, {low} to {high}");
+            assert!(
+                (low - 1e-6..=high + 1e-6).contains(value),
+                "frame {i}, channel {channel}: {value}, {low} to {high}"
+            );
             is_later &= *value == later[i][at].max(least);
             moved += usize::from(value != coded);
         }
@@ -106,7 +113,8 @@ fn settle(engine: &Engine) {
 #[test]
 fn sessions_have_the_same_mouth_and_keep_it_in_their_state() {
     let (model, samples) = (model(true), sound(48_000));
-    let engine = Engine::new(Arc::clone(&model), &EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() });
+    let engine =
+        Engine::new(Arc::clone(&model), &EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() });
     let engine = engine.unwrap();
     let config = SessionConfig { layers: LayerGains::OFF, ..SessionConfig::new(model.config()) };
     let wanted = faces(&model, &config.avatar, &samples, false);
