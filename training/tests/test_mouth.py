@@ -171,7 +171,8 @@ def test_a_faster_capture_stays_in_step() -> None:
 
 
 def test_a_rigs_weights_become_a_mouth(tmp_path: Path) -> None:
-    names = ["brow"] + [f"mouth_{shape}_{side}" for shapes in captured.RIG.values() for shape, sides in shapes for side in sides.split()]
+    parts = [(shape, side) for shapes in captured.RIG.values() for shape, sides in shapes for side in sides.split()]
+    names = ["brow", *(f"mouth_{shape}_{side}" for shape, side in parts)]
     (tmp_path / "weight_names.txt").write_text("\n".join(names))
     values = np.zeros((60, len(names) + 1), np.float32)
     values[:, names.index("mouth_stretch_c") + 1] = np.linspace(0, 0.8, 60)
@@ -199,7 +200,7 @@ def test_short_closures_between_open_lips_weigh_more() -> None:
     opening[:, 10:12] = 0.0
     weight = closing(opening)[0]
     assert weight[10:12].min() > 0.9 and weight[:10].max() == 0 and weight[12:].max() == 0
-    # A pause is no closure within.
+    # A pause does not count.
     assert closing(torch.zeros(1, 40)).max() == 0
 
 

@@ -5,7 +5,6 @@ which the performer speaks, so that no talker's habits become everybody's.
 """
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,9 +61,11 @@ class Capture:
         count = max(int(len(self.samples) / SAMPLE_RATE / seconds), 1)
         out = []
         for i in range(count):
-            first, last = i * seconds, (i + 1) * seconds if i + 1 < count else math.inf
-            span = (slice(round(first * rate), None if last == math.inf else round(last * rate)) for rate in (SAMPLE_RATE, self.rate))
-            sound, moved = span
+            first, last = i * seconds, (i + 1) * seconds
+            sound, moved = (
+                slice(round(first * rate), round(last * rate) if i + 1 < count else None)
+                for rate in (SAMPLE_RATE, self.rate)
+            )
             out.append(replace(self, name=f"{self.name}/{i}", samples=self.samples[sound], mouth=self.mouth[moved]))
         return out
 
@@ -106,10 +107,8 @@ def _lengths(points: np.ndarray, at: dict[int, int]) -> np.ndarray:
 
     unit = np.median(distance(EYES))
     width, upper, lower = distance(CORNERS), distance(UPPER_RED), distance(LOWER_RED)
-    return np.stack(
-        [distance(INNER) / unit, width / unit, (upper + lower) / width, upper / unit, lower / unit, distance(CHIN) / unit],
-        axis=1,
-    )
+    lengths = (distance(INNER), width, unit * (upper + lower) / width, upper, lower, distance(CHIN))
+    return np.stack(lengths, axis=1) / unit
 
 
 def _silent(words: Sequence[tuple[float, float, str]], frames: int) -> np.ndarray:
@@ -206,4 +205,3 @@ def _of_rig(values: np.ndarray, names: Sequence[str]) -> np.ndarray:
             prefix = "" if shape.startswith("jaw") else "mouth_"
             out[:, SHAPE[name]] += np.mean([values[:, column[f"{prefix}{shape}_{side}"]] for side in sides.split()], 0)
     return np.clip(out, 0, 1)
-

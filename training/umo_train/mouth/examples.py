@@ -108,7 +108,7 @@ def captured(
     """Speech with a captured mouth."""
     face = capture.frames()[:, channels]
     known = np.isin(np.array(ARKIT)[channels], KNOWN)
-    # A room's noise is no voice, but as loud as soft speech: others teach what a voice is.
+    # Its room may be as loud as soft speech: other examples teach what a voice is.
     voice, weight = np.ones(len(face), bool), np.zeros(len(face))
     # What a capture does not know stays at rest, and is not learned.
     face = np.where(known, face, rest)

@@ -12,8 +12,8 @@ import torch
 from tqdm import tqdm
 
 from umo_train.data import corpus
-from umo_train.mouth import examples as made
 from umo_train.mouth import captured, part
+from umo_train.mouth import examples as made
 from umo_train.mouth.examples import Example
 from umo_train.mouth.features import Front, sizes_of
 from umo_train.mouth.recordings import read

@@ -170,7 +170,7 @@ def _loss(
     channels, odds = outputs[..., :-1], outputs[..., -1]
     count = mouth_weight.sum().clamp(min=1.0)
     closed = closing(mouth @ lips[:, 0])
-    # Lips that touch too firmly are no error.
+    # Lips may touch firmly.
     apart = ((channels @ lips[:, 0]).clamp(min=-0.04) - (mouth @ lips[:, 0]).clamp(max=0.0)).clamp(min=0.0)
     closures = (apart.square() * closed * mouth_weight).sum() / count
     error = (channels - mouth) * known[:, None]
@@ -183,5 +183,6 @@ def _loss(
     entropy = (entropy * voice_weight).sum() / voice_weight.sum().clamp(min=1.0)
     lip_terms = (weights * parts).sum() + plan.closures * closures
     loss = shapes + lip_terms / len(lips) + plan.velocity * speed + plan.voice * entropy
-    values = {"shapes": shapes, "lips": parts[0], "width": parts[1], "closures": closures, "speed": speed, "voice": entropy}
+    values = {"shapes": shapes, "lips": parts[0], "width": parts[1], "closures": closures, "speed": speed}
+    values["voice"] = entropy
     return loss, {name: value.item() for name, value in values.items()}
