@@ -330,8 +330,8 @@
 // The mouth moves with the body, later than the sound by the session's latency.
 #define UMO_VOICE_DELAYED 0
 
-// The mouth follows the sound after `umo_latency.mouth_samples`: with the default model 56 ms at 16 kHz,
-// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
+// The mouth follows the sound after `umo_latency.mouth_samples`: with the default model 11 ms at 16 kHz,
+// 18 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
 // frames at its end. For a microphone, or a voice that is played as it arrives.
 #define UMO_VOICE_LIVE 1
 

@@ -11,6 +11,8 @@ import soundfile
 TEN = Path(__file__).parent / "ten"
 # The tenth of GRID that is measured, by a seed that nothing was chosen by.
 SEED, SHARE = 59, 10
+# Takes of the actress that the mouth network learned from (`training/configs/mouth.yaml`): not measured.
+LEARNED = ("2_01", "2_02")
 # Landmarks of MediaPipe's face mesh.
 CORNERS, EYES, INNER = (61, 291), (33, 263), (13, 14)
 UPPER_RED, LOWER_RED = (0, 13), (14, 17)
@@ -44,7 +46,9 @@ class Recording:
 
     @property
     def text(self) -> str:
-        return " ".join(word.text for word in self.words if word.text not in ("sil", "sp"))
+        return " ".join(
+            word.text for word in self.words if word.text not in ("sil", "sp")
+        )
 
 
 def _read(path: Path) -> tuple[np.ndarray, int]:
@@ -62,7 +66,9 @@ def mouth_of_landmarks(landmarks: np.ndarray, index: Sequence[int]) -> np.ndarra
     at = {int(point): column for column, point in enumerate(index)}
 
     def distance(pair: tuple[int, int]) -> np.ndarray:
-        first, second = (landmarks[:, at[point], :2].astype(np.float64) for point in pair)
+        first, second = (
+            landmarks[:, at[point], :2].astype(np.float64) for point in pair
+        )
         return np.linalg.norm(first - second, axis=-1)
 
     width = distance(CORNERS)
@@ -76,19 +82,35 @@ def grid(folder: Path, names: Sequence[str] | None = None) -> list[Recording]:
     words = json.loads((folder / "words.json").read_text())
     if names is None:
         every = sorted(words)
-        names = sorted(np.random.default_rng(SEED).permutation(every)[: round(len(every) / SHARE)].tolist())
+        names = sorted(
+            np.random.default_rng(SEED)
+            .permutation(every)[: round(len(every) / SHARE)]
+            .tolist()
+        )
     mouths = {}
     for path in sorted(folder.glob("landmarks_*.npz")):
         with np.load(path) as file:
             rows = {str(name): row for row, name in enumerate(file["names"])}
             landmarks, index = file["landmarks"], file["index"]
         wanted = [name for name in names if name in rows]
-        mouths |= {name: mouth_of_landmarks(landmarks[rows[name]] * SCALE, index) for name in wanted}
+        mouths |= {
+            name: mouth_of_landmarks(landmarks[rows[name]] * SCALE, index)
+            for name in wanted
+        }
     out = []
     for name in names:
         samples, rate = _read(folder / "audio" / f"{name}.opus")
         times = np.arange(len(mouths[name])) / GRID_RATE
-        out.append(Recording(name, samples, rate, times, mouths[name], tuple(Word(w, a, b) for a, b, w in words[name])))
+        out.append(
+            Recording(
+                name,
+                samples,
+                rate,
+                times,
+                mouths[name],
+                tuple(Word(w, a, b) for a, b, w in words[name]),
+            )
+        )
     return out
 
 
@@ -102,24 +124,45 @@ def mouth_of_weights(weights: np.ndarray, names: Sequence[str]) -> np.ndarray:
     column = {name: index + 1 for index, name in enumerate(names)}
 
     def mean(name: str, sides: str) -> np.ndarray:
-        return np.mean([weights[:, column[f"mouth_{name}_{side}"]] for side in sides.split()], axis=0)
+        return np.mean(
+            [weights[:, column[f"mouth_{name}_{side}"]] for side in sides.split()],
+            axis=0,
+        )
 
     funnel, suck = mean("funnel", "dl dr ul ur"), mean("suck", "dl dr ul ur")
     raised = mean("lowerLipDepress", "l r") + mean("upperLipRaise", "l r")
-    opening = mean("stretch", "c") + 0.2 * raised + 0.05 * funnel - 0.1 * suck - 0.06 * mean("press", "l r")
+    opening = (
+        mean("stretch", "c")
+        + 0.2 * raised
+        + 0.05 * funnel
+        - 0.1 * suck
+        - 0.06 * mean("press", "l r")
+    )
     rounding = mean("pucker", "l r") + funnel + mean("oo", "c") + mean("oh", "c")
     width = mean("lipStretch", "l r") + mean("lipCornerPull", "l r") - rounding
-    return np.stack([np.maximum(opening, 0.0), width, rounding], axis=1).astype(np.float64)
+    return np.stack([np.maximum(opening, 0.0), width, rounding], axis=1).astype(
+        np.float64
+    )
 
 
 def face(folder: Path) -> list[Recording]:
-    """Takes of captured weights (`*.npz` with `weights` and `fps`) with their sound, and `weight_names.txt`."""
+    """Takes of captured weights (`*.npz` with `weights` and `fps`) with their sound, and `weight_names.txt`, without
+    those that umo learned from."""
     names = (folder / "weight_names.txt").read_text().split()
     out = []
-    for path in sorted(folder.glob("*.npz")):
+    for path in sorted(
+        path for path in folder.glob("*.npz") if path.stem not in LEARNED
+    ):
         with np.load(path) as file:
             mouth, rate = mouth_of_weights(file["weights"], names), float(file["fps"])
-        out.append(Recording(path.stem, *_read(path.with_suffix(".opus")), np.arange(len(mouth)) / rate, mouth))
+        out.append(
+            Recording(
+                path.stem,
+                *_read(path.with_suffix(".opus")),
+                np.arange(len(mouth)) / rate,
+                mouth,
+            )
+        )
     return out
 
 
@@ -129,5 +172,13 @@ def ten(folder: Path = TEN) -> list[Recording]:
     for name, entry in json.loads((folder / "mouths.json").read_text()).items():
         mouth = np.array(entry["mouth"]) / STEPS
         words = tuple(Word(text, start, end) for start, end, text in entry["words"])
-        out.append(Recording(name, *_read(folder / f"{name}.opus"), np.arange(len(mouth)) / GRID_RATE, mouth, words))
+        out.append(
+            Recording(
+                name,
+                *_read(folder / f"{name}.opus"),
+                np.arange(len(mouth)) / GRID_RATE,
+                mouth,
+                words,
+            )
+        )
     return out

@@ -54,16 +54,19 @@ MOUTH_CHANNELS = ["jawOpen", "mouthClose", "tongueOut"]
 
 
 @torch.no_grad()
-def mouth() -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
-    """A live mouth of random weights: its config and its tensors."""
+def mouth(behind: int = 0) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    """A live mouth of random weights: its config and its tensors; with a second head if it is `behind`."""
     torch.manual_seed(5)
     front = Front(sizes_of(MOUTH_FEATURES))
     timing = {name: MOUTH_FEATURES[name] for name in ("rows", "taps")}
-    network = MouthNetwork(front.width, len(MOUTH_CHANNELS), **timing, **MOUTH_NETWORK)
+    network = MouthNetwork(front.width, len(MOUTH_CHANNELS), **timing, **MOUTH_NETWORK, behind=behind)
     network.mean.fill_(-4.0)
     network.scale.fill_(0.3)
     network.head.weight.mul_(5.0)
     about = {**MOUTH_FEATURES, **MOUTH_NETWORK, "channels": MOUTH_CHANNELS}
+    if behind:
+        network.later.weight.mul_(5.0)
+        about["behind"] = behind
     return about, network.tensors(torch.float32) | front.tensors() | {"mouth.rest": torch.tensor([0.1, 0.2, 0.3])}
 
 

@@ -157,9 +157,10 @@ def _root(run: pipeline.Run, out: dict[str, Tensor]) -> None:
     _close(out["translation"], place)
 
 
-def test_mouth(run: pipeline.Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("behind", [0, 5])
+def test_mouth(run: pipeline.Run, tmp_path: Path, behind: int) -> None:
     """Added to a model, the live mouth computes the same as our modules, and the rest of the model is unchanged."""
-    about, tensors = made_run.mouth()
+    about, tensors = made_run.mouth(behind)
     mouth_part.write(tmp_path / "mouth.safetensors", about, tensors)
     model = tmp_path / "model.safetensors"
     mouth_part.add(_model(run), tmp_path / "mouth.safetensors", model)
@@ -183,6 +184,11 @@ def test_mouth(run: pipeline.Run, tmp_path: Path) -> None:
     outputs = mouth.outputs(samples.numpy())
     _close(out["channels"], torch.from_numpy(gated(outputs, mouth.rest)).float())
     _close(out["voiced"], torch.from_numpy(gate(outputs[:, -1])).float())
+    assert ("later" in out) == (behind > 0)
+    if behind:
+        later = torch.from_numpy(mouth.later(samples.numpy())).float()
+        assert len(later) == len(out["channels"]) and later.std(0).min() > 0.01
+        _close(out["later"], later)
     codes = {f"codes.{name}": torch.arange(9) for name in PARTS}
     before = _stage(run, "motion", codes, tmp_path)
     save_file(codes, tmp_path / "in.safetensors")

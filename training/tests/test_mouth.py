@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 import torch
 import yaml
 from safetensors import safe_open
@@ -16,14 +17,16 @@ from made_run import MOUTH_CHANNELS, MOUTH_FEATURES, MOUTH_NETWORK
 from margin import Margin
 from mouth import Mouth as Reference
 from umo_train.export import checksum
-from umo_train.mouth import examples, part, sounds
+from umo_train.mouth import captured, examples, part, sounds
 from umo_train.mouth.features import Front, Sizes, sizes_of
 from umo_train.mouth.gate import gate, gated
 from umo_train.mouth.make import make
 from umo_train.mouth.run import Mouth
-from umo_train.mouth.train import MouthPlan, train
+from umo_train.mouth.train import MouthPlan, closing, train
 from umo_train.people.align import covering
+from umo_train.performer.lips import lip_opening
 from umo_train.plan import Run
+from umo_train.skeleton import SHAPE
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, Phone, Utterance
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -101,6 +104,104 @@ def test_training_learns_when_a_tone_speaks(tmp_path: Path) -> None:
     # Resumed after its end: the same weights.
     again = train(plan, front, items, MOUTH_CHANNELS, rest, tmp_path)
     assert all(torch.equal(a, b) for a, b in zip(network.parameters(), again.parameters(), strict=True))
+
+
+def test_a_second_head_gives_frames_before(tmp_path: Path) -> None:
+    about, tensors = made_run.mouth(behind=4)
+    mouth, samples = Mouth(about, tensors), _sound(30_000)
+    later = mouth.later(samples)
+    assert len(later) == len(mouth.outputs(samples))
+    # It has heard what comes within four frames of the last one that the first head may hear, and no more.
+    heard = 20 * SAMPLE_RATE // FRAME_RATE
+    samples[heard:] *= -0.5
+    changed = np.abs(mouth.later(samples) - later).max(1) > 1e-6
+    assert not changed[:15].any() and changed[15:22].sum() > 4
+
+
+def _folder_of_landmarks(folder: Path, closures: np.ndarray) -> None:
+    """Ten sentences of 2 s of a talker: lips that open and close, `closures` of them, and a mouth that narrows."""
+    (folder / "audio").mkdir(parents=True)
+    points = (61, 291, 33, 263, 13, 14, 1, 152, 0, 17)
+    t = np.arange(50) / captured.GRID_RATE
+    names, every, words = [], [], {}
+    for i in range(10):
+        at = np.zeros((50, len(points), 3))
+        gap = 10 * np.where(t < 0.5, 0, np.sin(np.pi * closures[i] * (t - 0.5) / 1.5) ** 2)
+        narrow = 6 * np.where(t < 0.5, 0, np.sin(2 * np.pi * t) ** 2)
+        for column, x in ((0, -20 + narrow), (1, 20 - narrow), (2, -40), (3, 40)):
+            at[:, column, 0] = x
+        for column, y in ((4, -gap / 2), (5, gap / 2), (6, -40), (7, 40 + gap), (8, -5 - gap / 2), (9, 5 + gap / 2)):
+            at[:, column, 1] = y
+        names.append(f"s{i}")
+        every.append(at * 16)
+        words[f"s{i}"] = [[0, 0.5, "sil"], [0.5, 2.0, "bin"]]
+        soundfile.write(folder / "audio" / f"s{i}.opus", _sound(48_000), 24_000, format="OGG", subtype="OPUS")
+    about = {"names": np.array(names), "index": np.array(points), "landmarks": np.array(every, np.int16)}
+    np.savez(folder / "landmarks_0.npz", **about)
+    (folder / "words.json").write_text(json.dumps(words))
+
+
+def test_landmarks_become_a_mouth_that_opens_as_they_do(tmp_path: Path) -> None:
+    _folder_of_landmarks(tmp_path, np.arange(1, 11) % 4 + 1)
+    found = captured.landmarks(tmp_path)
+    left_out = captured.held_out([f"s{i}" for i in range(10)])
+    assert len(left_out) == 1 and {one.name for one in found} == {f"s{i}" for i in range(10)} - left_out
+    for one in found:
+        face = np.concatenate([np.zeros((50, 6)), one.mouth], axis=1)
+        opening = lip_opening(face)
+        count = int(one.name[1:]) % 4
+        wanted = np.sin(np.pi * (count + 1) * np.clip(np.arange(50) / 25 - 0.5, 0, None) / 1.5) ** 2
+        assert np.corrcoef(opening, wanted)[0, 1] > 0.99 and opening[:12].max() < 0.03
+        rounded = one.mouth[:, SHAPE["mouthPucker"]] + one.mouth[:, SHAPE["mouthFunnel"]]
+        assert rounded[19] > 0.4 and rounded[:12].max() < 0.1
+        assert one.mouth.min() >= 0 and one.mouth.max() <= 1
+
+
+def test_a_faster_capture_stays_in_step() -> None:
+    t = np.arange(100) / 25
+    mouth = np.tile(np.sin(2 * np.pi * t)[:, None] ** 2, (1, 52))
+    sound = np.repeat(np.sin(2 * np.pi * np.arange(400) / 100) ** 2, 160).astype(np.float32)
+    fast = captured.Capture("a", sound, mouth, 25.0).faster(1.25)
+    frames = fast.frames()
+    assert len(fast.samples) == 51_200 and len(frames) == 96
+    heard = fast.samples[(np.arange(90) * SAMPLE_RATE // FRAME_RATE)]
+    assert np.corrcoef(heard, frames[:90, 0])[0, 1] > 0.99
+    pieces = captured.Capture("a", sound, mouth, 25.0).pieces(1.5)
+    assert [len(one.samples) for one in pieces] == [24_000, 40_000]
+
+
+def test_a_rigs_weights_become_a_mouth(tmp_path: Path) -> None:
+    parts = [(shape, side) for shapes in captured.RIG.values() for shape, sides in shapes for side in sides.split()]
+    names = ["brow", *(f"mouth_{shape}_{side}" for shape, side in parts)]
+    (tmp_path / "weight_names.txt").write_text("\n".join(names))
+    values = np.zeros((60, len(names) + 1), np.float32)
+    values[:, names.index("mouth_stretch_c") + 1] = np.linspace(0, 0.8, 60)
+    values[:, names.index("mouth_pucker_l") + 1] = 0.5
+    np.savez(tmp_path / "take.npz", weights=values, fps=30)
+    soundfile.write(tmp_path / "take.opus", _sound(48_000), 24_000, format="OGG", subtype="OPUS")
+    (one,) = captured.weights(tmp_path, ["take"])
+    opening = lip_opening(np.concatenate([np.zeros((60, 6)), one.mouth], axis=1))
+    assert opening[-1] == pytest.approx(captured.OPEN, rel=0.03) and opening[0] == 0
+    assert one.mouth[:, SHAPE["mouthPucker"]] == pytest.approx(0.25)
+
+
+def test_what_a_capture_does_not_know_is_not_learned() -> None:
+    front = Front(sizes_of(MOUTH_FEATURES))
+    one = captured.Capture("a", _sound(16_000), np.full((25, 52), 0.4), 25.0)
+    at = [SHAPE["jawOpen"], SHAPE["tongueOut"]]
+    example = examples.captured("landmarks", front, one, at, np.array([0.1, 0.2]), np.random.default_rng(0))
+    assert example.known.tolist() == [1, 0]
+    assert example.mouth[:, 0].numpy() == pytest.approx(0.4, abs=1e-3)
+    assert example.mouth[:, 1].numpy() == pytest.approx(0.2, abs=1e-3)
+
+
+def test_short_closures_between_open_lips_weigh_more() -> None:
+    opening = torch.full((1, 40), 0.3)
+    opening[:, 10:12] = 0.0
+    weight = closing(opening)[0]
+    assert weight[10:12].min() > 0.9 and weight[:10].max() == 0 and weight[12:].max() == 0
+    # A pause does not count.
+    assert closing(torch.zeros(1, 40)).max() == 0
 
 
 def test_gaps_between_aligned_phones_are_silence() -> None:

@@ -35,8 +35,8 @@ use crate::status::{
 
 /// The mouth moves with the body, later than the sound by the session's latency.
 pub const UMO_VOICE_DELAYED: u32 = 0;
-/// The mouth follows the sound after `umo_latency.mouth_samples`: with the default model 56 ms at 16 kHz,
-/// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
+/// The mouth follows the sound after `umo_latency.mouth_samples`: with the default model 11 ms at 16 kHz,
+/// 18 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly more
 /// frames at its end. For a microphone, or a voice that is played as it arrives.
 pub const UMO_VOICE_LIVE: u32 = 1;
 /// The mouth alone, timed as with `UMO_VOICE_LIVE`: no chunk is computed, and the engine has nothing to do. The body is at

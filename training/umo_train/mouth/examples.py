@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from umo_train.metrics.lips import quiet_parts
+from umo_train.mouth.captured import KNOWN, Capture
 from umo_train.mouth.features import Front
 from umo_train.mouth.sounds import draw
 from umo_train.performer import mouth, prosody
@@ -18,6 +19,8 @@ from umo_train.speech.variation import leveled, recorded
 
 # Minimum length of a silence that counts as a pause, seconds.
 PAUSE_S = 0.25
+# Kinds of examples, which a plan weighs.
+KINDS = ("spoken", "landmarks", "weights", "untold", "unspoken")
 # Frames beside speech in which the presence of a voice is uncertain.
 UNSURE = 2
 
@@ -35,6 +38,10 @@ class Example:
     # [frames] weights of the mouth and of the voice.
     mouth_weight: Tensor
     voice_weight: Tensor
+    # [channels] whether each is known.
+    known: Tensor
+    # [1] index in `KINDS`.
+    kind: Tensor
 
 
 def targets(utterance: Utterance) -> np.ndarray:
@@ -92,7 +99,21 @@ def spoken(front: Front, utterance: Utterance, channels: Sequence[int], rng: np.
     """Speech with known phones."""
     face = targets(utterance)[:, channels]
     voice, weight = voices(silences(utterance), len(face))
-    return _example(front, heard(utterance.samples, rng), face, voice, np.ones(len(face)), weight)
+    return _example("spoken", front, heard(utterance.samples, rng), face, voice, np.ones(len(face)), weight)
+
+
+def captured(
+    kind: str, front: Front, capture: Capture, channels: Sequence[int], rest: np.ndarray, rng: np.random.Generator
+) -> Example:
+    """Speech with a captured mouth."""
+    face = capture.frames()[:, channels]
+    known = np.isin(np.array(ARKIT)[channels], KNOWN)
+    # Its room may be as loud as soft speech: other examples teach what a voice is.
+    voice, weight = np.ones(len(face), bool), np.zeros(len(face))
+    # What a capture does not know stays at rest, and is not learned.
+    face = np.where(known, face, rest)
+    sound = heard(capture.samples, rng)
+    return _example(kind, front, sound, face, voice, np.ones(len(face)), weight, known=known)
 
 
 def untold(front: Front, samples: np.ndarray, rest: np.ndarray, rng: np.random.Generator) -> Example:
@@ -100,7 +121,7 @@ def untold(front: Front, samples: np.ndarray, rest: np.ndarray, rng: np.random.G
     frames = len(samples) * FRAME_RATE // SAMPLE_RATE
     voice, weight = voices(quiet_parts(samples), frames)
     return _example(
-        front, heard(samples, rng), np.tile(rest, (frames, 1)), voice, (~voice & (weight == 1)) * 1.0, weight
+        "untold", front, heard(samples, rng), np.tile(rest, (frames, 1)), voice, (~voice & (weight == 1)) * 1.0, weight
     )
 
 
@@ -109,10 +130,20 @@ def unspoken(front: Front, seconds: float, rest: np.ndarray, rng: np.random.Gene
     sound = at_level(draw(int(seconds * SAMPLE_RATE), rng), rng)
     frames = len(sound) * FRAME_RATE // SAMPLE_RATE
     ones = np.ones(frames)
-    return _example(front, sound, np.tile(rest, (frames, 1)), np.zeros(frames, bool), ones, ones)
+    return _example("unspoken", front, sound, np.tile(rest, (frames, 1)), np.zeros(frames, bool), ones, ones)
 
 
-def _example(front: Front, samples: np.ndarray, face: np.ndarray, voice: np.ndarray, *weights: np.ndarray) -> Example:
+def _example(
+    kind: str,
+    front: Front,
+    samples: np.ndarray,
+    face: np.ndarray,
+    voice: np.ndarray,
+    *weights: np.ndarray,
+    known: np.ndarray | None = None,
+) -> Example:
     rows = front.rows(samples).half()
-    values = (torch.from_numpy(np.ascontiguousarray(x)).half() for x in (face, voice, *weights))
+    known = np.ones(face.shape[1]) if known is None else known
+    columns = (face, voice, *weights, known, np.array([KINDS.index(kind)]))
+    values = (torch.from_numpy(np.ascontiguousarray(x)).half() for x in columns)
     return Example(rows, *values)

@@ -1,5 +1,6 @@
 """The step `mouth`: examples, training, and the part of the model file."""
 
+import zlib
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -11,8 +12,8 @@ import torch
 from tqdm import tqdm
 
 from umo_train.data import corpus
+from umo_train.mouth import captured, part
 from umo_train.mouth import examples as made
-from umo_train.mouth import part
 from umo_train.mouth.examples import Example
 from umo_train.mouth.features import Front, sizes_of
 from umo_train.mouth.recordings import read
@@ -23,6 +24,9 @@ from umo_train.speech.utterance import SAMPLE_RATE, Utterance
 
 # Length of clips without speech, seconds.
 _UNSPOKEN_S = 8.0
+# Length of pieces of captured takes, seconds, and the speeds at which they are played.
+_PIECE_S = 10.0
+_SPEEDS = (0.85, 1.2)
 
 
 def make(s: Run) -> None:
@@ -66,8 +70,8 @@ def _examples(s: Run, front: Front, channels: list[int], rest: np.ndarray) -> li
     if not path.exists():
         jobs = list(_jobs(s, front, channels, rest))
         with ProcessPoolExecutor(s.plan["workers"]) as pool:
-            found = list(tqdm(pool.map(_example, jobs, chunksize=4), "mouth examples", len(jobs), unit="clip"))
-        torch.save([tuple(vars(example).values()) for example in found], path)
+            found = list(tqdm(pool.map(_arrays, jobs, chunksize=4), "mouth examples", len(jobs), unit="clip"))
+        torch.save([tuple(map(torch.from_numpy, arrays)) for arrays in found], path)
     return [Example(*tensors) for tensors in torch.load(path, weights_only=True)]
 
 
@@ -85,8 +89,21 @@ def _jobs(s: Run, front: Front, channels: list[int], rest: np.ndarray) -> Iterat
         for i, path in enumerate(files):
             for version in versions:
                 yield kind, path, (s.plan["seed"], i, version, kind == "untold"), *shared
+    for kind, version, capture in _captures(s):
+        yield kind, capture, (s.plan["seed"], version, zlib.crc32(capture.name.encode()), 3), *shared
     for i in range(round(plan["unspoken_hours"] * 3600 / _UNSPOKEN_S)):
         yield "unspoken", None, (s.plan["seed"], i, 0, 2), *shared
+
+
+def _captures(s: Run) -> Iterator[tuple[str, int, captured.Capture]]:
+    """Captures of the plan with their kind and number of the version."""
+    for entry in s.plan["mouth"].get("captured", ()):
+        folder, kind = _folder(s, entry["name"]), entry["kind"]
+        _found([path for path in [folder] if path.is_dir()], s, entry["name"])
+        found = captured.landmarks(folder) if kind == "landmarks" else captured.weights(folder, entry["takes"])
+        for capture in (piece for one in found for piece in one.pieces(_PIECE_S)):
+            for version in range(entry["versions"]):
+                yield kind, version, capture
 
 
 def _folder(s: Run, name: str) -> Path:
@@ -104,7 +121,12 @@ def _found(paths: list[Path], s: Run, name: str) -> list[Path]:
     return paths
 
 
-def _example(job: tuple[str, Path, tuple[int, ...], Front, list[int], np.ndarray]) -> Example:
+def _arrays(job: tuple[Any, ...]) -> list[np.ndarray]:
+    """An example's arrays: each tensor would hold a file open on its way from the process."""
+    return [tensor.numpy() for tensor in vars(_example(job)).values()]
+
+
+def _example(job: tuple[str, Any, tuple[int, ...], Front, list[int], np.ndarray]) -> Example:
     kind, path, seed, front, channels, rest = job
     torch.set_num_threads(1)
     rng = np.random.default_rng(seed)
@@ -113,6 +135,10 @@ def _example(job: tuple[str, Path, tuple[int, ...], Front, list[int], np.ndarray
         # Silence before speech, so that it starts at every state of the level control.
         before = np.zeros(int(rng.uniform(0.0, 0.5) * SAMPLE_RATE), np.float32)
         return made.spoken(front, _later(utterance, before), channels, rng)
+    if kind in ("landmarks", "weights"):
+        # The size of the speaker's head, and the speed; a quarter as it is.
+        speed = 1.0 if rng.random() < 0.25 else float(rng.uniform(*_SPEEDS))
+        return made.captured(kind, front, path.faster(speed), channels, rest, rng)
     if kind == "untold":
         return made.untold(front, read(path), rest, rng)
     return made.unspoken(front, _UNSPOKEN_S, rest, rng)

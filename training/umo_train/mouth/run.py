@@ -11,6 +11,7 @@ from umo_train.mouth.features import Front, sizes_of
 from umo_train.mouth.gate import gate, gated
 from umo_train.mouth.network import MouthNetwork
 from umo_train.skeleton import ARKIT
+from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
 
 class Mouth:
@@ -22,8 +23,9 @@ class Mouth:
         self.front.filters = tensors["mouth.filters.weight"].float()
         self.names: list[str] = about["channels"]
         self.rest = tensors["mouth.rest"].float().numpy()
+        self.behind: int = about.get("behind", 0)
         sizes = {name: about[name] for name in ("rows", "taps", "width", "kernel", "dilations")}
-        self.network = MouthNetwork(self.front.width, len(self.names), **sizes).eval()
+        self.network = MouthNetwork(self.front.width, len(self.names), **sizes, behind=self.behind).eval()
         self.network.load_state_dict({name: tensors[f"mouth.{name}"].float() for name in self.network.state_dict()})
 
     @staticmethod
@@ -34,6 +36,15 @@ class Mouth:
     def outputs(self, samples: np.ndarray) -> np.ndarray:
         """The network's own outputs `[frames, channels + 1]`."""
         return self.network(self.front.rows(samples)[None])[0].numpy()
+
+    @torch.no_grad()
+    def later(self, samples: np.ndarray) -> np.ndarray:
+        """Channels of the second head `[frames, channels]`, gated; each from `behind` further frames of sound."""
+        front = self.front
+        silence = np.zeros(-(-self.behind * SAMPLE_RATE // FRAME_RATE), np.float32)
+        count = len(samples) * FRAME_RATE // SAMPLE_RATE
+        outputs = self.network.both(front.rows(np.concatenate([samples, silence]))[None])[1][0].numpy()
+        return gated(outputs, self.rest)[self.behind :][:count]
 
     def __call__(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Samples at 16 kHz to the face's channels `[frames, 58]`, of which only the mouth's are set, and the gate."""

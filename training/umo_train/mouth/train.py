@@ -11,7 +11,8 @@ from torch import Tensor
 from tqdm import tqdm
 
 from umo_train.log import Log
-from umo_train.mouth.examples import Example
+from umo_train.metrics.lips import WIDTH
+from umo_train.mouth.examples import KINDS, Example
 from umo_train.mouth.features import Front
 from umo_train.mouth.network import MouthNetwork
 from umo_train.performer.lips import OPENING
@@ -19,19 +20,29 @@ from umo_train.skeleton import ARKIT
 from umo_train.state import Saved
 
 SAVE_EVERY = 250
+# Channels that round the lips.
+ROUNDING = np.array([float(name in ("mouthPucker", "mouthFunnel")) for name in ARKIT])
 
 
 @dataclass(frozen=True)
 class MouthPlan:
-    """`frames` of each of `batch` clips per step; the weights apply to the loss terms other than the channels."""
+    """`frames` of each of `batch` clips per step; the weights apply to the loss terms other than the channels.
+
+    `lead`: frames, below 1, by which the live head's mouth is ahead of its frame, as it is shown that much later.
+    `shares`: how often each kind of example is drawn, 0 to 1, relative to each other."""
 
     steps: int
     frames: int = 160
     batch: int = 32
     rate: float = 2e-3
     opening: float = 2.0
+    width: float = 1.0
+    closures: float = 2.0
     velocity: float = 1.0
     voice: float = 0.03
+    lead: float = 0.0
+    later: float = 1.0
+    shares: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 1.0))
     noise: float = 0.05
     seed: int = 0
     network: dict[str, Any] = field(default_factory=dict)
@@ -57,15 +68,16 @@ def train(
     saved = Saved(folder / "mouth.pt", network=network, optimizer=optimizer, schedule=schedule)
     start = saved.load()
     log = Log(folder / "mouth.csv", start)
-    opening = torch.tensor([OPENING[ARKIT.index(name)] for name in names]).float()
-    lengths = np.array([len(example.voice) for example in examples], float)
+    at = [ARKIT.index(name) for name in names]
+    lips = torch.from_numpy(np.stack([OPENING[at], WIDTH[at], ROUNDING[at]], 1)).float()
+    chances = _chances(plan, examples)
     bar = tqdm(range(start, plan.steps), "mouth", initial=start, total=plan.steps)
     for step in bar:
         chance = np.random.default_rng((plan.seed, step))
-        picked = chance.choice(len(examples), plan.batch, p=lengths / lengths.sum())
+        picked = chance.choice(len(examples), plan.batch, p=chances)
         batch = [_stretch(examples[i], front, plan.frames, chance) for i in picked]
         columns = (torch.stack(column).float() for column in zip(*batch, strict=True))
-        loss, values = loss_of(network, plan, opening, *columns)
+        loss, values = loss_of(network, plan, lips, *columns)
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -78,6 +90,15 @@ def train(
             saved.save(step + 1)
     log.write(plan.steps - 1)
     return network.eval()
+
+
+def _chances(plan: MouthPlan, examples: Sequence[Example]) -> np.ndarray:
+    """Probability of each example: its kind's share, by length within the kind."""
+    kinds = np.array([int(example.kind) for example in examples])
+    lengths = np.array([len(example.voice) for example in examples], float)
+    shares = np.array([plan.shares[name] for name in KINDS])
+    out = shares[kinds] * lengths / np.bincount(kinds, lengths, len(KINDS))[kinds]
+    return out / out.sum()
 
 
 def _stretch(example: Example, front: Front, frames: int, chance: np.random.Generator) -> tuple[Tensor, ...]:
@@ -95,30 +116,73 @@ def _stretch(example: Example, front: Front, frames: int, chance: np.random.Gene
     for i, column in enumerate(columns):
         end = column[-1:].expand(frames - length, *column.shape[1:]) * (0.0 if i >= 2 else 1.0)
         padded.append(torch.cat([column, end]))
-    return rows, *padded
+    return rows, *padded, example.known
 
 
 def loss_of(
     network: MouthNetwork,
     plan: MouthPlan,
-    opening: Tensor,
+    lips: Tensor,
     rows: Tensor,
     mouth: Tensor,
     voice: Tensor,
     mouth_weight: Tensor,
     voice_weight: Tensor,
+    known: Tensor,
 ) -> tuple[Tensor, dict[str, float]]:
+    """`lips [channels, 3]`: opening, width and rounding of the channels."""
     rows = rows + plan.noise / network.scale * torch.randn_like(rows) if network.training else rows
-    outputs = network(rows)
+    wanted = (mouth, voice, mouth_weight, voice_weight)
+    if not network.behind:
+        return _loss(plan, lips, network(rows), *_earlier(plan.lead, *wanted), known)
+    now, later = network.both(rows)
+    loss, values = _loss(plan, lips, now, *_earlier(plan.lead, *wanted), known)
+    behind = network.behind
+    more, others = _loss(plan, lips, later[:, behind:], *(x[:, :-behind] for x in wanted), known)
+    return loss + plan.later * more, values | {f"later {name}": value for name, value in others.items()}
+
+
+def closing(opening: Tensor) -> Tensor:
+    """Share to which each frame of `[batch, frames]` is a short closure between open lips."""
+    around = torch.nn.functional.max_pool1d(opening[:, None], 11, 1, 5)[:, 0]
+    return ((0.1 - opening) / 0.06).clamp(0, 1) * ((around - 0.1) / 0.1).clamp(0, 1)
+
+
+def _earlier(lead: float, mouth: Tensor, voice: Tensor, *weights: Tensor) -> tuple[Tensor, ...]:
+    """Targets of `lead` frames later, 0 to 1."""
+
+    def moved(x: Tensor) -> Tensor:
+        return torch.lerp(x, torch.cat([x[:, 1:], x[:, -1:]], 1), lead)
+
+    return moved(mouth), moved(voice), *weights
+
+
+def _loss(
+    plan: MouthPlan,
+    lips: Tensor,
+    outputs: Tensor,
+    mouth: Tensor,
+    voice: Tensor,
+    mouth_weight: Tensor,
+    voice_weight: Tensor,
+    known: Tensor,
+) -> tuple[Tensor, dict[str, float]]:
     channels, odds = outputs[..., :-1], outputs[..., -1]
     count = mouth_weight.sum().clamp(min=1.0)
-    error = channels - mouth
+    closed = closing(mouth @ lips[:, 0])
+    # Lips may touch firmly.
+    apart = ((channels @ lips[:, 0]).clamp(min=-0.04) - (mouth @ lips[:, 0]).clamp(max=0.0)).clamp(min=0.0)
+    closures = (apart.square() * closed * mouth_weight).sum() / count
+    error = (channels - mouth) * known[:, None]
     shapes = (error.square().mean(-1) * mouth_weight).sum() / count
-    lips = ((error @ opening).square() * mouth_weight).sum() / count
+    weights = torch.tensor([plan.opening, plan.width, plan.width])
+    parts = ((error @ lips).square() * mouth_weight[..., None]).sum((0, 1)) / count
     both = mouth_weight[:, 1:] * mouth_weight[:, :-1]
     speed = (error.diff(dim=1).square().mean(-1) * both).sum() / count
     entropy = torch.nn.functional.binary_cross_entropy_with_logits(odds, voice, reduction="none")
     entropy = (entropy * voice_weight).sum() / voice_weight.sum().clamp(min=1.0)
-    loss = shapes + plan.opening * lips / opening.numel() + plan.velocity * speed + plan.voice * entropy
-    values = {"shapes": shapes, "lips": lips, "speed": speed, "voice": entropy}
+    lip_terms = (weights * parts).sum() + plan.closures * closures
+    loss = shapes + lip_terms / len(lips) + plan.velocity * speed + plan.voice * entropy
+    values = {"shapes": shapes, "lips": parts[0], "width": parts[1], "closures": closures, "speed": speed}
+    values["voice"] = entropy
     return loss, {name: value.item() for name, value in values.items()}

@@ -18,6 +18,7 @@ use crate::lm::sampler::{Sampler, USUAL_ACTIVITY};
 use crate::lm::{LayerTimes, depth};
 use crate::model::Model;
 use crate::motion::Smoothing;
+use crate::mouth::heard::HeardMouth;
 use crate::pauses::Pauses;
 
 /// Upper bound on a stream's chunks: 6,900 years at five a second.
@@ -207,6 +208,8 @@ pub struct Avatar {
     pub total: Option<usize>,
     pub(crate) audio: Option<AudioStream>,
     pauses: Pauses,
+    /// The mouth of its frames from their sound, if the model's network has the head for it.
+    pub(crate) mouth: Option<HeardMouth>,
     /// Arousal of the voice at each keyframe of the next chunk.
     arousal: Slice<f32>,
     /// Audio of the next chunk, silence after the end of the stream. Sized for the first chunk, which also takes the
@@ -305,6 +308,12 @@ impl Avatar {
                 c.keyframe_stride as f32 / c.frame_rate as f32,
                 arena,
             ),
+            mouth: model.mouth.as_ref().filter(|_| audio.is_some()).and_then(|mouth| {
+                // Frames that were heard, and are not yet taken: a chunk with its horizon, and those held back.
+                let frames = (config.target + config.horizon + 1) * c.keyframe_stride + lookahead;
+                let face_values = model.assembly().face_values();
+                HeardMouth::new_in(mouth, &c.face.names, (frames, face_values), arena)
+            }),
             arousal: arena.filled(ORDINARY, config.target),
             keyframe_samples: if audio.is_some() { c.samples_per_keyframe() } else { 0 },
             audio,
@@ -329,6 +338,9 @@ impl Avatar {
             audio.reset();
         }
         self.pauses.reset();
+        if let Some(mouth) = &mut self.mouth {
+            mouth.reset();
+        }
         self.arousal.fill(ORDINARY);
         self.window.rest();
         self.run.reset();
@@ -371,6 +383,9 @@ impl Avatar {
         // The chunk count of the state, not of this avatar: they differ while the state is checked.
         let known = self.known_frames(config, chunk);
         self.run.state(pass, &mut self.window, &model.body().motion, known)?;
+        if let Some(mouth) = &mut self.mouth {
+            mouth.state(pass)?;
+        }
         Ok(consumed)
     }
 
@@ -466,13 +481,27 @@ impl Avatar {
         &mut self.arousal
     }
 
-    /// Hears the pauses in the next chunk's samples.
-    pub(crate) fn hear(&mut self) {
+    /// Hears the pauses in the next chunk's samples, and the mouth.
+    pub(crate) fn hear(&mut self, model: &Model) -> Result<(), StepError> {
         let count = self.chunk_samples();
         if count == 0 {
-            return;
+            return Ok(());
         }
         self.pauses.hear(&self.samples[..count], self.keyframe_samples);
+        match (&mut self.mouth, &model.mouth) {
+            (Some(heard), Some(mouth)) => heard.hear(mouth, model.isa, &self.samples[..count]),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether the mouth of its frames comes from their sound, not from the codes.
+    pub fn hears_mouth(&self) -> bool {
+        self.mouth.is_some()
+    }
+
+    /// Leaves the mouth of all frames to the codes, as packets can carry no other. Before the first chunk.
+    pub fn keep_codes_mouth(&mut self) {
+        self.mouth = None;
     }
 
     /// Bias towards rest of the phase of a gesture at a keyframe of the chunk, in nats (SPEC 2.21).

@@ -369,7 +369,7 @@ impl Batch {
     /// Runs one more step of tokenizing a member's next samples into the units of its window.
     fn tokenize(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar, member: usize) -> Result<Phase, StepError> {
         if self.call.is_none() {
-            avatar.hear();
+            avatar.hear(model)?;
         }
         if let Some((audio, samples, units)) = avatar.audio_parts() {
             let mut call = match self.call.take() {
@@ -598,9 +598,17 @@ impl Batch {
         sink: &mut (impl FrameSink + ?Sized),
     ) -> Result<bool, StepError> {
         let (total, first) = (avatar.total, avatar.chunk == 0);
+        let mut heard = avatar.mouth.as_mut().zip(model.mouth.as_ref());
         let mut within = |f: FrameRef| {
-            if total.is_none_or(|total| f.index < total) {
-                sink.frame(member, f);
+            if total.is_some_and(|total| f.index >= total) {
+                return;
+            }
+            match &mut heard {
+                None => sink.frame(member, f),
+                Some((heard, mouth)) => {
+                    let (pose, face) = heard.put(mouth, &f);
+                    sink.frame(member, FrameRef { pose, face, ..f });
+                }
             }
         };
         let (decoder, scratch, run) = (&model.body().motion, &mut self.motion, &mut avatar.run);

@@ -524,6 +524,9 @@ pub struct Mouth {
     pub kernel: usize,
     /// Dilation of each block, frames.
     pub dilations: Vec<usize>,
+    /// Frames that the second head waits for behind a frame; 0 for a network without one.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub behind: usize,
     /// Face channels that it outputs, by their names in `face.names`.
     pub channels: Vec<String>,
 }

@@ -4,10 +4,14 @@
 //! samples ─▶ log-mel rows ─▶ level control ─▶ causal convolutions ─▶ channels ─▶ gate ─▶ mouth
 //!            90 a second      level, noise     30 frames a second   └▶ voice activity ─┘
 //! ```
+//! A second head, if there is one, gives the mouth of a frame some frames later: it has heard what follows. [`heard`]
+//! puts it over the frames of chunks.
+//!
 //! Everything is computed row by row and frame by frame, in the order of the samples, so that the sizes of
 //! the pushes do not change any bits.
 
 mod gate;
+pub(crate) mod heard;
 mod level;
 mod network;
 
@@ -24,6 +28,7 @@ use crate::audio::spectrum::{Spectrum, SpectrumScratch};
 use crate::config::{self, Config};
 use crate::weights::Loader;
 use gate::Gate;
+pub use heard::{JAW_OPEN, TO_REST};
 use level::{Level, LevelControl};
 use network::{History, Network, NetworkScratch};
 
@@ -179,6 +184,8 @@ pub struct MouthStream {
     rows: Slice<f32>,
     history: History,
     gate: Gate,
+    /// Gate of the second head.
+    later: Gate,
     scratch: Scratch,
 }
 
@@ -191,6 +198,8 @@ pub struct MouthFrame<'a> {
     pub channels: &'a [f32],
     /// Voice activity: 0 without speech, 1 with speech, and in between while the mouth opens or shuts.
     pub voiced: f32,
+    /// The same channels of frame `index - behind`, from the second head; empty without one, and before that frame.
+    pub later: &'a [f32],
 }
 
 /// Scratch memory for one row and one frame.
@@ -204,6 +213,8 @@ struct Scratch {
     network: NetworkScratch,
     /// `[channels]`.
     values: Slice<f32>,
+    /// `[channels]`, empty without a second head.
+    later: Slice<f32>,
 }
 
 impl MouthStream {
@@ -222,12 +233,14 @@ impl MouthStream {
             rows: arena.filled(0.0, sizes.taps * sizes.features()),
             history: mouth.network.history(arena),
             gate: Gate::default(),
+            later: Gate::default(),
             scratch: Scratch {
                 spectrum: mouth.spectrum.scratch(arena),
                 power: arena.filled(0.0, mouth.spectrum.bins()),
                 energy: arena.filled(0.0, sizes.bands),
                 network: mouth.network.scratch(arena),
                 values: arena.filled(0.0, sizes.channels.len()),
+                later: arena.filled(0.0, if sizes.behind > 0 { sizes.channels.len() } else { 0 }),
             },
         };
         stream.reset(mouth);
@@ -244,7 +257,7 @@ impl MouthStream {
             mouth.features(&self.scratch.energy, mouth.sizes.floor.logarithm(), self.level, row);
         }
         self.history.clear();
-        self.gate = Gate::default();
+        (self.gate, self.later) = (Gate::default(), Gate::default());
     }
 
     /// Takes `samples` at the model's rate, mono, and calls `frame` for each frame that becomes known, in
@@ -277,7 +290,9 @@ impl MouthStream {
                 self.row(mouth, isa)?;
                 if let Some(index) = clock.frame(row) {
                     self.frame(mouth, isa)?;
-                    frame(MouthFrame { index, channels: &self.scratch.values, voiced: self.gate.open() });
+                    let Scratch { values, later, .. } = &self.scratch;
+                    let later = if index >= mouth.sizes.behind as u64 { &**later } else { &[] };
+                    frame(MouthFrame { index, channels: values, voiced: self.gate.open(), later });
                 }
             }
         }
@@ -321,7 +336,8 @@ impl MouthStream {
         self.level.state(pass)?;
         pass.f32s(&mut self.rows)?;
         self.history.state(pass)?;
-        self.gate.state(pass)
+        self.gate.state(pass)?;
+        if self.scratch.later.is_empty() { Ok(()) } else { self.later.state(pass) }
     }
 
     /// Computes the row whose window `recent` starts with.
@@ -341,14 +357,28 @@ impl MouthStream {
 
     /// Computes the frame of the last rows.
     fn frame(&mut self, mouth: &Mouth, isa: Isa) -> Result<(), StepError> {
-        let outputs = mouth.network.run(isa, &mut self.history, &mut self.scratch.network, &self.rows)?;
+        let Scratch { network, values, later, .. } = &mut self.scratch;
+        let (now, before) = mouth.network.run(isa, &mut self.history, network, &self.rows)?;
+        mouth.gated(&mut self.gate, now, values)?;
+        if before.is_empty() { Ok(()) } else { mouth.gated(&mut self.later, before, later) }
+    }
+}
+
+impl Mouth {
+    /// Puts a head's outputs `[channels + 1]` through its gate.
+    fn gated(&self, gate: &mut Gate, outputs: &[f32], values: &mut [f32]) -> Result<(), StepError> {
         check_finite(outputs, "the mouth's channels")?;
         let (voice, channels) = outputs.split_last().ok_or(StepError::Empty("mouth channel"))?;
-        let open = self.gate.hear(*voice);
-        for ((value, &channel), &rest) in self.scratch.values.iter_mut().zip(channels).zip(&mouth.rest) {
+        let open = gate.hear(*voice);
+        for ((value, &channel), &rest) in values.iter_mut().zip(channels).zip(&self.rest) {
             *value = (rest + open * (channel.clamp(0.0, 1.0) - rest)).clamp(0.0, 1.0);
         }
         Ok(())
+    }
+
+    /// Frames that the second head waits for; `None` without one.
+    pub fn behind(&self) -> Option<usize> {
+        (self.sizes.behind > 0).then_some(self.sizes.behind)
     }
 }
 

@@ -266,6 +266,7 @@ impl Animation {
         if self.avatar.chunk > 0 || self.track.retiming.is_some() {
             return Err(StepError::Order("a take is recorded from the first chunk on, and not of a retimed motion"));
         }
+        self.keep_codes_mouth();
         let layout = PacketLayout::new(model);
         let config = model.config();
         let mut history = vec![0; config.prefix * layout.codes()];
@@ -282,6 +283,12 @@ impl Animation {
         self.recorder = Some(Recorder { head, layout, packet });
         self.track.log = Some(Log::growing());
         Ok(())
+    }
+
+    /// Leaves the mouth to the codes, before the first chunk: [`Self::packet`] can say no other. Without it, the frames of
+    /// a model with the head for it have the mouth of their own sound (SPEC 2.10), which their packets lack.
+    pub fn keep_codes_mouth(&mut self) {
+        self.avatar.keep_codes_mouth();
     }
 
     /// The take so far; `None` without [`Self::record`].

@@ -142,7 +142,11 @@ impl Inner {
         config.check()?;
         let plan = self.filter_plan(config.sample_rate)?;
         let before = arena.used();
-        let avatar = Avatar::new_in(model, &config.avatar, arena)?;
+        let mut avatar = Avatar::new_in(model, &config.avatar, arena)?;
+        // Packets say codes alone, and a take plays from them.
+        if config.packets.is_some() || config.take_bytes > 0 || config.voice == Voice::Live {
+            avatar.keep_codes_mouth();
+        }
         let levels = Levels::new_in(&avatar, model.config(), arena);
         let init = SessionInit {
             model: &self.slots.model,

@@ -49,8 +49,8 @@ pub use sample::Sampled;
 pub(crate) use sample::{Sample, Window};
 pub(crate) use source::Source;
 pub(crate) use trend::Trend;
+pub(crate) use voice::LiveVoice;
 pub use voice::Voice;
-pub(crate) use voice::{JAW_OPEN, LiveVoice, TO_REST};
 
 /// A frame as the host sees it.
 #[derive(Clone, Copy, Debug)]

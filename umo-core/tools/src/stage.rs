@@ -288,13 +288,25 @@ fn mouth(loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, StageError> {
     let mouth = Mouth::load(loader)?.ok_or(StepError::Missing("live mouth"))?;
     let samples = inputs.floats("audio")?;
     let mut stream = MouthStream::new(&mouth);
-    let (mut channels, mut voiced) = (Vec::new(), Vec::new());
+    let (mut channels, mut voiced, mut later) = (Vec::new(), Vec::new(), Vec::new());
     let mut take = |frame: MouthFrame| {
         channels.extend_from_slice(frame.channels);
         voiced.push(frame.voiced);
+        later.extend_from_slice(frame.later);
     };
     stream.push(&mouth, loader.isa(), &samples, &mut take)?;
-    stream.finish(&mouth, loader.isa(), &mut take)?;
-    let (frames, width) = (voiced.len(), mouth.channels().len());
-    Ok(vec![Output::floats("channels", &[frames, width], channels), Output::floats("voiced", &[frames], voiced)])
+    let config = loader.file().config();
+    let (frames, width) = (samples.len() * config.frame_rate / config.audio.sample_rate, mouth.channels().len());
+    // Silence until the last frame of the sound has passed both heads.
+    let silent = (mouth.behind().unwrap_or(0) + 1) * config.audio.sample_rate / config.frame_rate;
+    stream.push(&mouth, loader.isa(), &vec![0.0; mouth.latency_samples() + silent], &mut take)?;
+    channels.truncate(frames * width);
+    voiced.truncate(frames);
+    let mut outputs =
+        vec![Output::floats("channels", &[frames, width], channels), Output::floats("voiced", &[frames], voiced)];
+    if mouth.behind().is_some() {
+        later.truncate(frames * width);
+        outputs.push(Output::floats("later", &[frames, width], later));
+    }
+    Ok(outputs)
 }

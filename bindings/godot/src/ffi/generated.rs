@@ -190,8 +190,8 @@ pub(crate) const PARAMETER_WHOLE: u32 = 1;
 pub(crate) const SELF_TEST_SIZE: usize = 8192;
 /// The mouth moves with the body, later than the sound by the session's latency.
 pub(crate) const VOICE_DELAYED: u32 = 0;
-/// The mouth follows the sound after `Latency.mouth_samples`: with the default model 56 ms at 16 kHz,
-/// 63 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly
+/// The mouth follows the sound after `Latency.mouth_samples`: with the default model 11 ms at 16 kHz,
+/// 18 ms at 48 kHz. The body follows after the session's latency, and the stream has correspondingly
 /// more frames at its end. For a microphone, or a voice that is played as it arrives.
 pub(crate) const VOICE_LIVE: u32 = 1;
 /// The mouth alone, timed as with `VOICE_LIVE`: no chunk is computed, and the engine has nothing to do.

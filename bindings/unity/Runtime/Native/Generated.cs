@@ -350,7 +350,7 @@ namespace Umo
         /// <summary>The mouth moves with the body, later than the sound by the session's latency.</summary>
         Delayed = 0,
         /// <summary>
-        /// The mouth follows the sound after Latency.MouthSamples: with the default model 56 ms at 16 kHz, 63 ms at 48
+        /// The mouth follows the sound after Latency.MouthSamples: with the default model 11 ms at 16 kHz, 18 ms at 48
         /// kHz. The body follows after the session's latency, and the stream has correspondingly more frames at its end.
         /// For a microphone, or a voice that is played as it arrives.
         /// </summary>

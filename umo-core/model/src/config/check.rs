@@ -298,6 +298,7 @@ fn check_mouth(c: &Config, m: &Mouth) -> Check {
     let blocks = m.dilations.len();
     require(blocks <= 16, "mouth.dilations", || format!("expected at most 16 blocks, got {blocks}"))?;
     m.dilations.iter().try_for_each(|&dilation| range("mouth.dilations", dilation, 1, 256))?;
+    range("mouth.behind", m.behind, 0, 64)?;
     require(c.face.kind == FaceKind::Arkit, "mouth", || "expected a face of kind arkit".to_owned())?;
     require(!m.channels.is_empty(), "mouth.channels", || "expected at least one name".to_owned())?;
     for (i, name) in m.channels.iter().enumerate() {

@@ -22,6 +22,8 @@ pub(super) struct Network {
     blocks: Box<[Block]>,
     /// Output layer for the channels and the voice activity, `[channels + 1, width]`.
     head: Linear,
+    /// The second head, for the frame `behind` frames before, if there is one.
+    later: Option<Linear>,
     kernel: usize,
 }
 
@@ -61,6 +63,8 @@ pub(super) struct NetworkScratch {
     inner: Slice<f32>,
     /// `[channels + 1]`.
     outputs: Slice<f32>,
+    /// `[channels + 1]`, empty without a second head.
+    later: Slice<f32>,
 }
 
 impl Network {
@@ -77,6 +81,10 @@ impl Network {
             input: loader.conv("mouth.input", width, sizes.features(), sizes.taps, true)?,
             blocks: sizes.dilations.iter().enumerate().map(block).collect::<Result<_, LoadError>>()?,
             head: loader.conv("mouth.head", sizes.outputs(), width, 1, true)?,
+            later: match sizes.behind {
+                0 => None,
+                _ => Some(loader.conv("mouth.later", sizes.outputs(), width, 1, true)?),
+            },
             kernel,
         })
     }
@@ -96,19 +104,20 @@ impl Network {
             taps: arena.filled(0.0, self.kernel * self.width()),
             inner: arena.filled(0.0, self.width()),
             outputs: arena.filled(0.0, self.head.outputs()),
+            later: arena.filled(0.0, self.later.as_ref().map_or(0, Linear::outputs)),
         }
     }
 
-    /// Computes one frame: from `rows [taps, features]`, oldest first, to `[channels + 1]`. The last output
-    /// is the log-odds of a voice.
+    /// Computes one frame: from `rows [taps, features]`, oldest first, to `[channels + 1]` of each head; the second is
+    /// empty if there is none. The last output of each is the log-odds of a voice.
     pub(super) fn run<'a>(
         &self,
         isa: Isa,
         history: &mut History,
         scratch: &'a mut NetworkScratch,
         rows: &[f32],
-    ) -> Result<&'a [f32], StepError> {
-        let NetworkScratch { x, taps, inner, outputs } = scratch;
+    ) -> Result<(&'a [f32], &'a [f32]), StepError> {
+        let NetworkScratch { x, taps, inner, outputs, later } = scratch;
         apply(isa, &self.input, rows, RELU, x)?;
         for (block, frames) in self.blocks.iter().zip(&mut history.0) {
             frames.copy_within(x.len().., 0);
@@ -120,7 +129,10 @@ impl Network {
             apply(isa, &block.pointwise, inner, Epilogue::ADD, x)?;
         }
         apply(isa, &self.head, x, Epilogue::STORE, outputs)?;
-        Ok(outputs)
+        if let Some(head) = &self.later {
+            apply(isa, head, x, Epilogue::STORE, later)?;
+        }
+        Ok((outputs, later))
     }
 }
 

@@ -166,6 +166,9 @@ impl List {
             self.listener(&format!("mouth.blocks.{i}.1"), &[m.width, m.width, 1]);
         }
         self.listener("mouth.head", &[m.outputs(), m.width, 1]);
+        if m.behind > 0 {
+            self.listener("mouth.later", &[m.outputs(), m.width, 1]);
+        }
     }
 
     fn listener(&mut self, name: &str, shape: &[usize]) {

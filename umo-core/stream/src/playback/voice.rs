@@ -14,7 +14,7 @@ use umo_core_base::error::StepError;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_model::model::Model;
-use umo_core_model::mouth::{Mouth, MouthFrame, MouthStream};
+use umo_core_model::mouth::{JAW_OPEN, Mouth, MouthFrame, MouthStream, TO_REST};
 use umo_core_pose::frame::{Cue, MAX_INDEX, OwnedFrame};
 use umo_core_pose::rotation::axis_angle_to_quat;
 use umo_core_pose::skeleton::JAW;
@@ -25,10 +25,6 @@ use crate::link::{Epoch, Link};
 const PIECE: usize = 128;
 /// Capacity in frames: upper bound on the frames that the end of a stream flushes at once.
 const QUEUE: usize = 16;
-/// Rotation of the jaw at a jawOpen of 1, radians: that of the default model's performer.
-pub(crate) const JAW_OPEN: f32 = 0.35;
-/// Share of the remaining way to rest that the mouth moves in each frame after the last sound.
-pub(crate) const TO_REST: f32 = 0.3;
 
 /// Timing of the mouth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,8 +33,8 @@ pub enum Voice {
     /// the sound.
     #[default]
     Delayed = 0,
-    /// As the sound is heard, `Latency::mouth_samples` after it: with the default model 56 ms at 16
-    /// kHz, 63 ms at 48 kHz. The body lags by the session's latency, and the stream has as many
+    /// As the sound is heard, `Latency::mouth_samples` after it: with the default model 11 ms at 16
+    /// kHz, 18 ms at 48 kHz. The body lags by the session's latency, and the stream has as many
     /// more frames at its end.
     Live = 1,
     /// The mouth alone, timed as with [`Self::Live`]: no chunk is computed. The body is at rest, with the layers over it: it

@@ -15,12 +15,10 @@ use umo_core_model::avatar::Avatar;
 use umo_core_model::config::Config;
 use umo_core_model::model::Model;
 use umo_core_model::motion::FrameRef;
-use umo_core_model::mouth::MouthStream;
+use umo_core_model::mouth::{JAW_OPEN, MouthStream, TO_REST};
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{axis_angle_to_quat, slerp};
 use umo_core_pose::skeleton::JAW;
-
-use crate::playback::{JAW_OPEN, TO_REST};
 
 /// Share of the blend between the two mouths that one frame advances, so that neither jumps.
 const FADE: f32 = 0.25;

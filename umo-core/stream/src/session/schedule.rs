@@ -259,7 +259,7 @@ impl Member {
         arena: &Arena,
     ) -> Self {
         let has_frames = session.packets.as_ref().is_none_or(|packets| packets.with_frames);
-        let wants = avatar.has_audio() && has_frames && session.voice == Voice::Delayed;
+        let wants = avatar.has_audio() && !avatar.hears_mouth() && has_frames && session.voice == Voice::Delayed;
         let face_values = model.assembly().face_values();
         let mouth = wants.then(|| HeldMouth::new_in(model, &avatar, face_values, arena)).flatten();
         let schedule = Schedule::new(&avatar, shared, model.config(), session.sample_rate, levels, mouth);

@@ -338,6 +338,7 @@ impl Take {
         if !self.history.is_empty() {
             animation.avatar_mut().set_history(&self.history)?;
         }
+        animation.keep_codes_mouth();
         animation.keep_record(config);
         animation.push_audio(samples)?;
         animation.finish(self.info.frames as usize);
@@ -538,6 +539,7 @@ fn still(model: &Model, cx: Compute, avatar: &AvatarConfig) -> Result<Vec<u16>, 
         // A model that hears ahead comes to rest sooner.
         let (sampler, horizon) = (Sampler { seed, ..avatar.sampler }, config.audio.ahead);
         let mut animation = Animation::new(model, &AvatarConfig { sampler, horizon, ..avatar.clone() })?;
+        animation.keep_codes_mouth();
         animation.keep_record(config);
         animation.push_audio(&vec![0.0; chunks * avatar.target * config.samples_per_keyframe()])?;
         animation.finish(known(config, avatar.target, chunks));

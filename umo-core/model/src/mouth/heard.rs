@@ -1,0 +1,151 @@
+//! The mouth of an avatar's frames from their own sound: the second head of the live mouth's network, which has heard
+//! what follows (SPEC 2.10).
+//!
+//! ```text
+//! samples of the chunk ──► mouth network ──► mouth of frame n ─┐
+//! motion decoders ───────────────────────────► frame n ────────┴─► frame n
+//! ```
+
+use umo_core_base::error::StepError;
+use umo_core_base::memory::{Arena, Slice};
+use umo_core_base::state::{StateError, StatePass};
+use umo_core_pose::pose::Pose;
+use umo_core_pose::rotation::axis_angle_to_quat;
+use umo_core_pose::skeleton::JAW;
+use umo_kernels::Isa;
+
+use super::{Mouth, MouthStream};
+use crate::motion::FrameRef;
+
+/// Rotation of the jaw at a jawOpen of 1, radians: that of the default model's performer.
+pub const JAW_OPEN: f32 = 0.35;
+/// Share of the remaining way to rest that the mouth moves in each frame after the last sound.
+pub const TO_REST: f32 = 0.3;
+/// Share of the way between the two heads in one frame.
+const FADE: f32 = 0.25;
+/// Upper bound on the number of frames in a valid state.
+const MAX_FRAMES: u64 = 1 << 50;
+
+/// The mouth of one avatar's frames.
+#[derive(Debug)]
+pub(crate) struct HeardMouth {
+    stream: MouthStream,
+    /// Whether the stream begins with the next samples.
+    is_new: bool,
+    behind: u64,
+    /// One more than the last frame of the first head.
+    known: u64,
+    /// `[room, channels]` of each head: the mouth of frame `index`, at `index % room`.
+    now: Slice<f32>,
+    later: Slice<f32>,
+    room: u64,
+    /// Weight of the second head in the last frame.
+    weight: f32,
+    /// The mouth of the last frame: `[channels]`.
+    last: Slice<f32>,
+    /// Indices of jawOpen, and of the corners' smile, in it.
+    jaw: Option<usize>,
+    smiles: [Option<usize>; 2],
+    pose: Pose,
+    face: Slice<f32>,
+}
+
+impl HeardMouth {
+    /// `None` if the network has no second head. `chunk`: frames that an avatar hears before their frames are taken.
+    pub(crate) fn new_in(
+        mouth: &Mouth,
+        names: &[String],
+        (chunk, face_values): (usize, usize),
+        arena: &Arena,
+    ) -> Option<Self> {
+        let (behind, channels) = (mouth.behind()?, mouth.channels().len());
+        let room = chunk + behind + 2;
+        let at = |name: &str| mouth.channels().iter().position(|&channel| names[channel] == name);
+        Some(Self {
+            stream: MouthStream::new_in(mouth, arena),
+            is_new: false,
+            behind: behind as u64,
+            known: 0,
+            now: arena.filled(0.0, room * channels),
+            later: arena.filled(0.0, room * channels),
+            room: room as u64,
+            weight: 1.0,
+            last: arena.copied(mouth.rest()),
+            jaw: at("jawOpen"),
+            smiles: [at("mouthSmileLeft"), at("mouthSmileRight")],
+            pose: Pose::REST,
+            face: arena.filled(0.0, face_values),
+        })
+    }
+
+    /// Returns to the start of a stream.
+    pub(crate) fn reset(&mut self) {
+        (self.is_new, self.known, self.weight) = (true, 0, 1.0);
+    }
+
+    /// Hears the next chunk's samples.
+    pub(crate) fn hear(&mut self, mouth: &Mouth, isa: Isa, samples: &[f32]) -> Result<(), StepError> {
+        let Self { stream, is_new, behind, known, now, later, room, last, .. } = self;
+        if *is_new {
+            stream.reset(mouth);
+            last.copy_from_slice(mouth.rest());
+            *is_new = false;
+        }
+        let width = mouth.channels().len();
+        stream.push(mouth, isa, samples, |heard| {
+            let at = slot(heard.index, *room) * width;
+            now[at..][..width].copy_from_slice(heard.channels);
+            if !heard.later.is_empty() {
+                let at = slot(heard.index - *behind, *room) * width;
+                later[at..][..width].copy_from_slice(heard.later);
+            }
+            *known = heard.index + 1;
+        })
+    }
+
+    /// Returns the next frame with its mouth.
+    pub(crate) fn put(&mut self, mouth: &Mouth, frame: &FrameRef) -> (&Pose, &[f32]) {
+        let (index, width) = (frame.index as u64, self.last.len());
+        let at = slot(index, self.room) * width;
+        if index < self.known {
+            // Frames whose second head is known, from this one on.
+            let more = self.known.saturating_sub(self.behind + index);
+            #[expect(clippy::cast_precision_loss, reason = "at most a chunk")]
+            let wanted = (FADE * more as f32).min(1.0);
+            self.weight = wanted.clamp(self.weight - FADE, self.weight + FADE);
+            let heads = self.now[at..][..width].iter().zip(&self.later[at..][..width]);
+            for (value, (now, later)) in self.last.iter_mut().zip(heads) {
+                *value = if more > 0 { now + self.weight * (later - now) } else { *now };
+            }
+        } else {
+            self.last.iter_mut().zip(mouth.rest()).for_each(|(value, rest)| *value += TO_REST * (rest - *value));
+        }
+        self.face.copy_from_slice(frame.face);
+        for (i, (&channel, &value)) in mouth.channels().iter().zip(&*self.last).enumerate() {
+            // A smile of the body stays: the network knows those of vowels alone.
+            let least = if self.smiles.contains(&Some(i)) { frame.face[channel] } else { 0.0 };
+            self.face[channel] = value.max(least);
+        }
+        self.pose = *frame.pose;
+        if let Some(jaw) = self.jaw {
+            self.pose.rotations[JAW] = axis_angle_to_quat([JAW_OPEN * self.last[jaw], 0.0, 0.0]);
+        }
+        (&self.pose, &self.face)
+    }
+
+    /// Describes it.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.stream.state(pass)?;
+        pass.switch("mouth", &mut self.is_new)?;
+        pass.number("mouth", &mut self.known, MAX_FRAMES)?;
+        pass.moderate(&mut self.now)?;
+        pass.moderate(&mut self.later)?;
+        pass.share(&mut self.weight)?;
+        pass.moderate(&mut self.last)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "below the room")]
+fn slot(index: u64, room: u64) -> usize {
+    (index % room) as usize
+}
