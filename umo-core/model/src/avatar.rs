@@ -28,9 +28,10 @@ const MAX_FRAMES: u64 = 1 << 50;
 /// Time before the end of a stream in which hands come to rest, seconds.
 const END_SECONDS: f32 = 1.0;
 
-/// Bias towards rest in silence, and from an activity of 0.5 to one of 0, nats.
+/// Bias towards rest in silence, nats.
 const REST_NATS: f32 = 8.0;
-const ACTIVE_NATS: f32 = 4.0;
+/// Bias towards rest at an activity of 0, 0.5 and 1, nats. In the phrases that layers leave between rests, hands are busy.
+const ACTIVITY_NATS: [f32; 3] = [2.0, -1.2, -2.0];
 /// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
 /// second: a voice may be flat because it is cold.
 const LIVELY_NATS: f32 = 1.8;
@@ -368,6 +369,11 @@ impl Avatar {
         Ok(consumed)
     }
 
+    /// Whether a prompt says what it does.
+    pub fn is_prompted(&self) -> bool {
+        !self.has_audio() || self.text_len > 0
+    }
+
     /// Whether it reads audio.
     pub fn has_audio(&self) -> bool {
         self.audio.is_some()
@@ -474,9 +480,12 @@ impl Avatar {
         let Sampler { activity, expression, .. } = self.sampler;
         let lively = 2.0 * expression * 2.0 * (self.arousal[keyframe] - ORDINARY);
         let nats = if lively > 0.0 { LIVELY_NATS } else { DULL_NATS };
-        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity) - nats * lively;
+        let [none, usual, most] = ACTIVITY_NATS;
+        let way = 2.0 * activity;
+        let active = none + (usual - none) * way.min(1.0) + (most - usual) * (way - 1.0).max(0.0);
+        let usual = active - nats * lively;
         // A prompt says what to do, in silence too.
-        if !self.has_audio() || self.text_len > 0 {
+        if self.is_prompted() {
             return usual;
         }
         let silent = match self.ends(config, keyframe) {

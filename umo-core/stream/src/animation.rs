@@ -406,7 +406,7 @@ impl Track {
         let frame_rate = *frame_rate;
         let known = (gestures.clone(), WordRules::english());
         let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, known);
-        let controls = Controls { expression: config.sampler.expression, ..Controls::new(gains) };
+        let controls = crate::playback::controls(&config.sampler, gains);
         let layers = Layers::new(stack, controls, (HINT_UNITS * frame_rate, frame_rate));
         Ok(Self {
             source: None,

@@ -468,7 +468,13 @@ impl Session {
         if !(0.0..=1.0).contains(&activity) {
             return Err(SessionError::Range(Argument::Activity));
         }
-        self.set(|settings| settings.sampler.activity = activity)
+        let sampler = {
+            let mut settings = self.settings()?;
+            settings.sampler.activity = activity;
+            settings.sampler
+        };
+        self.shared.settings.changed();
+        self.ask(&Event::Sampler(sampler))
     }
 
     /// Sets how far body and face follow the arousal of the voice, 0 to 1 (SPEC 2.22): the body from the next chunk on,

@@ -51,7 +51,7 @@ impl Output {
             avatar.sampler.seed,
             (session.gestures.clone(), session.words.clone()),
         );
-        let controls = Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) };
+        let controls = crate::playback::controls(&avatar.sampler, session.layers);
         Self {
             to_rest: ToRest::new(frame()),
             source: Source::new(voice, chunk_frames, rates),

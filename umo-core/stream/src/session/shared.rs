@@ -221,7 +221,7 @@ impl Shared {
             link,
             host: Host::new(
                 init.clock,
-                Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) },
+                crate::playback::controls(&avatar.sampler, session.layers),
                 (session.gestures.clone(), session.words.clone()),
                 session.idle,
             ),
