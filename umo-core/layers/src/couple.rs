@@ -10,6 +10,7 @@ use umo_core_pose::pose::Pose;
 use super::Tick;
 use super::gesture::{Arm, LEFT, RIGHT};
 use super::noise::{Stream, uniform};
+use super::voiced::enlarge;
 use super::rig::{
     DEGREE, HEAD, NECK, Rig, SPINE, Soft, Spring, add, ease, length_of_two, turn_in_own, turn_in_parent, turn_vector,
 };
@@ -19,6 +20,8 @@ const HIPS: [usize; 2] = [1, 2];
 
 /// Height of a hand over its shoulder, in arm lengths, at which it begins to count as raised, and from which it does.
 const RAISED: [f32; 2] = [-0.85, -0.35];
+/// Logarithm of the size of what raised arms do.
+const REACH: f32 = 0.16;
 /// Frequencies of the springs, radians a second: of what follows the hands, and of a stance; of a shoulder.
 const REACH_RATE: f32 = 7.0;
 const STANCE_RATE: f32 = 5.0;
@@ -40,10 +43,10 @@ const UPPER_ARM_SHARE: f32 = 0.5;
 /// A stance: metres of the pelvis over the carrying foot, and down; degrees of its roll; least and most degrees of its turn;
 /// of the heel of the free foot, radians.
 const STANCE_ASIDE: f32 = 0.02;
-const STANCE_DOWN: f32 = 0.011;
+const STANCE_DOWN: f32 = 0.004;
 const STANCE_ROLL: f32 = 3.6;
 const STANCE_TURN: [f32; 2] = [4.0, 11.0];
-const STANCE_HEEL: f32 = 0.16;
+const STANCE_HEEL: f32 = 0.14;
 /// Least size of a stance of 1, and share in silence.
 const LEAST_STANCE: f32 = 0.6;
 const SILENT_SHARE: f32 = 0.6;
@@ -60,8 +63,10 @@ const OTHER_FOOT: f32 = 0.8;
 const STEPS: f32 = 0.55;
 /// Place of a foot that steps beside where it stands by the animation: outwards and ahead, metres; outwards, radians.
 const STEP_OUT: [f32; 2] = [-0.01, 0.05];
-const STEP_AHEAD: [f32; 2] = [-0.05, 0.07];
+const STEP_AHEAD: [f32; 2] = [-0.04, 0.04];
 const STEP_TURN: [f32; 2] = [-0.05, 0.22];
+/// Metres by which feet stand further back than the animation has them, so that the weight is over them.
+const STEP_BACK: f32 = 0.025;
 /// Seconds from a stance to its step, which waits for that long.
 const STEP_AFTER: f32 = 0.3;
 const STEP_WAITS: f32 = 0.9;
@@ -102,6 +107,8 @@ pub(super) struct Couple {
     since: f32,
     length: f32,
     beside: [[f32; 3]; 2],
+    /// The pelvis' way to between the feet, metres along x and z.
+    over: [Soft; 2],
     steps: bool,
 }
 
@@ -121,6 +128,7 @@ impl Couple {
             since: 0.0,
             length: 0.0,
             beside: [[0.0; 3]; 2],
+            over: [Soft::ZERO; 2],
             steps: false,
         }
     }
@@ -135,6 +143,7 @@ impl Couple {
         }
         self.free.follow(free, PROMPT_RATE, tick.seconds);
         self.since = (self.since + tick.seconds).min(MOST_SECONDS);
+        enlarge(pose, tick.rig, REACH * tick.gain * self.free.value().clamp(0.0, 1.0));
         self.stand(pose, tick, phrase, is_first);
         self.follow_hands(pose, tick, resting, is_first);
         self.show(pose, tick)
@@ -181,6 +190,9 @@ impl Couple {
         }
         self.weight.follow(self.goals[0], STANCE_RATE, tick.seconds);
         self.heading.follow(self.goals[1], STANCE_RATE, tick.seconds);
+        for (axis, over) in self.over.iter_mut().enumerate() {
+            over.follow(0.5 * (self.beside[0][axis] + self.beside[1][axis]), STANCE_RATE, tick.seconds);
+        }
     }
 
     /// Follows where the hands are.
@@ -219,9 +231,10 @@ impl Couple {
         let [turn, lean, forward] = [&self.turn, &self.lean, &self.forward].map(|spring| gain * spring.at);
         let (weight, heading_turn) = (gain * self.weight.value(), gain * self.heading.value());
         let [sin, cos] = heading(pose);
-        pose.translation[0] += STANCE_ASIDE * weight * cos;
+        let over = [&self.over[0], &self.over[1]].map(|over| gain * over.value());
+        pose.translation[0] += STANCE_ASIDE * weight * cos + over[0];
         pose.translation[1] -= STANCE_DOWN * weight.abs();
-        pose.translation[2] -= STANCE_ASIDE * weight * sin;
+        pose.translation[2] -= STANCE_ASIDE * weight * sin - over[1];
         let (yaw, roll) = (heading_turn + PELVIS_SHARE * turn, STANCE_ROLL * DEGREE * weight);
         let rotations = &mut pose.rotations;
         turn_in_own(&mut rotations[0], [0.0, yaw, roll]);
@@ -254,7 +267,7 @@ impl Couple {
         let foot = usize::from(self.goals[0] > 0.0);
         let waits = STEP_AFTER..STEP_AFTER + STEP_WAITS;
         Stride {
-            beside: self.beside.map(|beside| beside.map(|value| gain * value)),
+            beside: self.beside.map(|[x, z, yaw]| [x - STEP_BACK * sin, z - STEP_BACK * cos, yaw].map(|value| gain * value)),
             foot: (self.steps && waits.contains(&self.since)).then_some(foot),
             heels: [-weight, weight].map(|free| STANCE_HEEL * free.max(0.0)),
         }
@@ -269,7 +282,7 @@ impl Couple {
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.switch("stance", &mut self.is_started)?;
         pass.number("stance", &mut self.draws, 1 << 60)?;
-        for soft in [&mut self.free, &mut self.weight, &mut self.heading] {
+        for soft in [&mut self.free, &mut self.weight, &mut self.heading].into_iter().chain(&mut self.over) {
             soft.state(pass)?;
         }
         for spring in [&mut self.turn, &mut self.lean, &mut self.forward].into_iter().chain(&mut self.raised) {
@@ -303,4 +316,138 @@ fn hand(pose: &Pose, rig: &Rig, arm: Arm) -> [f32; 3] {
 
 fn between([least, most]: [f32; 2], t: f32) -> f32 {
     least + (most - least) * t
+}
+
+#[cfg(test)]
+mod tests {
+    use umo_core_pose::frame::OwnedFrame;
+    use umo_core_pose::rotation::Quat;
+
+    use super::super::rig::{angle_between, turn};
+    use super::super::trial::{SECONDS, Trial, assert_sound, deviation, speech, turned};
+    use super::super::{Cue, Layer, LayerGains};
+    use super::*;
+
+    /// Runs ticks of speech with the model's right hand, or both, in slow strokes to the side.
+    fn run(trial: &mut Trial, ticks: std::ops::Range<usize>, both: bool) -> Vec<OwnedFrame> {
+        ticks
+            .map(|tick| {
+                let reach = (0.8 * tick as f32 * SECONDS).sin().powi(2);
+                for arm in ARMS.into_iter().filter(|arm| both || arm.side < 0.0) {
+                    let rotations = &mut trial.frame.pose.rotations;
+                    rotations[arm.shoulder] = turn([0.0, 0.0, -arm.side * (70.0 - 60.0 * reach) * DEGREE]);
+                    rotations[arm.elbow] = turn([0.0, -arm.side * 40.0 * DEGREE, 0.0]);
+                }
+                trial.frame.cue = Cue { level: speech(tick), contacts: [1.0; 4], ..Cue::default() };
+                let frame = trial.tick();
+                assert_sound(&frame);
+                frame
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_trunk_turns_to_the_busy_hand_and_its_shoulder_rises() {
+        let shown = run(&mut Trial::new(&[Layer::Body], 1), 0..900, false);
+        let trial = Trial::new(&[], 1);
+        // The chest beside the pelvis: the stance turns both.
+        let chest = |frame: &OwnedFrame| {
+            let stance = Trial::new(&[], 1);
+            turned(&trial, frame, SPINE[2])[0] - turned(&stance, frame, 0)[0]
+        };
+        let at = |from: usize, until: usize| (from..until).map(|tick| chest(&shown[tick])).sum::<f32>();
+        // The hand is out around 1.96 s and every 3.93 s later, and down in between.
+        let (out, down) = ((0..6).map(|k| at(62 + 118 * k, 72 + 118 * k)), (0..6).map(|k| at(3 + 118 * k, 13 + 118 * k)));
+        let (out, down) = (out.sum::<f32>() / 60.0, down.sum::<f32>() / 60.0);
+        assert!(out < down - 2.0, "to the right: {out} and {down} degrees");
+        let collar = |side: usize| {
+            let rotation = |frame: &OwnedFrame| frame.pose.rotations[ARMS[side].collar];
+            shown.iter().map(|frame| angle_between(rotation(&shown[0]), rotation(frame))).fold(0.0, f32::max) / DEGREE
+        };
+        assert!(collar(1) > 7.0 && collar(0) < 1.0, "{} {}", collar(1), collar(0));
+    }
+
+    #[test]
+    fn stances_move_pelvis_and_knees_and_the_feet_step_and_never_slide() {
+        let mut trial = Trial::new(&[Layer::Body, Layer::Feet], 2);
+        let shown = run(&mut trial, 0..3600, true);
+        let pelvis = deviation(shown.iter().map(|frame| turned(&trial, frame, 0)[0]));
+        assert!((4.0..10.0).contains(&pelvis), "{pelvis}");
+        let knee = |joint: usize| {
+            let bend = |q: Quat| 2.0 * q[3].clamp(-1.0, 1.0).acos() / DEGREE;
+            deviation(shown.iter().map(move |frame| bend(frame.pose.rotations[joint])))
+        };
+        assert!(knee(4) > 3.0 && knee(5) > 3.0, "{} {}", knee(4), knee(5));
+        let balls: Vec<[[f32; 3]; 2]> = shown.iter().map(|frame| [10, 11].map(|ball| trial.rig.world(&frame.pose).0[ball])).collect();
+        let ground = balls[0][0][1];
+        let mut lifts = 0;
+        for pair in balls.windows(2) {
+            let up = [0, 1].map(|side| pair[1][side][1] > ground + 0.005);
+            assert!(up != [true; 2], "a foot carries");
+            for side in 0..2 {
+                let was_up = pair[0][side][1] > ground + 0.005;
+                lifts += usize::from(up[side] && !was_up);
+                let way = length_of_two(pair[1][side][0] - pair[0][side][0], pair[1][side][2] - pair[0][side][2]);
+                assert!(up[side] || was_up || way < 0.004, "{way} m on the ground");
+            }
+        }
+        assert!((6..60).contains(&lifts), "{lifts} steps in 2 minutes");
+        let root = |axis: usize| shown.iter().map(move |frame| frame.pose.translation[axis]);
+        assert!(root(0).chain(root(2)).all(|place| place.abs() < 0.12), "it stays where it is");
+    }
+
+    #[test]
+    fn nothing_jerks() {
+        let mut trial = Trial::new(&[Layer::Body], 3);
+        let shown = run(&mut trial, 0..1800, true);
+        for joint in [0, 3, 9, 15] {
+            let places: Vec<[f32; 3]> = shown.iter().map(|frame| trial.rig.world(&frame.pose).0[joint]).collect();
+            let jerks = places.windows(4).map(|w| {
+                let third = |axis: usize| w[3][axis] - 3.0 * w[2][axis] + 3.0 * w[1][axis] - w[0][axis];
+                [0, 1, 2].map(third).map(|value| value * value).iter().sum::<f32>().sqrt() / SECONDS.powi(3)
+            });
+            let most = jerks.fold(0.0, f32::max);
+            assert!(most < 30.0, "joint {joint}: {most} m/s³");
+        }
+    }
+
+    #[test]
+    fn gain_0_and_a_prompt_leave_the_model_as_it_is() {
+        let mut off = Trial::new(&[], 4);
+        for frame in run(&mut off, 0..60, true) {
+            assert_eq!(frame.pose.translation, off.frame.pose.translation);
+        }
+        assert_eq!(off.tick().pose, off.frame.pose);
+        let mut trial = Trial::new(&[Layer::Body], 4);
+        trial.frame.cue.prompted = 1.0;
+        for _ in 0..60 {
+            assert_eq!(trial.tick().pose, trial.frame.pose);
+        }
+        // And half of the gain half of it.
+        let turned_by = |gain: f32| {
+            let mut trial = Trial::new(&[], 4);
+            trial.controls.layers = LayerGains::OFF.with(Layer::Body, gain);
+            let shown = run(&mut trial, 0..60, true);
+            angle_between(trial.frame.pose.rotations[0], shown[59].pose.rotations[0])
+        };
+        let share = turned_by(0.5) / turned_by(1.0);
+        assert!((0.45..0.55).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn a_saved_state_goes_on_with_the_same_bits() {
+        let layers = [Layer::Body, Layer::Feet, Layer::Idle];
+        let mut trial = Trial::new(&layers, 5);
+        trial.controls.activity = 0.5;
+        run(&mut trial, 0..200, true);
+        let bytes = trial.save();
+        let poses = |frames: Vec<OwnedFrame>| frames.into_iter().map(|frame| frame.pose).collect::<Vec<_>>();
+        let want = poses(run(&mut trial, 200..500, true));
+        let mut other = Trial::new(&layers, 5);
+        other.controls.activity = 0.5;
+        other.load(&bytes);
+        assert_eq!(poses(run(&mut other, 200..500, true)), want);
+        let mut fresh = Trial::new(&layers, 5);
+        assert_ne!(poses(run(&mut fresh, 200..500, true)), want);
+    }
 }

@@ -22,7 +22,7 @@ const GRACE_SECONDS: f32 = 1.2;
 /// Cap of the counted time, seconds.
 const MOST_SECONDS: f32 = 1e3;
 /// Share of the phrases of one hand at an activity of 0.5 and less.
-const ONE_HAND: f32 = 0.4;
+const ONE_HAND: f32 = 0.3;
 /// Change of the activity by the liveliest voice.
 const LIVELY_SHARE: f32 = 0.12;
 /// Weight of the attention from which the avatar speaks, and below which it does not.
@@ -47,7 +47,7 @@ const BUSY_SECONDS: f32 = 2.0;
 
 /// Place of a hanging hand from the shoulder, arm lengths: down along the vertical, outwards and ahead from least to most.
 const DOWN: f32 = 0.97;
-const OUT: [f32; 2] = [0.13, 0.17];
+const OUT: [f32; 2] = [0.08, 0.12];
 const AHEAD: [f32; 2] = [0.03, 0.13];
 /// Share of the model's fingers that stays.
 const OWN_FINGERS: f32 = 0.3;
@@ -224,7 +224,7 @@ impl Rest {
                 .map(|(range, which)| between(range, uniform(tick.seed, stream, 2 * hand.place + which)));
             let target = ArmTarget {
                 hand: std::array::from_fn(|axis| -DOWN * arm.sided(up)[axis] + [out, 0.0, ahead][axis]),
-                elbow: [0.5, 0.0, -1.0],
+                elbow: [0.25, 0.0, -1.0],
                 fingers: [0.03, -1.0, 0.12],
                 palm: [-1.0, 0.0, -0.25],
                 shape: RELAXED,
@@ -270,4 +270,152 @@ fn lively(activity: f32, tick: &Tick) -> f32 {
 
 fn between([least, most]: [f32; 2], t: f32) -> f32 {
     least + (most - least) * t
+}
+
+#[cfg(test)]
+mod tests {
+    use umo_core_pose::frame::OwnedFrame;
+    use umo_core_pose::rotation::product;
+
+    use super::super::gesture::{GestureOptions, Gestures, Request};
+    use super::super::rig::{DEGREE, add, turn};
+    use super::super::trial::{SECONDS, Trial, assert_sound, speech};
+    use super::super::{Cue, Layer};
+    use super::*;
+
+    const WRISTS: [usize; 2] = [20, 21];
+
+    fn trial(activity: f32, seed: u64) -> Trial {
+        let mut trial = Trial::new(&[Layer::Idle], seed);
+        trial.controls.activity = activity;
+        trial
+    }
+
+    /// Runs ticks of speech or silence, with the model's hands before the waist, in strokes. Returns the heights of the
+    /// wrists over the pelvis.
+    fn run(trial: &mut Trial, ticks: std::ops::Range<usize>, cue: impl Fn(usize) -> Cue) -> Vec<[f32; 2]> {
+        ticks
+            .map(|tick| {
+                let t = tick as f32 * SECONDS;
+                let beat = 20.0 * DEGREE * (4.0 * t).sin() * (0.7 * t).sin();
+                let rotations = &mut trial.frame.pose.rotations;
+                for (side, arm) in ARMS.into_iter().enumerate() {
+                    let raised = turn([-20.0 * DEGREE - beat, 0.0, -75.0 * arm.side * DEGREE]);
+                    rotations[arm.shoulder] = raised;
+                    rotations[arm.elbow] = turn([0.0, -arm.side * (85.0 * DEGREE + beat * side as f32), 0.0]);
+                }
+                trial.frame.cue = cue(tick);
+                let frame = trial.tick();
+                assert_sound(&frame);
+                heights(trial, &frame)
+            })
+            .collect()
+    }
+
+    fn heights(trial: &Trial, frame: &OwnedFrame) -> [f32; 2] {
+        let (places, _) = trial.rig.world(&frame.pose);
+        WRISTS.map(|wrist| places[wrist][1] - places[0][1])
+    }
+
+    fn speaks(tick: usize) -> Cue {
+        Cue { level: speech(tick), ..Cue::default() }
+    }
+
+    /// Share of the time with a hand below the hips.
+    fn low(heights: &[[f32; 2]]) -> f32 {
+        let low = heights.as_flattened().iter().filter(|&&height| height < -0.02).count();
+        low as f32 / heights.as_flattened().len() as f32
+    }
+
+    #[test]
+    fn hands_rest_in_speech_as_often_as_the_activity_says() {
+        for seed in 0..3 {
+            let [none, half, most] = [0.0, 0.5, 1.0].map(|activity| low(&run(&mut trial(activity, seed), 0..5400, speaks)));
+            assert!(none > 0.9, "{seed}: {none}");
+            assert!((0.2..0.5).contains(&half), "{seed}: {half}");
+            assert!(most == 0.0, "{seed}: {most}");
+        }
+    }
+
+    #[test]
+    fn phrases_last_for_seconds_and_hands_neither_jump_nor_creep() {
+        let heights = run(&mut trial(0.5, 5), 0..5400, speaks);
+        for side in 0..2 {
+            let is_low = |at: &[f32; 2]| at[side] < -0.02;
+            let turns: Vec<usize> = (1..heights.len()).filter(|&at| is_low(&heights[at]) != is_low(&heights[at - 1])).collect();
+            assert!((12..=70).contains(&turns.len()), "{side}: {}", turns.len());
+            let speed = |pair: &[[f32; 2]]| (pair[1][side] - pair[0][side]).abs() / SECONDS;
+            let fastest = heights.windows(2).map(speed).fold(0.0, f32::max);
+            assert!((0.5..1.8).contains(&fastest), "{side}: {fastest} m/s");
+        }
+    }
+
+    #[test]
+    fn hands_go_down_in_silence_and_a_prompt_keeps_them_up() {
+        let silence = |_: usize| Cue::default();
+        let heights = run(&mut trial(0.5, 1), 0..300, silence);
+        assert!(low(&heights) == 1.0);
+        let prompted = |_: usize| Cue { prompted: 1.0, ..Cue::default() };
+        let mut acts = trial(0.0, 1);
+        run(&mut acts, 0..90, silence);
+        let heights = run(&mut acts, 90..300, prompted);
+        assert!(low(&heights[..10]) == 1.0 && low(&heights[40..]) == 0.0, "up within 1.3 s");
+        // The model's arms, but for the idle layer's drift.
+        let mut still = trial(1.0, 1);
+        run(&mut still, 0..90, silence);
+        assert_eq!(run(&mut still, 90..300, silence)[100..], heights[100..]);
+    }
+
+    #[test]
+    fn an_asked_hand_comes_up() {
+        let mut trial = trial(0.0, 2);
+        run(&mut trial, 0..60, speaks);
+        let request = Request::new(&Gestures::default(), "wave", &GestureOptions::default(), 30, 0).unwrap();
+        trial.controls.gestures.push(request, 0).unwrap();
+        let heights = run(&mut trial, 60..150, speaks);
+        let highest = heights.iter().map(|height| height[1]).fold(f32::MIN, f32::max);
+        assert!(highest > 0.3, "{highest} m");
+        assert!(low(&run(&mut trial, 150..300, speaks)[90..]) == 1.0, "it goes down again");
+    }
+
+    #[test]
+    fn a_full_activity_leaves_every_bit_and_so_does_a_gain_of_0() {
+        let mut without = Trial::new(&[], 3);
+        without.controls.activity = 0.0;
+        let own = run(&mut without, 0..90, speaks);
+        assert_eq!(own, run(&mut Trial::new(&[], 3), 0..90, speaks));
+        assert_eq!(without.tick().pose, without.frame.pose);
+    }
+
+    #[test]
+    fn a_hanging_hand_keeps_off_the_thigh_however_the_trunk_leans() {
+        for lean in [[0.0; 3], [0.15, 0.0, 0.0], [0.0, 0.0, 0.12], [0.0, 0.3, -0.12]] {
+            let mut trial = trial(0.0, 4);
+            let spine = &mut trial.frame.pose.rotations[SPINE[0]];
+            *spine = product(turn(lean), *spine);
+            for _ in 0..60 {
+                let frame = trial.tick();
+                let (places, _) = trial.rig.world(&frame.pose);
+                for (side, wrist) in WRISTS.into_iter().enumerate() {
+                    let hip = places[1 + side];
+                    let aside = ARMS[side].side * (places[wrist][0] - hip[0]);
+                    assert!((0.09..0.35).contains(&aside), "{lean:?} {side}: {aside} m beside the hip");
+                    let ahead = places[wrist][2] - add(hip, [0.0; 3])[2];
+                    assert!(ahead.abs() < 0.25, "{lean:?} {side}: {ahead}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_saved_state_goes_on_with_the_same_bits() {
+        let mut trial = trial(0.5, 6);
+        run(&mut trial, 0..200, speaks);
+        let bytes = trial.save();
+        let want = run(&mut trial, 200..600, speaks);
+        let mut other = self::trial(0.5, 6);
+        other.load(&bytes);
+        assert_eq!(run(&mut other, 200..600, speaks), want);
+        assert_ne!(run(&mut self::trial(0.5, 6), 200..600, speaks), want);
+    }
 }

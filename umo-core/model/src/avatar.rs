@@ -30,8 +30,8 @@ const END_SECONDS: f32 = 1.0;
 
 /// Bias towards rest in silence, nats.
 const REST_NATS: f32 = 8.0;
-/// Bias towards rest at an activity of 0, 0.5 and 1, nats. In the phrases that layers leave between rests, hands are busy.
-const ACTIVITY_NATS: [f32; 3] = [2.0, -1.2, -2.0];
+/// Bias away from rest for an activity of 1 more, up to 0.5 and beyond it, nats.
+const ACTIVE_NATS: [f32; 2] = [4.0, 2.0];
 /// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
 /// second: a voice may be flat because it is cold.
 const LIVELY_NATS: f32 = 1.8;
@@ -480,9 +480,8 @@ impl Avatar {
         let Sampler { activity, expression, .. } = self.sampler;
         let lively = 2.0 * expression * 2.0 * (self.arousal[keyframe] - ORDINARY);
         let nats = if lively > 0.0 { LIVELY_NATS } else { DULL_NATS };
-        let [none, usual, most] = ACTIVITY_NATS;
-        let way = 2.0 * activity;
-        let active = none + (usual - none) * way.min(1.0) + (most - usual) * (way - 1.0).max(0.0);
+        let [to_half, beyond] = ACTIVE_NATS;
+        let active = to_half * (USUAL_ACTIVITY - activity.min(0.5)) - beyond * (activity - 0.5).max(0.0);
         let usual = active - nats * lively;
         // A prompt says what to do, in silence too.
         if self.is_prompted() {

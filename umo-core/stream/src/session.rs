@@ -459,8 +459,8 @@ impl Session {
         self.set(|settings| settings.sampler.sampling = sampling)
     }
 
-    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21). 0.5 leaves the model as
-    /// it is. Models without a part `intent` ignore it.
+    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21); layers follow
+    /// from the next frame on. At 1 hands hardly rest, at 0 they hardly rise.
     ///
     /// # Errors
     /// [`SessionError::Range`] if it is not in 0 to 1.
