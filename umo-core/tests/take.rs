@@ -186,7 +186,7 @@ fn a_take_has_what_its_host_asked_for_in_time() {
 fn a_take_of_the_first_version_is_read() {
     let take = Take::new(include_bytes!("take/version-1.umo")).unwrap();
     let info = take.info();
-    assert_eq!((info.version, info.frames, info.packets, info.samples), (3, 45, 5, 24_000));
+    assert_eq!((info.version, info.frames, info.packets, info.samples), (1, 45, 5, 24_000));
     assert_eq!((info.frame_rate, take.packets().count()), (30, 5));
     let events: Vec<String> = take.events().map(|(frame, event)| format!("{frame}: {event}")).collect();
     assert_eq!(events, ["0: words `Hello, you and I, all of us.`", "0: gesture `wave`", "0: mood"]);
@@ -209,7 +209,7 @@ fn damaged_takes_are_refused_and_say_why() {
         Take::new(&bytes).unwrap_err()
     };
     assert_eq!(refused(&|bytes| bytes[0] = b'x'), TakeError::Foreign);
-    assert_eq!(refused(&|bytes| bytes[8] = 3), TakeError::Version(3));
+    assert_eq!(refused(&|bytes| bytes[8] = 5), TakeError::Version(5));
     assert_eq!(refused(&|bytes| bytes[200] ^= 1), TakeError::Checksum);
     let (got, want) = (good.len() as u64 - 1, good.len() as u64);
     assert_eq!(refused(&|bytes| bytes.truncate(good.len() - 1)), TakeError::Length { got, want });

@@ -6,7 +6,7 @@ use std::fmt;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
-use umo_core_layers::{Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules};
+use umo_core_layers::{GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};

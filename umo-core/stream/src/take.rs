@@ -49,7 +49,7 @@ pub(crate) use record::Recorder;
 const MAGIC: &[u8; 8] = b"umo take";
 /// The version that this library writes; it reads all up to it.
 const VERSION: u32 = 4;
-/// The version of a take without edits.
+/// The version of a take without edits. Odd versions have none, and the even ones after them are the same with edits.
 const UNEDITED: u32 = 3;
 /// The first version that has the gain of the layer body, and hands at rest between gestures.
 const FIRST_WITH_BODY: u32 = 3;
@@ -215,6 +215,11 @@ impl Take {
         let avatar = AvatarConfig { target, lookahead, smoothing, sampler, template, text, horizon, guidance };
         let info = TakeInfo { version, frames, packets, frame_rate, sample_rate, model, audio, samples, rules };
         Ok(Self { bytes: bytes.into(), info, avatar, layers, history, body: head.at(), edits: Arc::default() })
+    }
+
+    /// Version of this take with edits, or without.
+    fn version(&self, is_edited: bool) -> u32 {
+        (self.info.version - 1) / 2 * 2 + if is_edited { 2 } else { 1 }
     }
 
     /// Checks that every record can be read, and their numbers; returns the edits.

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 
 use umo_core_base::memory::Boxed;
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, LayerStack};
+use umo_core_layers::LayerStack;
 use umo_core_pose::frame::OwnedFrame;
 
 use super::outcome::Failure;

@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex};
 use umo_core_base::clock::Clock;
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{Arena, Boxed};
-use umo_core_layers::Controls;
 use umo_core_model::audio::resample::Resampler;
 use umo_core_model::avatar::AvatarConfig;
 use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
