@@ -31,7 +31,7 @@ const END_SECONDS: f32 = 1.0;
 /// Bias towards rest in silence, nats.
 const REST_NATS: f32 = 8.0;
 /// Bias away from rest for an activity of 1 more, up to 0.5 and beyond it, nats.
-const ACTIVE_NATS: [f32; 2] = [4.0, 2.0];
+const ACTIVE_NATS: [f32; 2] = [6.0, 1.0];
 /// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
 /// second: a voice may be flat because it is cold.
 const LIVELY_NATS: f32 = 1.8;
