@@ -10,10 +10,10 @@ use umo_core_pose::pose::Pose;
 use super::Tick;
 use super::gesture::{Arm, LEFT, RIGHT};
 use super::noise::{Stream, uniform};
-use super::voiced::enlarge;
 use super::rig::{
     DEGREE, HEAD, NECK, Rig, SPINE, Soft, Spring, add, ease, length_of_two, turn_in_own, turn_in_parent, turn_vector,
 };
+use super::voiced::enlarge;
 
 const ARMS: [Arm; 2] = [LEFT, RIGHT];
 const HIPS: [usize; 2] = [1, 2];
@@ -135,7 +135,13 @@ impl Couple {
 
     /// Applies one tick to the pose. `resting` has the weight of rest of each hand; `phrase` says that a phrase of gestures
     /// begins, and which hands have a part in it.
-    pub(crate) fn apply(&mut self, pose: &mut Pose, tick: &Tick, resting: [f32; 2], phrase: Option<[bool; 2]>) -> Stride {
+    pub(crate) fn apply(
+        &mut self,
+        pose: &mut Pose,
+        tick: &Tick,
+        resting: [f32; 2],
+        phrase: Option<[bool; 2]>,
+    ) -> Stride {
         let is_first = !std::mem::replace(&mut self.is_started, true);
         let free = if tick.cue.prompted > 0.5 { 0.0 } else { 1.0 };
         if is_first {
@@ -209,11 +215,8 @@ impl Couple {
             }
             shoulder.follow(raised, SHOULDER_RATE, tick.seconds);
         }
-        let goals = [
-            (TURN[0] * aside).clamp(-TURN[1], TURN[1]),
-            (LEAN[0] * aside).clamp(-LEAN[1], LEAN[1]),
-            FORWARD * ahead,
-        ];
+        let goals =
+            [(TURN[0] * aside).clamp(-TURN[1], TURN[1]), (LEAN[0] * aside).clamp(-LEAN[1], LEAN[1]), FORWARD * ahead];
         for (spring, goal) in [&mut self.turn, &mut self.lean, &mut self.forward].into_iter().zip(goals) {
             if is_first {
                 *spring = Spring::at(goal * DEGREE);
@@ -242,11 +245,7 @@ impl Couple {
             turn_in_parent(&mut rotations[hip], [0.0, -yaw, -roll]);
         }
         let third = 1.0 / SPINE.len() as f32;
-        let in_spine = [
-            forward,
-            (1.0 - PELVIS_SHARE) * turn - TURN_BACK * heading_turn,
-            -lean - ROLL_BACK * roll,
-        ];
+        let in_spine = [forward, (1.0 - PELVIS_SHARE) * turn - TURN_BACK * heading_turn, -lean - ROLL_BACK * roll];
         for joint in SPINE {
             turn_in_parent(&mut rotations[joint], in_spine.map(|angle| third * angle));
         }
@@ -267,7 +266,9 @@ impl Couple {
         let foot = usize::from(self.goals[0] > 0.0);
         let waits = STEP_AFTER..STEP_AFTER + STEP_WAITS;
         Stride {
-            beside: self.beside.map(|[x, z, yaw]| [x - STEP_BACK * sin, z - STEP_BACK * cos, yaw].map(|value| gain * value)),
+            beside: self
+                .beside
+                .map(|[x, z, yaw]| [x - STEP_BACK * sin, z - STEP_BACK * cos, yaw].map(|value| gain * value)),
             foot: (self.steps && waits.contains(&self.since)).then_some(foot),
             heels: [-weight, weight].map(|free| STANCE_HEEL * free.max(0.0)),
         }
@@ -357,7 +358,8 @@ mod tests {
         };
         let at = |from: usize, until: usize| (from..until).map(|tick| chest(&shown[tick])).sum::<f32>();
         // The hand is out around 1.96 s and every 3.93 s later, and down in between.
-        let (out, down) = ((0..6).map(|k| at(62 + 118 * k, 72 + 118 * k)), (0..6).map(|k| at(3 + 118 * k, 13 + 118 * k)));
+        let (out, down) =
+            ((0..6).map(|k| at(62 + 118 * k, 72 + 118 * k)), (0..6).map(|k| at(3 + 118 * k, 13 + 118 * k)));
         let (out, down) = (out.sum::<f32>() / 60.0, down.sum::<f32>() / 60.0);
         assert!(out < down - 2.0, "to the right: {out} and {down} degrees");
         let collar = |side: usize| {
@@ -378,7 +380,8 @@ mod tests {
             deviation(shown.iter().map(move |frame| bend(frame.pose.rotations[joint])))
         };
         assert!(knee(4) > 3.0 && knee(5) > 3.0, "{} {}", knee(4), knee(5));
-        let balls: Vec<[[f32; 3]; 2]> = shown.iter().map(|frame| [10, 11].map(|ball| trial.rig.world(&frame.pose).0[ball])).collect();
+        let balls: Vec<[[f32; 3]; 2]> =
+            shown.iter().map(|frame| [10, 11].map(|ball| trial.rig.world(&frame.pose).0[ball])).collect();
         let ground = balls[0][0][1];
         let mut lifts = 0;
         for pair in balls.windows(2) {

@@ -479,10 +479,10 @@ fn minimum_jerk(t: f32) -> f32 {
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
 }
 
-/// Pulse from 0 to 1 and back, at rest at both ends.
+/// Pulse from 0 to 1 and back, without speed and acceleration at both ends.
 fn bump(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
-    16.0 * (t * (1.0 - t)).powi(2)
+    64.0 * (t * (1.0 - t)).powi(3)
 }
 
 #[cfg(test)]

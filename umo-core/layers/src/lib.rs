@@ -202,8 +202,9 @@ impl Controls {
     /// Whether values that stay in force are those of `other`.
     pub fn stands_as(&self, other: &Self) -> bool {
         let values = |controls: &Self| {
-            let Self { layers, look_at, look_at_strength, attention, expression, activity, mood, mood_strength, .. } =
-                *controls;
+            let Self {
+                layers, look_at, look_at_strength, attention, expression, activity, mood, mood_strength, ..
+            } = *controls;
             (
                 layers,
                 (look_at_strength > 0.0).then_some((look_at, look_at_strength)),

@@ -47,7 +47,7 @@ const BUSY_SECONDS: f32 = 2.0;
 
 /// Place of a hanging hand from the shoulder, arm lengths: down along the vertical, outwards and ahead from least to most.
 const DOWN: f32 = 0.97;
-const OUT: [f32; 2] = [0.08, 0.12];
+const OUT: [f32; 2] = [0.095, 0.13];
 const AHEAD: [f32; 2] = [0.03, 0.13];
 /// Share of the model's fingers that stays.
 const OWN_FINGERS: f32 = 0.3;
@@ -83,13 +83,7 @@ struct Hand {
 }
 
 impl Hand {
-    const NEW: Self = Self {
-        weight: Soft::ZERO,
-        place: 0,
-        before: [IDENTITY; 2],
-        speed: 0.0,
-        motion: 0.0,
-    };
+    const NEW: Self = Self { weight: Soft::ZERO, place: 0, before: [IDENTITY; 2], speed: 0.0, motion: 0.0 };
 
     /// Measures the model's arm.
     fn measure(&mut self, now: [Quat; 2], seconds: f32) {
@@ -330,7 +324,8 @@ mod tests {
     #[test]
     fn hands_rest_in_speech_as_often_as_the_activity_says() {
         for seed in 0..3 {
-            let [none, half, most] = [0.0, 0.5, 1.0].map(|activity| low(&run(&mut trial(activity, seed), 0..5400, speaks)));
+            let [none, half, most] =
+                [0.0, 0.5, 1.0].map(|activity| low(&run(&mut trial(activity, seed), 0..5400, speaks)));
             assert!(none > 0.9, "{seed}: {none}");
             assert!((0.2..0.5).contains(&half), "{seed}: {half}");
             assert!(most == 0.0, "{seed}: {most}");
@@ -342,7 +337,8 @@ mod tests {
         let heights = run(&mut trial(0.5, 5), 0..5400, speaks);
         for side in 0..2 {
             let is_low = |at: &[f32; 2]| at[side] < -0.02;
-            let turns: Vec<usize> = (1..heights.len()).filter(|&at| is_low(&heights[at]) != is_low(&heights[at - 1])).collect();
+            let turns: Vec<usize> =
+                (1..heights.len()).filter(|&at| is_low(&heights[at]) != is_low(&heights[at - 1])).collect();
             assert!((12..=70).contains(&turns.len()), "{side}: {}", turns.len());
             let speed = |pair: &[[f32; 2]]| (pair[1][side] - pair[0][side]).abs() / SECONDS;
             let fastest = heights.windows(2).map(speed).fold(0.0, f32::max);
@@ -363,7 +359,9 @@ mod tests {
         // Arms are where the model has them.
         let mut still = trial(1.0, 1);
         run(&mut still, 0..90, silence);
-        assert_eq!(run(&mut still, 90..300, silence)[100..], heights[100..]);
+        let still = run(&mut still, 90..300, silence);
+        let off = still[100..].as_flattened().iter().zip(heights[100..].as_flattened()).map(|(a, b)| (a - b).abs());
+        assert!(off.fold(0.0, f32::max) < 0.003);
     }
 
     #[test]

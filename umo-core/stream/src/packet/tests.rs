@@ -119,7 +119,16 @@ fn case() -> impl Strategy<Value = (Vec<u16>, PacketHead, Vec<[u8; SOUND]>, Vec<
     )
         .prop_flat_map(|(limits, (keyframes, history), (stream, sequence, sample), root, total)| {
             let total = if keyframes == 0 { Some(total.unwrap_or(9)) } else { total };
-            let head = PacketHead { stream, sequence, sample, root, keyframes, history, total, is_prompted: sequence % 3 == 0 };
+            let head = PacketHead {
+                stream,
+                sequence,
+                sample,
+                root,
+                keyframes,
+                history,
+                total,
+                is_prompted: sequence % 3 == 0,
+            };
             let codes = limits.iter().cycle().take(limits.len() * (keyframes + history)).map(|&limit| 0..limit);
             (
                 Just(limits.clone()),
