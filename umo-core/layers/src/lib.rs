@@ -464,10 +464,11 @@ impl LayerStack {
             voiced::Voiced::apply(frame, &tick);
             self.presence.yield_floor(frame, &tick);
         }
+        let (mut resting, mut phrase) = ([0.0; 2], None);
         if at(Layer::Idle, &mut tick) {
             tick.resting = self.rest.advance(&frame.pose, &tick);
+            (resting, phrase) = (tick.resting.map(|weight| tick.gain * weight), self.rest.phrase(&tick));
         }
-        let (resting, phrase) = (tick.resting.map(|weight| tick.gain * weight), self.rest.phrase(&tick));
         if at(Layer::Body, &mut tick) {
             tick.stride = self.couple.apply(&mut frame.pose, &tick, resting, phrase);
         }

@@ -55,7 +55,7 @@ fn what_is_no_packet_is_refused() {
         assert_eq!(layout.decode(&bad, &mut sounds, &mut codes), Err(wanted), "byte {at}");
     };
     refused(0, 1, PacketError::Malformed("its version is not 2: use the same version of umo on both sides"));
-    refused(0, 0x22, PacketError::Malformed("it has flags that version 2 does not have"));
+    refused(0, 0x42, PacketError::Malformed("it has flags that version 2 does not have"));
     refused(2, 0, PacketError::Other("model"));
     refused(19, 0x7F, PacketError::Malformed("its root is out of range"));
     refused(24, 200, PacketError::Malformed("it has more keyframes than the model's history"));
