@@ -30,8 +30,11 @@ const END_SECONDS: f32 = 1.0;
 
 /// Bias towards rest in silence, nats.
 const REST_NATS: f32 = 8.0;
-/// Bias away from rest for an activity of 1 more, up to 0.5 and beyond it, nats.
+/// Bias away from rest for an activity of 1 more, up to 0.5 and beyond it, nats. Layers make rests at 0.5, between which
+/// hands are busy.
 const ACTIVE_NATS: [f32; 2] = [6.0, 1.0];
+/// The same under a prompt, below [`USUAL_ACTIVITY`] and beyond 0.5.
+const PROMPTED_NATS: f32 = 4.0;
 /// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
 /// second: a voice may be flat because it is cold.
 const LIVELY_NATS: f32 = 1.8;
@@ -480,8 +483,11 @@ impl Avatar {
         let Sampler { activity, expression, .. } = self.sampler;
         let lively = 2.0 * expression * 2.0 * (self.arousal[keyframe] - ORDINARY);
         let nats = if lively > 0.0 { LIVELY_NATS } else { DULL_NATS };
-        let [to_half, beyond] = ACTIVE_NATS;
-        let active = to_half * (USUAL_ACTIVITY - activity.min(0.5)) - beyond * (activity - 0.5).max(0.0);
+        let (more, [to_half, beyond]) = ((activity - 0.5).max(0.0), ACTIVE_NATS);
+        let active = match self.is_prompted() {
+            true => PROMPTED_NATS * ((USUAL_ACTIVITY - activity).max(0.0) - more),
+            false => to_half * (USUAL_ACTIVITY - activity.min(0.5)) - beyond * more,
+        };
         let usual = active - nats * lively;
         // A prompt says what to do, in silence too.
         if self.is_prompted() {
