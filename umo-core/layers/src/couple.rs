@@ -21,7 +21,7 @@ const HIPS: [usize; 2] = [1, 2];
 /// Height of a hand over its shoulder, in arm lengths, at which it begins to count as raised, and from which it does.
 const RAISED: [f32; 2] = [-0.85, -0.35];
 /// Logarithm of the size of what raised arms do.
-const REACH: f32 = 0.18;
+const REACH: f32 = 0.13;
 /// Frequencies of the springs, radians a second: of what follows the hands, and of a stance; of a shoulder.
 const REACH_RATE: f32 = 7.0;
 const STANCE_RATE: f32 = 5.0;
