@@ -241,7 +241,7 @@
 // shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 #define UMO_PARAMETER_OUTPUT_DELAY 6
 
-// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
+// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default; at 1 they hardly rest, at 0 hardly rise.
 #define UMO_PARAMETER_ACTIVITY 7
 
 // Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice.
@@ -250,7 +250,7 @@
 // Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 #define UMO_PARAMETER_LAYER_GAZE 32
 
-// Strength of breath, sway, weight shifts and fingers.
+// Strength of breath, sway, weight shifts and fingers, and of hands at rest between gestures.
 #define UMO_PARAMETER_LAYER_IDLE 33
 
 // Strength of the asymmetry between the face's left and right.
@@ -265,6 +265,9 @@
 
 // Strength of planted feet, steps, and the root's return to where it stood.
 #define UMO_PARAMETER_LAYER_FEET 37
+
+// Strength of trunk, shoulders and legs that go with the hands.
+#define UMO_PARAMETER_LAYER_BODY 38
 
 // Speaking while its own audio is heard, otherwise idle; in a scene, and after `umo_session_push_other_audio`, also
 // listening.

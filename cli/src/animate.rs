@@ -182,7 +182,7 @@ pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> Av
     let defaults = SessionConfig::new(config).avatar;
     let mut sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
     sampler.sampling.temperature = args.temperature.unwrap_or(sampler.sampling.temperature);
-    sampler.activity = args.activity.unwrap_or(sampler.activity);
+    sampler.activity = args.activity.unwrap_or(defaults.sampler.activity);
     sampler.expression = args.expression.unwrap_or(defaults.sampler.expression);
     AvatarConfig {
         target: args.target.unwrap_or(defaults.target),

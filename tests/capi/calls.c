@@ -280,7 +280,7 @@ static void sessions_refuse_calls(void) {
     FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, UMO_ATTENTION_SPEAKING + 1));
     FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, 0.5));
     FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_LAYER_GAZE, 1.5));
-    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_LAYER_FEET + 1, 0.5));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_LAYER_BODY + 1, 0.5));
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_TOP_K, 7));
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_GAIN_LOWER, 0.25));
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_IDLE, UMO_IDLE_REST));
@@ -294,7 +294,7 @@ static void sessions_refuse_calls(void) {
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, UMO_ATTENTION_THINKING));
     OK(umo_session_get_parameter(avatar, UMO_PARAMETER_ATTENTION, &value));
     CHECK(value == UMO_ATTENTION_THINKING);
-    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
+    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_BODY; layer++) {
         OK(umo_session_set_parameter(avatar, layer, (layer - 31) / 8.0));
         OK(umo_session_get_parameter(avatar, layer, &value));
         CHECK(value == (layer - 31) / 8.0);

@@ -10,7 +10,7 @@ static char packets[MOST][PACKET];
 static size_t lengths[MOST];
 
 static void without_layers(umo_session *avatar) {
-    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
+    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_BODY; layer++) {
         OK(umo_session_set_parameter(avatar, layer, 0.0));
     }
 }

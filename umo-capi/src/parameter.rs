@@ -29,13 +29,13 @@ pub const UMO_PARAMETER_ATTENTION: u32 = 5;
 /// Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
 /// shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 pub const UMO_PARAMETER_OUTPUT_DELAY: u32 = 6;
-/// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.
+/// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default; at 1 they hardly rest, at 0 hardly rise.
 pub const UMO_PARAMETER_ACTIVITY: u32 = 7;
 /// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice.
 pub const UMO_PARAMETER_EXPRESSION: u32 = 8;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub const UMO_PARAMETER_LAYER_GAZE: u32 = 32;
-/// Strength of breath, sway, weight shifts and fingers.
+/// Strength of breath, sway, weight shifts and fingers, and of hands at rest between gestures.
 pub const UMO_PARAMETER_LAYER_IDLE: u32 = 33;
 /// Strength of the asymmetry between the face's left and right.
 pub const UMO_PARAMETER_LAYER_ASYMMETRY: u32 = 34;
@@ -46,6 +46,8 @@ pub const UMO_PARAMETER_LAYER_NODS: u32 = 35;
 pub const UMO_PARAMETER_LAYER_MOOD: u32 = 36;
 /// Strength of planted feet, steps, and the root's return to where it stood.
 pub const UMO_PARAMETER_LAYER_FEET: u32 = 37;
+/// Strength of trunk, shoulders and legs that go with the hands.
+pub const UMO_PARAMETER_LAYER_BODY: u32 = 38;
 
 /// Speaking while its own audio is heard, otherwise idle; in a scene, and after `umo_session_push_other_audio`, also
 /// listening.
@@ -125,7 +127,7 @@ struct Parameter {
 
 /// All parameters; every range begins at 0.
 #[rustfmt::skip]
-const PARAMETERS: [Parameter; 18] = [
+const PARAMETERS: [Parameter; 19] = [
     Parameter { id: UMO_PARAMETER_TEMPERATURE, name: c"temperature", maximum: 100.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_TOP_K, name: c"top_k", maximum: 65535.0, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_TOP_P, name: c"top_p", maximum: 1.0, flags: 0 },
@@ -144,6 +146,7 @@ const PARAMETERS: [Parameter; 18] = [
     Parameter { id: UMO_PARAMETER_LAYER_NODS, name: c"layer_nods", maximum: 1.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_LAYER_MOOD, name: c"layer_mood", maximum: 1.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_LAYER_FEET, name: c"layer_feet", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_BODY, name: c"layer_body", maximum: 1.0, flags: 0 },
 ];
 
 fn find(id: u32) -> Result<&'static Parameter, Failure> {

@@ -942,7 +942,7 @@ internal static unsafe class Tests
     {
         Parameter[] layers =
         {
-            Parameter.LayerGaze, Parameter.LayerIdle, Parameter.LayerAsymmetry, Parameter.LayerNods, Parameter.LayerMood, Parameter.LayerFeet,
+            Parameter.LayerGaze, Parameter.LayerIdle, Parameter.LayerAsymmetry, Parameter.LayerNods, Parameter.LayerMood, Parameter.LayerFeet, Parameter.LayerBody,
         };
         EngineConfig config = Engine.Defaults;
         config.Mode = EngineMode.Polled;

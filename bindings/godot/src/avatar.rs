@@ -164,6 +164,11 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_layer_feet)]
     #[init(val = 1.0)]
     layer_feet: f64,
+    /// Strength of the layer of trunk, shoulders and legs that go with the hands.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_body)]
+    #[init(val = 1.0)]
+    layer_body: f64,
     /// Amount by which body and face follow the arousal of the voice.
     #[export(range = (0.0, 1.0, 0.01))]
     #[var(set = set_expression)]
@@ -739,6 +744,13 @@ impl UmoAvatar3D {
     }
 
     #[func]
+    fn set_layer_body(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_BODY, strength) {
+            self.layer_body = strength;
+        }
+    }
+
+    #[func]
     fn set_expression(&mut self, amount: f64) {
         if self.set(ffi::PARAMETER_EXPRESSION, amount) {
             self.expression = amount;
@@ -844,6 +856,7 @@ impl UmoAvatar3D {
             (ffi::PARAMETER_LAYER_NODS, self.layer_nods),
             (ffi::PARAMETER_LAYER_MOOD, self.layer_mood),
             (ffi::PARAMETER_LAYER_FEET, self.layer_feet),
+            (ffi::PARAMETER_LAYER_BODY, self.layer_body),
             (ffi::PARAMETER_EXPRESSION, self.expression),
             (ffi::PARAMETER_ATTENTION, f64::from(self.attention)),
             (ffi::PARAMETER_OUTPUT_DELAY, self.output_delay),

@@ -6,7 +6,7 @@ const Body := preload("res://body.gd")
 const MODEL := "res://addons/umo/umo-people.safetensors"
 ## Tolerance: bones are computed in f32 with a few more products than frames.
 const CLOSE := 1e-4
-const LAYERS := ["layer_gaze", "layer_idle", "layer_asymmetry", "layer_nods", "layer_mood", "layer_feet"]
+const LAYERS := ["layer_gaze", "layer_idle", "layer_asymmetry", "layer_nods", "layer_mood", "layer_feet", "layer_body"]
 ## Timeout in seconds, for a busy machine.
 const PATIENCE := 60.0
 

@@ -38,7 +38,7 @@ int main(int argc, char **argv) {
     config.take_bytes = 1 << 20;
     check(umo_session_new(engine, &config, &session));
     /* Layers follow the clock while there are no frames: off where poses are compared. */
-    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
+    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_BODY; layer++) {
         check(umo_session_set_parameter(session, layer, 0));
     }
     check(umo_frame_layout_init(&layout, sizeof layout, model));

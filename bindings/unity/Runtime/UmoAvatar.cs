@@ -59,6 +59,7 @@ namespace Umo.Unity
         [Range(0, 1)] public float nodsLayer = 1;
         [Range(0, 1)] public float moodLayer = 1;
         [Range(0, 1)] public float feetLayer = 1;
+        [Range(0, 1)] public float bodyLayer = 1;
 
         [Header("Applied when enabled")]
         [Tooltip("Keyframes per step, ten a second in the default model: fewer reduce latency, more give more context. 0: the model's default.")]
@@ -609,7 +610,7 @@ namespace Umo.Unity
         }
 
         /// Indices of the attention, the output delay and the expression in `sent`.
-        private const int AttentionIndex = 10, DelayIndex = 11, ExpressionIndex = 12;
+        private const int AttentionIndex = 11, DelayIndex = 12, ExpressionIndex = 13;
 
         /// Sends settings that were changed in the inspector or by a script.
         private bool Send()
@@ -619,6 +620,7 @@ namespace Umo.Unity
                 && Send(4, Parameter.LayerGaze, gazeLayer, 1) && Send(5, Parameter.LayerIdle, idleLayer, 1)
                 && Send(6, Parameter.LayerAsymmetry, asymmetryLayer, 1) && Send(7, Parameter.LayerNods, nodsLayer, 1)
                 && Send(8, Parameter.LayerMood, moodLayer, 1) && Send(9, Parameter.LayerFeet, feetLayer, 1)
+                && Send(10, Parameter.LayerBody, bodyLayer, 1)
                 && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking)
                 && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2)
                 && Send(ExpressionIndex, Parameter.Expression, expression, 1);

@@ -210,7 +210,7 @@ namespace Umo.Unity.Tests
         public void a_pose_is_the_one_that_the_library_gives_for_that_moment()
         {
             // Layers follow the clock while there are no frames.
-            avatar.gazeLayer = avatar.idleLayer = avatar.asymmetryLayer = avatar.nodsLayer = avatar.moodLayer = avatar.feetLayer = 0;
+            avatar.gazeLayer = avatar.idleLayer = avatar.asymmetryLayer = avatar.nodsLayer = avatar.moodLayer = avatar.feetLayer = avatar.bodyLayer = 0;
             Enable();
             Play(speech);
             Run(3);
@@ -223,7 +223,7 @@ namespace Umo.Unity.Tests
             if (avatar.lookahead >= 0) config.Lookahead = (uint)avatar.lookahead;
             using (Session session = new Session(engine, config))
             {
-                for (uint layer = (uint)Parameter.LayerGaze; layer <= (uint)Parameter.LayerFeet; layer++) session.Set((Parameter)layer, 0);
+                for (uint layer = (uint)Parameter.LayerGaze; layer <= (uint)Parameter.LayerBody; layer++) session.Set((Parameter)layer, 0);
                 int taken;
                 // Samples of a block may be dropped before the component sees that the source plays; none were, or the
                 // result would differ.

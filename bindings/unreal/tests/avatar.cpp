@@ -47,7 +47,7 @@ umo_engine_config one_thread() {
 /// Turns the layers off: they never stand still and follow the clock while there are no frames, so poses could not be
 /// compared.
 template <class T> void without_layers(T &to) {
-    for (std::uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; ++layer) {
+    for (std::uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_BODY; ++layer) {
         EXPECT(to.set(layer, 0) == UMO_STATUS_OK);
     }
 }

@@ -224,13 +224,13 @@ export const Parameter = Object.freeze({
    * much earlier. 0 to 2; some 0.2 for Bluetooth.
    */
   outputDelay: 6,
-  /** Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is. */
+  /** Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default; at 1 they hardly rest, at 0 hardly rise. */
   activity: 7,
   /** Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the voice. */
   expression: 8,
   /** Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1. */
   layerGaze: 32,
-  /** Strength of breath, sway, weight shifts and fingers. */
+  /** Strength of breath, sway, weight shifts and fingers, and of hands at rest between gestures. */
   layerIdle: 33,
   /** Strength of the asymmetry between the face's left and right. */
   layerAsymmetry: 34,
@@ -240,6 +240,8 @@ export const Parameter = Object.freeze({
   layerMood: 36,
   /** Strength of planted feet, steps, and the root's return to where it stood. */
   layerFeet: 37,
+  /** Strength of trunk, shoulders and legs that go with the hands. */
+  layerBody: 38,
 });
 /** Attention of the avatar. */
 export const Attention = Object.freeze({

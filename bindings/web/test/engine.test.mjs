@@ -108,7 +108,7 @@ test("a session that was sampled before its frames came eases from rest to them"
 });
 
 test("a decoder has the frames of its sender, whatever is lost once", () => {
-  const layers = [Parameter.layerGaze, Parameter.layerIdle, Parameter.layerAsymmetry, Parameter.layerNods, Parameter.layerMood, Parameter.layerFeet];
+  const layers = [Parameter.layerGaze, Parameter.layerIdle, Parameter.layerAsymmetry, Parameter.layerNods, Parameter.layerMood, Parameter.layerFeet, Parameter.layerBody];
   const calm = (session) => {
     for (const layer of layers) session.set(layer, 0);
     return session;

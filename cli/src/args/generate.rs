@@ -15,10 +15,10 @@ pub struct GenerateArgs {
     pub seed: u64,
     /// Gain of the layers over the model's motion, 0 to 1, or LAYER=GAIN
     ///
-    /// Layers are gaze, idle, asymmetry, nods, mood and feet. A number alone is the gain of all.
+    /// Layers are gaze, idle, asymmetry, nods, mood, feet and body. A number alone is the gain of all.
     #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
     pub layers: Vec<(Option<Layer>, f32)>,
-    /// How often hands leave rest, 0 to 1 [default: 0.5, the model's own amount]
+    /// How often hands leave rest, 0 to 1 [default: 0.5, as people do]
     #[arg(long, value_name = "AMOUNT", value_parser = share, hide_short_help = true)]
     pub activity: Option<f32>,
     /// How far body and face follow the arousal of the voice, 0 to 1 [default: 0.5]

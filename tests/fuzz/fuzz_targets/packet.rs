@@ -28,6 +28,7 @@ fuzz_target!(|data: &[u8]| {
     let mut sound = vec![0; 64];
     let layout = PacketLayout::new(model);
     let head = umo_core::PacketHead {
+        is_prompted: false,
         stream: 0,
         sequence: 0,
         sample: 0,

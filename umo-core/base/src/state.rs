@@ -13,7 +13,7 @@ use std::ops::RangeInclusive;
 /// First bytes of every state.
 const MAGIC: [u8; 8] = *b"umostate";
 /// The version of the format that this library reads and writes.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 /// Upper bound of numbers that are checked again where they are used. Larger than any field; sums and products of two
 /// of them stay finite. Comparisons with it are false for NaN.
 const LARGEST: f64 = 1e12;

@@ -227,6 +227,8 @@ mod tests {
             rig: &trial.rig,
             lively: 0.0,
             shift: 0.0,
+            stride: Default::default(),
+            resting: [0.0; 2],
             gain: 1.0,
         })
     }

@@ -39,6 +39,8 @@ const STEP_ANGLE: f32 = 0.45;
 /// Factor on both thresholds, and time limit in seconds, for the second foot to follow the first.
 const SECOND_FOOT_FACTOR: f32 = 0.5;
 const SECOND_FOOT_SECONDS: f32 = 1.0;
+/// Factor on both thresholds for the foot that a stance asks for.
+const ASKED_FACTOR: f32 = 0.35;
 /// Duration of a step and least standing time between steps, seconds; height of a step, metres.
 const STEP_SECONDS: f32 = 0.4;
 const MIN_STANDING_SECONDS: f32 = 0.25;
@@ -144,18 +146,18 @@ impl Feet {
             if is_new {
                 foot.begin(&posed[side], self.ground);
             }
-            foot.watch(&posed[side], tick.seconds);
+            foot.watch(&posed[side], tick.stride.beside[side], tick.seconds);
             // These indices hold for both orders: models of EMAGE's weights put joints before sides, and there,
             // too, the left ankle is first and the right foot last.
             let contact = tick.cue.contacts[3 * side];
             foot.follow_contact(&posed[side], self.ground, contact);
         }
-        self.choose_step();
+        self.choose_step(tick.stride.foot);
         let lean = self.advance(&posed, tick.seconds);
         (pose.translation[0], pose.translation[2]) = (pose.translation[0] + lean[0], pose.translation[2] + lean[1]);
         self.lower(rig, &legs, pose, is_new, tick.seconds);
-        for (leg, foot) in legs.iter().zip(&self.feet) {
-            foot.stand(leg, pose, pelvis(rig, pose));
+        for (side, (leg, foot)) in legs.iter().zip(&self.feet).enumerate() {
+            foot.stand(leg, pose, pelvis(rig, pose), tick.stride.heels[side]);
         }
         let legs = legs.iter().flat_map(|leg| leg.joints);
         if !self.is_sound() || !pose.translation.iter().all(|v| v.is_finite()) {
@@ -210,16 +212,18 @@ impl Feet {
         (pose.translation[0], pose.translation[2]) = (shown[0], shown[1]);
     }
 
-    /// Starts a step of a foot that stands too far from its wanted placement, if both feet are planted.
-    fn choose_step(&mut self) {
+    /// Starts a step of a foot that stands too far from its wanted placement, if both feet are planted; of the foot that a
+    /// stance `asks` for, if it is to stand elsewhere at all.
+    fn choose_step(&mut self, asks: Option<usize>) {
         let stands = |foot: &Foot| foot.mode == Mode::Planted && foot.since >= MIN_STANDING_SECONDS;
         if !self.feet.iter().all(stands) {
             return;
         }
         let need = |side: usize| {
             let [foot, other] = [&self.feet[side], &self.feet[1 - side]];
-            let distance = size(difference(foot.want, foot.place)) / STEP_DISTANCE;
-            let angle = wrapped(foot.want_yaw - foot.yaw).abs() / STEP_ANGLE;
+            let least = if asks == Some(side) { ASKED_FACTOR } else { 1.0 };
+            let distance = size(difference(foot.want, foot.place)) / (least * STEP_DISTANCE);
+            let angle = wrapped(foot.want_yaw - foot.yaw).abs() / (least * STEP_ANGLE);
             let follows = other.since < SECOND_FOOT_SECONDS && other.since < foot.since;
             distance.max(angle) / if follows { SECOND_FOOT_FACTOR } else { 1.0 }
         };
@@ -316,17 +320,17 @@ impl Foot {
         };
     }
 
-    /// Tracks the animation's placement and speed of the foot.
-    fn watch(&mut self, posed: &Posed, seconds: f32) {
+    /// Tracks the animation's placement and speed of the foot, which is to stand `beside` it.
+    fn watch(&mut self, posed: &Posed, beside: [f32; 3], seconds: f32) {
         let place = [posed.ball[0], posed.ball[2]];
         let speed = size(difference(place, self.last)) / seconds;
         self.speed += step(seconds, 0.1) * (speed - self.speed);
         self.last = place;
         let share = step(seconds, WANTED_PLACEMENT_SECONDS);
         for axis in 0..2 {
-            self.want[axis] += share * (place[axis] - self.want[axis]);
+            self.want[axis] += share * (place[axis] + beside[axis] - self.want[axis]);
         }
-        self.want_yaw = wrapped(self.want_yaw + share * wrapped(yaw_of(posed.foot()) - self.want_yaw));
+        self.want_yaw = wrapped(self.want_yaw + share * wrapped(yaw_of(posed.foot()) + beside[2] - self.want_yaw));
     }
 
     /// Plants a foot that has come down, and releases one that the animation lifts.
@@ -399,10 +403,11 @@ impl Foot {
         }
     }
 
-    /// Makes the leg reach the foot.
-    fn stand(&self, leg: &Leg, pose: &mut Pose, pelvis: [f32; 3]) {
+    /// Makes the leg reach the foot, whose heel rises by at least `heel` radians.
+    fn stand(&self, leg: &Leg, pose: &mut Pose, pelvis: [f32; 3], heel: f32) {
         let posed = leg.posed(pose, pelvis);
-        let rise = if self.mode == Mode::Free { 0.0 } else { leg.heel_rise(posed.hip, self.ball, self.turned) };
+        let rise =
+            if self.mode == Mode::Free { 0.0 } else { leg.heel_rise(posed.hip, self.ball, self.turned).max(heel) };
         let foot = after(self.turned, turn([rise, 0.0, 0.0]));
         leg.reach(pose, &posed, leg.ankle_over(self.ball, foot), foot);
         let toes = &mut pose.rotations[leg.joints[3]];
@@ -476,10 +481,10 @@ fn minimum_jerk(t: f32) -> f32 {
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
 }
 
-/// Pulse from 0 to 1 and back, at rest at both ends.
+/// Pulse from 0 to 1 and back, without speed and acceleration at both ends.
 fn bump(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);
-    16.0 * (t * (1.0 - t)).powi(2)
+    64.0 * (t * (1.0 - t)).powi(3)
 }
 
 #[cfg(test)]

@@ -64,6 +64,9 @@ mod tests {
     use super::super::{Cue, Layer, Mood};
     use super::*;
 
+    /// Joints of the legs, and the share of their turns that counts: a step swings them.
+    const LEGS: [usize; 6] = [1, 2, 4, 5, 7, 8];
+    const STEP_SHARE: f32 = 0.25;
     /// Number of ticks of a change.
     const TICKS: usize = 12;
 
@@ -99,7 +102,10 @@ mod tests {
     /// and change of a face shape except eyes and lids, whose saccades and blinks are fast.
     fn steps(from: &OwnedFrame, to: &OwnedFrame) -> [f32; 3] {
         let joints = from.pose.rotations.iter().zip(&to.pose.rotations).enumerate();
-        let turned = joints.filter(|(joint, _)| !EYES.contains(joint)).map(|(_, (&a, &b))| angle_between(a, b));
+        let turned = joints.filter(|(joint, _)| !EYES.contains(joint)).map(|(joint, (&a, &b))| {
+            let share = if LEGS.contains(&joint) { STEP_SHARE } else { 1.0 };
+            share * angle_between(a, b)
+        });
         let ways = from.pose.translation.iter().zip(to.pose.translation).map(|(a, b)| (a - b).abs());
         let shapes = from.face.iter().zip(&to.face).zip(ARKIT_NAMES);
         let shapes = shapes.filter(|(_, name)| !name.starts_with("eye")).map(|((a, b), _)| (a - b).abs());

@@ -34,11 +34,13 @@ use super::Tick;
 use super::noise::{Stream, uniform};
 use super::rig::{Rig, length_of_two};
 use crate::error::RequestError;
-use arm::{Arm, ArmPose, ArmTarget, LEFT, RIGHT, Vec3, less};
+use arm::{ArmPose, Vec3, less};
 use curve::{ease, through};
 use table::{Arms, Channel, MOTIONS, Motion};
 
+pub(crate) use arm::{Arm, ArmTarget, LEFT, RIGHT};
 pub use clip::Gesture;
+pub(crate) use hand::RELAXED;
 pub use set::{GestureParts, Gestures, MAX_GESTURES};
 
 /// Upper bound on the gestures that wait to be played.

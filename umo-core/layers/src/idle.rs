@@ -92,6 +92,8 @@ const LIVELY_WRIST_SPEED: f32 = 0.6;
 /// Share of the drift, and of the finger motion, that remains while the arm is lively.
 const MIN_DRIFT_SHARE: f32 = 0.5;
 const MIN_FINGER_SHARE: f32 = 0.35;
+/// Share of the drift of an arm that hangs.
+const HANGING_SHARE: f32 = 0.5;
 
 /// Approximate distances from shoulder and elbow to the wrist, metres.
 const SHOULDER_LEVER: f32 = 0.4;
@@ -242,7 +244,8 @@ impl Idle {
         let late = ((phase - FOREARM_LAG_CYCLES) * std::f32::consts::TAU).sine();
         let noise = smooth(tick.seed, ARMS[side], tick.time(), ARM_RATE);
         let size = 1.0 + LIVELY_SHARE * tick.lively;
-        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * size * DEGREE;
+        let hangs = 1.0 - (1.0 - HANGING_SHARE) * tick.resting[side];
+        let amount = tick.gain * (1.0 - (1.0 - MIN_DRIFT_SHARE) * lively) * hangs * size * DEGREE;
         let sign = SIDES[side];
         let rotations = &mut pose.rotations;
         // Forward and back, and outward only, never into the body.

@@ -8,8 +8,9 @@
 //!
 //! | order | module | contents |
 //! |---|---|---|
-//! | 1 | `gesture`, `words` | gestures on command and for words, over the model's motion |
-//! | 2 | `voiced`, `mood` | size, posture and face by the voice's arousal; face and posture of a mood; neutral only removes an unintended frown |
+//! | 1 | `rest`, `couple` | hands at rest between phrases of gestures; trunk, shoulders and legs that go with the hands |
+//! | 2 | `gesture`, `words` | gestures on command and for words, over the model's motion |
+//! | | `voiced`, `mood` | size, posture and face by the voice's arousal; face and posture of a mood; neutral only removes an unintended frown |
 //! | 3 | `attention` | idle, listening, thinking, speaking: weights that the other layers read |
 //! | 4 | `idle` | breath, sway, weight shifts, fingers |
 //! | 5 | `nods` | head motion on accents and while listening |
@@ -28,6 +29,7 @@
 mod asymmetry;
 mod attention;
 mod company;
+mod couple;
 mod error;
 mod feet;
 mod gains;
@@ -40,6 +42,7 @@ pub(crate) mod lips;
 mod mood;
 mod nods;
 mod noise;
+mod rest;
 mod rig;
 #[cfg(test)]
 mod trial;
@@ -66,7 +69,7 @@ pub use umo_core_words::{MAX_PENDING_WORDS, MAX_WORDS_SECONDS, RulesError, WordR
 pub enum Layer {
     /// Blinks, fixations, saccades and lids; the eyes' share of a look-at.
     Gaze = 0,
-    /// Breath, sway, weight shifts and fingers.
+    /// Breath, sway, weight shifts and fingers; hands at rest between gestures.
     Idle = 1,
     /// Small differences between the left and right of the face.
     Asymmetry = 2,
@@ -76,14 +79,17 @@ pub enum Layer {
     Mood = 4,
     /// Planted feet, steps, and the root's return to its home.
     Feet = 5,
+    /// Trunk, shoulders and legs that go with the hands; stances.
+    Body = 6,
 }
 
 /// Number of layers.
-pub const LAYERS: usize = 6;
+pub const LAYERS: usize = 7;
 
 impl Layer {
     /// All layers in numeric order.
-    pub const ALL: [Self; LAYERS] = [Self::Gaze, Self::Idle, Self::Asymmetry, Self::Nods, Self::Mood, Self::Feet];
+    pub const ALL: [Self; LAYERS] =
+        [Self::Gaze, Self::Idle, Self::Asymmetry, Self::Nods, Self::Mood, Self::Feet, Self::Body];
 
     /// Name of the layer.
     pub const fn name(self) -> &'static str {
@@ -94,6 +100,7 @@ impl Layer {
             Self::Nods => "nods",
             Self::Mood => "mood",
             Self::Feet => "feet",
+            Self::Body => "body",
         }
     }
 }
@@ -141,6 +148,8 @@ pub struct Controls {
     pub attention: Attention,
     /// How far body and face follow the arousal of the voice, 0 to 1.
     pub expression: f32,
+    /// How often hands leave rest, 0 to 1; at 1 they are where the model has them.
+    pub activity: f32,
     /// Mood of the avatar.
     pub mood: Mood,
     /// Strength of the mood, 0 to 1.
@@ -173,6 +182,7 @@ impl Controls {
             look_at_strength: 0.0,
             attention: Attention::Auto,
             expression: 0.0,
+            activity: 1.0,
             mood: Mood::Neutral,
             mood_strength: 0.0,
             gestures: gesture::Requests::NONE,
@@ -192,12 +202,14 @@ impl Controls {
     /// Whether values that stay in force are those of `other`.
     pub fn stands_as(&self, other: &Self) -> bool {
         let values = |controls: &Self| {
-            let Self { layers, look_at, look_at_strength, attention, expression, mood, mood_strength, .. } = *controls;
+            let Self {
+                layers, look_at, look_at_strength, attention, expression, activity, mood, mood_strength, ..
+            } = *controls;
             (
                 layers,
                 (look_at_strength > 0.0).then_some((look_at, look_at_strength)),
                 attention,
-                expression,
+                (expression, activity),
                 (mood, mood_strength),
             )
         };
@@ -211,6 +223,7 @@ impl Controls {
             &mut self.look_at_strength,
             &mut self.mood_strength,
             &mut self.expression,
+            &mut self.activity,
         ]) {
             pass.share(share)?;
         }
@@ -247,6 +260,10 @@ pub(crate) struct Tick<'a> {
     pub(crate) lively: f32,
     /// Shift of weight in company, metres to the left.
     pub(crate) shift: f32,
+    /// What a stance asks of the feet.
+    pub(crate) stride: couple::Stride,
+    /// Weight of rest of each hand.
+    pub(crate) resting: [f32; 2],
     /// Gain of the layer.
     pub(crate) gain: f32,
 }
@@ -269,6 +286,8 @@ pub struct LayerStack {
     gesture: gesture::Player,
     words: words::Words,
     voiced: voiced::Voiced,
+    rest: rest::Rest,
+    couple: couple::Couple,
     mood: mood::Expression,
     attention: attention::State,
     idle: idle::Idle,
@@ -302,6 +321,8 @@ impl LayerStack {
             gesture: gesture::Player::new(gestures),
             words: words::Words::new(words),
             voiced: voiced::Voiced::new(),
+            rest: rest::Rest::new(),
+            couple: couple::Couple::new(),
             mood: mood::Expression::new(),
             attention: attention::State::new(),
             idle: idle::Idle::new(),
@@ -379,6 +400,8 @@ impl LayerStack {
         self.lips.interrupt(epoch, &controls.hints);
         self.words.reset(epoch, &controls.words);
         self.voiced = voiced::Voiced::new();
+        self.rest = rest::Rest::new();
+        self.couple = couple::Couple::new();
         self.mood = mood::Expression::new();
         self.attention = attention::State::new();
         self.idle = idle::Idle::new();
@@ -420,6 +443,8 @@ impl LayerStack {
             rig: &self.rig,
             lively: 0.0,
             shift: 0.0,
+            stride: couple::Stride::default(),
+            resting: [0.0; 2],
             gain: 1.0,
         };
         tick.weights = self.attention.advance(&tick);
@@ -438,6 +463,17 @@ impl LayerStack {
         if at(Layer::Mood, &mut tick) {
             voiced::Voiced::apply(frame, &tick);
             self.presence.yield_floor(frame, &tick);
+        }
+        let (mut resting, mut phrase) = ([0.0; 2], None);
+        if at(Layer::Idle, &mut tick) {
+            tick.resting = self.rest.advance(&frame.pose, &tick);
+            (resting, phrase) = (tick.resting.map(|weight| tick.gain * weight), self.rest.phrase(&tick));
+        }
+        if at(Layer::Body, &mut tick) {
+            tick.stride = self.couple.apply(&mut frame.pose, &tick, resting, phrase);
+        }
+        if at(Layer::Idle, &mut tick) {
+            self.rest.apply(&mut frame.pose, &tick);
         }
         self.gesture.apply(frame, &tick);
         if at(Layer::Mood, &mut tick) {
@@ -474,6 +510,8 @@ impl LayerStack {
         self.gesture.state(pass)?;
         self.words.state(pass)?;
         self.voiced.state(pass)?;
+        self.rest.state(pass)?;
+        self.couple.state(pass)?;
         self.mood.state(pass)?;
         self.attention.state(pass)?;
         self.idle.state(pass)?;

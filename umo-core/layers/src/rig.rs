@@ -253,6 +253,42 @@ pub(super) fn ease(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
+/// Two springs one after the other: follows a goal that jumps without a jump of the acceleration.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Soft {
+    halfway: Spring,
+    end: Spring,
+}
+
+impl Soft {
+    pub(super) const ZERO: Self = Self::at(0.0);
+
+    /// At rest at `value`.
+    pub(super) const fn at(value: f32) -> Self {
+        Self { halfway: Spring::at(value), end: Spring::at(value) }
+    }
+
+    pub(super) fn value(&self) -> f32 {
+        self.end.at
+    }
+
+    /// As [`Spring::follow`].
+    pub(super) fn follow(&mut self, goal: f32, rate: f32, seconds: f32) {
+        self.halfway.follow(goal, rate, seconds);
+        self.end.follow(self.halfway.at, rate, seconds);
+    }
+
+    /// Whether values and speeds are at most `most`.
+    pub(super) fn is_within(&self, most: f32) -> bool {
+        self.halfway.is_within(most) && self.end.is_within(most)
+    }
+
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.halfway.state(pass)?;
+        self.end.state(pass)
+    }
+}
+
 /// Critically damped spring: follows a goal without overshoot.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spring {
@@ -261,6 +297,13 @@ pub(super) struct Spring {
 }
 
 impl Spring {
+    pub(super) const ZERO: Self = Self::at(0.0);
+
+    /// At rest at `value`.
+    pub(super) const fn at(value: f32) -> Self {
+        Self { at: value, speed: 0.0 }
+    }
+
     /// Moves towards `goal`; `rate` is the spring's frequency in radians a second.
     pub(super) fn follow(&mut self, goal: f32, rate: f32, seconds: f32) {
         let away = self.at - goal;

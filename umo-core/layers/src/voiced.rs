@@ -131,18 +131,29 @@ impl Voiced {
     }
 }
 
-/// Scales the distance of arms, trunk and head from rest. Arms that hang stay as they are.
+/// Scales the distance of arms, trunk and head from rest.
 fn scale(pose: &mut Pose, rig: &Rig, amount: f32) {
+    enlarge(pose, rig, amount);
+    for (joint, share) in SCALED.into_iter().filter(|(joint, _)| !ARMS.contains(joint)) {
+        let rotation = &mut pose.rotations[joint];
+        *rotation = scaled(rig.rest.rotations[joint], *rotation, (share * amount).exponential());
+    }
+}
+
+/// Scales the distance of arms from rest. Arms that hang stay as they are.
+pub(super) fn enlarge(pose: &mut Pose, rig: &Rig, amount: f32) {
+    if amount == 0.0 {
+        return;
+    }
     // Left and right in turn.
     let mut raised = [0.0_f32; 2];
     for (at, (&joint, &down)) in ARMS.iter().zip(&rig.arms_down).enumerate() {
         raised[at % 2] = raised[at % 2].max(angle_between(pose.rotations[joint], down) / RAISED);
     }
     for (joint, share) in SCALED {
-        let side = ARMS.iter().position(|&arm| arm == joint);
-        let share = side.map_or(share, |at| share * ease(raised[at % 2]));
+        let Some(at) = ARMS.iter().position(|&arm| arm == joint) else { continue };
         let rotation = &mut pose.rotations[joint];
-        *rotation = scaled(rig.rest.rotations[joint], *rotation, (share * amount).exponential());
+        *rotation = scaled(rig.rest.rotations[joint], *rotation, (share * ease(raised[at % 2]) * amount).exponential());
     }
 }
 

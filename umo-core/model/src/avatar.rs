@@ -29,9 +29,13 @@ const MAX_FRAMES: u64 = 1 << 50;
 /// Time before the end of a stream in which hands come to rest, seconds.
 const END_SECONDS: f32 = 1.0;
 
-/// Bias towards rest in silence, and from an activity of 0.5 to one of 0, nats.
+/// Bias towards rest in silence, nats.
 const REST_NATS: f32 = 8.0;
-const ACTIVE_NATS: f32 = 4.0;
+/// Bias away from rest for an activity of 1 more, up to 0.5 and beyond it, nats. Layers make rests at 0.5, between which
+/// hands are busy.
+const ACTIVE_NATS: [f32; 2] = [6.0, 1.0];
+/// The same under a prompt, below [`USUAL_ACTIVITY`] and beyond 0.5.
+const PROMPTED_NATS: f32 = 4.0;
 /// Bias away from rest of the liveliest voice, and towards it of the dullest, at an expression of 0.5, nats. Less of the
 /// second: a voice may be flat because it is cold.
 const LIVELY_NATS: f32 = 1.8;
@@ -389,6 +393,11 @@ impl Avatar {
         Ok(consumed)
     }
 
+    /// Whether a prompt says what it does.
+    pub fn is_prompted(&self) -> bool {
+        !self.has_audio() || self.text_len > 0
+    }
+
     /// Whether it reads audio.
     pub fn has_audio(&self) -> bool {
         self.audio.is_some()
@@ -509,9 +518,14 @@ impl Avatar {
         let Sampler { activity, expression, .. } = self.sampler;
         let lively = 2.0 * expression * 2.0 * (self.arousal[keyframe] - ORDINARY);
         let nats = if lively > 0.0 { LIVELY_NATS } else { DULL_NATS };
-        let usual = ACTIVE_NATS * (USUAL_ACTIVITY - activity) - nats * lively;
+        let (more, [to_half, beyond]) = ((activity - 0.5).max(0.0), ACTIVE_NATS);
+        let active = match self.is_prompted() {
+            true => PROMPTED_NATS * ((USUAL_ACTIVITY - activity).max(0.0) - more),
+            false => to_half * (USUAL_ACTIVITY - activity.min(0.5)) - beyond * more,
+        };
+        let usual = active - nats * lively;
         // A prompt says what to do, in silence too.
-        if !self.has_audio() || self.text_len > 0 {
+        if self.is_prompted() {
             return usual;
         }
         let silent = match self.ends(config, keyframe) {

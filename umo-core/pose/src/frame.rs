@@ -24,12 +24,14 @@ pub struct Cue {
     /// Model's confidence that each foot joint is planted, 0 to 1: left ankle and foot, right ankle and
     /// foot.
     pub contacts: [f32; 4],
+    /// 1 where a prompt says what the body does, else 0.
+    pub prompted: f32,
 }
 
 impl Default for Cue {
     /// A frame without sound.
     fn default() -> Self {
-        Self { level: 0.0, arousal: ORDINARY, onset: 0.0, contacts: [0.0; 4] }
+        Self { level: 0.0, arousal: ORDINARY, onset: 0.0, contacts: [0.0; 4], prompted: 0.0 }
     }
 }
 
@@ -72,6 +74,7 @@ impl OwnedFrame {
         pass.share(&mut self.cue.arousal)?;
         pass.within(&mut self.cue.onset, -1.0..=1.0)?;
         pass.moderate(&mut self.cue.contacts)?;
+        pass.share(&mut self.cue.prompted)?;
         pass.moderate(&mut self.face)
     }
 

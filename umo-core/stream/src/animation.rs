@@ -6,7 +6,7 @@ use std::fmt;
 use umo_core_base::error::{LoadError, StepError};
 use umo_core_base::memory::{Arena, Boxed};
 use umo_core_base::samples::silence_unusable;
-use umo_core_layers::{Controls, GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules};
+use umo_core_layers::{GestureOptions, Gestures, LayerGains, LayerStack, LipShape, Mood, WordRules};
 use umo_core_model::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use umo_core_model::batch::Batch;
 use umo_core_model::config::{Accents, Config};
@@ -413,7 +413,7 @@ impl Track {
         let frame_rate = *frame_rate;
         let known = (gestures.clone(), WordRules::english());
         let stack = LayerStack::new((skeleton, face), frame_rate, &frame, config.sampler.seed, known);
-        let controls = Controls { expression: config.sampler.expression, ..Controls::new(gains) };
+        let controls = crate::playback::controls(&config.sampler, gains);
         let layers = Layers::new(stack, controls, (HINT_UNITS * frame_rate, frame_rate));
         Ok(Self {
             source: None,

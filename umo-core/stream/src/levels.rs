@@ -44,6 +44,8 @@ pub(crate) struct Levels {
     sum: f64,
     sample_rate: u64,
     frame_rate: u64,
+    /// Whether a prompt is in force.
+    is_prompted: bool,
 }
 
 impl Levels {
@@ -63,6 +65,7 @@ impl Levels {
             sum: 0.0,
             sample_rate: config.audio.sample_rate as u64,
             frame_rate: config.frame_rate as u64,
+            is_prompted: avatar.is_prompted(),
         }
     }
 
@@ -93,8 +96,15 @@ impl Levels {
         });
     }
 
-    /// Tells the avatar the arousal at the keyframes of its next chunk, whose samples were pushed.
-    pub(crate) fn tell(&self, avatar: &mut Avatar, config: &Config) {
+    /// Whether a prompt said what the newest frames show.
+    pub(crate) fn is_prompted(&self) -> bool {
+        self.is_prompted
+    }
+
+    /// Tells the avatar the arousal at the keyframes of its next chunk, whose samples were pushed; notes whether it has a
+    /// prompt.
+    pub(crate) fn tell(&mut self, avatar: &mut Avatar, config: &Config) {
+        self.is_prompted = avatar.is_prompted();
         let first = avatar.chunk * avatar.target as u64;
         for (keyframe, arousal) in avatar.arousal_mut().iter_mut().enumerate() {
             *arousal = self.arousal((first + keyframe as u64) * config.keyframe_stride as u64);
@@ -140,7 +150,8 @@ impl Levels {
         let index = frame.index as u64;
         let is_heard = index < self.heard * self.frame_rate / self.sample_rate;
         let level = if is_heard { self.frames[place(index, self.frames.len())] } else { 0.0 };
-        Cue { arousal: self.arousal(index), onset: self.onset(index), ..cue(frame, level) }
+        let prompted = if self.is_prompted { 1.0 } else { 0.0 };
+        Cue { arousal: self.arousal(index), onset: self.onset(index), prompted, ..cue(frame, level) }
     }
 
     /// Saves or loads the levels.
@@ -153,7 +164,8 @@ impl Levels {
         pass.within(&mut self.silent, 0.0..=MAX_SILENCE_SECONDS)?;
         self.arousal.state(pass)?;
         pass.f32s(&mut self.values)?;
-        pass.number("arousal", &mut self.known, 1 << 60).map(drop)
+        pass.number("arousal", &mut self.known, 1 << 60)?;
+        pass.switch("prompt", &mut self.is_prompted).map(drop)
     }
 }
 

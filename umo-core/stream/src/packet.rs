@@ -20,6 +20,8 @@ use umo_core_model::model::Model;
 const VERSION: u8 = 2;
 /// Flag in the first byte, beside the version: this is the last packet of the stream.
 const LAST: u8 = 0x10;
+/// Flag in the first byte: a prompt is in force.
+const PROMPTED: u8 = 0x20;
 /// Size of the head, bytes, in packets before the last.
 const HEAD: usize = 26;
 /// Upper bound of a root coordinate, metres, so that sums of positions stay finite.
@@ -78,6 +80,8 @@ pub struct PacketHead {
     pub history: usize,
     /// Frames of the whole stream, in its last packet only.
     pub total: Option<u32>,
+    /// Whether a prompt says what the frames show that the packet makes final.
+    pub is_prompted: bool,
 }
 
 /// Packet layout of a model.
@@ -171,7 +175,7 @@ impl PacketLayout {
         out.fill(0);
         #[expect(clippy::cast_possible_truncation, reason = "at most 255 by the check above")]
         let counts = [head.keyframes as u8, head.history as u8];
-        out[0] = VERSION | if head.total.is_some() { LAST } else { 0 };
+        out[0] = VERSION | if head.total.is_some() { LAST } else { 0 } | if head.is_prompted { PROMPTED } else { 0 };
         out[1] = head.stream;
         out[2..4].copy_from_slice(&self.model.to_le_bytes());
         out[4..8].copy_from_slice(&head.sequence.to_le_bytes());
@@ -216,7 +220,7 @@ impl PacketLayout {
             VERSION => {}
             _ => return Err(PacketError::Malformed("its version is not 2: use the same version of umo on both sides")),
         }
-        if head[0] & !(0x0F | LAST) != 0 {
+        if head[0] & !(0x0F | LAST | PROMPTED) != 0 {
             return Err(PacketError::Malformed("it has flags that version 2 does not have"));
         }
         if u16::from_le_bytes(field(head, 2)) != self.model {
@@ -252,6 +256,7 @@ impl PacketLayout {
             keyframes,
             history,
             total,
+            is_prompted: head[0] & PROMPTED != 0,
         })
     }
 

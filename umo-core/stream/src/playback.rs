@@ -44,7 +44,7 @@ pub(crate) use gap::Gap;
 pub(crate) use host::Host;
 pub use idle::Idle;
 pub(crate) use idle::IdleBlend;
-pub(crate) use layers::{Layers, LayersState};
+pub(crate) use layers::{Layers, LayersState, controls};
 pub use sample::Sampled;
 pub(crate) use sample::{Sample, Window};
 pub(crate) use source::Source;

@@ -478,8 +478,8 @@ impl Session {
         self.set(|settings| settings.sampler.sampling = sampling)
     }
 
-    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21). 0.5 leaves the model as
-    /// it is. Models without a part `intent` ignore it.
+    /// Sets how often hands leave rest from the next chunk on, 0 to 1 (SPEC 2.21); layers follow
+    /// from the next frame on. At 1 hands hardly rest, at 0 they hardly rise.
     ///
     /// # Errors
     /// [`SessionError::Range`] if it is not in 0 to 1.
@@ -487,7 +487,13 @@ impl Session {
         if !(0.0..=1.0).contains(&activity) {
             return Err(SessionError::Range(Argument::Activity));
         }
-        self.set(|settings| settings.sampler.activity = activity)
+        let sampler = {
+            let mut settings = self.settings()?;
+            settings.sampler.activity = activity;
+            settings.sampler
+        };
+        self.shared.settings.changed();
+        self.ask(&Event::Sampler(sampler))
     }
 
     /// Sets how far body and face follow the arousal of the voice, 0 to 1 (SPEC 2.22): the body from the next chunk on,

@@ -48,9 +48,11 @@ pub(crate) use record::Recorder;
 /// First bytes of a take.
 const MAGIC: &[u8; 8] = b"umo take";
 /// The version that this library writes; it reads all up to it.
-const VERSION: u32 = 2;
-/// The version of a take without edits.
-const UNEDITED: u32 = 1;
+const VERSION: u32 = 4;
+/// The version of a take without edits. Odd versions have none, and the even ones after them are the same with edits.
+const UNEDITED: u32 = 3;
+/// The first version that has the gain of the layer body, and hands at rest between gestures.
+const FIRST_WITH_BODY: u32 = 3;
 /// Where the fields of the head are; the checksum is over everything after it.
 const CHECKSUM: usize = 12;
 const LENGTH: usize = 16;
@@ -203,7 +205,7 @@ impl Take {
         };
         let (activity, expression) = (head.share("activity")?, head.share("expression")?);
         let mut layers = LayerGains::OFF;
-        for layer in Layer::ALL {
+        for layer in Layer::ALL.into_iter().filter(|&layer| layer != Layer::Body || version >= FIRST_WITH_BODY) {
             layers = layers.with(layer, head.share("gain of a layer")?);
         }
         let template = head.text("template")?.to_owned();
@@ -213,6 +215,11 @@ impl Take {
         let avatar = AvatarConfig { target, lookahead, smoothing, sampler, template, text, horizon, guidance };
         let info = TakeInfo { version, frames, packets, frame_rate, sample_rate, model, audio, samples, rules };
         Ok(Self { bytes: bytes.into(), info, avatar, layers, history, body: head.at(), edits: Arc::default() })
+    }
+
+    /// Version of this take with edits, or without.
+    fn version(&self, is_edited: bool) -> u32 {
+        (self.info.version - 1) / 2 * 2 + if is_edited { 2 } else { 1 }
     }
 
     /// Checks that every record can be read, and their numbers; returns the edits.
@@ -258,7 +265,9 @@ impl Take {
 
     /// Requests to the layers at the start.
     pub(crate) fn controls(&self) -> Controls {
-        Controls { expression: self.avatar.sampler.expression, ..Controls::new(self.layers) }
+        let controls = crate::playback::controls(&self.avatar.sampler, self.layers);
+        // Before, hands rested where the model has them.
+        if self.info.version < FIRST_WITH_BODY { Controls { activity: 1.0, ..controls } } else { controls }
     }
 
     /// Codes of the keyframes before the start.
@@ -358,4 +367,4 @@ impl Take {
 }
 
 /// Number of layers whose gains a head has.
-const _: () = assert!(LAYERS == 6, "another number of layers is another version of the format");
+const _: () = assert!(LAYERS == 7, "another number of layers is another version of the format");

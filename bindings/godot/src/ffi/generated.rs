@@ -128,15 +128,15 @@ pub(crate) const PARAMETER_ATTENTION: u32 = 5;
 /// Delay of the output device in seconds, from playing a sound to hearing it: `umo_session_sample_pose`
 /// shows a pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
 pub(crate) const PARAMETER_OUTPUT_DELAY: u32 = 6;
-/// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as
-/// it is.
+/// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default; at 1 they hardly rest,
+/// at 0 hardly rise.
 pub(crate) const PARAMETER_ACTIVITY: u32 = 7;
 /// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0
 /// ignores the voice.
 pub(crate) const PARAMETER_EXPRESSION: u32 = 8;
 /// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
 pub(crate) const PARAMETER_LAYER_GAZE: u32 = 32;
-/// Strength of breath, sway, weight shifts and fingers.
+/// Strength of breath, sway, weight shifts and fingers, and of hands at rest between gestures.
 pub(crate) const PARAMETER_LAYER_IDLE: u32 = 33;
 /// Strength of the asymmetry between the face's left and right.
 pub(crate) const PARAMETER_LAYER_ASYMMETRY: u32 = 34;
@@ -147,6 +147,8 @@ pub(crate) const PARAMETER_LAYER_NODS: u32 = 35;
 pub(crate) const PARAMETER_LAYER_MOOD: u32 = 36;
 /// Strength of planted feet, steps, and the root's return to where it stood.
 pub(crate) const PARAMETER_LAYER_FEET: u32 = 37;
+/// Strength of trunk, shoulders and legs that go with the hands.
+pub(crate) const PARAMETER_LAYER_BODY: u32 = 38;
 /// Speaking while its own audio is heard, otherwise idle; in a scene, and after
 /// `umo_session_push_other_audio`, also listening.
 pub(crate) const ATTENTION_AUTO: u32 = 0;

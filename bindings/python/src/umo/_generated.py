@@ -177,6 +177,7 @@ PARAMETERS: dict[str, int] = {
     "layer_nods": 35,
     "layer_mood": 36,
     "layer_feet": 37,
+    "layer_body": 38,
 }
 
 
@@ -525,7 +526,7 @@ class ParameterInfo(Structure):
         ("struct_size", c_uint32),
         # Number of the parameter, `"temperature"`, `"top_k"`, `"top_p"`, `"idle"`, `"gain_face"`, `"gain_hands"`,
         # `"gain_upper"`, `"gain_lower"`, `"attention"`, `"output_delay"`, `"activity"`, `"expression"`, `"layer_gaze"`,
-        # `"layer_idle"`, `"layer_asymmetry"`, `"layer_nods"`, `"layer_mood"`, `"layer_feet"`.
+        # `"layer_idle"`, `"layer_asymmetry"`, `"layer_nods"`, `"layer_mood"`, `"layer_feet"`, `"layer_body"`.
         ("id", c_uint32),
         # `PARAMETER_WHOLE` or 0.
         ("flags", c_uint32),

@@ -100,7 +100,7 @@ class Session(_library.Handle):
     output_delay = Parameter[float](
         "output_delay", "Latency of the output device in seconds, which `sample` compensates. About 0.2 for Bluetooth."
     )
-    activity = Parameter[float]("activity", "How often hands leave rest, 0 to 1; 0.5 leaves the model as it is.")
+    activity = Parameter[float]("activity", "How often hands leave rest, 0 to 1; 0.5 is as people do.")
     expression = Parameter[float](
         "expression", "How far body and face follow the arousal of the voice, 0 to 1; 0 ignores the voice."
     )
@@ -109,11 +109,12 @@ class Session(_library.Handle):
     gain_upper = Parameter[float]("gain_upper", "Amount of motion of spine, neck, head and arms.")
     gain_lower = Parameter[float]("gain_lower", "Amount of motion of pelvis and legs, and of the body through the world.")
     layer_gaze = Parameter[float]("layer_gaze", "Strength of blinks, gaze and lids over the model's motion, 0 to 1.")
-    layer_idle = Parameter[float]("layer_idle", "Strength of breath, sway, weight shifts and fingers.")
+    layer_idle = Parameter[float]("layer_idle", "Strength of breath, sway, weight shifts and fingers, and of hands at rest.")
     layer_asymmetry = Parameter[float]("layer_asymmetry", "Strength of the differences between the face's left and right.")
     layer_nods = Parameter[float]("layer_nods", "Strength of nods on accents, and while listening.")
     layer_mood = Parameter[float]("layer_mood", "Strength of the mood's face and posture.")
     layer_feet = Parameter[float]("layer_feet", "Strength of planted feet, steps, and the root's return.")
+    layer_body = Parameter[float]("layer_body", "Strength of trunk, shoulders and legs that go with the hands.")
 
     def __init__(
         self,

@@ -264,7 +264,10 @@ namespace Umo
         /// pose that much earlier. 0 to 2; some 0.2 for Bluetooth.
         /// </summary>
         OutputDelay = 6,
-        /// <summary>Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default and leaves the model as it is.</summary>
+        /// <summary>
+        /// Activity of the hands, 0 to 1: how often they leave rest. 0.5 is the default; at 1 they hardly rest, at 0
+        /// hardly rise.
+        /// </summary>
         Activity = 7,
         /// <summary>
         /// Expression, 0 to 1: how far body and face follow the arousal of the voice. 0.5 is the default, 0 ignores the
@@ -273,7 +276,7 @@ namespace Umo
         Expression = 8,
         /// <summary>Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.</summary>
         LayerGaze = 32,
-        /// <summary>Strength of breath, sway, weight shifts and fingers.</summary>
+        /// <summary>Strength of breath, sway, weight shifts and fingers, and of hands at rest between gestures.</summary>
         LayerIdle = 33,
         /// <summary>Strength of the asymmetry between the face's left and right.</summary>
         LayerAsymmetry = 34,
@@ -283,6 +286,8 @@ namespace Umo
         LayerMood = 36,
         /// <summary>Strength of planted feet, steps, and the root's return to where it stood.</summary>
         LayerFeet = 37,
+        /// <summary>Strength of trunk, shoulders and legs that go with the hands.</summary>
+        LayerBody = 38,
     }
 
     /// <summary>Attention of the avatar.</summary>

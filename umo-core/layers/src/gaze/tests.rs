@@ -236,6 +236,8 @@ fn lids_and_looks_of_a_gesture_stay() {
             rig: &trial.rig,
             lively: 0.0,
             shift: 0.0,
+            stride: Default::default(),
+            resting: [0.0; 2],
             gain: 1.0,
         };
         trial.stack.gaze.apply(&mut frame, &tick);

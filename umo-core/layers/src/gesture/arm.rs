@@ -21,48 +21,48 @@ const MAX_TWIST: f32 = 1.75;
 /// Largest bend of a wrist, radians.
 const MAX_BEND: f32 = 1.2;
 
-pub(super) type Vec3 = [f32; 3];
+pub(crate) type Vec3 = [f32; 3];
 
 /// Target pose of an arm. Directions and positions are outwards, up, forwards relative to the trunk, so
 /// that they hold for both arms.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ArmTarget {
+pub(crate) struct ArmTarget {
     /// Position of the wrist relative to the shoulder, in arm lengths.
-    pub(super) hand: Vec3,
+    pub(crate) hand: Vec3,
     /// Direction of the elbow.
-    pub(super) elbow: Vec3,
+    pub(crate) elbow: Vec3,
     /// Direction of straight fingers.
-    pub(super) fingers: Vec3,
+    pub(crate) fingers: Vec3,
     /// Direction that the palm faces.
-    pub(super) palm: Vec3,
-    pub(super) shape: Shape,
+    pub(crate) palm: Vec3,
+    pub(crate) shape: Shape,
 }
 
 /// The joints of an arm.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Arm {
-    pub(super) collar: usize,
-    pub(super) shoulder: usize,
-    pub(super) elbow: usize,
-    pub(super) wrist: usize,
-    pub(super) first_finger: usize,
+pub(crate) struct Arm {
+    pub(crate) collar: usize,
+    pub(crate) shoulder: usize,
+    pub(crate) elbow: usize,
+    pub(crate) wrist: usize,
+    pub(crate) first_finger: usize,
     /// 1 for the left arm, which is towards +X, -1 for the right one.
-    pub(super) side: f32,
+    pub(crate) side: f32,
 }
 
-pub(super) const LEFT: Arm =
+pub(crate) const LEFT: Arm =
     Arm { collar: 13, shoulder: 16, elbow: 18, wrist: 20, first_finger: FIRST_FINGER, side: 1.0 };
-pub(super) const RIGHT: Arm =
+pub(crate) const RIGHT: Arm =
     Arm { collar: 14, shoulder: 17, elbow: 19, wrist: 21, first_finger: FIRST_FINGER + FINGER_JOINTS, side: -1.0 };
 
 /// The rotations of an arm's joints, relative to their parents.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ArmPose {
-    pub(super) collar: Quat,
-    pub(super) shoulder: Quat,
-    pub(super) elbow: Quat,
-    pub(super) wrist: Quat,
-    pub(super) fingers: [Quat; FINGER_JOINTS],
+pub(crate) struct ArmPose {
+    pub(crate) collar: Quat,
+    pub(crate) shoulder: Quat,
+    pub(crate) elbow: Quat,
+    pub(crate) wrist: Quat,
+    pub(crate) fingers: [Quat; FINGER_JOINTS],
 }
 
 impl Arm {
@@ -71,12 +71,12 @@ impl Arm {
     }
 
     /// Converts a direction between an arm's (outwards, up, forwards) and the trunk's; its own inverse.
-    pub(super) fn sided(self, [out, up, ahead]: Vec3) -> Vec3 {
+    pub(crate) fn sided(self, [out, up, ahead]: Vec3) -> Vec3 {
         [self.side * out, up, ahead]
     }
 
     /// Length of the arm, metres.
-    pub(super) fn length(self, rig: &Rig) -> f32 {
+    pub(crate) fn length(self, rig: &Rig) -> f32 {
         length(rig.offsets[self.elbow]) + length(rig.offsets[self.wrist])
     }
 
@@ -100,7 +100,7 @@ impl Arm {
 
     /// Returns the arm pose that brings the hand to `target`, or as near as it reaches. `pointer` is the
     /// direction at rest that `target.fingers` aligns; the hand's own if `None`.
-    pub(super) fn pose(self, rig: &Rig, target: &ArmTarget, pointer: Option<Vec3>) -> ArmPose {
+    pub(crate) fn pose(self, rig: &Rig, target: &ArmTarget, pointer: Option<Vec3>) -> ArmPose {
         let out = [self.side, 0.0, 0.0];
         let collar = self.girdle(target.hand);
         let (upper, lower) = (rig.offsets[self.elbow], rig.offsets[self.wrist]);

@@ -7,15 +7,15 @@ use umo_core_pose::rotation::{IDENTITY, Quat, axis_angle_to_quat, product};
 use crate::rig::mirrored;
 
 /// Finger joints of one hand: index, middle, pinky, ring, thumb, three each.
-pub(super) const FINGER_JOINTS: usize = 15;
+pub(crate) const FINGER_JOINTS: usize = 15;
 
 /// Number of angles of a shape.
-pub(super) const ANGLES: usize = 20;
+pub(crate) const ANGLES: usize = 20;
 
 /// Joint angles of a hand, degrees. For index, middle, ring and pinky: the bends of the three joints, and
 /// the lean towards the thumb. For the thumb: its angle away from the index, its angle in front of the
 /// palm, and the bends of its two outer joints.
-pub(super) type Shape = [f32; ANGLES];
+pub(crate) type Shape = [f32; ANGLES];
 
 /// Axis of the left thumb's bend: the tip moves across the palm.
 const THUMB_BEND: [f32; 3] = [0.41, 0.86, -0.26];
@@ -39,7 +39,7 @@ const fn leaning(finger: [f32; 4], lean: f32) -> [f32; 4] {
 }
 
 /// Hanging hand.
-pub(super) const RELAXED: Shape = shape(
+pub(crate) const RELAXED: Shape = shape(
     [18.0, 24.0, 14.0, 3.0],
     [24.0, 30.0, 17.0, 0.0],
     [29.0, 33.0, 19.0, -2.0],

@@ -92,6 +92,8 @@ impl Stage {
             rig: &self.rig,
             lively: 0.0,
             shift: 0.0,
+            stride: Default::default(),
+            resting: [0.0; 2],
             gain: 1.0,
         };
         self.player.apply(&mut frame, &tick);

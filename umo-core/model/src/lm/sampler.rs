@@ -18,14 +18,14 @@ pub struct Sampler {
     pub sampling: Sampling,
     /// Seed of the draws.
     pub seed: u64,
-    /// How often hands leave rest, 0 to 1: 0.5 leaves the model as it is.
+    /// How often hands leave rest, 0 to 1: 0.25 leaves the model as it is.
     pub activity: f32,
     /// How far the motion follows the voice's arousal, 0 to 1; 0 leaves the model as it is.
     pub expression: f32,
 }
 
 /// The [`Sampler::activity`] of the people that a model learned from.
-pub(crate) const USUAL_ACTIVITY: f32 = 0.5;
+pub(crate) const USUAL_ACTIVITY: f32 = 0.25;
 
 impl Sampler {
     /// Always selects the code with the largest logit.

@@ -11,7 +11,7 @@ use super::ring::Ring;
 /// Words of a stamp.
 const HEAD: usize = 5;
 /// Words before a frame's pose: its stamp and its cue.
-const POSE: usize = HEAD + 7;
+const POSE: usize = HEAD + 8;
 /// Words before a frame's face values.
 const FACE: usize = POSE + 4 * JOINTS + 3;
 
@@ -70,7 +70,7 @@ impl FrameRing {
 
     /// Producer: appends a frame if there is room; returns whether there was.
     pub(crate) fn push(&self, stamp: Stamp, cue: Cue, pose: &Pose, face: &[f32]) -> bool {
-        let cue = [cue.level, cue.arousal, cue.onset].into_iter().chain(cue.contacts);
+        let cue = [cue.level, cue.arousal, cue.onset, cue.prompted].into_iter().chain(cue.contacts);
         let values = pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face);
         let words = stamp.words().into_iter().chain(cue.chain(values.copied()).map(f32::to_bits));
         self.words.room() >= self.width && self.words.push_some(self.width, words) == self.width
@@ -89,7 +89,7 @@ impl FrameRing {
             return false;
         }
         let OwnedFrame { pose, face, cue, .. } = frame;
-        let mut values = [&mut cue.level, &mut cue.arousal, &mut cue.onset]
+        let mut values = [&mut cue.level, &mut cue.arousal, &mut cue.onset, &mut cue.prompted]
             .into_iter()
             .chain(&mut cue.contacts)
             .chain(pose.rotations.as_flattened_mut().iter_mut().chain(&mut pose.translation).chain(face.iter_mut()));

@@ -39,8 +39,8 @@ pub(crate) trait PacketSink {
     fn room(&self) -> usize;
     /// Called when a later stream begins.
     fn begin(&mut self);
-    /// Receives the next frame, with its audio level and arousal.
-    fn frame(&mut self, frame: FrameRef, sound: [f32; SOUND]);
+    /// Receives the next frame, with its audio level and arousal, and whether a prompt says what it shows.
+    fn frame(&mut self, frame: FrameRef, sound: [f32; SOUND], is_prompted: bool);
 }
 
 /// Sink with unlimited room.
@@ -53,7 +53,7 @@ impl PacketSink for Frames<'_> {
 
     fn begin(&mut self) {}
 
-    fn frame(&mut self, frame: FrameRef, _: [f32; SOUND]) {
+    fn frame(&mut self, frame: FrameRef, _: [f32; SOUND], _: bool) {
         (self.0)(frame);
     }
 }
@@ -100,6 +100,7 @@ pub struct Decoder {
     /// Number of frames before the motion's first.
     base: usize,
     place: Place,
+    is_prompted: bool,
     received: Received,
 }
 
@@ -144,17 +145,17 @@ impl Place {
     }
 
     /// Emits the frame with the root corrected. Without a correction it is bit-identical to the decoded frame.
-    fn put(&mut self, frame: FrameRef, sound: [f32; SOUND], out: &mut dyn PacketSink) {
+    fn put(&mut self, frame: FrameRef, (sound, is_prompted): ([f32; SOUND], bool), out: &mut dyn PacketSink) {
         self.own = [frame.pose.translation[0], frame.pose.translation[2]];
         self.done = (self.done + 1).min(self.frames);
         let shift = self.shift();
         if shift == [0.0; 2] {
-            return out.frame(frame, sound);
+            return out.frame(frame, sound, is_prompted);
         }
         let mut pose = *frame.pose;
         pose.translation[0] += shift[0];
         pose.translation[2] += shift[1];
-        out.frame(FrameRef { pose: &pose, ..frame }, sound);
+        out.frame(FrameRef { pose: &pose, ..frame }, sound, is_prompted);
     }
 }
 
@@ -216,6 +217,7 @@ impl Decoder {
             is_first: true,
             base: 0,
             place: Place::default(),
+            is_prompted: false,
             received: Received::default(),
         })
     }
@@ -426,6 +428,7 @@ impl Decoder {
             }
         }
         self.next = head.sequence.wrapping_add(1);
+        self.is_prompted = head.is_prompted;
         let total = head.total.map(|total| (total as usize).saturating_sub(self.base));
         if head.keyframes > 0 {
             let codes = codes_of(&self.waiting, &self.arrived, slot);
@@ -465,12 +468,12 @@ impl Decoder {
         total: Option<usize>,
         sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
-        let Self { window, run, interp, scratch, place, base, sounds, stride, .. } = self;
+        let Self { window, run, interp, scratch, place, base, sounds, stride, is_prompted, .. } = self;
         let decoder = model.motion();
         let mut out = |raw: FrameRef| {
             if total.is_none_or(|total| raw.index < total) {
                 let index = *base + raw.index;
-                place.put(FrameRef { index, ..raw }, *sound_of(sounds, index / *stride), sink);
+                place.put(FrameRef { index, ..raw }, (*sound_of(sounds, index / *stride), *is_prompted), sink);
             }
         };
         if keyframes > 0 {

@@ -53,6 +53,7 @@ impl PacketRoom {
             keyframes,
             history,
             total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
+            is_prompted: levels.is_prompted(),
         };
         let heard = &mut self.sounds[..keyframes];
         for (i, sound) in heard.iter_mut().enumerate() {

@@ -7,6 +7,7 @@ fn layout(limits: &[u16]) -> PacketLayout {
 }
 
 const PLAIN: PacketHead = PacketHead {
+    is_prompted: false,
     stream: 3,
     sequence: 0x0102_0304,
     sample: 48_000,
@@ -54,7 +55,7 @@ fn what_is_no_packet_is_refused() {
         assert_eq!(layout.decode(&bad, &mut sounds, &mut codes), Err(wanted), "byte {at}");
     };
     refused(0, 1, PacketError::Malformed("its version is not 2: use the same version of umo on both sides"));
-    refused(0, 0x22, PacketError::Malformed("it has flags that version 2 does not have"));
+    refused(0, 0x42, PacketError::Malformed("it has flags that version 2 does not have"));
     refused(2, 0, PacketError::Other("model"));
     refused(19, 0x7F, PacketError::Malformed("its root is out of range"));
     refused(24, 200, PacketError::Malformed("it has more keyframes than the model's history"));
@@ -118,7 +119,16 @@ fn case() -> impl Strategy<Value = (Vec<u16>, PacketHead, Vec<[u8; SOUND]>, Vec<
     )
         .prop_flat_map(|(limits, (keyframes, history), (stream, sequence, sample), root, total)| {
             let total = if keyframes == 0 { Some(total.unwrap_or(9)) } else { total };
-            let head = PacketHead { stream, sequence, sample, root, keyframes, history, total };
+            let head = PacketHead {
+                stream,
+                sequence,
+                sample,
+                root,
+                keyframes,
+                history,
+                total,
+                is_prompted: sequence % 3 == 0,
+            };
             let codes = limits.iter().cycle().take(limits.len() * (keyframes + history)).map(|&limit| 0..limit);
             (
                 Just(limits.clone()),

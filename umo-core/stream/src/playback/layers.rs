@@ -3,7 +3,8 @@
 use std::sync::atomic::Ordering;
 
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Company, Controls, Heard, LayerStack, Role};
+use umo_core_layers::{Company, Controls, Heard, LayerGains, LayerStack, Role};
+use umo_core_model::lm::sampler::Sampler;
 use umo_core_pose::frame::OwnedFrame;
 
 use super::Start;
@@ -11,6 +12,12 @@ use super::host::Host;
 use crate::scene::Pair;
 use crate::session::spin_lock;
 use crate::take::{Event, Known, Passed};
+
+/// The host's requests at the start, with these draws of codes and gains of the layers.
+pub(crate) fn controls(sampler: &Sampler, gains: LayerGains) -> Controls {
+    let Sampler { activity, expression, .. } = *sampler;
+    Controls { activity, expression, ..Controls::new(gains) }
+}
 
 /// The layers between two frames, and the requests in force.
 #[derive(Debug)]

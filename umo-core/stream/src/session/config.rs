@@ -32,6 +32,8 @@ const SMOOTHING: f32 = 1.2;
 
 /// Default [`expression`](umo_core_model::lm::sampler::Sampler::expression) of a session.
 const EXPRESSION: f32 = 0.5;
+/// Default [`activity`](umo_core_model::lm::sampler::Sampler::activity) of a session: hands rest as often as people's.
+const ACTIVITY: f32 = 0.5;
 
 /// Packets of a session (SPEC 2.18).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,7 +99,7 @@ impl SessionConfig {
             avatar: {
                 let mut avatar = AvatarConfig::new(config);
                 avatar.smoothing = SMOOTHING;
-                avatar.sampler.expression = EXPRESSION;
+                (avatar.sampler.activity, avatar.sampler.expression) = (ACTIVITY, EXPRESSION);
                 avatar
             },
             layers: LayerGains::ON,

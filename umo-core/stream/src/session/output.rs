@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 
 use umo_core_base::memory::Boxed;
 use umo_core_base::state::{StateError, StatePass};
-use umo_core_layers::{Controls, LayerStack};
+use umo_core_layers::LayerStack;
 use umo_core_pose::frame::OwnedFrame;
 
 use super::outcome::Failure;
@@ -54,7 +54,7 @@ impl Output {
             avatar.sampler.seed,
             (session.gestures.clone(), session.words.clone()),
         );
-        let controls = Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) };
+        let controls = crate::playback::controls(&avatar.sampler, session.layers);
         Self {
             to_rest: ToRest::new(frame()),
             source: Source::new(voice, chunk_frames, rates),

@@ -71,14 +71,15 @@ impl PacketSink for Frames<'_> {
         link.start_input(*self.epoch, 0);
     }
 
-    fn frame(&mut self, frame: FrameRef, [level, arousal]: [f32; SOUND]) {
+    fn frame(&mut self, frame: FrameRef, [level, arousal]: [f32; SOUND], is_prompted: bool) {
         let index = frame.index as u64;
         if index >= self.most {
             return;
         }
         let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.format.sample_of(index) };
         // What comes later is not known.
-        let cue = Cue { arousal, onset: -1.0, ..crate::levels::cue(&frame, level) };
+        let prompted = if is_prompted { 1.0 } else { 0.0 };
+        let cue = Cue { arousal, onset: -1.0, prompted, ..crate::levels::cue(&frame, level) };
         let written = self.shared.link.frames.push(stamp, cue, frame.pose, frame.face);
         debug_assert!(written, "a packet is taken only where its frames have room");
         *self.next = index + 1;

@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex};
 use umo_core_base::clock::Clock;
 use umo_core_base::error::LoadError;
 use umo_core_base::memory::{Arena, Boxed};
-use umo_core_layers::Controls;
 use umo_core_model::audio::resample::Resampler;
 use umo_core_model::avatar::AvatarConfig;
 use umo_core_model::lm::layout::MAX_PROMPT_TOKENS;
@@ -229,7 +228,7 @@ impl Shared {
             link,
             host: Host::new(
                 init.clock,
-                Controls { expression: avatar.sampler.expression, ..Controls::new(session.layers) },
+                crate::playback::controls(&avatar.sampler, session.layers),
                 (session.gestures.clone(), session.words.clone()),
                 session.idle,
             ),

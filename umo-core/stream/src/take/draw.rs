@@ -19,13 +19,13 @@ use umo_core_model::lm::depth;
 use umo_core_model::lm::sampler::Sampler;
 use umo_core_model::model::Model;
 use umo_core_model::motion::vq::VqDecoder;
-use umo_core_pose::frame::OwnedFrame;
+use umo_core_pose::frame::{Cue, OwnedFrame};
 use umo_core_pose::skeleton::joint_places;
 
 use super::edits::Edits;
 use super::join::Offset;
 use super::log::{Put, Store};
-use super::{CHECKSUM, Event, LENGTH, MAGIC, Take, UNEDITED, VERSION};
+use super::{CHECKSUM, Event, LENGTH, MAGIC, Take};
 use crate::animation::Animation;
 use crate::packet::{Decoder, PacketHead, PacketLayout, SOUND};
 
@@ -279,7 +279,8 @@ impl Take {
             let mut keep = |frame: umo_core_model::motion::FrameRef| {
                 let mut own = OwnedFrame::new(*frame.pose, frame.face);
                 own.index = frame.index as u64;
-                own.cue = crate::levels::cue(&frame, 0.0);
+                let prompted = if head.is_prompted { 1.0 } else { 0.0 };
+                own.cue = Cue { prompted, ..crate::levels::cue(&frame, 0.0) };
                 frames.push(own);
             };
             let pushed = decoder.push_packet(model, cx, &packet[..length], &mut keep);
@@ -427,7 +428,7 @@ impl Take {
             Edits::write(&mut out, &windows, &packets, asks.then_some(&events[..]));
         }
         let mut bytes = store.into_bytes();
-        let version = if windows.is_empty() { UNEDITED } else { VERSION };
+        let version = self.version(!windows.is_empty());
         bytes[MAGIC.len()..CHECKSUM].copy_from_slice(&version.to_le_bytes());
         let length = bytes.len() as u64;
         bytes[LENGTH..LENGTH + 8].copy_from_slice(&length.to_le_bytes());

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::event::Event;
 use super::log::Put;
 use super::reader::Reader;
-use super::{CHECKSUM, LENGTH, Take, TakeError, TakeInfo, UNEDITED};
+use super::{CHECKSUM, LENGTH, Take, TakeError, TakeInfo};
 
 /// Tags of the records.
 const WINDOW: u8 = 0x4B;
@@ -70,7 +70,7 @@ impl Edits {
     pub(super) fn read(bytes: &[u8], at: usize, frames: u32, version: u32) -> Result<Self, TakeError> {
         let mut edits = Self { at, ..Self::default() };
         let mut from = Reader::from(bytes, at);
-        if version < 2 && !from.is_at_end() {
+        if version % 2 == 1 && !from.is_at_end() {
             return Err(TakeError::Field("kind of record"));
         }
         while !from.is_at_end() {
@@ -172,12 +172,13 @@ impl Take {
             return self.clone();
         }
         let mut bytes = self.bytes[..self.edits.at].to_vec();
-        bytes[CHECKSUM - 4..CHECKSUM].copy_from_slice(&UNEDITED.to_le_bytes());
+        let version = self.version(false);
+        bytes[CHECKSUM - 4..CHECKSUM].copy_from_slice(&version.to_le_bytes());
         let length = bytes.len() as u64;
         bytes[LENGTH..LENGTH + 8].copy_from_slice(&length.to_le_bytes());
         let sum = crc32fast::hash(&bytes[LENGTH..]);
         bytes[CHECKSUM..LENGTH].copy_from_slice(&sum.to_le_bytes());
-        let info = TakeInfo { version: UNEDITED, ..self.info };
+        let info = TakeInfo { version, ..self.info };
         Self { bytes: bytes.into(), info, ..self.original() }
     }
 

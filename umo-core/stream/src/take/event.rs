@@ -157,8 +157,9 @@ impl<'a> Event<'a> {
             Self::Attention(attention) => controls.attention = attention,
             Self::Layer { layer, gain } => controls.layers = controls.layers.with(layer, gain),
             Self::Expression(expression) => controls.expression = expression,
-            // The packets have what came of these.
-            Self::Prompt(_) | Self::Sampler(_) => {}
+            Self::Sampler(sampler) => controls.activity = sampler.activity,
+            // The packets have what came of it.
+            Self::Prompt(_) => {}
         }
         Ok(())
     }

@@ -159,7 +159,7 @@ impl Play {
     /// Puts the frame's sound in place of what its packet says.
     pub(crate) fn cue(&self, cue: &mut Cue) {
         let Sound { level, arousal, onset, .. } = self.sound;
-        *cue = Cue { level, arousal, onset, contacts: cue.contacts };
+        *cue = Cue { level, arousal, onset, ..*cue };
     }
 
     /// Level of the other's voice at the frame, if one is heard.
@@ -174,7 +174,7 @@ impl Play {
         let drawn = patch.and_then(|patch| patch.drawn.get(usize::try_from(index - patch.frames.start).ok()?));
         if let Some(drawn) = drawn {
             frame.pose_of(drawn);
-            frame.cue.contacts = drawn.cue.contacts;
+            (frame.cue.contacts, frame.cue.prompted) = (drawn.cue.contacts, drawn.cue.prompted);
         }
     }
 

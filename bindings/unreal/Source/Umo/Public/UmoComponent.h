@@ -70,7 +70,7 @@ enum class EUmoLayer : uint8
 {
 	/** Blinks, gaze and lids. */
 	Gaze = 0,
-	/** Breath, sway, weight shifts and fingers. */
+	/** Breath, sway, weight shifts and fingers; hands at rest. */
 	Idle = 1,
 	/** Slight differences between the left and right of the face. */
 	Asymmetry = 2,
@@ -80,6 +80,8 @@ enum class EUmoLayer : uint8
 	Mood = 4,
 	/** Planted feet, steps, and returning to the start position. */
 	Feet = 5,
+	/** Trunk, shoulders and legs that go with the hands. */
+	Body = 6,
 };
 
 /** Visible lip shape of a sound: values of UMO_LIPS_. */
