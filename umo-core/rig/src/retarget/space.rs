@@ -40,6 +40,8 @@ const SOFT: f32 = 0.005;
 
 /// Upper bound on the rounds of pushing.
 const ROUNDS: usize = 2;
+/// The same in a motion's first frame, which has no push before it.
+const FIRST: usize = 8;
 /// Share of a shape's height over which its surroundings end beyond its ends.
 const BEYOND: f32 = 0.35;
 /// Largest swivel of an elbow, radians.
@@ -490,10 +492,15 @@ pub(super) struct Past {
 }
 
 impl Past {
-    /// Moves towards a correction; to it at once if the source's wrist moved further than `jump`.
-    fn damp(&mut self, wrist: Vector, to: Moved, axes: Quat, jump: f32) -> Moved {
+    /// Whether the source's wrist moved further than `jump`.
+    fn is_new(&self, wrist: Vector, jump: f32) -> bool {
+        self.wrist.is_none_or(|was| length(less(wrist, was)) > jump)
+    }
+
+    /// Moves towards a correction; to it at once in the first frame.
+    fn damp(&mut self, wrist: Vector, to: Moved, axes: Quat) -> Moved {
         let [x, y, z] = rotate(inverse(axes), to.shift);
-        let is_new = self.wrist.is_none_or(|was| length(less(wrist, was)) > jump);
+        let is_new = self.wrist.is_none();
         self.wrist = Some(wrist);
         for (value, goal) in self.values.iter_mut().zip([x, y, z, to.swivel]) {
             let [at, change] = *value;
@@ -586,14 +593,19 @@ impl Space {
             }
         }
         let axes = product(self.rig.trunk[1].rotation(world), self.rig.axes);
+        let mut rounds = ROUNDS;
         for (side, arm) in arms.iter_mut().enumerate() {
             let Some(arm) = arm else { continue };
             let wrist = less(source[20 + side].place, source[0].place);
-            let moved = past[side].damp(wrist, arm.moved, axes, self.metres(JUMP));
+            if past[side].is_new(wrist, self.metres(JUMP)) {
+                past[side].wrist = None;
+                rounds = FIRST;
+            }
+            let moved = past[side].damp(wrist, arm.moved, axes);
             self.follow(arm, moved);
         }
         let smoothed = arms.each_ref().map(|arm| arm.as_ref().map(|arm| arm.moved));
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds {
             let shifts = match &arms {
                 [Some(left), Some(right)] => self.together([left, right], false),
                 _ => [[0.0; 3]; 2],
@@ -900,10 +912,10 @@ mod tests {
         let mut past = Past::default();
         let to = |x: f32| Moved { shift: [x, 0.0, 0.0], swivel: -x };
         let still = [0.1, 0.2, 0.3];
-        assert_eq!(past.damp(still, to(1.0), IDENTITY, 0.3).shift, [1.0, 0.0, 0.0]);
+        assert_eq!(past.damp(still, to(1.0), IDENTITY).shift, [1.0, 0.0, 0.0]);
         let mut before = 1.0;
         for frame in 0..30 {
-            let Moved { shift, swivel } = past.damp(still, to(2.0), IDENTITY, 0.3);
+            let Moved { shift, swivel } = past.damp(still, to(2.0), IDENTITY);
             assert!(shift[0] > before && shift[0] <= 2.0 && swivel == -shift[0], "{frame}: {shift:?} {swivel}");
             before = shift[0];
             if frame == 9 {
@@ -912,9 +924,9 @@ mod tests {
         }
         // A push stays, then fades.
         past.push(to(before), to(before + 0.1), IDENTITY);
-        let [pushed, later] = [0, 1].map(|_| past.damp(still, to(2.0), IDENTITY, 0.3).shift[0]);
+        let [pushed, later] = [0, 1].map(|_| past.damp(still, to(2.0), IDENTITY).shift[0]);
         assert!(pushed > 2.05 && later < pushed, "{pushed} {later}");
-        assert_eq!(past.damp([1.0, 0.2, 0.3], to(5.0), IDENTITY, 0.3).shift, [5.0, 0.0, 0.0]);
+        assert!(past.is_new([1.0, 0.2, 0.3], 0.3) && !past.is_new([0.2, 0.2, 0.3], 0.3));
     }
 
     #[test]
