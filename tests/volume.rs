@@ -505,19 +505,22 @@ fn peaks(places: &[Vector]) -> Vec<f32> {
 /// Frames of a motion from one that is measured to the next.
 const EVERY: usize = 4;
 
-/// Demands on a build: least share of kept contacts, most jerk of the wrists relative to before.
+/// Demands on a build: least share of kept contacts, most jerk of the wrists and most speed of strokes relative to
+/// before, most frames with an arm more than 1 cm inside.
 struct Bar {
     contacts: f32,
     jerk: f32,
+    peak: f32,
+    inside: f32,
 }
 
 const BARS: [Bar; BUILDS.len()] = [
-    Bar { contacts: 0.95, jerk: 1.15 },
-    Bar { contacts: 0.6, jerk: 2.2 },
-    Bar { contacts: 0.75, jerk: 1.3 },
-    Bar { contacts: 0.95, jerk: 1.5 },
-    Bar { contacts: 0.95, jerk: 1.5 },
-    Bar { contacts: 0.05, jerk: 2.3 },
+    Bar { contacts: 0.95, jerk: 1.1, peak: 0.1, inside: 0.005 },
+    Bar { contacts: 0.75, jerk: 1.2, peak: 0.65, inside: 0.005 },
+    Bar { contacts: 0.85, jerk: 1.1, peak: 0.25, inside: 0.005 },
+    Bar { contacts: 0.95, jerk: 1.1, peak: 0.3, inside: 0.005 },
+    Bar { contacts: 0.95, jerk: 1.2, peak: 0.15, inside: 0.005 },
+    Bar { contacts: 0.3, jerk: 1.3, peak: 0.25, inside: 0.03 },
 ];
 
 /// Share of the frames with a hand or a forearm deeper than a limit.
@@ -582,34 +585,37 @@ fn arms_keep_out_of_bodies_and_contacts_are_kept() {
             contacts(&figure, &before.0)[1],
             100.0 * most,
         );
-        assert!(inside(&after.0, 0.01) <= 0.01, "{}: {}", build.name, inside(&after.0, 0.01));
+        assert!(inside(&after.0, 0.01) <= bar.inside, "{}: {}", build.name, inside(&after.0, 0.01));
         assert!(inside(&after.0, 0.03) == 0.0, "{}", build.name);
         assert!(all >= 20 && kept as f32 >= bar.contacts * all as f32, "{}: {kept} of {all}", build.name);
         assert!(jerks.iter().all(|&jerk| jerk <= bar.jerk), "{}: {jerks:?}", build.name);
-        assert!(build.name != "people's" || most <= 0.1, "{most}");
+        assert!(most <= bar.peak, "{}: {most}", build.name);
     }
 }
 
-/// A gain of 0 gives the bits of a rig without a volume, and a frame's bits do not depend on the frames before it.
+/// A gain of 0 gives the bits of a rig without a volume; the same frames in the same order give the same bits; after a
+/// jump, a motion begins as with new scratch memory.
 #[test]
-fn frames_depend_on_their_pose_alone() {
+fn frames_depend_on_those_before_in_the_same_motion_alone() {
     let (skeleton, poses) = &*MOTION;
     let character = Character::new(skeleton, BUILDS[1]);
-    let bits = |retarget: &Retarget, order: &[usize]| -> Vec<Vec<[f32; 4]>> {
+    let bits = |retarget: &Retarget, poses: &[Pose]| -> Vec<Vec<[f32; 4]>> {
         let mut scratch = retarget.scratch();
-        let mut frames = vec![Vec::new(); poses.len()];
-        for &frame in order {
+        let mut frame = |pose: &Pose| {
             let mut rotations = vec![IDENTITY; character.rig.len()];
-            retarget.apply(&mut scratch, &poses[frame], &mut rotations).unwrap();
-            frames[frame] = rotations;
-        }
-        frames
+            retarget.apply(&mut scratch, pose, &mut rotations).unwrap();
+            rotations
+        };
+        poses.iter().map(&mut frame).collect()
     };
-    let forwards: Vec<usize> = (0..poses.len()).collect();
-    let backwards: Vec<usize> = (0..poses.len()).rev().collect();
     let plain = Retarget::new(skeleton, &character.rig, &character.mapping, Floor::AtRest).unwrap();
-    assert_eq!(bits(&character.retarget(skeleton, 0.0), &forwards), bits(&plain, &forwards));
+    assert_eq!(bits(&character.retarget(skeleton, 0.0), poses), bits(&plain, poses));
     let full = character.retarget(skeleton, 1.0);
-    assert_eq!(bits(&full, &forwards), bits(&full, &backwards));
-    assert_ne!(bits(&full, &forwards), bits(&plain, &forwards));
+    let whole = bits(&full, poses);
+    assert_eq!(whole, bits(&full, poses));
+    assert_ne!(whole, bits(&plain, poses));
+    // Arms stretched out to the sides are far from any pose of the motion.
+    let jump = [Pose::REST].iter().chain(&poses[430..]).copied().collect::<Vec<_>>();
+    assert_eq!(bits(&full, &jump)[1..], bits(&full, &poses[430..]));
+    assert_ne!(bits(&full, &poses[430..])[..5], whole[430..435]);
 }

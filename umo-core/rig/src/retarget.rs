@@ -53,7 +53,7 @@ use align::Alignment;
 use ground::Ground;
 use legs::Leg;
 use rig::World;
-use space::Space;
+use space::{Past, Space};
 use umo_core_base::error::StepError;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse, product, slerp};
@@ -107,11 +107,15 @@ pub struct Retarget {
     base: Option<usize>,
 }
 
-/// Scratch memory for one frame. Each thread needs its own.
+/// Scratch memory of one avatar. With a volume, it keeps the arms' corrections of the frame before: each avatar needs its
+/// own, and the frames of a motion come in order, 30 a second. New scratch memory begins a new motion, as does a wrist
+/// that moves 0.3 m in a frame.
 #[derive(Clone, Debug)]
 pub struct Scratch {
     /// `[bones]`, world transforms.
     world: Vec<World>,
+    /// Of each arm.
+    past: [Past; 2],
 }
 
 impl Retarget {
@@ -183,9 +187,9 @@ impl Retarget {
         Ok(())
     }
 
-    /// Returns scratch memory for one thread.
+    /// Returns scratch memory for one avatar.
     pub fn scratch(&self) -> Scratch {
-        Scratch { world: vec![World::ORIGIN; self.bones.len()] }
+        Scratch { world: vec![World::ORIGIN; self.bones.len()], past: Default::default() }
     }
 
     /// Number of bones of the rig.
@@ -251,7 +255,8 @@ impl Retarget {
         let lift = self.ground.lift(&source, &scratch.world);
         let lift = self.plant(&source, &scratch.world, lift, rotations);
         if let Some(space) = &self.space {
-            self.clear(space, &source, &scratch.world, rotations);
+            let Scratch { world, past } = scratch;
+            self.clear(space, past, &source, world, rotations);
         }
         let hips = std::array::from_fn(|i| hips[i] + lift * self.ground.up[i]);
         let above = self.bones[self.hips].parent.map_or(World::ORIGIN, |parent| scratch.world[parent]);
@@ -259,8 +264,15 @@ impl Retarget {
     }
 
     /// Turns arms that the body's volume moves. `world` holds all bones before.
-    fn clear(&self, space: &Space, source: &[World; JOINTS], world: &[World], rotations: &mut [Quat]) {
-        for (side, turned) in space.correct(source, world).into_iter().enumerate() {
+    fn clear(
+        &self,
+        space: &Space,
+        past: &mut [Past; 2],
+        source: &[World; JOINTS],
+        world: &[World],
+        rotations: &mut [Quat],
+    ) {
+        for (side, turned) in space.correct(past, source, world).into_iter().enumerate() {
             let (Some([upper, fore]), Some(bones)) = (turned, space.arm(side)) else { continue };
             if bones.iter().any(|&bone| self.driven[bone].is_none()) {
                 continue;

@@ -390,7 +390,9 @@ fn arms_keep_out_of_bodies_of_every_convention_and_build() {
         );
         let what = format!("{}, {}", exported.program, build.name);
         assert!(before.iter().chain(&after).all(|m| m.is_finite), "{what}");
-        assert!(shares[0][1] <= 0.03 && shares[1][1] == 0.0, "{what}: {shares:?}");
+        // Corners of boxes are between the radii of a cross-section.
+        let most = if build.is_box { 0.05 } else { 0.03 };
+        assert!(shares[0][1] <= most && shares[1][1] == 0.0, "{what}: {shares:?}");
         assert!(steps(1) < 0.3 * steps(8), "{what}: a jump of {} m", steps(1));
         // The tips of fingers that are not there touch nothing.
         let least = if character.fingers.is_empty() { 0.0 } else { 0.4 };

@@ -1,44 +1,53 @@
 //! Arms that respect a body's volume: they stay out of trunk, head, legs and each other, and touch where the source's
 //! do.
 //!
-//! Everything is a continuous function of one pose, so there are neither pops nor a state, and any frame gives the
-//! same bits however it is reached.
+//! Each arm's correction moves to that of the pose as a critically damped spring does, so a frame depends on those
+//! before it, and the same frames in the same order give the same bits. What is inside of the body is pushed out at once.
 
 use umo_core_pose::rotation::{IDENTITY, Matrix, Quat, axis_angle_to_quat, inverse, product, quat_to_matrix, rotate};
 use umo_core_pose::skeleton::JOINTS;
 
 use super::align::{Vector, aside, cross, dot, less, shortest};
 use super::rig::World;
-use super::volume::{FOREARM, Shape, THIGH, UPPER_ARM, out};
+use super::volume::{ANGLES, FOREARM, RINGS, Shape, THIGH, UPPER_ARM, out};
 use super::{Mapping, Rig, Volume};
 
 /// Points of an arm that are kept out of the body: elbow, two of the forearm, wrist, then those of the hand.
-const PROBES: usize = 10;
+const PROBES: usize = 12;
 const WRIST: usize = 3;
 /// Places of the points between elbow and wrist.
 const FOREARM_SHARES: [f32; 4] = [0.0, 0.4, 0.75, 1.0];
 /// Points of a left hand: a joint, and the one before it if the point is the tip beyond it.
 const HAND: [(usize, Option<usize>); PROBES - WRIST - 1] =
-    [(25, None), (31, None), (27, Some(26)), (30, Some(29)), (33, Some(32)), (39, Some(38))];
+    [(25, None), (31, None), (26, None), (39, None), (27, Some(26)), (30, Some(29)), (33, Some(32)), (39, Some(38))];
 /// Length of a finger's last bone, in lengths of the one before it.
 const TIP: f32 = 0.9;
+/// Way of a wrist in a frame from which on it is another motion.
+const JUMP: f32 = 0.3;
+/// Rate of the corrections' spring a frame, and what is left of a deviation after one: `exp(-RATE)`.
+const RATE: f32 = 0.6;
+const FADE: f32 = 0.548_811_6;
 
 /// Trunk length of the body for which the distances below are, metres.
 const SIZE: f32 = 0.53;
 /// Gap up to which a hand keeps its place about the body or the other arm, and gap from which it does not.
-const TOUCH: f32 = 0.02;
-const ABOUT: f32 = 0.3;
+const TOUCH: f32 = 0.03;
+const ABOUT: f32 = 0.2;
+/// The same of the arms for each other.
+const TOGETHER: f32 = 0.3;
 /// Depth over which pushing begins.
-const SOFT: f32 = 0.01;
+const SOFT: f32 = 0.005;
 
 /// Upper bound on the rounds of pushing.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 2;
+/// The same in a motion's first frame, which has no push before it.
+const FIRST: usize = 8;
 /// Share of a shape's height over which its surroundings end beyond its ends.
 const BEYOND: f32 = 0.35;
 /// Largest swivel of an elbow, radians.
 const SWIVEL: f32 = 1.2;
 /// Largest reach and largest shift of a wrist, in arm lengths.
-const REACH: f32 = 0.995;
+const REACH: f32 = 0.97;
 const SHIFT: f32 = 0.7;
 
 fn add(a: Vector, b: Vector) -> Vector {
@@ -148,6 +157,8 @@ struct Form {
     /// Pelvis, belly and chest carry the trunk.
     trunk: [Anchor; 3],
     head: Option<Anchor>,
+    /// Distance from the head's origin beyond which it has no effect.
+    beyond: f32,
     neck: Option<[Anchor; 2]>,
     thighs: [Option<[Anchor; 2]>; 2],
     arms: [Option<Arm>; 2],
@@ -198,7 +209,11 @@ impl Form {
             Some(ends(hip, knee, hip))
         });
         let arms = [0, 1].map(|side| Self::arm(rig, mapping, turns, axes, &volume, side, source));
-        Some(Self { axes, volume, trunk, head, neck, thighs, arms })
+        let skull = &volume.head;
+        let widest = skull.radii.as_flattened().iter().copied().fold(0.0, f32::max);
+        let high = skull.ends[0].abs().max(skull.ends[1].abs());
+        let beyond = length([widest, high, 0.0]) + (ABOUT + 0.15) * volume.size / SIZE;
+        Some(Self { axes, volume, trunk, head, beyond, neck, thighs, arms })
     }
 
     fn arm(
@@ -227,6 +242,8 @@ impl Form {
             let beyond = before.map_or([0.0; 3], |before| times(less(source.rest[joint], source.rest[before]), TIP));
             let offset = add(less(source.rest[joint], source.rest[20 + side]), beyond);
             let offset = rotate(inverse(turns[20 + side]), rotate(axes, times(offset, size)));
+            // Where there is neither a finger nor a mesh for it, the hand's mesh is nearest.
+            let offset = volume.hands[side].as_ref().map_or(offset, |hand| hand.nearest(offset));
             Anchor::new(rig, bones[2], add(rig.place(bones[2]), offset))
         });
         let [elbow, wrist] = volume.limbs[FOREARM];
@@ -277,7 +294,13 @@ impl Shapes<'_> {
     /// Where a place lies about trunk or head.
     fn near(&self, head: bool, place: Vector) -> Near {
         let at = match (head, &self.head) {
-            (true, Some(frame)) => frame.inside(place),
+            (true, Some(frame)) => {
+                let at = frame.inside(place);
+                if dot(at, at) > self.form.beyond * self.form.beyond {
+                    return Near { at, gap: f32::MAX, radius: 1.0 };
+                }
+                at
+            }
             (true, None) => return Near { at: [0.0; 3], gap: f32::MAX, radius: 1.0 },
             (false, _) => {
                 let middle = self.trunk[1].inside(place);
@@ -335,6 +358,10 @@ pub(super) struct Space {
     gain: f32,
     /// Units of the rig for a metre of the source.
     scale: f32,
+    /// How much wider the rig's trunk is than the source's, to scale: ahead, at the sides, behind.
+    wider: [[f32; 3]; RINGS],
+    /// Half width and half depth of the source's trunk.
+    girth: [f32; 2],
 }
 
 /// An arm's pose: shoulder, elbow, wrist; the direction in which a straight elbow bends.
@@ -356,14 +383,17 @@ impl Reach {
     fn reachable(&self, wrist: Vector) -> Vector {
         let [upper, fore] = self.lengths();
         let now = length(less(self.at[2], self.at[0]));
-        let (least, most) =
-            (now.min(1.1 * (upper - fore).abs() + 0.1 * (upper + fore)), now.max(REACH * (upper + fore)));
+        let least = now.min(1.1 * (upper - fore).abs() + 0.1 * (upper + fore));
         let way = less(wrist, self.at[0]);
         let far = length(way);
         if far <= 1e-6 * (upper + fore) {
             return self.at[2];
         }
-        add(self.at[0], times(way, far.max(least).min(most) / far))
+        // Straightening slows down before an arm is straight.
+        let (more, room) = (far - now, (REACH * (upper + fore) - now).max(0.01 * (upper + fore)));
+        let slow = |more: f32| more / (1.0 + (more / room).powi(4)).sqrt().sqrt();
+        let to = if more > 0.0 { now + slow(more) } else { far.max(least) };
+        add(self.at[0], times(way, to / far))
     }
 
     /// The elbow with the wrist elsewhere.
@@ -436,6 +466,75 @@ struct Moved {
     swivel: f32,
 }
 
+/// An arm of both bodies in one pose.
+struct Posed<'a> {
+    own: &'a Arm,
+    rigs: &'a Arm,
+    /// Points of the source's arm, and the same in the rig's axes.
+    spots: [Vector; PROBES],
+    turned: [Vector; PROBES],
+    /// Points of the rig's arm, before its correction and after.
+    held: [Vector; PROBES],
+    now: [Vector; PROBES],
+    /// Places of the source's points about trunk and head.
+    near: [[Near; 2]; PROBES],
+    reach: Reach,
+    moved: Moved,
+}
+
+/// An arm's correction in the frame before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Past {
+    /// Place of the source's wrist about its hips; `None` before the first frame.
+    wrist: Option<Vector>,
+    /// Shift in the axes of the rig's trunk, then swivel, each with its change a frame.
+    values: [[f32; 2]; 4],
+}
+
+impl Past {
+    /// Whether the source's wrist moved further than `jump`.
+    fn is_new(&self, wrist: Vector, jump: f32) -> bool {
+        self.wrist.is_none_or(|was| length(less(wrist, was)) > jump)
+    }
+
+    /// Moves towards a correction; to it at once in the first frame.
+    fn damp(&mut self, wrist: Vector, to: Moved, axes: Quat) -> Moved {
+        let [x, y, z] = rotate(inverse(axes), to.shift);
+        let is_new = self.wrist.is_none();
+        self.wrist = Some(wrist);
+        for (value, goal) in self.values.iter_mut().zip([x, y, z, to.swivel]) {
+            let [at, change] = *value;
+            let more = change + RATE * (at - goal);
+            *value = match is_new || !more.is_finite() {
+                true => [goal, 0.0],
+                false => [goal + (at - goal + more) * FADE, (change - RATE * more) * FADE],
+            };
+        }
+        let [x, y, z, swivel] = self.values.map(|value| value[0]);
+        Moved { shift: rotate(axes, [x, y, z]), swivel }
+    }
+
+    /// Adds what was pushed.
+    fn push(&mut self, from: Moved, to: Moved, axes: Quat) {
+        let [x, y, z] = rotate(inverse(axes), less(to.shift, from.shift));
+        for (value, by) in self.values.iter_mut().zip([x, y, z, to.swivel - from.swivel]) {
+            value[0] += by;
+        }
+    }
+}
+
+/// Distance of the boxes around two sets of points.
+fn apart(a: &[Vector; PROBES], b: &[Vector; PROBES]) -> f32 {
+    let bounds = |points: &[Vector; PROBES], i: usize| {
+        points.iter().fold([f32::MAX, f32::MIN], |[low, high], at| [low.min(at[i]), high.max(at[i])])
+    };
+    let gap: Vector = std::array::from_fn(|i| {
+        let [[a_low, a_high], [b_low, b_high]] = [bounds(a, i), bounds(b, i)];
+        (a_low - b_high).max(b_low - a_high).max(0.0)
+    });
+    length(gap)
+}
+
 impl Space {
     pub(super) fn new(
         source: (&Rig, &Mapping),
@@ -451,7 +550,14 @@ impl Space {
         let scale = volume.size / people.size;
         let own = Form::new(source.0, source.1, &[IDENTITY; JOINTS], IDENTITY, people, &base)?;
         let rig = Form::new(rig.0, rig.1, turns, axes, volume.clone(), &base)?;
-        Some(Self { source: own, rig, gain, scale })
+        let palms = rig.volume.palm - scale * own.volume.palm;
+        let wider = std::array::from_fn(|ring| {
+            let [from, to] = [&own, &rig].map(|form| girths(&form.volume.trunk, ring));
+            std::array::from_fn(|part| to[part] - scale * from[part] + palms)
+        });
+        let middle = girths(&own.volume.trunk, RINGS / 2);
+        let girth = [middle[1], 0.5 * (middle[0] + middle[2])];
+        Some(Self { source: own, rig, gain, scale, wider, girth })
     }
 
     /// The bones of an arm: upper arm, forearm, hand.
@@ -465,66 +571,60 @@ impl Space {
     }
 
     /// World rotations to apply to each arm of a rig posed as the source is; `None` for an arm that stays.
-    pub(super) fn correct(&self, source: &[World; JOINTS], world: &[World]) -> [Turned; 2] {
+    pub(super) fn correct(&self, past: &mut [Past; 2], source: &[World; JOINTS], world: &[World]) -> [Turned; 2] {
         let (from, to) = (self.source.shapes(source), self.rig.shapes(world));
-        let arms = [0, 1].map(|side| Some((self.source.arms[side].as_ref()?, self.rig.arms[side].as_ref()?)));
-        let spots = arms.map(|arms| arms.map(|(own, _)| Form::probes(own, source)));
-        let turned_spots = spots.map(|spots| spots.map(|spots| spots.map(|spot| rotate(self.rig.axes, spot))));
-        let held = arms.map(|arms| arms.map(|(_, rigs)| Form::probes(rigs, world)));
-        let near: [Option<[[Near; 2]; PROBES]>; 2] = std::array::from_fn(|side| {
-            spots[side].map(|spots| spots.map(|spot| [from.near(false, spot), from.near(true, spot)]))
-        });
-        let reach: [Option<Reach>; 2] = std::array::from_fn(|side| {
-            let (_, arm) = arms[side]?;
-            let at = arm.bones.map(|bone| world[bone].place);
-            // A person's elbow points backwards where the palm faces down.
-            let back = rotate(self.rig.axes, rotate(source[16 + side].rotation, [0.0, 0.0, -1.0]));
-            Some(Reach { at, back })
-        });
-        let mut moved = [Moved::default(); 2];
-        for side in 0..2 {
-            if let (Some(arms), Some(near), Some(held)) = (arms[side], near[side], held[side]) {
-                moved[side].shift = self.about(&to, arms, &near, &held, WRIST..PROBES);
-            }
-        }
-        let mut now = held;
-        for side in 0..2 {
-            let (Some(arms), Some(near), Some(held), Some(reach), Some(now)) =
-                (arms[side], &near[side], &held[side], &reach[side], &mut now[side])
-            else {
-                continue;
-            };
-            moved[side] = self.follow(reach, held, moved[side], now);
+        let mut arms = [0, 1].map(|side| self.posed(side, &from, source, world));
+        for arm in arms.iter_mut().flatten() {
+            let [wrist, index, little] = [WRIST, WRIST + 1, WRIST + 2].map(|probe| arm.spots[probe]);
+            let middle = times(add(wrist, add(index, little)), 1.0 / 3.0);
+            let wide = self.widen(&to, from.near(false, middle).at);
+            let shift = self.about(&to, arm, WRIST..PROBES, wide);
+            self.follow(arm, Moved { shift, swivel: 0.0 });
             // The elbow swivels towards its place about the body.
-            let wanted = add(held[0], self.about(&to, arms, near, held, 0..1));
-            moved[side].swivel = self.swivel(now, reach.at[0], wanted);
+            let wide = self.widen(&to, arm.near[0][0].at);
+            let wanted = add(arm.held[0], self.about(&to, arm, 0..1, wide));
+            arm.moved.swivel = self.swivel(&arm.now, arm.reach.at[0], wanted);
         }
-        for round in 0..ROUNDS {
-            let mut shifts = [[0.0; 3]; 2];
-            if let ([Some(left), Some(right)], [Some(a), Some(b)], [Some(p), Some(q)]) = (arms, &turned_spots, &now)
-                && round + 1 < ROUNDS
-            {
-                shifts = self.together([left, right], [a, b], [p, q]);
+        if let [Some(left), Some(right)] = &mut arms {
+            let shifts = self.together([left, right], true);
+            for (arm, shift) in [left, right].into_iter().zip(shifts) {
+                let Moved { shift: own, swivel } = arm.moved;
+                self.follow(arm, Moved { shift: add(own, shift), swivel });
             }
+        }
+        let axes = product(self.rig.trunk[1].rotation(world), self.rig.axes);
+        let mut rounds = ROUNDS;
+        for (side, arm) in arms.iter_mut().enumerate() {
+            let Some(arm) = arm else { continue };
+            let wrist = less(source[20 + side].place, source[0].place);
+            if past[side].is_new(wrist, self.metres(JUMP)) {
+                past[side].wrist = None;
+                rounds = FIRST;
+            }
+            let moved = past[side].damp(wrist, arm.moved, axes);
+            self.follow(arm, moved);
+        }
+        let smoothed = arms.each_ref().map(|arm| arm.as_ref().map(|arm| arm.moved));
+        for _ in 0..rounds {
+            let shifts = match &arms {
+                [Some(left), Some(right)] => self.together([left, right], false),
+                _ => [[0.0; 3]; 2],
+            };
             let mut is_still = true;
-            for side in 0..2 {
-                let (Some((_, arm)), Some(near), Some(held), Some(reach), Some(now)) =
-                    (arms[side], &near[side], &held[side], &reach[side], &mut now[side])
-                else {
-                    continue;
-                };
-                let push = self.push(&to, arm, near, now, reach.at[0]);
-                let by = &mut moved[side];
+            for (arm, mut shift) in arms.iter_mut().zip(shifts) {
+                let Some(arm) = arm else { continue };
+                let push = self.push(&to, arm);
+                let mut by = arm.moved;
                 if push.shifts > 0.0 {
-                    shifts[side] = add(shifts[side], times(push.shift, 1.0 / push.shifts));
+                    shift = add(shift, times(push.shift, 1.0 / push.shifts));
                 }
                 if push.swivels > 0.0 {
                     by.swivel = (by.swivel + push.swivel / push.swivels).clamp(-SWIVEL, SWIVEL);
                 }
-                if push.swivels > 0.0 || shifts[side] != [0.0; 3] {
+                if push.swivels > 0.0 || shift != [0.0; 3] {
                     is_still = false;
-                    by.shift = add(by.shift, shifts[side]);
-                    *by = self.follow(reach, held, *by, now);
+                    by.shift = add(by.shift, shift);
+                    self.follow(arm, by);
                 }
             }
             if is_still {
@@ -532,14 +632,59 @@ impl Space {
             }
         }
         let mut turned = [None; 2];
-        for side in 0..2 {
-            let Some(reach) = &reach[side] else { continue };
-            let wrist = reach.reachable(add(reach.at[2], times(moved[side].shift, self.gain)));
-            let swivel = moved[side].swivel * self.gain;
+        for (side, arm) in arms.iter().enumerate() {
+            let (Some(arm), Some(smoothed)) = (arm, smoothed[side]) else { continue };
+            past[side].push(smoothed, arm.moved, axes);
+            let reach = &arm.reach;
+            let wrist = reach.reachable(add(reach.at[2], times(arm.moved.shift, self.gain)));
+            let swivel = arm.moved.swivel * self.gain;
             let is_moved = length(less(wrist, reach.at[2])) > 1e-6 * self.rig.volume.size || swivel.abs() > 1e-6;
             turned[side] = if is_moved { reach.bend(wrist, swivel) } else { None };
         }
         turned
+    }
+
+    /// An arm before its correction.
+    fn posed<'a>(&'a self, side: usize, from: &Shapes, source: &[World; JOINTS], world: &[World]) -> Option<Posed<'a>> {
+        let (own, rigs) = (self.source.arms[side].as_ref()?, self.rig.arms[side].as_ref()?);
+        let (spots, held) = (Form::probes(own, source), Form::probes(rigs, world));
+        // A person's elbow points backwards where the palm faces down.
+        let back = rotate(self.rig.axes, rotate(source[16 + side].rotation, [0.0, 0.0, -1.0]));
+        Some(Posed {
+            own,
+            rigs,
+            spots,
+            turned: spots.map(|spot| rotate(self.rig.axes, spot)),
+            held,
+            now: held,
+            near: spots.map(|spot| [from.near(false, spot), from.near(true, spot)]),
+            reach: Reach { at: rigs.bones.map(|bone| world[bone].place), back },
+            moved: Moved::default(),
+        })
+    }
+
+    /// Shift by which a place about the trunk of the source moves because the rig is wider or narrower.
+    fn widen(&self, to: &Shapes, at: Vector) -> Vector {
+        let (from, target) = (&self.source.volume.trunk, &self.rig.volume.trunk);
+        let share = from.share(at);
+        let inside = smooth(1.0 - (share - 1.0) / BEYOND);
+        if inside <= 0.0 {
+            return [0.0; 3];
+        }
+        #[expect(clippy::cast_precision_loss, reason = "a dozen")]
+        let ring = (share * (RINGS - 1) as f32).clamp(0.0, (RINGS - 1) as f32);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and not negative")]
+        let (low, up) = (ring as usize, ring - ring.floor());
+        let high = (low + 1).min(RINGS - 1);
+        let wider: [f32; 3] = std::array::from_fn(|part| {
+            inside * (self.wider[low][part] + up * (self.wider[high][part] - self.wider[low][part]))
+        });
+        let [u, v] = [at[0] / self.girth[0], at[2] / self.girth[1]].map(|x| x * x.abs());
+        let all = (u * u + v * v + 0.5).sqrt();
+        let (side, ahead) = (u / all, v / all);
+        let by = [side * wider[1], 0.0, ahead * wider[if ahead > 0.0 { 0 } else { 2 }]];
+        let height = target.ends[0] + share.clamp(0.0, 1.0) * (target.ends[1] - target.ends[0]);
+        to.turn(false, [0.0, height, 0.0], by)
     }
 
     /// Angle about the line from shoulder to wrist that brings an elbow nearest to a place; less for a straight arm.
@@ -551,27 +696,28 @@ impl Space {
         (sine / (cosine.max(0.0) + least + 0.5 * sine.abs())).clamp(-SWIVEL, SWIVEL)
     }
 
-    /// Limits an arm's movement to its reach, and moves its points.
-    fn follow(&self, reach: &Reach, held: &[Vector; PROBES], by: Moved, now: &mut [Vector; PROBES]) -> Moved {
+    /// Moves an arm and its points, within its reach.
+    fn follow(&self, arm: &mut Posed, by: Moved) {
+        let reach = &arm.reach;
         let most = SHIFT * reach.lengths().iter().sum::<f32>();
         let far = length(by.shift);
         let shift = if far > most { times(by.shift, most / far) } else { by.shift };
         let wrist = reach.reachable(add(reach.at[2], shift));
         let shift = less(wrist, reach.at[2]);
         let elbow = reach.elbow(wrist, by.swivel).unwrap_or(reach.at[1]);
-        for (probe, now) in now.iter_mut().enumerate() {
+        for (probe, now) in arm.now.iter_mut().enumerate() {
             *now = match FOREARM_SHARES.get(probe) {
                 Some(&share) => add(elbow, times(less(wrist, elbow), share)),
-                None => add(held[probe], shift),
+                None => add(arm.held[probe], shift),
             };
         }
-        Moved { shift, swivel: by.swivel }
+        arm.moved = Moved { shift, swivel: by.swivel };
     }
 
     /// Share to which a place at this gap of the source's is kept.
-    fn contact(&self, gap: f32) -> f32 {
-        let (touch, about) = (self.metres(TOUCH), self.metres(ABOUT));
-        smooth((about - gap) / (about - touch))
+    fn contact(&self, gap: f32, until: f32) -> f32 {
+        let (touch, until) = (self.metres(TOUCH), self.metres(until));
+        smooth((until - gap) / (until - touch))
     }
 
     /// Vector from a point of an arm to the place about trunk or head where the source's is, and its weight: 1 on the
@@ -586,7 +732,7 @@ impl Space {
         }
         let level = |shape: &Shape, at: Vector| shape.radius(shape.around(at).level());
         let gap = far - level(from, near.at) - radii[0];
-        let weight = inside * self.contact(gap);
+        let weight = inside * self.contact(gap, ABOUT);
         if weight <= 0.0 {
             return ([0.0; 3], 0.0);
         }
@@ -597,84 +743,71 @@ impl Space {
         (less(place, held), weight)
     }
 
-    /// Shift that puts a hand about trunk and head where the source's is.
-    fn about(
-        &self,
-        to: &Shapes,
-        (own, arm): (&Arm, &Arm),
-        near: &[[Near; 2]; PROBES],
-        held: &[Vector; PROBES],
-        probes: std::ops::Range<usize>,
-    ) -> Vector {
+    /// Shift that puts a hand about trunk and head where the source's is; `wide` away from them.
+    fn about(&self, to: &Shapes, arm: &Posed, probes: std::ops::Range<usize>, wide: Vector) -> Vector {
         let (mut sum, mut weights) = ([0.0; 3], 0.0);
         for probe in probes {
             for head in [false, true] {
-                if head && to.head.is_none() {
+                let near = arm.near[probe][usize::from(head)];
+                if near.gap == f32::MAX {
                     continue;
                 }
-                let near = near[probe][usize::from(head)];
-                let (by, weight) = self.astray(to, head, near, [own.radii[probe], arm.radii[probe]], held[probe]);
+                let radii = [arm.own.radii[probe], arm.rigs.radii[probe]];
+                let (by, weight) = self.astray(to, head, near, radii, arm.held[probe]);
                 // The nearest point counts most.
                 let power = weight * weight * weight;
-                sum = add(sum, times(by, power * weight));
+                sum = add(sum, times(less(by, wide), power * weight));
                 weights += power;
             }
         }
-        if weights > 0.0 { times(sum, 1.0 / weights) } else { sum }
+        if weights > 0.0 { add(wide, times(sum, 1.0 / weights)) } else { wide }
     }
 
-    /// Shifts of both wrists that keep contacts between the arms, and the arms out of each other.
-    fn together(
-        &self,
-        arms: [(&Arm, &Arm); 2],
-        spots: [&[Vector; PROBES]; 2],
-        now: [&[Vector; PROBES]; 2],
-    ) -> [Vector; 2] {
-        let [(left, left_rig), (right, right_rig)] = arms;
-        let (about, soft) = (self.metres(ABOUT), self.metres(SOFT) * self.scale);
+    /// Shifts of both wrists that keep the arms out of each other, or those that `pull` them to contacts.
+    fn together(&self, arms: [&Posed; 2], pull: bool) -> [Vector; 2] {
+        let [left, right] = arms;
+        let (about, soft) = (self.metres(TOGETHER), self.metres(SOFT) * self.scale);
         let mut shifts = [([0.0; 3], 0.0); 2];
+        let widest = |radii: [&[f32; PROBES]; 2]| radii.map(|radii| radii.iter().copied().fold(0.0, f32::max));
+        let [own, wide] = [[&left.own.radii, &right.own.radii], [&left.rigs.radii, &right.rigs.radii]].map(widest);
+        let is_far = match pull {
+            true => apart(&left.turned, &right.turned) > own[0] + own[1] + about,
+            false => apart(&left.now, &right.now) > wide[0] + wide[1] + soft,
+        };
+        if is_far {
+            return [[0.0; 3]; 2];
+        }
         for i in 0..PROBES {
             for j in 0..PROBES {
-                let have = less(now[0][i], now[1][j]);
-                let wide = left_rig.radii[i] + right_rig.radii[j];
-                let was = less(spots[0][i], spots[1][j]);
-                let own = left.radii[i] + right.radii[j];
-                let limit = own + about;
-                let near = dot(was, was) < limit * limit;
-                if !near && dot(have, have) > (wide + soft) * (wide + soft) {
+                let wide = left.rigs.radii[i] + right.rigs.radii[j];
+                let own = left.own.radii[i] + right.own.radii[j];
+                let was = less(left.turned[i], right.turned[j]);
+                let have = less(left.now[i], right.now[j]);
+                let (apart, limit) = if pull { (was, own + about) } else { (have, wide + soft) };
+                if dot(apart, apart) > limit * limit {
                     continue;
                 }
                 let far = length(was);
                 let gap = far - own;
-                let both_hands = i >= WRIST && j >= WRIST;
-                let mut pushes = [([0.0; 3], 0.0); 2];
-                let weight = if i > WRIST || j > WRIST { self.contact(gap) } else { 0.0 };
-                if weight > 0.0 && far > 0.0 {
+                let (shift, weight) = if pull {
                     // Points that overlap keep their order.
-                    let want = (wide + gap.max(0.0) * self.scale) / far.max(own);
-                    let want = times(was, want);
-                    pushes[0] = (times(less(want, have), weight * weight), weight);
-                }
-                let deep = wide - (-gap).max(0.0) * self.scale - length(have);
-                let deep = ramp(deep, soft);
-                if deep > 0.0
-                    && let Some(away) = direction(add(have, times(was, self.scale)), 1e-6 * self.rig.volume.size)
-                {
-                    let strength = deep / soft;
-                    pushes[1] = (times(away, deep * strength), strength);
-                }
-                for (shift, weight) in pushes {
-                    // A forearm is reached by the other hand.
-                    let parts = match (both_hands, i >= WRIST) {
-                        (true, _) => [0.5, 0.5],
-                        (false, true) => [1.0, 0.0],
-                        (false, false) if j >= WRIST => [0.0, 1.0],
-                        (false, false) => [0.5, 0.5],
-                    };
-                    for ((sum, weights), (part, sign)) in shifts.iter_mut().zip([(parts[0], 1.0), (parts[1], -1.0)]) {
-                        *sum = add(*sum, times(shift, part * sign));
-                        *weights += if part > 0.0 { weight } else { 0.0 };
-                    }
+                    let want = times(was, (wide + gap.max(0.0) * self.scale) / far.max(own));
+                    let weight = if i > WRIST || j > WRIST { self.contact(gap, TOGETHER) } else { 0.0 };
+                    (times(less(want, have), weight * weight), weight)
+                } else {
+                    let deep = ramp(wide - (-gap).max(0.0) * self.scale - length(have), soft);
+                    let away = direction(add(have, times(was, self.scale)), 1e-6 * self.rig.volume.size);
+                    (times(away.unwrap_or([0.0; 3]), deep * deep / soft), deep / soft)
+                };
+                // A forearm is reached by the other hand.
+                let parts = match (i >= WRIST, j >= WRIST) {
+                    (false, true) => [0.0, 1.0],
+                    (true, false) => [1.0, 0.0],
+                    _ => [0.5, 0.5],
+                };
+                for ((sum, weights), (part, sign)) in shifts.iter_mut().zip([(parts[0], 1.0), (parts[1], -1.0)]) {
+                    *sum = add(*sum, times(shift, part * sign));
+                    *weights += if part > 0.0 { weight } else { 0.0 };
                 }
             }
         }
@@ -682,15 +815,10 @@ impl Space {
     }
 
     /// Pushes of an arm out of trunk, head, neck and thighs.
-    fn push(
-        &self,
-        to: &Shapes,
-        arm: &Arm,
-        near: &[[Near; 2]; PROBES],
-        now: &[Vector; PROBES],
-        shoulder: Vector,
-    ) -> Push {
+    fn push(&self, to: &Shapes, arm: &Posed) -> Push {
         let mut push = Push::default();
+        let Posed { now, near, rigs, reach, .. } = arm;
+        let shoulder = reach.at[0];
         let soft = self.metres(SOFT) * self.scale;
         let line = less(now[WRIST], shoulder);
         let axis = direction(line, 1e-4 * self.rig.volume.size).unwrap_or([0.0; 3]);
@@ -718,7 +846,7 @@ impl Space {
                 let was = near[probe][usize::from(head)];
                 // An arm is wider between its points.
                 let early = if probe < WRIST { 0.5 * soft } else { 0.0 };
-                let deep = ramp(arm.radii[probe] + early - here.gap, soft);
+                let deep = ramp(rigs.radii[probe] + early - here.gap, soft);
                 if deep <= 0.0 || here.radius <= 0.0 {
                     continue;
                 }
@@ -731,7 +859,7 @@ impl Space {
             }
             for limb in to.limbs.iter().flatten() {
                 let (away, radius) = limb.off_axis(now[probe]);
-                let deep = ramp(arm.radii[probe] + radius - length(away), soft);
+                let deep = ramp(rigs.radii[probe] + radius - length(away), soft);
                 if deep > 0.0
                     && let Some(away) = direction(away, 0.0)
                 {
@@ -741,6 +869,21 @@ impl Space {
         }
         push
     }
+}
+
+/// Radii ahead, at the sides and behind near a cross-section, without its details.
+fn girths(shape: &Shape, ring: usize) -> [f32; 3] {
+    let mut sums = [0.0; 3];
+    for (by, weight) in [1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0].into_iter().enumerate() {
+        let row = &shape.radii[(ring + by).saturating_sub(3).min(RINGS - 1)];
+        let near = |angle: usize| {
+            0.25 * row[(angle + ANGLES - 1) % ANGLES] + 0.5 * row[angle] + 0.25 * row[(angle + 1) % ANGLES]
+        };
+        let quarter = ANGLES / 4;
+        let radii = [near(2 * quarter), 0.5 * (near(quarter) + near(3 * quarter)), near(0)];
+        sums.iter_mut().zip(radii).for_each(|(sum, radius)| *sum += weight / 16.0 * radius);
+    }
+    sums
 }
 
 /// A depth, softened where it begins.
@@ -757,5 +900,45 @@ fn ramp(deep: f32, soft: f32) -> f32 {
 impl Form {
     fn volume_of(&self, head: bool) -> &Shape {
         if head { &self.volume.head } else { &self.volume.trunk }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corrections_follow_without_overshoot_and_begin_at_once() {
+        let mut past = Past::default();
+        let to = |x: f32| Moved { shift: [x, 0.0, 0.0], swivel: -x };
+        let still = [0.1, 0.2, 0.3];
+        assert_eq!(past.damp(still, to(1.0), IDENTITY).shift, [1.0, 0.0, 0.0]);
+        let mut before = 1.0;
+        for frame in 0..30 {
+            let Moved { shift, swivel } = past.damp(still, to(2.0), IDENTITY);
+            assert!(shift[0] > before && shift[0] <= 2.0 && swivel == -shift[0], "{frame}: {shift:?} {swivel}");
+            before = shift[0];
+            if frame == 9 {
+                assert!(before > 1.95, "{before}");
+            }
+        }
+        // A push stays, then fades.
+        past.push(to(before), to(before + 0.1), IDENTITY);
+        let [pushed, later] = [0, 1].map(|_| past.damp(still, to(2.0), IDENTITY).shift[0]);
+        assert!(pushed > 2.05 && later < pushed, "{pushed} {later}");
+        assert!(past.is_new([1.0, 0.2, 0.3], 0.3) && !past.is_new([0.2, 0.2, 0.3], 0.3));
+    }
+
+    #[test]
+    fn arms_straighten_continuously() {
+        let reach = Reach { at: [[0.0; 3], [0.25, 0.0, -0.1], [0.45, 0.0, 0.0]], back: [0.0, 0.0, -1.0] };
+        let whole: f32 = reach.lengths().iter().sum();
+        let mut before = reach.reachable([0.45, 0.0, 0.0])[0];
+        assert!((before - 0.45).abs() < 1e-6, "{before}");
+        for step in 1..200_u8 {
+            let now = reach.reachable([0.45 + 0.002 * f32::from(step), 0.0, 0.0])[0];
+            assert!(now > before - 1e-6 && now - before < 0.0021 && now < 0.975 * whole, "{step}: {before} to {now}");
+            before = now;
+        }
     }
 }

@@ -17,7 +17,9 @@ const TRUNK: [f32; 2] = [-0.15, 1.1];
 /// Share of a cross-section's surface that its radii hold; the rest is taken for straps, tufts and stray vertices.
 const HELD: f32 = 0.93;
 /// The same for limbs and hands.
-const HELD_LIMB: f32 = 0.85;
+const HELD_LIMB: f32 = 0.95;
+/// Rounds in which cross-sections are widened to hold the corners between their radii.
+const CORNERS: usize = 2;
 /// Upper bound on a radius, in medians of its cross-section.
 const SPIKE: f32 = 2.2;
 /// Depth to which a head reaches below its joint, in its height above it.
@@ -108,6 +110,31 @@ pub struct Volume {
     /// Half thickness of palm and fingers.
     pub(super) palm: f32,
     pub(super) finger: f32,
+    /// Boxes of the hands' meshes without their fingers.
+    pub(super) hands: [Option<Block>; 2],
+}
+
+/// A box about a hand at rest, in the rig's world and unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Block {
+    /// From the wrist.
+    middle: Vector,
+    /// Along the hand and across it.
+    axes: [Vector; 2],
+    half: [f32; 2],
+}
+
+impl Block {
+    /// The place within the box and midway through the hand that is nearest to one, both from the wrist.
+    pub(super) fn nearest(&self, place: Vector) -> Vector {
+        let at = less(place, self.middle);
+        let mut nearest = self.middle;
+        for (axis, half) in self.axes.iter().zip(self.half) {
+            let along = dot(at, *axis).clamp(-half, half);
+            nearest = std::array::from_fn(|i| nearest[i] + along * axis[i]);
+        }
+        nearest
+    }
 }
 
 /// A point's place about a shape's axis: its ring and angle, as fractions of table entries.
@@ -171,10 +198,10 @@ impl Shape {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and not negative")]
             let near = |x: f32| x.round() as usize;
             if around.beyond < 0.02 * (self.ends[1] - self.ends[0]) {
-                bins[near(around.ring) * ANGLES + near(around.angle) % ANGLES].push((out(at), area));
+                bins[near(around.ring) * ANGLES + near(around.angle) % ANGLES].push((around, out(at), area));
             }
         }
-        let found: Vec<Option<f32>> = bins.iter_mut().map(|bin| quantile(bin, HELD)).collect();
+        let found: Vec<Option<f32>> = bins.iter().map(|bin| radius(bin)).collect();
         if found.iter().flatten().count() < LEAST {
             return;
         }
@@ -188,7 +215,40 @@ impl Shape {
                 self.radii[ring] = row;
             }
         }
+        // Corners between radii.
+        for _ in 0..CORNERS {
+            let mut off = vec![Vec::new(); RINGS * ANGLES];
+            for (cell, off) in bins.iter().zip(&mut off) {
+                let residual = |&(place, far, area): &(Around, f32, f32)| (far - self.radius(place.level()), area);
+                off.extend(cell.iter().map(residual));
+            }
+            for (radius, off) in self.radii.as_flattened_mut().iter_mut().zip(&mut off) {
+                *radius += quantile(off, 0.75).map_or(0.0, |more| more.clamp(0.0, 0.2 * *radius));
+            }
+        }
     }
+}
+
+/// Radius at the middle of a cell, of points `(place, distance from the axis, area)`: that which holds their distances,
+/// less the plane through them.
+fn radius(cell: &[(Around, f32, f32)]) -> Option<f32> {
+    let points: Vec<([f32; 3], f32)> = cell
+        .iter()
+        .map(|&(at, far, area)| ([at.ring - at.ring.round(), at.angle - at.angle.round(), far], area))
+        .collect();
+    // Strays do not tilt the plane.
+    let middle = quantile(&mut points.iter().map(|(at, area)| (at[2], *area)).collect::<Vec<_>>(), 0.5)?;
+    let near = || points.iter().filter(|(at, _)| at[2] <= 1.5 * middle);
+    let total: f32 = near().map(|point| point.1).sum();
+    let mean = |of: &dyn Fn([f32; 3]) -> f32| near().map(|(at, area)| area * of(*at)).sum::<f32>() / total;
+    let middle = [0, 1, 2].map(|axis| mean(&|at| at[axis]));
+    let spread = |a: usize, b: usize| mean(&|at| (at[a] - middle[a]) * (at[b] - middle[b]));
+    // A cell whose points lie on a line is level across it.
+    let [xx, xy, yy] = [spread(0, 0) + 0.01, spread(0, 1), spread(1, 1) + 0.01];
+    let (xr, yr, whole) = (spread(0, 2), spread(1, 2), xx * yy - xy * xy);
+    let slopes = [(yy * xr - xy * yr) / whole, (xx * yr - xy * xr) / whole];
+    let level = |(at, area): &([f32; 3], f32)| (at[2] - slopes[0] * at[0] - slopes[1] * at[1], *area);
+    quantile(&mut points.iter().map(level).collect::<Vec<_>>(), HELD)
 }
 
 /// A closed cross-section: gaps between measured radii are interpolated, spikes cut.
@@ -288,7 +348,15 @@ impl Volume {
         let base = std::array::from_fn(|i| joint[i] + ahead[i]);
         let head = Shape::of_people(base, [low * size, high * size], &PEOPLE_HEAD, size);
         let limbs = PEOPLE_LIMBS.map(|ends| ends.map(|radius| radius * size));
-        Some(Self { size, trunk, head, limbs, palm: PEOPLE_PALM * size, finger: PEOPLE_FINGER * size })
+        Some(Self {
+            size,
+            trunk,
+            head,
+            limbs,
+            palm: PEOPLE_PALM * size,
+            finger: PEOPLE_FINGER * size,
+            hands: [None; 2],
+        })
     }
 
     /// The space that a mesh takes up at rest, given points spread over its surface; a part with too few points is a
@@ -358,11 +426,13 @@ impl Volume {
     /// Thickness of palms, along the normal of a hand that a rig holds out, and of fingers.
     fn measure_hands(&mut self, rig: &Rig, mapping: &Mapping, of: &dyn Fn(usize, Vector) -> Vec<(Vector, f32)>) {
         let (mut palms, mut fingers) = (Vec::new(), Vec::new());
+        let axes = axes(rig, mapping).map_or(umo_core_pose::rotation::IDENTITY, |(axes, _)| axes);
         for side in 0..2 {
             let Some(wrist) = mapping.bone(20 + side).map(|bone| rig.place(bone)) else { continue };
             let points = of(20 + side, wrist);
             // A palm is thinnest along its normal.
             let normal = thinnest(&points);
+            self.hands[side] = normal.and_then(|(normal, middle)| block(&points, normal, middle, axes));
             palms.extend(normal.into_iter().flat_map(|(normal, middle)| {
                 points.iter().map(move |(at, area)| (dot(less(*at, middle), normal).abs(), *area))
             }));
@@ -373,7 +443,6 @@ impl Volume {
                 let way = less(next, rig.place(bone));
                 let along = length(way).max(f32::MIN_POSITIVE);
                 // The points are in the body's axes; distances from the line need the same.
-                let axes = axes(rig, mapping).map_or(umo_core_pose::rotation::IDENTITY, |(axes, _)| axes);
                 let way = rotate(inverse(axes), way.map(|x| x / along));
                 fingers.extend(of(joint, rig.place(bone)).into_iter().map(|(at, area)| {
                     let share = dot(at, way);
@@ -422,6 +491,28 @@ impl Volume {
         }
         Ok(())
     }
+}
+
+/// The box of a hand's points about its wrist, less its thickness at the sides and the far end.
+fn block(points: &[(Vector, f32)], normal: Vector, middle: Vector, axes: Quat) -> Option<Block> {
+    let across = |v: Vector| -> Vector { std::array::from_fn(|i| v[i] - dot(v, normal) * normal[i]) };
+    let along = super::align::direction(across(middle), 1e-6 * length(middle))?;
+    let wide = super::align::cross(normal, along);
+    let end = |axis: Vector, share: f32| {
+        quantile(&mut points.iter().map(|(at, area)| (dot(*at, axis), *area)).collect::<Vec<_>>(), share)
+    };
+    let thick = 0.5 * (end(normal, 0.95)? - end(normal, 0.05)?);
+    let mut place = [0.0; 3];
+    let mut half = [0.0; 2];
+    for (axis, half) in [along, wide].into_iter().zip(&mut half) {
+        let (low, high) = (end(axis, 0.01)?, end(axis, 0.99)?);
+        let centre = 0.5 * (low + high);
+        *half = (0.5 * (high - low) - thick).max(0.0);
+        place = std::array::from_fn(|i| place[i] + centre * axis[i]);
+    }
+    let through = dot(middle, normal);
+    place = std::array::from_fn(|i| place[i] + through * normal[i]);
+    Some(Block { middle: rotate(axes, place), axes: [along, wide].map(|axis| rotate(axes, axis)), half })
 }
 
 /// The direction in which points vary least, and their middle; `None` for fewer than eight.
@@ -536,6 +627,53 @@ mod tests {
             // Parts without points are a person's.
             let people = Volume::of_people(&rig, &mapping).unwrap();
             assert_eq!((volume.limbs[THIGH], &volume.head), (people.limbs[THIGH], &people.head));
+        }
+    }
+
+    #[test]
+    fn corners_of_boxes_are_held_and_round_bodies_do_not_grow() {
+        let mut shape = Shape { base: [0.0; 3], ends: [0.0, 1.0], radii: [[0.0; ANGLES]; RINGS] };
+        let even = |of: &dyn Fn(f32) -> [f32; 2]| -> Vec<(Vector, f32)> {
+            let of = |at: u16| {
+                let [x, z] = of(f32::from(at % 400) / 400.0);
+                ([x, f32::from(at / 400) / 49.0, z], 1.0)
+            };
+            (0..20_000).map(of).collect()
+        };
+        let ellipse = even(&|t| {
+            let (sine, cosine) = (t * std::f32::consts::TAU).sin_cos();
+            [0.17 * sine, 0.11 * cosine]
+        });
+        // From corner to corner of a box of 0.42 by 0.28.
+        let edges = even(&|t| {
+            let (side, along) = ((4.0 * t).floor(), 2.0 * (4.0 * t).fract() - 1.0);
+            let sign = if side < 2.0 { 1.0 } else { -1.0 };
+            if side % 2.0 == 0.0 { [sign * 0.21, sign * along * 0.14] } else { [sign * along * 0.21, sign * 0.14] }
+        });
+        for (points, least, most) in [(ellipse, -0.003, 0.006), (edges, -0.03, 0.045)] {
+            shape.measure(&points);
+            for (at, _) in points {
+                let beyond = shape.radius(shape.around(at)) - out(at);
+                assert!((least..most).contains(&beyond), "{at:?}: {beyond}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_missing_finger_is_nearest_in_the_hands_box() {
+        // A palm from 0 to 0.2 along X, 0.08 wide, 0.02 thick.
+        let mut points = Vec::new();
+        for i in 0..41_u8 {
+            for j in 0..17_u8 {
+                let (x, z) = (0.005 * f32::from(i), 0.005 * f32::from(j) - 0.04);
+                points.extend([0.01, -0.01].map(|y| ([x, y, z], 1.0)));
+            }
+        }
+        let (normal, middle) = thinnest(&points).unwrap();
+        let hand = block(&points, normal, middle, umo_core_pose::rotation::IDENTITY).unwrap();
+        for (place, want) in [([0.1, 0.3, 0.02], [0.1, 0.0, 0.02]), ([0.5, -0.2, 0.2], [0.19, 0.0, 0.03])] {
+            let got = hand.nearest(place);
+            assert!(length(less(got, want)) < 0.012, "{got:?}, not {want:?}");
         }
     }
 
