@@ -149,7 +149,7 @@ def test_landmarks_become_a_mouth_that_opens_as_they_do(tmp_path: Path) -> None:
     for one in found:
         face = np.concatenate([np.zeros((50, 6)), one.mouth], axis=1)
         opening = lip_opening(face)
-        count = int(one.name[1:]) % 4
+        count = (int(one.name[1:]) + 1) % 4
         wanted = np.sin(np.pi * (count + 1) * np.clip(np.arange(50) / 25 - 0.5, 0, None) / 1.5) ** 2
         assert np.corrcoef(opening, wanted)[0, 1] > 0.99 and opening[:12].max() < 0.03
         rounded = one.mouth[:, SHAPE["mouthPucker"]] + one.mouth[:, SHAPE["mouthFunnel"]]
