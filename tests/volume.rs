@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use umo_core::{
-    Animation, AvatarConfig, Bone, Compute, Floor, GestureOptions, Gestures, JOINT_NAMES, JOINTS, LayerGains, Mapping,
-    Model, ModelFile, Pose, Precision, Retarget, Rig, Skeleton, SurfacePoint, Team, Volume,
+    Animation, AvatarConfig, Bone, Compute, Floor, GestureOptions, Gestures, JOINT_NAMES, JOINTS, Layer, LayerGains,
+    Mapping, Model, ModelFile, Pose, Precision, Retarget, Rig, Skeleton, SurfacePoint, Team, Volume,
 };
 use umo_core_pose::rotation::{IDENTITY, inverse, product, rotate};
 use umo_kernels::Isa;
@@ -71,7 +71,9 @@ fn motion() -> (Skeleton, Vec<Pose>) {
         .collect();
     speech.resize(SECONDS * rate, 0.0);
     let config = AvatarConfig::new(model.config());
-    let mut animation = Animation::with_layers(&model, &config, LayerGains::ON, Gestures::new()).unwrap();
+    // Hands that are busy: without rests.
+    let gains = LayerGains::ON.with(Layer::Body, 0.0).with(Layer::Idle, 0.0);
+    let mut animation = Animation::with_layers(&model, &config, gains, Gestures::new()).unwrap();
     for (name, at) in GESTURES {
         animation.play_gesture(name, &GestureOptions::default().at(at)).unwrap();
     }
@@ -517,7 +519,7 @@ struct Bar {
 const BARS: [Bar; BUILDS.len()] = [
     Bar { contacts: 0.95, jerk: 1.1, peak: 0.1, inside: 0.005 },
     Bar { contacts: 0.75, jerk: 1.2, peak: 0.65, inside: 0.005 },
-    Bar { contacts: 0.85, jerk: 1.1, peak: 0.25, inside: 0.005 },
+    Bar { contacts: 0.8, jerk: 1.1, peak: 0.3, inside: 0.005 },
     Bar { contacts: 0.95, jerk: 1.1, peak: 0.3, inside: 0.005 },
     Bar { contacts: 0.95, jerk: 1.2, peak: 0.15, inside: 0.005 },
     Bar { contacts: 0.3, jerk: 1.3, peak: 0.25, inside: 0.03 },

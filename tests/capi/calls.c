@@ -77,7 +77,7 @@ static void models_say_what_they_have(void) {
         umo_parameter_info info = {.struct_size = sizeof info};
         umo_status status = umo_parameter_get_info(i, &info);
         if (status == UMO_STATUS_INVALID_ARGUMENT) {
-            CHECK(i == 18);
+            CHECK(i == 19);
             break;
         }
         CHECK(status == UMO_STATUS_OK && info.minimum == 0 && info.maximum > 0 && strlen(info.name) > 0);

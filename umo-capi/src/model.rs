@@ -265,8 +265,12 @@ struct Loading {
 /// Loads on threads that end before it returns, so that the library can be unloaded.
 #[cfg(all(feature = "threads", not(target_family = "wasm")))]
 fn load_model(file: &ModelFile, loading: Loading) -> Result<Model, Failure> {
-    use std::sync::{Mutex, PoisonError};
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Arc, Barrier, Mutex, PoisonError};
     use umo_core_base::thread;
+
+    /// What a thread of the pool allocates by itself at its start, bytes, at most.
+    const START: usize = 64 << 10;
 
     let Loading { precision, isa, is_mouth } = loading;
     if is_mouth {
@@ -274,15 +278,33 @@ fn load_model(file: &ModelFile, loading: Loading) -> Result<Model, Failure> {
     }
     let count = thread::available();
     let threads = Mutex::new(Vec::with_capacity(count));
+    let starved = AtomicBool::new(false);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|builder| {
         let name = format!("umo-load-{}", builder.index());
-        memory::check_thread().map_err(|_| std::io::ErrorKind::OutOfMemory)?;
-        let started = thread::start(name, || builder.run())?;
+        let starves = || {
+            starved.store(true, Ordering::Relaxed);
+            std::io::Error::from(std::io::ErrorKind::OutOfMemory)
+        };
+        memory::check_thread().map_err(|_| starves())?;
+        // The system ends the process where a thread has no memory for what it keeps by itself: it takes its heap before the
+        // next thread may use up what is left.
+        let (met, has_heap) = (Arc::new(Barrier::new(2)), Arc::new(AtomicBool::new(false)));
+        let (meets, tells) = (Arc::clone(&met), Arc::clone(&has_heap));
+        let started = thread::start(name, move || {
+            let fits = memory::check(START).is_ok();
+            tells.store(fits, Ordering::Release);
+            meets.wait();
+            if fits {
+                builder.run();
+            }
+        })?;
         threads.lock().unwrap_or_else(PoisonError::into_inner).push(started);
-        Ok(())
+        met.wait();
+        if has_heap.load(Ordering::Acquire) { Ok(()) } else { Err(starves()) }
     });
     // Without memory for a thread, the system says only that it did not start it.
     let no_thread = |error| match memory::check_thread() {
+        _ if starved.load(Ordering::Relaxed) => memory::OutOfMemory { bytes: START }.into(),
         Ok(()) => Failure::new(crate::status::UMO_STATUS_THREAD, error),
         Err(missing) => missing.into(),
     };

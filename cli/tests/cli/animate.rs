@@ -111,7 +111,7 @@ fn a_motion_begins_at_its_start_pose() {
     let from_last = |frames: &[Frame]| apart(&frames[0].0, &before.last().unwrap().0);
     let (far, near) = (from_last(&plain), from_last(&next));
     // How near depends on the draws, which differ between processors.
-    assert!(near < 0.9 * far, "{near} and {far} radians from the start pose");
+    assert!(near < 0.95 * far, "{near} and {far} radians from the start pose");
     let again = performed(&folder, "again.jsonl", &["--greedy", "--start-pose", &last]).1;
     assert!(next == again);
 }

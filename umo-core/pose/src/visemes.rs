@@ -1,7 +1,8 @@
 //! Mouth shapes for applications without ARKit channels: the 15 visemes of the Oculus set.
 //!
 //! Each viseme has a shape: the channels of an ARKit face that makes its sound. A frame's weights measure the
-//! similarity of its mouth to each shape: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum.
+//! similarity of its mouth to each shape: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum. Lips that `mouthClose`
+//! holds shut over a jaw that is open are a `PP` whatever else they do: people round and spread them meanwhile.
 
 use crate::face::{Face, FaceKind};
 use umo_core_base::functions::Functions;
@@ -15,6 +16,13 @@ pub const VISEME_NAMES: [&str; VISEMES] =
 
 /// Distance scale of the similarity between shapes.
 const WIDTH: f32 = 0.12;
+
+/// `mouthClose` from which lips are sealed over an open jaw, and what more seals them wholly; opening at which they are apart.
+const SEAL: (f32, f32) = (0.06, 0.06);
+const APART: f32 = 0.12;
+/// Share of the other visemes' weights that sealed lips give to `PP`.
+const SEALED: f32 = 0.85;
+const PP: usize = 1;
 
 /// Features of a mouth: each is an ARKit channel, or the mean of a left and a right one.
 const FEATURES: [&[&str]; 12] = [
@@ -91,8 +99,22 @@ impl Visemes {
         let nearest = distances.iter().copied().fold(f32::INFINITY, f32::min);
         let weights = distances.map(|d| (-(d - nearest) / (2.0 * WIDTH * WIDTH)).exponential());
         let sum: f32 = weights.iter().sum();
-        weights.map(|w| w / sum)
+        let given = SEALED * sealed(&features);
+        let mut weights = weights.map(|w| (1.0 - given) * w / sum);
+        weights[PP] += given;
+        weights
     }
+}
+
+/// How far lips are sealed over an open jaw, 0 to 1.
+fn sealed(features: &[f32; FEATURES.len()]) -> f32 {
+    let [jaw, close, .., upper_up, lower_down, _] = features;
+    let smooth = |x: f32| {
+        let x = x.clamp(0.0, 1.0);
+        x * x * (3.0 - 2.0 * x)
+    };
+    let opening = jaw - close + 0.5 * (upper_up + lower_down);
+    smooth((close - SEAL.0) / SEAL.1) * smooth(1.0 - opening / APART)
 }
 
 #[cfg(test)]
@@ -137,6 +159,9 @@ mod tests {
             "FF"
         );
         assert_eq!(likeliest(&face(&[("tongueOut", 0.5), ("jawOpen", 0.2)])), "TH");
+        // A captured "b" before "u", and the "u".
+        assert_eq!(likeliest(&face(&[("jawOpen", 0.15), ("mouthClose", 0.18), ("mouthPucker", 0.6)])), "PP");
+        assert_eq!(likeliest(&face(&[("jawOpen", 0.18), ("mouthClose", 0.02), ("mouthPucker", 0.6)])), "ou");
         assert_eq!(likeliest(&face(&[("mouthSmileLeft", 0.6), ("mouthSmileRight", 0.6), ("jawOpen", 0.2)])), "ih");
     }
 

@@ -81,6 +81,8 @@ struct Still {
 #[derive(Debug)]
 struct Seam {
     from: OwnedFrame,
+    /// The pose shown last during an ease.
+    shown: OwnedFrame,
     /// When that was, by the host's clock; `None` after the ease.
     at: Option<u64>,
     /// Duration of the ease, seconds.
@@ -95,7 +97,7 @@ impl IdleBlend {
         Self {
             was_idle: false,
             still: Still { since: None, ticks: 0, from: frame(), to: frame(), frame_rate: frame_rate as f64 },
-            seam: Seam { from: frame(), at: None, length: ease },
+            seam: Seam { from: frame(), shown: frame(), at: None, length: ease },
             after,
             ease,
         }
@@ -151,6 +153,7 @@ impl IdleBlend {
         // Speech begins with the mouth: the face's way back is shorter.
         let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * self.seam.length))) };
         self.seam.apply(frame, t, t_face);
+        self.seam.shown.copy(frame);
         if t >= 1.0 {
             self.seam.from.copy(frame);
             if !rests {
@@ -165,6 +168,9 @@ impl IdleBlend {
         let Self { was_idle, seam, ease, .. } = self;
         if rests != *was_idle || missed.is_some_and(|missed| missed.seconds > 0.0) {
             // Ease from the pose shown a moment ago, whatever it was.
+            if seam.at.is_some() {
+                seam.from.copy(&seam.shown);
+            }
             seam.at = Some(now);
             if let Some(Missed { seconds, shown }) = missed {
                 seam.from.copy(shown);
@@ -192,9 +198,10 @@ impl IdleBlend {
         to.state(pass)
     }
 
-    /// Describes the pose from which an ease began.
+    /// Describes the pose from which an ease began, and the one it has come to.
     pub(crate) fn seam_state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        self.seam.from.state(pass)
+        self.seam.from.state(pass)?;
+        self.seam.shown.state(pass)
     }
 
     /// Describes when an ease began.
