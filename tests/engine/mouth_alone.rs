@@ -60,7 +60,7 @@ fn the_mouth_speaks_over_the_rest_pose_without_the_engine() {
         assert_eq!(frames.len(), samples.len() * 30 / 16_000);
         for (i, (frame, channels)) in frames.iter().zip(&mouths).enumerate() {
             assert_eq!((frame.index, frame.sample), (i as u64, (i * 16_000 / 30) as u64));
-            // The body's rotations, but for the jaw, and its place.
+            // The body's rotations except the jaw's, and its place.
             let (jaw, bits, still) = (4 * 22..4 * 23, &frame.bits, &rest.bits);
             assert_eq!(
                 (&bits[..jaw.start], &bits[jaw.end..4 * 55 + 3]),
@@ -89,7 +89,7 @@ fn a_stream_has_as_many_frames_at_any_rate_and_idles_after_it() {
         assert_eq!(speak(&session, &samples, 441).len(), samples.len() * 30 / rate, "{rate} Hz");
         session.reset().unwrap();
         assert_eq!(speak(&session, &samples, 4_410).len(), samples.len() * 30 / rate, "{rate} Hz, again");
-        // What comes after an interrupt is a stream of its own, after the ease.
+        // After an interrupt and its ease, a separate stream begins.
         session.interrupt(Duration::from_millis(100)).unwrap();
         assert!(speak(&session, &samples, 1_000).len() >= samples.len() * 30 / rate);
         assert!(session.sample_pose(1e6, |_| ()).unwrap().is_ahead);

@@ -56,7 +56,7 @@ pub struct Bench {
     pub engine: EngineArgs,
 }
 
-/// What avatars of a row do.
+/// Work of the avatars of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum EnergyRow {
     /// Speak

@@ -28,7 +28,7 @@ const BURSTS: usize = 24;
 /// Avatars of a crowd, if `--sessions` says nothing.
 const CROWD: usize = 8;
 
-/// What one row took.
+/// Result of one row.
 #[derive(Debug, Deserialize, Serialize)]
 struct Taken {
     /// Seconds of avatars: of all together.
@@ -105,7 +105,7 @@ fn measure(args: &Bench, folder: &std::path::Path) -> Result<(Option<f64>, Vec<(
 
     let many = if args.sessions > 1 { args.sessions } else { CROWD };
     let given = args.engine.compute.model.as_deref();
-    // A file for all: what is read of a model in the program stays in memory.
+    // A file for all: a model embedded in the program stays in memory.
     let whole = folder.join("model.safetensors");
     std::fs::write(&whole, model::bytes(given)?).map_err(Failure::environment)?;
     let mut rows = vec![

@@ -17,7 +17,7 @@ from umo_train.performer.lips import OPENING
 from umo_train.skeleton import ARKIT, SHAPE
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
 
-# Every n-th sentence of a talker is for tests: those of `benches/lips`, drawn with its seed.
+# Every n-th sentence of a talker is for tests: the ones that `benches/lips` draws with its seed.
 SEED, SHARE = 59, 10
 GRID_RATE = 25.0
 # Opening, rounding, spread of the corners and jaw of the figure at the talker's 99th percentile.
@@ -150,7 +150,7 @@ def fitted(lengths: np.ndarray, rest: np.ndarray, least: np.ndarray, most: np.nd
 
 
 def _jaw(out: np.ndarray, opening: np.ndarray, jaw: np.ndarray) -> np.ndarray:
-    """Sets the jaw, lowered at least as far as the opening needs, and the lips that close over it."""
+    """Sets the jaw, lowered enough for the opening, and the lips that close over it."""
     lips = out @ OPENING
     out[:, SHAPE["jawOpen"]] = np.clip(np.maximum(jaw, opening - lips), 0, 1)
     out[:, SHAPE["mouthClose"]] = np.clip(out @ OPENING - opening, 0, 1)

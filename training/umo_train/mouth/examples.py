@@ -108,9 +108,9 @@ def captured(
     """Speech with a captured mouth."""
     face = capture.frames()[:, channels]
     known = np.isin(np.array(ARKIT)[channels], KNOWN)
-    # Its room may be as loud as soft speech: other examples teach what a voice is.
+    # Its room may be as loud as soft speech: other examples teach voice detection.
     voice, weight = np.ones(len(face), bool), np.zeros(len(face))
-    # What a capture does not know stays at rest, and is not learned.
+    # Channels that a capture lacks stay at rest, and are not learned.
     face = np.where(known, face, rest)
     sound = heard(capture.samples, rng)
     return _example(kind, front, sound, face, voice, np.ones(len(face)), weight, known=known)

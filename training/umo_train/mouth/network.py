@@ -48,7 +48,7 @@ class MouthNetwork(nn.Module):
         return self.head(x).transpose(1, 2), self.later(x).transpose(1, 2)
 
     def heard(self, rows: Tensor) -> Tensor:
-        """What both heads read `[batch, width, frames]`."""
+        """Input of both heads `[batch, width, frames]`."""
         x = self.input(((rows - self.mean) * self.scale).transpose(1, 2)).relu()
         for dilated, pointwise in self.blocks:
             before = (dilated.kernel_size[0] - 1) * dilated.dilation[0]

@@ -29,7 +29,7 @@ JAW_OPEN = 0.35
 
 def perform(utterance: Utterance, style: Style, seed: int, accents: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Channels of each part `[T, C]`, the pelvis' height `[T]` under "height", and the arms' intent as codes of
-    `intent` `[T]` under "intent"; deterministic. `accents` in seconds replace those of the phones."""
+    `intent` `[T]` under "intent"; deterministic. `accents` in seconds replace the phones'."""
     heard = listen(utterance, accents)
     if style.listens:
         utterance = listening.unspoken(utterance)

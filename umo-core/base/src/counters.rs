@@ -1,4 +1,4 @@
-//! What the system counts of this process, for measurements: instructions, cycles, energy.
+//! The system's counters of this process, for measurements: instructions, cycles, energy.
 #![cfg_attr(
     any(target_os = "linux", target_os = "android", target_vendor = "apple"),
     expect(unsafe_code, reason = "the counters are the system's calls")

@@ -26,7 +26,7 @@ pub use arena::{Arena, BlockError, Boxed, Counted, HostMemory, Slice};
 pub const SPARE: usize = (1 << 20) + (128 << 10);
 /// Bytes that starting a thread needs: the standard library's stack and the system's own structures. Without them the
 /// system ends the process.
-pub const THREAD: usize = 3 << 20;
+pub const THREAD: usize = 5 << 20;
 /// Size in bytes from which an allocation is large: after it, [`SPARE`] is checked.
 const LARGE: usize = 4 << 10;
 

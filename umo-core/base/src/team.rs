@@ -90,7 +90,7 @@ pub struct Placement<'a> {
     pub caller: Option<usize>,
     /// Cores of the other threads, in order; surplus threads are not bound.
     pub cores: &'a [usize],
-    /// Kind of cores that the threads which are not bound stay on, as far as the system lets them.
+    /// Kind of cores that the threads which are not bound stay on, if the system allows it.
     pub kind: Option<&'a CoreGroup>,
     /// Priority of the other threads.
     pub priority: Priority,

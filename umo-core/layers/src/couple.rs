@@ -77,7 +77,7 @@ const MOST_SECONDS: f32 = 1e3;
 
 const DRAWS: Stream = Stream(710);
 
-/// What a stance asks of the feet.
+/// A stance's requests to the feet.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Stride {
     /// Where each foot is to stand beside its place in the animation: metres along x and z, radians about the vertical.

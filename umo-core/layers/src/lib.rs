@@ -148,7 +148,7 @@ pub struct Controls {
     pub attention: Attention,
     /// How far body and face follow the arousal of the voice, 0 to 1.
     pub expression: f32,
-    /// How often hands leave rest, 0 to 1; at 1 they are where the model has them.
+    /// Frequency of gestures, 0 to 1; at 1 hands are where the model has them.
     pub activity: f32,
     /// Mood of the avatar.
     pub mood: Mood,
@@ -260,7 +260,7 @@ pub(crate) struct Tick<'a> {
     pub(crate) lively: f32,
     /// Shift of weight in company, metres to the left.
     pub(crate) shift: f32,
-    /// What a stance asks of the feet.
+    /// A stance's requests to the feet.
     pub(crate) stride: couple::Stride,
     /// Weight of rest of each hand.
     pub(crate) resting: [f32; 2],

@@ -119,9 +119,7 @@ impl Rest {
                 self.begin(activity, tick);
                 self.busy = [true; 2];
             }
-        } else if is_first {
-            self.settle(tick);
-        } else if self.is_up && self.is_over(activity, tick) {
+        } else if is_first || self.is_up && self.is_over(activity, tick) {
             self.settle(tick);
         } else if !self.is_up && self.is_rested(activity, tick) {
             self.begin(activity, tick);

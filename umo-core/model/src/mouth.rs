@@ -4,7 +4,7 @@
 //! samples ─▶ log-mel rows ─▶ level control ─▶ causal convolutions ─▶ channels ─▶ gate ─▶ mouth
 //!            90 a second      level, noise     30 frames a second   └▶ voice activity ─┘
 //! ```
-//! A second head, if there is one, gives the mouth of a frame some frames later: it has heard what follows. [`heard`]
+//! A second head, if there is one, gives the mouth of a frame some frames later: it has heard what follows. `heard`
 //! puts it over the frames of chunks.
 //!
 //! Everything is computed row by row and frame by frame, in the order of the samples, so that the sizes of

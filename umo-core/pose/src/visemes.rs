@@ -106,7 +106,7 @@ impl Visemes {
     }
 }
 
-/// How far lips are sealed over an open jaw, 0 to 1.
+/// Degree to which lips are sealed over an open jaw, 0 to 1.
 fn sealed(features: &[f32; FEATURES.len()]) -> f32 {
     let [jaw, close, .., upper_up, lower_down, _] = features;
     let smooth = |x: f32| {

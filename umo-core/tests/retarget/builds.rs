@@ -18,7 +18,7 @@ struct Build {
     fingers: usize,
     /// The trunk is a box.
     is_box: bool,
-    /// What hangs on it.
+    /// Attached parts.
     extra: Extra,
 }
 
@@ -143,7 +143,7 @@ impl<'a> Character<'a> {
         [sizes[0] * wide, sizes[1] * deep * bulge, sizes[2] * deep].map(|x| x * self.trunk / PERSON)
     }
 
-    /// How often a point of the trunk's axes is as far out as the surface.
+    /// Number of times that a point of the trunk's axes is as far out as the surface.
     fn outside(&self, at: Vector) -> f32 {
         let [side, ahead, behind] = self.section(at[1]);
         let (x, z) = (at[0] / side, at[2] / if at[2] > 0.0 { ahead } else { behind });

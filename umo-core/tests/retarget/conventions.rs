@@ -98,7 +98,7 @@ impl Exported {
         self.body_of(&|_| 1.0)
     }
 
-    /// The body with proportions of its own: each bone's length times those of the program's.
+    /// The body with other proportions: factors of the lengths of the program's bones.
     pub(super) fn body_of(&self, own: &dyn Fn(usize) -> f32) -> Body {
         let programs = |joint: usize| match joint {
             4 | 5 => self.legs[0],

@@ -34,7 +34,7 @@ struct Battery {
 }
 
 impl Meter {
-    /// Finds what there is in a folder such as `/sys`.
+    /// Finds the meters in a folder such as `/sys`.
     pub(super) fn open(sys: &Path) -> Self {
         let (mut zones, mut is_locked) = (Vec::new(), false);
         for folder in folders(&sys.join("class/powercap")) {
@@ -85,7 +85,7 @@ impl Meter {
         Some(self.zones.iter().map(|zone| zone.sum as f64 * MICRO).sum())
     }
 
-    /// What is measured, for people.
+    /// The quantity measured, for people.
     pub(super) fn sources(&self) -> String {
         let names: Vec<_> = self.zones.iter().map(|zone| &*zone.name).collect();
         match (&*names, &self.battery) {
@@ -96,7 +96,7 @@ impl Meter {
         }
     }
 
-    /// What is missing for joules, and what to do.
+    /// The reason why joules are missing, and the remedy.
     pub(super) fn missing(&self) -> String {
         let place = self.sys.join("class/powercap");
         if self.is_locked {
@@ -130,7 +130,7 @@ impl Zone {
     }
 }
 
-/// What is missing for instructions and cycles, and what to do.
+/// The reason why instructions and cycles are missing, and the remedy.
 pub(super) fn no_counters(sys: &Path) -> String {
     let is_virtual = folders(&sys.join("bus/event_source/devices")).iter().all(|folder| {
         folder

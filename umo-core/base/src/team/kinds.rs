@@ -64,7 +64,7 @@ pub struct CoreGroup {
 }
 
 impl CoreGroup {
-    /// Keeps the calling thread on these cores, as far as the system lets it; returns whether it does. Never allocates.
+    /// Keeps the calling thread on these cores, if the system allows it; returns whether it does. Never allocates.
     #[doc(hidden)]
     pub fn keep(&self) -> bool {
         super::cores::prefer(self)

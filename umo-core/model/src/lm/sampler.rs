@@ -18,7 +18,7 @@ pub struct Sampler {
     pub sampling: Sampling,
     /// Seed of the draws.
     pub seed: u64,
-    /// How often hands leave rest, 0 to 1: 0.25 leaves the model as it is.
+    /// Frequency of gestures, 0 to 1: 0.25 leaves the model as it is.
     pub activity: f32,
     /// How far the motion follows the voice's arousal, 0 to 1; 0 leaves the model as it is.
     pub expression: f32,

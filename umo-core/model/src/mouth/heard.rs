@@ -122,7 +122,7 @@ impl HeardMouth {
         }
         self.face.copy_from_slice(frame.face);
         for (i, (&channel, &value)) in mouth.channels().iter().zip(&*self.last).enumerate() {
-            // A smile of the body stays: the network knows those of vowels alone.
+            // A smile of the body stays: the network knows only smiles of vowels.
             let least = if self.smiles.contains(&Some(i)) { frame.face[channel] } else { 0.0 };
             self.face[channel] = value.max(least);
         }

@@ -1,4 +1,4 @@
-//! What a body's volume looks like: lines to draw, and sizes to print.
+//! The shape of a body's volume: lines to draw, and sizes to print.
 
 use umo_core_pose::rotation::rotate;
 

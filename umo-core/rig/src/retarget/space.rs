@@ -358,7 +358,7 @@ pub(super) struct Space {
     gain: f32,
     /// Units of the rig for a metre of the source.
     scale: f32,
-    /// How much wider the rig's trunk is than the source's, to scale: ahead, at the sides, behind.
+    /// Width of the rig's trunk beyond the source's, to scale: ahead, at the sides, behind.
     wider: [[f32; 3]; RINGS],
     /// Half width and half depth of the source's trunk.
     girth: [f32; 2],

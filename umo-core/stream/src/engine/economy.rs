@@ -164,7 +164,7 @@ impl Learned {
             if took.is_slow && self.slow.max(self.busy) > LIMIT {
                 self.from = now.saturating_add(u64::try_from(self.wait.as_nanos()).unwrap_or(u64::MAX));
                 self.wait = (2 * self.wait).min(LONGEST_WAIT);
-                // What was learned there is forgotten: whatever slows the core may end.
+                // The times learned there are dropped: the cause of the slowness may end.
                 (self.slow, self.ratio, self.fitting) = (0.0, self.reported, 0);
                 return false;
             }

@@ -71,7 +71,7 @@ fn hybrid_processors_are_grouped_by_kind_whatever_their_frequencies() {
     let per = [("cpufreq/cpuinfo_max_freq", &frequencies[..]), ("cache/index3/level", &[3, 3, 3, 3, 3, 3, 3, 3, 0, 0])];
     let cores = read("hybrid", &files, &per, 10);
     assert_eq!(short(&cores), [(P, 2, vec![0, 1, 2, 3]), (E, 4, vec![4, 5, 6, 7]), (L, 2, vec![8, 9])]);
-    // Those that the process may not use do not count: here it has small ones alone.
+    // Cores that the process may not use do not count: here it has only small ones.
     let folder = Folder::new("confined", &[("devices/cpu_core/cpus", "0-1\n"), ("devices/cpu_atom/cpus", "2-3\n")]);
     assert!(!Cores::read(&folder.0, &[2, 3]).differ());
     assert_eq!(short(&Cores::read(&folder.0, &[1, 2])), [(P, 1, vec![1]), (E, 1, vec![2])]);
@@ -116,7 +116,7 @@ fn windows_sets_are_grouped_by_class() {
     assert!(!Cores::of_cpu_sets(&[set(1, 0, 0), set(2, 1, 0)].concat()).differ());
     let three = Cores::of_cpu_sets(&[set(1, 0, 0), set(2, 1, 5), set(3, 2, 9)].concat());
     assert_eq!(short(&three), [(P, 1, vec![3]), (E, 1, vec![2]), (L, 1, vec![1])]);
-    // Other types are skipped, and what is cut off is not read.
+    // Other types are skipped, and incomplete entries are not read.
     let mut other = set(7, 7, 3);
     other[4] = 1;
     let cut = [other, set(1, 0, 0), set(2, 1, 1)[..20].to_vec()].concat();
