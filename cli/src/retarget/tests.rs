@@ -609,8 +609,10 @@ fn a_mapping_file_sizes_the_body() {
     };
     let plain = moved(&made, &clip);
     let plain = plain.place(plain.node(&made.name(joint("left_wrist"))), 0)[2];
-    let (none, wide) = (ahead("[body]\nbelly = 3"), ahead("[body]\ngain = 1\nbelly = 3\nchest = 3\npelvis = 3"));
+    let (none, wide) =
+        (ahead("[body]\nbelly = 1.6"), ahead("[body]\ngain = 1\nbelly = 1.6\nchest = 1.6\npelvis = 1.6"));
     assert_eq!(none, plain);
+
     assert!(wide > plain + 0.05, "{wide} {plain}");
     let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
     let (found, _) = target.mapping(&Given::default()).unwrap();
