@@ -119,7 +119,7 @@ for (const wide of ["two halves", "a BigInt"]) {
     player.call("umo_model_get_channel_name", model, 0, out);
     assert.equal(words[out >> 2], name, "a text is copied once");
 
-    player.call("umo_engine_config_init", config, 44);
+    player.call("umo_engine_config_init", config, 48);
     words[(config + 4) >> 2] = 1;
     words[(config + 8) >> 2] = 1;
     player.call("umo_engine_new", model, config, out);
