@@ -473,7 +473,7 @@ internal static unsafe class Tests
             Equal(1u, mouth.Info.HasMouth);
             SessionConfig wanted = Session.Defaults(mouth);
             Equal(Voice.Delayed, wanted.Voice);
-            wanted.Voice = (Voice)2;
+            wanted.Voice = (Voice)3;
             Equal(Status.InvalidArgument, Throws<UmoException>(() => new Session(polled, wanted)).Status);
             wanted.Voice = Voice.Live;
             using (Session session = new Session(polled, wanted))
