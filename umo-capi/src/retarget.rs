@@ -158,7 +158,7 @@ pub unsafe extern "C" fn umo_retarget_get_joints(
 /// Puts a pose on a character: `pose_rotations` are a frame's, four values for each of the 55 joints, and
 /// `pose_translation` its three; both in the rig's axes. Writes the rotation of each bone relative to its parent, four
 /// values for each of `bone_count` bones, and the place of the bone of joint 0 in the character's space, three values
-/// (NULL: not wanted). Equal poses give equal results.
+/// (NULL: not wanted). With volume a pose depends on those before it: give the frames of one motion in order, 30 a second.
 ///
 /// Threads: one at a time. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (another number of bones, a number that is not finite),
