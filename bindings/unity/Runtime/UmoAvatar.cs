@@ -114,7 +114,7 @@ namespace Umo.Unity
         private double quiet, restLength, hostTime;
         private int blocks;
         private bool any, restart;
-        private readonly double[] sent = new double[13];
+        private readonly double[] sent = new double[14];
         private Idle sentIdle;
         private string sentPrompt;
         private Mood sentMood;

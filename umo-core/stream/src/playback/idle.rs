@@ -16,8 +16,7 @@ use super::gap::Missed;
 use super::host::Host;
 use super::layers::Layers;
 
-/// Upper bound on the ticks that one call catches up on, so that a paused host does not compute all
-/// of them.
+/// Upper bound on the ticks that one call catches up on: more of them at once would be a jump.
 const MAX_STILL_TICKS: u64 = 8;
 
 /// Duration of the way back as a multiple of the missing time, up to the session's ease: no joint
@@ -163,6 +162,12 @@ impl IdleBlend {
         }
     }
 
+    /// Takes over a frame that was pulled: idle time eases from it.
+    pub(crate) fn show(&mut self, frame: &OwnedFrame) {
+        self.seam.from.copy(frame);
+        (self.seam.at, self.still.since, self.was_idle) = (None, None, false);
+    }
+
     /// Begins an ease if idle time begins or ends, or a gap ends.
     fn turn(&mut self, frame: &OwnedFrame, rests: bool, missed: Option<Missed>, now: u64) {
         let Self { was_idle, seam, ease, .. } = self;
@@ -234,14 +239,17 @@ impl Still {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of ticks")]
     fn apply(&mut self, frame: &mut OwnedFrame, stand: &Stand, now: u64, layers: &mut Layers, host: &Host) {
         let Self { since, ticks, from, to, frame_rate } = self;
-        let is_new = since.is_none();
-        let start = *since.get_or_insert(now);
-        let at = Duration::from_nanos(now.saturating_sub(start)).as_secs_f64() * *frame_rate;
+        let frames = |start: u64| Duration::from_nanos(now.saturating_sub(start)).as_secs_f64() * *frame_rate;
+        // Further behind, after a pause of the host or a speech, it begins anew: what it would have missed is no motion.
+        let kept = since.filter(|&start| frames(start) as u64 + 2 <= *ticks + MAX_STILL_TICKS);
+        let is_new = kept.is_none();
+        let start = kept.unwrap_or(now);
+        *since = Some(start);
+        let at = frames(start);
         let wanted = at as u64 + 2;
         if is_new {
             *ticks = 0;
         }
-        *ticks = (*ticks).max(wanted.saturating_sub(MAX_STILL_TICKS));
         while *ticks < wanted {
             std::mem::swap(from, to);
             to.copy(stand.last);

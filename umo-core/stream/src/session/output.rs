@@ -113,6 +113,7 @@ impl Output {
     /// Shows the next frame, with gains, if there is one.
     pub(super) fn next(&mut self, shared: &Shared) -> Option<Frame<'_>> {
         let time = self.step(shared)?;
+        self.idle.show(&self.window.last.frame);
         Some(self.gained.apply(&shared.host.gains, time, &self.window.last.frame, &self.rest))
     }
 
