@@ -240,7 +240,7 @@ impl Still {
     fn apply(&mut self, frame: &mut OwnedFrame, stand: &Stand, now: u64, layers: &mut Layers, host: &Host) {
         let Self { since, ticks, from, to, frame_rate } = self;
         let frames = |start: u64| Duration::from_nanos(now.saturating_sub(start)).as_secs_f64() * *frame_rate;
-        // Further behind, after a pause of the host or a speech, it begins anew: what it would have missed is no motion.
+        // Further behind, after a pause of the host or a speech, it begins anew.
         let kept = since.filter(|&start| frames(start) as u64 + 2 <= *ticks + MAX_STILL_TICKS);
         let is_new = kept.is_none();
         let start = kept.unwrap_or(now);
