@@ -43,9 +43,7 @@ class Curve:
     mouth: np.ndarray
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [np.interp(times, self.times, column) for column in self.mouth.T], axis=1
-        )
+        return np.stack([np.interp(times, self.times, column) for column in self.mouth.T], axis=1)
 
 
 @dataclass(frozen=True)
@@ -66,9 +64,7 @@ class Method:
 
 
 def resampled(one: Recording, rate: int) -> np.ndarray:
-    return (
-        soxr.resample(one.samples, one.rate, rate) if one.rate != rate else one.samples
-    )
+    return soxr.resample(one.samples, one.rate, rate) if one.rate != rate else one.samples
 
 
 def write_wav(path: Path, samples: np.ndarray, rate: int) -> None:
@@ -80,9 +76,7 @@ def write_wav(path: Path, samples: np.ndarray, rate: int) -> None:
 
 def arkit_mouth(coefficients: np.ndarray) -> np.ndarray:
     """ARKit's 52 coefficients `[T, 52]` to the mouth `[T, 3]`: `lip_opening`, `lips.width`, and pucker with funnel."""
-    rounding = (
-        coefficients[:, SHAPE["mouthPucker"]] + coefficients[:, SHAPE["mouthFunnel"]]
-    )
+    rounding = coefficients[:, SHAPE["mouthPucker"]] + coefficients[:, SHAPE["mouthFunnel"]]
     face = np.concatenate([np.zeros((len(coefficients), JAW)), coefficients], axis=1)
     return np.stack([lip_opening(face), lips.width(face), rounding], axis=1)
 
@@ -99,36 +93,22 @@ def arkit_visemes(coefficients: np.ndarray) -> np.ndarray:
         lines = (line.split("//")[0] for line in text.replace("&", "").splitlines())
         return json.loads("".join(lines).replace(" ", "").replace(",]", "]"))
 
-    features, shapes, scale = (
-        plain(table("FEATURES")),
-        np.array(plain(table("SHAPES"))),
-        float(table("WIDTH")),
-    )
-    values = np.stack(
-        [
-            coefficients[:, [SHAPE[name] for name in names]].mean(1)
-            for names in features
-        ],
-        axis=1,
-    )
+    features, shapes, scale = plain(table("FEATURES")), np.array(plain(table("SHAPES"))), float(table("WIDTH"))
+    values = np.stack([coefficients[:, [SHAPE[name] for name in names]].mean(1) for names in features], axis=1)
     distances = np.square(values[:, None] - shapes).sum(2)
     weights = np.exp(-(distances - distances.min(1, keepdims=True)) / (2 * scale**2))
     weights /= weights.sum(1, keepdims=True)
     # Sealed lips over an open jaw are a PP.
     (least, more), apart, most = (
-        json.loads(table("SEAL").replace("(", "[").replace(")", "]")),
-        *map(float, map(table, ("APART", "SEALED"))),
+        json.loads(table(name).translate(str.maketrans("()", "[]"))) for name in ("SEAL", "APART", "SEALED")
     )
-    jaw, close, up, down = (
-        values[:, features.index(names)]
-        for names in (["jawOpen"], ["mouthClose"], *features[9:11])
-    )
-    smooth = lambda x: np.clip(x, 0, 1) ** 2 * (3 - 2 * np.clip(x, 0, 1))  # noqa: E731
-    given = (
-        most
-        * smooth((close - least) / more)
-        * smooth(1 - (jaw - close + (up + down) / 2) / apart)
-    )
+    jaw, close, *_, up, down, _ = values.T
+
+    def smooth(x: np.ndarray) -> np.ndarray:
+        x = x.clip(0, 1)
+        return x * x * (3 - 2 * x)
+
+    given = most * smooth((close - least) / more) * smooth(1 - (jaw - close + (up + down) / 2) / apart)
     weights *= 1 - given[:, None]
     weights[:, 1] += given
     return weights
@@ -142,16 +122,12 @@ def _child_seconds(run: Callable[[], object]) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def slope(
-    recordings: Sequence[Recording], run: Callable[[np.ndarray, int], object]
-) -> float:
+def slope(recordings: Sequence[Recording], run: Callable[[np.ndarray, int], object]) -> float:
     """Seconds of a core per second of speech, without loading: of `LONG_S` of speech less `SHORT_S`."""
     rate = recordings[0].rate
     speech = np.concatenate([one.samples for one in recordings])[: int(LONG_S * rate)]
     short = speech[: int(SHORT_S * rate)]
-    cost = _child_seconds(lambda: run(speech, rate)) - _child_seconds(
-        lambda: run(short, rate)
-    )
+    cost = _child_seconds(lambda: run(speech, rate)) - _child_seconds(lambda: run(short, rate))
     return cost / ((len(speech) - len(short)) / rate)
 
 
@@ -161,9 +137,7 @@ def _read_npz(path: Path) -> np.ndarray:
         return np.asarray(file["arkit"][:, order], np.float64)
 
 
-def delayed(
-    umo: Path, recordings: Sequence[Recording], horizons: Sequence[int]
-) -> list[Method]:
+def delayed(umo: Path, recordings: Sequence[Recording], horizons: Sequence[int]) -> list[Method]:
     """`umo animate` at each horizon with its other settings as they come; frame `f` is at `f / 30` seconds."""
     out = []
     with tempfile.TemporaryDirectory(prefix="umo-lips-") as name:
@@ -174,51 +148,19 @@ def delayed(
             write_wav(speech / f"{one.name}.wav", one.samples, one.rate)
         for horizon in horizons:
             made = folder / f"made-{horizon}"
-            program.run(
-                umo,
-                "batch",
-                speech,
-                "-o",
-                made,
-                "--format",
-                "npz",
-                "--horizon",
-                horizon,
-            )
-            faces = {
-                one.name: _read_npz(made / f"{one.name}.npz") for one in recordings
-            }
+            program.run(umo, "batch", speech, "-o", made, "--format", "npz", "--horizon", horizon)
+            faces = {one.name: _read_npz(made / f"{one.name}.npz") for one in recordings}
 
             def animate(samples: np.ndarray, rate: int, horizon: int = horizon) -> None:
                 write_wav(folder / "timed.wav", samples, rate)
                 options = ["--horizon", horizon, "--threads", 1]
-                program.run(
-                    umo,
-                    "animate",
-                    folder / "timed.wav",
-                    "-o",
-                    folder / "timed.npz",
-                    *options,
-                )
+                program.run(umo, "animate", folder / "timed.wav", "-o", folder / "timed.npz", *options)
 
             cost = slope(recordings, animate)
             is_default = horizon == max(HORIZONS)
-            label = (
-                DEFAULT
-                if is_default
-                else f"umo, delayed, hears ahead {horizon / 10:.1f} s"
-            )
-            times = {
-                name: np.arange(len(face)) / FRAME_RATE for name, face in faces.items()
-            }
-            out += _ours(
-                label,
-                faces,
-                times,
-                cost,
-                umo.stat().st_size,
-                through_visemes=is_default,
-            )
+            label = DEFAULT if is_default else f"umo, delayed, hears ahead {horizon / 10:.1f} s"
+            times = {name: np.arange(len(face)) / FRAME_RATE for name, face in faces.items()}
+            out += _ours(label, faces, times, cost, umo.stat().st_size, through_visemes=is_default)
     return out
 
 
@@ -231,15 +173,10 @@ def _ours(
     through_visemes: bool,
 ) -> list[Method]:
     """A row of umo's coefficients, and one of its visemes."""
-    direct = {
-        name: Curve(times[name], arkit_mouth(face)) for name, face in faces.items()
-    }
+    direct = {name: Curve(times[name], arkit_mouth(face)) for name, face in faces.items()}
     out = [Method(label, True, direct, cost, size)]
     if through_visemes:
-        mapped = {
-            name: Curve(times[name], visemes.mouth(arkit_visemes(face)))
-            for name, face in faces.items()
-        }
+        mapped = {name: Curve(times[name], visemes.mouth(arkit_visemes(face))) for name, face in faces.items()}
         out.append(Method(f"{label}, through its visemes", True, mapped, cost, size))
     return out
 
@@ -255,11 +192,7 @@ def live(umo: Path, model: Path, recordings: Sequence[Recording]) -> list[Method
     def stage(samples: np.ndarray, rate: int) -> np.ndarray:
         with tempfile.TemporaryDirectory(prefix="umo-lips-") as name:
             given, made = Path(name, "in.safetensors"), Path(name, "out.safetensors")
-            audio = (
-                soxr.resample(samples, rate, MODEL_RATE)
-                if rate != MODEL_RATE
-                else samples
-            )
+            audio = soxr.resample(samples, rate, MODEL_RATE) if rate != MODEL_RATE else samples
             save_file({"audio": np.ascontiguousarray(audio, np.float32)}, given)
             program.run(umo, "model", "stage", "mouth", "--in", given, "--out", made)
             return load_file(made)["channels"]
@@ -269,11 +202,7 @@ def live(umo: Path, model: Path, recordings: Sequence[Recording]) -> list[Method
         channels = stage(one.samples, one.rate)
         pictures = np.arange(math.ceil(one.seconds * PICTURES)) / PICTURES
         # Before the first frame the mouth is at rest, as is the first frame.
-        newest = (
-            np.floor((pictures - ahead) * FRAME_RATE + 1e-6)
-            .astype(int)
-            .clip(0, len(channels) - 1)
-        )
+        newest = np.floor((pictures - ahead) * FRAME_RATE + 1e-6).astype(int).clip(0, len(channels) - 1)
         faces[one.name] = np.zeros((len(pictures), len(ARKIT)))
         faces[one.name][:, columns] = channels[newest]
         times[one.name] = pictures
@@ -299,11 +228,7 @@ DOWNLOADS = {
 def bytes_of(path: Path) -> int:
     if path.is_file():
         return path.stat().st_size
-    return sum(
-        one.stat().st_size
-        for one in path.rglob("*")
-        if one.is_file() and "__pycache__" not in one.parts
-    )
+    return sum(one.stat().st_size for one in path.rglob("*") if one.is_file() and "__pycache__" not in one.parts)
 
 
 def named(label: str) -> str:
@@ -311,9 +236,7 @@ def named(label: str) -> str:
     return visemes.NAMES.get(label, label)
 
 
-def mixed(
-    weights: Sequence[dict[str, float]], viseme_of: Callable[[str], str]
-) -> np.ndarray:
+def mixed(weights: Sequence[dict[str, float]], viseme_of: Callable[[str], str]) -> np.ndarray:
     """Weights by a peer's labels to the mouth `[T, 3]`."""
     rows = np.zeros((len(weights), len(visemes.VISEMES)))
     for row, entry in zip(rows, weights, strict=True):
@@ -322,47 +245,27 @@ def mixed(
     return visemes.mouth(rows)
 
 
-def javascript(
-    folder: Path, recordings: Sequence[Recording], with_rhubarb: bool
-) -> list[Method]:
+def javascript(folder: Path, recordings: Sequence[Recording], with_rhubarb: bool) -> list[Method]:
     """HeadAudio, wLipSync, wawa-lipsync and Rhubarb in Node (`peers.mjs`)."""
     with tempfile.TemporaryDirectory(prefix="umo-lips-") as name:
         scratch = Path(name)
         entries = []
         for one in recordings:
-            files = {
-                "pcm48": scratch / f"{one.name}.48",
-                "pcm16": scratch / f"{one.name}.16",
-            }
-            for rate, path in (
-                (BROWSER_RATE, files["pcm48"]),
-                (MODEL_RATE, files["pcm16"]),
-            ):
+            files = {"pcm48": scratch / f"{one.name}.48", "pcm16": scratch / f"{one.name}.16"}
+            for rate, path in ((BROWSER_RATE, files["pcm48"]), (MODEL_RATE, files["pcm16"])):
                 resampled(one, rate).astype("<f4").tofile(path)
-            entries.append(
-                {"name": one.name, "text": one.text}
-                | {key: str(path) for key, path in files.items()}
-            )
+            entries.append({"name": one.name, "text": one.text} | {key: str(path) for key, path in files.items()})
         vowels = {}
         for letter, path in vowel_recordings().items():
             samples, rate = soundfile.read(path, dtype="float32", always_2d=True)
             vowels[letter] = str(scratch / f"{letter}.vowel")
-            soxr.resample(samples.mean(1), rate, BROWSER_RATE).astype("<f4").tofile(
-                vowels[letter]
-            )
+            soxr.resample(samples.mean(1), rate, BROWSER_RATE).astype("<f4").tofile(vowels[letter])
         job, output = scratch / "job.json", scratch / "out.json"
-        about = {
-            "recordings": entries,
-            "vowels": vowels,
-            "withRhubarb": with_rhubarb,
-            "output": str(output),
-        }
+        about = {"recordings": entries, "vowels": vowels, "withRhubarb": with_rhubarb, "output": str(output)}
         job.write_text(json.dumps(about))
         # Rhubarb prints a log, shown only if a peer fails.
         script = Path(__file__).with_name("peers.mjs")
-        done = subprocess.run(
-            ["node", str(script), str(folder), str(job)], capture_output=True, text=True
-        )
+        done = subprocess.run(["node", str(script), str(folder), str(job)], capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(f"peers.mjs: {done.stderr[-2000:]}")
         results = json.loads(output.read_text())
@@ -371,18 +274,12 @@ def javascript(
         if not made:
             continue
         package = label.split(",")[0]
-        viseme_of = {
-            "wLipSync": visemes.VOWELS.get,
-            "Rhubarb": visemes.RHUBARB.get,
-        }.get(package, named)
+        viseme_of = {"wLipSync": visemes.VOWELS.get, "Rhubarb": visemes.RHUBARB.get}.get(package, named)
         curves = {
-            name: Curve(np.array(entry["times"]), mixed(entry["weights"], viseme_of))
-            for name, entry in made.items()
+            name: Curve(np.array(entry["times"]), mixed(entry["weights"], viseme_of)) for name, entry in made.items()
         }
         costs = [made[one.name]["cpu"] / one.seconds for one in recordings]
-        size = sum(
-            bytes_of(folder / "node_modules" / path) for path in DOWNLOADS[package]
-        )
+        size = sum(bytes_of(folder / "node_modules" / path) for path in DOWNLOADS[package])
         out.append(Method(label, False, curves, statistics.median(costs), size))
     return out
 
@@ -393,31 +290,18 @@ def vowel_recordings() -> dict[str, Path]:
 
     folder = Path(pylipsync.__file__).parent / "phonemes/audio"
     letters = {"A": "aa", "I": "ih", "U": "ou", "E": "ee", "O": "oh"}
-    return {
-        letter: next((folder / name).glob("*.mp3")) for letter, name in letters.items()
-    }
+    return {letter: next((folder / name).glob("*.mp3")) for letter, name in letters.items()}
 
 
 def _timed(
-    label: str,
-    recordings: Sequence[Recording],
-    run: Callable[[Recording], Curve],
-    package: Path | None,
-    parts: int = 3,
+    label: str, recordings: Sequence[Recording], run: Callable[[Recording], Curve], package: Path | None, parts: int = 3
 ) -> Method:
     curves, costs = {}, []
     for one in recordings:
         before = time.process_time()
         curves[one.name] = run(one)
         costs.append((time.process_time() - before) / one.seconds)
-    return Method(
-        label,
-        False,
-        curves,
-        statistics.median(costs),
-        bytes_of(package) if package else None,
-        parts,
-    )
+    return Method(label, False, curves, statistics.median(costs), bytes_of(package) if package else None, parts)
 
 
 def pylipsync_method(recordings: Sequence[Recording]) -> Method:
@@ -427,13 +311,8 @@ def pylipsync_method(recordings: Sequence[Recording]) -> Method:
     analyzer = pylipsync.PhonemeAnalyzer()
 
     def run(one: Recording) -> Curve:
-        segments = analyzer.extract_phoneme_segments(
-            one.samples, one.rate, return_seconds=True
-        )
-        spoken = [
-            {p.name: p.target for p in segment.phonemes if p.name in visemes.VRM}
-            for segment in segments
-        ]
+        segments = analyzer.extract_phoneme_segments(one.samples, one.rate, return_seconds=True)
+        spoken = [{p.name: p.target for p in segment.phonemes if p.name in visemes.VRM} for segment in segments]
         times = np.array([(segment.start + segment.end) / 2 for segment in segments])
         return Curve(times, mixed(spoken, visemes.VRM.__getitem__))
 
@@ -470,20 +349,14 @@ def openfacefx_methods(recordings: Sequence[Recording]) -> list[Method]:
         return curve(generate_naive(one.text, one.seconds, g2p=dictionary), one.seconds)
 
     def timed(one: Recording) -> Curve:
-        anchors = [
-            Anchor(w.text, w.start, w.end)
-            for w in one.words
-            if w.text not in ("sil", "sp")
-        ]
+        anchors = [Anchor(w.text, w.start, w.end) for w in one.words if w.text not in ("sil", "sp")]
         segments = anchored_segments(one.text, one.seconds, anchors, dictionary)
         return curve(generate_from_alignment(segments), one.seconds)
 
     out = [_timed("OpenFaceFX, loudness", recordings, energy, package)]
     if all(one.words for one in recordings):
         out.append(_timed("OpenFaceFX, told the text", recordings, told, package))
-        out.append(
-            _timed("OpenFaceFX, told words and times", recordings, timed, package)
-        )
+        out.append(_timed("OpenFaceFX, told words and times", recordings, timed, package))
     return out
 
 
@@ -494,17 +367,12 @@ def loudness(recordings: Sequence[Recording]) -> Method:
         samples = resampled(one, MODEL_RATE)
         frames = len(samples) * FRAME_RATE // MODEL_RATE
         opening = lips.envelope(samples, frames)
-        return Curve(
-            np.arange(frames) / FRAME_RATE,
-            np.stack([opening, 0 * opening, 0 * opening], axis=1),
-        )
+        return Curve(np.arange(frames) / FRAME_RATE, np.stack([opening, 0 * opening, 0 * opening], axis=1))
 
     return _timed("loudness", recordings, run, None, parts=1)
 
 
-def all_methods(
-    umo: Path, model: Path, peers: Path, recordings: Sequence[Recording], is_small: bool
-) -> list[Method]:
+def all_methods(umo: Path, model: Path, peers: Path, recordings: Sequence[Recording], is_small: bool) -> list[Method]:
     """All, or without the dearest: Rhubarb takes more than a second of a core for a second of speech."""
     horizons = (max(HORIZONS), 0) if is_small else HORIZONS[::-1]
     return [
