@@ -704,6 +704,8 @@ namespace Umo.Unity.Tests
             // "now" means nothing in English.
             string rules = "[class.own]\nwords = ['now']\ngestures = [{ name = 'stop', side = 'left' }]";
             avatar.wordRules = new TextAsset { bytes = System.Text.Encoding.UTF8.GetBytes(rules) };
+            // Hands that do not rest: from there every gesture goes far up.
+            avatar.idleLayer = avatar.bodyLayer = 0;
             Enable();
             // After a while of silence, as in a game.
             Run(1);
