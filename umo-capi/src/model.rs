@@ -309,6 +309,9 @@ fn load_model(file: &ModelFile, loading: Loading) -> Result<Model, Failure> {
         Err(missing) => missing.into(),
     };
     let pool = pool.build().map_err(no_thread)?;
+    // Rayon's threads register destructors when they first look for work, for which the system ends the process where it
+    // has no memory: they have looked before the model takes any.
+    pool.broadcast(|_| ());
     let model = pool.install(|| Model::load(file, precision, isa));
     drop(pool);
     // Their last instructions are also in this library.

@@ -130,16 +130,18 @@ pub(crate) fn spare() -> Result<(), OutOfMemory> {
 }
 
 /// Checks that the system has [`THREAD`] bytes for one more thread. Free memory in the allocator's heap does not
-/// count, because thread stacks do not come from it: the system is asked, if it can be.
+/// count, because thread stacks do not come from it: the system is asked, if it can be, after the heap, which keeps what
+/// it was asked for.
 ///
 /// # Errors
 /// [`OutOfMemory`].
 pub fn check_thread() -> Result<(), OutOfMemory> {
+    check(THREAD)?;
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     if memmap2::MmapMut::map_anon(THREAD).is_err() {
         return Err(OutOfMemory { bytes: THREAD });
     }
-    check(THREAD)
+    Ok(())
 }
 
 /// Requires memory for one more thread.

@@ -54,6 +54,9 @@ mod posix {
     const STACK: usize = 2 << 20;
     /// Maximum length of a thread name on Linux, bytes.
     const MAX_NAME: usize = 15;
+    /// Number of attempts to start a thread: another thread may hold the address space of a heap for a moment, to find
+    /// that it is not aligned.
+    const ATTEMPTS: usize = 8;
 
     type Work = Box<dyn FnOnce() + Send>;
 
@@ -108,8 +111,15 @@ mod posix {
         // SAFETY: they are initialized.
         unsafe { libc::pthread_attr_setstacksize(attributes.as_mut_ptr(), STACK) };
         let (mut thread, work) = (MaybeUninit::uninit(), Box::into_raw(Box::new(work)));
-        // SAFETY: the attributes are initialized, and `run` accepts this pointer.
-        let error = unsafe { libc::pthread_create(thread.as_mut_ptr(), attributes.as_ptr(), run, work.cast()) };
+        let mut error = libc::EAGAIN;
+        for _ in 0..ATTEMPTS {
+            // SAFETY: the attributes are initialized, and `run` accepts this pointer, which no thread has yet.
+            error = unsafe { libc::pthread_create(thread.as_mut_ptr(), attributes.as_ptr(), run, work.cast()) };
+            if error != libc::EAGAIN {
+                break;
+            }
+            std::thread::yield_now();
+        }
         // SAFETY: they are initialized, and not used again.
         unsafe { libc::pthread_attr_destroy(attributes.as_mut_ptr()) };
         if error != 0 {
