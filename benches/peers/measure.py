@@ -44,7 +44,8 @@ SHOWN_PRODUCTS = ("256 rows", "1")
 PROCESSORS = {
     "amd-epyc-zen-4": "Zen 4",
     "amd-epyc": "Zen 5",
-    "intel-xeon-processor": "Sapphire Rapids",
+    "intel-xeon-processor-amx": "Sapphire Rapids, AMX",
+    "intel-xeon-processor": "Sapphire Rapids without AMX",
 }
 # Measurements: the part, threads, and the peers with their weights' precision.
 PARTS = [
@@ -74,14 +75,15 @@ ZEN = {(25, 1): "zen-3", (25, 17): "zen-4", (25, 160): "zen-4"}
 
 
 def cpu():
-    """The processor's name in kebab case."""
+    """The processor's name in kebab case, with AMX where the system offers it: some virtual machines hide it."""
     info = pathlib.Path("/proc/cpuinfo").read_text()
     name = re.search(r"model name\s*:\s*(.*)", info).group(1)
     name = re.sub(r"\((R|TM)\)|CPU|@.*", " ", name, flags=re.IGNORECASE)
     name = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
     numbers = re.search(r"cpu family\s*:\s*(\d+)\nmodel\s*:\s*(\d+)", info)
     zen = ZEN.get(tuple(map(int, numbers.groups()))) if numbers and name == "amd-epyc" else None
-    return f"{name}-{zen}" if zen else name
+    kind = zen or ("amx" if "amx_tile" in info else None)
+    return f"{name}-{kind}" if kind else name
 
 
 def version():
