@@ -99,6 +99,10 @@ const EXP2_UNIT: [f32; 6] =
 /// = 1`, and its weight to 1, as at 0.
 const EXP2_BF16: [f32; 3] = [0.078_267_97, 0.226_307_68, 0.695_424_3];
 
+/// Adding and subtracting it rounds a number in `1..=2` to bf16, ties to even.
+#[cfg(target_arch = "x86_64")]
+const ROUND_BF16: f32 = 98_304.0;
+
 /// The smallest exponent of a normal power of 2; smaller powers are flushed to 0.
 const EXP2_BF16_MIN: f32 = -126.0;
 

@@ -3,7 +3,7 @@
 #[cfg(any(test, target_os = "linux"))]
 use super::EXP2_UNIT;
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, ROUND_BF16, TAIL,
     TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use core::arch::x86_64::*;
@@ -143,6 +143,28 @@ pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
     }
     let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(n, _mm512_set1_ps(EXP2_BF16_MIN));
     _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), n)
+}
+
+/// [`exp2_bf16`], and the same rounded to bf16, in few operations: adding [`ROUND`] with rounding down leaves the
+/// exponent in the lowest bits, and the significand is rounded before it is scaled.
+#[inline]
+#[avx512vnni]
+pub(crate) fn exp2_bf16_rounded(t: __m512) -> [__m512; 2] {
+    let floor = _mm512_add_round_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t, _mm512_set1_ps(ROUND));
+    let n = _mm512_sub_ps(floor, _mm512_set1_ps(ROUND));
+    let (r, mut power) = (_mm512_sub_ps(t, n), _mm512_set1_ps(EXP2_BF16[0]));
+    for &c in &EXP2_BF16[1..] {
+        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
+    }
+    let power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0));
+    let round = _mm512_set1_ps(ROUND_BF16);
+    let rounded = _mm512_sub_ps(_mm512_add_ps(power, round), round);
+    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(n, _mm512_set1_ps(EXP2_BF16_MIN));
+    let exponent = _mm512_slli_epi32::<23>(_mm512_castps_si512(floor));
+    let (power, rounded) = (_mm512_castps_si512(power), _mm512_castps_si512(rounded));
+    let (power, rounded) =
+        (_mm512_maskz_add_epi32(normal, power, exponent), _mm512_maskz_add_epi32(normal, rounded, exponent));
+    [_mm512_castsi512_ps(power), _mm512_castsi512_ps(rounded)]
 }
 
 /// [`exp2_bf16`] without its mask: denormal below -126, which becomes 0 when rounded,

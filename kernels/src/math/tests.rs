@@ -72,10 +72,10 @@ mod back_ends {
     }
 
     /// The exponentials of attention, of 16 values: `softmax_exp`, `softmax_exp_reduce`,
-    /// `exp2_bf16` and `exp2_bf16_unmasked`; a back-end without one of them runs another with
-    /// the same bound.
-    pub(super) fn exponentials(isa: Isa, x: [f32; 16]) -> [[f32; 16]; 4] {
-        let mut y = [x; 4];
+    /// `exp2_bf16`, `exp2_bf16_unmasked` and the first of `exp2_bf16_rounded`; a back-end without one of them runs
+    /// another with the same bound.
+    pub(super) fn exponentials(isa: Isa, x: [f32; 16]) -> [[f32; 16]; 5] {
+        let mut y = [x; 5];
         dispatch!(isa, exponentials(&mut y));
         y
     }
@@ -84,8 +84,8 @@ mod back_ends {
         use super::ACTIVATIONS;
         use crate::math::scalar::{activate, exp, exp2_bf16};
 
-        pub(super) fn exponentials(y: &mut [[f32; 16]; 4]) {
-            *y = [y[0].map(exp), y[1].map(exp), y[2].map(exp2_bf16), y[3].map(exp2_bf16)];
+        pub(super) fn exponentials(y: &mut [[f32; 16]; 5]) {
+            *y = [y[0].map(exp), y[1].map(exp), y[2].map(exp2_bf16), y[3].map(exp2_bf16), y[4].map(exp2_bf16)];
         }
 
         pub(super) fn fill(y: &mut [[f32; 16]; 5]) {
@@ -104,7 +104,7 @@ mod back_ends {
         use crate::math::avx2::{activate, exp, exp2_bf16, softmax_exp};
 
         entry! {
-            pub(super) fn exponentials(_token: Avx2, y: &mut [[f32; 16]; 4]) {
+            pub(super) fn exponentials(_token: Avx2, y: &mut [[f32; 16]; 5]) {
                 for (i, y) in y.iter_mut().enumerate() {
                     for y in y.as_chunks_mut().0 {
                         let x = load(y);
@@ -137,7 +137,7 @@ mod back_ends {
         use crate::math::neon::{activate, exp, exp2_bf16, softmax_exp};
 
         entry! {
-            pub(super) fn exponentials(_token: Neon, y: &mut [[f32; 16]; 4]) {
+            pub(super) fn exponentials(_token: Neon, y: &mut [[f32; 16]; 5]) {
                 for (i, y) in y.iter_mut().enumerate() {
                     for y in y.as_chunks_mut().0 {
                         let x = load(y);
@@ -169,7 +169,7 @@ mod back_ends {
         use crate::lanes::simd128::{load, store};
         use crate::math::simd128::{activate, exp, exp2_bf16};
 
-        pub(super) fn exponentials(_token: Simd128, y: &mut [[f32; 16]; 4]) {
+        pub(super) fn exponentials(_token: Simd128, y: &mut [[f32; 16]; 5]) {
             for (i, y) in y.iter_mut().enumerate() {
                 for y in y.as_chunks_mut().0 {
                     let x = load(y);
@@ -198,12 +198,15 @@ mod back_ends {
         use super::ACTIVATIONS;
         use crate::isa::{Avx512Vnni, entry};
         use crate::lanes::avx512vnni::{load, store};
-        use crate::math::avx512vnni::{activate, exp, exp2_bf16, exp2_bf16_unmasked, softmax_exp, softmax_exp_reduce};
+        use crate::math::avx512vnni::{
+            activate, exp, exp2_bf16, exp2_bf16_rounded, exp2_bf16_unmasked, softmax_exp, softmax_exp_reduce,
+        };
 
         entry! {
-            pub(super) fn exponentials(_token: Avx512Vnni, y: &mut [[f32; 16]; 4]) {
+            pub(super) fn exponentials(_token: Avx512Vnni, y: &mut [[f32; 16]; 5]) {
                 let x = load(&y[0]);
-                let values = [softmax_exp(x), softmax_exp_reduce(x), exp2_bf16(x), exp2_bf16_unmasked(x)];
+                let [power, _] = exp2_bf16_rounded(x);
+                let values = [softmax_exp(x), softmax_exp_reduce(x), exp2_bf16(x), exp2_bf16_unmasked(x), power];
                 for (y, value) in y.iter_mut().zip(values) {
                     store(y, value);
                 }
@@ -247,7 +250,7 @@ fn exponentials_of_attention_are_within_their_bounds() {
         for isa in Isa::available() {
             let y = back_ends::exponentials(isa, x);
             for (lane, x) in x.map(f64::from).into_iter().enumerate() {
-                let [fused, reduced, bf16, bf16_reduced] = y.map(|y| f64::from(y[lane]));
+                let [fused, reduced, bf16 @ ..] = y.map(|y| f64::from(y[lane]));
                 let (name, exact) = (isa.name(), x.exp());
                 if x >= f64::from(super::EXP_MIN) {
                     assert!((fused - exact).abs() <= ulp(exact), "{name} softmax_exp({x}): {fused}");
@@ -257,15 +260,15 @@ fn exponentials_of_attention_are_within_their_bounds() {
                     assert_eq!([fused, reduced], [0.0; 2], "{name} of {x}");
                 }
                 let exact = x.exp2();
-                for value in [bf16, bf16_reduced] {
+                for value in bf16 {
                     assert!((value - exact).abs() <= exact * BF16, "{name} exp2_bf16({x}): {value}");
                 }
             }
         }
     }
     for isa in Isa::available() {
-        assert_eq!(back_ends::exponentials(isa, [0.0; 16]), [[1.0; 16]; 4], "{}", isa.name());
-        assert_eq!(back_ends::exponentials(isa, [f32::NEG_INFINITY; 16]), [[0.0; 16]; 4], "{}", isa.name());
+        assert_eq!(back_ends::exponentials(isa, [0.0; 16]), [[1.0; 16]; 5], "{}", isa.name());
+        assert_eq!(back_ends::exponentials(isa, [f32::NEG_INFINITY; 16]), [[0.0; 16]; 5], "{}", isa.name());
     }
 }
 
@@ -276,7 +279,35 @@ fn exp2_bf16_has_the_scalar_bits() {
         let x = core::array::from_fn(|lane| if lane == 0 { first } else { values.next().unwrap_or(-1.0) });
         let want = back_ends::exponentials(Isa::SCALAR, x)[2].map(f32::to_bits);
         for isa in Isa::available() {
-            assert_eq!(back_ends::exponentials(isa, x)[2].map(f32::to_bits), want, "{} {x:?}", isa.name());
+            for form in [2, 4] {
+                assert_eq!(back_ends::exponentials(isa, x)[form].map(f32::to_bits), want, "{} {x:?}", isa.name());
+            }
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn a_rounded_exp2_is_the_nearest_bf16() {
+    use crate::bf16::Bf16;
+    use crate::isa::{Avx512Vnni, Backend, entry};
+    use crate::lanes::avx512vnni::{load, store};
+
+    entry! {
+        fn rounded(_token: Avx512Vnni, y: &mut [f32; 16]) {
+            let [_, rounded] = super::avx512vnni::exp2_bf16_rounded(load(y));
+            store(y, rounded);
+        }
+    }
+    let Some(Backend::Avx512Vnni(token)) = Isa::from_name("avx512vnni").map(Isa::backend) else { return };
+    let special = [f32::NEG_INFINITY, -0.0, -126.0, -126.5];
+    let mut values = sweep(200.0).filter(|x| *x <= 0.0).chain(special);
+    while let Some(first) = values.next() {
+        let x = core::array::from_fn(|lane| if lane == 0 { first } else { values.next().unwrap_or(-1.0) });
+        let mut y = x;
+        rounded(token, &mut y);
+        for (x, y) in x.into_iter().zip(y) {
+            assert_eq!(y, Bf16::from_f32(scalar::exp2_bf16(x)).to_f32(), "of {x}");
         }
     }
 }

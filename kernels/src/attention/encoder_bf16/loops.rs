@@ -3,7 +3,8 @@
 //! holds the differences: the register of `WIDTH` lanes with its operations, `QUERIES`, the
 //! attribute `features` and a `Token` that proves the instructions; and the contents of a lane of a
 //! factor: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins neighbours in a
-//! row, `join`, which rounds and joins values of two rows, and `multiply_add`.
+//! row, `join`, which rounds and joins values of two rows, `weights`, which returns powers of 2 and their
+//! factor, and `multiply_add`.
 //!
 //! ```text
 //! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed separately
@@ -12,8 +13,8 @@
 //! ```
 
 use super::vector::{
-    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, fmadd, join, load, load_at,
-    load_part, max_lanes, mul, multiply_add, reduce_max, select_first, splat, store, store_part, sub, transpose, zero,
+    JOINED, QUERIES, Register, Token, WIDTH, add, divide, factor, features, fmadd, join, load, load_at, load_part,
+    max_lanes, mul, multiply_add, reduce_max, select_first, splat, store, store_part, sub, transpose, weights, zero,
 };
 use crate::attention::encoder_bf16::{KEYS, STEP, Softmax};
 use crate::attention::operands::Operands;
@@ -51,6 +52,10 @@ struct Work<const N: usize> {
     q: [[f32; WIDE / JOINED]; BLOCK],
     /// Dot products, then scores, then weights, rounded and joined.
     scores: [[f32; N]; BLOCK],
+    /// The largest score in each lane.
+    largest: [[f32; WIDTH]; BLOCK],
+    /// Biases of a group times `log2(e)`, those of its last query from the first one on.
+    biases: [f32; GROUP + KEYS],
 }
 
 /// Keys of a short sequence, for which smaller buffers are cleared.
@@ -73,8 +78,10 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
         v: [[0.0; WIDE / JOINED]; N],
         q: [[0.0; WIDE / JOINED]; BLOCK],
         scores: [[0.0; N]; BLOCK],
+        largest: [[0.0; WIDTH]; BLOCK],
+        biases: [0.0; GROUP + KEYS],
     };
-    let Work { k, v, q, scores } = &mut work;
+    let Work { k, v, q, scores, largest, biases } = &mut work;
     let (k, _) = k.as_flattened_mut().as_chunks_mut();
     let (v, _) = v.as_flattened_mut().as_chunks_mut();
     for start in (0..x.q.rows()).step_by(GROUP) {
@@ -83,9 +90,12 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
         for first in (0..x.k.rows()).step_by(N) {
             let keys = first..x.k.rows().min(first + N);
             let place = (first > 0, keys.end == x.k.rows());
+            scale_biases(x.bias(start + count - 1, first), count - 1 + keys.len(), biases);
             for block in (0..count).step_by(BLOCK) {
                 let queries = BLOCK.min(count - block);
                 let (scores, softmaxes) = (&mut scores[..queries], &mut softmaxes[block..block + queries]);
+                let largest = &mut largest[..queries];
+                let scaled = Scaled { scale: x.scale * LOG2_E, biases: &biases[..], last: count - 1 - block };
                 for at in (0..x.q.cols()).step_by(WIDE) {
                     // The packing is reused by all blocks unless another
                     // range of columns replaces it.
@@ -99,11 +109,14 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
                         }
                     }
                     let columns = WIDE.min(x.q.cols() - at);
-                    multiply(token, &q[..queries], k, (columns, keys.len()), at > 0, scores);
+                    let scaled = (at + columns == x.q.cols()).then_some((scaled, &mut *largest));
+                    multiply(token, &q[..queries], k, (columns, keys.len()), at > 0, scaled, scores);
                 }
-                for (r, softmax) in softmaxes.iter_mut().enumerate() {
-                    let bias = x.bias(start + block + r, first);
-                    softmax_weights(token, &mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
+                for (softmax, largest) in softmaxes.iter_mut().zip(&*largest) {
+                    softmax.update_max(reduce_max(load(largest)));
+                }
+                for (scores, softmax) in scores.iter_mut().zip(&mut *softmaxes) {
+                    softmax_weights(token, &mut scores[..keys.len().next_multiple_of(STEP)], softmax);
                 }
                 let (_, mut y) = y.reborrow().split_rows(start + block);
                 for at in (0..x.v.cols()).step_by(WIDE) {
@@ -165,9 +178,27 @@ fn pack_values<const N: usize>(token: Token, v: Mat<f32>, at: usize, packed: &mu
     }
 }
 
+/// The first biases times `log2(e)`; zeros where there are none.
+#[features]
+fn scale_biases(biases: &[f32], len: usize, scaled: &mut [f32]) {
+    for (c, scaled) in scaled.as_chunks_mut().0[..len.div_ceil(WIDTH)].iter_mut().enumerate() {
+        store(scaled, mul(load_at(biases, c * WIDTH), splat(LOG2_E)));
+    }
+}
+
+/// What turns dot products into scores.
+#[derive(Clone, Copy)]
+struct Scaled<'a> {
+    scale: f32,
+    biases: &'a [f32],
+    /// Index of the first query's first bias; of each further query it is one less.
+    last: usize,
+}
+
 /// Computes the dot products of queries with as many columns and keys; `more`: adds them to the
 /// scores of earlier columns. Even and odd products of a step and the running sums are separate
-/// registers.
+/// registers. With `scaled` the products are complete, and scores are stored, padded with minus infinity to
+/// a whole step, and the largest in each lane.
 #[features]
 fn multiply<const N: usize>(
     token: Token,
@@ -175,12 +206,20 @@ fn multiply<const N: usize>(
     k: &[[f32; PANEL]],
     (columns, keys): (usize, usize),
     more: bool,
+    mut scaled: Option<(Scaled, &mut [[f32; WIDTH]])>,
     scores: &mut [[f32; N]],
 ) {
+    let hidden = splat(f32::NEG_INFINITY);
+    if let Some((_, largest)) = &mut scaled {
+        for (largest, scores) in largest.iter_mut().zip(scores.iter_mut()) {
+            store(largest, hidden);
+            scores[keys.next_multiple_of(PANEL)..keys.next_multiple_of(STEP)].fill(f32::NEG_INFINITY);
+        }
+    }
     for t in 0..keys.div_ceil(PANEL) {
         let panel = &k[t * (WIDE / JOINED)..][..columns.next_multiple_of(STEP) / JOINED];
         let (steps, _) = panel.as_chunks::<ROWS>();
-        for (q, scores) in q.chunks(QUERIES).zip(scores.chunks_mut(QUERIES)) {
+        for (group, (q, scores)) in q.chunks(QUERIES).zip(scores.chunks_mut(QUERIES)).enumerate() {
             let mut rows = [&q[0]; QUERIES];
             for (row, q) in rows.iter_mut().zip(q) {
                 *row = q;
@@ -199,10 +238,23 @@ fn multiply<const N: usize>(
                 }
                 dot_step(token, &inputs, k, &mut sums);
             }
-            for (sums, scores) in sums.iter().zip(scores) {
+            for (r, scores) in scores.iter_mut().enumerate() {
+                if let Some((scaled, largest)) = &mut scaled {
+                    let query = QUERIES * group + r;
+                    let (biases, _) = scaled.biases[scaled.last - query + t * PANEL..].as_chunks();
+                    let mut max = load(&largest[query]);
+                    for side in 0..2 {
+                        let score = fmadd(sums[r][side], splat(scaled.scale), load(&biases[side]));
+                        let left = keys.saturating_sub(t * PANEL + side * WIDTH);
+                        let seen = if left < WIDTH { select_first(left, score, hidden) } else { score };
+                        max = max_lanes(max, seen);
+                        sums[r][side] = seen;
+                    }
+                    store(&mut largest[query], max);
+                }
                 let (scores, _) = scores.as_chunks_mut();
-                store(&mut scores[2 * t], sums[0]);
-                store(&mut scores[2 * t + 1], sums[1]);
+                store(&mut scores[2 * t], sums[r][0]);
+                store(&mut scores[2 * t + 1], sums[r][1]);
             }
         }
     }
@@ -236,36 +288,25 @@ fn dot_step(
     }
 }
 
-/// Turns the dot products of one query with `keys` keys into scores and these into weights,
-/// rounded and joined, padded with zeros to a whole step.
+/// Turns the scores of one query into weights, rounded and joined.
 #[features]
-fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
-    let hidden = splat(f32::NEG_INFINITY);
-    let mut max = hidden;
-    let (scores, _) = scores[..keys.next_multiple_of(STEP)].as_chunks_mut();
-    let (whole, _) = bias.as_chunks();
-    for (c, scores) in scores.iter_mut().enumerate() {
-        let bias = if let Some(bias) = whole.get(c) { load(bias) } else { load_at(bias, c * WIDTH) };
-        let all = fmadd(load(scores), splat(scale), mul(bias, splat(LOG2_E)));
-        let unseen = (c + 1) * WIDTH > keys;
-        let seen = if unseen { select_first(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
-        store(scores, seen);
-        max = max_lanes(max, seen);
-    }
-    softmax.update_max(reduce_max(max));
+fn softmax_weights(token: Token, scores: &mut [f32], softmax: &mut Softmax) {
+    let (scores, _) = scores.as_chunks_mut();
     let max = splat(softmax.max);
     let mut sums = [zero(); HALF];
     for step in 0..scores.len() / (2 * HALF) {
-        let mut weights = [zero(); 2 * HALF];
-        for (i, weight) in weights.iter_mut().enumerate() {
-            *weight = exp2_bf16(sub(load(&scores[step * 2 * HALF + i]), max));
+        let mut powers = [zero(); 2 * HALF];
+        for (i, powers) in powers.as_chunks_mut::<JOINED>().0.iter_mut().enumerate() {
+            for (j, power) in powers.iter_mut().enumerate() {
+                *power = sub(load(&scores[step * 2 * HALF + i * JOINED + j]), max);
+            }
+            let rounded;
+            (*powers, rounded) = weights(token, *powers);
+            // Overwrites scores that have been read.
+            store(&mut scores[step * 2 * HALF / JOINED + i], rounded);
         }
         for h in 0..HALF {
-            sums[h] = add(sums[h], add(weights[h], weights[HALF + h]));
-        }
-        // Overwrites the scores, which have been read.
-        for (i, weights) in weights.as_chunks().0.iter().enumerate() {
-            store(&mut scores[step * 2 * HALF / JOINED + i], factor(token, *weights));
+            sums[h] = add(sums[h], add(powers[h], powers[HALF + h]));
         }
     }
     let mut lanes = [0.0; LANES];

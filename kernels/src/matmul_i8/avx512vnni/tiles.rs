@@ -156,14 +156,17 @@ fn group<const R: usize, const P: usize>(
     let mut sums = [[_mm512_setzero_si512(); P]; R];
     if buffer.is_empty() {
         let next = chunk.fetch(panels[0]);
-        let mut rows = [&[][..]; R];
+        let mut rows = [core::ptr::null(); R];
         for (r, row) in rows.iter_mut().enumerate() {
-            *row = x.rows.row(t + r).as_chunks().0;
+            let (quads, _) = x.rows.row(t + r).as_chunks::<QUAD>();
+            assert!(quads.len() >= panels[0].len());
+            *row = quads.as_ptr();
         }
-        sums = multiply::<R, P, false>(rows, panels, (chunk.ahead, next), sums);
+        // SAFETY: all rows have as many quads as the panels.
+        sums = unsafe { multiply::<R, P, false>(rows, panels, (chunk.ahead, next), sums) };
     } else if k <= QUADS * QUAD {
         let next = chunk.fetch(panels[0]);
-        sums = multiply::<R, P, true>(converted(buffer), panels, (chunk.ahead, next), sums);
+        sums = multiply_converted(buffer, panels, (chunk.ahead, next), sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
             convert(x, t, first, buffer);
@@ -173,7 +176,7 @@ fn group<const R: usize, const P: usize>(
                 *part = &part[quads.clone()];
             }
             let ahead = (chunk.ahead, [part[0].as_ptr(); 2]);
-            sums = multiply::<R, P, true>(converted(buffer), part, ahead, sums);
+            sums = multiply_converted(buffer, part, ahead, sums);
         }
     }
     // The first weights of the next tile are prefetched while the epilogue of this one runs.
@@ -183,34 +186,40 @@ fn group<const R: usize, const P: usize>(
     end(x, t, &sums, task, slot, y);
 }
 
-/// The first `R` converted rows.
+/// [`multiply`] with the first `R` converted rows.
 #[inline]
-fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
-    let mut rows = [&[][..]; R];
-    for (row, buffer) in rows.iter_mut().zip(buffer) {
-        *row = buffer;
+#[avx512vnni]
+fn multiply_converted<const R: usize, const P: usize>(
+    buffer: &[BiasedRow],
+    panels: [&[[i8; BYTES]]; P],
+    ahead: (usize, [*const [i8; BYTES]; 2]),
+    sums: [[__m512i; P]; R],
+) -> [[__m512i; P]; R] {
+    assert!(buffer.len() >= R && panels[0].len() <= QUADS);
+    // At constant distances, so that they need one register: the others would be loaded in every step.
+    let mut rows = [buffer.as_ptr().cast::<[i8; QUAD]>(); R];
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = row.wrapping_add(r * (QUADS + SPARE));
     }
-    rows
+    // SAFETY: all rows have as many quads as the panels.
+    unsafe { multiply::<R, P, true>(rows, panels, ahead, sums) }
 }
 
 /// The innermost tile: multiplies quads of `rows`, offset already (`BIASED`) or when loaded, by quads of panels,
 /// and adds the products to `R x P` `sums` in registers. Prefetches weights at the distance `ahead`, and the `next`
 /// panels, quad by quad.
+///
+/// # Safety
+/// The rows have as many quads as the panels.
 #[inline]
 #[avx512vnni]
-fn multiply<const R: usize, const P: usize, const BIASED: bool>(
-    rows: [&[[i8; QUAD]]; R],
+unsafe fn multiply<const R: usize, const P: usize, const BIASED: bool>(
+    x: [*const [i8; QUAD]; R],
     panels: [&[[i8; BYTES]]; P],
     (ahead, next): (usize, [*const [i8; BYTES]; 2]),
     mut sums: [[__m512i; P]; R],
 ) -> [[__m512i; P]; R] {
     let quads = panels[0].len();
-    // Pointers: the lengths of slices would occupy registers.
-    let mut x = [core::ptr::null(); R];
-    for r in 0..R {
-        assert!(rows[r].len() >= quads);
-        x[r] = rows[r].as_ptr();
-    }
     let flip = _mm512_set1_epi8(i8::MIN);
     // A constant for one row, a decoder step, where it matters.
     let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };

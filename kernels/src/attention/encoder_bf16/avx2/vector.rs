@@ -3,7 +3,7 @@
 pub(super) use crate::attention::avx2::vector::transpose;
 pub(super) use crate::isa::Avx2 as Token;
 pub(super) use crate::lanes::avx2::{HALF as WIDTH, *};
-pub(super) use crate::math::avx2::exp2_bf16;
+use crate::math::avx2::exp2_bf16;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 pub(super) use umo_kernels_features::avx2 as features;
@@ -23,6 +23,14 @@ pub(super) fn join(_: Token, value: Register, _: Register) -> Register {
 #[avx2]
 pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
     round_to_bf16(values)
+}
+
+/// `2^t` of differences from a maximum, and their factor.
+#[inline]
+#[avx2]
+pub(super) fn weights(token: Token, [t]: [Register; JOINED]) -> ([Register; JOINED], Register) {
+    let weights = [exp2_bf16(t)];
+    (weights, factor(token, weights))
 }
 
 #[inline]

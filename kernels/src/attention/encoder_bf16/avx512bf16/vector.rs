@@ -7,7 +7,7 @@ use crate::bf16::avx512bf16::{multiply_pairs, round_two};
 pub(super) use crate::isa::Avx512Bf16 as Token;
 pub(super) use crate::lanes::LANES as WIDTH;
 pub(super) use crate::lanes::avx512vnni::*;
-pub(super) use crate::math::avx512vnni::exp2_bf16;
+use crate::math::avx512vnni::exp2_bf16;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 pub(super) use umo_kernels_features::avx512vnni as features;
@@ -35,6 +35,14 @@ pub(super) fn factor(token: Token, [first, second]: [Register; JOINED]) -> Regis
     let places = _mm512_broadcast_i32x4(_mm_setr_epi8(4, 5, 0, 1, 6, 7, 2, 3, 12, 13, 8, 9, 14, 15, 10, 11));
     let words = round_two(token, first, second);
     _mm512_castsi512_ps(_mm512_shuffle_epi8(words, places))
+}
+
+/// `2^t` of differences from a maximum, and their factor.
+#[inline]
+#[avx512vnni]
+pub(super) fn weights(token: Token, [t, u]: [Register; JOINED]) -> ([Register; JOINED], Register) {
+    let weights = [exp2_bf16(t), exp2_bf16(u)];
+    (weights, factor(token, weights))
 }
 
 /// `sum + x * w` of each lane's first values, then of its second values.

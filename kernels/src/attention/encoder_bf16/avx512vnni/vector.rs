@@ -4,7 +4,7 @@ pub(super) use crate::attention::avx512vnni::vector::transpose;
 pub(super) use crate::isa::Avx512Vnni as Token;
 pub(super) use crate::lanes::LANES as WIDTH;
 pub(super) use crate::lanes::avx512vnni::*;
-pub(super) use crate::math::avx512vnni::exp2_bf16;
+use crate::math::avx512vnni::exp2_bf16_rounded;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 pub(super) use umo_kernels_features::avx512vnni as features;
@@ -24,6 +24,14 @@ pub(super) fn join(_: Token, value: Register, _: Register) -> Register {
 #[avx512vnni]
 pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
     round_to_bf16(values)
+}
+
+/// `2^t` of differences from a maximum, and their factor.
+#[inline]
+#[avx512vnni]
+pub(super) fn weights(_: Token, [t]: [Register; JOINED]) -> ([Register; JOINED], Register) {
+    let [weight, rounded] = exp2_bf16_rounded(t);
+    ([weight], rounded)
 }
 
 #[inline]

@@ -3,7 +3,7 @@
 pub(super) use crate::attention::neon::vector::transpose;
 pub(super) use crate::isa::Neon as Token;
 pub(super) use crate::lanes::neon::{HALF as WIDTH, *};
-pub(super) use crate::math::neon::exp2_bf16;
+use crate::math::neon::exp2_bf16;
 use core::arch::aarch64::*;
 use umo_kernels_features::neon;
 pub(super) use umo_kernels_features::neon as features;
@@ -23,6 +23,14 @@ pub(super) fn join(_: Token, value: Register, _: Register) -> Register {
 #[neon]
 pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
     [round_to_bf16(values[0]), round_to_bf16(values[1])]
+}
+
+/// `2^t` of differences from a maximum, and their factor.
+#[inline]
+#[neon]
+pub(super) fn weights(token: Token, [t]: [Register; JOINED]) -> ([Register; JOINED], Register) {
+    let weights = [exp2_bf16(t)];
+    (weights, factor(token, weights))
 }
 
 #[inline]

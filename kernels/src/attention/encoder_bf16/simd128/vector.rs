@@ -6,7 +6,7 @@ pub(super) use crate::lanes::simd128::{
     Register, WIDTH, add, divide, fmadd, load, load_at, load_part, max_lanes, mul, reduce_max, select_first, splat,
     store, store_part, sub, zero,
 };
-pub(super) use crate::math::simd128::exp2_bf16;
+use crate::math::simd128::exp2_bf16;
 use core::arch::wasm32::*;
 pub(super) use umo_kernels_features::simd128 as features;
 
@@ -23,6 +23,13 @@ pub(super) fn join(_: Token, value: Register, _: Register) -> Register {
 #[inline]
 pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
     round_to_bf16(values)
+}
+
+/// `2^t` of differences from a maximum, and their factor.
+#[inline]
+pub(super) fn weights(token: Token, [t]: [Register; JOINED]) -> ([Register; JOINED], Register) {
+    let weights = [exp2_bf16(t)];
+    (weights, factor(token, weights))
 }
 
 /// Products of two bf16 values are exact: rounding them changes nothing.
