@@ -59,7 +59,13 @@ fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &Gemm
     let count = rows.div_ceil(TILE);
     // A multiple of the panels per tile, and of gated pairs of them. Tiles of few rows use
     // four, which does not divide 6, but products of several tiles have more rows in each.
-    let granule = if count > 1 && 12 * panel_bytes > CHUNK_BYTES { 6 } else { 12 };
+    // Where rows are converted, which is done once per chunk, chunks are as large as fit.
+    let granule = match task {
+        GemmTask::Gated(..) if CONVERTED == EVEN_ROWS && count > 1 => 4,
+        _ if count > 1 && 12 * panel_bytes > CHUNK_BYTES => 6,
+        GemmTask::Plain(..) if CONVERTED == ROWS && rows >= 7 * count => 3,
+        _ => 12,
+    };
     let width = (CHUNK_BYTES / panel_bytes / granule).max(1) * granule;
     for first in (0..task.slots()).step_by(width) {
         let mut chunk = Chunk::new(task, first..first + width, rows, (count, MAX_PANELS));
