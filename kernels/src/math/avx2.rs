@@ -1,7 +1,7 @@
 //! 8 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, ROUND_BF16, TAIL,
     TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use core::arch::x86_64::*;
@@ -116,18 +116,22 @@ pub(crate) fn softmax_exp(x: __m256) -> __m256 {
     _mm256_and_ps(normal, _mm256_castsi256_ps(_mm256_add_epi32(power, exponent)))
 }
 
-/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of
-/// the value, 0 below -126.
+/// `2^t` of a difference from a maximum (`t <= 0`): within 1.03e-4 of the value, 0 below -126; and the same rounded to
+/// bf16: the significand is rounded before it is scaled.
 #[inline]
 #[avx2]
-pub(crate) fn exp2_bf16(t: __m256) -> __m256 {
+pub(crate) fn exp2_bf16_rounded(t: __m256) -> [__m256; 2] {
     let n = _mm256_floor_ps(t);
     let (r, mut power) = (_mm256_sub_ps(t, n), _mm256_set1_ps(EXP2_BF16[0]));
     for &c in &EXP2_BF16[1..] {
         power = _mm256_fmadd_ps(power, r, _mm256_set1_ps(c));
     }
     let normal = _mm256_cmp_ps::<_CMP_NLT_UQ>(n, _mm256_set1_ps(EXP2_BF16_MIN));
-    let power = _mm256_castps_si256(_mm256_fmadd_ps(power, r, _mm256_set1_ps(1.0)));
-    let scaled = _mm256_add_epi32(power, _mm256_slli_epi32::<23>(_mm256_cvtps_epi32(n)));
-    _mm256_and_ps(normal, _mm256_castsi256_ps(scaled))
+    let power = _mm256_fmadd_ps(power, r, _mm256_set1_ps(1.0));
+    let round = _mm256_set1_ps(ROUND_BF16);
+    let rounded = _mm256_sub_ps(_mm256_add_ps(power, round), round);
+    let exponent = _mm256_slli_epi32::<23>(_mm256_cvtps_epi32(n));
+    let power = _mm256_add_epi32(_mm256_castps_si256(power), exponent);
+    let rounded = _mm256_add_epi32(_mm256_castps_si256(rounded), exponent);
+    [_mm256_and_ps(normal, _mm256_castsi256_ps(power)), _mm256_and_ps(normal, _mm256_castsi256_ps(rounded))]
 }

@@ -101,14 +101,14 @@ mod back_ends {
         use super::ACTIVATIONS;
         use crate::isa::{Avx2, entry};
         use crate::lanes::avx2::{load, store};
-        use crate::math::avx2::{activate, exp, exp2_bf16, softmax_exp};
+        use crate::math::avx2::{activate, exp, exp2_bf16_rounded, softmax_exp};
 
         entry! {
             pub(super) fn exponentials(_token: Avx2, y: &mut [[f32; 16]; 5]) {
                 for (i, y) in y.iter_mut().enumerate() {
                     for y in y.as_chunks_mut().0 {
                         let x = load(y);
-                        store(y, if i < 2 { softmax_exp(x) } else { exp2_bf16(x) });
+                        store(y, if i < 2 { softmax_exp(x) } else { exp2_bf16_rounded(x)[0] });
                     }
                 }
             }
@@ -290,24 +290,33 @@ fn exp2_bf16_has_the_scalar_bits() {
 #[test]
 fn a_rounded_exp2_is_the_nearest_bf16() {
     use crate::bf16::Bf16;
-    use crate::isa::{Avx512Vnni, Backend, entry};
-    use crate::lanes::avx512vnni::{load, store};
+    use crate::isa::{Avx2, Avx512Vnni, Backend, entry};
+    use crate::lanes::{avx2, avx512vnni};
 
     entry! {
-        fn rounded(_token: Avx512Vnni, y: &mut [f32; 16]) {
-            let [_, rounded] = super::avx512vnni::exp2_bf16_rounded(load(y));
-            store(y, rounded);
+        fn eight(_token: Avx2, y: &mut [f32; 8]) {
+            let [_, rounded] = super::avx2::exp2_bf16_rounded(avx2::load(y));
+            avx2::store(y, rounded);
+        }
+
+        fn sixteen(_token: Avx512Vnni, y: &mut [f32; 16]) {
+            let [_, rounded] = super::avx512vnni::exp2_bf16_rounded(avx512vnni::load(y));
+            avx512vnni::store(y, rounded);
         }
     }
-    let Some(Backend::Avx512Vnni(token)) = Isa::from_name("avx512vnni").map(Isa::backend) else { return };
-    let special = [f32::NEG_INFINITY, -0.0, -126.0, -126.5];
-    let mut values = sweep(200.0).filter(|x| *x <= 0.0).chain(special);
-    while let Some(first) = values.next() {
-        let x = core::array::from_fn(|lane| if lane == 0 { first } else { values.next().unwrap_or(-1.0) });
-        let mut y = x;
-        rounded(token, &mut y);
-        for (x, y) in x.into_iter().zip(y) {
-            assert_eq!(y, Bf16::from_f32(scalar::exp2_bf16(x)).to_f32(), "of {x}");
+    for backend in Isa::available().map(Isa::backend) {
+        let mut values = sweep(200.0).filter(|x| *x <= 0.0).chain([f32::NEG_INFINITY, -126.0, -126.5]);
+        while let Some(first) = values.next() {
+            let x = core::array::from_fn(|lane| if lane == 0 { first } else { values.next().unwrap_or(-1.0) });
+            let mut y: [f32; 16] = x;
+            match backend {
+                Backend::Avx2(token) => y.as_chunks_mut().0.iter_mut().for_each(|y| eight(token, y)),
+                Backend::Avx512Vnni(token) => sixteen(token, &mut y),
+                _ => break,
+            }
+            for (x, y) in x.into_iter().zip(y) {
+                assert_eq!(y, Bf16::from_f32(scalar::exp2_bf16(x)).to_f32(), "of {x}");
+            }
         }
     }
 }

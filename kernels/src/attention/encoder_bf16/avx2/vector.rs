@@ -3,7 +3,7 @@
 pub(super) use crate::attention::avx2::vector::transpose;
 pub(super) use crate::isa::Avx2 as Token;
 pub(super) use crate::lanes::avx2::{HALF as WIDTH, *};
-use crate::math::avx2::exp2_bf16;
+use crate::math::avx2::exp2_bf16_rounded;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 pub(super) use umo_kernels_features::avx2 as features;
@@ -28,9 +28,9 @@ pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
 /// `2^t` of differences from a maximum, and their factor.
 #[inline]
 #[avx2]
-pub(super) fn weights(token: Token, [t]: [Register; JOINED]) -> ([Register; JOINED], Register) {
-    let weights = [exp2_bf16(t)];
-    (weights, factor(token, weights))
+pub(super) fn weights(_: Token, [t]: [Register; JOINED]) -> ([Register; JOINED], Register) {
+    let [weight, rounded] = exp2_bf16_rounded(t);
+    ([weight], rounded)
 }
 
 #[inline]
