@@ -1,8 +1,8 @@
 //! 8 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, ROUND_BF16, TAIL,
-    TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, ROUND_BF16,
+    TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;

@@ -3,8 +3,8 @@
 #[cfg(any(test, target_os = "linux"))]
 use super::EXP2_UNIT;
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, ROUND_BF16, TAIL,
-    TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, ROUND_BF16,
+    TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
