@@ -18,6 +18,8 @@ use umo_kernels_features::avx512vnni;
 const ROWS: usize = 8;
 /// Rows of the largest tile with an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
+/// Panels that one row is multiplied with at once: an even number, whose sums hide the latency of their additions.
+const ONE_ROW_PANELS: usize = 6;
 /// Bytes of weights per chunk, which stays in L2 while tiles of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Prefetch distance from L2 in steps: 8 of 13 cycles.
@@ -103,7 +105,7 @@ impl<W: Load> Step<f32> for W {
 pub(crate) fn tiling(_token: Avx512Vnni) -> Tiling {
     Tiling {
         rows: &[EVEN_ROWS, ROWS],
-        outputs: &[PANEL, 3 * PANEL, MAX_PANELS * PANEL],
+        outputs: &[PANEL, 3 * PANEL, MAX_PANELS * PANEL, ONE_ROW_PANELS * PANEL],
         inputs: &[UNROLL, PAIR * UNROLL],
         held: 0,
         chunk: CHUNK_BYTES / size_of::<f32>(),
@@ -128,7 +130,7 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>, const FUSED: bool>(
         let slots = first..(first + width).min(task.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<X, W, 1, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                1 => tile::<X, W, 1, ONE_ROW_PANELS, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
                 2 => tile::<X, W, 2, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
                 3 => tile::<X, W, 3, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
                 4 => tile::<X, W, 4, 4, FUSED>(token, &x, t, task, slots.clone(), &mut sums, &mut y),

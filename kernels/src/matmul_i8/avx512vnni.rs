@@ -41,7 +41,7 @@ pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
     Tiling {
         rows: &[one_stream::UNFETCHED, FEW_ROWS, tiles::EVEN_ROWS, one_stream::ROWS, tiles::ROWS],
         outputs: &[PANEL, tiles::MAX_PANELS * PANEL, 2 * tiles::MAX_PANELS * PANEL],
-        inputs: &[QUAD, tiles::BYTES, one_stream::SHORT * QUAD, tiles::QUADS * QUAD],
+        inputs: &[QUAD, one_stream::UNROLL * QUAD, tiles::BYTES, one_stream::SHORT * QUAD, tiles::QUADS * QUAD],
         held: 0,
         chunk: CHUNK_BYTES,
     }
