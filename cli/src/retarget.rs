@@ -176,6 +176,7 @@ fn prepare(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Res
 /// Retargets every frame to the rig.
 fn motion(retarget: &Retarget, clip: &Clip) -> Result<Motion, Failure> {
     let mut scratch = retarget.scratch();
+    scratch.set_step(1.0 / clip.frame_rate);
     let (mut rotations, mut hips) = (Vec::with_capacity(clip.len()), Vec::with_capacity(clip.len()));
     for frame in 0..clip.len() {
         let mut row = vec![IDENTITY; retarget.bones()];

@@ -53,7 +53,7 @@ use align::Alignment;
 use ground::Ground;
 use legs::Leg;
 use rig::World;
-use space::{Past, Space};
+use space::{Past, Space, Step, Turned};
 use umo_core_base::error::StepError;
 use umo_core_pose::pose::Pose;
 use umo_core_pose::rotation::{IDENTITY, Quat, inverse, product, slerp};
@@ -108,14 +108,25 @@ pub struct Retarget {
 }
 
 /// Scratch memory of one avatar. With a volume, it keeps the arms' corrections of the frame before: each avatar needs its
-/// own, and the frames of a motion come in order, 30 a second. New scratch memory begins a new motion, as does a wrist
-/// that moves 0.3 m in a frame.
+/// own, and the frames of a motion come in order, 30 a second unless [`set_step`](Self::set_step) says otherwise. New
+/// scratch memory begins a new motion, as does a wrist that moves 0.3 m in a 30th of a second.
 #[derive(Clone, Debug)]
 pub struct Scratch {
     /// `[bones]`, world transforms.
     world: Vec<World>,
     /// Of each arm.
     past: [Past; 2],
+    step: Step,
+}
+
+impl Scratch {
+    /// Sets the time from a frame to the next, in seconds, from 1 ms to 0.2 s (clamped; not a number is a 30th). It may
+    /// change before any frame.
+    pub fn set_step(&mut self, seconds: f32) {
+        let step = Step::new(seconds);
+        self.past.iter_mut().for_each(|past| past.pace(self.step, step));
+        self.step = step;
+    }
 }
 
 impl Retarget {
@@ -189,7 +200,7 @@ impl Retarget {
 
     /// Returns scratch memory for one avatar.
     pub fn scratch(&self) -> Scratch {
-        Scratch { world: vec![World::ORIGIN; self.bones.len()], past: Default::default() }
+        Scratch { world: vec![World::ORIGIN; self.bones.len()], past: Default::default(), step: Step::default() }
     }
 
     /// Number of bones of the rig.
@@ -255,34 +266,27 @@ impl Retarget {
         let lift = self.ground.lift(&source, &scratch.world);
         let lift = self.plant(&source, &scratch.world, lift, rotations);
         if let Some(space) = &self.space {
-            let Scratch { world, past } = scratch;
-            self.clear(space, past, &source, world, rotations);
+            let Scratch { world, past, step } = scratch;
+            for (side, turned) in space.correct(past, *step, &source, world).into_iter().enumerate() {
+                self.clear(space.arm(side), turned, world, rotations);
+            }
         }
         let hips = std::array::from_fn(|i| hips[i] + lift * self.ground.up[i]);
         let above = self.bones[self.hips].parent.map_or(World::ORIGIN, |parent| scratch.world[parent]);
         Ok(above.within(hips))
     }
 
-    /// Turns arms that the body's volume moves. `world` holds all bones before.
-    fn clear(
-        &self,
-        space: &Space,
-        past: &mut [Past; 2],
-        source: &[World; JOINTS],
-        world: &[World],
-        rotations: &mut [Quat],
-    ) {
-        for (side, turned) in space.correct(past, source, world).into_iter().enumerate() {
-            let (Some([upper, fore]), Some(bones)) = (turned, space.arm(side)) else { continue };
-            if bones.iter().any(|&bone| self.driven[bone].is_none()) {
-                continue;
-            }
-            // A bone's parent turns with the arm above it; the hand keeps its world rotation.
-            let turned = [(IDENTITY, upper), (upper, fore), (fore, IDENTITY)];
-            for (bone, (above, own)) in bones.into_iter().zip(turned) {
-                let parent = self.bones[bone].parent.map_or(IDENTITY, |parent| world[parent].rotation);
-                rotations[bone] = product(inverse(product(above, parent)), product(own, world[bone].rotation));
-            }
+    /// Turns an arm that the body's volume moves. `world` holds all bones before.
+    fn clear(&self, arm: Option<[usize; 3]>, turned: Turned, world: &[World], rotations: &mut [Quat]) {
+        let (Some([upper, fore]), Some(bones)) = (turned, arm) else { return };
+        if bones.iter().any(|&bone| self.driven[bone].is_none()) {
+            return;
+        }
+        // A bone's parent turns with the arm above it; the hand keeps its world rotation.
+        let turned = [(IDENTITY, upper), (upper, fore), (fore, IDENTITY)];
+        for (bone, (above, own)) in bones.into_iter().zip(turned) {
+            let parent = self.bones[bone].parent.map_or(IDENTITY, |parent| world[parent].rotation);
+            rotations[bone] = product(inverse(product(above, parent)), product(own, world[bone].rotation));
         }
     }
 

@@ -22,11 +22,13 @@ const HAND: [(usize, Option<usize>); PROBES - WRIST - 1] =
     [(25, None), (31, None), (26, None), (39, None), (27, Some(26)), (30, Some(29)), (33, Some(32)), (39, Some(38))];
 /// Length of a finger's last bone, in lengths of the one before it.
 const TIP: f32 = 0.9;
-/// Way of a wrist in a frame from which on it is another motion.
+/// Way of a wrist in a frame of a 30th of a second from which on it is another motion.
 const JUMP: f32 = 0.3;
-/// Rate of the corrections' spring a frame, and what is left of a deviation after one: `exp(-RATE)`.
-const RATE: f32 = 0.6;
-const FADE: f32 = 0.548_811_6;
+/// Rate of the corrections' spring a second, and in a frame of a 30th.
+const RATE: f32 = 18.0;
+const FRAME: f32 = 0.6;
+/// Least and most seconds of a frame.
+const STEPS: [f32; 2] = [1e-3, 0.2];
 
 /// Trunk length of the body for which the distances below are, metres.
 const SIZE: f32 = 0.53;
@@ -482,6 +484,40 @@ struct Posed<'a> {
     moved: Moved,
 }
 
+/// Time from a frame to the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Step {
+    /// Rate of the spring a frame.
+    rate: f32,
+    /// What is left of a deviation after a frame: `exp(-rate)`.
+    fade: f32,
+}
+
+impl Default for Step {
+    fn default() -> Self {
+        Self::new(1.0 / 30.0)
+    }
+}
+
+impl Step {
+    /// `seconds` is clamped to [`STEPS`]; not a number is a 30th.
+    pub(super) fn new(seconds: f32) -> Self {
+        let seconds = if seconds.is_nan() { 1.0 / 30.0 } else { seconds.clamp(STEPS[0], STEPS[1]) };
+        let rate = RATE * seconds;
+        // The same bits on all systems: a 64th of the exponent's series, squared six times.
+        let x = -f64::from(rate) / 64.0;
+        let part = (1..=6).rev().fold(1.0, |sum, k| 1.0 + x / f64::from(k) * sum);
+        #[expect(clippy::cast_possible_truncation, reason = "between 0 and 1")]
+        let fade = (0..6).fold(part, |power, _| power * power) as f32;
+        Self { rate, fade }
+    }
+
+    /// Length in frames of a 30th of a second.
+    fn frames(self) -> f32 {
+        self.rate / FRAME
+    }
+}
+
 /// An arm's correction in the frame before.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Past {
@@ -492,22 +528,29 @@ pub(super) struct Past {
 }
 
 impl Past {
+    /// Goes on with frames of another length.
+    pub(super) fn pace(&mut self, from: Step, to: Step) {
+        let longer = to.rate / from.rate;
+        self.values.iter_mut().for_each(|[_, change]| *change *= longer);
+    }
+
     /// Whether the source's wrist moved further than `jump`.
     fn is_new(&self, wrist: Vector, jump: f32) -> bool {
         self.wrist.is_none_or(|was| length(less(wrist, was)) > jump)
     }
 
     /// Moves towards a correction; to it at once in the first frame.
-    fn damp(&mut self, wrist: Vector, to: Moved, axes: Quat) -> Moved {
+    fn damp(&mut self, step: Step, wrist: Vector, to: Moved, axes: Quat) -> Moved {
+        let Step { rate, fade } = step;
         let [x, y, z] = rotate(inverse(axes), to.shift);
         let is_new = self.wrist.is_none();
         self.wrist = Some(wrist);
         for (value, goal) in self.values.iter_mut().zip([x, y, z, to.swivel]) {
             let [at, change] = *value;
-            let more = change + RATE * (at - goal);
+            let more = change + rate * (at - goal);
             *value = match is_new || !more.is_finite() {
                 true => [goal, 0.0],
-                false => [goal + (at - goal + more) * FADE, (change - RATE * more) * FADE],
+                false => [goal + (at - goal + more) * fade, (change - rate * more) * fade],
             };
         }
         let [x, y, z, swivel] = self.values.map(|value| value[0]);
@@ -571,7 +614,13 @@ impl Space {
     }
 
     /// World rotations to apply to each arm of a rig posed as the source is; `None` for an arm that stays.
-    pub(super) fn correct(&self, past: &mut [Past; 2], source: &[World; JOINTS], world: &[World]) -> [Turned; 2] {
+    pub(super) fn correct(
+        &self,
+        past: &mut [Past; 2],
+        step: Step,
+        source: &[World; JOINTS],
+        world: &[World],
+    ) -> [Turned; 2] {
         let (from, to) = (self.source.shapes(source), self.rig.shapes(world));
         let mut arms = [0, 1].map(|side| self.posed(side, &from, source, world));
         for arm in arms.iter_mut().flatten() {
@@ -597,23 +646,39 @@ impl Space {
         for (side, arm) in arms.iter_mut().enumerate() {
             let Some(arm) = arm else { continue };
             let wrist = less(source[20 + side].place, source[0].place);
-            if past[side].is_new(wrist, self.metres(JUMP)) {
+            if past[side].is_new(wrist, self.metres(JUMP) * step.frames()) {
                 past[side].wrist = None;
                 rounds = FIRST;
             }
-            let moved = past[side].damp(wrist, arm.moved, axes);
+            let moved = past[side].damp(step, wrist, arm.moved, axes);
             self.follow(arm, moved);
         }
         let smoothed = arms.each_ref().map(|arm| arm.as_ref().map(|arm| arm.moved));
+        self.clear(&to, &mut arms, rounds);
+        let mut turned = [None; 2];
+        for (side, arm) in arms.iter().enumerate() {
+            let (Some(arm), Some(smoothed)) = (arm, smoothed[side]) else { continue };
+            past[side].push(smoothed, arm.moved, axes);
+            let reach = &arm.reach;
+            let wrist = reach.reachable(add(reach.at[2], times(arm.moved.shift, self.gain)));
+            let swivel = arm.moved.swivel * self.gain;
+            let is_moved = length(less(wrist, reach.at[2])) > 1e-6 * self.rig.volume.size || swivel.abs() > 1e-6;
+            turned[side] = if is_moved { reach.bend(wrist, swivel) } else { None };
+        }
+        turned
+    }
+
+    /// Pushes both arms out of the body and each other, until nothing moves or for so many rounds.
+    fn clear(&self, to: &Shapes, arms: &mut [Option<Posed>; 2], rounds: usize) {
         for _ in 0..rounds {
-            let shifts = match &arms {
+            let shifts = match &*arms {
                 [Some(left), Some(right)] => self.together([left, right], false),
                 _ => [[0.0; 3]; 2],
             };
             let mut is_still = true;
             for (arm, mut shift) in arms.iter_mut().zip(shifts) {
                 let Some(arm) = arm else { continue };
-                let push = self.push(&to, arm);
+                let push = self.push(to, arm);
                 let mut by = arm.moved;
                 if push.shifts > 0.0 {
                     shift = add(shift, times(push.shift, 1.0 / push.shifts));
@@ -631,17 +696,6 @@ impl Space {
                 break;
             }
         }
-        let mut turned = [None; 2];
-        for (side, arm) in arms.iter().enumerate() {
-            let (Some(arm), Some(smoothed)) = (arm, smoothed[side]) else { continue };
-            past[side].push(smoothed, arm.moved, axes);
-            let reach = &arm.reach;
-            let wrist = reach.reachable(add(reach.at[2], times(arm.moved.shift, self.gain)));
-            let swivel = arm.moved.swivel * self.gain;
-            let is_moved = length(less(wrist, reach.at[2])) > 1e-6 * self.rig.volume.size || swivel.abs() > 1e-6;
-            turned[side] = if is_moved { reach.bend(wrist, swivel) } else { None };
-        }
-        turned
     }
 
     /// An arm before its correction.
@@ -909,13 +963,13 @@ mod tests {
 
     #[test]
     fn corrections_follow_without_overshoot_and_begin_at_once() {
-        let mut past = Past::default();
+        let (mut past, step) = (Past::default(), Step::default());
         let to = |x: f32| Moved { shift: [x, 0.0, 0.0], swivel: -x };
         let still = [0.1, 0.2, 0.3];
-        assert_eq!(past.damp(still, to(1.0), IDENTITY).shift, [1.0, 0.0, 0.0]);
+        assert_eq!(past.damp(step, still, to(1.0), IDENTITY).shift, [1.0, 0.0, 0.0]);
         let mut before = 1.0;
         for frame in 0..30 {
-            let Moved { shift, swivel } = past.damp(still, to(2.0), IDENTITY);
+            let Moved { shift, swivel } = past.damp(step, still, to(2.0), IDENTITY);
             assert!(shift[0] > before && shift[0] <= 2.0 && swivel == -shift[0], "{frame}: {shift:?} {swivel}");
             before = shift[0];
             if frame == 9 {
@@ -924,9 +978,38 @@ mod tests {
         }
         // A push stays, then fades.
         past.push(to(before), to(before + 0.1), IDENTITY);
-        let [pushed, later] = [0, 1].map(|_| past.damp(still, to(2.0), IDENTITY).shift[0]);
+        let [pushed, later] = [0, 1].map(|_| past.damp(step, still, to(2.0), IDENTITY).shift[0]);
         assert!(pushed > 2.05 && later < pushed, "{pushed} {later}");
         assert!(past.is_new([1.0, 0.2, 0.3], 0.3) && !past.is_new([0.2, 0.2, 0.3], 0.3));
+    }
+
+    #[test]
+    fn corrections_follow_in_seconds_at_any_frame_rate() {
+        // A 30th of a second has the rounded constants of the exact function.
+        assert_eq!(Step::default(), Step { rate: 0.6, fade: 0.548_811_6 });
+        for wrong in [f32::NAN, 0.0, -1.0, f32::INFINITY] {
+            let Step { rate, fade } = Step::new(wrong);
+            assert!(rate > 0.0 && fade > 0.0 && fade < 1.0, "{wrong}: {rate} {fade}");
+        }
+        let to = |x: f32| Moved { shift: [x, 0.0, 0.0], swivel: 0.0 };
+        let after = |steps: &[f32]| {
+            let mut past = Past::default();
+            past.damp(Step::default(), [0.0; 3], to(0.0), IDENTITY);
+            let (mut at, mut before) = (0.0, Step::default());
+            for &seconds in steps {
+                let step = Step::new(seconds);
+                past.pace(before, step);
+                before = step;
+                at = past.damp(step, [0.0; 3], to(1.0), IDENTITY).shift[0];
+            }
+            at
+        };
+        let want = after(&[1.0 / 30.0; 3]);
+        assert!((0.4..0.6).contains(&want), "{want}");
+        let mixed = [1.0 / 30.0, 1.0 / 60.0, 1.0 / 120.0, 1.0 / 120.0, 1.0 / 30.0];
+        for steps in [&[1.0 / 60.0; 6][..], &[1.0 / 240.0; 24], &[1.0 / 20.0; 2], &mixed] {
+            assert!((after(steps) - want).abs() < 1e-4, "{steps:?}: {}, not {want}", after(steps));
+        }
     }
 
     #[test]
