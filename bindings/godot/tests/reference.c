@@ -35,54 +35,45 @@ int main(int argc, char **argv) {
     memcpy(&config.sample_rate, head + 24, 4);
     /* The node's default, which is for live use. */
     config.target = 1;
-    /* The second session records a take, whose mouth is the codes'. */
-    for (int records = 0; records < 2; records++) {
-        config.take_bytes = records ? 1 << 20 : 0;
-        at = frames = 0;
-        check(umo_session_new(engine, &config, &session));
-        /* Layers follow the clock while there are no frames: off where poses are compared. */
-        for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_BODY; layer++) {
-            check(umo_session_set_parameter(session, layer, 0));
-        }
-        check(umo_frame_layout_init(&layout, sizeof layout, model));
-        layout.index = layout.sample = UMO_ABSENT;
-        layout.translation = 0;
-        layout.rotations = 12;
-        layout.channels = 12 + 16 * UMO_JOINT_COUNT;
-        layout.visemes = layout.channels + 4 * info.channels;
-        layout.frame_stride = layout.visemes + 4 * UMO_VISEME_COUNT;
-
-        char recorded[4096];
-        snprintf(recorded, sizeof recorded, "%s.take", argv[3]);
-        FILE *out = fopen(records ? recorded : argv[3], "wb");
-        if (!out) return 1;
-        char *frame = malloc(layout.frame_stride);
-        const size_t all = count * info.frame_rate / config.sample_rate;
-        while (frames < all) {
-            size_t taken = 0, pulled = 0;
-            if (at < count) {
-                check(umo_session_push_audio_i16(session, samples + at, count - at, &taken));
-                if ((at += taken) == count) check(umo_session_finish(session));
-            }
-            check(umo_session_pull_frames(session, &layout, frame, layout.frame_stride, &pulled));
-            if (pulled && fwrite(frame, layout.frame_stride, 1, out) != 1) return 1;
-            frames += pulled;
-            if (!pulled) nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
-        }
-        fclose(out);
-        free(frame);
-        if (records) {
-            size_t size = 0;
-            check(umo_session_take_size(session, &size));
-            char *take = malloc(size);
-            check(umo_session_take(session, take, size, &size));
-            out = fopen(argv[4], "wb");
-            if (!out || fwrite(take, size, 1, out) != 1) return 1;
-            fclose(out);
-            free(take);
-        }
-        check(umo_session_free(session));
+    config.take_bytes = 1 << 20;
+    check(umo_session_new(engine, &config, &session));
+    /* Layers follow the clock while there are no frames: off where poses are compared. */
+    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_BODY; layer++) {
+        check(umo_session_set_parameter(session, layer, 0));
     }
+    check(umo_frame_layout_init(&layout, sizeof layout, model));
+    layout.index = layout.sample = UMO_ABSENT;
+    layout.translation = 0;
+    layout.rotations = 12;
+    layout.channels = 12 + 16 * UMO_JOINT_COUNT;
+    layout.visemes = layout.channels + 4 * info.channels;
+    layout.frame_stride = layout.visemes + 4 * UMO_VISEME_COUNT;
+
+    FILE *out = fopen(argv[3], "wb");
+    char *frame = malloc(layout.frame_stride);
+    const size_t all = count * info.frame_rate / config.sample_rate;
+    while (frames < all) {
+        size_t taken = 0, pulled = 0;
+        if (at < count) {
+            check(umo_session_push_audio_i16(session, samples + at, count - at, &taken));
+            if ((at += taken) == count) check(umo_session_finish(session));
+        }
+        check(umo_session_pull_frames(session, &layout, frame, layout.frame_stride, &pulled));
+        if (pulled && fwrite(frame, layout.frame_stride, 1, out) != 1) return 1;
+        frames += pulled;
+        if (!pulled) nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+    }
+    fclose(out);
+    free(frame);
+    size_t size = 0;
+    check(umo_session_take_size(session, &size));
+    char *take = malloc(size);
+    check(umo_session_take(session, take, size, &size));
+    out = fopen(argv[4], "wb");
+    if (!out || fwrite(take, size, 1, out) != 1) return 1;
+    fclose(out);
+    free(take);
+    check(umo_session_free(session));
     check(umo_engine_free(engine));
     check(umo_model_free(model));
     printf("%zu %zu\n", frames, (size_t)layout.frame_stride / 4);

@@ -36,8 +36,10 @@ fuzz_target!(|data: &[u8]| {
         keyframes: 0,
         history: 0,
         total: Some(0),
+        mouth_frames: 0,
+        mouth_back: 0,
     };
-    layout.encode(&head, &[], &[], &mut sound).expect("there is room");
+    layout.encode(&head, &[], &[], &[], &mut sound).expect("there is room");
     while let Some((&len, more)) = rest.split_first() {
         let (packet, more) = more.split_at(usize::from(len).min(more.len()));
         rest = more;

@@ -508,7 +508,17 @@ impl Avatar {
         self.mouth.is_some()
     }
 
-    /// Leaves the mouth of all frames to the codes, as packets can carry no other. Before the first chunk.
+    /// The last chunk's frames whose mouth comes from their sound; empty where it does not.
+    pub fn mouth_frames(&self) -> Range<u64> {
+        self.mouth.as_ref().map_or(0..0, HeardMouth::chunk)
+    }
+
+    /// The mouth of one of [`Self::mouth_frames`]: a byte for each of the network's channels, 255 for 1.
+    pub fn mouth(&self, frame: u64) -> &[u8] {
+        self.mouth.as_ref().map_or(&[], |mouth| mouth.said(frame))
+    }
+
+    /// Leaves the mouth of all frames to the codes. Before the first chunk.
     pub fn keep_codes_mouth(&mut self) {
         self.mouth = None;
     }

@@ -599,6 +599,9 @@ impl Batch {
     ) -> Result<bool, StepError> {
         let (total, first) = (avatar.total, avatar.chunk == 0);
         let mut heard = avatar.mouth.as_mut().zip(model.mouth.as_ref());
+        if let (None, Some((mouth, _))) = (&self.pushing, &mut heard) {
+            mouth.begin();
+        }
         let mut within = |f: FrameRef| {
             if total.is_some_and(|total| f.index >= total) {
                 return;

@@ -28,7 +28,7 @@ use crate::audio::spectrum::{Spectrum, SpectrumScratch};
 use crate::config::{self, Config};
 use crate::weights::Loader;
 use gate::Gate;
-pub use heard::{JAW_OPEN, TO_REST};
+pub use heard::{JAW_OPEN, MouthOver, TO_REST};
 use level::{Level, LevelControl};
 use network::{History, Network, NetworkScratch};
 

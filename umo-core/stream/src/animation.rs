@@ -153,7 +153,7 @@ impl Animation {
             avatar,
             batch: Batch::new(model, 1),
             stepped: Due::Nothing,
-            said: PacketRoom::new(model.config()),
+            said: PacketRoom::new(model.config(), &PacketLayout::new(model)),
             config: config.clone(),
             gains,
             recorder: None,
@@ -266,7 +266,6 @@ impl Animation {
         if self.avatar.chunk > 0 || self.track.retiming.is_some() {
             return Err(StepError::Order("a take is recorded from the first chunk on, and not of a retimed motion"));
         }
-        self.keep_codes_mouth();
         let layout = PacketLayout::new(model);
         let config = model.config();
         let mut history = vec![0; config.prefix * layout.codes()];
@@ -285,8 +284,8 @@ impl Animation {
         Ok(())
     }
 
-    /// Leaves the mouth to the codes, before the first chunk: [`Self::packet`] can say no other. Without it, the frames of
-    /// a model with the head for it have the mouth of their own sound (SPEC 2.10), which their packets lack.
+    /// Leaves the mouth to the codes, before the first chunk. Without it, the frames of a model with the head for it, and
+    /// their packets, have the mouth of their own sound (SPEC 2.10).
     pub fn keep_codes_mouth(&mut self) {
         self.avatar.keep_codes_mouth();
     }
@@ -579,7 +578,7 @@ impl Group {
             tracks: Vec::new(),
             recorders: Vec::new(),
             due: Vec::new(),
-            said: PacketRoom::new(model.config()),
+            said: PacketRoom::new(model.config(), &PacketLayout::new(model)),
         }
     }
 

@@ -143,8 +143,8 @@ impl Inner {
         let plan = self.filter_plan(config.sample_rate)?;
         let before = arena.used();
         let mut avatar = Avatar::new_in(model, &config.avatar, arena)?;
-        // Packets say codes alone, and a take plays from them.
-        if config.packets.is_some() || config.take_bytes > 0 || config.voice == Voice::Live {
+        // The live mouth is over the frames' own, which packets and takes have.
+        if config.voice == Voice::Live && config.packets.is_none() && config.take_bytes == 0 {
             avatar.keep_codes_mouth();
         }
         let levels = Levels::new_in(&avatar, model.config(), arena);

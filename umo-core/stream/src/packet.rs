@@ -4,6 +4,7 @@
 //! fraction of the cost. Without packet loss, its frames are bit-identical to the sender's.
 
 mod decoder;
+mod lips;
 mod room;
 
 use std::fmt;
@@ -16,14 +17,16 @@ pub(crate) use room::PacketRoom;
 use umo_core_base::error::StepError;
 use umo_core_model::model::Model;
 
-/// The version of packets that this library writes and reads.
+/// The version of packets without a mouth, and of those with one.
 const VERSION: u8 = 2;
+const WITH_MOUTH: u8 = 3;
 /// Flag in the first byte, beside the version: this is the last packet of the stream.
 const LAST: u8 = 0x10;
 /// Flag in the first byte: a prompt is in force.
 const PROMPTED: u8 = 0x20;
-/// Size of the head, bytes, in packets before the last.
+/// Size of the head, bytes, in packets before the last; what it has in addition with a mouth.
 const HEAD: usize = 26;
+const MOUTH: usize = 4;
 /// Upper bound of a root coordinate, metres, so that sums of positions stay finite.
 const MAX_PLACE: f32 = 1e7;
 /// Bytes of the frame count, in the last packet.
@@ -82,6 +85,10 @@ pub struct PacketHead {
     pub total: Option<u32>,
     /// Whether a prompt says what the frames show that the packet makes final.
     pub is_prompted: bool,
+    /// Number of frames that the packet has the mouth of.
+    pub mouth_frames: usize,
+    /// How many frames the first of them is before that of the chunk's first keyframe.
+    pub mouth_back: u16,
 }
 
 /// Packet layout of a model.
@@ -95,6 +102,9 @@ pub struct PacketLayout {
     bits: Box<[u8]>,
     keyframe_bits: usize,
     prefix: usize,
+    /// Channels of the mouth, and frames that a packet can have it of.
+    mouth: usize,
+    mouth_frames: usize,
 }
 
 impl PacketLayout {
@@ -108,7 +118,14 @@ impl PacketLayout {
         let places =
             config.part_list().into_iter().flat_map(|part| std::iter::repeat_n(part.codes as u16, part.levels));
         let id = id ^ (id >> 16) ^ (id >> 32) ^ (id >> 48);
-        Self::of(places.collect(), config.prefix, id as u16)
+        let channels = model.mouth().filter(|mouth| mouth.behind().is_some()).map_or(0, |mouth| mouth.channels().len());
+        // New ones, and those held back.
+        let frames = (2 * config.prefix * config.keyframe_stride).min(u8::MAX.into());
+        Self::of(places.collect(), config.prefix, id as u16).with_mouth(channels, frames)
+    }
+
+    fn with_mouth(self, mouth: usize, mouth_frames: usize) -> Self {
+        Self { mouth, mouth_frames: if mouth > 0 { mouth_frames } else { 0 }, ..self }
     }
 
     /// Layout for keyframes with these numbers of values per code.
@@ -116,12 +133,26 @@ impl PacketLayout {
     fn of(limits: Box<[u16]>, prefix: usize, model: u16) -> Self {
         let bits: Box<[u8]> = limits.iter().map(|&codes| (u16::BITS - (codes - 1).leading_zeros()) as u8).collect();
         let keyframe_bits = bits.iter().map(|&bits| usize::from(bits)).sum();
-        Self { model, limits, bits, keyframe_bits, prefix }
+        Self { model, limits, bits, keyframe_bits, prefix, mouth: 0, mouth_frames: 0 }
     }
 
     /// Size of the longest packet, bytes.
     pub fn most_bytes(&self) -> usize {
-        HEAD + TOTAL + SOUND * self.prefix + (self.prefix * self.keyframe_bits).div_ceil(8)
+        HEAD + MOUTH
+            + TOTAL
+            + SOUND * self.prefix
+            + (self.prefix * self.keyframe_bits).div_ceil(8)
+            + self.mouth_frames * self.mouth
+    }
+
+    /// Channels of the mouth in a packet; 0 for a model whose mouth is in the codes.
+    pub fn mouth(&self) -> usize {
+        self.mouth
+    }
+
+    /// Most frames that a packet has the mouth of.
+    pub fn max_mouth_frames(&self) -> usize {
+        self.mouth_frames
     }
 
     /// Codes per keyframe.
@@ -139,23 +170,25 @@ impl PacketLayout {
         self.prefix
     }
 
-    /// Size of a packet with this number of new and of repeated keyframes, bytes.
+    /// Size of a packet without a mouth, with this number of new and of repeated keyframes, bytes.
     pub fn bytes(&self, keyframes: usize, history: usize, is_last: bool) -> usize {
         let total = if is_last { TOTAL } else { 0 };
         HEAD + total + SOUND * keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
     }
 
-    /// Writes a packet with the `sounds` of the new keyframes, level and arousal as SPEC 2.18 defines them, and `codes
-    /// [history + keyframes, codes of a keyframe]`, oldest first; returns its length. Never allocates.
+    /// Writes a packet with the `sounds` of the new keyframes, level and arousal as SPEC 2.18 defines them, `codes
+    /// [history + keyframes, codes of a keyframe]`, oldest first, and `mouth [mouth_frames, channels]`; returns its length.
+    /// Never allocates.
     ///
     /// # Errors
-    /// [`StepError`] if `out` is too small, the numbers of keyframes disagree or exceed the model's `prefix`, or a
-    /// code is out of range.
+    /// [`StepError`] if `out` is too small, the numbers of keyframes disagree or exceed the model's `prefix`, a code is out
+    /// of range, or there are more frames of a mouth than [`Self::max_mouth_frames`].
     pub fn encode(
         &self,
         head: &PacketHead,
         sounds: &[[u8; SOUND]],
         codes: &[u16],
+        mouth: &[u8],
         out: &mut [u8],
     ) -> Result<usize, StepError> {
         let keyframes = head.history + head.keyframes;
@@ -170,22 +203,37 @@ impl PacketLayout {
         if let Some((&code, &limit)) = wrong {
             return Err(StepError::OutOfRange { what: "code", got: code.into(), limit: limit.into() });
         }
-        let (want, limit) = (self.bytes(head.keyframes, head.history, head.total.is_some()), out.len());
+        if head.mouth_frames > self.mouth_frames {
+            let (got, limit) = (head.mouth_frames, self.mouth_frames);
+            return Err(StepError::TooLong { what: "frames of a packet's mouth", got, limit });
+        }
+        if mouth.len() != head.mouth_frames * self.mouth {
+            return Err(StepError::Disagree("a packet's mouth and its number of frames"));
+        }
+        let (coding, bytes_of_mouth) = lips::coding(mouth, self.mouth);
+        let more = if head.mouth_frames > 0 { MOUTH } else { 0 };
+        let plain = more + self.bytes(head.keyframes, head.history, head.total.is_some());
+        let (want, limit) = (plain + bytes_of_mouth, out.len());
         let out = out.get_mut(..want).ok_or(StepError::TooLong { what: "bytes of a packet", got: want, limit })?;
         out.fill(0);
-        #[expect(clippy::cast_possible_truncation, reason = "at most 255 by the check above")]
-        let counts = [head.keyframes as u8, head.history as u8];
-        out[0] = VERSION | if head.total.is_some() { LAST } else { 0 } | if head.is_prompted { PROMPTED } else { 0 };
+        #[expect(clippy::cast_possible_truncation, reason = "at most 255 by the checks above")]
+        let counts = [head.keyframes as u8, head.history as u8, head.mouth_frames as u8, coding];
+        out[0] = if more > 0 { WITH_MOUTH } else { VERSION };
+        out[0] |= if head.total.is_some() { LAST } else { 0 } | if head.is_prompted { PROMPTED } else { 0 };
         out[1] = head.stream;
         out[2..4].copy_from_slice(&self.model.to_le_bytes());
         out[4..8].copy_from_slice(&head.sequence.to_le_bytes());
         out[8..16].copy_from_slice(&head.sample.to_le_bytes());
         out[16..20].copy_from_slice(&head.root[0].to_le_bytes());
         out[20..24].copy_from_slice(&head.root[1].to_le_bytes());
-        out[24..26].copy_from_slice(&counts);
-        let mut start = HEAD;
+        out[24..26].copy_from_slice(&counts[..2]);
+        let mut start = HEAD + more;
+        if more > 0 {
+            out[26..28].copy_from_slice(&counts[2..]);
+            out[28..30].copy_from_slice(&head.mouth_back.to_le_bytes());
+        }
         if let Some(total) = head.total {
-            out[HEAD..HEAD + TOTAL].copy_from_slice(&total.to_le_bytes());
+            out[start..start + TOTAL].copy_from_slice(&total.to_le_bytes());
             start += TOTAL;
         }
         let sounds = sounds.as_flattened();
@@ -198,30 +246,37 @@ impl PacketLayout {
                 at += 1;
             }
         }
+        lips::write(mouth, self.mouth, coding, &mut out[plain..]);
         Ok(want)
     }
 
-    /// Reads a packet. Writes its sounds and codes to the start of `sounds` and `codes`, which have room for
-    /// [`Self::max_keyframes`]. Never allocates.
+    /// Reads a packet. Writes its sounds, codes and mouth to the start of `sounds`, `codes` and `mouth`, which have room for
+    /// [`Self::max_keyframes`] and [`Self::max_mouth_frames`]. Never allocates.
     ///
     /// # Errors
-    /// [`PacketError`] if it is not a packet of this version and model; the contents of `sounds` and `codes` are then
-    /// unspecified.
+    /// [`PacketError`] if it is not a packet of a known version and this model; the contents of `sounds`, `codes` and
+    /// `mouth` are then unspecified.
     pub fn decode(
         &self,
         bytes: &[u8],
         sounds: &mut [[u8; SOUND]],
         codes: &mut [u16],
+        mouth: &mut [u8],
     ) -> Result<PacketHead, PacketError> {
-        let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
+        let more = match bytes.first().map(|first| first & 0x0F) {
+            None | Some(VERSION) => 0,
+            Some(WITH_MOUTH) => MOUTH,
+            _ => {
+                return Err(PacketError::Malformed(
+                    "its version is not 2 or 3: use the same version of umo on both sides",
+                ));
+            }
+        };
+        let Some((head, rest)) = bytes.split_at_checked(HEAD + more) else {
             return Err(PacketError::Malformed("it is too short"));
         };
-        match head[0] & 0x0F {
-            VERSION => {}
-            _ => return Err(PacketError::Malformed("its version is not 2: use the same version of umo on both sides")),
-        }
         if head[0] & !(0x0F | LAST | PROMPTED) != 0 {
-            return Err(PacketError::Malformed("it has flags that version 2 does not have"));
+            return Err(PacketError::Malformed("it has flags that its version does not have"));
         }
         if u16::from_le_bytes(field(head, 2)) != self.model {
             return Err(PacketError::Other("model"));
@@ -231,7 +286,16 @@ impl PacketLayout {
         if count > self.prefix || count * self.codes() > codes.len() || keyframes > sounds.len() {
             return Err(PacketError::Malformed("it has more keyframes than the model's history"));
         }
-        if bytes.len() != self.bytes(keyframes, history, is_last) {
+        let (mouth_frames, coding, mouth_back) = match head[HEAD..] {
+            [frames, coding, low, high] => (usize::from(frames), coding, u16::from_le_bytes([low, high])),
+            _ => (0, 0, 0),
+        };
+        let is_mouth = (1..=self.mouth_frames).contains(&mouth_frames) && mouth_frames * self.mouth <= mouth.len();
+        if more > 0 && !is_mouth {
+            return Err(PacketError::Malformed("it has the mouth of no frame, or of more than a chunk has"));
+        }
+        let plain = more + self.bytes(keyframes, history, is_last);
+        if bytes.len() < plain || more == 0 && bytes.len() != plain {
             return Err(PacketError::Malformed("its length is not that of its keyframes"));
         }
         let root = [f32::from_le_bytes(field(head, 16)), f32::from_le_bytes(field(head, 20))];
@@ -245,8 +309,12 @@ impl PacketLayout {
             return Err(PacketError::Malformed("it has no keyframes and does not end the stream"));
         }
         let total = is_last.then(|| u32::from_le_bytes(field(rest, 0)));
+        let (rest, lips) = rest.split_at(plain - HEAD - more);
         let (heard, packed) = rest[if is_last { TOTAL } else { 0 }..].split_at(SOUND * keyframes);
         sounds[..keyframes].as_flattened_mut().copy_from_slice(heard);
+        if !lips::read(lips, self.mouth, coding, &mut mouth[..mouth_frames * self.mouth]) {
+            return Err(PacketError::Malformed("its mouth is not that of its frames"));
+        }
         self.unpack(packed, &mut codes[..count * self.codes()])?;
         Ok(PacketHead {
             stream: head[1],
@@ -257,6 +325,8 @@ impl PacketLayout {
             history,
             total,
             is_prompted: head[0] & PROMPTED != 0,
+            mouth_frames,
+            mouth_back,
         })
     }
 

@@ -48,9 +48,9 @@ pub(crate) use record::Recorder;
 /// First bytes of a take.
 const MAGIC: &[u8; 8] = b"umo take";
 /// The version that this library writes; it reads all up to it.
-const VERSION: u32 = 4;
+const VERSION: u32 = 6;
 /// The version of a take without edits. Odd versions have none, and the even ones after them are the same with edits.
-const UNEDITED: u32 = 3;
+const UNEDITED: u32 = 5;
 /// The first version that has the gain of the layer body, and hands at rest between gestures.
 const FIRST_WITH_BODY: u32 = 3;
 /// Where the fields of the head are; the checksum is over everything after it.
@@ -345,9 +345,10 @@ impl Take {
         let layout = PacketLayout::new(model);
         let mut sounds = vec![[0; SOUND]; layout.max_keyframes()];
         let mut codes = vec![0; layout.max_keyframes() * layout.codes()];
+        let mut mouth = vec![0; layout.max_mouth_frames() * layout.mouth()];
         for (number, bytes) in (0..).zip(self.packets()) {
             let wrong = |error| TakeError::Packet { number, error };
-            let head = layout.decode(bytes, &mut sounds, &mut codes).map_err(wrong)?;
+            let head = layout.decode(bytes, &mut sounds, &mut codes, &mut mouth).map_err(wrong)?;
             let is_last = number + 1 == self.info.packets;
             // Only the stream's last packet may have no keyframes of its own.
             let has_target = head.keyframes == self.avatar.target || head.keyframes == 0;

@@ -6,11 +6,13 @@
 //! motion decoders ───────────────────────────► frame n ────────┴─► frame n
 //! ```
 
+use std::ops::Range;
+
 use umo_core_base::error::StepError;
 use umo_core_base::memory::{Arena, Slice};
 use umo_core_base::state::{StateError, StatePass};
 use umo_core_pose::pose::Pose;
-use umo_core_pose::rotation::axis_angle_to_quat;
+use umo_core_pose::rotation::{axis_angle_to_quat, slerp};
 use umo_core_pose::skeleton::JAW;
 use umo_kernels::Isa;
 
@@ -23,6 +25,8 @@ pub const JAW_OPEN: f32 = 0.35;
 pub const TO_REST: f32 = 0.3;
 /// Share of the way between the two heads in one frame.
 const FADE: f32 = 0.25;
+/// Steps of a channel from 0 to 1: what a packet says of it is exact.
+const STEPS: f32 = 255.0;
 /// Upper bound on the number of frames in a valid state.
 const MAX_FRAMES: u64 = 1 << 50;
 
@@ -43,15 +47,65 @@ pub(crate) struct HeardMouth {
     weight: f32,
     /// The mouth of the last frame: `[channels]`.
     last: Slice<f32>,
-    /// Indices of jawOpen, and of the corners' smile, in it.
+    /// `[said_room, channels]`: the same in steps of frame `index`, at `index % said_room`.
+    said: Slice<u8>,
+    said_room: u64,
+    /// Frames of the last chunk; `None` before its first.
+    chunk: Option<(u64, u64)>,
+    over: MouthOver,
+}
+
+/// Puts a mouth over frames.
+#[derive(Debug)]
+pub struct MouthOver {
+    /// Indices of jawOpen, and of the corners' smile, among the mouth's channels.
     jaw: Option<usize>,
     smiles: [Option<usize>; 2],
     pose: Pose,
     face: Slice<f32>,
 }
 
+impl MouthOver {
+    /// Creates it for a model's mouth and the names of the face's values.
+    pub fn new_in(mouth: &Mouth, names: &[String], face_values: usize, arena: &Arena) -> Self {
+        let at = |name: &str| mouth.channels().iter().position(|&channel| names[channel] == name);
+        Self {
+            jaw: at("jawOpen"),
+            smiles: [at("mouthSmileLeft"), at("mouthSmileRight")],
+            pose: Pose::REST,
+            face: arena.filled(0.0, face_values),
+        }
+    }
+
+    /// Returns a frame with the mouth `said`, a byte for each channel, 255 for 1. With a `share` below 1 it is between
+    /// the frame's own and that.
+    pub fn put(&mut self, mouth: &Mouth, frame: &FrameRef, said: &[u8], share: f32) -> (&Pose, &[f32]) {
+        self.face.copy_from_slice(frame.face);
+        self.pose = *frame.pose;
+        for (i, (&channel, &said)) in mouth.channels().iter().zip(said).enumerate() {
+            let (own, value) = (frame.face[channel], f32::from(said) / STEPS);
+            // A smile of the body stays: the network knows only smiles of vowels.
+            let value = if self.smiles.contains(&Some(i)) { value.max(own) } else { value };
+            self.face[channel] = if share < 1.0 { own + share * (value - own) } else { value };
+        }
+        if let Some(jaw) = self.jaw {
+            let open = axis_angle_to_quat([JAW_OPEN * f32::from(said[jaw]) / STEPS, 0.0, 0.0]);
+            let own = frame.pose.rotations[JAW];
+            self.pose.rotations[JAW] = if share < 1.0 { slerp(own, open, share) } else { open };
+        }
+        (&self.pose, &self.face)
+    }
+}
+
+/// A channel's value in steps.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
+fn steps(value: f32) -> u8 {
+    (STEPS * value).round().clamp(0.0, STEPS) as u8
+}
+
 impl HeardMouth {
-    /// `None` if the network has no second head. `chunk`: frames that an avatar hears before their frames are taken.
+    /// `None` if the network has no second head. `chunk`: frames that an avatar hears before their frames are taken, and
+    /// no fewer than a chunk makes final.
     pub(crate) fn new_in(
         mouth: &Mouth,
         names: &[String],
@@ -60,7 +114,6 @@ impl HeardMouth {
     ) -> Option<Self> {
         let (behind, channels) = (mouth.behind()?, mouth.channels().len());
         let room = chunk + behind + 2;
-        let at = |name: &str| mouth.channels().iter().position(|&channel| names[channel] == name);
         Some(Self {
             stream: MouthStream::new_in(mouth, arena),
             is_new: false,
@@ -71,16 +124,32 @@ impl HeardMouth {
             room: room as u64,
             weight: 1.0,
             last: arena.copied(mouth.rest()),
-            jaw: at("jawOpen"),
-            smiles: [at("mouthSmileLeft"), at("mouthSmileRight")],
-            pose: Pose::REST,
-            face: arena.filled(0.0, face_values),
+            said: arena.filled(0, chunk * channels),
+            said_room: chunk as u64,
+            chunk: None,
+            over: MouthOver::new_in(mouth, names, face_values, arena),
         })
     }
 
     /// Returns to the start of a stream.
     pub(crate) fn reset(&mut self) {
-        (self.is_new, self.known, self.weight) = (true, 0, 1.0);
+        (self.is_new, self.known, self.weight, self.chunk) = (true, 0, 1.0, None);
+    }
+
+    /// Begins a chunk's frames.
+    pub(crate) fn begin(&mut self) {
+        self.chunk = None;
+    }
+
+    /// The last chunk's frames.
+    pub(crate) fn chunk(&self) -> Range<u64> {
+        self.chunk.map_or(0..0, |(first, end)| first..end)
+    }
+
+    /// The mouth of one of the last chunk's frames, a byte for each channel.
+    pub(crate) fn said(&self, index: u64) -> &[u8] {
+        let width = self.last.len();
+        &self.said[slot(index, self.said_room) * width..][..width]
     }
 
     /// Hears the next chunk's samples.
@@ -120,17 +189,10 @@ impl HeardMouth {
         } else {
             self.last.iter_mut().zip(mouth.rest()).for_each(|(value, rest)| *value += TO_REST * (rest - *value));
         }
-        self.face.copy_from_slice(frame.face);
-        for (i, (&channel, &value)) in mouth.channels().iter().zip(&*self.last).enumerate() {
-            // A smile of the body stays: the network knows only smiles of vowels.
-            let least = if self.smiles.contains(&Some(i)) { frame.face[channel] } else { 0.0 };
-            self.face[channel] = value.max(least);
-        }
-        self.pose = *frame.pose;
-        if let Some(jaw) = self.jaw {
-            self.pose.rotations[JAW] = axis_angle_to_quat([JAW_OPEN * self.last[jaw], 0.0, 0.0]);
-        }
-        (&self.pose, &self.face)
+        let said = &mut self.said[slot(index, self.said_room) * width..][..width];
+        said.iter_mut().zip(&*self.last).for_each(|(said, &value)| *said = steps(value));
+        self.chunk = Some((self.chunk.map_or(index, |(first, _)| first), index + 1));
+        self.over.put(mouth, frame, said, 1.0)
     }
 
     /// Describes it.

@@ -10,6 +10,7 @@ use umo_core_model::layout::{Run, Shape, Window};
 use umo_core_model::linear::Compute;
 use umo_core_model::model::Model;
 use umo_core_model::motion::{FrameRef, MotionScratch, Smoothing};
+use umo_core_model::mouth::{Mouth, MouthOver};
 
 use super::{PacketError, PacketHead, PacketLayout, SOUND, byte_arousal, byte_level};
 
@@ -82,9 +83,12 @@ pub struct Decoder {
     /// Frames of the current stream, once its last packet was used.
     total: Option<u32>,
     waiting: Vec<Slot>,
-    /// Sounds and codes of the packet that just arrived.
+    /// Sounds, codes and mouth of the packet that just arrived.
     arrived_sounds: Box<[[u8; SOUND]]>,
     arrived: Box<[u16]>,
+    arrived_mouth: Box<[u8]>,
+    /// The mouth of the frames that are computed.
+    lips: Lips,
     /// Audio level and arousal of keyframe `k`, at index `k % len`; `SILENCE` if unknown.
     sounds: Box<[[f32; SOUND]]>,
     /// `[P + N, codes of a keyframe]`: codes of the chunk being assembled.
@@ -110,6 +114,72 @@ struct Slot {
     head: Option<PacketHead>,
     sounds: Box<[[u8; SOUND]]>,
     codes: Box<[u16]>,
+    mouth: Box<[u8]>,
+}
+
+/// Share of the way between the mouth of the codes and that of a packet in one frame, after a loss.
+const FADE: f32 = 0.25;
+
+/// The mouth that packets have, over frames.
+#[derive(Debug)]
+struct Lips {
+    over: Option<MouthOver>,
+    /// Number of its channels.
+    width: usize,
+    /// `[frames, channels]` of the packet that is computed, the first of them, and how many there are.
+    said: Box<[u8]>,
+    first: usize,
+    frames: usize,
+    /// The last frame that was said, and its share in the last one that was shown; `None` before the first.
+    last: Box<[u8]>,
+    share: Option<f32>,
+}
+
+impl Lips {
+    fn new(model: &Model, layout: &PacketLayout) -> Self {
+        let width = layout.mouth();
+        let over = |mouth| {
+            let (names, values) = (&model.config().face.names, model.assembly().face_values());
+            MouthOver::new_in(mouth, names, values, &Arena::system())
+        };
+        Self {
+            over: model.mouth().filter(|_| width > 0).map(over),
+            width,
+            said: filled(0, layout.max_mouth_frames() * width).into(),
+            first: 0,
+            frames: 0,
+            last: filled(0, width).into(),
+            share: None,
+        }
+    }
+
+    /// Returns to the start of a stream.
+    fn reset(&mut self) {
+        (self.frames, self.share) = (0, None);
+    }
+
+    /// Takes over a packet's mouth, of frames from `first` on.
+    fn take(&mut self, said: &[u8], first: usize) {
+        self.said[..said.len()].copy_from_slice(said);
+        (self.first, self.frames) = (first, said.len().checked_div(self.width).unwrap_or_default());
+    }
+
+    /// Returns a frame with its mouth.
+    fn put<'a>(&'a mut self, mouth: Option<&Mouth>, frame: FrameRef<'a>) -> FrameRef<'a> {
+        let (Some(over), Some(mouth)) = (&mut self.over, mouth) else { return frame };
+        let at = frame.index.checked_sub(self.first).filter(|&at| at < self.frames);
+        let goal: f32 = if at.is_some() { 1.0 } else { 0.0 };
+        let share = self.share.map_or(goal, |share| goal.clamp(share - FADE, share + FADE));
+        self.share = Some(share);
+        if let Some(at) = at {
+            self.last.copy_from_slice(&self.said[at * self.width..][..self.width]);
+        }
+        if share <= 0.0 {
+            return frame;
+        }
+        let (pose, face) = over.put(mouth, &frame, &self.last, share);
+        FrameRef { pose, face, ..frame }
+    }
 }
 
 /// Correction of the root towards the sender's: after a loss, the two have diverged.
@@ -184,14 +254,18 @@ impl Decoder {
         let (max_push, count) = (config.target * stride, c.codes_per_keyframe());
         let smoothing = Smoothing::new(config.smoothing)?;
         let shape = Shape { target: config.target, lookahead, smoothing };
+        let layout = PacketLayout::new(model);
         let mut waiting = with_capacity(WAITING);
         waiting.extend((0..WAITING).map(|_| Slot {
             head: None,
             sounds: filled([0; SOUND], c.prefix).into(),
             codes: filled(0, c.prefix * count).into(),
+            mouth: filled(0, layout.max_mouth_frames() * layout.mouth()).into(),
         }));
         Ok(Self {
-            layout: PacketLayout::new(model),
+            lips: Lips::new(model, &layout),
+            arrived_mouth: filled(0, layout.max_mouth_frames() * layout.mouth()).into(),
+            layout,
             window: Window::new_in(c, config.target, &Arena::system()),
             run: model.layout().run_in(c, model.motion(), shape, &Arena::system()),
             interp: model.layout().scratch(c, config.target),
@@ -260,6 +334,7 @@ impl Decoder {
         self.window.rest();
         self.window.correct(&self.history);
         self.run.reset();
+        self.lips.reset();
         self.waiting.iter_mut().for_each(|slot| slot.head = None);
         self.held.copy_from_slice(&self.rest);
         self.sounds.fill(SILENCE);
@@ -316,7 +391,7 @@ impl Decoder {
         bytes: &[u8],
         sink: &mut dyn PacketSink,
     ) -> Result<(), PacketError> {
-        let head = self.layout.decode(bytes, &mut self.arrived_sounds, &mut self.arrived)?;
+        let head = self.layout.decode(bytes, &mut self.arrived_sounds, &mut self.arrived, &mut self.arrived_mouth)?;
         if head.keyframes != 0 && head.keyframes != self.target {
             return Err(PacketError::Other("target"));
         }
@@ -351,6 +426,7 @@ impl Decoder {
             slot.head = Some(head);
             slot.sounds.copy_from_slice(&self.arrived_sounds);
             slot.codes.copy_from_slice(&self.arrived);
+            slot.mouth.copy_from_slice(&self.arrived_mouth);
         }
         self.received.packets += 1;
         Ok(self.take_next(model, cx, sink)?)
@@ -404,6 +480,7 @@ impl Decoder {
         // Missing keyframes that the packet repeats.
         let said = head.history.min(keyframes);
         self.received.held += (keyframes - said) as u64;
+        self.lips.frames = 0;
         if lost > 0 && keyframes > self.prefix {
             self.jump(head, slot);
         } else {
@@ -426,6 +503,12 @@ impl Decoder {
                 let codes = codes_of(&self.waiting, &self.arrived, slot);
                 self.window.correct(&codes[..head.history * count]);
             }
+        }
+        if head.mouth_frames > 0 {
+            let said = slot.map_or(&*self.arrived_mouth, |slot| &self.waiting[slot].mouth);
+            let begins = (head.sequence as usize).saturating_mul(n * self.stride);
+            let first = begins.saturating_sub(head.mouth_back.into());
+            self.lips.take(&said[..head.mouth_frames * self.layout.mouth()], first);
         }
         self.next = head.sequence.wrapping_add(1);
         self.is_prompted = head.is_prompted;
@@ -454,6 +537,7 @@ impl Decoder {
         self.window.rest();
         self.window.correct(&codes[..head.history * count]);
         self.run.reset();
+        self.lips.reset();
         self.sounds.fill(SILENCE);
         (self.is_first, self.base) = (true, head.sequence as usize * self.target * self.stride);
         self.place = Place { offset: head.root, ..Place::default() };
@@ -468,12 +552,13 @@ impl Decoder {
         total: Option<usize>,
         sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
-        let Self { window, run, interp, scratch, place, base, sounds, stride, is_prompted, .. } = self;
-        let decoder = model.motion();
+        let Self { window, run, interp, scratch, place, base, sounds, stride, is_prompted, lips, .. } = self;
+        let (decoder, mouth) = (model.motion(), model.mouth());
         let mut out = |raw: FrameRef| {
             if total.is_none_or(|total| raw.index < total) {
                 let index = *base + raw.index;
-                place.put(FrameRef { index, ..raw }, (*sound_of(sounds, index / *stride), *is_prompted), sink);
+                let frame = lips.put(mouth, FrameRef { index, ..raw });
+                place.put(frame, (*sound_of(sounds, index / *stride), *is_prompted), sink);
             }
         };
         if keyframes > 0 {

@@ -13,13 +13,18 @@ use crate::levels::Levels;
 pub(crate) struct PacketRoom {
     sounds: Box<[[u8; SOUND]]>,
     codes: Box<[u16]>,
+    mouth: Box<[u8]>,
 }
 
 impl PacketRoom {
     /// Creates buffers for any avatar of a model.
-    pub(crate) fn new(config: &Config) -> Self {
+    pub(crate) fn new(config: &Config, layout: &PacketLayout) -> Self {
         let count = config.prefix * config.codes_per_keyframe();
-        Self { sounds: filled([0; SOUND], config.prefix).into(), codes: filled(0, count).into() }
+        Self {
+            sounds: filled([0; SOUND], config.prefix).into(),
+            codes: filled(0, count).into(),
+            mouth: filled(0, layout.max_mouth_frames() * layout.mouth()).into(),
+        }
     }
 
     /// Writes the packet of the chunk that `stepped` describes into `out`, repeating up to `history` earlier
@@ -45,6 +50,11 @@ impl PacketRoom {
         let history = history.min(config.prefix - keyframes).min(done);
         let is_last = avatar.total.is_some() && Some(avatar.chunk) >= avatar.chunks(config);
         let sequence = avatar.chunk - if keyframes > 0 { 1 } else { 0 };
+        let mouth = avatar.mouth_frames();
+        let begins = sequence * (avatar.target * config.keyframe_stride) as u64;
+        let most = layout.max_mouth_frames() as u64;
+        let mouth = mouth.start.max(mouth.end.saturating_sub(most))..mouth.end;
+        let mouth_back = u16::try_from(begins.saturating_sub(mouth.start)).unwrap_or(u16::MAX);
         let head = PacketHead {
             stream,
             sequence: u32::try_from(sequence).unwrap_or(u32::MAX),
@@ -54,6 +64,8 @@ impl PacketRoom {
             history,
             total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
             is_prompted: levels.is_prompted(),
+            mouth_frames: usize::try_from(mouth.end - mouth.start).unwrap_or_default(),
+            mouth_back: if mouth.is_empty() { 0 } else { mouth_back },
         };
         let heard = &mut self.sounds[..keyframes];
         for (i, sound) in heard.iter_mut().enumerate() {
@@ -62,6 +74,10 @@ impl PacketRoom {
         }
         let codes = &mut self.codes[..(history + keyframes) * layout.codes()];
         avatar.window.last(codes);
-        layout.encode(&head, heard, codes, out).map(Some)
+        let said = &mut self.mouth[..head.mouth_frames * layout.mouth()];
+        for (frame, said) in mouth.zip(said.chunks_exact_mut(layout.mouth().max(1))) {
+            said.copy_from_slice(avatar.mouth(frame));
+        }
+        layout.encode(&head, heard, codes, said, out).map(Some)
     }
 }

@@ -153,7 +153,7 @@ pub(crate) struct PacketWriter {
 impl PacketWriter {
     pub(crate) fn new(model: &Model) -> Self {
         let layout = PacketLayout::new(model);
-        Self { room: PacketRoom::new(model.config()), bytes: filled(0, layout.most_bytes()).into(), layout }
+        Self { room: PacketRoom::new(model.config(), &layout), bytes: filled(0, layout.most_bytes()).into(), layout }
     }
 
     /// The packet of the chunk that was just computed, alone, for a take.

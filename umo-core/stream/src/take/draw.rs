@@ -130,9 +130,11 @@ pub(crate) struct Redrawn {
 }
 
 /// The packets of a take, read.
+#[derive(Default)]
 struct Chunks {
     heads: Vec<PacketHead>,
     sounds: Vec<Vec<[u8; SOUND]>>,
+    mouths: Vec<Vec<u8>>,
     /// Codes of each, before edits and after them.
     before: Vec<Vec<u16>>,
     codes: Vec<Vec<u16>>,
@@ -238,17 +240,20 @@ impl Take {
     /// Reads the packets. They were checked with the model.
     fn chunks(&self, model: &Model) -> Chunks {
         let layout = PacketLayout::new(model);
-        let mut chunks = Chunks { heads: Vec::new(), sounds: Vec::new(), before: Vec::new(), codes: Vec::new() };
+        let mut chunks = Chunks::default();
         let mut sounds = vec![[0; SOUND]; layout.max_keyframes()];
         let mut codes = vec![0; layout.max_keyframes() * layout.codes()];
+        let mut mouth = vec![0; layout.max_mouth_frames() * layout.mouth()];
         let mut read = |bytes: &[u8]| {
-            let head = layout.decode(bytes, &mut sounds, &mut codes).ok()?;
-            Some((head, sounds[..head.keyframes].to_vec(), codes[..head.keyframes * layout.codes()].to_vec()))
+            let head = layout.decode(bytes, &mut sounds, &mut codes, &mut mouth).ok()?;
+            let heard = (sounds[..head.keyframes].to_vec(), mouth[..head.mouth_frames * layout.mouth()].to_vec());
+            Some((head, heard, codes[..head.keyframes * layout.codes()].to_vec()))
         };
         for packet in self.packets() {
-            let Some((head, sounds, codes)) = read(packet) else { break };
+            let Some((head, (sounds, mouth), codes)) = read(packet) else { break };
             chunks.heads.push(head);
             chunks.sounds.push(sounds);
+            chunks.mouths.push(mouth);
             chunks.before.push(codes);
         }
         chunks.codes.clone_from(&chunks.before);
@@ -274,8 +279,8 @@ impl Take {
         let mut decoder = Decoder::new(model, &self.avatar, 0)?;
         decoder.begin_after(&self.history);
         let (mut frames, mut packet) = (Vec::new(), vec![0; layout.most_bytes()]);
-        for ((head, sounds), codes) in chunks.heads.iter().zip(&chunks.sounds).zip(codes) {
-            let length = layout.encode(head, sounds, codes, &mut packet)?;
+        for (((head, sounds), mouth), codes) in chunks.heads.iter().zip(&chunks.sounds).zip(&chunks.mouths).zip(codes) {
+            let length = layout.encode(head, sounds, codes, mouth, &mut packet)?;
             let mut keep = |frame: umo_core_model::motion::FrameRef| {
                 let mut own = OwnedFrame::new(*frame.pose, frame.face);
                 own.index = frame.index as u64;
@@ -392,8 +397,8 @@ impl Take {
         let mut packets = Vec::new();
         for &chunk in &redrawn {
             let mut packet = vec![0; layout.most_bytes()];
-            let length =
-                layout.encode(&chunks.heads[chunk], &chunks.sounds[chunk], &chunks.codes[chunk], &mut packet)?;
+            let Chunks { heads, sounds, mouths, codes, .. } = chunks;
+            let length = layout.encode(&heads[chunk], &sounds[chunk], &codes[chunk], &mouths[chunk], &mut packet)?;
             packet.truncate(length);
             packets.push(packet);
         }
