@@ -83,9 +83,6 @@ fn pull(session: &Session) -> Vec<Shown> {
     frames
 }
 
-/// The jaw's joint.
-const JAW: usize = 22;
-
 fn packets(session: &Session) -> Vec<Vec<u8>> {
     let (mut bytes, mut lengths) = (vec![0; 3 * session.packet_size()], [0; 9]);
     let mut found = Vec::new();
@@ -458,6 +455,47 @@ fn over_a_bad_network_nothing_jumps() {
             }
         }
     }
+}
+
+/// What a lost packet said of the mouth is not said again: its frames have the mouth of their codes, and the way there
+/// and back takes no more than four frames each.
+#[test]
+fn a_lost_mouth_is_that_of_the_codes() {
+    let model = open(PEOPLE);
+    let config = settings(&model, LayerGains::OFF);
+    let sent = recorded(&model, &config, &speech()[..16_000 * 5]);
+    let all = |skipped: Option<usize>| {
+        let decoder = Session::decoder(&model, &config).unwrap();
+        let mut frames = Vec::new();
+        for (_, packet) in sent.iter().flatten().enumerate().filter(|(at, _)| Some(*at) != skipped) {
+            decoder.push_packet(packet).unwrap();
+            frames.extend(pull(&decoder));
+        }
+        frames
+    };
+    let (wanted, seen) = (all(None), all(Some(4)));
+    assert_eq!(wanted.len(), seen.len());
+    let channels = model.mouth().unwrap().channels();
+    let is_mouth = |at: usize| channels.contains(&at);
+    let differs: Vec<usize> = (0..wanted.len()).filter(|&at| wanted[at].face != seen[at].face).collect();
+    let (first, last) = (differs[0], differs[differs.len() - 1]);
+    // The fifth chunk's frames, less those held back.
+    let (chunk, held) = (config.avatar.target * model.config().keyframe_stride, config.avatar.held_back());
+    let begins = 4 * chunk + 1 - model.config().keyframe_stride - held;
+    assert!((begins..begins + 3).contains(&first), "{first}, not {begins}");
+    assert!((begins + chunk - 3..begins + chunk + 4).contains(&last), "{last}, not {}", begins + chunk);
+    for (wanted, seen) in wanted.iter().zip(&seen) {
+        let others = |frame: &Shown| -> Vec<f32> {
+            frame.face.iter().enumerate().filter(|(at, _)| !is_mouth(*at)).map(|(_, &value)| value).collect()
+        };
+        assert_eq!(others(wanted), others(seen), "frame {}", wanted.index);
+    }
+    let step = |frames: &[Shown]| {
+        let jaw = model.config().face.names.iter().position(|name| name == "jawOpen").unwrap();
+        frames.windows(2).map(|two| (two[1].face[jaw] - two[0].face[jaw]).abs()).fold(0.0, f32::max)
+    };
+    let jumps = [step(&wanted), step(&seen)];
+    assert!(jumps[1] <= jumps[0] + 0.15, "{jumps:?}");
 }
 
 #[test]

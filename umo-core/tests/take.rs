@@ -209,7 +209,7 @@ fn damaged_takes_are_refused_and_say_why() {
         Take::new(&bytes).unwrap_err()
     };
     assert_eq!(refused(&|bytes| bytes[0] = b'x'), TakeError::Foreign);
-    assert_eq!(refused(&|bytes| bytes[8] = 5), TakeError::Version(5));
+    assert_eq!(refused(&|bytes| bytes[8] = 7), TakeError::Version(7));
     assert_eq!(refused(&|bytes| bytes[200] ^= 1), TakeError::Checksum);
     let (got, want) = (good.len() as u64 - 1, good.len() as u64);
     assert_eq!(refused(&|bytes| bytes.truncate(good.len() - 1)), TakeError::Length { got, want });

@@ -70,7 +70,8 @@ impl Edits {
     pub(super) fn read(bytes: &[u8], at: usize, frames: u32, version: u32) -> Result<Self, TakeError> {
         let mut edits = Self { at, ..Self::default() };
         let mut from = Reader::from(bytes, at);
-        if version % 2 == 1 && !from.is_at_end() {
+        // Even versions have edits, odd ones none.
+        if (version % 2 == 1) != from.is_at_end() {
             return Err(TakeError::Field("kind of record"));
         }
         while !from.is_at_end() {
