@@ -2,6 +2,7 @@
 
 import json
 import zlib
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,13 @@ from made_run import MOUTH_CHANNELS, MOUTH_FEATURES, MOUTH_NETWORK
 from margin import Margin
 from mouth import Mouth as Reference
 from umo_train.export import checksum
+from umo_train.metrics import languages
 from umo_train.mouth import captured, examples, part, sounds
 from umo_train.mouth.features import Front, Sizes, sizes_of
 from umo_train.mouth.gate import gate, gated
-from umo_train.mouth.make import make
+from umo_train.mouth.make import _foreign, make
 from umo_train.mouth.run import Mouth
-from umo_train.mouth.train import MouthPlan, closing, train
+from umo_train.mouth.train import MouthPlan, _loss, closing, train, warped
 from umo_train.people.align import covering
 from umo_train.performer.lips import lip_opening
 from umo_train.plan import Run
@@ -202,6 +204,37 @@ def test_short_closures_between_open_lips_weigh_more() -> None:
     assert weight[10:12].min() > 0.9 and weight[:10].max() == 0 and weight[12:].max() == 0
     # A pause does not count.
     assert closing(torch.zeros(1, 40)).max() == 0
+
+
+def test_lips_less_apart_than_open_ones_weigh_more() -> None:
+    shape = (1, 8, 1)
+    wanted, ones, known = torch.full(shape, 0.4), torch.ones(1, 8), torch.ones(1, 1)
+    lips = torch.tensor([[1.0, 0.0, 0.0]])
+
+    def loss(channel: float, weight: float) -> float:
+        outputs = torch.cat([torch.full(shape, channel), torch.zeros(shape)], -1)
+        plan = MouthPlan(steps=1, open=weight)
+        return _loss(plan, lips, outputs, wanted, ones, ones, ones, known)[0].item()
+
+    assert loss(0.2, 3.0) == pytest.approx(loss(0.2, 0.0) + 3.0 * 0.2**2)
+    assert loss(0.6, 3.0) == loss(0.6, 0.0)
+
+
+def test_warped_bands_have_a_tone_where_its_frequency_goes() -> None:
+    front, t = Front(sizes_of(MOUTH_FEATURES | {"bands": 40})), np.arange(16_000) / SAMPLE_RATE
+    low, high = (front.rows(np.sin(2 * np.pi * f * t).astype(np.float32))[None] for f in (1000.0, 1250.0))
+    bands = front.sizes.bands
+    assert torch.allclose(warped(low, bands, torch.ones(1)), low, atol=1e-3)
+    moved = warped(low, bands, torch.tensor([1.0 / 1.25]))
+    assert abs(int(moved[0, 40, :bands].argmax()) - int(high[0, 40, :bands].argmax())) <= 1
+    assert torch.equal(moved[..., bands:], low[..., bands:])
+
+
+def test_no_language_of_the_training_is_one_of_the_tests() -> None:
+    spoken = list(_foreign(1))
+    assert len(spoken) >= 30 and all(len(u.phones) > 10 for u in spoken)
+    lines = (resources.files("umo_train.speech") / "more_languages.txt").read_text("utf-8").splitlines()
+    assert not {line.split("\t")[0] for line in lines if not line.startswith("#")} & languages.sentences().keys()
 
 
 def test_gaps_between_aligned_phones_are_silence() -> None:

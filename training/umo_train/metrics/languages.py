@@ -1,7 +1,7 @@
 """Closures at p, b and m in eleven languages, by synthesisers that say when each phone is.
 
-espeak-ng speaks all of them, flite and festival English too. The model learned from English and German speech alone; of
-these voices it knows the English ones, not the sentences.
+espeak-ng speaks all of them, flite and festival English too. The model learned from English and German speech, its
+mouth from thirteen further languages of espeak-ng too; of these voices it knows the English ones, not the sentences.
 """
 
 from collections import defaultdict

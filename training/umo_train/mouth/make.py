@@ -1,9 +1,11 @@
 """The step `mouth`: examples, training, and the part of the model file."""
 
 import zlib
+from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,10 @@ from umo_train.mouth.train import MouthPlan, train
 from umo_train.plan import Run
 from umo_train.skeleton import ARKIT
 from umo_train.speech.utterance import SAMPLE_RATE, Utterance
+from umo_train.speech.voices import Espeak, Line
 
+# espeak-ng's variants and pitches, which speak `umo_train/speech/more_languages.txt` by turns.
+_SPEAKERS = (("", 0.9), ("f2", 1.05), ("m3", 1.15), ("f4", 0.95), ("m7", 1.0), ("f5", 1.1), ("", 1.3))
 # Length of clips without speech, seconds.
 _UNSPOKEN_S = 8.0
 # Length of pieces of captured takes, seconds, and the speeds at which they are played.
@@ -89,10 +94,26 @@ def _jobs(s: Run, front: Front, channels: list[int], rest: np.ndarray) -> Iterat
         for i, path in enumerate(files):
             for version in versions:
                 yield kind, path, (s.plan["seed"], i, version, kind == "untold"), *shared
+    for i, utterance in enumerate(_foreign(plan.get("foreign", 0))):
+        yield "spoken", utterance, (s.plan["seed"], i, 0, 4), *shared
     for kind, version, capture in _captures(s):
         yield kind, capture, (s.plan["seed"], version, zlib.crc32(capture.name.encode()), 3), *shared
     for i in range(round(plan["unspoken_hours"] * 3600 / _UNSPOKEN_S)):
         yield "unspoken", None, (s.plan["seed"], i, 0, 2), *shared
+
+
+def _foreign(speakers: int) -> Iterator[Utterance]:
+    """Sentences of further languages, each by this many speakers."""
+    languages: dict[str, list[str]] = defaultdict(list)
+    for line in (resources.files("umo_train.speech") / "more_languages.txt").read_text("utf-8").splitlines():
+        if not line.startswith("#"):
+            language, text = line.split("\t")
+            languages[language].append(text)
+    for i, (language, texts) in enumerate(languages.items()):
+        for j in range(speakers):
+            variant, pitch = _SPEAKERS[(i + j) % len(_SPEAKERS)]
+            lines = [Line(text, pitch=pitch * (1.0 + 0.03 * j)) for text in texts]
+            yield from Espeak(language, variant).speak(lines)
 
 
 def _captures(s: Run) -> Iterator[tuple[str, int, captured.Capture]]:
@@ -101,7 +122,8 @@ def _captures(s: Run) -> Iterator[tuple[str, int, captured.Capture]]:
         folder, kind = _folder(s, entry["name"]), entry["kind"]
         _found([path for path in [folder] if path.is_dir()], s, entry["name"])
         found = captured.landmarks(folder) if kind == "landmarks" else captured.weights(folder, entry["takes"])
-        for capture in (piece for one in found for piece in one.pieces(_PIECE_S)):
+        used = found[: len(found) - entry.get("validation", 0)]
+        for capture in (piece for one in used for piece in one.pieces(_PIECE_S)):
             for version in range(entry["versions"]):
                 yield kind, version, capture
 
@@ -131,7 +153,7 @@ def _example(job: tuple[str, Any, tuple[int, ...], Front, list[int], np.ndarray]
     torch.set_num_threads(1)
     rng = np.random.default_rng(seed)
     if kind == "spoken":
-        utterance = corpus.read_item(path).utterance
+        utterance = path if isinstance(path, Utterance) else corpus.read_item(path).utterance
         # Silence before speech, so that it starts at every state of the level control.
         before = np.zeros(int(rng.uniform(0.0, 0.5) * SAMPLE_RATE), np.float32)
         return made.spoken(front, _later(utterance, before), channels, rng)

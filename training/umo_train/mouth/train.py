@@ -29,7 +29,8 @@ class MouthPlan:
     """`frames` of each of `batch` clips per step; the weights apply to the loss terms other than the channels.
 
     `lead`: frames, below 1, by which the live head's mouth is ahead of its frame, as it is shown that much later.
-    `shares`: how often each kind of example is drawn, 0 to 1, relative to each other."""
+    `shares`: how often each kind of example is drawn, 0 to 1, relative to each other. `open` weighs lips that are less
+    apart than open ones. `warp`: highest share by which a stretch's frequencies are scaled, voices of another size."""
 
     steps: int
     frames: int = 160
@@ -38,12 +39,14 @@ class MouthPlan:
     opening: float = 2.0
     width: float = 1.0
     closures: float = 2.0
+    open: float = 0.0
     velocity: float = 1.0
     voice: float = 0.03
     lead: float = 0.0
     later: float = 1.0
     shares: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 1.0))
     noise: float = 0.05
+    warp: float = 0.0
     seed: int = 0
     network: dict[str, Any] = field(default_factory=dict)
 
@@ -76,8 +79,11 @@ def train(
         chance = np.random.default_rng((plan.seed, step))
         picked = chance.choice(len(examples), plan.batch, p=chances)
         batch = [_stretch(examples[i], front, plan.frames, chance) for i in picked]
-        columns = (torch.stack(column).float() for column in zip(*batch, strict=True))
-        loss, values = loss_of(network, plan, lips, *columns)
+        rows, *columns = (torch.stack(column).float() for column in zip(*batch, strict=True))
+        if plan.warp:
+            scales = 1.0 + plan.warp * torch.from_numpy(chance.uniform(-1.0, 1.0, plan.batch)).float()
+            rows = warped(rows, front.sizes.bands, scales)
+        loss, values = loss_of(network, plan, lips, rows, *columns)
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -142,6 +148,23 @@ def loss_of(
     return loss + plan.later * more, values | {f"later {name}": value for name, value in others.items()}
 
 
+def warped(rows: Tensor, bands: int, scales: Tensor) -> Tensor:
+    """Rows `[batch, rows, features]` whose first `bands` are read at their frequencies times `scales` `[batch]`."""
+    # `umo_train.audio.mel.filters`' triangles.
+    lowest, highest = _mel(torch.tensor([60.0, 7600.0]))
+    step = (highest - lowest) / (bands + 1)
+    centers = 700.0 * (10.0 ** ((lowest + step * torch.arange(1, bands + 1)) / 2595.0) - 1.0)
+    at = ((_mel(centers * scales[:, None]) - lowest) / step - 1.0).clamp(0.0, bands - 1.0)
+    low = at.floor().clamp(max=bands - 2.0)
+    index = low.long()[:, None].expand(-1, rows.shape[1], -1)
+    moved = torch.lerp(rows.gather(2, index), rows.gather(2, index + 1), (at - low)[:, None])
+    return torch.cat([moved, rows[..., bands:]], -1)
+
+
+def _mel(hertz: Tensor) -> Tensor:
+    return 2595.0 * torch.log10(1.0 + hertz / 700.0)
+
+
 def closing(opening: Tensor) -> Tensor:
     """Share to which each frame of `[batch, frames]` is a short closure between open lips."""
     around = torch.nn.functional.max_pool1d(opening[:, None], 11, 1, 5)[:, 0]
@@ -173,6 +196,9 @@ def _loss(
     # Lips may touch firmly.
     apart = ((channels @ lips[:, 0]).clamp(min=-0.04) - (mouth @ lips[:, 0]).clamp(max=0.0)).clamp(min=0.0)
     closures = (apart.square() * closed * mouth_weight).sum() / count
+    opened = ((mouth @ lips[:, 0] - 0.1) / 0.06).clamp(0, 1)
+    less = ((mouth - channels) @ lips[:, 0]).clamp(min=0.0)
+    less = (less.square() * opened * mouth_weight).sum() / count
     error = (channels - mouth) * known[:, None]
     shapes = (error.square().mean(-1) * mouth_weight).sum() / count
     weights = torch.tensor([plan.opening, plan.width, plan.width])
@@ -181,7 +207,7 @@ def _loss(
     speed = (error.diff(dim=1).square().mean(-1) * both).sum() / count
     entropy = torch.nn.functional.binary_cross_entropy_with_logits(odds, voice, reduction="none")
     entropy = (entropy * voice_weight).sum() / voice_weight.sum().clamp(min=1.0)
-    lip_terms = (weights * parts).sum() + plan.closures * closures
+    lip_terms = (weights * parts).sum() + plan.closures * closures + plan.open * less
     loss = shapes + lip_terms / len(lips) + plan.velocity * speed + plan.voice * entropy
     values = {"shapes": shapes, "lips": parts[0], "width": parts[1], "closures": closures, "speed": speed}
     values["voice"] = entropy
