@@ -65,7 +65,7 @@ int main(int argc, char **argv) {
     FAILS(STRUCT_SIZE, umo_take_get_info(take, &info));
     info.struct_size = sizeof info;
     OK(umo_take_get_info(take, &info));
-    CHECK(info.version == 3 && info.frames == 90 && info.frame_rate == 30 && info.sample_rate == 16000);
+    CHECK(info.version == 5 && info.frames == 90 && info.frame_rate == 30 && info.sample_rate == 16000);
     CHECK(info.audio_samples == SAMPLES && info.packets >= 6);
 
     FAILS(INVALID_HANDLE, umo_decoder_new_of_take(model, (umo_take *)model, NULL, &player));

@@ -24,7 +24,7 @@ def test_a_take_plays_the_session_s_frames(hello, model):
         wanted = shown(session, engine.poll)
         take = session.take()
     info = take.info
-    assert (info.version, info.frames, info.frame_rate, info.sample_rate, info.seed) == (3, len(wanted), 30, rate, 3)
+    assert (info.version, info.frames, info.frame_rate, info.sample_rate, info.seed) == (5, len(wanted), 30, rate, 3)
     assert len(take.data) < 1000 * len(wanted) / 30 + 400
     with umo.Take(take.data) as again, umo.Decoder(model, take=again) as decoder:
         np.testing.assert_array_equal(shown(decoder, decoder.push_take), wanted)

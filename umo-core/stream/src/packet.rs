@@ -138,11 +138,16 @@ impl PacketLayout {
 
     /// Size of the longest packet, bytes.
     pub fn most_bytes(&self) -> usize {
+        self.most_bytes_of(self.mouth_frames)
+    }
+
+    /// Size of the longest packet of avatars whose chunks make at most `frames` frames final, bytes.
+    pub(crate) fn most_bytes_of(&self, frames: usize) -> usize {
         HEAD + MOUTH
             + TOTAL
             + SOUND * self.prefix
             + (self.prefix * self.keyframe_bits).div_ceil(8)
-            + self.mouth_frames * self.mouth
+            + self.mouth_frames.min(frames) * self.mouth
     }
 
     /// Channels of the mouth in a packet; 0 for a model whose mouth is in the codes.

@@ -46,9 +46,14 @@ pub(crate) struct PacketQueue {
 }
 
 impl PacketQueue {
-    /// Creates a queue for the chunks in `frames` frames, `length` frames each.
-    pub(crate) fn new_in(config: PacketConfig, model: &Model, (frames, length): (usize, usize), arena: &Arena) -> Self {
-        let most = PacketLayout::new(model).most_bytes();
+    /// Creates a queue for the chunks in `frames` frames, `length` frames each, with `held` frames held back.
+    pub(crate) fn new_in(
+        config: PacketConfig,
+        model: &Model,
+        (frames, length, held): (usize, usize, usize),
+        arena: &Arena,
+    ) -> Self {
+        let most = PacketLayout::new(model).most_bytes_of(length + held);
         let width = HEAD + most.div_ceil(4);
         let capacity = frames.div_ceil(length).max(LEAST);
         Self {

@@ -238,7 +238,7 @@ impl Shared {
             other: Mutex::new(OtherInput::new(session.sample_rate, session.channels, config)),
             packets: session.packets.map(|packets| {
                 let length = avatar.target * config.keyframe_stride;
-                PacketQueue::new_in(packets, init.model, (session.queue_frames, length), arena)
+                PacketQueue::new_in(packets, init.model, (session.queue_frames, length, avatar.held_back()), arena)
             }),
             take: init.take.cloned(),
             recorder: (session.take_bytes > 0).then(|| {
