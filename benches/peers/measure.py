@@ -277,15 +277,16 @@ def document(paths):
     """Writes the table into the documentation."""
     page = ROOT / "docs" / "performance.md"
     begin, end = "<!-- made by benches/peers/run --table -->\n", "<!-- end -->"
-    by_stem = {path.stem: list(read(path).values()) for path in paths if path.stem in PROCESSORS}
+    rows = {path.stem: list(read(path).values()) for path in paths}
+    by_stem = {stem: rows[stem] for stem in PROCESSORS if stem in rows}
     files = [
-        f"[{PROCESSORS[stem]}](../benches/results/{stem}.csv) {max(row['date'] for row in by_stem[stem])}"
-        for stem in PROCESSORS
+        f"[{PROCESSORS[stem]}](../benches/results/{stem}.csv) {max(row['date'] for row in of)}"
+        for stem, of in by_stem.items()
     ]
-    cells = {stem: shown_cells(stem, by_stem[stem]) for stem in PROCESSORS}
+    cells = {stem: shown_cells(stem, of) for stem, of in by_stem.items()}
     keys = sorted({key for of in cells.values() for key in of}, key=lambda key: ([*dict(SHOWN), key[0]].index(key[0]), key))
     head = ["umo, and the fastest peer's time over it", "threads"]
-    head += [column for name in PROCESSORS.values() for column in (name, "peer")]
+    head += [column for stem in by_stem for column in (PROCESSORS[stem], "peer")]
     lines = [
         [f"{what}, {kind}", threads, *(cell for of in cells.values() for cell in of.get((what, kind, threads), ("–", "–")))]
         for what, kind, threads in keys
