@@ -2,7 +2,7 @@
 
 #include "check.h"
 
-enum { SAMPLES = 16000 * 5, ROOM = 1 << 20, MOST = 64, PACKET = 1024 };
+enum { SAMPLES = 16000 * 5, ROOM = 1 << 20, MOST = 64, PACKET = 1024, JAW = 22 };
 
 static float speech[SAMPLES];
 static char frames[ROOM], shown[ROOM];
@@ -107,8 +107,8 @@ int main(int argc, char **argv) {
     OK(umo_decoder_stats(decoder, &stats));
     CHECK(stats.packets == said && stats.late == 0 && stats.lost == 0 && stats.held == 0);
 
-    /* Every fourth packet is lost, the others arrive twice and each second pair in the wrong order: the frames are
-       the same. */
+    /* Every fourth packet is lost, the others arrive twice and each second pair in the wrong order: the body is the same.
+       What lost packets say of the mouth is not said again. */
     got = 0;
     for (size_t i = 0; i < said; i++) {
         if (i % 4 == 2 && i + 1 < said) {
@@ -122,7 +122,12 @@ int main(int argc, char **argv) {
     }
     OK(umo_decoder_stats(lossy, &stats));
     CHECK(stats.packets == said - lost && stats.late == said - lost && stats.lost == lost && stats.held == 0);
-    CHECK(got > 100 && memcmp(frames, shown, got * stride) == 0);
+    CHECK(got > 100 && layout.rotations < layout.channels);
+    for (size_t at = 0; at < got * stride; at += stride) {
+        memset(frames + at + layout.rotations + JAW * 4 * sizeof(float), 0, 4 * sizeof(float));
+        memset(shown + at + layout.rotations + JAW * 4 * sizeof(float), 0, 4 * sizeof(float));
+        CHECK(memcmp(frames + at, shown + at, layout.channels) == 0);
+    }
 
     OK(umo_session_free(sender));
     OK(umo_session_free(plain));
