@@ -45,10 +45,10 @@ def test_a_decoder_has_the_sender_s_frames(hello, model):
         assert decoder.is_done
         assert decoder.received == umo.Received(packets=len(packets), late=len(packets), lost=0, held=0)
     np.testing.assert_array_equal(np.concatenate([motion.rotations for motion in shown]), wanted)
-    assert max(map(len, packets)) < 400
+    assert max(map(len, packets)) < 700
 
 
-def test_packets_alone_are_the_same_and_a_lost_one_changes_nothing(hello, model):
+def test_packets_alone_are_the_same_and_a_lost_one_changes_the_mouth_alone(hello, model):
     packets, frames = sent(hello, model, packets="beside_frames")
     alone, none = sent(hello, model, packets="only")
     assert alone == packets and not any(map(len, none))
@@ -61,7 +61,8 @@ def test_packets_alone_are_the_same_and_a_lost_one_changes_nothing(hello, model)
             shown.append(decoder.pull())
         assert decoder.received.lost > 0 and decoder.received.held == 0
     shown = np.concatenate([motion.rotations for motion in shown])
-    np.testing.assert_array_equal(shown, wanted[: len(shown)])
+    body = np.arange(shown.shape[1]) != umo.JOINTS.index("jaw")
+    np.testing.assert_array_equal(shown[:, body], wanted[: len(shown), body])
 
 
 def test_what_is_no_packet_is_an_error(hello, model, mouth_model):
