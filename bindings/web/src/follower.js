@@ -49,6 +49,8 @@ export class Follower {
    */
   values({ rotations, translation, face }) {
     const library = this.#library;
+    // Its buffers are freed with it.
+    if (this.#character === 0) throw new UmoError("INVALID_HANDLE", "the character was freed");
     const { buffer } = library.exports.memory;
     const from = new Float32Array(buffer, this.#memory, this.#pose);
     from.set(rotations);

@@ -272,6 +272,8 @@ test("a character that is freed follows no more", () => {
   character.free();
   character.free();
   assert.throws(() => character.apply(new Pose(model)), /INVALID_HANDLE/);
+  // And writes nothing to the memory that it had.
+  for (let i = 0; i < 20; i++) assert.throws(() => new Character(new Node("box"), model), /no bones found/);
 });
 
 test("a character without hips is an error that says so", () => {
