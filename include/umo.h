@@ -2471,10 +2471,24 @@ umo_status umo_retarget_get_joints(const struct umo_retarget *retarget,
                                    int32_t *joints)
 UMO_NOEXCEPT;
 
+// Sets the time from the last pose to the next one, in seconds; it holds until it is set again. A character begins with
+// 1/30. A host that applies poses at another rate sets it before every pose, or once if the rate is constant: arms then
+// leave the body and come back as fast as at 30 a second. 0.001 to 0.2 are used as they are, others as the nearer of these.
+// Without volume it has no effect.
+//
+// Threads: one at a time. Never allocates, never waits.
+// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (negative or not finite), `BUSY` (another thread is in a call on the
+// character).
+UMO_API
+umo_status umo_retarget_set_step(struct umo_retarget *retarget,
+                                 float seconds)
+UMO_NOEXCEPT;
+
 // Puts a pose on a character: `pose_rotations` are a frame's, four values for each of the 55 joints, and
 // `pose_translation` its three; both in the rig's axes. Writes the rotation of each bone relative to its parent, four
 // values for each of `bone_count` bones, and the place of the bone of joint 0 in the character's space, three values
-// (NULL: not wanted). With volume a pose depends on those before it: give the frames of one motion in order, 30 a second.
+// (NULL: not wanted). With volume a pose depends on those before it: give the frames of one motion in order, 30 a second or
+// at the times of `umo_retarget_set_step`.
 //
 // Threads: one at a time. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (another number of bones, a number that is not finite),

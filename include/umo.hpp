@@ -592,6 +592,8 @@ public:
         (void)!umo_retarget_get_joints(get(), bones_, joints.data());
         return joints;
     }
+    /// Seconds from the last pose to the next; 1/30 at first.
+    [[nodiscard]] umo_status set_step(float seconds) noexcept { return umo_retarget_set_step(get(), seconds); }
     /// `rotations` has room for four values for each bone, `place` for three; it may be null.
     [[nodiscard]] umo_status apply(const float *pose_rotations, const float *pose_translation, float *rotations,
                                    float *place = nullptr) noexcept {

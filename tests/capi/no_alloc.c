@@ -218,6 +218,7 @@ int main(int argc, char **argv) {
         FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, 1000, 0));
         static float bones[4 * UMO_JOINT_COUNT];
         const char *frame = frames;
+        OK(umo_retarget_set_step(character, 1 / 60.0f));
         OK(umo_retarget_apply(character, (const float *)(const void *)(frame + layout.rotations),
                               (const float *)(const void *)(frame + layout.translation), UMO_JOINT_COUNT, bones, NULL));
         umo_status asked = umo_session_last_error(avatar, text, sizeof text, NULL);

@@ -166,6 +166,40 @@ static void bodies_are_corrected_by_hand(void) {
     OK(umo_retarget_free(retarget));
 }
 
+/* How far the left arm is bent out of the belly that it enters slowly, pose by pose, at this rate. */
+static double bent(float rate) {
+    static character one;
+    make(&one, UMO_AXES_GLTF);
+    float turns[4 * JOINTS], at[3], got[4 * JOINTS];
+    umo_retarget *retarget = made(&one.rig);
+    if (rate > 0) OK(umo_retarget_set_step(retarget, 1 / rate));
+    pose(UMO_AXES_GLTF, turns, at);
+    for (int i = 0; i <= 20; i++) {
+        put_turn(UMO_AXES_GLTF, 0, -1.5 - 0.02 * i, 0, &turns[4 * LEFT_ELBOW]);
+        OK(umo_retarget_apply(retarget, turns, at, JOINTS, got, NULL));
+    }
+    OK(umo_retarget_free(retarget));
+    return apart(&got[4 * LEFT_SHOULDER], &turns[4 * LEFT_SHOULDER]);
+}
+
+static void corrections_take_their_time_at_any_rate(void) {
+    /* 30 a second unless said. */
+    CHECK(bent(0) == bent(30));
+    /* The same poses in a quarter of the time: the corrections have come less far. */
+    CHECK(fabs(bent(120) - bent(30)) > 0.005);
+    CHECK(bent(1e4f) == bent(1e3f));
+    static character one;
+    make(&one, UMO_AXES_GLTF);
+    umo_retarget *retarget = made(&one.rig);
+    OK(umo_retarget_set_step(retarget, 0)); /* a game that stands still */
+    FAILS(INVALID_ARGUMENT, umo_retarget_set_step(retarget, -0.01f));
+    FAILS(INVALID_ARGUMENT, umo_retarget_set_step(retarget, NAN));
+    CHECK(strstr(umo_last_error(), "seconds"));
+    OK(umo_retarget_free(retarget));
+    FAILS(INVALID_HANDLE, umo_retarget_set_step(retarget, 0.02f));
+    FAILS(INVALID_HANDLE, umo_retarget_set_step(NULL, 0.02f));
+}
+
 static void bones_are_found_by_name(void) {
     static character one;
     make(&one, UMO_AXES_UNITY);
@@ -266,6 +300,7 @@ int main(int argc, char **argv) {
     model = load_model(argv[1]);
     poses_are_the_same_in_all_axes();
     bodies_are_corrected_by_hand();
+    corrections_take_their_time_at_any_rate();
     bones_are_found_by_name();
     wrong_characters_are_errors();
     OK(umo_model_free(model));

@@ -84,7 +84,7 @@ pub unsafe extern "C" fn umo_web_character_new(
     })
 }
 
-/// Applies a pose to a character: `pose` has the rotations of the 55 joints, the root translation and the
+/// Applies a pose to a character, `seconds` after the last one: `pose` has the rotations of the 55 joints, the root translation and the
 /// face channels. `values` gets the rotations of the moved nodes, the translation of the hips, the weights
 /// of each node's morph targets, and the weights of the expressions; `count` must be their number.
 ///
@@ -93,6 +93,7 @@ pub unsafe extern "C" fn umo_web_character_new(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn umo_web_character_apply(
     character: usize,
+    seconds: f32,
     pose: *const f32,
     values: *mut f32,
     count: usize,
@@ -111,6 +112,7 @@ pub unsafe extern "C" fn umo_web_character_apply(
         at.translation.copy_from_slice(translation);
         let mut room = character.room.lock().unwrap_or_else(PoisonError::into_inner);
         let (scratch, made) = &mut *room;
+        scratch.set_step(seconds);
         made.clear();
         character.follower.add(scratch, &at, face, made).map_err(Failure::argument)?;
         made.extend(character.follower.faces().expressions(face).map(|(_, amount)| amount));

@@ -1048,6 +1048,8 @@ internal static unsafe class Tests
             Equal(Status.InvalidArgument, body.Apply(pose, at, turned, new float[2]));
             Func<long> allocated = AllocatedBytes();
             long before = allocated();
+            Equal(Status.Ok, body.SetStep(1 / 60f));
+            Equal(Status.InvalidArgument, body.SetStep(float.NaN));
             for (int i = 0; i < 100; i++) body.Apply(pose, at, turned, null);
             Equal(0L, allocated() - before, "bytes");
         }

@@ -41,10 +41,10 @@ impl Body {
         Ok(Self { character: Character::new(model, &rest)?, turns })
     }
 
-    /// Rotates the bones of a frame; also returns where the hips are in the skeleton.
-    pub(crate) fn pose(&mut self, frame: &[f32]) -> Result<Vector3, String> {
+    /// Rotates the bones of a frame so many seconds after the last one; also returns where the hips are in the skeleton.
+    pub(crate) fn pose(&mut self, seconds: f32, frame: &[f32]) -> Result<Vector3, String> {
         let (translation, rotations) = (&frame[..3], &frame[3..3 + 4 * JOINT_COUNT]);
-        let [x, y, z] = self.character.apply(rotations, translation, &mut self.turns)?;
+        let [x, y, z] = self.character.apply(seconds, rotations, translation, &mut self.turns)?;
         Ok(Vector3::new(x, y, z))
     }
 }

@@ -97,6 +97,7 @@ library! {
     rig_init(*mut Rig, usize) -> Status;
     retarget_new(Handle, *const Rig, *mut Handle) -> Status;
     retarget_free(Handle) -> Status;
+    retarget_set_step(Handle, f32) -> Status;
     retarget_apply(Handle, *const f32, *const f32, u32, *mut f32, *mut f32) -> Status;
     scene_new(u64, *mut Handle) -> Status;
     scene_free(Handle) -> Status;

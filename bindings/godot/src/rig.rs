@@ -131,9 +131,9 @@ impl Rig {
         self.skeleton == skeleton.instance_id() && self.version == skeleton.get_version() && self.volume == volume
     }
 
-    /// Shows a frame.
-    pub(crate) fn pose(&mut self, skeleton: &mut Gd<Skeleton3D>, frame: &[f32], moves_root: bool) {
-        let hips = self.body.as_mut().and_then(|body| body.pose(frame).ok());
+    /// Shows a frame so many seconds after the last one.
+    pub(crate) fn pose(&mut self, skeleton: &mut Gd<Skeleton3D>, seconds: f32, frame: &[f32], moves_root: bool) {
+        let hips = self.body.as_mut().and_then(|body| body.pose(seconds, frame).ok());
         let mut body = [Quaternion::default(); JOINT_COUNT];
         for (joint, q) in frame[3..CHANNELS_AT].chunks_exact(4).enumerate() {
             let q = Quaternion::new(q[0], q[1], q[2], q[3]);

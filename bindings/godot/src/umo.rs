@@ -108,9 +108,11 @@ impl Character {
         Ok(made)
     }
 
-    /// Writes the rotation of each bone in its parent, and returns the place of the hips.
+    /// Writes the rotation of each bone in its parent, and returns the place of the hips, for a pose so many seconds after
+    /// the last one.
     pub(crate) fn apply(
         &mut self,
+        seconds: f32,
         rotations: &[f32],
         translation: &[f32],
         into: &mut [f32],
@@ -119,6 +121,8 @@ impl Character {
         let mut place = [0.0; 3];
         let (turns, at, into, hips) =
             (rotations.as_ptr(), translation.as_ptr(), into.as_mut_ptr(), place.as_mut_ptr());
+        // SAFETY: the handle is of a character.
+        check(self.library, unsafe { (self.library.retarget_set_step)(self.handle, seconds) })?;
         // SAFETY: all are long enough, which is checked above.
         let status = unsafe { (self.library.retarget_apply)(self.handle, turns, at, self.bones, into, hips) };
         check(self.library, status)?;

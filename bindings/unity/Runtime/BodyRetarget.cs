@@ -36,9 +36,13 @@ namespace Umo.Unity
             turns = new float[4 * parents.Length];
         }
 
-        /// <summary>Rotations of the bones in the root's frame, and the place of the hips. Does not allocate.</summary>
-        public void Apply(float[] rotations, float[] translation, Quat[] into, ref Vec hips)
+        /// <summary>
+        /// Rotations of the bones in the root's frame, and the place of the hips, for a pose so many seconds after the last
+        /// one. Does not allocate.
+        /// </summary>
+        public void Apply(float seconds, float[] rotations, float[] translation, Quat[] into, ref Vec hips)
         {
+            if (rig.SetStep(seconds) != Status.Ok) return;
             if (rig.Apply(rotations, translation, turns, place) != Status.Ok) return;
             for (int i = 0; i < parents.Length; i++)
             {

@@ -406,7 +406,9 @@ public:
 };
 struct FAnimationInitializeContext {};
 struct FAnimationCacheBonesContext {};
-struct FAnimationUpdateContext {};
+struct FAnimationUpdateContext {
+    float GetDeltaTime() const;
+};
 struct FMeshPoseBoneIndex {
     explicit FMeshPoseBoneIndex(int32);
 };

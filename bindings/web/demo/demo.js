@@ -146,7 +146,7 @@ function picture(now) {
   }
   if (avatar && character) {
     const pose = avatar.samplePose();
-    character.apply(pose);
+    character.apply(pose, timer.getDelta());
     const { demo } = window;
     demo.drawn = Math.max(demo.drawn, pose.index);
     demo.mouth = Math.max(demo.mouth, pose.face[avatar.model.channelNames.indexOf("jawOpen")]);

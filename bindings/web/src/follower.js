@@ -45,9 +45,9 @@ export class Follower {
   /**
    * Returns the values for a pose: a rotation for each of `description.driven`, the position of `hips` if there is one,
    * the weights of all shapes for each of `tracks`, and the weights of `expressions`. Valid until the next call of the
-   * module.
+   * module. `seconds`: since the last pose.
    */
-  values({ rotations, translation, face }) {
+  values({ rotations, translation, face }, seconds = 1 / 30) {
     const library = this.#library;
     // Its buffers are freed with it.
     if (this.#character === 0) throw new UmoError("INVALID_HANDLE", "the character was freed");
@@ -57,7 +57,7 @@ export class Follower {
     from.set(translation, rotations.length);
     from.set(face, rotations.length + 3);
     const to = this.#memory + 4 * this.#pose;
-    library.call("umo_web_character_apply", this.#character, this.#memory, to, this.#values);
+    library.call("umo_web_character_apply", this.#character, seconds, this.#memory, to, this.#values);
     return new Float32Array(library.exports.memory.buffer, to, this.#values);
   }
 

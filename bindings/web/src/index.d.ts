@@ -241,8 +241,8 @@ export class Follower {
     speaks: boolean;
   };
   /** Rotations of `driven`, position of `hips`, weights of `tracks`, weights of `expressions`. Valid until the next
-   * call. */
-  values(pose: PoseValues): Float32Array;
+   * call. `seconds`: since the last pose, 1/30 if not given. */
+  values(pose: PoseValues, seconds?: number): Float32Array;
   free(): void;
 }
 

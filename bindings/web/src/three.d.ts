@@ -29,8 +29,8 @@ export class Character {
   readonly missing: { joints: string[]; channels: string[] };
   /** Whether any shape opens the mouth. */
   readonly speaks: boolean;
-  /** Shows a pose. */
-  apply(pose: PoseValues): void;
+  /** Shows a pose. `seconds`: since the last one, 1/30 if not given. */
+  apply(pose: PoseValues, seconds?: number): void;
   /** Frees the character's memory in the module. */
   free(): void;
 }

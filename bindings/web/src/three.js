@@ -102,7 +102,7 @@ function pack(json, numbers) {
   return file;
 }
 
-/** Applies poses to a character: call `character.apply(avatar.samplePose())` for each frame. */
+/** Applies poses to a character: call `character.apply(avatar.samplePose(), seconds)` for each frame. */
 export class Character {
   #follower;
   #moves;
@@ -159,10 +159,10 @@ export class Character {
     };
   }
 
-  /** Applies a pose from `avatar.samplePose()` or a session. */
-  apply(pose) {
+  /** Applies a pose from `avatar.samplePose()` or a session, `seconds` after the last one. */
+  apply(pose, seconds) {
     const { translation: [x, y, z] } = pose;
-    const values = this.#follower.values({ ...pose, translation: this.#moves ? [x, y, z] : [0, y, 0] });
+    const values = this.#follower.values({ ...pose, translation: this.#moves ? [x, y, z] : [0, y, 0] }, seconds);
     let at = 0;
     const next = (count) => values.subarray(at, (at += count));
     for (const quaternion of this.#joints) quaternion.set(...next(4));

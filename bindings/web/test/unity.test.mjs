@@ -221,6 +221,7 @@ test("a character of the player's takes poses", async () => {
   player.call("umo_retarget_get_joints", character, count, found);
   assert.deepEqual([...new Int32Array(player.memory.buffer, found, count)], Array.from({ length: count }, (_, joint) => joint));
   const at = player.bytes(new Float32Array([0.1, 0.02, -0.2]));
+  player.call("umo_retarget_set_step", character, 1 / 60);
   player.call("umo_retarget_apply", character, still, at, count, rotations, place);
   for (const [i, turn] of new Float32Array(player.memory.buffer, rotations, 4 * count).entries()) assert.ok(Math.abs(turn - turns[i]) < 0.02, `${i}: ${turn}`);
   assert.ok(Math.abs(new Float32Array(player.memory.buffer, place, 3)[0] - places[0] - 0.1) < 1e-3);

@@ -1,7 +1,7 @@
 //! Characters behind their handles.
 
 use std::ffi::c_char;
-use std::sync::{Mutex, TryLockError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
 
 use umo_core::{
     Bone, Floor, JOINT_NAMES, JOINTS, Mapping, Pose, Retarget, RetargetError, RetargetScratch, Rig, Skeleton,
@@ -30,6 +30,19 @@ struct Character {
     /// Rest place and rotation of the parent of the bone that moves.
     above: ([f32; 3], Quat),
     room: Mutex<(RetargetScratch, Vec<Quat>)>,
+}
+
+impl Character {
+    /// Its memory, which one call at a time may use.
+    fn enter(&self) -> Result<MutexGuard<'_, (RetargetScratch, Vec<Quat>)>, Failure> {
+        match self.room.try_lock() {
+            Ok(room) => Ok(room),
+            Err(TryLockError::Poisoned(room)) => Ok(room.into_inner()),
+            Err(TryLockError::WouldBlock) => {
+                Err(Failure::new(UMO_STATUS_BUSY, "another thread is in a call on this character"))
+            }
+        }
+    }
 }
 
 static CHARACTERS: Table<Character, MAX_CHARACTERS> = Table::new(7, "character");
@@ -231,6 +244,18 @@ fn check(character: &Character, count: usize) -> Result<(), Failure> {
     }
 }
 
+/// Sets the time from a pose to the next.
+pub(super) fn set_step(handle: usize, seconds: f32) -> Result<(), Failure> {
+    if !(seconds >= 0.0 && seconds.is_finite()) {
+        return Err(Failure::argument(format_args!(
+            "`seconds` is {seconds}: expected the time from a pose to the next"
+        )));
+    }
+    let character = CHARACTERS.get(handle)?;
+    character.enter()?.0.set_step(seconds);
+    Ok(())
+}
+
 /// Puts a pose on a character.
 pub(super) fn apply(
     handle: usize,
@@ -250,13 +275,7 @@ pub(super) fn apply(
         *own = axes.rotation_from(*turn);
     }
     pose.translation = axes.place_from([translation[0], translation[1], translation[2]]);
-    let mut room = match character.room.try_lock() {
-        Ok(room) => room,
-        Err(TryLockError::Poisoned(room)) => room.into_inner(),
-        Err(TryLockError::WouldBlock) => {
-            return Err(Failure::new(UMO_STATUS_BUSY, "another thread is in a call on this character"));
-        }
-    };
+    let mut room = character.enter()?;
     let (scratch, turned) = &mut *room;
     let hips = character.retarget.apply(scratch, &pose, turned).map_err(Failure::argument)?;
     for (out, turn) in rotations.as_chunks_mut::<4>().0.iter_mut().zip(turned.iter()) {

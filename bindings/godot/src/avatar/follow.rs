@@ -195,6 +195,8 @@ impl UmoAvatar3D {
     pub(super) fn apply(&mut self) {
         let Some(model) = self.shared.clone() else { return };
         let node = |path: &NodePath| if path.is_empty() { None } else { self.base().get_node_or_null(path) };
+        #[expect(clippy::cast_possible_truncation, reason = "it is short")]
+        let seconds = self.base().get_process_delta_time() as f32;
         let skeleton = node(&self.skeleton).and_then(|node| node.try_cast::<Skeleton3D>().ok());
         let meshes: Vec<_> = self.meshes.iter_shared().map(|path| node(&path)).collect();
         if let Some(mut skeleton) = skeleton {
@@ -215,7 +217,7 @@ impl UmoAvatar3D {
                 self.told_of_bones = problem;
             }
             if let Some(rig) = &mut self.rig {
-                rig.pose(&mut skeleton, &self.frame, self.move_root);
+                rig.pose(&mut skeleton, seconds, &self.frame, self.move_root);
             }
         }
         self.faces.resize_with(meshes.len(), || None);

@@ -122,6 +122,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_retarget_new": [_HANDLE, POINTER(_generated.Rig), _OUT],
     "umo_retarget_free": [_HANDLE],
     "umo_retarget_get_joints": [_HANDLE, _U32, POINTER(c_int32)],
+    "umo_retarget_set_step": [_HANDLE, c_float],
     "umo_retarget_apply": [_HANDLE, POINTER(c_float), POINTER(c_float), _U32, POINTER(c_float), POINTER(c_float)],
     "umo_place_init": [POINTER(_generated.Place), _SIZE],
     "umo_scene_new": [c_uint64, _OUT],

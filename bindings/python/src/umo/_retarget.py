@@ -97,6 +97,10 @@ class Retarget(_library.Handle):
         _library.check(lib.umo_retarget_get_joints(self._handle, self._bones, joints.ctypes.data_as(POINTER(ctypes.c_int32))))
         return joints
 
+    def set_step(self, seconds: float) -> None:
+        """Sets the seconds from the last pose to the next; 1/30 at first."""
+        _library.check(lib.umo_retarget_set_step(self._handle, seconds))
+
     def apply(
         self, rotations: npt.ArrayLike, translation: npt.ArrayLike
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -50,6 +50,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_new(IntPtr model, Rig* rig, IntPtr* retarget);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_free(IntPtr retarget);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_get_joints(IntPtr retarget, uint boneCount, int* joints);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_set_step(IntPtr retarget, float seconds);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_retarget_apply(IntPtr retarget, float* poseRotations, float* poseTranslation, uint boneCount, float* rotations, float* place);
 
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_config_init(EngineConfig* config, UIntPtr size);

@@ -96,6 +96,14 @@ namespace Umo
         /// <summary>Joint that each bone follows, -1 for a bone that keeps its rest rotation. Allocates.</summary>
         public int[] Joints { get { return (int[])joints.Clone(); } }
 
+        /// <summary>Sets the seconds from the last pose to the next; 1/30 at first. One thread at a time.</summary>
+        public Status SetStep(float seconds)
+        {
+            Status status = Native.umo_retarget_set_step(handle.Raw, seconds);
+            GC.KeepAlive(this);
+            return status;
+        }
+
         /// <summary>
         /// Writes the rotation of each bone relative to its parent, and the place of the bone of joint 0 in the character's
         /// space (null: not wanted). One thread at a time.

@@ -50,7 +50,7 @@ var UmoLibrary = {
       umo_scene_push_audio: "v v i4*3 v", umo_scene_update: "v v", umo_scene_floor: "v o4", umo_scene_member: "v v R",
       umo_scene_state_size: "v o4", umo_scene_save: "v b1*2 v o4", umo_scene_restore: "v i1*2 v", umo_scene_last_error: "v b1*2 v o4",
       umo_recording_gains: "i4*1 v v v b4*3",
-      umo_rig_init: "Z v", umo_retarget_new: "v S o4", umo_retarget_free: "v", umo_retarget_get_joints: "v v b4*1",
+      umo_rig_init: "Z v", umo_retarget_new: "v S o4", umo_retarget_free: "v", umo_retarget_get_joints: "v v b4*1", umo_retarget_set_step: "v v",
       umo_retarget_apply: "v i880 i12 v b16*3 o12",
       // In a module without the glTF writer, these return an error that says so.
       umo_figure_name: "v>T", umo_clip_init: "Z v v", umo_clip_write: "S v S", umo_clip_write_file: "S v s",
@@ -370,6 +370,7 @@ var UmoLibrary = {
   umo_retarget_new: function (a, b, c) { return umoModule.call("umo_retarget_new", arguments); },
   umo_retarget_free: function (a) { return umoModule.call("umo_retarget_free", arguments); },
   umo_retarget_get_joints: function (a, b, c) { return umoModule.call("umo_retarget_get_joints", arguments); },
+  umo_retarget_set_step: function (a, b) { return umoModule.call("umo_retarget_set_step", arguments); },
   umo_retarget_apply: function (a, b, c, d, e, f) { return umoModule.call("umo_retarget_apply", arguments); },
   umo_figure_name: function (a) { return umoModule.call("umo_figure_name", arguments); },
   umo_clip_init: function (a, b, c) { return umoModule.call("umo_clip_init", arguments); },

@@ -24,6 +24,13 @@ pub struct FollowScratch {
     rotations: Vec<Quat>,
 }
 
+impl FollowScratch {
+    /// Sets the time from the last pose to the next, as [`Scratch::set_step`].
+    pub fn set_step(&mut self, seconds: f32) {
+        self.scratch.set_step(seconds);
+    }
+}
+
 /// The source of the poses, and a mapping, in JSON.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -123,7 +130,7 @@ impl Follower {
         Some(self.retarget.hips()).filter(|&hips| self.retarget.is_driven(hips))
     }
 
-    /// Returns scratch memory for one thread.
+    /// Returns scratch memory of one avatar.
     pub fn scratch(&self) -> FollowScratch {
         FollowScratch { scratch: self.retarget.scratch(), rotations: vec![IDENTITY; self.retarget.bones()] }
     }

@@ -115,6 +115,8 @@ void FAnimNode_UmoPose::Update_AnyThread(const FAnimationUpdateContext& Context)
 {
 	SourcePose.Update(Context);
 	GetEvaluateGraphExposedInputs().Execute(Context);
+	// Not every update is evaluated.
+	SinceApplied += Context.GetDeltaTime();
 }
 
 void FAnimNode_UmoPose::Evaluate_AnyThread(FPoseContext& Output)
@@ -179,7 +181,8 @@ void FAnimNode_UmoPose::ApplyBody(FPoseContext& Output, float Weight)
 		return;
 	}
 	const float Translation[3] = {Frame.Translation.X, Frame.Translation.Y, Frame.Translation.Z};
-	Retarget->apply(Frame.Rotations.GetData(), Translation, bMoves);
+	Retarget->apply(Frame.Rotations.GetData(), Translation, bMoves, SinceApplied);
+	SinceApplied = 0.0f;
 	const FBoneContainer& Bones = Output.Pose.GetBoneContainer();
 	for (const umo_unreal::Driven& Driven : Retarget->driven())
 	{

@@ -75,6 +75,8 @@ private:
 	FUmoFrame Frame;
 	/** Rebuilt when the bones or the avatar change; null if that failed. */
 	std::shared_ptr<umo_unreal::Retarget> Retarget;
+	/** Seconds since the retargeter had a pose. */
+	float SinceApplied = 0.0f;
 	/** Skeleton that it was built for. */
 	std::shared_ptr<const umo_unreal::SourceSkeleton> RetargetedFrom;
 };

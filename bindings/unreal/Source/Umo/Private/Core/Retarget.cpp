@@ -158,12 +158,13 @@ bool Retarget::set_volume(const std::vector<Bone> &bones, const Surface &surface
     return true;
 }
 
-void Retarget::apply(const float *rotations, const float *translation, bool moves) {
+void Retarget::apply(const float *rotations, const float *translation, bool moves, float seconds) {
     if (pelvis_ < 0) return;
     if (volume_) {
         const float *rest = source_.rest_translation;
         const float at[3] = {moves ? translation[0] : rest[0], moves ? translation[1] : rest[1], translation[2]};
         float place[3] = {};
+        if (volume_.set_step(seconds) != UMO_STATUS_OK) return;
         if (volume_.apply(rotations, at, turned_.data(), place) != UMO_STATUS_OK) return;
         for (Driven &driven : driven_) {
             const float *q = &turned_[4 * static_cast<std::size_t>(driven.bone)];

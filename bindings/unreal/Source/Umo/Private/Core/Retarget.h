@@ -56,8 +56,8 @@ public:
     bool set_volume(const std::vector<Bone> &bones, const Surface &surface, float gain, std::string &problem);
 
     /// `rotations` are the frame's 55 quaternions x y z w, `translation` its root position in centimetres. If `moves`
-    /// is false the body stays in place and only moves up and down.
-    void apply(const float *rotations, const float *translation, bool moves);
+    /// is false the body stays in place and only moves up and down. `seconds`: since the last pose.
+    void apply(const float *rotations, const float *translation, bool moves, float seconds = 1.0f / 30.0f);
 
     /// The bones that `apply` rotated, by rising index.
     const std::vector<Driven> &driven() const { return driven_; }
